@@ -1,0 +1,141 @@
+//! The driver contract: a robot's board as MoBeE commands and reads it.
+
+use crate::{Pose, Time};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// One motor as its board knows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Axis {
+    /// The motor's name, as in the robot model.
+    pub name: String,
+    /// Lower limit, rad.
+    pub min: f64,
+    /// Upper limit, rad.
+    pub max: f64,
+    /// Greatest speed, rad/s.
+    pub max_speed: f64,
+    /// Greatest acceleration, rad/s^2.
+    pub max_acceleration: f64,
+}
+
+/// What a board can do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Board {
+    /// The motors, in the order of `Robot::motors`.
+    pub axes: Vec<Axis>,
+    /// Time between two encoder samples.
+    pub period: Duration,
+    /// Greatest delay from a command to its effect, as far as it is known.
+    pub latency: Duration,
+    /// Whether it takes position-direct set-points; the retreat streams them, else it uses thinned way-points.
+    pub position_direct: bool,
+}
+
+/// How a motor takes its set-points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ControlMode {
+    /// Takes no command and holds.
+    Idle,
+    /// Position moves along a trajectory of the board's own.
+    Position,
+    /// Position set-points followed directly.
+    PositionDirect,
+}
+
+/// A position move of one, some or all motors. All lists have the length of `motors`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Move {
+    /// Indices of the motors.
+    pub motors: Vec<usize>,
+    /// Targets (rad), or distances if `relative`.
+    pub q: Vec<f64>,
+    /// Whether `q` counts from where the motor is.
+    pub relative: bool,
+    /// Reference speeds, rad/s; `None` keeps those set before.
+    pub speed: Option<Vec<f64>>,
+    /// Reference accelerations, rad/s^2; `None` keeps those set before.
+    pub acceleration: Option<Vec<f64>>,
+}
+
+/// What a board can be told.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Command {
+    /// A position move. Puts its motors into [`ControlMode::Position`] first.
+    Move(Move),
+    /// A set-point for every motor, to be followed at once. Refused unless all are in [`ControlMode::PositionDirect`].
+    Direct {
+        /// Positions of all motors, rad.
+        q: Vec<f64>,
+    },
+    /// Brakes these motors (all if empty) to a standstill at their greatest deceleration.
+    Stop {
+        /// Indices of the motors.
+        motors: Vec<usize>,
+    },
+    /// Sets reference speeds and accelerations of these motors, rad/s and rad/s^2.
+    Reference {
+        /// Indices of the motors.
+        motors: Vec<usize>,
+        /// Speeds.
+        speed: Vec<f64>,
+        /// Accelerations.
+        acceleration: Vec<f64>,
+    },
+    /// Sets the control mode of these motors (all if empty).
+    Mode {
+        /// Indices of the motors.
+        motors: Vec<usize>,
+        /// The mode.
+        mode: ControlMode,
+    },
+}
+
+/// One reading of all encoders.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sample {
+    /// Counts readings; a gap means lost ones.
+    pub seq: u64,
+    /// When the encoders were read.
+    pub at: Time,
+    /// Motor positions, rad.
+    pub q: Pose,
+    /// Motion done, per motor.
+    pub done: Vec<bool>,
+}
+
+/// Recoverable trouble with a board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
+pub enum DriverFault {
+    /// No connection; it may come back.
+    #[error("the board does not answer")]
+    Lost,
+    /// The command does not fit the board; it changed nothing.
+    #[error("the board refuses: {0}")]
+    Refused(String),
+    /// The board itself reports a fault.
+    #[error("the board reports a fault: {0}")]
+    Hardware(String),
+}
+
+/// A robot's hardware, real or simulated, as its driver actor sees it.
+///
+/// No call blocks: a driver that talks to a network does so on threads of its own. `now` never runs backwards.
+/// A driver is made anew after a crash of its actor; the board behind it lives on, as hardware does.
+pub trait Driver: Send {
+    /// What the board can do.
+    fn board(&self) -> &Board;
+    /// Gives a command. An error means that nothing of it was done.
+    fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault>;
+    /// The newest reading, if there is one that was not given before.
+    fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault>;
+    /// When to ask for the next sample.
+    fn next_sample(&self, now: Time) -> Time;
+    /// Lets the board move until then; at the end of its lease it brakes by itself. Without a lease it never moves.
+    fn lease(&mut self, now: Time, until: Time);
+    /// The control modes as the board reports them.
+    fn modes(&self) -> Vec<ControlMode>;
+}

@@ -1,0 +1,365 @@
+//! What a run leaves behind: the events that journal and recorder are told.
+
+use crate::{Cause, CommitId, Hold, Note, Outcome, Pose, Refusal, Summary, Time};
+use mobee_model::{Contact, Scene};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Something told to the journal and the recorder.
+#[derive(Clone, Debug)]
+pub enum Entry {
+    /// An event: never dropped on the way to the journal.
+    Event(Arc<Event>),
+    /// A pose at the sampling rate with the robot's present contacts, for a recorder; a journal passes over it.
+    Pose {
+        /// Index of the robot in the scene.
+        robot: usize,
+        /// The pose, rad.
+        q: Pose,
+        /// Pairs nearer than the margin.
+        contacts: Arc<[Contact]>,
+    },
+    /// The scene, at the start and whenever it was edited, for a recorder; a journal passes over it.
+    Scene(Arc<Scene>),
+}
+
+/// Somebody who is told everything and stands in nobody's way: it lives on a thread of its own behind a bounded queue.
+pub trait Sink: Send {
+    /// Takes note of one entry.
+    ///
+    /// # Errors
+    /// In words, with the remedy; the sink is then closed, and the run is told.
+    fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String>;
+    /// Makes what was written durable; called when the queue is empty, at times, and before the end.
+    ///
+    /// # Errors
+    /// As for `write`.
+    fn flush(&mut self) -> Result<(), String>;
+}
+
+/// The state of a robot's filter, in the words that a status line shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "state", content = "reason", rename_all = "snake_case")]
+pub enum Status {
+    /// The controller is not complete yet.
+    Starting,
+    /// At rest with a safe pose, open to commits.
+    Rest,
+    /// A motion is under way.
+    Moving,
+    /// An escape from contact is under way.
+    Escaping,
+    /// Braking before the way back.
+    Stopping,
+    /// Going back along the recorded path.
+    Retreating,
+    /// Back at the safe pose, coming to rest.
+    Settling,
+    /// Standing still with a reason; only escapes are taken.
+    Holding(Hold),
+}
+
+/// Who gave a command to a driver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Writer {
+    /// An agent, through the filtered interface.
+    Agent,
+    /// The reflex.
+    Reflex,
+    /// The driver itself: the stop that follows every start.
+    Driver,
+}
+
+/// An event of a run. `robot` is the robot's name; tokens are fencing tokens of its filter, which only grow.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event {
+    /// First event: what is run.
+    Started {
+        /// The seed of everything random.
+        seed: u64,
+        /// `virtual` or `real`.
+        clock: String,
+        /// The resolved configuration.
+        config: serde_json::Value,
+    },
+    /// A robot as its controller knows it: what a checker needs.
+    Robot {
+        /// Its name.
+        robot: String,
+        /// Motor names, in pose order.
+        motors: Vec<String>,
+        /// Lower limits, rad.
+        min: Vec<f64>,
+        /// Upper limits, rad.
+        max: Vec<f64>,
+        /// Greatest speeds, rad/s.
+        max_speed: Vec<f64>,
+        /// Control period, s.
+        period: f64,
+        /// Greatest age of a reading that is still fresh, s.
+        fresh: f64,
+        /// Margin of the reflex, m.
+        margin: f64,
+        /// Greatest distance per motor at which a pose counts as reached, rad.
+        tolerance: f64,
+        /// Speed below which a motor counts as at rest, rad/s.
+        rest_speed: f64,
+    },
+    /// The filter opened: commands of agents pass from now on, under this token.
+    Enabled {
+        /// Robot.
+        robot: String,
+        /// The new token.
+        token: u64,
+    },
+    /// The filter closed: no command of an agent passes, and the reflex writes under this token.
+    Disabled {
+        /// Robot.
+        robot: String,
+        /// The new token.
+        token: u64,
+        /// Why.
+        cause: Cause,
+    },
+    /// The filter's state changed.
+    State {
+        /// Robot.
+        robot: String,
+        /// The new state.
+        status: Status,
+    },
+    /// A safe pose was taken (I4).
+    SafePose {
+        /// Robot.
+        robot: String,
+        /// The pose, rad.
+        q: Pose,
+        /// Age of the reading, s.
+        age: f64,
+        /// Greatest motor speed in the reading, rad/s.
+        speed: f64,
+        /// Smallest distance of the robot to anything it may not touch, m, as far as it was looked for.
+        free: bool,
+    },
+    /// A motion outlasted the history: its safe pose moved to the oldest recorded free pose.
+    SafePoseMoved {
+        /// Robot.
+        robot: String,
+        /// The open commit.
+        id: CommitId,
+        /// The pose, rad.
+        q: Pose,
+    },
+    /// A commit was accepted.
+    Commit {
+        /// Robot.
+        robot: String,
+        /// Its number.
+        id: CommitId,
+        /// The agent.
+        agent: String,
+        /// The whole target pose, rad.
+        target: Pose,
+        /// Whether it is an escape from a hold.
+        escape: bool,
+    },
+    /// A command in mid-motion changed the open commit's target.
+    Amended {
+        /// Robot.
+        robot: String,
+        /// The commit.
+        id: CommitId,
+        /// The new whole target pose, rad.
+        target: Pose,
+    },
+    /// A commit was not accepted and changed nothing.
+    Refused {
+        /// Robot.
+        robot: String,
+        /// The agent.
+        agent: String,
+        /// Why.
+        refusal: Refusal,
+    },
+    /// The one outcome of a commit.
+    Outcome {
+        /// Robot.
+        robot: String,
+        /// The commit.
+        id: CommitId,
+        /// How it ended.
+        outcome: Outcome,
+        /// Where the robot rests, rad.
+        q: Pose,
+        /// The safe pose it started from, if it had one (escapes have none).
+        safe: Option<Pose>,
+        /// Why it did not reach its target.
+        cause: Option<Cause>,
+    },
+    /// A command reached the driver (set-points of a stream are summed up in [`Event::Streamed`]).
+    Command {
+        /// Robot.
+        robot: String,
+        /// The token it was written under.
+        token: u64,
+        /// Who wrote it.
+        writer: Writer,
+        /// `move`, `stop`, `mode` or `reference`.
+        kind: String,
+        /// Targets per motor index, rad, if any.
+        q: Vec<(usize, f64)>,
+        /// Reference speeds per motor index, rad/s, if any.
+        speed: Vec<(usize, f64)>,
+    },
+    /// A command arrived under an old token, or did not fit the board, and was thrown away.
+    CommandDropped {
+        /// Robot.
+        robot: String,
+        /// Its token.
+        token: u64,
+        /// Who wrote it.
+        writer: Writer,
+        /// Why.
+        reason: String,
+    },
+    /// A stream of set-points ended.
+    Streamed {
+        /// Robot.
+        robot: String,
+        /// The token it was written under.
+        token: u64,
+        /// Who wrote it.
+        writer: Writer,
+        /// How many set-points.
+        count: u64,
+        /// When the first and the last were written.
+        span: (Time, Time),
+        /// Greatest step of a motor between two set-points, as a share of what its greatest speed allows in the time.
+        greatest_step: f64,
+        /// Whether every value was finite and within limits.
+        within_limits: bool,
+    },
+    /// A contact of a reflex pair began.
+    ContactBegan {
+        /// Robot.
+        robot: String,
+        /// It.
+        contact: Contact,
+        /// The two shapes in words.
+        names: (String, String),
+        /// The state of the filter at that moment.
+        during: Status,
+    },
+    /// A contact ended.
+    ContactEnded {
+        /// Robot.
+        robot: String,
+        /// The two shapes in words.
+        names: (String, String),
+    },
+    /// A reflex pair reached distance zero.
+    HardContact {
+        /// Robot.
+        robot: String,
+        /// It.
+        contact: Contact,
+        /// The two shapes in words.
+        names: (String, String),
+    },
+    /// The way back begins.
+    RetreatBegan {
+        /// Robot.
+        robot: String,
+        /// The commit that is rolled back.
+        id: CommitId,
+        /// Recorded poses on the way.
+        poses: usize,
+        /// Recorded seconds on the way.
+        secs: f64,
+    },
+    /// The way back was given up.
+    RetreatStopped {
+        /// Robot.
+        robot: String,
+        /// Why the robot now holds.
+        reason: Hold,
+        /// What was seen, in words.
+        what: String,
+        /// The sample that showed it.
+        seen: Time,
+    },
+    /// An object of the world was added, moved, changed or removed.
+    World {
+        /// Its name.
+        object: String,
+        /// `added`, `moved`, `changed` or `removed`.
+        what: String,
+        /// Its class now, if it still exists.
+        class: Option<mobee_model::ObjectClass>,
+        /// Its position now, metres, if it still exists.
+        at: Option<[f64; 3]>,
+    },
+    /// An agent's note.
+    Note {
+        /// Robot.
+        robot: String,
+        /// The note.
+        note: Note,
+    },
+    /// An agent has nothing more to do.
+    Done {
+        /// Robot.
+        robot: String,
+        /// What it says.
+        summary: Summary,
+    },
+    /// An actor died.
+    Died {
+        /// Its name.
+        actor: String,
+        /// Of what.
+        reason: String,
+    },
+    /// An actor was started again.
+    Restarted {
+        /// Its name.
+        actor: String,
+        /// Restarts within the intensity period, this one included.
+        restarts: u32,
+    },
+    /// A group's restart budget is used up: it stays down.
+    GaveUp {
+        /// The group's name.
+        group: String,
+    },
+    /// A fault was injected (simulation only).
+    Injected {
+        /// It, in words.
+        fault: String,
+    },
+    /// A part of the machine deserves attention.
+    Warning {
+        /// In words, with a remedy.
+        text: String,
+    },
+    /// The counters of a link at the end of the run (I6): sent = handled + queued + dropped.
+    Link {
+        /// Its name.
+        link: String,
+        /// Sent.
+        sent: u64,
+        /// Handled.
+        handled: u64,
+        /// Still queued.
+        queued: u64,
+        /// Thrown away, by design or by a restart.
+        dropped: u64,
+    },
+    /// Last event: the run ended in order.
+    Ended {
+        /// Why: `done`, `time`, `interrupted`, `gave up`.
+        reason: String,
+    },
+}

@@ -1,0 +1,97 @@
+//! Kinds: agents and drivers registered by name where they are defined, so that a config file can name them.
+
+use crate::{Agent, Driver, DriverFault};
+use mobee_model::Robot;
+use schemars::Schema;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use std::sync::Arc;
+
+/// What is known when a kind is built.
+#[derive(Clone, Debug)]
+pub struct Context {
+    /// The robot it is for.
+    pub robot: Arc<Robot>,
+    /// Its own seed, derived from the run's.
+    pub seed: u64,
+}
+
+/// A setting that can't be used: where, what, and what to do.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{what}")]
+pub struct KindError {
+    /// The path of the setting within the kind's table, such as `poses[3].torso_yaw_deg`; empty for the whole table.
+    pub path: String,
+    /// What is wrong.
+    pub what: String,
+    /// What to do about it.
+    pub help: String,
+}
+
+impl KindError {
+    /// An error at `path`.
+    pub fn new(path: impl Into<String>, what: impl Into<String>, help: impl Into<String>) -> KindError {
+        KindError { path: path.into(), what: what.into(), help: help.into() }
+    }
+}
+
+/// A kind of agent.
+pub struct AgentKind {
+    /// Its name in config files.
+    pub name: &'static str,
+    /// One paragraph for its users.
+    pub doc: &'static str,
+    /// Its settings with their docs and defaults.
+    pub schema: fn() -> Schema,
+    /// Builds one from its settings.
+    pub build: fn(&Value, &Context) -> Result<Box<dyn Agent>, KindError>,
+}
+inventory::collect!(AgentKind);
+
+/// Hardware that outlives its drivers: asked for a new driver at the start and after every restart of the driver actor.
+pub trait Hardware: Send + Sync {
+    /// A new driver for the same board.
+    ///
+    /// # Errors
+    /// [`DriverFault::Lost`] if the board can't be reached now; asking again later may help.
+    fn connect(&self) -> Result<Box<dyn Driver>, DriverFault>;
+}
+
+/// A kind of driver.
+pub struct DriverKind {
+    /// Its name in config files.
+    pub name: &'static str,
+    /// One paragraph for its users.
+    pub doc: &'static str,
+    /// Its settings with their docs and defaults.
+    pub schema: fn() -> Schema,
+    /// Finds or builds the hardware from its settings.
+    pub build: fn(&Value, &Context) -> Result<Arc<dyn Hardware>, KindError>,
+}
+inventory::collect!(DriverKind);
+
+/// All registered kinds of agents, by name.
+pub fn agent_kinds() -> Vec<&'static AgentKind> {
+    let mut kinds: Vec<_> = inventory::iter::<AgentKind>.into_iter().collect();
+    kinds.sort_by_key(|k| k.name);
+    kinds
+}
+
+/// All registered kinds of drivers, by name.
+pub fn driver_kinds() -> Vec<&'static DriverKind> {
+    let mut kinds: Vec<_> = inventory::iter::<DriverKind>.into_iter().collect();
+    kinds.sort_by_key(|k| k.name);
+    kinds
+}
+
+/// Reads a kind's typed settings, with the path of the first one that does not fit.
+///
+/// # Errors
+/// A [`KindError`] that names the path and what was expected there.
+pub fn settings<T: DeserializeOwned>(value: &Value) -> Result<T, KindError> {
+    serde_path_to_error::deserialize(value).map_err(|e| {
+        let path = e.path().to_string();
+        let path = if path == "." { String::new() } else { path };
+        KindError::new(path, e.inner().to_string(), "see `mobee kinds` for the settings of every kind")
+    })
+}

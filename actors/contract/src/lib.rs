@@ -1,0 +1,33 @@
+//! The words all parts speak. No behaviour lives here: only what may be said, by whom, and what it means.
+//!
+//! ```text
+//! agent ──Intent──> (actors) ──Commit──> supervise ──Command──> driver ──> robot
+//!   ^                                        |                     |
+//!   └──── MotionEnd, View ───────────────────┘      Sample <───────┘
+//! ```
+//!
+//! * [`Agent`] is written by people who plan; it sees a [`View`] and answers with an [`Intent`].
+//! * [`Driver`] is written by people who own a robot; it takes [`Command`]s and gives [`Sample`]s.
+//! * [`Refusal`] is a normal answer, [`DriverFault`] recoverable trouble; a bug is a panic, for the supervisor.
+//! * [`Event`] is what a run leaves behind, told to every [`Tap`] (journal, recorder).
+//!
+//! Units: radians, metres, seconds, f64. Times are [`Time`], nanoseconds since the run began.
+
+mod agent;
+mod board;
+mod event;
+mod kinds;
+mod motion;
+mod time;
+
+pub use agent::*;
+pub use board::*;
+pub use event::*;
+pub use kinds::*;
+pub use motion::*;
+pub use time::*;
+
+use std::sync::Arc;
+
+/// A robot's motor positions in the order of `Robot::motors`, rad of encoder. Cheap to clone, never changed.
+pub type Pose = Arc<[f64]>;

@@ -1,0 +1,237 @@
+//! Motions as transactions: what an agent commits, how it is refused, how it ends.
+
+use crate::{Axis, Move, Pose};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// The number of an accepted commit, counted per robot from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct CommitId(pub u64);
+
+/// Where to go: positions for some motors, all arriving together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Target {
+    /// Indices into `Robot::motors`, each at most once.
+    pub motors: Vec<usize>,
+    /// Target positions of those motors, rad of encoder.
+    pub q: Vec<f64>,
+    /// Share of each motor's greatest speed that the motion may use, above 0 and up to 1.
+    pub speed: f64,
+}
+
+impl Target {
+    /// The whole pose that a robot standing at `from` has at this target.
+    pub fn pose(&self, from: &[f64]) -> Pose {
+        let mut q = from.to_vec();
+        for (m, v) in self.motors.iter().zip(&self.q) {
+            if let Some(slot) = q.get_mut(*m) {
+                *slot = *v;
+            }
+        }
+        q.into()
+    }
+
+    /// The board command that takes a robot from `from` to this target with all motors in step, so that the path is a
+    /// straight line in joint space: speed and acceleration of every motor are scaled by its share of the slowest
+    /// motor's motion. Assumes that the target's indices were checked against the board.
+    pub fn in_step(&self, from: &[f64], axes: &[Axis]) -> Move {
+        let way = |i: usize| (self.q[i] - from[self.motors[i]]).abs();
+        let n = self.motors.len();
+        // seconds at full allowed speed, and the accelerations' bound of the common time scale, for the slowest motor
+        let slowest = (0..n).map(|i| way(i) / (self.speed * axes[self.motors[i]].max_speed)).fold(0.0, f64::max);
+        let push = (0..n).map(|i| way(i) / axes[self.motors[i]].max_acceleration).fold(0.0, f64::max);
+        let speed = (0..n)
+            .map(|i| if slowest > 0.0 { way(i) / slowest } else { self.speed * axes[self.motors[i]].max_speed })
+            .collect();
+        let acceleration =
+            (0..n).map(|i| if push > 0.0 { way(i) / push } else { axes[self.motors[i]].max_acceleration }).collect();
+        Move {
+            motors: self.motors.clone(),
+            q: self.q.clone(),
+            relative: false,
+            speed: Some(speed),
+            acceleration: Some(acceleration),
+        }
+    }
+}
+
+/// How an agent's motion ended. An agent never hears "rolled back": that word is the controller's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MotionEnd {
+    /// The robot rests at the target.
+    Reached,
+    /// The robot rests elsewhere, or the motion was refused.
+    Failed,
+}
+
+/// The one outcome of an accepted commit (I2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The robot rests at the target.
+    Committed,
+    /// The reflex took the robot back to the safe pose, where it rests.
+    RolledBack,
+    /// Neither: the robot stopped on the way and holds.
+    Faulted,
+}
+
+/// Why a robot holds still with its filter closed to ordinary commits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Hold {
+    /// Something touches the robot where it rests.
+    InContact,
+    /// The way back was blocked by a new or deeper contact.
+    RetreatBlocked,
+    /// The history does not reach back to the safe pose.
+    HistoryTooShort,
+    /// The way back was driven but the robot did not arrive or come to rest in time.
+    RetreatMissed,
+    /// The encoders have gone stale.
+    Stale,
+    /// An actor of the controller died and was restarted in mid-motion.
+    Restarted,
+    /// The board reports a fault.
+    BoardFault,
+    /// The run is ending.
+    ShuttingDown,
+}
+
+impl fmt::Display for Hold {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Hold::InContact => "something touches the robot at rest",
+            Hold::RetreatBlocked => "the way back is blocked",
+            Hold::HistoryTooShort => "the history does not reach back to the safe pose",
+            Hold::RetreatMissed => "the robot did not arrive on its way back",
+            Hold::Stale => "the encoders are stale",
+            Hold::Restarted => "a part of the controller was restarted in mid-motion",
+            Hold::BoardFault => "the board reports a fault",
+            Hold::ShuttingDown => "the run is ending",
+        })
+    }
+}
+
+/// Why a motion is being rolled back, or the filter closed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cause {
+    /// A pair came nearer than its margin.
+    Contact(Vec<mobee_model::Contact>),
+    /// A constraint of a body part does not hold.
+    Constraint {
+        /// The part's name.
+        part: String,
+        /// The clause's index within the part.
+        clause: usize,
+    },
+    /// The board says the motion is done, and the robot is not at the target.
+    TargetMissed,
+    /// The agent that owned the motion died or was stopped.
+    AgentDied,
+    /// The encoders have gone stale.
+    Stale,
+    /// An actor of the controller died.
+    ActorDied(String),
+    /// The board reports a fault.
+    BoardFault(String),
+    /// A person or the program asked for it.
+    Asked,
+}
+
+/// A normal answer to a commit that is not accepted; it changes nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(tag = "code", rename_all = "snake_case")]
+pub enum Refusal {
+    /// The filter is closed while the reflex acts.
+    #[error("the filter is closed while the reflex acts")]
+    Closed,
+    /// The controller is not complete yet, or again not.
+    #[error("the controller is not ready: {missing}")]
+    NotReady {
+        /// What is waited for.
+        missing: String,
+    },
+    /// The robot holds, and this commit is no escape.
+    #[error("the robot holds: {reason}")]
+    Holding {
+        /// Why it holds.
+        reason: Hold,
+    },
+    /// Another agent's motion is under way.
+    #[error("another agent's motion is under way")]
+    Busy,
+    /// A position outside a motor's limits.
+    #[error("motor {motor}: {q_deg:.3} deg is outside its limits {min_deg:.3} to {max_deg:.3} deg")]
+    Limits {
+        /// The motor's name.
+        motor: String,
+        /// The position asked for.
+        q_deg: f64,
+        /// The lower limit.
+        min_deg: f64,
+        /// The upper limit.
+        max_deg: f64,
+    },
+    /// A number that is not finite.
+    #[error("motor {motor}: the position is not a finite number")]
+    NotFinite {
+        /// The motor's name.
+        motor: String,
+    },
+    /// A share of the greatest speed outside (0, 1].
+    #[error("speed {speed} is not a share of the greatest speed, above 0 and up to 1")]
+    Speed {
+        /// What was asked for, as text (it may be no number).
+        speed: String,
+    },
+    /// A motor named twice, unknown, or lists of different length.
+    #[error("the target is malformed: {what}")]
+    Malformed {
+        /// What is wrong.
+        what: String,
+    },
+    /// The agent could not take over the state it was offered.
+    #[error("the state can't be taken over: {what}")]
+    State {
+        /// What is wrong.
+        what: String,
+    },
+}
+
+impl Refusal {
+    /// The short name users and programs match on.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Refusal::Closed => "closed",
+            Refusal::NotReady { .. } => "not_ready",
+            Refusal::Holding { .. } => "holding",
+            Refusal::Busy => "busy",
+            Refusal::Limits { .. } => "limits",
+            Refusal::NotFinite { .. } => "not_finite",
+            Refusal::Speed { .. } => "speed",
+            Refusal::Malformed { .. } => "malformed",
+            Refusal::State { .. } => "state",
+        }
+    }
+
+    /// What to do about it.
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Refusal::Closed => "wait until the rollback has ended, then plan again from the robot's pose",
+            Refusal::NotReady { .. } => "wait until the controller is complete and the encoders are fresh",
+            Refusal::Holding { .. } => {
+                "commit an escape that only lessens the contacts, or clear the cause and `recover`"
+            }
+            Refusal::Busy => "wait until the motion has ended, or stop its agent",
+            Refusal::Limits { .. } => "choose a position within the limits",
+            Refusal::NotFinite { .. } => "check the planner for a division by zero",
+            Refusal::Speed { .. } => "give a speed above 0 and up to 1",
+            Refusal::Malformed { .. } => "name each motor once, with one position each",
+            Refusal::State { .. } => "start the agent without the old state",
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! State to Rerun: a tap on its own thread, never in the path.

@@ -1,0 +1,1 @@
+//! Who runs: supervision, driver, history, supervise, reflex, model, agent and journal as supervised actors.

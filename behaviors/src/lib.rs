@@ -1,0 +1,1 @@
+//! What robots do: roadmaps, planners and agents, pure.

@@ -1,0 +1,1 @@
+//! What MoBeE drives: the simulated robot behind the driver contract.

@@ -1,0 +1,20 @@
+//! The hub's geometry, pure: robots and world as everybody sees them.
+//!
+//! Owns robot files (ZRP XML, URDF), forward kinematics, the pair tables that say which shapes may touch, and the
+//! collision engine. Accepts files and poses; answers transforms, contacts and distances. It knows no actor, no clock
+//! and no driver.
+//!
+//! ```text
+//! robot.xml ──zrp──> Robot ──┐
+//! robot.urdf ─urdf─> Robot ──┤
+//! world.xml ──world─> Object ┴─> Scene ──(poses)──> transforms, contacts, clearance
+//! ```
+//!
+//! Units: radians, metres. A motor's position is its encoder value in degrees (as the files write it) times pi/180.
+//! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
+
+mod robot;
+mod scene;
+
+pub use robot::*;
+pub use scene::*;

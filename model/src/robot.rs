@@ -1,0 +1,172 @@
+//! A robot as its file describes it: parts, motors, a tree of nodes, shapes, markers and constraints.
+
+use nalgebra::{Isometry3, Unit, Vector3};
+use std::ops::Range;
+
+/// A robot model. Built by the loaders, never changed afterwards.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// The file's `robotName`.
+    pub name: String,
+    /// Body parts in order of first appearance.
+    pub parts: Vec<Part>,
+    /// All motors, part by part and by index within the part. **This is the order of every pose vector.**
+    pub motors: Vec<Motor>,
+    /// All links and joints in order of their start tags; a parent always stands before its children.
+    pub nodes: Vec<Node>,
+    /// Markers in order of appearance.
+    pub markers: Vec<Marker>,
+    /// Which pairs of nodes may touch (from the adjacency filter).
+    pub pairs: NodePairs,
+}
+
+/// A body part, as a YARP control board would serve it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// Its name, such as `torso`.
+    pub name: String,
+    /// Its motors, as a range of [`Robot::motors`].
+    pub motors: Range<usize>,
+    /// Its root node (the frame of `tolo` and `togl`), if it has any node.
+    pub root_node: Option<usize>,
+    /// Constraints in conjunctive form: every clause must hold.
+    pub clauses: Vec<Clause>,
+}
+
+/// A disjunction of half-spaces: satisfied if the value of any member is above zero.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Clause(pub Vec<HalfSpace>);
+
+/// A half-space over motor positions: `sum(a_i * degrees(q_i)) + b`, in encoder units (degrees).
+#[derive(Clone, Debug, PartialEq)]
+pub struct HalfSpace {
+    /// Pairs of (index into [`Robot::motors`], coefficient).
+    pub terms: Vec<(usize, f64)>,
+    /// The constant, in encoder units (degrees).
+    pub b: f64,
+}
+
+/// A motor: one encoder, one or several joints.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motor {
+    /// Its name, unique within the robot.
+    pub name: String,
+    /// Index into [`Robot::parts`].
+    pub part: usize,
+    /// Lower limit, rad of encoder.
+    pub min: f64,
+    /// Upper limit, rad of encoder.
+    pub max: f64,
+    /// Home position within the limits, rad of encoder.
+    pub home: f64,
+    /// The joints it drives, as indices into [`Robot::nodes`].
+    pub joints: Vec<usize>,
+    /// Whether it is the first motor created in its part (Jacobian chains end there).
+    pub is_part_root: bool,
+}
+
+/// A node of the kinematic tree.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Node {
+    /// The parent, an index into [`Robot::nodes`]; `None` for a root.
+    pub parent: Option<usize>,
+    /// Index into [`Robot::parts`].
+    pub part: usize,
+    /// Link or joint.
+    pub kind: NodeKind,
+    /// Shapes that collide.
+    pub solids: Vec<Primitive>,
+    /// Shapes of the force field.
+    pub fields: Vec<Primitive>,
+    /// Whether the file marks this node's subtree `noSelfCollision`.
+    pub no_self_collision: bool,
+    /// Whether it belongs to the base, which is never tested against the world.
+    pub near_root: bool,
+}
+
+/// What a node does to the frame of its children.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NodeKind {
+    /// A pure translation, metres.
+    Link {
+        /// The link vector.
+        offset: Vector3<f64>,
+    },
+    /// A pure rotation about an axis through the node's origin.
+    Joint {
+        /// Direction of the axis.
+        axis: Unit<Vector3<f64>>,
+        /// The motor that drives it, an index into [`Robot::motors`].
+        motor: usize,
+        /// Angle at the motor's lower limit, rad.
+        min: f64,
+        /// Angle at the motor's upper limit, rad.
+        max: f64,
+        /// Length of the axis as the file gives it, metres (the height of its own cylinder).
+        length: f64,
+    },
+}
+
+/// A shape and where it sits on its node (or object).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Primitive {
+    /// The shape.
+    pub shape: Shape,
+    /// `node_from_shape` (or `object_from_shape`).
+    pub pose: Isometry3<f64>,
+}
+
+/// A convex shape, centred at its origin. Sizes in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A ball.
+    Sphere {
+        /// Radius.
+        radius: f64,
+    },
+    /// A flat-ended cylinder along local y.
+    Cylinder {
+        /// Radius.
+        radius: f64,
+        /// Full height.
+        height: f64,
+    },
+    /// A box with full edge lengths along x, y, z.
+    Box {
+        /// Full edge lengths.
+        size: Vector3<f64>,
+    },
+    /// A capsule along local y (extension of the original format).
+    Capsule {
+        /// Radius.
+        radius: f64,
+        /// Distance between the centres of its two end balls.
+        height: f64,
+    },
+}
+
+/// A named point and direction on a node.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Marker {
+    /// Its name.
+    pub name: String,
+    /// The node, an index into [`Robot::nodes`]; the marker is at the origin of that node's frame.
+    pub node: usize,
+    /// The part it belongs to, an index into [`Robot::parts`].
+    pub part: usize,
+    /// Unit normal in the node's frame.
+    pub normal: Unit<Vector3<f64>>,
+    /// Number of display spheres in its trail.
+    pub tracer: u32,
+}
+
+/// Node pairs `(a, b)` with `a <= b`, sorted, that remain after the filters of the format.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NodePairs {
+    /// A contact makes the reflex act.
+    pub reflex: Vec<(usize, usize)>,
+    /// A contact is shown but does not count.
+    pub visual_only: Vec<(usize, usize)>,
+    /// Force-field shapes that repel each other.
+    pub field: Vec<(usize, usize)>,
+}
