@@ -225,10 +225,18 @@ impl Config {
             }
         };
         if self.name.contains(['/', '\\']) || self.name.starts_with('.') {
-            return Err(source.error("name", "the name can't be part of a folder's name", "use letters, digits, - and _"));
+            return Err(source.error(
+                "name",
+                "the name can't be part of a folder's name",
+                "use letters, digits, - and _",
+            ));
         }
         if self.robot.is_empty() {
-            return Err(source.error("robot", "there is no robot", "add a [[robot]] table with name, model and controller"));
+            return Err(source.error(
+                "robot",
+                "there is no robot",
+                "add a [[robot]] table with name, model and controller",
+            ));
         }
         if let Some(secs) = self.for_s {
             finite("for_s", secs, 0.001, 1e7, "s")?;
@@ -237,7 +245,11 @@ impl Config {
         for (i, r) in self.robot.iter().enumerate() {
             let at = |key: &str| format!("robot[{i}].{key}");
             if self.robot.iter().take(i).any(|other| other.name == r.name) {
-                return Err(source.error(&at("name"), format!("there are two robots `{}`", r.name), "name one of them differently"));
+                return Err(source.error(
+                    &at("name"),
+                    format!("there are two robots `{}`", r.name),
+                    "name one of them differently",
+                ));
             }
             if r.name.is_empty() || !r.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
                 return Err(source.error(&at("name"), "not a robot's name", "use letters, digits, - and _"));
@@ -265,7 +277,11 @@ impl Config {
                 When::AfterOutcomes { .. } => {}
             }
             if s.edit.class.is_none() && s.edit.position_m.is_none() && !s.edit.remove {
-                return Err(source.error(&format!("script[{i}].edit"), "nothing happens here", "give class, position_m or remove"));
+                return Err(source.error(
+                    &format!("script[{i}].edit"),
+                    "nothing happens here",
+                    "give class, position_m or remove",
+                ));
             }
         }
         Ok(())
@@ -279,7 +295,10 @@ impl Config {
 
 /// The nearest of the names that serde says it expected, as a remedy.
 pub fn did_you_mean(message: &str) -> Option<String> {
-    let (wrong, rest) = message.strip_prefix("unknown field `").or_else(|| message.strip_prefix("unknown variant `"))?.split_once('`')?;
+    let (wrong, rest) = message
+        .strip_prefix("unknown field `")
+        .or_else(|| message.strip_prefix("unknown variant `"))?
+        .split_once('`')?;
     let names: Vec<&str> = rest.split('`').skip(1).step_by(2).collect();
     Some(nearest(wrong, &names).map_or_else(
         || format!("known here: {}", names.join(", ")),

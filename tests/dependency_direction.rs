@@ -13,10 +13,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-drivers", &["mobee-contract", "mobee-model"]),
     ("mobee-actors", &["mobee-contract", "mobee-model", "mobee-behaviors"]),
     ("mobee-recorder", &["mobee-contract", "mobee-model"]),
-    (
-        "mobee",
-        &["mobee-model", "mobee-contract", "mobee-behaviors", "mobee-drivers", "mobee-actors", "mobee-recorder"],
-    ),
+    ("mobee", &["mobee-model", "mobee-contract", "mobee-behaviors", "mobee-drivers", "mobee-actors", "mobee-recorder"]),
 ];
 
 #[test]

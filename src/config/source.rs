@@ -47,7 +47,8 @@ impl Source {
     /// # Errors
     /// If it is not TOML.
     pub fn parse(path: &Path, text: String) -> Result<Source, ConfigError> {
-        let blank = Source { path: path.to_owned(), text, places: Place::default(), value: Value::Null, overridden: vec![] };
+        let blank =
+            Source { path: path.to_owned(), text, places: Place::default(), value: Value::Null, overridden: vec![] };
         let (value, places) = {
             let table = DeTable::parse(&blank.text).map_err(|e| {
                 blank.error_at(e.span().unwrap_or(0..0), e.message().to_owned(), "mend the TOML syntax here")
@@ -63,7 +64,12 @@ impl Source {
     /// # Errors
     /// If the assignment is malformed or leads through something that is no table.
     pub fn set(&mut self, assignment: &str) -> Result<(), ConfigError> {
-        let bad = |what: String| ConfigError::plain(format!("--set {assignment}: {what}"), "write --set a.b=value, as in --set robot.icub.agent.vertices=30");
+        let bad = |what: String| {
+            ConfigError::plain(
+                format!("--set {assignment}: {what}"),
+                "write --set a.b=value, as in --set robot.icub.agent.vertices=30",
+            )
+        };
         let (path, raw) = assignment.split_once('=').ok_or_else(|| bad("there is no `=`".into()))?;
         let value = match DeTable::parse(&format!("v = {raw}")) {
             Ok(t) => t.get_ref().get("v").map_or(Ok(Value::Null), |v| plain(v.get_ref()).map_err(&bad))?,
@@ -174,9 +180,9 @@ fn plain(value: &DeValue<'_>) -> Result<Value, String> {
     Ok(match value {
         DeValue::String(s) => Value::String(s.to_string()),
         DeValue::Boolean(b) => Value::Bool(*b),
-        DeValue::Integer(i) => {
-            i64::from_str_radix(i.as_str(), i.radix()).map(Value::from).map_err(|_| format!("{i} is too large a number"))?
-        }
+        DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix())
+            .map(Value::from)
+            .map_err(|_| format!("{i} is too large a number"))?,
         DeValue::Float(f) => {
             let x: f64 = f.as_str().parse().map_err(|_| format!("{f} is not a number"))?;
             serde_json::Number::from_f64(x).map(Value::Number).ok_or(format!("{f} is not a finite number"))?
