@@ -13,8 +13,16 @@
 //! Units: radians, metres. A motor's position is its encoder value in degrees (as the files write it) times pi/180.
 //! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
 
+mod collision;
+mod distance;
+mod line;
 mod robot;
 mod scene;
+mod watch;
 
+pub use collision::{Kind, Reported};
+pub use distance::{Proximity, distance};
+pub use line::LineVerdict;
 pub use robot::*;
 pub use scene::*;
+pub use watch::{Counters, Watch};

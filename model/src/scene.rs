@@ -2,6 +2,17 @@
 //!
 //! A [`Scene`] is an immutable snapshot; an edit makes a new one with a higher epoch. Planners keep theirs as long as they like.
 
+mod bodies;
+mod edit;
+mod skeleton;
+mod travel;
+mod world;
+
+pub(crate) use bodies::{Bodies, Solid};
+pub use edit::{Edit, SceneError};
+pub(crate) use skeleton::Skeleton;
+pub(crate) use world::World;
+
 use crate::robot::{Primitive, Robot};
 use nalgebra::{Isometry3, Point3};
 use std::sync::Arc;
@@ -72,24 +83,82 @@ pub struct Contact {
 }
 
 /// An immutable world of robots and objects.
+///
+/// Made by [`Scene::new`], changed by [`Scene::edit`] into a new one; copying it is cheap. The queries are
+/// [`Scene::contacts`], [`Scene::clearance`], [`Scene::free`], [`Scene::line`] and [`Scene::report`]; all of them take one pose
+/// per robot, in the order of [`Scene::robots`].
 #[derive(Clone, Debug)]
 pub struct Scene {
     epoch: u64,
-    robots: Vec<Arc<Robot>>,
+    next_object: u32,
     objects: Vec<(u32, Arc<Object>)>,
+    bodies: Arc<Bodies>,
+    world: Arc<World>,
 }
 
 impl Scene {
+    /// Puts robots and objects into one world. Each robot stands at its `world_from_robot`.
+    ///
+    /// # Errors
+    /// If two robots or two objects have one name, a size or pose is not finite, or there are too many of anything.
+    pub fn new(robots: Vec<(Arc<Robot>, Isometry3<f64>)>, objects: Vec<Object>) -> Result<Self, SceneError> {
+        let bodies = Arc::new(Bodies::new(robots)?);
+        let world = Arc::new(World::new(&bodies, &[]));
+        let empty = Scene { epoch: 0, next_object: 0, objects: Vec::new(), bodies, world };
+        let mut scene = empty.with(|scene| objects.into_iter().try_for_each(|object| scene.add(object)))?;
+        scene.epoch = 0;
+        Ok(scene)
+    }
+
     /// Counts edits; equal epochs of one lineage mean equal scenes.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
     /// The robots, in the order of the poses that every query takes.
     pub fn robots(&self) -> &[Arc<Robot>] {
-        &self.robots
+        &self.bodies.robots
+    }
+    /// Where a robot stands: `world_from_robot`. The identity if there is no such robot.
+    pub fn base(&self, robot: usize) -> Isometry3<f64> {
+        self.bodies.skeletons.get(robot).map_or_else(Isometry3::identity, |s| s.base)
     }
     /// The objects with their ids, in order of insertion.
     pub fn objects(&self) -> impl Iterator<Item = (u32, &Arc<Object>)> {
         self.objects.iter().map(|(id, o)| (*id, o))
+    }
+    /// The object of that name.
+    pub fn object(&self, name: &str) -> Option<(u32, &Arc<Object>)> {
+        self.objects().find(|(_, o)| o.name == name)
+    }
+    /// All robots at home.
+    pub fn home(&self) -> Vec<Arc<[f64]>> {
+        self.robots().iter().map(|r| r.motors.iter().map(|m| m.home).collect()).collect()
+    }
+    /// A shape's name for people, such as `icub:left_arm/31#0` (robot, part, node number, shape number) or `table#1`.
+    pub fn shape_name(&self, id: ShapeId) -> String {
+        match id {
+            ShapeId::Robot { robot, node, shape } => {
+                let Some(owner) = self.robots().get(usize::from(robot)) else {
+                    return format!("robot{robot}:{node}#{shape}");
+                };
+                let part = owner.nodes.get(usize::from(node)).and_then(|n| owner.parts.get(n.part));
+                format!("{}:{}/{node}#{shape}", owner.name, part.map_or("?", |p| p.name.as_str()))
+            }
+            ShapeId::Object { object, shape } => match self.objects.iter().find(|(o, _)| *o == object) {
+                Some((_, o)) => format!("{}#{shape}", o.name),
+                None => format!("object{object}#{shape}"),
+            },
+        }
+    }
+    pub(crate) fn bodies(&self) -> &Bodies {
+        &self.bodies
+    }
+    pub(crate) fn world(&self) -> &World {
+        &self.world
+    }
+    /// Contacts that no motion can change: reflex pairs with no moving joint between them that touch. They are left out
+    /// of every other query but [`Scene::report`].
+    pub fn static_contacts(&self) -> &[Contact] {
+        &self.world.fixed_contacts
     }
 }

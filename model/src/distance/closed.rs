@@ -1,0 +1,106 @@
+//! Closed forms: segments, and a point against a box or a cylinder.
+
+use super::{Separation, across};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// A segment as its middle and half its axis.
+pub(crate) type HalfAxis = (Point3<f64>, Vector3<f64>);
+
+/// Parameters in [-1, 1] of the nearest points of two segments.
+///
+/// After Ericson, *Real-Time Collision Detection*, 5.1.9, with centred parameters.
+pub(crate) fn nearest_parameters(a: &HalfAxis, b: &HalfAxis) -> (f64, f64) {
+    let r = a.0 - b.0;
+    let (aa, bb) = (a.1.norm_squared(), b.1.norm_squared());
+    let (ar, br) = (a.1.dot(&r), b.1.dot(&r));
+    const TINY: f64 = 1e-24;
+    if aa <= TINY && bb <= TINY {
+        return (0.0, 0.0);
+    }
+    if aa <= TINY {
+        return (0.0, (br / bb).clamp(-1.0, 1.0));
+    }
+    if bb <= TINY {
+        return ((-ar / aa).clamp(-1.0, 1.0), 0.0);
+    }
+    let ab = a.1.dot(&b.1);
+    let det = aa * bb - ab * ab;
+    // Nearly parallel: any starting point on the first segment will do, its middle is the most stable.
+    let s = if det > 1e-12 * aa * bb { ((ab * br - bb * ar) / det).clamp(-1.0, 1.0) } else { 0.0 };
+    let t = (ab * s + br) / bb;
+    if t < -1.0 {
+        (((-ab - ar) / aa).clamp(-1.0, 1.0), -1.0)
+    } else if t > 1.0 {
+        (((ab - ar) / aa).clamp(-1.0, 1.0), 1.0)
+    } else {
+        (s, t)
+    }
+}
+
+/// Squared distance of two segments.
+pub(crate) fn segments_squared(a: &HalfAxis, b: &HalfAxis) -> f64 {
+    let (s, t) = nearest_parameters(a, b);
+    ((a.0 + a.1 * s) - (b.0 + b.1 * t)).norm_squared()
+}
+
+/// Two segments, or points where a half axis is zero. Where they cross, the normal is across both.
+pub(super) fn segments(a: HalfAxis, b: HalfAxis) -> Separation {
+    let (s, t) = nearest_parameters(&a, &b);
+    let points = [a.0 + a.1 * s, b.0 + b.1 * t];
+    let apart = points[1] - points[0];
+    let distance = apart.norm();
+    if distance > 1e-12 {
+        return Separation { distance, normal: apart / distance, points };
+    }
+    let both = a.1.cross(&b.1);
+    let long = if a.1.norm_squared() > b.1.norm_squared() { a.1 } else { b.1 };
+    let normal = match both.try_normalize(1e-12 * long.norm_squared().max(1e-300)) {
+        Some(n) => n,
+        None => across(&long),
+    };
+    Separation { distance: 0.0, normal, points: [points[0], points[0]] }
+}
+
+/// A point against a box with half edge lengths `half`; inside, the nearest face counts.
+pub(super) fn point_box(point: Point3<f64>, half: &Vector3<f64>, world_from_box: &Isometry3<f64>) -> Separation {
+    let p = world_from_box.inverse_transform_point(&point).coords;
+    let nearest = Vector3::new(p.x.clamp(-half.x, half.x), p.y.clamp(-half.y, half.y), p.z.clamp(-half.z, half.z));
+    let apart = nearest - p;
+    let distance = apart.norm();
+    if distance > 0.0 {
+        return place(point, apart / distance, distance, world_from_box);
+    }
+    let room = half - p.abs();
+    let face = room.imin();
+    let mut outward = Vector3::zeros();
+    outward[face] = if p[face] < 0.0 { -1.0 } else { 1.0 };
+    place(point, -outward, -room[face], world_from_box)
+}
+
+/// A point against a cylinder along y; inside, the nearer of mantle and end counts.
+pub(super) fn point_cylinder(
+    point: Point3<f64>,
+    half: f64,
+    radius: f64,
+    world_from_cylinder: &Isometry3<f64>,
+) -> Separation {
+    let p = world_from_cylinder.inverse_transform_point(&point).coords;
+    let rho = p.x.hypot(p.z);
+    let radial = if rho > 0.0 { Vector3::new(p.x / rho, 0.0, p.z / rho) } else { Vector3::x() };
+    let end = Vector3::y() * if p.y < 0.0 { -1.0 } else { 1.0 };
+    let (out_radial, out_axial) = (rho - radius, p.y.abs() - half);
+    let (outward, distance) = if out_radial > 0.0 && out_axial > 0.0 {
+        let distance = out_radial.hypot(out_axial);
+        ((radial * out_radial + end * out_axial) / distance, distance)
+    } else if out_radial > out_axial {
+        (radial, out_radial)
+    } else {
+        (end, out_axial)
+    };
+    place(point, -outward, distance, world_from_cylinder)
+}
+
+fn place(point: Point3<f64>, local_normal: Vector3<f64>, distance: f64, world: &Isometry3<f64>) -> Separation {
+    let normal = world.rotation * local_normal;
+    Separation { distance, normal, points: [point, point + normal * distance] }
+}

@@ -1,0 +1,87 @@
+//! How deep two boxes, or a segment and a box, lie in each other: separating axes.
+//!
+//! Their Minkowski difference is a zonotope; its faces' normals are the boxes' axes and the cross products of one edge
+//! of each, so that trying these is exact.
+
+use super::support::{Placed, support_point};
+use super::{Core, Separation, closed};
+use nalgebra::{Point3, Vector3};
+
+/// The signed separation along the best separating axis: exact if the cores overlap, else a lower bound.
+pub(super) fn by_axes(a: &Placed, b: &Placed) -> Separation {
+    let (edges_a, edges_b) = (edges(a), edges(b));
+    let between = b.center() - a.center();
+    let mut best: Option<(f64, Vector3<f64>, Kind)> = None;
+    let mut consider = |axis: Vector3<f64>, kind: Kind| {
+        let Some(n) = axis.try_normalize(1e-300) else { return };
+        let n = if n.dot(&between) < 0.0 { -n } else { n };
+        let apart = n.dot(&between) - reach(&edges_a, &n) - reach(&edges_b, &n);
+        // Edge pairs must be better by a hair, so that faces win ties: their witness points are steadier.
+        let hair = if matches!(kind, Kind::Edges(..)) { 1e-12 } else { 0.0 };
+        if best.is_none_or(|(d, ..)| apart > d + hair) {
+            best = Some((apart, n, kind));
+        }
+    };
+    if matches!(a.core, Core::Box { .. }) {
+        edges_a.iter().for_each(|e| consider(*e, Kind::FaceOfA));
+    }
+    if matches!(b.core, Core::Box { .. }) {
+        edges_b.iter().for_each(|e| consider(*e, Kind::FaceOfB));
+    }
+    for ea in edges_a {
+        for eb in edges_b {
+            // Unit vectors first: a thin plate's short edge is as good a direction as its long one.
+            let (Some(ua), Some(ub)) = (ea.try_normalize(1e-300), eb.try_normalize(1e-300)) else { continue };
+            let axis = ua.cross(&ub);
+            consider(axis, Kind::Edges(ea, eb));
+        }
+    }
+    let (distance, normal, kind) = best.unwrap_or((0.0, Vector3::x(), Kind::FaceOfA));
+    let points = match kind {
+        Kind::FaceOfA => {
+            let p = support_point(b, &-normal);
+            [p - normal * distance, p]
+        }
+        Kind::FaceOfB => {
+            let p = support_point(a, &normal);
+            [p, p + normal * distance]
+        }
+        Kind::Edges(ea, eb) => {
+            let edge = |placed: &Placed, edge: Vector3<f64>, n: Vector3<f64>| {
+                let middle = edges(placed)
+                    .iter()
+                    .filter(|e| (**e - edge).norm_squared() > 0.0)
+                    .fold(placed.center(), |p, e| if e.dot(&n) < 0.0 { p - e } else { p + e });
+                (middle, edge)
+            };
+            let (a, b) = (edge(a, ea, normal), edge(b, eb, -normal));
+            let (s, t) = closed::nearest_parameters(&a, &b);
+            let p: Point3<f64> = nalgebra::center(&(a.0 + a.1 * s), &(b.0 + b.1 * t));
+            [p - normal * (distance / 2.0), p + normal * (distance / 2.0)]
+        }
+    };
+    Separation { distance, normal, points }
+}
+
+#[derive(Clone, Copy)]
+enum Kind {
+    FaceOfA,
+    FaceOfB,
+    Edges(Vector3<f64>, Vector3<f64>),
+}
+
+/// Half edges in the world: three of a box, one of a segment; zeros where there is none.
+fn edges(placed: &Placed) -> [Vector3<f64>; 3] {
+    let rotation = placed.pose.rotation.to_rotation_matrix();
+    let m = rotation.matrix();
+    let column = |i: usize| Vector3::from(m.column(i));
+    match placed.core {
+        Core::Box { half } => [column(0) * half.x, column(1) * half.y, column(2) * half.z],
+        Core::Segment { half } | Core::Cylinder { half, .. } => [Vector3::zeros(), column(1) * half, Vector3::zeros()],
+        Core::Point => [Vector3::zeros(); 3],
+    }
+}
+
+fn reach(edges: &[Vector3<f64>; 3], n: &Vector3<f64>) -> f64 {
+    edges.iter().map(|e| e.dot(n).abs()).sum()
+}

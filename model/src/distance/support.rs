@@ -1,0 +1,153 @@
+//! Cores by their support points: parry's GJK where they are apart, separating axes or EPA where they overlap, each
+//! answer checked from the other side.
+
+use super::{Core, Separation, overlap};
+use nalgebra::{Isometry3, Point3, Vector3};
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::query::epa::EPA;
+use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
+use parry3d_f64::shape::SupportMap;
+
+/// A core and where it is.
+#[derive(Clone, Copy)]
+pub(super) struct Placed {
+    pub core: Core,
+    pub pose: Isometry3<f64>,
+}
+
+impl Placed {
+    pub fn center(&self) -> Point3<f64> {
+        self.pose.translation.vector.into()
+    }
+}
+
+impl SupportMap for Core {
+    fn local_support_point(&self, dir: Vector) -> Vector {
+        match *self {
+            Core::Point => Vector::ZERO,
+            Core::Segment { half } => Vector::new(0.0, half.copysign(dir.y), 0.0),
+            Core::Box { half } => Vector::new(half.x.copysign(dir.x), half.y.copysign(dir.y), half.z.copysign(dir.z)),
+            Core::Cylinder { half, radius } => {
+                let rho = (dir.x * dir.x + dir.z * dir.z).sqrt();
+                let k = if rho > 0.0 { radius / rho } else { 0.0 };
+                Vector::new(dir.x * k, half.copysign(dir.y), dir.z * k)
+            }
+        }
+    }
+}
+
+/// The point of a placed core that lies farthest along `direction`, world frame.
+pub(super) fn support_point(placed: &Placed, direction: &Vector3<f64>) -> Point3<f64> {
+    let local = placed.pose.rotation.inverse_transform_vector(direction);
+    let p = placed.core.local_support_point(Vector::new(local.x, local.y, local.z));
+    placed.pose * Point3::new(p.x, p.y, p.z)
+}
+
+/// How far the cores are apart along unit `n`: never more than their signed distance.
+pub(super) fn along(a: &Placed, b: &Placed, n: &Vector3<f64>) -> f64 {
+    (support_point(b, &-n) - support_point(a, n)).dot(n)
+}
+
+/// The signed separation of two cores, or `None` once they are surely farther apart than `cap`.
+pub(super) fn separation(
+    a: &Core,
+    world_from_a: &Isometry3<f64>,
+    b: &Core,
+    world_from_b: &Isometry3<f64>,
+    cap: f64,
+) -> Option<Separation> {
+    let a_from_b = world_from_a.inv_mul(world_from_b);
+    let here = Pose::from_parts(a_from_b.translation.vector.into(), a_from_b.rotation.into());
+    let mut simplex = VoronoiSimplex::new();
+    let start = Vector::from(-a_from_b.translation.vector);
+    let start = if start.length_squared() > 1e-24 { start.normalize() } else { Vector::X };
+    simplex.reset(CsoPoint::from_shapes(&here, a, b, start));
+    let local_placed = || (Placed { core: *a, pose: Isometry3::identity() }, Placed { core: *b, pose: a_from_b });
+    let world = |s: Separation| Separation {
+        distance: s.distance,
+        normal: world_from_a.rotation * s.normal,
+        points: [world_from_a * s.points[0], world_from_a * s.points[1]],
+    };
+    match gjk::closest_points(&here, a, b, cap, true, &mut simplex) {
+        GJKResult::NoIntersection(_) => None,
+        GJKResult::ClosestPoints(p, q, _) => {
+            let (p, q) = (Point3::new(p.x, p.y, p.z), Point3::new(q.x, q.y, q.z));
+            let apart = q - p;
+            let distance = apart.norm();
+            if distance > 1e-10 {
+                return Some(world(Separation { distance, normal: apart / distance, points: [p, q] }));
+            }
+            let (a, b) = local_placed();
+            Some(world(deepest(&a, &b, &here, &simplex)))
+        }
+        GJKResult::Intersection | GJKResult::Proximity(_) => {
+            let (a, b) = local_placed();
+            Some(world(deepest(&a, &b, &here, &simplex)))
+        }
+    }
+}
+
+/// The depth of overlapping cores.
+fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Separation {
+    let flat = |c: &Core| matches!(c, Core::Box { .. } | Core::Segment { .. });
+    if flat(&a.core) && flat(&b.core) {
+        return overlap::by_axes(a, b);
+    }
+    let mut best: Option<Separation> = None;
+    let mut consider = |n: Vector3<f64>, points: Option<[Point3<f64>; 2]>| {
+        let distance = along(a, b, &n);
+        if best.is_none_or(|s| distance > s.distance) {
+            let points = points.unwrap_or_else(|| {
+                let p = support_point(a, &n);
+                [p, p + n * distance]
+            });
+            best = Some(Separation { distance, normal: n, points });
+        }
+    };
+    if let Some((p, q, n)) = EPA::new().closest_points(here, &a.core, &b.core, simplex) {
+        let n = Vector3::new(n.x, n.y, n.z);
+        if let Some(n) = n.try_normalize(1e-12) {
+            let points = [Point3::new(p.x, p.y, p.z), Point3::new(q.x, q.y, q.z)];
+            consider(n, Some(points));
+            consider(-n, None);
+        }
+    }
+    for n in candidates(a, b) {
+        if let Some(n) = n.try_normalize(1e-9) {
+            consider(n, None);
+            consider(-n, None);
+        }
+    }
+    best.unwrap_or(Separation { distance: 0.0, normal: Vector3::x(), points: [a.center(), b.center()] })
+}
+
+/// Directions in which two overlapping shapes often part most easily.
+fn candidates(a: &Placed, b: &Placed) -> [Vector3<f64>; 18] {
+    let axis = |p: &Placed, i: usize| {
+        let mut e = Vector3::zeros();
+        e[i] = 1.0;
+        p.pose.rotation * e
+    };
+    let between = b.center() - a.center();
+    let mut all = [Vector3::zeros(); 18];
+    let mut next = 0;
+    let mut put = |v: Vector3<f64>| {
+        if let Some(slot) = all.get_mut(next) {
+            *slot = v;
+            next += 1;
+        }
+    };
+    put(between);
+    let main = |p: &Placed| axis(p, 1);
+    for (p, q) in [(a, b), (b, a)] {
+        if matches!(p.core, Core::Box { .. }) {
+            (0..3).for_each(|i| put(axis(p, i)));
+            (0..3).for_each(|i| put(axis(p, i).cross(&main(q))));
+        } else {
+            put(main(p));
+            put(between - main(p) * main(p).dot(&between));
+        }
+    }
+    put(main(a).cross(&main(b)));
+    all
+}

@@ -1,0 +1,172 @@
+//! The robots of a scene, prepared: solid shapes on moving frames, and the pairs that count.
+
+use super::edit::{check_count, check_pose, check_primitive};
+use super::travel::{Reach, Terms};
+use super::{SceneError, ShapeId, Skeleton};
+use crate::distance::Form;
+use crate::robot::Robot;
+use nalgebra::{Isometry3, Vector3};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// A shape of a robot or an object.
+#[derive(Clone, Debug)]
+pub(crate) struct Solid {
+    pub id: ShapeId,
+    pub form: Form,
+    /// Index of its frame among all frames of the scene; objects share the last one, the world.
+    pub frame: usize,
+    /// `frame_from_shape`.
+    pub pose: Isometry3<f64>,
+    /// Half the axis of its outer capsule, in its frame.
+    pub axis: Vector3<f64>,
+    /// Whether it takes part in no robot's motion.
+    pub fixed: bool,
+    /// Whether it belongs to a robot's base, which never meets the world.
+    pub near_root: bool,
+}
+
+/// Robots that stand in a world.
+#[derive(Debug)]
+pub(crate) struct Bodies {
+    pub robots: Vec<Arc<Robot>>,
+    pub skeletons: Vec<Skeleton>,
+    /// How far each robot's shapes move.
+    pub reach: Vec<Reach>,
+    /// Index of each robot's first motor among all motors of the scene.
+    pub first_motor: Vec<usize>,
+    /// Number of motors of all robots.
+    pub motors: usize,
+    /// Index of each robot's first frame.
+    pub first_frame: Vec<usize>,
+    /// Number of frames of all robots.
+    pub frames: usize,
+    /// Solids of all robots in order of their ids.
+    pub solids: Vec<Solid>,
+    /// Reflex pairs of robots with themselves and each other that can move against each other; indices, sorted.
+    pub moving: Vec<(u32, u32)>,
+    /// The same that can't.
+    pub fixed: Vec<(u32, u32)>,
+}
+
+impl Bodies {
+    pub fn new(robots: Vec<(Arc<Robot>, Isometry3<f64>)>) -> Result<Self, SceneError> {
+        check_count(robots.len(), || "robots of a scene".to_string())?;
+        let mut names = BTreeSet::new();
+        let mut bodies = Bodies {
+            robots: Vec::new(),
+            skeletons: Vec::new(),
+            reach: Vec::new(),
+            first_motor: Vec::new(),
+            motors: 0,
+            first_frame: Vec::new(),
+            frames: 0,
+            solids: Vec::new(),
+            moving: Vec::new(),
+            fixed: Vec::new(),
+        };
+        for (robot, base) in robots {
+            check(&robot, &base)?;
+            if !names.insert(robot.name.clone()) {
+                return Err(SceneError::Duplicate { kind: "robot", name: robot.name.clone() });
+            }
+            bodies.stand(robot, base);
+        }
+        bodies.moving.sort_unstable();
+        bodies.fixed.sort_unstable();
+        Ok(bodies)
+    }
+
+    fn stand(&mut self, robot: Arc<Robot>, base: Isometry3<f64>) {
+        let index = self.robots.len();
+        let skeleton = Skeleton::new(&robot, base);
+        let first_solid = self.solids.len();
+        // Per node, its solids as indices into all solids.
+        let mut of_node = Vec::with_capacity(robot.nodes.len());
+        for (n, node) in robot.nodes.iter().enumerate() {
+            let start = self.solids.len() as u32;
+            for (s, primitive) in node.solids.iter().enumerate() {
+                let id = ShapeId::Robot { robot: index as u16, node: n as u16, shape: s as u16 };
+                let form = Form::new(&primitive.shape);
+                let pose = skeleton.in_frame[n] * primitive.pose;
+                self.solids.push(Solid {
+                    id,
+                    form,
+                    frame: self.frames + skeleton.frame[n],
+                    pose,
+                    axis: pose.rotation * form.outer.0,
+                    fixed: skeleton.frame[n] == 0,
+                    near_root: node.near_root,
+                });
+            }
+            of_node.push(start..self.solids.len() as u32);
+        }
+        for &(a, b) in &robot.pairs.reflex {
+            let same = skeleton.frame[a] == skeleton.frame[b];
+            let list = if same { &mut self.fixed } else { &mut self.moving };
+            for i in of_node[a].clone() {
+                for j in of_node[b].clone() {
+                    // A node may be paired with itself; then each two of its shapes once.
+                    if a != b || i < j {
+                        list.push((i.min(j), i.max(j)));
+                    }
+                }
+            }
+        }
+        // Against the robots that stand here already: everything but base against base.
+        for i in 0..first_solid {
+            for j in first_solid..self.solids.len() {
+                let (a, b) = (&self.solids[i], &self.solids[j]);
+                if a.near_root && b.near_root {
+                    continue;
+                }
+                let list = if a.fixed && b.fixed { &mut self.fixed } else { &mut self.moving };
+                list.push((i as u32, j as u32));
+            }
+        }
+        self.reach.push(Reach::new(&skeleton, self.frames, &self.solids[first_solid..]));
+        self.first_motor.push(self.motors);
+        self.motors += robot.motors.len();
+        self.first_frame.push(self.frames);
+        self.frames += skeleton.frames();
+        self.skeletons.push(skeleton);
+        self.robots.push(robot);
+    }
+
+    /// How far the shapes of two frames of the scene can move against each other.
+    pub fn travel(&self, a: usize, b: usize) -> Terms {
+        let owner = |frame: usize| {
+            let robot = self.first_frame.partition_point(|first| *first <= frame).checked_sub(1)?;
+            let local = frame - self.first_frame[robot];
+            (local < self.skeletons[robot].frames()).then_some((robot, local))
+        };
+        let alone = |(r, f): (usize, usize)| self.reach[r].between(&self.skeletons[r], self.first_motor[r], f, 0);
+        match (owner(a), owner(b)) {
+            (Some((r, f)), Some((q, g))) if r == q => {
+                self.reach[r].between(&self.skeletons[r], self.first_motor[r], f, g)
+            }
+            (one, other) => one.into_iter().chain(other).flat_map(alone).collect(),
+        }
+    }
+
+    /// `world_from_frame` of all frames: robot by robot, then the world itself.
+    pub fn place<P: AsRef<[f64]>>(&self, poses: &[P], frames: &mut Vec<Isometry3<f64>>) {
+        frames.clear();
+        for (r, skeleton) in self.skeletons.iter().enumerate() {
+            skeleton.place(poses.get(r).map_or(&[], AsRef::as_ref), frames);
+        }
+        frames.push(Isometry3::identity());
+    }
+}
+
+fn check(robot: &Robot, base: &Isometry3<f64>) -> Result<(), SceneError> {
+    let what = format!("robot `{}`", robot.name);
+    check_pose(base, &what)?;
+    check_count(robot.nodes.len(), || format!("nodes of {what}"))?;
+    for (n, node) in robot.nodes.iter().enumerate() {
+        let what = format!("node {n} of {what}");
+        check_count(node.solids.len().max(node.fields.len()), || format!("shapes of {what}"))?;
+        node.solids.iter().chain(&node.fields).try_for_each(|p| check_primitive(p, &what))?;
+    }
+    Ok(())
+}

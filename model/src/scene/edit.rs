@@ -1,0 +1,181 @@
+//! Edits of a scene: each makes a new snapshot with a higher epoch, or none.
+
+use super::{Object, ObjectClass, Scene, World};
+use crate::robot::{Primitive, Shape};
+use nalgebra::Isometry3;
+use std::sync::Arc;
+
+/// A change to the objects of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Edit {
+    /// A new object.
+    Add(Object),
+    /// Takes an object away for good.
+    Remove {
+        /// Its name.
+        name: String,
+    },
+    /// Puts an object elsewhere.
+    Move {
+        /// Its name.
+        name: String,
+        /// The new `world_from_object`.
+        pose: Isometry3<f64>,
+    },
+    /// Makes an object an obstacle, a target or a ghost.
+    Class {
+        /// Its name.
+        name: String,
+        /// What it is from now on.
+        class: ObjectClass,
+    },
+    /// Takes all objects away but the persistent ones.
+    Clear,
+}
+
+/// Why a scene could not be made or edited; nothing has changed then.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SceneError {
+    /// Two of one name.
+    #[error("there are two {kind}s named `{name}`; give each its own name")]
+    Duplicate {
+        /// `robot` or `object`.
+        kind: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// No object of that name.
+    #[error("there is no object named `{name}`; the scene has {known}")]
+    Unknown {
+        /// The name.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// A persistent object can't be removed.
+    #[error("object `{name}` is persistent and stays; clear `persistent` in its file to make it removable")]
+    Persistent {
+        /// Its name.
+        name: String,
+    },
+    /// A number is infinite or not a number, or a size is not above zero.
+    #[error("{what} has a {quantity} that is not finite{positive}; correct that number")]
+    NotFinite {
+        /// Whose.
+        what: String,
+        /// Which.
+        quantity: &'static str,
+        /// For sizes: what they must be besides.
+        positive: &'static str,
+    },
+    /// More than fits.
+    #[error("{what}: at most {most} are possible; split or simplify it")]
+    TooMany {
+        /// Of what.
+        what: String,
+        /// The greatest number.
+        most: u32,
+    },
+}
+
+impl Scene {
+    /// The scene after an edit: a new snapshot with the epoch one higher. The old one stays valid.
+    ///
+    /// # Errors
+    /// If the object does not exist (or, for `Add`, exists already), is persistent (for `Remove`), or has a number that
+    /// is not finite.
+    pub fn edit(&self, edit: &Edit) -> Result<Scene, SceneError> {
+        self.with(|scene| match edit {
+            Edit::Add(object) => scene.add(object.clone()),
+            Edit::Remove { name } => {
+                let at = scene.find(name)?;
+                if scene.objects.get(at).is_some_and(|(_, o)| o.persistent) {
+                    return Err(SceneError::Persistent { name: name.clone() });
+                }
+                scene.objects.remove(at);
+                Ok(())
+            }
+            Edit::Move { name, pose } => scene.replace(name, |o| o.pose = *pose),
+            Edit::Class { name, class } => scene.replace(name, |o| o.class = *class),
+            Edit::Clear => {
+                scene.objects.retain(|(_, o)| o.persistent);
+                Ok(())
+            }
+        })
+    }
+
+    pub(super) fn with(&self, change: impl FnOnce(&mut Scene) -> Result<(), SceneError>) -> Result<Scene, SceneError> {
+        let mut next = self.clone();
+        change(&mut next)?;
+        next.epoch += 1;
+        next.world = Arc::new(World::new(&next.bodies, &next.objects));
+        Ok(next)
+    }
+
+    pub(super) fn add(&mut self, object: Object) -> Result<(), SceneError> {
+        check(&object)?;
+        if self.object(&object.name).is_some() {
+            return Err(SceneError::Duplicate { kind: "object", name: object.name });
+        }
+        let id = self.next_object;
+        let what = || "objects in the life of a scene".to_string();
+        self.next_object = id.checked_add(1).ok_or_else(|| SceneError::TooMany { what: what(), most: u32::MAX })?;
+        self.objects.push((id, Arc::new(object)));
+        Ok(())
+    }
+
+    fn find(&self, name: &str) -> Result<usize, SceneError> {
+        self.objects.iter().position(|(_, o)| o.name == name).ok_or_else(|| {
+            let names: Vec<_> = self.objects.iter().map(|(_, o)| format!("`{}`", o.name)).collect();
+            let known = if names.is_empty() { "no objects".to_string() } else { names.join(", ") };
+            SceneError::Unknown { name: name.to_string(), known }
+        })
+    }
+
+    fn replace(&mut self, name: &str, change: impl FnOnce(&mut Object)) -> Result<(), SceneError> {
+        let at = self.find(name)?;
+        if let Some((_, slot)) = self.objects.get_mut(at) {
+            let mut object = Object::clone(slot);
+            change(&mut object);
+            check(&object)?;
+            *slot = Arc::new(object);
+        }
+        Ok(())
+    }
+}
+
+fn check(object: &Object) -> Result<(), SceneError> {
+    let what = format!("object `{}`", object.name);
+    check_pose(&object.pose, &what)?;
+    check_count(object.shapes.len(), || format!("shapes of {what}"))?;
+    object.shapes.iter().try_for_each(|p| check_primitive(p, &what))
+}
+
+pub(super) fn check_primitive(primitive: &Primitive, what: &str) -> Result<(), SceneError> {
+    check_pose(&primitive.pose, what)?;
+    // A capsule without length is a ball, and a ball is fine.
+    let sizes = match primitive.shape {
+        Shape::Sphere { radius } => [radius; 3],
+        Shape::Cylinder { radius, height } => [radius, height, height],
+        Shape::Capsule { radius, height } => [radius, if height == 0.0 { 1.0 } else { height }, 1.0],
+        Shape::Box { size } => size.into(),
+    };
+    if sizes.iter().all(|s| s.is_finite() && *s > 0.0) {
+        Ok(())
+    } else {
+        Err(SceneError::NotFinite { what: what.to_string(), quantity: "size", positive: " and above zero" })
+    }
+}
+
+pub(super) fn check_pose(pose: &Isometry3<f64>, what: &str) -> Result<(), SceneError> {
+    let finite = pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite());
+    if finite { Ok(()) } else { Err(SceneError::NotFinite { what: what.to_string(), quantity: "pose", positive: "" }) }
+}
+
+pub(super) fn check_count(count: usize, what: impl FnOnce() -> String) -> Result<(), SceneError> {
+    if u16::try_from(count).is_ok() {
+        Ok(())
+    } else {
+        Err(SceneError::TooMany { what: what(), most: u32::from(u16::MAX) })
+    }
+}

@@ -1,0 +1,99 @@
+//! A robot boiled down to what moves: frames joined by moving joints.
+//!
+//! Nodes with no moving joint between them share a frame, so that a pose costs one rotation per moving joint and not
+//! one product per node, and two nodes are rigidly connected if and only if their frames are equal.
+
+use crate::robot::{NodeKind, Robot};
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
+
+/// The moving frames of one robot.
+#[derive(Clone, Debug)]
+pub(crate) struct Skeleton {
+    /// `world_from_robot`: frame 0.
+    pub base: Isometry3<f64>,
+    /// The joint that carries frame `i + 1`; a joint's parent frame has a lower number than its own.
+    pub joints: Vec<Hinge>,
+    /// Per node: its frame.
+    pub frame: Vec<usize>,
+    /// Per node: `frame_from_node`.
+    pub in_frame: Vec<Isometry3<f64>>,
+}
+
+/// A joint that moves.
+#[derive(Clone, Debug)]
+pub(crate) struct Hinge {
+    /// The frame it is fixed to.
+    pub parent: usize,
+    /// `parent_from_joint` at angle zero.
+    pub at: Isometry3<f64>,
+    /// Its axis in its own frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// Its motor.
+    pub motor: usize,
+    /// Motor limits, rad of encoder.
+    pub limits: (f64, f64),
+    /// The motor's home, for poses that lack it.
+    pub home: f64,
+    /// Angle at the motor's lower limit.
+    pub min: f64,
+    /// Radians of joint per radian of encoder.
+    pub gain: f64,
+}
+
+impl Hinge {
+    fn angle(&self, pose: &[f64]) -> f64 {
+        let q = pose.get(self.motor).copied().unwrap_or(self.home);
+        self.min + (q.max(self.limits.0).min(self.limits.1) - self.limits.0) * self.gain
+    }
+}
+
+impl Skeleton {
+    pub fn new(robot: &Robot, base: Isometry3<f64>) -> Self {
+        let mut skeleton = Skeleton { base, joints: Vec::new(), frame: Vec::new(), in_frame: Vec::new() };
+        // What the children of each node hang on: a frame and a place in it.
+        let mut below: Vec<(usize, Isometry3<f64>)> = Vec::new();
+        for node in &robot.nodes {
+            let (frame, here) = node.parent.and_then(|p| below.get(p)).copied().unwrap_or((0, Isometry3::identity()));
+            skeleton.frame.push(frame);
+            skeleton.in_frame.push(here);
+            below.push(match &node.kind {
+                NodeKind::Link { offset } => (frame, here * Translation3::from(*offset)),
+                NodeKind::Joint { axis, motor, min, max, .. } => match robot.motors.get(*motor) {
+                    Some(m) if m.max > m.min && max != min => {
+                        skeleton.joints.push(Hinge {
+                            parent: frame,
+                            at: here,
+                            axis: *axis,
+                            motor: *motor,
+                            limits: (m.min, m.max),
+                            home: m.home,
+                            min: *min,
+                            gain: (max - min) / (m.max - m.min),
+                        });
+                        (skeleton.joints.len(), Isometry3::identity())
+                    }
+                    _ => (frame, here * UnitQuaternion::from_axis_angle(axis, *min)),
+                },
+            });
+        }
+        skeleton
+    }
+
+    /// Number of frames, the base included.
+    pub fn frames(&self) -> usize {
+        self.joints.len() + 1
+    }
+
+    /// Appends `world_from_frame` of every frame.
+    pub fn place(&self, pose: &[f64], frames: &mut Vec<Isometry3<f64>>) {
+        let first = frames.len();
+        frames.push(self.base);
+        for joint in &self.joints {
+            let turn = UnitQuaternion::from_axis_angle(&joint.axis, joint.angle(pose));
+            let parent = frames[first + joint.parent];
+            let mut frame = parent * joint.at;
+            frame.rotation *= turn;
+            frames.push(frame);
+        }
+    }
+}
