@@ -1,1 +1,6 @@
 //! Who runs: supervision, driver, history, supervise, reflex, model, agent and journal as supervised actors.
+
+pub mod clock;
+pub mod stream;
+pub mod supervision;
+pub mod tap;

@@ -1,0 +1,116 @@
+//! The clock handle: the only place where time comes from.
+//!
+//! A virtual clock is tokio's paused clock on one thread: when every task waits, it jumps to the next timer, so hours of
+//! simulated time pass in seconds and two runs with one seed are equal message by message. A real clock is the monotonic
+//! clock of the machine. Both read as [`Time`] since the handle was made.
+
+use mobee_contract::Time;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::time::Duration;
+use tokio::runtime::{Builder, Runtime};
+use tokio::time::Instant;
+
+/// How time passes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ClockKind {
+    /// As fast as the work allows, and the same in every run.
+    #[default]
+    Virtual,
+    /// As on the wall.
+    Real,
+}
+
+impl fmt::Display for ClockKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            ClockKind::Virtual => "virtual",
+            ClockKind::Real => "real",
+        })
+    }
+}
+
+/// A runtime of one thread in which time passes as `kind` says.
+///
+/// # Errors
+/// If the operating system gives no timer or poller.
+pub fn runtime(kind: ClockKind) -> std::io::Result<Runtime> {
+    Builder::new_current_thread().enable_all().start_paused(kind == ClockKind::Virtual).build()
+}
+
+/// Tells the time since the run began, and waits. Cheap to clone.
+///
+/// To be used inside the runtime it was made in: a virtual clock does not pass outside of it.
+#[derive(Clone, Debug)]
+pub struct Clock {
+    kind: ClockKind,
+    start: Instant,
+}
+
+impl Clock {
+    /// Starts at [`Time::ZERO`], now. To be called inside the runtime.
+    #[allow(clippy::disallowed_methods)]
+    pub fn new(kind: ClockKind) -> Clock {
+        Clock { kind, start: Instant::now() }
+    }
+
+    /// How time passes.
+    pub fn kind(&self) -> ClockKind {
+        self.kind
+    }
+
+    /// The time since the run began.
+    #[allow(clippy::disallowed_methods)]
+    pub fn now(&self) -> Time {
+        Time::ZERO + Instant::now().duration_since(self.start)
+    }
+
+    /// Waits until `at`; not at all if that is past. Timers are as fine as tokio's: one millisecond.
+    pub async fn sleep_until(&self, at: Time) {
+        tokio::time::sleep_until(self.start + at.since(Time::ZERO)).await;
+    }
+
+    /// Waits for so long.
+    pub async fn sleep(&self, time: Duration) {
+        tokio::time::sleep(time).await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn virtual_hours_pass_at_once_and_exactly() {
+        let now = runtime(ClockKind::Virtual).unwrap().block_on(async {
+            let clock = Clock::new(ClockKind::Virtual);
+            for k in 1..=5400_u64 {
+                clock.sleep_until(Time(k * 1_000_000_000)).await;
+                assert_eq!(clock.now(), Time(k * 1_000_000_000));
+            }
+            clock.now()
+        });
+        assert_eq!(now, Time(5_400_000_000_000));
+    }
+
+    #[test]
+    fn a_past_time_is_not_waited_for() {
+        runtime(ClockKind::Virtual).unwrap().block_on(async {
+            let clock = Clock::new(ClockKind::Virtual);
+            clock.sleep(Duration::from_secs(3)).await;
+            clock.sleep_until(Time(1)).await;
+            assert_eq!(clock.now(), Time(3_000_000_000));
+        });
+    }
+
+    #[test]
+    fn a_real_clock_does_not_run_backwards() {
+        runtime(ClockKind::Real).unwrap().block_on(async {
+            let clock = Clock::new(ClockKind::Real);
+            let before = clock.now();
+            clock.sleep(Duration::from_millis(2)).await;
+            assert!(clock.now() >= before + Duration::from_millis(2));
+        });
+    }
+}

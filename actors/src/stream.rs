@@ -1,0 +1,147 @@
+//! A bounded stream into an actor, since ractor's mailboxes have no bound.
+//!
+//! ```text
+//! producer ──push──> [ bounded queue ] ──pop──> receiver's handler
+//!      └──── doorbell: one message, only if none is on its way ────┘
+//! ```
+//!
+//! A full queue drops its oldest item and counts it; a capacity of one is a latest-value cell. The queue belongs to neither
+//! end and survives both: a receiver that was restarted attaches its new doorbell, what was queued for its predecessor is
+//! dropped, and counted. So that nothing vanishes silently: sent = handled + queued + dropped (I6).
+
+use mobee_contract::Event;
+use std::collections::VecDeque;
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Tells the receiver that there is something to pop; `false` if there is no receiver (any more).
+pub type Doorbell = Box<dyn Fn() -> bool + Send + Sync>;
+
+/// How many items went through a stream: `sent = handled + queued + dropped`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Pushed.
+    pub sent: u64,
+    /// Popped.
+    pub handled: u64,
+    /// Waiting.
+    pub queued: u64,
+    /// Pushed out by newer ones, or lost with a receiver.
+    pub dropped: u64,
+}
+
+/// A bounded queue with a doorbell. Clones share it.
+pub struct Stream<T>(Arc<Inner<T>>);
+
+struct Inner<T> {
+    name: String,
+    capacity: usize,
+    ring: Mutex<Ring<T>>,
+}
+
+struct Ring<T> {
+    queue: VecDeque<T>,
+    doorbell: Option<Doorbell>,
+    /// Whether a doorbell message is on its way: the credit of one.
+    rung: bool,
+    sent: u64,
+    handled: u64,
+    dropped: u64,
+}
+
+impl<T> Ring<T> {
+    fn ring(&mut self) {
+        if !self.rung && !self.queue.is_empty() {
+            self.rung = self.doorbell.as_ref().is_some_and(|bell| bell());
+        }
+    }
+}
+
+impl<T> Stream<T> {
+    /// An empty stream that holds up to `capacity` items (at least one).
+    pub fn new(name: impl Into<String>, capacity: usize) -> Stream<T> {
+        let capacity = capacity.max(1);
+        let ring = Ring {
+            queue: VecDeque::with_capacity(capacity.min(64)),
+            doorbell: None,
+            rung: false,
+            sent: 0,
+            handled: 0,
+            dropped: 0,
+        };
+        Stream(Arc::new(Inner { name: name.into(), capacity, ring: Mutex::new(ring) }))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Ring<T>> {
+        self.0.ring.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Connects a receiver, in its start. What was queued for an earlier receiver is dropped and counted.
+    ///
+    /// The doorbell must only send a message: it is called with the stream locked.
+    pub fn attach(&self, doorbell: Doorbell) {
+        let mut ring = self.lock();
+        if ring.doorbell.is_some() {
+            ring.dropped += ring.queue.len() as u64;
+            ring.queue.clear();
+        }
+        ring.doorbell = Some(doorbell);
+        ring.rung = false;
+        ring.ring();
+    }
+
+    /// Adds an item, pushing out the oldest if full, and rings if no doorbell message is on its way.
+    pub fn push(&self, item: T) {
+        let mut ring = self.lock();
+        ring.sent += 1;
+        if ring.queue.len() >= self.0.capacity {
+            ring.queue.pop_front();
+            ring.dropped += 1;
+        }
+        ring.queue.push_back(item);
+        ring.ring();
+    }
+
+    /// Takes the oldest item. `None` gives the credit back: the next push rings again. So a receiver pops until `None`.
+    pub fn pop(&self) -> Option<T> {
+        let mut ring = self.lock();
+        let item = ring.queue.pop_front();
+        match item {
+            Some(_) => ring.handled += 1,
+            None => ring.rung = false,
+        }
+        item
+    }
+
+    /// Takes everything, oldest first, and gives the credit back.
+    pub fn drain(&self) -> Vec<T> {
+        let mut ring = self.lock();
+        ring.rung = false;
+        ring.handled += ring.queue.len() as u64;
+        ring.queue.drain(..).collect()
+    }
+
+    /// The counters now.
+    pub fn counters(&self) -> Counters {
+        let ring = self.lock();
+        Counters { sent: ring.sent, handled: ring.handled, queued: ring.queue.len() as u64, dropped: ring.dropped }
+    }
+
+    /// The counters as the event that a run ends with.
+    pub fn link(&self) -> Event {
+        let Counters { sent, handled, queued, dropped } = self.counters();
+        Event::Link { link: self.0.name.clone(), sent, handled, queued, dropped }
+    }
+}
+
+impl<T> Clone for Stream<T> {
+    fn clone(&self) -> Stream<T> {
+        Stream(self.0.clone())
+    }
+}
+
+impl<T> fmt::Debug for Stream<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Stream({}, {:?})", self.0.name, self.counters())
+    }
+}

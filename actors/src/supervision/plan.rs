@@ -1,0 +1,180 @@
+//! Who is stopped and started after a death: the strategies of OTP as a pure state machine.
+
+use mobee_contract::Time;
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Which siblings are restarted with a child that died.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Strategy {
+    /// None.
+    OneForOne,
+    /// All.
+    OneForAll,
+    /// Those started after it, since they may depend on it.
+    RestForOne,
+}
+
+/// When a child that ended is started again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Restart {
+    /// Always.
+    Permanent,
+    /// After a failure only: a panic, an error or a kill.
+    Transient,
+    /// Never.
+    Temporary,
+}
+
+/// How many restarts a group may need within a period before it gives up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Intensity {
+    /// Greatest number of restarts.
+    pub restarts: u32,
+    /// Within this time.
+    pub period: Duration,
+}
+
+/// What happened to a child.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// The group is to be started.
+    Begin,
+    /// The child came up.
+    Started(usize),
+    /// The child was stopped as asked.
+    Stopped(usize),
+    /// The child ended by itself, or could not be started.
+    Died {
+        /// Which.
+        child: usize,
+        /// By a failure, not in order.
+        failed: bool,
+    },
+    /// The group is to be stopped.
+    End,
+}
+
+/// What to do, one after the other. The steps of a later input replace those not yet done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// Stop this child and wait for its end.
+    Stop(usize),
+    /// Start this child.
+    Start(usize),
+    /// The budget is used up: fail, so that the parent sees it.
+    GiveUp,
+}
+
+/// A group of children, numbered in the order of their start.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    strategy: Strategy,
+    intensity: Intensity,
+    policies: Vec<Restart>,
+    up: Vec<bool>,
+    wanted: Vec<bool>,
+    restarts: VecDeque<Time>,
+    ended: bool,
+}
+
+impl Plan {
+    /// A group with nothing started yet.
+    pub fn new(strategy: Strategy, intensity: Intensity, policies: Vec<Restart>) -> Plan {
+        let n = policies.len();
+        Plan {
+            strategy,
+            intensity,
+            policies,
+            up: vec![false; n],
+            wanted: vec![true; n],
+            restarts: VecDeque::new(),
+            ended: false,
+        }
+    }
+
+    /// Takes an input, and says what is to be done now.
+    pub fn on(&mut self, input: Input, now: Time) -> Vec<Step> {
+        match input {
+            Input::Begin => self.start_missing(),
+            Input::Started(child) => {
+                set(&mut self.up, child, true);
+                Vec::new()
+            }
+            Input::Stopped(child) => {
+                set(&mut self.up, child, false);
+                if self.policies.get(child) == Some(&Restart::Temporary) {
+                    set(&mut self.wanted, child, false);
+                }
+                Vec::new()
+            }
+            Input::End => {
+                self.ended = true;
+                self.stop(0..self.up.len())
+            }
+            Input::Died { child, failed } => self.died(child, failed, now),
+        }
+    }
+
+    /// Whether a child runs.
+    pub fn is_up(&self, child: usize) -> bool {
+        self.up.get(child).copied().unwrap_or(false)
+    }
+
+    /// Restarts within the period up to `now`.
+    pub fn restarts(&self, now: Time) -> u32 {
+        let recent = self.restarts.iter().filter(|t| now.since(**t) < self.intensity.period).count();
+        u32::try_from(recent).unwrap_or(u32::MAX)
+    }
+
+    fn died(&mut self, child: usize, failed: bool, now: Time) -> Vec<Step> {
+        set(&mut self.up, child, false);
+        let again = match self.policies.get(child) {
+            Some(Restart::Permanent) => true,
+            Some(Restart::Transient) => failed,
+            Some(Restart::Temporary) | None => false,
+        };
+        set(&mut self.wanted, child, again);
+        if self.ended || !again {
+            return Vec::new();
+        }
+        let period = self.intensity.period;
+        self.restarts.retain(|t| now.since(*t) < period);
+        self.restarts.push_back(now);
+        if self.restarts(now) > self.intensity.restarts {
+            self.ended = true;
+            let mut steps = self.stop(0..self.up.len());
+            steps.push(Step::GiveUp);
+            return steps;
+        }
+        let mut steps = match self.strategy {
+            Strategy::OneForOne => Vec::new(),
+            Strategy::OneForAll => self.stop(0..self.up.len()),
+            Strategy::RestForOne => self.stop(child..self.up.len()),
+        };
+        // a temporary child that is stopped with the others does not come back either, as in OTP
+        let back = |i: usize| !self.is_up(i) || self.policies.get(i) != Some(&Restart::Temporary);
+        let missing = |i: usize| !self.is_up(i) || steps.contains(&Step::Stop(i));
+        let starts: Vec<Step> = (0..self.up.len())
+            .filter(|i| self.wanted.get(*i) == Some(&true) && missing(*i) && back(*i))
+            .map(Step::Start)
+            .collect();
+        steps.extend(starts);
+        steps
+    }
+
+    /// Stops in reverse order those of `range` that run.
+    fn stop(&self, range: std::ops::Range<usize>) -> Vec<Step> {
+        range.rev().filter(|i| self.is_up(*i)).map(Step::Stop).collect()
+    }
+
+    fn start_missing(&self) -> Vec<Step> {
+        (0..self.up.len()).filter(|i| !self.is_up(*i)).map(Step::Start).collect()
+    }
+}
+
+fn set(flags: &mut [bool], i: usize, value: bool) {
+    if let Some(flag) = flags.get_mut(i) {
+        *flag = value;
+    }
+}

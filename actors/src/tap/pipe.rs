@@ -1,0 +1,269 @@
+//! One sink behind its bounded queue, on its own thread.
+
+use super::SinkSpec;
+use crate::clock::ClockKind;
+use mobee_contract::{Entry, Event, Pose, Sink, Time};
+use mobee_model::Contact;
+use std::collections::{BTreeMap, VecDeque};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// How long entries may wait for more to come, so that the sink's thread is woken rarely.
+const GATHER: Duration = Duration::from_millis(20);
+
+/// What became of the entries of a sink.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SinkReport {
+    /// The sink.
+    pub name: String,
+    /// Entries told.
+    pub sent: u64,
+    /// Entries written.
+    pub handled: u64,
+    /// Entries that waited when the sink was closed after an error.
+    pub queued: u64,
+    /// Entries dropped.
+    pub dropped: u64,
+    /// Why it could not be written to the end.
+    pub error: Option<String>,
+}
+
+impl SinkReport {
+    /// As the event that a run ends with.
+    pub fn link(&self) -> Event {
+        let SinkReport { name, sent, handled, queued, dropped, .. } = self.clone();
+        Event::Link { link: name, sent, handled, queued, dropped }
+    }
+}
+
+pub(super) struct Pipe {
+    spec: SinkSpec,
+    virtual_time: bool,
+    shared: Arc<Shared>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+struct Shared {
+    queue: Mutex<Queue>,
+    filled: Condvar,
+    emptied: Condvar,
+}
+
+#[derive(Default)]
+struct Queue {
+    entries: VecDeque<(Time, Entry)>,
+    /// Taken by the thread and not written yet.
+    in_hand: usize,
+    /// The sink's thread sleeps.
+    asleep: bool,
+    closed: bool,
+    /// Why the thread has ended before its time.
+    error: Option<String>,
+    /// Something was lost that must not be.
+    lost: Option<String>,
+    sent: u64,
+    handled: u64,
+    dropped: u64,
+    /// Per robot: the span of its last pose, and whether it was in contact.
+    last: BTreeMap<usize, (u64, bool)>,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Pipe {
+    pub(super) fn spawn(clock: ClockKind, spec: SinkSpec) -> Result<Pipe, String> {
+        let spec = SinkSpec { capacity: spec.capacity.max(1), ..spec };
+        let shared = Shared { queue: Mutex::default(), filled: Condvar::new(), emptied: Condvar::new() };
+        let pipe = Pipe {
+            spec,
+            virtual_time: clock == ClockKind::Virtual,
+            shared: Arc::new(shared),
+            thread: Mutex::new(None),
+        };
+        pipe.open()?;
+        Ok(pipe)
+    }
+
+    pub(super) fn name(&self) -> &str {
+        &self.spec.name
+    }
+
+    pub(super) fn is_essential(&self) -> bool {
+        self.spec.essential
+    }
+
+    /// Opens the sink (again) and starts its thread, which begins with what waits in the queue.
+    pub(super) fn open(&self) -> Result<(), String> {
+        let mut sink = (self.spec.open)().map_err(|e| format!("{}: {e}", self.spec.name))?;
+        self.shared.lock().error = None;
+        let shared = self.shared.clone();
+        let work = move || {
+            let end = catch_unwind(AssertUnwindSafe(|| serve(&shared, sink.as_mut())));
+            let error = match end {
+                Ok(Ok(())) => None,
+                Ok(Err(e)) => Some(e),
+                Err(panic) => Some(panic_text(panic.as_ref())),
+            };
+            let mut queue = shared.lock();
+            queue.error = error;
+            shared.emptied.notify_all();
+        };
+        let thread = std::thread::Builder::new().name(self.spec.name.clone()).spawn(work);
+        let thread = thread.map_err(|e| format!("{}: no thread: {e}", self.spec.name))?;
+        *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread);
+        Ok(())
+    }
+
+    pub(super) fn push_pose(&self, at: Time, robot: usize, q: &Pose, contacts: &Arc<[Contact]>) {
+        let Some(period) = self.spec.poses else { return };
+        let mut queue = self.shared.lock();
+        let now = (at.0.checked_div(u64::try_from(period.as_nanos()).unwrap_or(u64::MAX)), !contacts.is_empty());
+        if let (Some(span), touching) = now
+            && queue.last.insert(robot, (span, touching)) == Some((span, touching))
+        {
+            return;
+        }
+        let entry = Entry::Pose { robot, q: q.clone(), contacts: contacts.clone() };
+        self.put(queue, at, entry);
+    }
+
+    pub(super) fn push(&self, at: Time, entry: &Entry) {
+        if self.spec.poses.is_none() && !matches!(entry, Entry::Event(_)) {
+            return;
+        }
+        self.put(self.shared.lock(), at, entry.clone());
+    }
+
+    fn put(&self, mut queue: MutexGuard<'_, Queue>, at: Time, entry: Entry) {
+        if queue.closed {
+            return;
+        }
+        queue.sent += 1;
+        let full = |queue: &Queue| queue.entries.len() + queue.in_hand >= self.spec.capacity;
+        while self.virtual_time && full(&queue) && queue.error.is_none() {
+            self.shared.filled.notify_one();
+            queue = self.shared.emptied.wait(queue).unwrap_or_else(PoisonError::into_inner);
+        }
+        if full(&queue) {
+            let pose = queue.entries.iter().position(|(_, e)| matches!(e, Entry::Pose { .. }));
+            queue.dropped += 1;
+            match pose {
+                Some(oldest) => drop(queue.entries.remove(oldest)),
+                None if matches!(entry, Entry::Pose { .. }) => return,
+                None if self.spec.essential => {
+                    let why = queue.error.clone().unwrap_or_else(|| "the disk can't keep up".into());
+                    queue.lost.get_or_insert(format!("{} lost an event: {why}", self.spec.name));
+                    return;
+                }
+                None => {
+                    // the thread may hold all of them
+                    if queue.entries.pop_front().is_none() {
+                        return;
+                    }
+                }
+            }
+        }
+        let urgent = !self.virtual_time && matches!(entry, Entry::Event(_));
+        queue.entries.push_back((at, entry));
+        if queue.asleep && (urgent || queue.entries.len() * 2 >= self.spec.capacity) {
+            queue.asleep = false;
+            self.shared.filled.notify_one();
+        }
+    }
+
+    /// Why the thread has ended, if it has before its time.
+    pub(super) fn error(&self) -> Option<String> {
+        self.shared.lock().error.clone()
+    }
+
+    /// Drops what can't be written any more, so that nobody waits for this sink again.
+    pub(super) fn drop_queued(&self) {
+        let mut queue = self.shared.lock();
+        queue.dropped += queue.entries.len() as u64;
+        queue.entries.clear();
+    }
+
+    /// Entries dropped so far.
+    pub(super) fn dropped(&self) -> u64 {
+        self.shared.lock().dropped
+    }
+
+    /// For an essential sink: why the record is not complete, or not being written now.
+    pub(super) fn broken(&self) -> Option<String> {
+        if !self.spec.essential {
+            return None;
+        }
+        let queue = self.shared.lock();
+        queue.lost.clone().or_else(|| queue.error.as_ref().map(|e| format!("{}: {e}", self.spec.name)))
+    }
+
+    pub(super) fn finish(&self) -> SinkReport {
+        self.shared.lock().closed = true;
+        self.shared.filled.notify_one();
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let joined = thread.is_none_or(|t| t.join().is_ok());
+        let queue = self.shared.lock();
+        SinkReport {
+            name: self.spec.name.clone(),
+            sent: queue.sent,
+            handled: queue.handled,
+            queued: queue.entries.len() as u64,
+            dropped: queue.dropped,
+            error: queue.lost.clone().or_else(|| queue.error.clone()).or((!joined).then(|| "its thread died".into())),
+        }
+    }
+}
+
+/// The thread of a sink: writes what comes until the pipe is closed. An entry that failed goes back to the queue.
+fn serve(shared: &Shared, sink: &mut dyn Sink) -> Result<(), String> {
+    let mut batch = VecDeque::new();
+    loop {
+        let mut queue = shared.lock();
+        if queue.entries.is_empty() && queue.closed {
+            drop(queue);
+            return sink.flush();
+        }
+        if queue.entries.is_empty() {
+            drop(queue);
+            sink.flush()?;
+            queue = shared.lock();
+        }
+        while queue.entries.is_empty() && !queue.closed {
+            queue.asleep = true;
+            queue = shared.filled.wait_timeout(queue, GATHER).unwrap_or_else(PoisonError::into_inner).0;
+            queue.asleep = false;
+        }
+        std::mem::swap(&mut batch, &mut queue.entries);
+        queue.in_hand = batch.len();
+        drop(queue);
+        let end = catch_unwind(AssertUnwindSafe(|| {
+            while let Some((at, entry)) = batch.front() {
+                sink.write(*at, entry)?;
+                batch.pop_front();
+            }
+            Ok(())
+        }));
+        let mut queue = shared.lock();
+        queue.handled += (queue.in_hand - batch.len()) as u64;
+        queue.in_hand = 0;
+        if !batch.is_empty() {
+            batch.append(&mut queue.entries);
+            std::mem::swap(&mut batch, &mut queue.entries);
+        }
+        shared.emptied.notify_all();
+        drop(queue);
+        end.unwrap_or_else(|panic| Err(panic_text(panic.as_ref())))?;
+    }
+}
+
+fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(ToString::to_string);
+    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+    format!("it panicked: {}", text.unwrap_or_else(|| "no message".into()))
+}

@@ -1,0 +1,147 @@
+//! Taps: nothing is lost unnoticed, and nobody waits in real time.
+
+use mobee_actors::clock::{Clock, ClockKind, runtime};
+use mobee_actors::tap::{SinkSpec, TapActor, Taps};
+use mobee_contract::{Entry, Event, Sink, Time};
+use ractor::Actor;
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+
+/// A gate that a sink waits at before each entry, and what it wrote.
+#[derive(Default)]
+struct Board {
+    state: Mutex<(bool, Vec<String>, u32)>,
+    moved: Condvar,
+}
+
+impl Board {
+    fn open_gate(&self) {
+        self.state.lock().unwrap().0 = true;
+        self.moved.notify_all();
+    }
+    fn written(&self) -> Vec<String> {
+        self.state.lock().unwrap().1.clone()
+    }
+}
+
+struct Slow(Arc<Board>);
+
+impl Sink for Slow {
+    fn write(&mut self, _: Time, entry: &Entry) -> Result<(), String> {
+        let mut state = self.0.state.lock().unwrap();
+        while !state.0 {
+            state = self.0.moved.wait(state).unwrap();
+        }
+        let text = match entry {
+            Entry::Event(e) => match &**e {
+                Event::Warning { text } if text == "fail" && state.2 == 0 => {
+                    state.2 += 1;
+                    return Err("planned".into());
+                }
+                Event::Warning { text } if text == "panic" && state.2 == 0 => {
+                    state.2 += 1;
+                    drop(state);
+                    panic!("planned panic")
+                }
+                Event::Warning { text } => text.clone(),
+                other => format!("{other:?}"),
+            },
+            Entry::Pose { robot, .. } => format!("pose {robot}"),
+            Entry::Scene(_) => "scene".into(),
+        };
+        state.1.push(text);
+        Ok(())
+    }
+    fn flush(&mut self) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+fn spec(name: &str, essential: bool, board: &Arc<Board>, capacity: usize) -> SinkSpec {
+    let board = board.clone();
+    SinkSpec {
+        name: name.into(),
+        essential,
+        poses: (!essential).then_some(Duration::from_millis(50)),
+        capacity,
+        open: Arc::new(move || Ok(Box::new(Slow(board.clone())))),
+    }
+}
+
+fn warning(text: impl Into<String>) -> Event {
+    Event::Warning { text: text.into() }
+}
+
+#[test]
+fn in_virtual_time_a_full_queue_is_waited_for() {
+    let board = Arc::new(Board::default());
+    let taps = Taps::spawn(ClockKind::Virtual, vec![spec("journal", true, &board, 4)]).unwrap();
+    board.open_gate();
+    (0..1000).for_each(|i| taps.event(Time(i), warning(i.to_string())));
+    let reports = taps.finish(Time(1000), Event::Ended { reason: "done".into() });
+    assert_eq!((reports[0].sent, reports[0].handled, reports[0].dropped), (1001, 1001, 0));
+    assert_eq!(board.written()[..1000], (0..1000).map(|i| i.to_string()).collect::<Vec<_>>());
+}
+
+#[test]
+fn in_real_time_a_frozen_recorder_drops_poses_first_and_counts() {
+    let (frozen, open) = (Arc::new(Board::default()), Arc::new(Board::default()));
+    open.open_gate();
+    let specs = vec![spec("journal", true, &open, 100), spec("recorder", false, &frozen, 10)];
+    let taps = Taps::spawn(ClockKind::Real, specs).unwrap();
+    let (q, contacts) = (vec![0.0].into(), Vec::new().into());
+    for k in 0..5 {
+        taps.event(Time(k), warning(format!("e{k}")));
+    }
+    for k in 0..200 {
+        taps.pose(Time(k * 10_000_000), 0, &q, &contacts);
+    }
+    assert_eq!(taps.failed(), None);
+    frozen.open_gate();
+    let reports = taps.finish(Time(9), Event::Ended { reason: "done".into() });
+    let recorder = &reports[0];
+    assert_eq!(recorder.sent, 5 + 40 + 1, "poses thinned to 20 Hz");
+    assert_eq!(recorder.sent, recorder.handled + recorder.queued + recorder.dropped);
+    assert!(recorder.dropped >= 30);
+    assert!((0..5).all(|k| frozen.written().contains(&format!("e{k}"))), "no event went before the poses");
+    assert!(open.written().iter().any(|l| l.starts_with("Link")), "the journal has the loss");
+}
+
+#[test]
+fn a_lost_event_of_the_journal_is_a_lasting_fault() {
+    let frozen = Arc::new(Board::default());
+    let taps = Taps::spawn(ClockKind::Real, vec![spec("journal", true, &frozen, 3)]).unwrap();
+    (0..3).for_each(|k| taps.event(Time(k), warning("x")));
+    assert_eq!(taps.failed(), None);
+    (0..3).for_each(|k| taps.event(Time(k), warning("x")));
+    frozen.open_gate();
+    assert!(taps.failed().unwrap().contains("journal lost an event"));
+    assert!(taps.finish(Time(9), Event::Ended { reason: "done".into() })[0].error.is_some());
+}
+
+#[test]
+fn a_sink_that_fails_or_panics_is_opened_anew_and_writes_the_entry_it_failed_at() {
+    for trouble in ["fail", "panic"] {
+        let board = Arc::new(Board::default());
+        board.open_gate();
+        let rt = runtime(ClockKind::Virtual).unwrap();
+        rt.block_on(async {
+            let clock = Clock::new(ClockKind::Virtual);
+            let taps = Taps::spawn(ClockKind::Virtual, vec![spec("journal", true, &board, 2)]).unwrap();
+            let args = (taps.clone(), clock.clone(), "journal".to_string());
+            let (actor, _) = Actor::spawn(None, TapActor, args).await.unwrap();
+            taps.event(Time(1), warning(trouble));
+            while taps.failed().is_none() {
+                std::thread::yield_now();
+            }
+            clock.sleep(Duration::from_secs(2)).await;
+            assert_eq!(taps.failed(), None);
+            actor.stop(None);
+            let reports = taps.finish(clock.now(), Event::Ended { reason: "done".into() });
+            assert_eq!((reports[0].sent, reports[0].handled), (3, 3));
+            let written = board.written();
+            assert_eq!(written[0], trouble);
+            assert!(written[1].contains("planned") && written[1].contains("opened anew"));
+        });
+    }
+}
