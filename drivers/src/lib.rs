@@ -1,1 +1,41 @@
 //! What MoBeE drives: the simulated robot behind the driver contract.
+//!
+//! ```text
+//! settings ──> SimHardware ──connect──> SimDriver (one per life of a driver actor)
+//!                  │                        │ command, lease, sample
+//!                  └── one simulated board: Plant (motors) + encoders + injected faults
+//! ```
+//!
+//! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], the faults it can be given ([`SimFaults`]), the conformance suite that every
+//!   driver must pass ([`conformance`]), and the estimate of reaction and braking path ([`braking`]).
+//! * Accepts: `Command`s and leases of the driver contract. Emits: `Sample`s.
+//! * Promises: limits of position, speed and acceleration are never exceeded; nothing moves without a lease; the plant outlives
+//!   its drivers; the same seed and the same calls give the same readings.
+//!
+//! ```
+//! use mobee_contract::{Axis, Command, Driver, Hardware, Move, Time};
+//! use mobee_drivers::{SimHardware, SimSettings};
+//! use std::time::Duration;
+//!
+//! let axis = Axis { name: "elbow".into(), min: 0.0, max: 1.8, max_speed: 1.7, max_acceleration: 3.5 };
+//! let hardware = SimHardware::with_axes(vec![axis], &[0.5], &SimSettings::default(), 7);
+//! let mut driver = hardware.connect()?;
+//! driver.lease(Time::ZERO, Time::from_secs(10.0));
+//! let there = Move { motors: vec![0], q: vec![1.0], relative: false, speed: Some(vec![1.0]), acceleration: None };
+//! driver.command(Time::ZERO, &Command::Move(there))?;
+//! let sample = driver.sample(Time::from_secs(5.0))?.expect("a reading every 10 ms");
+//! assert!(sample.done[0] && (sample.q[0] - 1.0).abs() < 0.001);
+//! # Ok::<(), mobee_contract::DriverFault>(())
+//! ```
+
+mod encoders;
+mod faults;
+pub mod path;
+mod plant;
+mod settings;
+mod sim;
+
+pub use faults::{Fault, FaultId, SimFaults};
+pub use plant::Plant;
+pub use settings::SimSettings;
+pub use sim::{SimDriver, SimHardware};

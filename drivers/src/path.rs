@@ -1,0 +1,119 @@
+//! The path of one motor over time, in closed form: where it is, how fast, and when it comes to rest.
+//!
+//! ```text
+//! trapezoidal   accelerate, cruise, decelerate: pieces of constant acceleration
+//! minimum_jerk  one polynomial of degree five
+//! brake         one piece at the greatest deceleration
+//! follow        catch up with a moving set-point, stay on it, then stop there (position-direct)
+//! ```
+//! A path has a bounded speed and acceleration, starts from any position and speed without a jump in either, and ends at rest.
+
+mod follow;
+mod pieces;
+mod quintic;
+
+pub use follow::{Leg, follow};
+pub use pieces::{Pieces, brake, trapezoid};
+pub use quintic::Quintic;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How a board shapes its position moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Profile {
+    /// Minimum-jerk trajectories, as the control boards of the iCub make them.
+    #[default]
+    MinimumJerk,
+    /// Constant acceleration, constant speed, constant deceleration.
+    Trapezoidal,
+}
+
+/// Where a motor is: position (rad), speed (rad/s), acceleration (rad/s^2).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// Position, rad.
+    pub q: f64,
+    /// Speed, rad/s.
+    pub v: f64,
+    /// Acceleration, rad/s^2.
+    pub a: f64,
+}
+
+impl State {
+    /// At rest at `q`.
+    pub fn rest(q: f64) -> State {
+        State { q, v: 0.0, a: 0.0 }
+    }
+}
+
+/// Speed (rad/s) and acceleration (rad/s^2) that a path may use.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Speed, rad/s, above zero.
+    pub speed: f64,
+    /// Acceleration, rad/s^2, above zero.
+    pub acceleration: f64,
+}
+
+/// A motor's motion, as a function of the seconds since it began.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Path {
+    /// Rests there.
+    Rest(f64),
+    /// Moves in pieces of constant acceleration.
+    Pieces(Pieces),
+    /// Moves along a polynomial.
+    Quintic(Quintic),
+}
+
+impl Path {
+    /// A position move from `from` to a rest at `to`.
+    ///
+    /// `reference` is what the move asks for, `greatest` what the motor can do; the latter is used only to brake where
+    /// the former would overshoot. A minimum-jerk move that starts from rest takes
+    /// `T = max(1.875 d / speed, sqrt(5.774 d / acceleration))`, at which the peaks of speed and acceleration keep to the references (Flash and
+    /// Hogan, 1985); one that starts in mid-motion uses the shortest such polynomial found that neither turns back nor breaks the bounds, and where
+    /// there is none a trapezoid.
+    pub fn to(profile: Profile, from: State, to: f64, reference: Bounds, greatest: Bounds) -> Path {
+        if from.v == 0.0 && from.q == to {
+            return Path::Rest(to);
+        }
+        let quintic = match profile {
+            Profile::MinimumJerk => Quintic::to(from, to, reference),
+            Profile::Trapezoidal => None,
+        };
+        match quintic {
+            Some(q) => Path::Quintic(q),
+            None => Path::Pieces(trapezoid(from, to, reference, greatest.acceleration)),
+        }
+    }
+
+    /// State after `t` seconds.
+    pub fn at(&self, t: f64) -> State {
+        match self {
+            Path::Rest(q) => State::rest(*q),
+            Path::Pieces(p) => p.at(t),
+            Path::Quintic(p) => p.at(t),
+        }
+    }
+
+    /// Seconds from the beginning to the rest.
+    pub fn duration(&self) -> f64 {
+        match self {
+            Path::Rest(_) => 0.0,
+            Path::Pieces(p) => p.duration(),
+            Path::Quintic(p) => p.duration(),
+        }
+    }
+
+    /// Where it comes to rest.
+    pub fn end(&self) -> f64 {
+        match self {
+            Path::Rest(q) => *q,
+            Path::Pieces(p) => p.end(),
+            Path::Quintic(p) => p.end(),
+        }
+    }
+}

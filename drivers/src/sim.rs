@@ -1,0 +1,238 @@
+//! The simulated robot as hardware: one board that outlives its drivers, and the drivers themselves.
+
+use crate::encoders::Encoders;
+use crate::faults::{Active, Fault};
+use crate::{Plant, SimFaults, SimSettings};
+use mobee_contract as contract;
+use mobee_contract::{Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Sample, Time};
+use serde_json::Value;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+inventory::submit! {
+    contract::DriverKind {
+        name: "sim",
+        doc: "A simulated robot inside the program. It behaves as a YARP control board does: position moves of one, some or all motors with \
+              reference speeds and accelerations, relative moves, stop, motion-done, limits, control modes and position-direct set-points. Motions keep to \
+              speed and acceleration limits, braking takes its time, commands arrive late, and the encoders have a rate, a resolution, noise and jitter. \
+              It stops by itself when its lease runs out.",
+        schema: || schemars::schema_for!(SimSettings),
+        build: |settings, context| Ok(Arc::new(SimHardware::build(settings, context)?)),
+    }
+}
+
+/// What all drivers of one simulated robot share: the hardware itself.
+#[derive(Debug)]
+pub struct Board {
+    plant: Plant,
+    encoders: Encoders,
+    latency: Duration,
+    /// The newest reading, until it is fetched.
+    unread: Option<Sample>,
+    pub faults: Vec<Active>,
+    pub faults_made: u64,
+}
+
+/// Hardware does not break because a program crashed while it talked to it.
+pub fn lock(board: &Mutex<Board>) -> MutexGuard<'_, Board> {
+    board.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A simulated robot. It goes on living when its driver dies; see [`Hardware`].
+#[derive(Clone, Debug)]
+pub struct SimHardware {
+    board: Arc<Mutex<Board>>,
+    facts: contract::Board,
+}
+
+impl SimHardware {
+    /// From the settings in a config file.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn build(settings: &Value, context: &Context) -> Result<SimHardware, KindError> {
+        let settings: SimSettings = contract::settings(settings)?;
+        SimHardware::new(&settings, context)
+    }
+
+    /// A simulation of the context's robot, at rest where the settings say.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn new(settings: &SimSettings, context: &Context) -> Result<SimHardware, KindError> {
+        settings.validate()?;
+        let start = settings.start(&context.robot)?;
+        Ok(SimHardware::with_axes(settings.axes(&context.robot), &start, settings, context.seed))
+    }
+
+    /// A simulation of motors without a robot model. The axes' own limits count, not those of the settings, which are believed unchecked.
+    pub fn with_axes(axes: Vec<Axis>, start: &[f64], settings: &SimSettings, seed: u64) -> SimHardware {
+        let facts = contract::Board {
+            axes: axes.clone(),
+            period: settings.period(),
+            latency: settings.latency(),
+            position_direct: true,
+        };
+        let board = Board {
+            plant: Plant::new(axes, start, settings.profile),
+            encoders: Encoders::new(settings, seed),
+            latency: settings.latency(),
+            unread: None,
+            faults: Vec::new(),
+            faults_made: 0,
+        };
+        SimHardware { board: Arc::new(Mutex::new(board)), facts }
+    }
+
+    /// A handle to give it faults.
+    pub fn faults(&self) -> SimFaults {
+        SimFaults { board: self.board.clone() }
+    }
+
+    /// Where the motors really are, whatever the encoders say, rad: for tests that compare.
+    pub fn positions(&self, now: Time) -> Vec<f64> {
+        let mut board = lock(&self.board);
+        board.advance(now);
+        board.plant.positions().collect()
+    }
+
+    /// How fast the motors really are, rad/s.
+    pub fn speeds(&self, now: Time) -> Vec<f64> {
+        let mut board = lock(&self.board);
+        board.advance(now);
+        board.plant.speeds().collect()
+    }
+}
+
+impl Hardware for SimHardware {
+    fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
+        let board = lock(&self.board);
+        // a planned loss has an end that only passing time brings, and connecting tells no time: its driver reports it
+        if board.faults.iter().any(|f| f.fault == Fault::Lost && f.is_open()) {
+            return Err(DriverFault::Lost);
+        }
+        Ok(Box::new(SimDriver { board: self.board.clone(), facts: self.facts.clone() }))
+    }
+}
+
+/// A connection to a simulated robot.
+#[derive(Debug)]
+pub struct SimDriver {
+    board: Arc<Mutex<Board>>,
+    facts: contract::Board,
+}
+
+impl Driver for SimDriver {
+    fn board(&self) -> &contract::Board {
+        &self.facts
+    }
+
+    fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault> {
+        let mut board = lock(&self.board);
+        board.advance(now);
+        board.trouble(now)?;
+        let extra: Duration = board
+            .on(now)
+            .filter_map(|f| if let Fault::Slow { extra } = f.fault { Some(extra) } else { None })
+            .sum();
+        let latency = board.latency + extra;
+        board.plant.command(now, command, latency).map_err(DriverFault::Refused)
+    }
+
+    fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault> {
+        let mut board = lock(&self.board);
+        board.advance(now);
+        board.trouble(now)?;
+        if board.on(now).any(|f| f.fault == Fault::Silent) {
+            return Ok(None);
+        }
+        Ok(board.unread.take())
+    }
+
+    fn next_sample(&self, now: Time) -> Time {
+        let board = lock(&self.board);
+        // a reading that nobody fetched yet can be had at once, unless a fault withholds it
+        let withheld = board.on(now).any(|f| f.withholds());
+        let due = board.encoders.due();
+        if board.unread.is_some() && !withheld { now } else { due.max(now) }
+    }
+
+    fn lease(&mut self, now: Time, until: Time) {
+        let mut board = lock(&self.board);
+        board.advance(now);
+        if board.trouble(now).is_ok() {
+            board.plant.lease(now, until);
+        }
+    }
+
+    fn modes(&self) -> Vec<ControlMode> {
+        lock(&self.board).plant.modes()
+    }
+}
+
+impl Board {
+    /// Moves on to `now`, reading the encoders on the way.
+    fn advance(&mut self, now: Time) {
+        if let Some(mut sample) = self.encoders.read(&mut self.plant, now) {
+            self.falsify(&mut sample);
+            self.unread = Some(sample);
+        }
+        self.plant.advance(now);
+        if self.on(now).any(|f| matches!(f.fault, Fault::Hardware { .. })) && self.plant.moves() {
+            self.plant.brake_all();
+        }
+    }
+
+    fn on(&self, now: Time) -> impl Iterator<Item = &Active> {
+        self.faults.iter().filter(move |f| f.is_on(now))
+    }
+
+    /// The fault that keeps the board from answering, if there is one.
+    fn trouble(&self, now: Time) -> Result<(), DriverFault> {
+        if self.on(now).any(|f| f.fault == Fault::Lost) {
+            return Err(DriverFault::Lost);
+        }
+        let report = |f: &Active| if let Fault::Hardware { report } = &f.fault { Some(report.clone()) } else { None };
+        self.on(now).find_map(report).map_or(Ok(()), |r| Err(DriverFault::Hardware(r)))
+    }
+
+    /// Makes a reading say what lying encoders say.
+    fn falsify(&mut self, sample: &mut Sample) {
+        if self.faults.is_empty() {
+            return;
+        }
+        let truth = sample.q.clone();
+        let mut q = truth.to_vec();
+        for f in self.faults.iter_mut().filter(|f| f.is_on(sample.at)) {
+            match &f.fault {
+                Fault::Frozen { motor } => {
+                    let held = f.held.get_or_insert_with(|| truth.clone());
+                    for (m, (slot, old)) in q.iter_mut().zip(held.iter()).enumerate() {
+                        if motor.is_none_or(|only| only == m) {
+                            *slot = *old;
+                        }
+                    }
+                }
+                Fault::Offset { motor, by } => {
+                    if let Some(slot) = q.get_mut(*motor) {
+                        *slot += by;
+                    }
+                }
+                Fault::Noise { sigma } => {
+                    for slot in &mut q {
+                        *slot = self.encoders.disturb(*slot, *sigma);
+                    }
+                }
+                Fault::Lost | Fault::Silent | Fault::Slow { .. } | Fault::Hardware { .. } => {}
+            }
+        }
+        sample.q = q.into();
+    }
+}
+
+impl Active {
+    /// Whether it keeps readings from being fetched.
+    fn withholds(&self) -> bool {
+        matches!(self.fault, Fault::Lost | Fault::Silent | Fault::Hardware { .. })
+    }
+}
