@@ -131,10 +131,8 @@ impl Driver for SimDriver {
         let mut board = lock(&self.board);
         board.advance(now);
         board.trouble(now)?;
-        let extra: Duration = board
-            .on(now)
-            .filter_map(|f| if let Fault::Slow { extra } = f.fault { Some(extra) } else { None })
-            .sum();
+        let extra: Duration =
+            board.on(now).filter_map(|f| if let Fault::Slow { extra } = f.fault { Some(extra) } else { None }).sum();
         let latency = board.latency + extra;
         board.plant.command(now, command, latency).map_err(DriverFault::Refused)
     }

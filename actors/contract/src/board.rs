@@ -49,11 +49,11 @@ pub enum ControlMode {
 pub struct Move {
     /// Indices of the motors.
     pub motors: Vec<usize>,
-    /// Targets (rad), or distances if `relative`.
+    /// Targets (rad), or distances if `relative`. Targets outside a motor's limits are refused.
     pub q: Vec<f64>,
-    /// Whether `q` counts from where the motor is.
+    /// Whether `q` counts from where the motor is when the command is given.
     pub relative: bool,
-    /// Reference speeds, rad/s; `None` keeps those set before.
+    /// Reference speeds, rad/s; `None` keeps those set before. The board lowers what exceeds its greatest.
     pub speed: Option<Vec<f64>>,
     /// Reference accelerations, rad/s^2; `None` keeps those set before.
     pub acceleration: Option<Vec<f64>>,
@@ -65,9 +65,11 @@ pub struct Move {
 pub enum Command {
     /// A position move. Puts its motors into [`ControlMode::Position`] first.
     Move(Move),
-    /// A set-point for every motor, to be followed at once. Refused unless all are in [`ControlMode::PositionDirect`].
+    /// A set-point for every motor, to be followed at once. Refused unless all are in [`ControlMode::PositionDirect`]
+    /// (or will be, by a mode command given before).
     Direct {
-        /// Positions of all motors, rad.
+        /// Positions of all motors, rad. Recorded readings may be streamed: one that exceeds a limit by no more than
+        /// the noise of an encoder (0.1 deg) is taken for the limit.
         q: Vec<f64>,
     },
     /// Brakes these motors (all if empty) to a standstill at their greatest deceleration.
@@ -102,7 +104,7 @@ pub struct Sample {
     pub at: Time,
     /// Motor positions, rad.
     pub q: Pose,
-    /// Motion done, per motor.
+    /// Motion done, per motor: it rests, and no command given before `at` is still going to move it.
     pub done: Vec<bool>,
 }
 
@@ -128,14 +130,16 @@ pub enum DriverFault {
 pub trait Driver: Send {
     /// What the board can do.
     fn board(&self) -> &Board;
-    /// Gives a command. An error means that nothing of it was done.
+    /// Gives a command. An error means that nothing of it was done. Commands take effect in the order given, each
+    /// within the board's latency. Moves and set-points are refused without a lease.
     fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault>;
-    /// The newest reading, if there is one that was not given before.
+    /// The newest reading, if there is one that was not given before. Readings that nobody fetched in time are lost.
     fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault>;
-    /// When to ask for the next sample.
+    /// When to ask for the next sample; later than `now` if the newest was fetched at `now`.
     fn next_sample(&self, now: Time) -> Time;
-    /// Lets the board move until then; at the end of its lease it brakes by itself. Without a lease it never moves.
+    /// Lets the board move until then; at the end of its lease it brakes by itself. Without a lease it never moves,
+    /// and what it was doing is not taken up again under the next one. The newest lease counts; it holds at once.
     fn lease(&mut self, now: Time, until: Time);
-    /// The control modes as the board reports them.
+    /// The control modes as the board last reported them: a switch shows only once it is in force.
     fn modes(&self) -> Vec<ControlMode>;
 }

@@ -97,9 +97,10 @@ fn derivative(c: &[f64]) -> Vec<f64> {
 fn range(c: &[f64]) -> (f64, f64) {
     let ends = [0.0, 1.0];
     let inner = roots(&derivative(c));
-    ends.iter().chain(&inner).map(|s| value(c, *s)).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
-        (low.min(x), high.max(x))
-    })
+    ends.iter()
+        .chain(&inner)
+        .map(|s| value(c, *s))
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
 }
 
 /// The sign changes of a polynomial within [0, 1]: between the roots of its derivative it is monotone, so bisection finds each.
