@@ -1,1 +1,31 @@
 //! State to Rerun: a tap on its own thread, never in the path.
+//!
+//! Owns how a run looks: robots as solid shapes, the world's objects, trails of the hands, the roadmap in the world and
+//! flat, joint plots, state lanes and an event log, and the layout that shows them. Accepts [`Entry`](mobee_contract::Entry)s as a
+//! [`Sink`](mobee_contract::Sink); emits one `.rrd` file and, if asked, a live view. Promises to be cheap (a
+//! 20 Hz frame costs microseconds), and that a killed run's file can be read up to about its last second.
+//!
+//! ```text
+//! Entry::Pose  ── angles that changed ──> columns, 512 frames at once ─┐
+//! Entry::Scene ── what differs ─────────> shapes, objects ─────────────┼─> recording.rrd
+//! Entry::Event ── words, lanes, roadmap ─> rows ───────────────────────┘
+//! ```
+//!
+//! This is the only crate that names Rerun.
+
+mod blueprint;
+mod body;
+mod draw;
+mod front;
+mod layout;
+mod legend;
+mod objects;
+mod palette;
+mod recorder;
+mod roadmap;
+mod shapes;
+mod stream;
+mod traces;
+mod words;
+
+pub use recorder::{Recorder, RecorderError, Settings};

@@ -1,0 +1,198 @@
+//! The layout a recording opens with.
+//!
+//! Rerun's own builder can't set a view's eye, background or time range, so the few archetypes that a blueprint is made
+//! of are logged here directly, into a stream of their own that goes ahead of the data.
+
+use crate::front::Front;
+use crate::stream::{Stream, TIMELINE, Written, in_words};
+use rerun::blueprint::components::{ContainerKind, PanelState, PlayState};
+use rerun::external::re_log_types::BlueprintActivationCommand;
+use rerun::external::re_sdk_types::blueprint::archetypes as look;
+use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, VisibleTimeRange};
+use rerun::external::re_sdk_types::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, Uuid};
+use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, StoreId, components};
+
+/// Seconds of a trail that are shown.
+const TRAIL_SECS: i64 = 30;
+
+/// What the layout must know of a robot.
+pub(crate) struct Shown {
+    /// Its name as a part of entity paths.
+    pub(crate) name: String,
+    /// Its parts with motors, as parts of entity paths.
+    pub(crate) parts: Vec<String>,
+    /// Entities of its trails.
+    pub(crate) trails: Vec<String>,
+}
+
+/// Writes the layout and makes it the active one.
+pub(crate) fn send(stream: &Stream, robots: &[Shown], front: &Front) -> Written {
+    let info = stream.rec.store_info().ok_or("the recording is switched off (environment variable RERUN)")?;
+    let application = info.application_id().clone();
+    let (rec, storage) = RecordingStreamBuilder::new(application)
+        .blueprint()
+        .memory()
+        .map_err(|e| in_words("its layout", &e))?;
+    rec.set_time_sequence("blueprint", 0);
+    let mut page = Page { rec: &rec, ids: 0 };
+    page.write(robots, front)?;
+    let messages = storage.take();
+    let id: StoreId = messages.first().map(|m| m.store_id().clone()).ok_or("the layout is empty")?;
+    let command = BlueprintActivationCommand { blueprint_id: id, make_active: true, make_default: true };
+    stream.rec.send_blueprint(messages, command);
+    Ok(())
+}
+
+/// A layout in the making.
+struct Page<'a> {
+    rec: &'a RecordingStream,
+    ids: u8,
+}
+
+/// A finished box of the layout: its path in the blueprint.
+type Place = String;
+
+/// A view's name, with the robot's if there are several.
+fn named(what: &str, robot: &Shown, robots: &[Shown]) -> String {
+    if robots.len() > 1 { format!("{}: {what}", robot.name) } else { what.to_owned() }
+}
+
+/// The bytes of the id with this number.
+fn uuid(number: u8) -> Uuid {
+    Uuid { bytes: [0x6d, 0x6f, 0x62, 0x65, 0, 0, 0x40, 0, 0x80, 0, 0, 0, 0, 0, 0, number] }
+}
+
+impl Page<'_> {
+    fn write(&mut self, robots: &[Shown], front: &Front) -> Written {
+        let scene = self.scene(robots, front)?;
+        let mut maps = Vec::new();
+        for robot in robots {
+            maps.push(self.map(robot, robots)?);
+        }
+        for robot in robots {
+            maps.push(self.view("Graph", &named("Roadmap as graph", robot, robots), &format!("/graph/{}", robot.name))?);
+        }
+        let maps = self.tabs("Roadmap", &maps)?;
+        let log = self.view("TextLog", "Log", "/log")?;
+        let progress = self.progress()?;
+        let about = self.view("TextDocument", "Legend", "/about")?;
+        let texts = self.tabs("Words", &[log, progress, about])?;
+        let lanes = self.view("StateTimeline", "States", "/state")?;
+        let mut plots = Vec::new();
+        for robot in robots {
+            for part in &robot.parts {
+                plots.push(self.plot(robot, part, robots)?);
+            }
+        }
+        let plots = self.tabs("Joints", &plots)?;
+        let right = self.container(ContainerKind::Vertical, "Map and words", &[maps, texts], &[3.0, 2.0])?;
+        let top = self.container(ContainerKind::Horizontal, "Scene and map", &[scene, right], &[3.0, 2.0])?;
+        let bottom = self.container(ContainerKind::Horizontal, "Over time", &[lanes, plots], &[3.0, 2.0])?;
+        self.container(ContainerKind::Vertical, "Run", &[top, bottom], &[7.0, 3.0])?;
+        let viewport = look::ViewportBlueprint::new()
+            .with_root_container(rerun::blueprint::components::RootContainer(uuid(self.ids)))
+            .with_auto_layout(false)
+            .with_auto_views(false);
+        self.log("viewport", &viewport)?;
+        let collapsed = look::PanelBlueprint::new().with_state(PanelState::Collapsed);
+        self.log("blueprint_panel", &collapsed)?;
+        self.log("selection_panel", &collapsed)?;
+        let time = look::TimePanelBlueprint::new()
+            .with_state(PanelState::Collapsed)
+            .with_timeline(TIMELINE)
+            .with_play_state(PlayState::Following);
+        self.log("time_panel", &time)
+    }
+
+    /// The world, seen from the robot's front, trails of the last seconds only.
+    fn scene(&mut self, robots: &[Shown], front: &Front) -> Result<Place, String> {
+        let scene = self.view("3D", "Robot and world", "/world")?;
+        let eye = look::EyeControls3D::new()
+            .with_position(front.eye)
+            .with_look_target(front.target)
+            .with_eye_up([0.0, 0.0, 1.0]);
+        self.log(&format!("{scene}/EyeControls3D"), &eye)?;
+        let background = look::Background::new(BackgroundKind::GradientDark);
+        self.log(&format!("{scene}/Background"), &background)?;
+        let grid = look::LineGrid3D::new()
+            .with_visible(true)
+            .with_spacing(0.2)
+            .with_plane(components::Plane3D::new([0.0, 0.0, 1.0], front.floor))
+            .with_color(0xFFFFFF18u32);
+        self.log(&format!("{scene}/LineGrid3D"), &grid)?;
+        let range = VisibleTimeRange(rerun::external::re_sdk_types::datatypes::VisibleTimeRange {
+            timeline: TIMELINE.into(),
+            range: TimeRange {
+                start: TimeRangeBoundary::CursorRelative(TimeInt(-TRAIL_SECS * 1_000_000_000)),
+                end: TimeRangeBoundary::CursorRelative(TimeInt(0)),
+            },
+        });
+        for trail in robots.iter().flat_map(|r| &r.trails) {
+            let path = format!("{scene}/ViewContents/overrides/{trail}/visualizers");
+            self.log(&path, &look::VisibleTimeRanges::new([range.clone()]))?;
+        }
+        Ok(scene)
+    }
+
+    fn map(&mut self, robot: &Shown, robots: &[Shown]) -> Result<Place, String> {
+        let view = self.view("2D", &named("Roadmap", robot, robots), &format!("/roadmap/{}", robot.name))?;
+        let background = look::Background::new(BackgroundKind::SolidColor).with_color(0x0E1218FFu32);
+        self.log(&format!("{view}/Background"), &background)?;
+        Ok(view)
+    }
+
+    fn progress(&mut self) -> Result<Place, String> {
+        self.view("TimeSeries", "Progress", "/progress")
+    }
+
+    fn plot(&mut self, robot: &Shown, part: &str, robots: &[Shown]) -> Result<Place, String> {
+        self.view("TimeSeries", &named(part, robot, robots), &format!("/joints/{}/{part}", robot.name))
+    }
+
+    fn view(&mut self, class: &str, name: &str, origin: &str) -> Result<Place, String> {
+        let path = self.id("view");
+        let contents = look::ViewContents::new(["$origin/**"]);
+        self.log(&format!("{path}/ViewContents"), &contents)?;
+        let view = look::ViewBlueprint::new(class).with_display_name(name).with_space_origin(origin);
+        self.log(&path, &view)?;
+        Ok(path)
+    }
+
+    fn tabs(&mut self, name: &str, contents: &[Place]) -> Result<Place, String> {
+        self.container(ContainerKind::Tabs, name, contents, &[])
+    }
+
+    fn container(
+        &mut self,
+        kind: ContainerKind,
+        name: &str,
+        contents: &[Place],
+        shares: &[f32],
+    ) -> Result<Place, String> {
+        let path = self.id("container");
+        let mut container = look::ContainerBlueprint::new(kind)
+            .with_display_name(name)
+            .with_contents(contents.iter().map(String::as_str));
+        match kind {
+            ContainerKind::Horizontal => container = container.with_col_shares(shares.iter().copied()),
+            ContainerKind::Vertical => container = container.with_row_shares(shares.iter().copied()),
+            ContainerKind::Tabs | ContainerKind::Grid => {
+                if let Some(first) = contents.first() {
+                    container = container.with_active_tab(first.as_str());
+                }
+            }
+        }
+        self.log(&path, &container)?;
+        Ok(path)
+    }
+
+    /// A new box's path. Counted, not random: two recordings of one run open with equal layouts.
+    fn id(&mut self, what: &str) -> Place {
+        self.ids += 1;
+        format!("{what}/6d6f6265-0000-4000-8000-0000000000{:02x}", self.ids)
+    }
+
+    fn log(&self, path: &str, what: &dyn AsComponents) -> Written {
+        self.rec.log(path, what).map_err(|e| in_words("its layout", &e))
+    }
+}

@@ -1,0 +1,183 @@
+//! A robot as a tree of Rerun entities: one level per joint, so that a frame is one angle per moving joint and the
+//! viewer does the kinematics.
+//!
+//! ```text
+//! world/icub                      shapes that no joint moves
+//! world/icub/torso_yaw            static: where the joint sits
+//! world/icub/torso_yaw/turned     one rotation per frame, and the shapes that turn with it
+//! world/icub/torso_yaw/turned/torso_roll/turned/...
+//! ```
+
+use crate::palette;
+use crate::shapes::{Shapes, Solid, vec3};
+use crate::stream::{Stream, Written};
+use mobee_contract::Time;
+use mobee_model::{NodeKind, Robot, ShapeId};
+use nalgebra::{Isometry3, Vector3};
+use rerun::external::arrow::array::{Array as _, ArrayRef, FixedSizeListArray, Float32Array, StructArray};
+use rerun::external::arrow::datatypes::{DataType, Field};
+use rerun::{FillMode, SerializedComponentBatch, Transform3D};
+use std::sync::Arc;
+
+/// A joint's angle is written again when it changed by more than this, rad (0.05 degrees).
+const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
+
+/// A robot's entities and the angles that wait to be sent.
+pub(crate) struct Body {
+    joints: Vec<Turning>,
+    /// Its shapes, to be painted.
+    pub(crate) shapes: Shapes,
+}
+
+/// A joint that moves shapes.
+struct Turning {
+    path: String,
+    motor: usize,
+    axis: [f32; 3],
+    /// Angle at encoder zero and angle per rad of encoder.
+    line: (f64, f64),
+    written: f64,
+    times: Vec<i64>,
+    angles: Vec<f32>,
+}
+
+/// Where a node sits: on which entity, and how far from its origin.
+#[derive(Clone)]
+struct Seat {
+    entity: String,
+    offset: Vector3<f64>,
+}
+
+impl Body {
+    /// Writes a robot's shapes and joints under `world/NAME`.
+    ///
+    /// # Errors
+    /// In words.
+    pub(crate) fn new(stream: &Stream, robot: &Robot, index: u16) -> Result<Body, String> {
+        let root = format!("world/{}", entity(&robot.name));
+        let moved = moves_shapes(robot);
+        let mut body = Body { joints: Vec::new(), shapes: Shapes::default() };
+        // where children of each node sit, and the solids of each entity
+        let mut seats: Vec<Seat> = Vec::with_capacity(robot.nodes.len());
+        let mut solids: Vec<(String, Vec<Solid<'_>>)> = Vec::new();
+        let base = Seat { entity: root, offset: Vector3::zeros() };
+        for (n, node) in robot.nodes.iter().enumerate() {
+            let seat = node.parent.and_then(|p| seats.get(p)).unwrap_or(&base).clone();
+            for (s, primitive) in node.solids.iter().enumerate() {
+                let solid = Solid {
+                    id: ShapeId::Robot { robot: index, node: n as u16, shape: s as u16 },
+                    primitive,
+                    frame_from_node: Isometry3::translation(seat.offset.x, seat.offset.y, seat.offset.z),
+                    color: palette::part(node.part),
+                };
+                match solids.iter_mut().find(|(entity, _)| *entity == seat.entity) {
+                    Some((_, list)) => list.push(solid),
+                    None => solids.push((seat.entity.clone(), vec![solid])),
+                }
+            }
+            let next = match &node.kind {
+                NodeKind::Link { offset } => Seat { offset: seat.offset + offset, ..seat },
+                NodeKind::Joint { .. } if !moved.get(n).copied().unwrap_or(false) => seat,
+                NodeKind::Joint { axis, motor, min, max, .. } => {
+                    let path = joint_path(&seat.entity, robot, *motor, n);
+                    stream.log_static(&path, &Transform3D::from_translation(vec3(&seat.offset)))?;
+                    let path = format!("{path}/turned");
+                    body.joints.push(Turning {
+                        path: path.clone(),
+                        motor: *motor,
+                        axis: vec3(axis),
+                        line: line(robot, *motor, *min, *max),
+                        written: f64::NAN,
+                        times: Vec::new(),
+                        angles: Vec::new(),
+                    });
+                    Seat { entity: path, offset: Vector3::zeros() }
+                }
+            };
+            seats.push(next);
+        }
+        for (entity, solids) in &solids {
+            body.shapes.add(stream, entity, solids, FillMode::Solid)?;
+        }
+        Ok(body)
+    }
+
+    /// Takes note of a pose: the angles that changed.
+    pub(crate) fn pose(&mut self, at: Time, q: &[f64]) {
+        for joint in &mut self.joints {
+            let Some(q) = q.get(joint.motor) else { continue };
+            let angle = joint.line.0 + joint.line.1 * q;
+            // not-a-number (nothing written yet) is no small change either
+            let small = (angle - joint.written).abs() <= STEP;
+            if !small && angle.is_finite() {
+                joint.written = angle;
+                joint.times.push(at.0 as i64);
+                joint.angles.push(angle as f32);
+            }
+        }
+    }
+
+    /// Sends what waits.
+    pub(crate) fn flush(&mut self, stream: &Stream) -> Written {
+        for joint in &mut self.joints {
+            if joint.times.is_empty() {
+                continue;
+            }
+            let column = rotations(joint.axis, std::mem::take(&mut joint.angles))
+                .ok_or_else(|| crate::stream::in_words(&joint.path, &"its rotations do not fit"))?;
+            stream.columns(&joint.path, &std::mem::take(&mut joint.times), [column])?;
+        }
+        Ok(())
+    }
+}
+
+/// Rotations about one axis as a column, built whole from flat buffers: the typed builders cost ten times as much.
+fn rotations(axis: [f32; 3], angles: Vec<f32>) -> Option<rerun::SerializedComponentColumn> {
+    let n = angles.len();
+    let axes = Float32Array::from_iter_values(axis.iter().copied().cycle().take(3 * n));
+    let item = Arc::new(Field::new("item", DataType::Float32, false));
+    let axes = FixedSizeListArray::try_new(item, 3, Arc::new(axes), None).ok()?;
+    let fields = vec![
+        Field::new("axis", axes.data_type().clone(), false),
+        Field::new("angle", DataType::Float32, false),
+    ];
+    let columns: Vec<ArrayRef> = vec![Arc::new(axes), Arc::new(Float32Array::from(angles))];
+    let array = StructArray::try_new(fields.into(), columns, None).ok()?;
+    let batch = SerializedComponentBatch::new(Arc::new(array), Transform3D::descriptor_rotation_axis_angle());
+    batch.partitioned(std::iter::repeat_n(1, n)).ok()
+}
+
+/// Angle of a joint as a line over its motor's position: the limits of the one are the limits of the other.
+fn line(robot: &Robot, motor: usize, min: f64, max: f64) -> (f64, f64) {
+    let (low, high) = robot.motors.get(motor).map_or((0.0, 0.0), |m| (m.min, m.max));
+    let slope = if high > low { (max - min) / (high - low) } else { 0.0 };
+    (min - slope * low, slope)
+}
+
+/// Which nodes have shapes in their subtree, themselves not counted.
+fn moves_shapes(robot: &Robot) -> Vec<bool> {
+    let mut moves = vec![false; robot.nodes.len()];
+    for (n, node) in robot.nodes.iter().enumerate().rev() {
+        let below = moves.get(n).copied().unwrap_or(false);
+        if let Some(parent) = node.parent.and_then(|p| moves.get_mut(p)) {
+            *parent |= below || !node.solids.is_empty();
+        }
+    }
+    moves
+}
+
+/// The entity of a joint: named after its motor, counted if the motor drives several.
+fn joint_path(parent: &str, robot: &Robot, motor: usize, node: usize) -> String {
+    let Some(m) = robot.motors.get(motor) else { return format!("{parent}/joint_{node}") };
+    match m.joints.iter().position(|j| *j == node) {
+        Some(i) if m.joints.len() > 1 => format!("{parent}/{}_{}", entity(&m.name), i + 1),
+        _ => format!("{parent}/{}", entity(&m.name)),
+    }
+}
+
+/// A name as a part of an entity path: what Rerun would read as syntax becomes an underscore.
+pub(crate) fn entity(name: &str) -> String {
+    let fits = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.');
+    let name: String = name.chars().map(|c| if fits(c) { c } else { '_' }).collect();
+    if name.is_empty() { "unnamed".to_owned() } else { name }
+}

@@ -1,0 +1,101 @@
+//! Where to look from: a robot's front, found from what its file says.
+
+use crate::traces::Chain;
+use mobee_model::{Object, Robot, Scene, Shape};
+use nalgebra::{Point3, Vector3};
+
+/// An object wider than this is ground or wall and does not move the camera, metres.
+const WALL: f64 = 3.0;
+
+/// A camera before the robots.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Front {
+    /// Where the eye is, metres.
+    pub(crate) eye: [f32; 3],
+    /// What it looks at, metres.
+    pub(crate) target: [f32; 3],
+    /// The world's direction to the viewer's right.
+    pub(crate) right: [f32; 3],
+    /// Height of the lowest thing, metres.
+    pub(crate) floor: f32,
+}
+
+impl Front {
+    /// A camera before the scene's robots at home, a little to the side and above.
+    ///
+    /// A robot's markers (eyes, palms, tools) are on its front: the mean of their places, seen from its root, says where that
+    /// is. A robot without markers is taken to look along x.
+    pub(crate) fn of(scene: &Scene) -> Front {
+        let mut bounds = Bounds::default();
+        let mut ahead = Vector3::zeros();
+        for robot in scene.robots() {
+            ahead += look(robot, &mut bounds);
+        }
+        for (_, object) in scene.objects() {
+            bounds.object(object);
+        }
+        ahead.z = 0.0;
+        let ahead = ahead.try_normalize(0.02).unwrap_or_else(Vector3::x);
+        let right = (-ahead).cross(&Vector3::z());
+        let (low, high) = bounds.ends();
+        let (middle, size) = (nalgebra::center(&low, &high), (high - low).norm().max(0.3));
+        let eye = middle + (ahead + 0.55 * right + 0.42 * Vector3::z()).normalize() * (1.15 * size);
+        Front { eye: f32s(&eye.coords), target: f32s(&middle.coords), right: f32s(&right), floor: low.z as f32 }
+    }
+}
+
+/// Where a robot looks, as far as its markers tell; widens the bounds by its shapes.
+fn look(robot: &Robot, bounds: &mut Bounds) -> Vector3<f64> {
+    let mut chain = Chain::to(robot, 0..robot.nodes.len());
+    let home: Vec<f64> = robot.motors.iter().map(|m| m.home).collect();
+    chain.turn(robot, &home);
+    for (n, node) in robot.nodes.iter().enumerate() {
+        let Some(frame) = chain.frame(n) else { continue };
+        for solid in &node.solids {
+            bounds.ball(frame * solid.pose * Point3::origin(), reach(&solid.shape));
+        }
+    }
+    let places = robot.markers.iter().filter_map(|m| chain.frame(m.node)).map(|f| f.translation.vector);
+    places.sum::<Vector3<f64>>() / robot.markers.len().max(1) as f64
+}
+
+/// Radius of the ball around a shape, metres.
+fn reach(shape: &Shape) -> f64 {
+    match *shape {
+        Shape::Sphere { radius } => radius,
+        Shape::Cylinder { radius, height } => radius.hypot(0.5 * height),
+        Shape::Box { size } => 0.5 * size.norm(),
+        Shape::Capsule { radius, height } => radius + 0.5 * height,
+    }
+}
+
+#[derive(Default)]
+struct Bounds(Option<(Point3<f64>, Point3<f64>)>);
+
+impl Bounds {
+    fn ball(&mut self, at: Point3<f64>, radius: f64) {
+        let r = Vector3::repeat(radius);
+        let (low, high) = self.0.unwrap_or((at - r, at + r));
+        self.0 = Some((low.inf(&(at - r)), high.sup(&(at + r))));
+    }
+
+    fn object(&mut self, object: &Object) {
+        for shape in object.shapes.iter().filter(|s| reach(&s.shape) < WALL) {
+            let half = match shape.shape {
+                Shape::Box { size } => 0.5 * size,
+                other => Vector3::repeat(reach(&other)),
+            };
+            let at = object.pose * shape.pose * Point3::origin();
+            self.ball(at - half, 0.0);
+            self.ball(at + half, 0.0);
+        }
+    }
+
+    fn ends(&self) -> (Point3<f64>, Point3<f64>) {
+        self.0.unwrap_or((Point3::new(-0.5, -0.5, 0.0), Point3::new(0.5, 0.5, 1.0)))
+    }
+}
+
+fn f32s(v: &Vector3<f64>) -> [f32; 3] {
+    v.cast::<f32>().into()
+}

@@ -1,0 +1,25 @@
+//! The page that explains the picture.
+
+/// The legend, in Markdown.
+pub(crate) const TEXT: &str = "\
+# What you see
+
+**Robot and world**
+- the robot's body parts in muted colors; a shape turns **red** while it is nearer to another one than the reflex's
+  margin, and **magenta** if it touches
+- small red dots: places where contacts began so far
+- bright lines: the way the hands went during the last half minute
+- solid objects are obstacles or targets, see-through ones are ghosts
+
+**Roadmap** (flat: the hand's places as seen from the front)
+- circles: vertices, poses where the robot may rest
+- **green, thick**: driven to its end, feasible
+- gray, thin: not tried yet, taken for feasible
+- amber: not tried, the opposite direction failed
+- red, dashed: tried, failed and removed
+- **bright red, thick**: the plan that is followed now
+
+**States**: of the filtered interface that carries an agent's commands, and of the present transaction.
+
+Move the cursor in the time line below, or press play.
+";

@@ -1,0 +1,96 @@
+//! The world's objects: shown when they appear, moved, painted anew and taken away as the scene is edited.
+
+use crate::body::entity;
+use crate::palette;
+use crate::shapes::{Shapes, Solid, quaternion, vec3};
+use crate::stream::{Stream, Written};
+use mobee_model::{Object, ObjectClass, Scene, ShapeId};
+use nalgebra::Isometry3;
+use rerun::{Clear, FillMode, Points3D, Transform3D};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// What is shown of the world.
+#[derive(Default)]
+pub(crate) struct Objects {
+    shown: BTreeMap<u32, (Arc<Object>, Shapes)>,
+}
+
+impl Objects {
+    /// Writes what differs from the scene shown so far.
+    pub(crate) fn update(&mut self, stream: &Stream, scene: &Scene) -> Written {
+        let now: BTreeMap<u32, &Arc<Object>> = scene.objects().collect();
+        let gone: Vec<u32> = self.shown.keys().filter(|id| !now.contains_key(id)).copied().collect();
+        for id in gone {
+            if let Some((object, _)) = self.shown.remove(&id) {
+                stream.log(&path(id, &object), &Clear::recursive())?;
+            }
+        }
+        for (id, object) in now {
+            match self.shown.get_mut(&id) {
+                Some((old, _)) if Arc::ptr_eq(old, object) || *old == *object => {}
+                Some((old, _)) if looks_alike(old, object) => {
+                    place(stream, id, object)?;
+                    *old = Arc::clone(object);
+                }
+                _ => {
+                    let shapes = show(stream, id, object)?;
+                    self.shown.insert(id, (Arc::clone(object), shapes));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// All shapes, to be painted.
+    pub(crate) fn shapes(&mut self) -> impl Iterator<Item = &mut Shapes> {
+        self.shown.values_mut().map(|(_, shapes)| shapes)
+    }
+}
+
+/// Whether only the place differs.
+fn looks_alike(a: &Object, b: &Object) -> bool {
+    a.name == b.name && a.class == b.class && a.color == b.color && a.shapes == b.shapes
+}
+
+/// An object's entity; its id keeps apart a removed object and a later one of the same name.
+fn path(id: u32, object: &Object) -> String {
+    format!("world/objects/{}_{id}", entity(&object.name))
+}
+
+fn place(stream: &Stream, id: u32, object: &Object) -> Written {
+    let Isometry3 { rotation, translation } = object.pose;
+    let at = Transform3D::from_translation_rotation(vec3(&translation.vector), quaternion(&rotation));
+    stream.log(&path(id, object), &at)
+}
+
+/// Shows an object as what it is now: solid if it can be touched, see-through if it is a ghost.
+fn show(stream: &Stream, id: u32, object: &Object) -> Result<Shapes, String> {
+    place(stream, id, object)?;
+    let fill = match object.class {
+        ObjectClass::Obstacle | ObjectClass::Target => FillMode::Solid,
+        ObjectClass::Ghost => FillMode::TransparentFillMajorWireframe,
+    };
+    let solids: Vec<_> = object
+        .shapes
+        .iter()
+        .enumerate()
+        .map(|(s, primitive)| Solid {
+            id: ShapeId::Object { object: id, shape: s as u16 },
+            primitive,
+            frame_from_node: Isometry3::identity(),
+            color: palette::object(object),
+        })
+        .collect();
+    let mut shapes = Shapes::default();
+    shapes.add(stream, &path(id, object), &solids, fill)?;
+    let word = match object.class {
+        ObjectClass::Obstacle => object.name.clone(),
+        ObjectClass::Target => format!("{} (target)", object.name),
+        ObjectClass::Ghost => format!("{} (ghost)", object.name),
+    };
+    let middle = object.shapes.first().map_or([0.0; 3], |p| vec3(&p.pose.translation.vector));
+    let name = Points3D::new([middle]).with_labels([word]).with_show_labels(true).with_radii([0.001]);
+    stream.log(&format!("{}/name", path(id, object)), &name.with_colors([0xC8D0DCFFu32]))?;
+    Ok(shapes)
+}

@@ -1,0 +1,120 @@
+//! The colors, in one place, so that the legend can't tell a different story.
+
+use mobee_contract::{EdgeState, Outcome, Status};
+use mobee_model::{Object, ObjectClass};
+
+/// A color as `0xRRGGBBAA`.
+pub(crate) type Rgba = u32;
+
+/// Shells of body parts, by the part's index; muted, and none near red.
+const PARTS: [Rgba; 6] = [0x8796AEFF, 0xE8DCC2FF, 0x5B9BD0FF, 0x5CB8A0FF, 0xA58BC8FF, 0xBFA95AFF];
+/// A shape nearer to another one than the margin of the reflex.
+pub(crate) const NEAR: Rgba = 0xF0322DFF;
+/// A shape that touches or penetrates another one.
+pub(crate) const HARD: Rgba = 0xFF00C8FF;
+/// Places where contacts began so far.
+pub(crate) const PAST_CONTACT: Rgba = 0xF0322DC0;
+/// Vertices of the roadmap.
+pub(crate) const VERTEX: Rgba = 0xE8ECF4FF;
+/// The plan that is followed.
+pub(crate) const PLAN: Rgba = 0xFF3B30FF;
+/// Trails of markers, by index.
+const TRAILS: [Rgba; 4] = [0xFFD34EFF, 0x6FE3FFFF, 0xFF9DF0FF, 0xB6FF7AFF];
+
+/// The color of a body part's shapes.
+pub(crate) fn part(index: usize) -> Rgba {
+    PARTS.get(index % PARTS.len()).copied().unwrap_or(0x8796AEFF)
+}
+
+/// The color of a marker's trail.
+pub(crate) fn trail(index: usize) -> Rgba {
+    TRAILS.get(index % TRAILS.len()).copied().unwrap_or(0xFFD34EFF)
+}
+
+/// The color of an object: its own, or what its class says.
+pub(crate) fn object(object: &Object) -> Rgba {
+    let own = object.color.map(|[r, g, b]| u32::from_be_bytes([r, g, b, 255]));
+    match object.class {
+        ObjectClass::Obstacle => own.unwrap_or(0x9A7B5CFF),
+        ObjectClass::Target => own.unwrap_or(0x4CD07DFF),
+        ObjectClass::Ghost => own.unwrap_or(0xB9C4D6FF) & 0xFFFFFF00 | 0x48,
+    }
+}
+
+/// The color of an edge by what is believed of it.
+pub(crate) fn edge(state: EdgeState) -> Rgba {
+    match state {
+        EdgeState::Feasible => 0x35D07FFF,
+        EdgeState::Optimistic => 0x8A93A580,
+        EdgeState::Doubtful => 0xE0A93CB0,
+        EdgeState::Removed => 0xD8605A90,
+    }
+}
+
+/// The states of a filter: value, words, color.
+pub(crate) const FILTER: [(&str, &str, Rgba); 8] = [
+    ("starting", "starting", 0x6B7280FF),
+    ("rest", "at rest, open", 0x4B7F5AFF),
+    ("moving", "moving", 0x3E8EDEFF),
+    ("escaping", "escaping", 0x9B6BDFFF),
+    ("stopping", "stopping", 0xF0322DFF),
+    ("retreating", "retreating", 0xFF8A3DFF),
+    ("settling", "settling", 0xE8C547FF),
+    ("holding", "holding", 0xB0186CFF),
+];
+
+/// The value of a filter's state in its lane.
+pub(crate) fn filter(status: Status) -> &'static str {
+    match status {
+        Status::Starting => "starting",
+        Status::Rest => "rest",
+        Status::Moving => "moving",
+        Status::Escaping => "escaping",
+        Status::Stopping => "stopping",
+        Status::Retreating => "retreating",
+        Status::Settling => "settling",
+        Status::Holding(_) => "holding",
+    }
+}
+
+/// The states of a transaction: value, words, color.
+pub(crate) const TRANSACTION: [(&str, &str, Rgba); 4] = [
+    ("open", "open", 0x3A5F8AFF),
+    ("committed", "committed", 0x35B06FFF),
+    ("rolled_back", "rolled back", 0xF0322DFF),
+    ("faulted", "faulted", 0xB0186CFF),
+];
+
+/// The value of an outcome in its lane.
+pub(crate) fn outcome(outcome: Outcome) -> &'static str {
+    match outcome {
+        Outcome::Committed => "committed",
+        Outcome::RolledBack => "rolled_back",
+        Outcome::Faulted => "faulted",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_state_has_its_entry_in_the_legend_of_its_lane() {
+        let all = [
+            Status::Starting,
+            Status::Rest,
+            Status::Moving,
+            Status::Escaping,
+            Status::Stopping,
+            Status::Retreating,
+            Status::Settling,
+            Status::Holding(mobee_contract::Hold::InContact),
+        ];
+        for status in all {
+            assert_eq!(FILTER.iter().filter(|(v, ..)| *v == filter(status)).count(), 1, "{status:?}");
+        }
+        for end in [Outcome::Committed, Outcome::RolledBack, Outcome::Faulted] {
+            assert_eq!(TRANSACTION.iter().filter(|(v, ..)| *v == outcome(end)).count(), 1, "{end:?}");
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! An agent's roadmap as its notes tell it: vertices, edges by state, the plan. Pure; `draw.rs` shows it.
+
+use crate::layout;
+use mobee_contract::{EdgeState, Note};
+use std::collections::BTreeMap;
+
+/// A roadmap as it is known now.
+#[derive(Default)]
+pub(crate) struct Roadmap {
+    pub(crate) vertices: BTreeMap<u32, Vertex>,
+    /// Directed edges.
+    pub(crate) edges: BTreeMap<(u32, u32), EdgeState>,
+    /// The plan, vertex by vertex.
+    pub(crate) plan: Vec<u32>,
+    /// What changed since it was last drawn.
+    pub(crate) changed: Changed,
+}
+
+/// Where a vertex is shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Vertex {
+    /// In the world: the hand's position there, metres.
+    pub(crate) at: [f32; 3],
+    /// In the flat drawing, x right and y down.
+    pub(crate) flat: [f32; 2],
+}
+
+/// Parts of the picture that are out of date.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Changed {
+    pub(crate) vertices: bool,
+    pub(crate) edges: bool,
+    pub(crate) plan: bool,
+}
+
+impl Roadmap {
+    /// Takes over a note; `right` is the direction in the world that the flat drawing has on its right.
+    pub(crate) fn on(&mut self, note: &Note, right: [f32; 3]) {
+        match note {
+            Note::Vertex { id, at, .. } => {
+                let at = at.map(|v| v as f32);
+                let taken: Vec<_> = self.vertices.values().map(|v| v.flat).collect();
+                let flat = layout::place(layout::project(at, right), &taken);
+                self.vertices.insert(*id, Vertex { at, flat });
+                self.changed.vertices = true;
+            }
+            Note::Edge { from, to, state, .. } => {
+                if self.edges.insert((*from, *to), *state) != Some(*state) {
+                    self.changed.edges = true;
+                }
+            }
+            Note::Plan { path } => {
+                if self.plan != *path {
+                    self.plan.clone_from(path);
+                    self.changed.plan = true;
+                }
+            }
+            Note::Log { .. } => {}
+        }
+    }
+
+    /// The undirected lines of the picture, each with the better of its two directions' states.
+    pub(crate) fn lines(&self) -> BTreeMap<(u32, u32), EdgeState> {
+        let mut lines = BTreeMap::new();
+        for ((from, to), state) in &self.edges {
+            let line = lines.entry((*from.min(to), *from.max(to))).or_insert(*state);
+            if rank(*state) > rank(*line) {
+                *line = *state;
+            }
+        }
+        lines
+    }
+
+    /// Directed edges in a state.
+    pub(crate) fn count(&self, state: EdgeState) -> usize {
+        self.edges.values().filter(|s| **s == state).count()
+    }
+}
+
+/// Which of two opposite directions is shown: what was found out before what is only believed, passable before not.
+fn rank(state: EdgeState) -> u8 {
+    match state {
+        EdgeState::Feasible => 3,
+        EdgeState::Doubtful => 2,
+        EdgeState::Removed => 1,
+        EdgeState::Optimistic => 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn edge(from: u32, to: u32, state: EdgeState) -> Note {
+        Note::Edge { from, to, state, cause: None }
+    }
+
+    #[test]
+    fn a_line_that_was_driven_one_way_is_feasible_whatever_the_other_way_did() {
+        let mut map = Roadmap::default();
+        for (a, b) in [(EdgeState::Feasible, EdgeState::Removed), (EdgeState::Removed, EdgeState::Feasible)] {
+            map.on(&edge(1, 2, a), [1.0, 0.0, 0.0]);
+            map.on(&edge(2, 1, b), [1.0, 0.0, 0.0]);
+            assert_eq!(map.lines(), BTreeMap::from([((1, 2), EdgeState::Feasible)]));
+        }
+    }
+
+    #[test]
+    fn a_note_that_says_nothing_new_draws_nothing() {
+        let mut map = Roadmap::default();
+        map.on(&edge(1, 2, EdgeState::Optimistic), [1.0, 0.0, 0.0]);
+        assert!(map.changed.edges);
+        map.changed = Changed::default();
+        map.on(&edge(1, 2, EdgeState::Optimistic), [1.0, 0.0, 0.0]);
+        map.on(&Note::Plan { path: vec![] }, [1.0, 0.0, 0.0]);
+        assert_eq!(map.changed, Changed::default());
+    }
+}

@@ -1,0 +1,187 @@
+//! Solid shapes, batched by kind: one entity holds all capsules that hang on one frame.
+
+use crate::palette::{self, Rgba};
+use crate::stream::{Stream, Written};
+use mobee_model::{Primitive, Shape, ShapeId};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use rerun::{AsComponents, Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, FillMode};
+use std::collections::BTreeMap;
+use std::f64::consts::FRAC_PI_2;
+
+/// How hard a shape is touched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Touch {
+    /// Nearer than the margin.
+    Near,
+    /// At distance zero or below.
+    Hard,
+}
+
+/// All shapes of one robot or object, with what is needed to paint them.
+#[derive(Default)]
+pub(crate) struct Shapes {
+    batches: Vec<Batch>,
+    /// Where a shape is: batch and instance.
+    index: BTreeMap<ShapeId, (usize, usize)>,
+}
+
+struct Batch {
+    path: String,
+    kind: Kind,
+    base: Vec<Rgba>,
+    shown: Vec<Rgba>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Boxes,
+    Capsules,
+    Cylinders,
+    Spheres,
+}
+
+/// One shape to show: whose it is, what it is, where it sits on its frame, and in which color.
+pub(crate) struct Solid<'a> {
+    pub(crate) id: ShapeId,
+    pub(crate) primitive: &'a Primitive,
+    pub(crate) frame_from_node: Isometry3<f64>,
+    pub(crate) color: Rgba,
+}
+
+impl Shapes {
+    /// Writes shapes that hang on the frame of the entity `frame`, and remembers them.
+    ///
+    /// Their colors are temporal, since static data would hide every later change of the same component.
+    pub(crate) fn add(&mut self, stream: &Stream, frame: &str, solids: &[Solid<'_>], fill: FillMode) -> Written {
+        let mut kinds: BTreeMap<Kind, Vec<&Solid<'_>>> = BTreeMap::new();
+        for solid in solids {
+            kinds.entry(Kind::of(&solid.primitive.shape)).or_default().push(solid);
+        }
+        for (kind, solids) in kinds {
+            let path = format!("{frame}/{}", kind.word());
+            let base: Vec<_> = solids.iter().map(|s| s.color).collect();
+            stream.log(&path, kind.geometry(&solids, fill).as_ref())?;
+            stream.log(&path, kind.colors(&base).as_ref())?;
+            for (i, solid) in solids.iter().enumerate() {
+                self.index.insert(solid.id, (self.batches.len(), i));
+            }
+            self.batches.push(Batch { path, kind, shown: base.clone(), base });
+        }
+        Ok(())
+    }
+
+    /// Gives every shape its own color back, but for those that are touched; writes what changed.
+    pub(crate) fn paint(&mut self, stream: &Stream, touched: &BTreeMap<ShapeId, Touch>) -> Written {
+        let mut wanted: Vec<Vec<Rgba>> = self.batches.iter().map(|b| b.base.clone()).collect();
+        for (id, touch) in touched {
+            let slot = self.index.get(id).and_then(|(b, i)| wanted.get_mut(*b)?.get_mut(*i));
+            if let Some(color) = slot {
+                *color = match touch {
+                    Touch::Near => palette::NEAR,
+                    Touch::Hard => palette::HARD,
+                };
+            }
+        }
+        for (batch, wanted) in self.batches.iter_mut().zip(wanted) {
+            if batch.shown != wanted {
+                stream.log(&batch.path, batch.kind.colors(&wanted).as_ref())?;
+                batch.shown = wanted;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Kind {
+    fn of(shape: &Shape) -> Kind {
+        match shape {
+            Shape::Sphere { .. } => Kind::Spheres,
+            Shape::Cylinder { .. } => Kind::Cylinders,
+            Shape::Box { .. } => Kind::Boxes,
+            Shape::Capsule { .. } => Kind::Capsules,
+        }
+    }
+
+    fn word(self) -> &'static str {
+        match self {
+            Kind::Boxes => "boxes",
+            Kind::Capsules => "capsules",
+            Kind::Cylinders => "cylinders",
+            Kind::Spheres => "spheres",
+        }
+    }
+
+    /// The archetype with sizes and places; Rerun's cylinders and capsules lie along z, and its capsules begin at the
+    /// origin, where ours lie along y and are centred.
+    fn geometry(self, solids: &[&Solid<'_>], fill: FillMode) -> Box<dyn AsComponents> {
+        let mut sizes = Vec::new();
+        let mut lengths = Vec::new();
+        let mut radii = Vec::new();
+        let mut places = Vec::new();
+        let mut turns = Vec::new();
+        for solid in solids {
+            let mut pose = solid.frame_from_node * solid.primitive.pose;
+            match solid.primitive.shape {
+                Shape::Sphere { radius } => sizes.push([radius as f32; 3]),
+                Shape::Box { size } => sizes.push((size * 0.5).cast::<f32>().into()),
+                Shape::Cylinder { radius, height } => {
+                    pose *= y_from_z();
+                    lengths.push(height as f32);
+                    radii.push(radius as f32);
+                }
+                Shape::Capsule { radius, height } => {
+                    pose = pose * Translation3::new(0.0, -0.5 * height, 0.0) * y_from_z();
+                    lengths.push(height as f32);
+                    radii.push(radius as f32);
+                }
+            }
+            places.push(vec3(&pose.translation.vector));
+            turns.push(quaternion(&pose.rotation));
+        }
+        match self {
+            Kind::Boxes => Box::new(
+                Boxes3D::from_half_sizes(sizes).with_centers(places).with_quaternions(turns).with_fill_mode(fill),
+            ),
+            Kind::Spheres => Box::new(
+                Ellipsoids3D::from_half_sizes(sizes).with_centers(places).with_quaternions(turns).with_fill_mode(fill),
+            ),
+            Kind::Cylinders => Box::new(
+                Cylinders3D::from_lengths_and_radii(lengths, radii)
+                    .with_centers(places)
+                    .with_quaternions(turns)
+                    .with_fill_mode(fill),
+            ),
+            Kind::Capsules => Box::new(
+                Capsules3D::from_lengths_and_radii(lengths, radii)
+                    .with_translations(places)
+                    .with_quaternions(turns)
+                    .with_fill_mode(fill),
+            ),
+        }
+    }
+
+    fn colors(self, colors: &[Rgba]) -> Box<dyn AsComponents> {
+        let colors = colors.iter().copied();
+        match self {
+            Kind::Boxes => Box::new(Boxes3D::update_fields().with_colors(colors)),
+            Kind::Spheres => Box::new(Ellipsoids3D::update_fields().with_colors(colors)),
+            Kind::Cylinders => Box::new(Cylinders3D::update_fields().with_colors(colors)),
+            Kind::Capsules => Box::new(Capsules3D::update_fields().with_colors(colors)),
+        }
+    }
+}
+
+/// Turns the z axis to the y axis.
+fn y_from_z() -> UnitQuaternion<f64> {
+    UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -FRAC_PI_2)
+}
+
+/// A vector as Rerun takes it.
+pub(crate) fn vec3(v: &Vector3<f64>) -> [f32; 3] {
+    v.cast::<f32>().into()
+}
+
+/// A rotation as Rerun takes it.
+pub(crate) fn quaternion(q: &UnitQuaternion<f64>) -> rerun::Quaternion {
+    rerun::Quaternion::from_xyzw([q.i as f32, q.j as f32, q.k as f32, q.w as f32])
+}

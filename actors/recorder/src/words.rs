@@ -1,0 +1,125 @@
+//! Events in words, for the log: where it belongs, how grave it is, and one sentence.
+
+use mobee_contract::{Cause, EdgeState, Event, Note, Outcome, Status};
+
+/// How grave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Level {
+    Trace,
+    Debug,
+    Info,
+    Warn,
+    Error,
+}
+
+impl Level {
+    /// Rerun's word for it.
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            Level::Trace => "TRACE",
+            Level::Debug => "DEBUG",
+            Level::Info => "INFO",
+            Level::Warn => "WARN",
+            Level::Error => "ERROR",
+        }
+    }
+}
+
+/// A line of the log: the source (`system`, `world` or a robot's name), level and text. `None`: not worth a line.
+pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
+    use Level::{Debug, Error, Info, Trace, Warn};
+    Some(match event {
+        Event::Started { seed, clock, .. } => ("system", Info, format!("started: seed {seed}, {clock} clock")),
+        Event::Robot { robot, motors, period, margin, .. } => (
+            robot,
+            Info,
+            format!("{} motors, period {:.0} ms, margin {:.0} mm", motors.len(), period * 1e3, margin * 1e3),
+        ),
+        Event::Enabled { robot, .. } => (robot, Debug, "filter open".to_owned()),
+        Event::Disabled { robot, cause, .. } => (robot, Warn, format!("filter closed: {}", why(cause))),
+        Event::State { robot, status: Status::Holding(reason) } => (robot, Error, format!("holds: {reason}")),
+        Event::State { .. } | Event::SafePose { .. } | Event::Command { .. } | Event::Streamed { .. } => return None,
+        Event::SafePoseMoved { robot, id, .. } => {
+            (robot, Warn, format!("#{}: the motion outlasts the history, its safe pose moved", id.0))
+        }
+        Event::Commit { robot, id, agent, escape, .. } => {
+            let what = if *escape { "escape" } else { "commit" };
+            (robot, Info, format!("#{} {what} of {agent}", id.0))
+        }
+        Event::Amended { robot, id, .. } => (robot, Info, format!("#{} amended", id.0)),
+        Event::Refused { robot, agent, refusal } => (robot, Warn, format!("refused {agent}: {refusal}")),
+        Event::Outcome { robot, id, outcome, cause, .. } => {
+            let because = cause.as_ref().map(|c| format!(": {}", why(c))).unwrap_or_default();
+            match outcome {
+                Outcome::Committed => (robot, Info, format!("#{} committed", id.0)),
+                Outcome::RolledBack => (robot, Warn, format!("#{} rolled back{because}", id.0)),
+                Outcome::Faulted => (robot, Error, format!("#{} faulted{because}", id.0)),
+            }
+        }
+        Event::CommandDropped { robot, writer, reason, .. } => {
+            (robot, Warn, format!("command of {writer:?} thrown away: {reason}"))
+        }
+        Event::ContactBegan { robot, contact, names: (a, b), .. } => {
+            (robot, Warn, format!("{a} is {:.1} mm from {b}", contact.distance * 1e3))
+        }
+        Event::ContactEnded { robot, names: (a, b) } => (robot, Debug, format!("{a} is clear of {b}")),
+        Event::HardContact { robot, names: (a, b), .. } => (robot, Error, format!("{a} touches {b}")),
+        Event::RetreatBegan { robot, id, secs, .. } => {
+            (robot, Warn, format!("#{} goes back along {secs:.1} s of its path", id.0))
+        }
+        Event::RetreatStopped { robot, what, .. } => (robot, Error, format!("the way back was given up: {what}")),
+        Event::World { object, what, class, at } => {
+            let class = class.map(|c| format!(" {}", format!("{c:?}").to_lowercase())).unwrap_or_default();
+            let at = at.map(|[x, y, z]| format!(" at {x:.2} {y:.2} {z:.2} m")).unwrap_or_default();
+            ("world", Info, format!("{object} {what}:{class}{at}"))
+        }
+        Event::Note { robot, note } => return note_line(robot, note),
+        Event::Done { robot, summary } => (robot, Info, format!("done: {}", summary.text)),
+        Event::Died { actor, reason } => ("system", Error, format!("{actor} died: {reason}")),
+        Event::Restarted { actor, restarts } => ("system", Warn, format!("{actor} restarted ({restarts})")),
+        Event::GaveUp { group } => ("system", Error, format!("{group} stays down: restarted too often")),
+        Event::Injected { fault } => ("system", Warn, format!("injected: {fault}")),
+        Event::Warning { text } => ("system", Warn, text.clone()),
+        Event::Link { link, sent, dropped, .. } => {
+            ("system", Trace, format!("link {link}: {sent} sent, {dropped} dropped"))
+        }
+        Event::Ended { reason } => ("system", Info, format!("ended: {reason}")),
+    })
+}
+
+fn note_line<'a>(robot: &'a str, note: &Note) -> Option<(&'a str, Level, String)> {
+    Some(match note {
+        Note::Vertex { .. } => return None,
+        Note::Edge { from, to, state: EdgeState::Feasible, .. } => {
+            (robot, Level::Info, format!("edge {from} -> {to} is feasible"))
+        }
+        Note::Edge { from, to, state: EdgeState::Removed, cause } => {
+            let because = cause.as_ref().map(|c| format!(": {c}")).unwrap_or_default();
+            (robot, Level::Warn, format!("edge {from} -> {to} removed{because}"))
+        }
+        Note::Edge { .. } => return None,
+        Note::Plan { path } if path.is_empty() => return None,
+        Note::Plan { path } => {
+            let path: Vec<_> = path.iter().map(u32::to_string).collect();
+            (robot, Level::Debug, format!("plan: {}", path.join(" -> ")))
+        }
+        Note::Log { text } => (robot, Level::Info, text.clone()),
+    })
+}
+
+/// A cause in a few words.
+fn why(cause: &Cause) -> String {
+    match cause {
+        Cause::Contact(contacts) => {
+            let least = contacts.iter().map(|c| c.distance).fold(f64::INFINITY, f64::min);
+            if least.is_finite() { format!("contact, {:.1} mm", least * 1e3) } else { "contact".to_owned() }
+        }
+        Cause::Constraint { part, clause } => format!("constraint {clause} of {part}"),
+        Cause::TargetMissed => "the target was missed".to_owned(),
+        Cause::AgentDied => "the agent died".to_owned(),
+        Cause::Stale => "the encoders are stale".to_owned(),
+        Cause::ActorDied(actor) => format!("{actor} died"),
+        Cause::BoardFault(what) => format!("the board reports {what}"),
+        Cause::Asked => "asked for".to_owned(),
+    }
+}
