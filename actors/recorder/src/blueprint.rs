@@ -29,10 +29,8 @@ pub(crate) struct Shown {
 pub(crate) fn send(stream: &Stream, robots: &[Shown], front: &Front) -> Written {
     let info = stream.rec.store_info().ok_or("the recording is switched off (environment variable RERUN)")?;
     let application = info.application_id().clone();
-    let (rec, storage) = RecordingStreamBuilder::new(application)
-        .blueprint()
-        .memory()
-        .map_err(|e| in_words("its layout", &e))?;
+    let (rec, storage) =
+        RecordingStreamBuilder::new(application).blueprint().memory().map_err(|e| in_words("its layout", &e))?;
     rec.set_time_sequence("blueprint", 0);
     let mut page = Page { rec: &rec, ids: 0 };
     page.write(robots, front)?;
@@ -70,7 +68,11 @@ impl Page<'_> {
             maps.push(self.map(robot, robots)?);
         }
         for robot in robots {
-            maps.push(self.view("Graph", &named("Roadmap as graph", robot, robots), &format!("/graph/{}", robot.name))?);
+            maps.push(self.view(
+                "Graph",
+                &named("Roadmap as graph", robot, robots),
+                &format!("/graph/{}", robot.name),
+            )?);
         }
         let maps = self.tabs("Roadmap", &maps)?;
         let log = self.view("TextLog", "Log", "/log")?;

@@ -137,10 +137,8 @@ fn rotations(axis: [f32; 3], angles: Vec<f32>) -> Option<rerun::SerializedCompon
     let axes = Float32Array::from_iter_values(axis.iter().copied().cycle().take(3 * n));
     let item = Arc::new(Field::new("item", DataType::Float32, false));
     let axes = FixedSizeListArray::try_new(item, 3, Arc::new(axes), None).ok()?;
-    let fields = vec![
-        Field::new("axis", axes.data_type().clone(), false),
-        Field::new("angle", DataType::Float32, false),
-    ];
+    let fields =
+        vec![Field::new("axis", axes.data_type().clone(), false), Field::new("angle", DataType::Float32, false)];
     let columns: Vec<ArrayRef> = vec![Arc::new(axes), Arc::new(Float32Array::from(angles))];
     let array = StructArray::try_new(fields.into(), columns, None).ok()?;
     let batch = SerializedComponentBatch::new(Arc::new(array), Transform3D::descriptor_rotation_axis_angle());

@@ -4,9 +4,7 @@ use crate::palette;
 use crate::roadmap::{Changed, Roadmap, Vertex};
 use crate::stream::{Stream, Written};
 use mobee_contract::{EdgeState, Time};
-use rerun::{
-    GraphEdges, GraphNodes, LineStrips2D, LineStrips3D, Points2D, Points3D, Radius, Scalars, SeriesLines,
-};
+use rerun::{GraphEdges, GraphNodes, LineStrips2D, LineStrips3D, Points2D, Points3D, Radius, Scalars, SeriesLines};
 use std::collections::BTreeMap;
 use std::time::Duration;
 

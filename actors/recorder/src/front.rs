@@ -39,7 +39,8 @@ impl Front {
         let right = (-ahead).cross(&Vector3::z());
         let (low, high) = bounds.ends();
         let (middle, size) = (nalgebra::center(&low, &high), (high - low).norm().max(0.3));
-        let eye = middle + (ahead + 0.55 * right + 0.42 * Vector3::z()).normalize() * (1.15 * size);
+        let direction: Vector3<f64> = ahead + 0.55 * right + 0.42 * Vector3::z();
+        let eye = middle + direction.normalize() * (1.15 * size);
         Front { eye: f32s(&eye.coords), target: f32s(&middle.coords), right: f32s(&right), floor: low.z as f32 }
     }
 }

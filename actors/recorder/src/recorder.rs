@@ -17,8 +17,8 @@ use mobee_model::{Contact, Robot, Scene, ShapeId};
 use rerun::external::arrow::array::StringArray;
 use rerun::log::ChunkBatcherConfig;
 use rerun::{
-    AnyValues, Points3D, RecordingStreamBuilder, SeriesLines, StateChange, StateConfiguration, TextDocument,
-    TextLog, ViewCoordinates,
+    AnyValues, Points3D, RecordingStreamBuilder, SeriesLines, StateChange, StateConfiguration, TextDocument, TextLog,
+    ViewCoordinates,
 };
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -51,7 +51,9 @@ pub struct Settings {
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
     /// The file can't be written.
-    #[error("the recording {path} can't be begun: {why}; check that the folder exists and can be written, or run with `--no-record`")]
+    #[error(
+        "the recording {path} can't be begun: {why}; check that the folder exists and can be written, or run with `--no-record`"
+    )]
     File {
         /// The file.
         path: String,
