@@ -9,7 +9,7 @@
 //! ```
 
 use crate::palette;
-use crate::shapes::{Shapes, Solid, vec3};
+use crate::shapes::{Shapes, Solid, quaternion, vec3};
 use crate::stream::{Stream, Written};
 use mobee_contract::Time;
 use mobee_model::{NodeKind, Robot, ShapeId};
@@ -49,12 +49,14 @@ struct Seat {
 }
 
 impl Body {
-    /// Writes a robot's shapes and joints under `world/NAME`.
+    /// Writes a robot's shapes and joints under `world/NAME`; `base` is `world_from_robot`.
     ///
     /// # Errors
     /// In words.
-    pub(crate) fn new(stream: &Stream, robot: &Robot, index: u16) -> Result<Body, String> {
+    pub(crate) fn new(stream: &Stream, robot: &Robot, base: &Isometry3<f64>, index: u16) -> Result<Body, String> {
         let root = format!("world/{}", entity(&robot.name));
+        let place = Transform3D::from_translation_rotation(vec3(&base.translation.vector), quaternion(&base.rotation));
+        stream.log_static(&root, &place)?;
         let moved = moves_shapes(robot);
         let mut body = Body { joints: Vec::new(), shapes: Shapes::default() };
         // where children of each node sit, and the solids of each entity

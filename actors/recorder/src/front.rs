@@ -2,7 +2,7 @@
 
 use crate::traces::Chain;
 use mobee_model::{Object, Robot, Scene, Shape};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// An object wider than this is ground or wall and does not move the camera, metres.
 const WALL: f64 = 3.0;
@@ -28,8 +28,8 @@ impl Front {
     pub(crate) fn of(scene: &Scene) -> Front {
         let mut bounds = Bounds::default();
         let mut ahead = Vector3::zeros();
-        for robot in scene.robots() {
-            ahead += look(robot, &mut bounds);
+        for (i, robot) in scene.robots().iter().enumerate() {
+            ahead += look(robot, &scene.base(i), &mut bounds);
         }
         for (_, object) in scene.objects() {
             bounds.object(object);
@@ -46,8 +46,8 @@ impl Front {
 }
 
 /// Where a robot looks, as far as its markers tell; widens the bounds by its shapes.
-fn look(robot: &Robot, bounds: &mut Bounds) -> Vector3<f64> {
-    let mut chain = Chain::to(robot, 0..robot.nodes.len());
+fn look(robot: &Robot, base: &Isometry3<f64>, bounds: &mut Bounds) -> Vector3<f64> {
+    let mut chain = Chain::to(robot, base, 0..robot.nodes.len());
     let home: Vec<f64> = robot.motors.iter().map(|m| m.home).collect();
     chain.turn(robot, &home);
     for (n, node) in robot.nodes.iter().enumerate() {
@@ -57,7 +57,8 @@ fn look(robot: &Robot, bounds: &mut Bounds) -> Vector3<f64> {
         }
     }
     let places = robot.markers.iter().filter_map(|m| chain.frame(m.node)).map(|f| f.translation.vector);
-    places.sum::<Vector3<f64>>() / robot.markers.len().max(1) as f64
+    let markers = robot.markers.len().max(1) as f64;
+    places.map(|p| p - base.translation.vector).sum::<Vector3<f64>>() / markers
 }
 
 /// Radius of the ball around a shape, metres.

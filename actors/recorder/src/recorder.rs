@@ -14,6 +14,7 @@ use crate::traces::Traces;
 use crate::words;
 use mobee_contract::{Entry, Event, Sink, Time};
 use mobee_model::{Contact, Robot, Scene, ShapeId};
+use nalgebra::Isometry3;
 use rerun::external::arrow::array::StringArray;
 use rerun::log::ChunkBatcherConfig;
 use rerun::{
@@ -149,7 +150,7 @@ impl Recorder {
     fn scene(&mut self, scene: &Arc<Scene>) -> Written {
         let front = Front::of(scene);
         for (i, robot) in scene.robots().iter().enumerate().skip(self.robots.len()) {
-            self.robots.push(Shadow::new(&self.stream, robot, i)?);
+            self.robots.push(Shadow::new(&self.stream, robot, &scene.base(i), i)?);
         }
         if self.front.is_none() {
             let shown: Vec<_> = self.robots.iter().map(Shadow::shown).collect();
@@ -268,15 +269,15 @@ impl Recorder {
 }
 
 impl Shadow {
-    fn new(stream: &Stream, robot: &Arc<Robot>, index: usize) -> Result<Shadow, String> {
+    fn new(stream: &Stream, robot: &Arc<Robot>, base: &Isometry3<f64>, index: usize) -> Result<Shadow, String> {
         let name = entity(&robot.name);
         lane(stream, &format!("state/{name}/filter"), &palette::FILTER)?;
         lane(stream, &format!("state/{name}/transaction"), &palette::TRANSACTION)?;
         let rollbacks = SeriesLines::new().with_names(["rollbacks"]).with_colors([palette::NEAR]).with_widths([2.0]);
         stream.log_static(&format!("progress/{name}/rollbacks"), &rollbacks)?;
         Ok(Shadow {
-            body: Body::new(stream, robot, index as u16)?,
-            traces: Traces::new(stream, robot)?,
+            body: Body::new(stream, robot, base, index as u16)?,
+            traces: Traces::new(stream, robot, base)?,
             roadmap: Roadmap::default(),
             drawing: Drawing::new(stream, &name)?,
             contacts: Vec::new(),

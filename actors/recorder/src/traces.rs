@@ -50,7 +50,7 @@ impl Traces {
     ///
     /// # Errors
     /// In words.
-    pub(crate) fn new(stream: &Stream, robot: &Robot) -> Result<Traces, String> {
+    pub(crate) fn new(stream: &Stream, robot: &Robot, base: &Isometry3<f64>) -> Result<Traces, String> {
         let name = entity(&robot.name);
         let mut parts = Vec::new();
         for part in robot.parts.iter().filter(|p| !p.motors.is_empty()) {
@@ -70,7 +70,7 @@ impl Traces {
             let path = format!("world/{path}");
             trails.push(Trail { path, node: marker.node, last: None, times: vec![], pieces: vec![] });
         }
-        let kinematics = Chain::to(robot, trails.iter().map(|t| t.node));
+        let kinematics = Chain::to(robot, base, trails.iter().map(|t| t.node));
         Ok(Traces { parts, trails, kinematics })
     }
 
@@ -188,8 +188,8 @@ pub(crate) struct Chain {
 }
 
 impl Chain {
-    /// A chain that reaches these nodes.
-    pub(crate) fn to(robot: &Robot, ends: impl Iterator<Item = usize>) -> Chain {
+    /// A chain that reaches these nodes; `base` is `world_from_robot`.
+    pub(crate) fn to(robot: &Robot, base: &Isometry3<f64>, ends: impl Iterator<Item = usize>) -> Chain {
         let mut needed = vec![false; robot.nodes.len()];
         for end in ends {
             let mut next = Some(end);
@@ -201,7 +201,7 @@ impl Chain {
             }
         }
         let nodes = needed.iter().enumerate().filter(|(_, x)| **x).map(|(n, _)| n).collect();
-        Chain { nodes, frames: vec![Isometry3::identity(); robot.nodes.len()] }
+        Chain { nodes, frames: vec![*base; robot.nodes.len()] }
     }
 
     /// Computes the frames at a pose.
