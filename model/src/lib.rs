@@ -15,14 +15,20 @@
 
 mod collision;
 mod distance;
+mod error;
+mod kinematics;
 mod line;
 mod robot;
 mod scene;
 mod watch;
+mod zrp;
 
 pub use collision::{Kind, Reported};
 pub use distance::{Proximity, distance};
+pub use error::{FileError, Loaded};
+pub use kinematics::MarkerPose;
 pub use line::LineVerdict;
 pub use robot::*;
 pub use scene::*;
 pub use watch::{Counters, Watch};
+pub use zrp::{load_robot, load_world, parse_robot, parse_world};

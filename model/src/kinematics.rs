@@ -1,0 +1,232 @@
+//! From motor positions to world transforms, and what follows from the tree alone.
+//!
+//! Poses are slices of motor positions in the order of [`Robot::motors`], rad of encoder. Positions outside a motor's
+//! limits count as the limit, here as in the original; a motor without an entry is at home.
+
+use crate::{Clause, Marker, Motor, NodeKind, Part, Robot};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+/// Where a marker is in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarkerPose {
+    /// `world_from_node` of the marker's node; its translation is the marker's position.
+    pub frame: Isometry3<f64>,
+    /// The marker's unit normal in the world.
+    pub normal: Vector3<f64>,
+}
+
+impl MarkerPose {
+    /// The marker's position in the world.
+    pub fn position(&self) -> Point3<f64> {
+        Point3::from(self.frame.translation.vector)
+    }
+}
+
+impl Motor {
+    /// The position as a fraction of the motor's range, clamped to 0..=1; 0 for a motor without range.
+    pub fn fraction(&self, q: f64) -> f64 {
+        let range = self.max - self.min;
+        if range > 0.0 { (q.clamp(self.min, self.max) - self.min) / range } else { 0.0 }
+    }
+}
+
+impl Robot {
+    /// The home position of every motor.
+    pub fn home(&self) -> Vec<f64> {
+        self.motors.iter().map(|m| m.home).collect()
+    }
+
+    /// The index of a motor in every pose.
+    pub fn motor_index(&self, name: &str) -> Option<usize> {
+        self.motors.iter().position(|m| m.name == name)
+    }
+
+    /// The body part of that name.
+    pub fn part(&self, name: &str) -> Option<&Part> {
+        self.parts.iter().find(|p| p.name == name)
+    }
+
+    /// The marker of that name.
+    pub fn marker(&self, name: &str) -> Option<&Marker> {
+        self.markers.iter().find(|m| m.name == name)
+    }
+
+    fn position(&self, motor: usize, q: &[f64]) -> f64 {
+        let m = &self.motors[motor];
+        q.get(motor).copied().unwrap_or(m.home).clamp(m.min, m.max)
+    }
+
+    /// The angle of a joint in rad; 0 for a link.
+    pub fn joint_angle(&self, node: usize, q: &[f64]) -> f64 {
+        match self.nodes[node].kind {
+            NodeKind::Link { .. } => 0.0,
+            NodeKind::Joint { motor, min, max, .. } => {
+                min + self.motors[motor].fraction(self.position(motor, q)) * (max - min)
+            }
+        }
+    }
+
+    /// `node_from_child`: what a node does to the frame of its children.
+    fn motion(&self, node: usize, q: &[f64]) -> Isometry3<f64> {
+        match &self.nodes[node].kind {
+            NodeKind::Link { offset } => Isometry3::from_parts((*offset).into(), UnitQuaternion::identity()),
+            NodeKind::Joint { axis, .. } => {
+                let turn = UnitQuaternion::from_axis_angle(axis, self.joint_angle(node, q));
+                Isometry3::from_parts(Vector3::zeros().into(), turn)
+            }
+        }
+    }
+
+    /// Fills `out` with `world_from_node` of every node, the roots at the world's origin. Does not allocate when `out`
+    /// is used again. A node's frame is the one before its own motion: a joint's own shapes do not turn with it.
+    pub fn forward(&self, q: &[f64], out: &mut Vec<Isometry3<f64>>) {
+        self.forward_from(&Isometry3::identity(), q, out);
+    }
+
+    /// As [`Robot::forward`], with the roots at `world_from_base`.
+    pub fn forward_from(&self, base: &Isometry3<f64>, q: &[f64], out: &mut Vec<Isometry3<f64>>) {
+        out.clear();
+        for node in &self.nodes {
+            let frame = match node.parent {
+                None => *base,
+                Some(parent) => {
+                    let above = out[parent];
+                    match &self.nodes[parent].kind {
+                        NodeKind::Link { offset } => {
+                            let moved = above.translation.vector + above.rotation * offset;
+                            Isometry3::from_parts(moved.into(), above.rotation)
+                        }
+                        NodeKind::Joint { axis, .. } => {
+                            let turn = UnitQuaternion::from_axis_angle(axis, self.joint_angle(parent, q));
+                            Isometry3::from_parts(above.translation, above.rotation * turn)
+                        }
+                    }
+                }
+            };
+            out.push(frame);
+        }
+    }
+
+    /// Every marker at the pose, in the order of [`Robot::markers`].
+    pub fn markers_at(&self, q: &[f64]) -> Vec<MarkerPose> {
+        let mut frames = Vec::with_capacity(self.nodes.len());
+        self.forward(q, &mut frames);
+        let pose = |m: &Marker| MarkerPose { frame: frames[m.node], normal: frames[m.node].rotation * *m.normal };
+        self.markers.iter().map(pose).collect()
+    }
+
+    /// The value of a clause: the largest `a.q + b` of its members, in encoder units (degrees). It holds above zero.
+    pub fn clause_value(&self, clause: &Clause, q: &[f64]) -> f64 {
+        let value = |member: &crate::HalfSpace| {
+            let sum: f64 = member.terms.iter().map(|(m, a)| a * self.position(*m, q).to_degrees()).sum();
+            sum + member.b
+        };
+        clause.0.iter().map(value).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The clauses that do not hold at the pose, as (index into [`Robot::parts`], index into its clauses).
+    pub fn violated<'a>(&'a self, q: &'a [f64]) -> impl Iterator<Item = (usize, usize)> + 'a {
+        self.parts.iter().enumerate().flat_map(move |(p, part)| {
+            let broken = move |(_, clause): &(usize, &Clause)| {
+                let value = self.clause_value(clause, q);
+                value.is_nan() || value <= 0.0
+            };
+            part.clauses.iter().enumerate().filter(broken).map(move |(c, _)| (p, c))
+        })
+    }
+
+    /// Whether the node is a joint with a range, driven by a motor with a range.
+    pub fn can_move(&self, node: usize) -> bool {
+        match self.nodes[node].kind {
+            NodeKind::Link { .. } => false,
+            NodeKind::Joint { motor, min, max, .. } => max > min && self.motors[motor].max > self.motors[motor].min,
+        }
+    }
+
+    /// The rigid body that a node belongs to, named by the nearest joint above it that can move; `None` is the base.
+    pub fn body(&self, node: usize) -> Option<usize> {
+        let mut at = self.nodes[node].parent;
+        while let Some(n) = at {
+            if self.can_move(n) {
+                return Some(n);
+            }
+            at = self.nodes[n].parent;
+        }
+        None
+    }
+
+    /// Whether a moving joint lies between two nodes, so that their distance can change.
+    pub fn moves(&self, a: usize, b: usize) -> bool {
+        self.body(a) != self.body(b)
+    }
+
+    /// For each motor a bound, in metres per rad of encoder, on how fast it can move any point of any solid shape
+    /// relative to any other solid shape or the world, at any pose.
+    ///
+    /// Sum over the motor's joints of (joint range / motor range) times the largest distance from the joint's axis
+    /// that a point moved by it can have. For a straight path in joint space, the sum over the motors of bound times
+    /// |change| bounds how much any distance can shrink.
+    pub fn reach(&self) -> Vec<f64> {
+        let extent = self.extents();
+        let mut bound = vec![0.0; self.motors.len()];
+        for (j, node) in self.nodes.iter().enumerate() {
+            let NodeKind::Joint { motor, min, max, axis, .. } = &node.kind else { continue };
+            if self.can_move(j) {
+                let range = self.motors[*motor].max - self.motors[*motor].min;
+                let arm = self.rigid_reach(j, &extent, |p| p.cross(axis).norm());
+                bound[*motor] += (max - min) / range * arm;
+            }
+        }
+        bound
+    }
+
+    /// For each joint that can move, a bound on the distance of any solid point moved by it from the joint's origin.
+    fn extents(&self) -> Vec<f64> {
+        let mut extent = vec![0.0; self.nodes.len()];
+        for n in (0..self.nodes.len()).rev() {
+            if self.can_move(n) {
+                extent[n] = self.rigid_reach(n, &extent, |p| p.norm());
+            }
+        }
+        extent
+    }
+
+    /// The largest `measure` (of positions in the frame of joint `joint`, a norm of a linear map of norm <= 1) of what
+    /// the joint moves: shapes of its own rigid body exactly placed, later joints with their whole extent around them.
+    fn rigid_reach(&self, joint: usize, extent: &[f64], measure: impl Fn(&Vector3<f64>) -> f64) -> f64 {
+        // Only nodes behind `joint` can be its descendants: a parent always stands before its children.
+        let mut at: Vec<Option<Isometry3<f64>>> = vec![None; self.nodes.len()];
+        let mut reach: f64 = 0.0;
+        for n in joint + 1..self.nodes.len() {
+            let Some(parent) = self.nodes[n].parent else { continue };
+            let frame = if parent == joint {
+                Some(Isometry3::identity())
+            } else {
+                // Not beyond a moving joint: its extent stands for all that follows.
+                at[parent].filter(|_| !self.can_move(parent)).map(|f| f * self.motion(parent, &[]))
+            };
+            let Some(frame) = frame else { continue };
+            for solid in &self.nodes[n].solids {
+                let center = frame * Point3::from(solid.pose.translation.vector);
+                reach = reach.max(measure(&center.coords) + solid.shape.bounding_radius());
+            }
+            if self.can_move(n) {
+                reach = reach.max(measure(&frame.translation.vector) + extent[n]);
+            }
+            at[n] = Some(frame);
+        }
+        reach
+    }
+}
+
+impl crate::Shape {
+    /// The radius of the smallest ball around the shape's origin that holds it, metres.
+    pub fn bounding_radius(&self) -> f64 {
+        match *self {
+            Self::Sphere { radius } => radius,
+            Self::Cylinder { radius, height } => radius.hypot(height / 2.0),
+            Self::Box { size } => size.norm() / 2.0,
+            Self::Capsule { radius, height } => radius + height / 2.0,
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! One element's attributes, read strictly: missing is the default, unreadable is an error at its place.
+
+use crate::error::{FileError, Source};
+use nalgebra::Vector3;
+use std::ops::Range;
+
+/// Larger numbers are refused: no robot needs them, and their squares still fit.
+const MAX_NUMBER: f64 = 1e6;
+
+pub(super) struct Attr {
+    pub(super) name: String,
+    pub(super) value: String,
+    pub(super) name_at: Range<usize>,
+    pub(super) at: Range<usize>,
+}
+
+pub(super) struct Element {
+    source: Source,
+    /// As written.
+    pub(super) written: String,
+    /// In lower case: element names are compared so.
+    pub(super) name: String,
+    pub(super) at: Range<usize>,
+    pub(super) attrs: Vec<Attr>,
+}
+
+impl Element {
+    pub(super) fn new(source: Source, written: &str, at: Range<usize>) -> Self {
+        Self { source, written: written.to_owned(), name: written.to_ascii_lowercase(), at, attrs: Vec::new() }
+    }
+
+    pub(super) fn get(&self, name: &str) -> Option<&Attr> {
+        self.attrs.iter().find(|a| a.name == name)
+    }
+
+    /// An error at this element.
+    pub(super) fn error(&self, message: impl Into<String>, help: impl Into<String>) -> FileError {
+        self.source.error(self.at.clone(), message, help)
+    }
+
+    /// An error at an attribute's value, or at the element if the attribute is missing.
+    pub(super) fn error_at(&self, attr: &str, message: impl Into<String>, help: impl Into<String>) -> FileError {
+        let at = self.get(attr).map_or(&self.at, |a| &a.at).clone();
+        self.source.error(at, message, help)
+    }
+
+    /// A warning at an attribute's value, or at the element if the attribute is missing.
+    pub(super) fn warning_at(&self, attr: &str, message: impl Into<String>, help: impl Into<String>) -> FileError {
+        let at = self.get(attr).map_or(&self.at, |a| &a.at).clone();
+        self.source.warning(at, message, help)
+    }
+
+    /// Warns of attributes that are not in `known`.
+    pub(super) fn warn_unknown(&self, known: &[&[&str]], warnings: &mut Vec<FileError>) {
+        for a in &self.attrs {
+            if !known.iter().any(|k| k.contains(&a.name.as_str())) && !a.name.starts_with("xml") {
+                let list = known.concat().join(", ");
+                warnings.push(self.source.warning(
+                    a.name_at.clone(),
+                    format!("<{}> has no attribute `{}`; it is ignored", self.written, a.name),
+                    format!("its attributes are: {list} (upper and lower case count)"),
+                ));
+            }
+        }
+    }
+
+    /// A required, non-empty name.
+    pub(super) fn name_attr(&self) -> Result<String, FileError> {
+        match self.get("name").map(|a| a.value.trim()) {
+            Some(name) if !name.is_empty() => Ok(name.to_owned()),
+            _ => Err(self.error_at("name", format!("<{}> has no name", self.written), "give it a name=\"...\"")),
+        }
+    }
+
+    /// A number; `None` if the attribute is missing.
+    pub(super) fn number(&self, name: &str) -> Result<Option<f64>, FileError> {
+        let Some(attr) = self.get(name) else { return Ok(None) };
+        let help = || format!("write a plain number with a decimal point, such as {name}=\"0.05\"");
+        match attr.value.trim().parse::<f64>() {
+            Ok(v) if v.is_nan() || v.abs() > MAX_NUMBER => {
+                let message = format!("`{name}` is {}, beyond {MAX_NUMBER:e}", attr.value.trim());
+                Err(self.error_at(name, message, "lengths are in metres, angles in degrees"))
+            }
+            Ok(v) => Ok(Some(v)),
+            Err(_) => Err(self.error_at(name, format!("`{name}` is not a number: \"{}\"", attr.value), help())),
+        }
+    }
+
+    /// A number, 0 if the attribute is missing.
+    pub(super) fn number_or_zero(&self, name: &str) -> Result<f64, FileError> {
+        Ok(self.number(name)?.unwrap_or(0.0))
+    }
+
+    /// Three numbers, each 0 if missing.
+    pub(super) fn vector(&self, names: [&str; 3]) -> Result<Vector3<f64>, FileError> {
+        let [x, y, z] = names;
+        Ok(Vector3::new(self.number_or_zero(x)?, self.number_or_zero(y)?, self.number_or_zero(z)?))
+    }
+
+    /// A size that must be given and positive.
+    pub(super) fn size(&self, name: &str) -> Result<f64, FileError> {
+        match self.number(name)? {
+            Some(v) if v > 0.0 => Ok(v),
+            Some(v) => Err(self.error_at(
+                name,
+                format!("`{name}` of <{}> is {v}, but must be above 0", self.written),
+                "give the size in metres",
+            )),
+            None => Err(self.error(
+                format!("<{}> has no `{name}`", self.written),
+                format!("give the size in metres: {name}=\"0.05\""),
+            )),
+        }
+    }
+
+    /// A size of which 0 (or missing) means none.
+    pub(super) fn optional_size(&self, name: &str) -> Result<Option<f64>, FileError> {
+        match self.number(name)? {
+            Some(v) if v < 0.0 => Err(self.error_at(
+                name,
+                format!("`{name}` of <{}> is {v}, but must not be negative", self.written),
+                "give a size in metres, or 0 for none",
+            )),
+            other => Ok(other.filter(|v| *v > 0.0)),
+        }
+    }
+
+    /// A whole number; `None` if the attribute is missing.
+    pub(super) fn integer(&self, name: &str) -> Result<Option<i64>, FileError> {
+        let Some(attr) = self.get(name) else { return Ok(None) };
+        let parsed = attr.value.trim().parse::<i64>();
+        parsed.map(Some).map_err(|_| {
+            let message = format!("`{name}` is not a whole number: \"{}\"", attr.value);
+            self.error_at(name, message, format!("write digits only, such as {name}=\"0\""))
+        })
+    }
+
+    /// A blank-separated list of numbers; empty if the attribute is missing.
+    pub(super) fn numbers(&self, name: &str) -> Result<Vec<f64>, FileError> {
+        let Some(attr) = self.get(name) else { return Ok(Vec::new()) };
+        let each = attr.value.split_whitespace().map(|w| match w.parse::<f64>() {
+            Ok(v) if v.is_finite() && v.abs() <= MAX_NUMBER => Ok(v),
+            _ => Err(self.error_at(
+                name,
+                format!("`{name}` holds \"{w}\", which is no usable number"),
+                format!("write numbers with blanks between them, such as {name}=\"1 -1\""),
+            )),
+        });
+        each.collect()
+    }
+
+    /// Whether the attribute is `true`; warns if it is neither `true` nor `false`.
+    pub(super) fn flag(&self, name: &str, warnings: &mut Vec<FileError>) -> bool {
+        let Some(attr) = self.get(name) else { return false };
+        let value = attr.value.trim();
+        if !value.eq_ignore_ascii_case("true") && !value.eq_ignore_ascii_case("false") {
+            let message = format!("`{name}` is \"{value}\", which counts as false");
+            warnings.push(self.warning_at(name, message, "write true or false"));
+        }
+        value.eq_ignore_ascii_case("true")
+    }
+}

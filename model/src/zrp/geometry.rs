@@ -1,0 +1,66 @@
+//! Shapes and their orientation, as the format writes them.
+
+use super::element::Element;
+use crate::error::FileError;
+use crate::{Primitive, Shape};
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
+
+/// Shorter directions count as zero.
+pub(super) const ZERO: f64 = 1e-12;
+
+pub(super) const POSE: &[&str] = &["px", "py", "pz", "hx", "hy", "hz", "angle"];
+
+/// The rotation that takes local y to heading `h`, with the roll of the original format, then `angle` (rad) about `h`.
+///
+/// For `h` along -y the original has a point reflection; this has the identity, which is the same for these shapes.
+pub(super) fn orientation(h: &Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
+    let Some(h) = Unit::try_new(*h, ZERO) else {
+        return UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle);
+    };
+    let side = h.x.hypot(h.z);
+    let heading = if side > ZERO {
+        // The turn about y is never negative, whatever the sign of h.z: a quirk of the format.
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), h.z.abs().atan2(h.x));
+        let axis = Unit::new_normalize(Vector3::new(h.z, 0.0, -h.x));
+        UnitQuaternion::from_axis_angle(&axis, side.atan2(h.y)) * turn
+    } else {
+        UnitQuaternion::identity()
+    };
+    UnitQuaternion::from_axis_angle(&h, angle) * heading
+}
+
+/// `parent_from_here` from the attributes `px py pz hx hy hz angle`.
+pub(super) fn pose(e: &Element) -> Result<Isometry3<f64>, FileError> {
+    let at = e.vector(["px", "py", "pz"])?;
+    let h = e.vector(["hx", "hy", "hz"])?;
+    let angle = e.number_or_zero("angle")?.to_radians();
+    Ok(Isometry3::from_parts(Translation3::from(at), orientation(&h, angle)))
+}
+
+/// The attributes that a shape's element may have, besides the pose; `None` if the element is no shape.
+pub(super) fn shape_attributes(name: &str) -> Option<&'static [&'static str]> {
+    match name {
+        "sphere" => Some(&["radius"]),
+        "cylinder" | "capsule" => Some(&["radius", "height"]),
+        "box" => Some(&["width", "height", "depth"]),
+        _ => None,
+    }
+}
+
+/// A `sphere`, `cylinder`, `box` or `capsule` element.
+pub(super) fn primitive(e: &Element) -> Result<Primitive, FileError> {
+    let shape = match e.name.as_str() {
+        "sphere" => Shape::Sphere { radius: e.size("radius")? },
+        "cylinder" => Shape::Cylinder { radius: e.size("radius")?, height: e.size("height")? },
+        "capsule" => Shape::Capsule { radius: e.size("radius")?, height: e.size("height")? },
+        _ => Shape::Box { size: Vector3::new(e.size("width")?, e.size("height")?, e.size("depth")?) },
+    };
+    Ok(Primitive { shape, pose: pose(e)? })
+}
+
+/// The cylinder (or capsule) that `radius` and `field` add to a link or joint: along `axis`, centred at `center`.
+pub(super) fn automatic(radius: f64, axis: &Vector3<f64>, center: Vector3<f64>, capsule: bool) -> Primitive {
+    let height = axis.norm();
+    let shape = if capsule { Shape::Capsule { radius, height } } else { Shape::Cylinder { radius, height } };
+    Primitive { shape, pose: Isometry3::from_parts(Translation3::from(center), orientation(axis, 0.0)) }
+}

@@ -1,0 +1,428 @@
+//! Tokens to a robot: the tree, its parts and motors, constraints and markers.
+
+use super::element::Element;
+use super::xml::{Token, Tokens};
+use super::{geometry, pairs};
+use crate::error::{FileError, Loaded, Source};
+use crate::{Clause, HalfSpace, Marker, Motor, Node, NodeKind, NodePairs, Part, Robot};
+use nalgebra::{Unit, Vector3};
+use std::collections::BTreeMap;
+
+/// More nodes are refused: the pair tables grow with the square.
+const MAX_NODES: usize = 4096;
+/// Motor slots per part.
+const MAX_SLOTS: i64 = 4096;
+const MAX_WARNINGS: usize = 100;
+
+const ROOT: &str = "ZeroPositionKinematicTree";
+const NODE: &[&str] = &["x", "y", "z", "length", "radius", "field", "noSelfCollision", "capsule"];
+
+pub(super) fn read(source: &Source) -> Result<Loaded<Robot>, FileError> {
+    let mut tokens = Tokens::new(source);
+    let mut reader = RobotReader::default();
+    while let Some(token) = tokens.next()? {
+        match token {
+            Token::Start(element) => reader.start(element)?,
+            Token::End => reader.end()?,
+        }
+        reader.warnings.truncate(MAX_WARNINGS);
+    }
+    reader.finish(source)
+}
+
+struct PartBuilder {
+    name: String,
+    /// Indices into the reader's motors.
+    slots: Vec<Option<usize>>,
+    first_motor: Option<usize>,
+    root_node: Option<usize>,
+    clauses: Vec<Vec<Member>>,
+    /// The part that was current when this one was created; current again at its end.
+    around: Option<usize>,
+}
+
+/// A half-space over motor indices of its part, and the element to blame.
+struct Member {
+    a: Vec<f64>,
+    q: Vec<i64>,
+    b: f64,
+    element: Element,
+}
+
+/// What an open element changes back at its end.
+enum Open {
+    Part { part: usize, element: Element },
+    Motor { before: Option<usize> },
+    Node { before: Option<usize> },
+    Clause { element: Element },
+    Other,
+}
+
+#[derive(Default)]
+struct RobotReader {
+    name: Option<String>,
+    parts: Vec<PartBuilder>,
+    motors: Vec<Motor>,
+    nodes: Vec<Node>,
+    markers: Vec<Marker>,
+    open: Vec<Open>,
+    part: Option<usize>,
+    motor: Option<usize>,
+    node: Option<usize>,
+    /// The clause of the open `constraintList`.
+    clause: Option<Vec<Member>>,
+    warnings: Vec<FileError>,
+}
+
+impl RobotReader {
+    fn start(&mut self, e: Element) -> Result<(), FileError> {
+        if self.open.is_empty() {
+            self.root(&e)?;
+            self.open.push(Open::Other);
+            return Ok(());
+        }
+        let open = match e.name.as_str() {
+            "bodypart" => self.bodypart(e)?,
+            "motor" => self.motor(&e)?,
+            "joint" | "link" => self.tree_node(&e)?,
+            "marker" => self.marker(&e)?,
+            "constraintlist" => self.clause(e),
+            "constraint" => self.constraint(e)?,
+            name => match geometry::shape_attributes(name) {
+                Some(sizes) => self.shape(&e, sizes)?,
+                None => {
+                    let help = "known are bodypart, motor, joint, link, sphere, cylinder, box, capsule, marker, \
+                                constraintList and constraint";
+                    let message = format!("<{}> is not known; it is ignored", e.written);
+                    self.warnings.push(e.warning_at("", message, help));
+                    Open::Other
+                }
+            },
+        };
+        self.open.push(open);
+        Ok(())
+    }
+
+    fn end(&mut self) -> Result<(), FileError> {
+        match self.open.pop() {
+            Some(Open::Part { part, element }) => {
+                let part = &self.parts[part];
+                if let Some(gap) = part.slots.iter().position(Option::is_none) {
+                    return Err(element.error(
+                        format!("part `{}` has no motor with index {gap}", part.name),
+                        format!("number its motors 0 to {} without a gap (attribute idx)", part.slots.len() - 1),
+                    ));
+                }
+                self.part = part.around;
+            }
+            Some(Open::Motor { before }) => self.motor = before,
+            Some(Open::Node { before }) => self.node = before,
+            Some(Open::Clause { element }) => {
+                let clause = self.clause.take().unwrap_or_default();
+                match self.part {
+                    None => {}
+                    Some(_) if clause.is_empty() => {
+                        let help = "put at least one <constraint a=\"...\" q=\"...\" b=\"...\"/> into it, or remove it";
+                        return Err(element.error("an empty constraintList can never be satisfied", help));
+                    }
+                    Some(part) => self.parts[part].clauses.push(clause),
+                }
+            }
+            Some(Open::Other) | None => {}
+        }
+        Ok(())
+    }
+
+    fn root(&mut self, e: &Element) -> Result<(), FileError> {
+        if !e.name.eq_ignore_ascii_case(ROOT) {
+            let help = match e.name.as_str() {
+                "worldlist" => "this is a world file; give it as the world, not as a robot".to_owned(),
+                "robot" => "this looks like a URDF; turn it into ZRP with `mobee model convert`".to_owned(),
+                _ => format!("a robot file begins with <{ROOT} version=\"1.0\" robotName=\"...\">"),
+            };
+            return Err(e.error(format!("<{}> does not begin a robot file", e.written), help));
+        }
+        if let Some(version) = e.get("version").filter(|v| v.value.trim() != "1.0") {
+            let message = format!("version \"{}\" of the format is not known", version.value);
+            return Err(e.error_at("version", message, "write version=\"1.0\""));
+        }
+        e.warn_unknown(&[&["version", "robotName"]], &mut self.warnings);
+        self.name = e.get("robotName").map(|a| a.value.trim().to_owned()).filter(|n| !n.is_empty());
+        if self.name.is_none() {
+            let help = "write robotName=\"...\"";
+            self.warnings.push(e.warning_at("robotName", "the robot has no name; it is called `robot`", help));
+        }
+        Ok(())
+    }
+
+    fn bodypart(&mut self, element: Element) -> Result<Open, FileError> {
+        element.warn_unknown(&[&["name"]], &mut self.warnings);
+        let name = element.name_attr()?;
+        let known = self.parts.iter().position(|p| p.name == name);
+        let part = known.unwrap_or_else(|| {
+            self.parts.push(PartBuilder {
+                name,
+                slots: Vec::new(),
+                first_motor: None,
+                root_node: None,
+                clauses: Vec::new(),
+                around: self.part,
+            });
+            self.parts.len() - 1
+        });
+        self.part = Some(part);
+        Ok(Open::Part { part, element })
+    }
+
+    fn current_part(&self, e: &Element) -> Result<usize, FileError> {
+        self.part.ok_or_else(|| {
+            e.error(
+                format!("<{}> stands outside any body part", e.written),
+                "put it into a <bodypart name=\"...\">; after a part's end the part around its first mention goes on",
+            )
+        })
+    }
+
+    fn motor(&mut self, e: &Element) -> Result<Open, FileError> {
+        e.warn_unknown(&[&["name", "idx", "minPos", "maxPos", "home"]], &mut self.warnings);
+        let part = self.current_part(e)?;
+        let name = e.name_attr()?;
+        let before = self.motor;
+        if let Some(known) = self.motors.iter().position(|m| m.name == name) {
+            self.motor = Some(known);
+            return Ok(Open::Motor { before });
+        }
+        let (min, max) = limits(e, "the motor", -1.0, 1.0)?;
+        let home = e.number_or_zero("home")?;
+        if (home < min || home > max) && e.get("home").is_some() {
+            let message = format!("home {home} is outside the limits {min} to {max}; the nearer limit is taken");
+            self.warnings.push(e.warning_at("home", message, "give a home position within minPos and maxPos"));
+        }
+        let index = self.motors.len();
+        let builder = &mut self.parts[part];
+        let slot = e.integer("idx")?.unwrap_or(-1);
+        if slot >= MAX_SLOTS {
+            return Err(e.error_at(
+                "idx",
+                format!("motor index {slot} is too large"),
+                "count the motors of a part from 0",
+            ));
+        }
+        match usize::try_from(slot) {
+            Err(_) => builder.slots.push(Some(index)),
+            Ok(slot) => {
+                if builder.slots.len() <= slot {
+                    builder.slots.resize(slot + 1, None);
+                }
+                if let Some(other) = builder.slots[slot].replace(index) {
+                    let other = &self.motors[other].name;
+                    let message = format!("index {slot} of part `{}` is taken by motor `{other}`", builder.name);
+                    return Err(e.error_at("idx", message, "give each motor of a part its own idx"));
+                }
+            }
+        }
+        let is_part_root = builder.first_motor.is_none();
+        builder.first_motor.get_or_insert(index);
+        self.motors.push(Motor {
+            name,
+            part,
+            min: min.to_radians(),
+            max: max.to_radians(),
+            home: home.clamp(min, max).to_radians(),
+            joints: Vec::new(),
+            is_part_root,
+        });
+        self.motor = Some(index);
+        Ok(Open::Motor { before })
+    }
+
+    fn tree_node(&mut self, e: &Element) -> Result<Open, FileError> {
+        let is_joint = e.name == "joint";
+        let own: &[&str] = if is_joint { &["type", "minPos", "maxPos"] } else { &[] };
+        e.warn_unknown(&[NODE, own], &mut self.warnings);
+        let part = self.current_part(e)?;
+        let index = self.nodes.len();
+        if index >= MAX_NODES {
+            let message = format!("the robot has more than {MAX_NODES} links and joints");
+            return Err(e.error(message, "leave out what does not move or collide"));
+        }
+        let direction = e.vector(["x", "y", "z"])?;
+        let Some(unit) = Unit::try_new(direction, geometry::ZERO) else {
+            return Err(e.error(
+                format!("<{}> has no direction: x, y and z are all 0", e.written),
+                "give at least one of x, y, z; leave the node out if it does nothing",
+            ));
+        };
+        let length = e.number("length")?.filter(|h| h.abs() > geometry::ZERO);
+        let axis: Vector3<f64> = length.map_or(direction, |h| *unit * h);
+        let kind = if is_joint { self.joint(e, unit, &axis, length)? } else { NodeKind::Link { offset: axis } };
+        let center = if is_joint { Vector3::zeros() } else { axis / 2.0 };
+        let capsule = e.flag("capsule", &mut self.warnings);
+        let automatic = |radius: f64| geometry::automatic(radius, &axis, center, capsule);
+        self.nodes.push(Node {
+            parent: self.node,
+            part,
+            kind,
+            solids: e.optional_size("radius")?.map(automatic).into_iter().collect(),
+            fields: e.optional_size("field")?.map(automatic).into_iter().collect(),
+            no_self_collision: e.flag("noSelfCollision", &mut self.warnings),
+            near_root: false,
+        });
+        self.parts[part].root_node.get_or_insert(index);
+        let before = self.node.replace(index);
+        Ok(Open::Node { before })
+    }
+
+    fn joint(
+        &mut self,
+        e: &Element,
+        unit: Unit<Vector3<f64>>,
+        axis: &Vector3<f64>,
+        length: Option<f64>,
+    ) -> Result<NodeKind, FileError> {
+        if let Some(kind) = e.get("type").filter(|t| !["", "revolute"].contains(&t.value.trim())) {
+            let message = format!("joints of type \"{}\" are not supported", kind.value);
+            return Err(e.error_at("type", message, "only revolute joints are; leave `type` out"));
+        }
+        let Some(motor) = self.motor else {
+            return Err(e.error("<joint> stands outside any motor", "put it into a <motor name=\"...\">"));
+        };
+        let (min, max) = limits(e, "the joint", -180.0, 180.0)?;
+        self.motors[motor].joints.push(self.nodes.len());
+        // A negative length turns the axis round.
+        let axis_unit = if length.is_some_and(|h| h < 0.0) { -unit } else { unit };
+        let (min, max) = (min.to_radians(), max.to_radians());
+        Ok(NodeKind::Joint { axis: axis_unit, motor, min, max, length: axis.norm() })
+    }
+
+    fn shape(&mut self, e: &Element, sizes: &'static [&'static str]) -> Result<Open, FileError> {
+        e.warn_unknown(&[sizes, geometry::POSE, &["field"]], &mut self.warnings);
+        let Some(node) = self.node else {
+            let message = format!("<{}> stands outside any link or joint", e.written);
+            return Err(e.error(message, "put it into the <link> or <joint> that carries it"));
+        };
+        let primitive = geometry::primitive(e)?;
+        let field = e.flag("field", &mut self.warnings);
+        let node = &mut self.nodes[node];
+        let list = if field { &mut node.fields } else { &mut node.solids };
+        if list.len() >= usize::from(u16::MAX) {
+            return Err(e.error("this node has too many shapes", "spread them over several links"));
+        }
+        list.push(primitive);
+        Ok(Open::Other)
+    }
+
+    fn marker(&mut self, e: &Element) -> Result<Open, FileError> {
+        e.warn_unknown(&[&["name", "nx", "ny", "nz", "tracer"]], &mut self.warnings);
+        let part = self.current_part(e)?;
+        let Some(node) = self.node else {
+            let help = "put it into the <link> or <joint> that carries it";
+            return Err(e.error("<marker> stands outside any link or joint", help));
+        };
+        let name = e.name_attr()?;
+        if self.markers.iter().any(|m| m.name == name) {
+            let message = format!("there is a marker `{name}` already");
+            return Err(e.error_at("name", message, "give each marker of a robot its own name"));
+        }
+        let normal = Unit::try_new(e.vector(["nx", "ny", "nz"])?, geometry::ZERO).unwrap_or(Vector3::x_axis());
+        let tracer = e.integer("tracer")?.unwrap_or(5).clamp(1, 10_000) as u32;
+        self.markers.push(Marker { name, node, part, normal, tracer });
+        Ok(Open::Other)
+    }
+
+    fn clause(&mut self, element: Element) -> Open {
+        if self.part.is_none() {
+            let message = "<constraintList> stands outside any body part; it is ignored";
+            self.warnings.push(element.warning_at("", message, "put it into the part whose motors it is about"));
+        }
+        self.clause = Some(Vec::new());
+        Open::Clause { element }
+    }
+
+    fn constraint(&mut self, e: Element) -> Result<Open, FileError> {
+        e.warn_unknown(&[&["a", "q", "b"]], &mut self.warnings);
+        let (a, q) = (e.numbers("a")?, e.numbers("q")?);
+        let b = e.number_or_zero("b")?;
+        if a.is_empty() || a.len() != q.len() {
+            let message = format!("`a` has {} numbers and `q` has {}", a.len(), q.len());
+            return Err(e.error_at("q", message, "give one motor index in q for each coefficient in a, at least one"));
+        }
+        if let Some(bad) = q.iter().find(|i| i.fract() != 0.0 || **i < 0.0) {
+            let message = format!("`q` holds {bad}, which is no motor index");
+            return Err(e.error_at("q", message, "motor indices of the part are counted from 0"));
+        }
+        let Some(clause) = &mut self.clause else {
+            return Err(e.error("<constraint> stands outside a constraintList", "put it into a <constraintList>"));
+        };
+        clause.push(Member { a, q: q.iter().map(|i| *i as i64).collect(), b, element: e });
+        Ok(Open::Other)
+    }
+
+    /// Puts the motors in pose order, resolves the constraints and makes the pair tables.
+    fn finish(mut self, source: &Source) -> Result<Loaded<Robot>, FileError> {
+        let mut order = Vec::with_capacity(self.motors.len());
+        let mut parts = Vec::with_capacity(self.parts.len());
+        for part in &self.parts {
+            let start = order.len();
+            order.extend(part.slots.iter().flatten().copied());
+            let motors = start..order.len();
+            let mut clauses = Vec::with_capacity(part.clauses.len());
+            for clause in &part.clauses {
+                let members: Result<Vec<HalfSpace>, FileError> =
+                    clause.iter().map(|m| half_space(m, part, start)).collect();
+                clauses.push(Clause(members?));
+            }
+            parts.push(Part { name: part.name.clone(), motors, root_node: part.root_node, clauses });
+        }
+        if self.nodes.is_empty() {
+            let help = "a robot has at least one <link> or <joint> in a <bodypart>";
+            return Err(source.error(0..0, "the robot has no links and no joints", help));
+        }
+        let place: BTreeMap<usize, usize> = order.iter().enumerate().map(|(new, old)| (*old, new)).collect();
+        for node in &mut self.nodes {
+            if let NodeKind::Joint { motor, .. } = &mut node.kind {
+                *motor = place[motor];
+            }
+        }
+        for (node, near) in pairs::near_root(&self.nodes).into_iter().enumerate() {
+            self.nodes[node].near_root = near;
+        }
+        let pairs: NodePairs = pairs::node_pairs(&self.nodes);
+        let motors = order.iter().map(|i| self.motors[*i].clone()).collect();
+        let name = self.name.unwrap_or_else(|| "robot".to_owned());
+        let robot = Robot { name, parts, motors, nodes: self.nodes, markers: self.markers, pairs };
+        Ok(Loaded { value: robot, warnings: self.warnings })
+    }
+}
+
+fn half_space(m: &Member, part: &PartBuilder, first: usize) -> Result<HalfSpace, FileError> {
+    let mut terms = Vec::with_capacity(m.a.len());
+    for (a, q) in m.a.iter().zip(&m.q) {
+        match usize::try_from(*q) {
+            Ok(q) if q < part.slots.len() => terms.push((first + q, *a)),
+            _ => {
+                return Err(m.element.error_at(
+                    "q",
+                    format!("part `{}` has no motor with index {q}", part.name),
+                    format!("its motors have the indices 0 to {}", part.slots.len().saturating_sub(1)),
+                ));
+            }
+        }
+    }
+    Ok(HalfSpace { terms, b: m.b })
+}
+
+/// `minPos` and `maxPos`, each with its default.
+fn limits(e: &Element, what: &str, min: f64, max: f64) -> Result<(f64, f64), FileError> {
+    let min = e.number("minPos")?.unwrap_or(min);
+    let max = e.number("maxPos")?.unwrap_or(max);
+    if min > max {
+        let attr = if e.get("minPos").is_some() { "minPos" } else { "maxPos" };
+        return Err(e.error_at(
+            attr,
+            format!("limits reversed: {what} has minPos {min} above maxPos {max}"),
+            "give both limits, the smaller as minPos",
+        ));
+    }
+    Ok((min, max))
+}

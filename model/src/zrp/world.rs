@@ -1,0 +1,144 @@
+//! Tokens to the objects of a world.
+
+use super::element::Element;
+use super::geometry;
+use super::xml::{Token, Tokens};
+use crate::error::{FileError, Loaded, Source};
+use crate::{Object, ObjectClass};
+use std::collections::BTreeSet;
+
+const ROOT: &str = "WorldList";
+const MAX_WARNINGS: usize = 100;
+
+pub(super) fn read(source: &Source) -> Result<Loaded<Vec<Object>>, FileError> {
+    let mut tokens = Tokens::new(source);
+    let mut reader = WorldReader::default();
+    let mut depth = 0_usize;
+    while let Some(token) = tokens.next()? {
+        match token {
+            Token::Start(e) => {
+                if depth == 0 {
+                    reader.root(&e)?;
+                } else {
+                    reader.element(&e, depth)?;
+                }
+                depth += 1;
+            }
+            Token::End => {
+                depth = depth.saturating_sub(1);
+                if reader.open_at == Some(depth) {
+                    reader.open_at = None;
+                }
+            }
+        }
+        reader.warnings.truncate(MAX_WARNINGS);
+    }
+    Ok(Loaded { value: reader.objects, warnings: reader.warnings })
+}
+
+#[derive(Default)]
+struct WorldReader {
+    objects: Vec<Object>,
+    names: BTreeSet<String>,
+    unnamed: usize,
+    /// The depth of the open `object`, the last of `objects`.
+    open_at: Option<usize>,
+    warnings: Vec<FileError>,
+}
+
+impl WorldReader {
+    fn root(&mut self, e: &Element) -> Result<(), FileError> {
+        if !e.name.eq_ignore_ascii_case(ROOT) {
+            let help = match e.name.as_str() {
+                "zeropositionkinematictree" => {
+                    "this is a robot file; give it as the robot, not as the world".to_owned()
+                }
+                _ => format!("a world file begins with <{ROOT} version=\"1.0\">"),
+            };
+            return Err(e.error(format!("<{}> does not begin a world file", e.written), help));
+        }
+        if let Some(version) = e.get("version").filter(|v| !["", "1.0"].contains(&v.value.trim())) {
+            let message = format!("version \"{}\" of the format is not known", version.value);
+            return Err(e.error_at("version", message, "write version=\"1.0\""));
+        }
+        e.warn_unknown(&[&["version"]], &mut self.warnings);
+        Ok(())
+    }
+
+    fn element(&mut self, e: &Element, depth: usize) -> Result<(), FileError> {
+        if e.name == "object" {
+            if self.open_at.is_some() {
+                return Err(e.error("an object stands within an object", "close the outer one before: </object>"));
+            }
+            let object = self.object(e)?;
+            self.objects.push(object);
+            self.open_at = Some(depth);
+            return Ok(());
+        }
+        let Some(sizes) = geometry::shape_attributes(&e.name) else {
+            let message = format!("<{}> is not known; it is ignored", e.written);
+            let help = "known are object, sphere, cylinder, box and capsule";
+            self.warnings.push(e.warning_at("", message, help));
+            return Ok(());
+        };
+        e.warn_unknown(&[sizes, geometry::POSE], &mut self.warnings);
+        match self.objects.last_mut().filter(|_| self.open_at.is_some()) {
+            None => Err(e.error(format!("<{}> stands outside any object", e.written), "put it into an <object>")),
+            Some(object) if object.shapes.len() >= usize::from(u16::MAX) => {
+                Err(e.error("this object has too many shapes", "spread them over several objects"))
+            }
+            Some(object) => {
+                object.shapes.push(geometry::primitive(e)?);
+                Ok(())
+            }
+        }
+    }
+
+    fn object(&mut self, e: &Element) -> Result<Object, FileError> {
+        let own: &[&str] = &["name", "type", "persistent", "r", "g", "b"];
+        e.warn_unknown(&[own, geometry::POSE], &mut self.warnings);
+        let class = match e.get("type").map_or("", |t| t.value.trim()) {
+            "" | "obstacle" => ObjectClass::Obstacle,
+            "target" => ObjectClass::Target,
+            "ghost" => ObjectClass::Ghost,
+            other => {
+                let message = format!("\"{other}\" is no type of object");
+                return Err(e.error_at("type", message, "write obstacle, target or ghost"));
+            }
+        };
+        let name = match e.get("name").map_or("", |n| n.value.trim()) {
+            "" => loop {
+                self.unnamed += 1;
+                let name = format!("object{}", self.unnamed);
+                if !self.names.contains(&name) {
+                    break name;
+                }
+            },
+            name => name.to_owned(),
+        };
+        if !self.names.insert(name.clone()) {
+            let message = format!("there is an object `{name}` already");
+            return Err(e.error_at("name", message, "give each object its own name"));
+        }
+        let persistent = e.integer("persistent")?.unwrap_or(0) != 0;
+        Ok(Object { name, class, persistent, pose: geometry::pose(e)?, shapes: Vec::new(), color: color(e)? })
+    }
+}
+
+fn color(e: &Element) -> Result<Option<[u8; 3]>, FileError> {
+    let mut rgb = [0; 3];
+    let mut given = false;
+    for (channel, name) in rgb.iter_mut().zip(["r", "g", "b"]) {
+        if let Some(value) = e.integer(name)? {
+            given = true;
+            *channel = u8::try_from(value).map_err(|_| {
+                e.error_at(
+                    name,
+                    format!("`{name}` is {value}, outside 0 to 255"),
+                    "give a color as three whole numbers of 0 to 255",
+                )
+            })?;
+        }
+    }
+    Ok(given.then_some(rgb))
+}
