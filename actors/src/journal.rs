@@ -1,0 +1,172 @@
+//! The journal: what a run leaves behind as proof, one JSON line per event, chained by a hash.
+//!
+//! ```text
+//! {"aside":{"build":"0.1.0",...}}                                            not hashed: what differs between equal runs
+//! {"n":0,"t_ns":0,"event":{"event":"started",...},"hash":"9f86d081..."}
+//! {"n":1,"t_ns":20000000,"event":{"event":"enabled",...},"hash":"60303ae2..."}
+//! ```
+//!
+//! `hash` is the SHA-256 of the line before's hash (32 bytes; zeros at first) and this line's text up to `,"hash"`. So a
+//! changed, lost, doubled or moved line shows, and the last hash stands for the whole run: two runs in virtual time with one
+//! seed end with the same. Numbers are written in full; serde_json reads them back to within the last bit. Times are nanoseconds of the run's clock; wall time, paths and build names go into the aside.
+//!
+//! Every outcome of a commit is on disk before the next event is written (fsync); a crash loses at most a last, half line.
+
+mod read;
+pub use read::{JournalError, Line, Lines, read};
+
+use mobee_contract::{Entry, Event, Sink, Time};
+use sha2::{Digest, Sha256};
+use std::fs::{File, OpenOptions};
+use std::io::{Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The journal's name in a run's folder.
+pub const FILE: &str = "journal.jsonl";
+/// What a warning begins with that stands for an event whose numbers are not finite, since JSON can't hold those.
+pub const NOT_FINITE: &str = "numbers that are not finite in: ";
+/// Lines are gathered up to so many bytes before they are handed to the operating system.
+const GATHER: usize = 1 << 16;
+
+/// A running hash over lines.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Chain([u8; 32]);
+
+impl Chain {
+    fn next(self, body: &[u8]) -> Chain {
+        Chain(Sha256::new().chain_update(self.0).chain_update(body).finalize().into())
+    }
+
+    fn hex(self) -> String {
+        self.0.iter().map(|b| format!("{b:02x}")).collect()
+    }
+}
+
+/// A journal that is being written. Clones share it: one is kept to open its sink anew, and to read the final hash.
+#[derive(Clone, Debug)]
+pub struct Journal {
+    path: PathBuf,
+    book: Arc<Mutex<Book>>,
+}
+
+#[derive(Debug)]
+struct Book {
+    file: File,
+    /// Bytes of the file that are whole lines.
+    len: u64,
+    /// Lines not yet in the file.
+    gathered: Vec<u8>,
+    n: u64,
+    chain: Chain,
+}
+
+impl Journal {
+    /// Begins a journal in the folder `dir`, which must exist. `aside` is written first and is not hashed.
+    ///
+    /// # Errors
+    /// If there is one already, or it can't be written.
+    pub fn create(dir: &Path, aside: &serde_json::Value) -> Result<Journal, String> {
+        let path = dir.join(FILE);
+        let file = OpenOptions::new().write(true).create_new(true).open(&path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::AlreadyExists => {
+                format!("{} exists already: a journal is never overwritten; choose another folder", path.display())
+            }
+            _ => format!("{}: {e}; choose a folder that can be written", path.display()),
+        })?;
+        let mut gathered = serde_json::json!({ "aside": aside }).to_string().into_bytes();
+        gathered.push(b'\n');
+        let mut book = Book { file, len: 0, gathered, n: 0, chain: Chain::default() };
+        book.spill(true).map_err(|e| format!("{}: {e}", path.display()))?;
+        Ok(Journal { path, book: Arc::new(Mutex::new(book)) })
+    }
+
+    /// The sink that writes it. A new one continues where the last one failed.
+    pub fn sink(&self) -> Box<dyn Sink> {
+        Box::new(self.clone())
+    }
+
+    /// The hash of the last line, in hexadecimal: the final hash once the taps have finished.
+    pub fn hash(&self) -> String {
+        self.lock().chain.hex()
+    }
+
+    /// The number of events so far.
+    pub fn events(&self) -> u64 {
+        self.lock().n
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Book> {
+        self.book.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn explain(&self, error: std::io::Error) -> String {
+        format!("{}: {error}; make room on the disk or check its permissions", self.path.display())
+    }
+}
+
+impl Sink for Journal {
+    fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
+        let Entry::Event(event) = entry else { return Ok(()) };
+        let text = event_text(event)?;
+        let mut book = self.lock();
+        let before = (book.gathered.len(), book.n, book.chain);
+        book.append(at, &text);
+        let durable = matches!(**event, Event::Outcome { .. } | Event::Ended { .. });
+        if durable || book.gathered.len() >= GATHER {
+            let end = book.spill(durable);
+            if end.is_err() {
+                // the event will be given to the next sink
+                let (kept, n, chain) = before;
+                book.gathered.truncate(kept);
+                (book.n, book.chain) = (n, chain);
+            }
+            return end.map_err(|e| self.explain(e));
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<(), String> {
+        let end = self.lock().spill(false);
+        end.map_err(|e| self.explain(e))
+    }
+}
+
+impl Book {
+    fn append(&mut self, at: Time, event: &str) {
+        let body = format!(r#"{{"n":{},"t_ns":{},"event":{event}"#, self.n, at.0);
+        self.chain = self.chain.next(body.as_bytes());
+        self.n += 1;
+        let line = format!("{body},\"hash\":\"{}\"}}\n", self.chain.hex());
+        self.gathered.extend_from_slice(line.as_bytes());
+    }
+
+    /// Writes what was gathered. If that fails the file may end with a half line, which the next try overwrites.
+    fn spill(&mut self, durable: bool) -> std::io::Result<()> {
+        if !self.gathered.is_empty() {
+            self.file.seek(SeekFrom::Start(self.len))?;
+            self.file.write_all(&self.gathered)?;
+        }
+        if durable {
+            self.file.sync_data()?;
+        }
+        self.len += self.gathered.len() as u64;
+        self.gathered.clear();
+        Ok(())
+    }
+}
+
+/// An event's JSON; if that can't be read back, since a number is not finite, a warning's that holds it.
+fn event_text(event: &Event) -> Result<String, String> {
+    let text = serde_json::to_string(event).map_err(|e| format!("an event can't be written as JSON: {e}"))?;
+    if !text.contains("null") || serde_json::from_str::<Event>(&text).is_ok() {
+        return Ok(text);
+    }
+    let warning = Event::Warning { text: format!("{NOT_FINITE}{text}") };
+    serde_json::to_string(&warning).map_err(|e| format!("an event can't be written as JSON: {e}"))
+}

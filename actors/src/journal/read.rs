@@ -1,0 +1,181 @@
+//! Reading a journal strictly: numbers, hashes and JSON of every line, with the place of the first thing that is wrong.
+
+use super::Chain;
+use mobee_contract::{Event, Time};
+use serde::Deserialize;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+/// A longer line is no journal's.
+const LONGEST: u64 = 1 << 26;
+/// What stands between a line's body and its end: the hash in hexadecimal.
+const HASH_KEY: &str = ",\"hash\":\"";
+
+/// A line of a journal whose number and hash are right.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Line {
+    /// The line in the file, counted from 1.
+    pub line: u64,
+    /// The event's number, counted from 0.
+    pub n: u64,
+    /// When it happened.
+    pub at: Time,
+    /// It.
+    pub event: Event,
+    /// The hash up to here, in hexadecimal.
+    pub hash: String,
+}
+
+/// Why a journal can't be read on.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}:{line}:{column}: {what}; {help}", file.display())]
+pub struct JournalError {
+    /// The file.
+    pub file: PathBuf,
+    /// The line, counted from 1; 0 if the file could not be opened.
+    pub line: u64,
+    /// The column in bytes, counted from 1; 0 for the whole line.
+    pub column: u64,
+    /// What is wrong.
+    pub what: String,
+    /// What to do about it.
+    pub help: String,
+    /// Whether the journal merely stops in mid-line, as a crash leaves it: all events before are good.
+    pub truncated: bool,
+}
+
+/// The lines of a journal; the first error is the last item.
+#[derive(Debug)]
+pub struct Lines {
+    file: PathBuf,
+    reader: BufReader<File>,
+    line: u64,
+    n: u64,
+    chain: Chain,
+    failed: bool,
+    text: Vec<u8>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Raw {
+    n: u64,
+    t_ns: u64,
+    event: Event,
+    hash: String,
+}
+
+/// Opens a journal: its file, or the folder of its run.
+///
+/// # Errors
+/// If it can't be opened.
+pub fn read(path: &Path) -> Result<Lines, JournalError> {
+    let file = if path.is_dir() { path.join(super::FILE) } else { path.to_path_buf() };
+    let opened = File::open(&file).map_err(|e| JournalError {
+        file: file.clone(),
+        line: 0,
+        column: 0,
+        what: e.to_string(),
+        help: "name a run's folder or its journal".into(),
+        truncated: false,
+    })?;
+    let reader = BufReader::with_capacity(1 << 16, opened);
+    Ok(Lines { file, reader, line: 0, n: 0, chain: Chain::default(), failed: false, text: Vec::new() })
+}
+
+impl Iterator for Lines {
+    type Item = Result<Line, JournalError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.failed {
+            return None;
+        }
+        let next = self.step().transpose();
+        self.failed = matches!(next, None | Some(Err(_)));
+        next
+    }
+}
+
+impl Lines {
+    fn step(&mut self) -> Result<Option<Line>, JournalError> {
+        loop {
+            self.line += 1;
+            self.text.clear();
+            let end = self.reader.by_ref().take(LONGEST).read_until(b'\n', &mut self.text);
+            end.map_err(|e| self.error(0, e.to_string(), "check the disk"))?;
+            if self.text.is_empty() {
+                return if self.line == 1 { Err(self.truncated()) } else { Ok(None) };
+            }
+            if self.text.pop() != Some(b'\n') {
+                return Err(self.truncated());
+            }
+            let text = std::mem::take(&mut self.text);
+            let line = self.parse(&text);
+            self.text = text;
+            match line? {
+                None => continue,
+                some => return Ok(some),
+            }
+        }
+    }
+
+    /// Reads a line; `None` if it is the aside.
+    fn parse(&mut self, bytes: &[u8]) -> Result<Option<Line>, JournalError> {
+        const BROKEN: &str =
+            "the journal was changed after it was written: use a copy that was not, or do the run again";
+        let text = std::str::from_utf8(bytes)
+            .map_err(|e| self.error(e.valid_up_to() as u64 + 1, "this is not UTF-8 text", BROKEN))?;
+        if self.line == 1 && text.starts_with("{\"aside\":") {
+            let aside: Result<serde_json::Value, _> = serde_json::from_str(text);
+            return match aside {
+                Ok(_) => Ok(None),
+                Err(e) => Err(self.error(e.column() as u64, json(&e), BROKEN)),
+            };
+        }
+        let raw: Raw = serde_json::from_str(text).map_err(|e| {
+            let help = match e.classify() {
+                serde_json::error::Category::Data => "read it with the version of mobee that wrote it",
+                _ => BROKEN,
+            };
+            self.error(e.column() as u64, json(&e), help)
+        })?;
+        if raw.n != self.n {
+            let what = format!("event {} stands where event {} should be: lines are missing or doubled", raw.n, self.n);
+            return Err(self.error(6, what, BROKEN));
+        }
+        let at = text.rfind(HASH_KEY).unwrap_or(text.len());
+        let chain = self.chain.next(text.get(..at).unwrap_or_default().as_bytes());
+        let hash = chain.hex();
+        if raw.hash != hash || text.get(at..) != Some(format!("{HASH_KEY}{hash}\"}}").as_str()) {
+            let what = "the hash does not fit: this line, or the one before it, is not as it was written";
+            return Err(self.error(at as u64 + HASH_KEY.len() as u64 + 1, what, BROKEN));
+        }
+        self.chain = chain;
+        self.n += 1;
+        Ok(Some(Line { line: self.line, n: raw.n, at: Time(raw.t_ns), event: raw.event, hash }))
+    }
+
+    fn truncated(&self) -> JournalError {
+        let what = format!("the journal stops in mid-line: the run did not end in order; {} events are good", self.n);
+        let help = "the events before this line can be used; do the run again for the rest";
+        JournalError { truncated: true, ..self.error(self.text.len() as u64 + 1, what, help) }
+    }
+
+    fn error(&self, column: u64, what: impl Into<String>, help: &str) -> JournalError {
+        JournalError {
+            file: self.file.clone(),
+            line: self.line,
+            column,
+            what: what.into(),
+            help: help.into(),
+            truncated: false,
+        }
+    }
+}
+
+/// serde_json's message without its own line and column.
+fn json(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    text.split(" at line ").next().unwrap_or_default().to_string()
+}

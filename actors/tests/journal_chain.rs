@@ -1,0 +1,185 @@
+//! The journal: every change shows, every crash leaves a readable file (I12), equal runs have equal hashes (I13).
+
+use mobee_actors::clock::ClockKind;
+use mobee_actors::journal::{Journal, JournalError, Line, NOT_FINITE, read};
+use mobee_actors::tap::{SinkSpec, Taps};
+use mobee_contract::{CommitId, Entry, Event, Outcome, Time};
+use proptest::prelude::*;
+use serde_json::json;
+use std::path::Path;
+use std::sync::Arc;
+
+fn outcome(id: u64, q: Vec<f64>) -> Event {
+    let (robot, outcome) = ("edge".to_string(), Outcome::Committed);
+    Event::Outcome { robot, id: CommitId(id), outcome, q: q.into(), safe: None, cause: None }
+}
+
+fn events() -> Vec<Event> {
+    let mut events = vec![Event::Started { seed: 7, clock: "virtual".into(), config: json!({"hash": "x", "a": null}) }];
+    events.extend((1..30).map(|id| outcome(id, vec![0.125 * id as f64, -1e-17, 1.0 / 3.0])));
+    events.push(Event::Ended { reason: "done".into() });
+    events
+}
+
+fn write(dir: &Path, aside: &str) -> Journal {
+    let journal = Journal::create(dir, &json!({ "build": aside })).unwrap();
+    let mut sink = journal.sink();
+    for (k, event) in events().into_iter().enumerate() {
+        sink.write(Time(k as u64 * 1_234_567_891), &Entry::Event(Arc::new(event))).unwrap();
+    }
+    sink.flush().unwrap();
+    journal
+}
+
+fn lines(path: &Path) -> Result<Vec<Line>, JournalError> {
+    read(path)?.collect()
+}
+
+#[test]
+fn what_was_written_is_read_back_with_the_final_hash() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = write(dir.path(), "a");
+    let lines = lines(dir.path()).unwrap();
+    assert_eq!(lines.iter().map(|l| l.event.clone()).collect::<Vec<_>>(), events());
+    assert_eq!(lines[3].at, Time(3 * 1_234_567_891));
+    assert_eq!(lines.last().unwrap().hash, journal.hash());
+    assert_eq!(journal.events(), lines.len() as u64);
+}
+
+#[test]
+fn the_aside_is_not_hashed_and_everything_else_is() {
+    let (a, b, c) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let hash = write(a.path(), "a").hash();
+    assert_eq!(hash, write(b.path(), "another build").hash());
+    let journal = Journal::create(c.path(), &json!({})).unwrap();
+    for (k, event) in events().into_iter().enumerate() {
+        journal.sink().write(Time(k as u64 * 1_234_567_891 + 1), &Entry::Event(Arc::new(event))).unwrap();
+    }
+    assert_ne!(hash, journal.hash(), "one nanosecond later is another run");
+}
+
+#[test]
+fn an_existing_journal_is_not_overwritten() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), "a");
+    assert!(Journal::create(dir.path(), &json!({})).unwrap_err().contains("never overwritten"));
+    assert_eq!(lines(dir.path()).unwrap().len(), events().len());
+}
+
+#[test]
+fn a_number_that_is_not_finite_does_not_break_the_journal() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::create(dir.path(), &json!({})).unwrap();
+    let mut sink = journal.sink();
+    for bad in [f64::NAN, f64::INFINITY] {
+        sink.write(Time(1), &Entry::Event(Arc::new(outcome(1, vec![bad])))).unwrap();
+    }
+    sink.flush().unwrap();
+    let lines = lines(dir.path()).unwrap();
+    assert_eq!(lines.len(), 2);
+    assert!(lines.iter().all(|l| matches!(&l.event, Event::Warning { text } if text.starts_with(NOT_FINITE))));
+}
+
+#[test]
+fn a_second_sink_continues_the_chain() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::create(dir.path(), &json!({})).unwrap();
+    for (k, event) in events().into_iter().enumerate() {
+        journal.sink().write(Time(k as u64), &Entry::Event(Arc::new(event))).unwrap();
+    }
+    assert_eq!(lines(dir.path()).unwrap().len(), events().len());
+}
+
+#[test]
+fn missing_doubled_and_swapped_lines_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = write(dir.path(), "a").path().to_path_buf();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let all: Vec<&str> = text.lines().collect();
+    let mut missing = all.clone();
+    missing.remove(5);
+    let mut doubled = all.clone();
+    doubled.insert(6, all[5]);
+    let mut swapped = all.clone();
+    swapped.swap(5, 6);
+    for (changed, line) in [(missing, 6), (doubled, 7), (swapped, 6)] {
+        std::fs::write(&path, changed.join("\n") + "\n").unwrap();
+        let error = lines(&path).unwrap_err();
+        assert_eq!((error.line, error.truncated), (line, false), "{error}");
+    }
+}
+
+#[test]
+fn missing_and_empty_files_are_errors_with_a_remedy() {
+    let dir = tempfile::tempdir().unwrap();
+    let error = read(dir.path()).unwrap_err();
+    assert!(error.to_string().contains("journal.jsonl") && !error.help.is_empty());
+    std::fs::write(dir.path().join("journal.jsonl"), "").unwrap();
+    assert!(lines(dir.path()).unwrap_err().truncated);
+}
+
+#[test]
+fn the_journal_works_behind_the_taps() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::create(dir.path(), &json!({})).unwrap();
+    let keep = journal.clone();
+    let open = Arc::new(move || Ok(journal.sink()));
+    let spec = SinkSpec { name: "journal".into(), essential: true, poses: None, capacity: 16, open };
+    let taps = Taps::spawn(ClockKind::Virtual, vec![spec]).unwrap();
+    (0..500).for_each(|i| taps.event(Time(i), outcome(i, vec![])));
+    let report = taps.finish(Time(500), Event::Ended { reason: "done".into() });
+    assert_eq!(report[0].error, None);
+    let lines = lines(dir.path()).unwrap();
+    assert_eq!((lines.len(), &lines[500].hash), (501, &keep.hash()));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Cut anywhere: the good lines are given, then an error that says how many they are.
+    #[test]
+    fn a_journal_cut_at_any_byte_is_readable(share in 0.0..1.0_f64) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = write(dir.path(), "a").path().to_path_buf();
+        let bytes = std::fs::read(&path).unwrap();
+        let cut = (share * bytes.len() as f64) as usize;
+        std::fs::write(&path, &bytes[..cut]).unwrap();
+        let whole = bytes[..cut].iter().filter(|b| **b == b'\n').count().saturating_sub(1);
+        let read: Vec<_> = read(&path).unwrap().collect();
+        prop_assert_eq!(read.iter().filter(|l| l.is_ok()).count(), whole);
+        match read.last() {
+            Some(Err(e)) => {
+                let says = e.what.contains(&format!("{whole} events are good"));
+                prop_assert!(e.truncated && says);
+            }
+            _ => prop_assert_eq!(bytes[cut - 1], b'\n'),
+        }
+    }
+
+    /// One flipped bit anywhere after the aside: the line is named (a flipped line end: it or the next).
+    #[test]
+    fn a_flipped_bit_is_found(share in 0.0..1.0_f64, bit in 0_u8..8) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = write(dir.path(), "a").path().to_path_buf();
+        let mut bytes = std::fs::read(&path).unwrap();
+        let first = bytes.iter().position(|b| *b == b'\n').unwrap() + 1;
+        let at = first + (share * (bytes.len() - first) as f64) as usize;
+        let line = bytes[..at].iter().filter(|b| **b == b'\n').count() as u64 + 1;
+        bytes[at] ^= 1 << bit;
+        std::fs::write(&path, &bytes).unwrap();
+        let error = lines(&path).unwrap_err();
+        prop_assert_eq!(error.line, line, "{}", error);
+    }
+
+    /// Anything at all: an error, not a panic.
+    #[test]
+    fn garbage_is_refused(bytes in prop::collection::vec(any::<u8>(), 0..300), head in any::<bool>()) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("journal.jsonl");
+        let mut text = if head { b"{\"aside\":{}}\n".to_vec() } else { Vec::new() };
+        text.extend(&bytes);
+        std::fs::write(&path, &text).unwrap();
+        let clean = head && bytes.is_empty();
+        prop_assert_eq!(lines(&path).is_ok(), clean);
+    }
+}
