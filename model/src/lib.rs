@@ -31,4 +31,4 @@ pub use line::LineVerdict;
 pub use robot::*;
 pub use scene::*;
 pub use watch::{Counters, Watch};
-pub use zrp::{load_robot, load_world, parse_robot, parse_world};
+pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot};

@@ -11,11 +11,14 @@ mod geometry;
 pub(crate) mod pairs;
 mod robot;
 mod world;
+mod write;
 mod xml;
 
 use crate::error::{FileError, Loaded, Source};
 use crate::{Object, Robot};
 use std::path::Path;
+
+pub use write::write_robot;
 
 /// Files above this size are refused, bytes.
 const MAX_BYTES: u64 = 16 << 20;

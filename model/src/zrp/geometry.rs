@@ -58,9 +58,15 @@ pub(super) fn primitive(e: &Element) -> Result<Primitive, FileError> {
     Ok(Primitive { shape, pose: pose(e)? })
 }
 
-/// The cylinder (or capsule) that `radius` and `field` add to a link or joint: along `axis`, centred at `center`.
-pub(super) fn automatic(radius: f64, axis: &Vector3<f64>, center: Vector3<f64>, capsule: bool) -> Primitive {
-    let height = axis.norm();
+/// The cylinder (or capsule) of that `height` that `radius` and `field` add to a link or joint: along `axis`, centred
+/// at `center`.
+pub(super) fn automatic(
+    radius: f64,
+    height: f64,
+    axis: &Vector3<f64>,
+    center: Vector3<f64>,
+    capsule: bool,
+) -> Primitive {
     let shape = if capsule { Shape::Capsule { radius, height } } else { Shape::Cylinder { radius, height } };
     Primitive { shape, pose: Isometry3::from_parts(Translation3::from(center), orientation(axis, 0.0)) }
 }

@@ -254,11 +254,16 @@ impl RobotReader {
             ));
         };
         let length = e.number("length")?.filter(|h| h.abs() > geometry::ZERO);
+        let height = length.map_or(direction.norm(), f64::abs);
         let axis: Vector3<f64> = length.map_or(direction, |h| *unit * h);
-        let kind = if is_joint { self.joint(e, unit, &axis, length)? } else { NodeKind::Link { offset: axis } };
+        let kind = if is_joint {
+            self.joint(e, if length.is_some_and(|h| h < 0.0) { -unit } else { unit }, height)?
+        } else {
+            NodeKind::Link { offset: axis }
+        };
         let center = if is_joint { Vector3::zeros() } else { axis / 2.0 };
         let capsule = e.flag("capsule", &mut self.warnings);
-        let automatic = |radius: f64| geometry::automatic(radius, &axis, center, capsule);
+        let automatic = |radius: f64| geometry::automatic(radius, height, &axis, center, capsule);
         self.nodes.push(Node {
             parent: self.node,
             part,
@@ -273,13 +278,7 @@ impl RobotReader {
         Ok(Open::Node { before })
     }
 
-    fn joint(
-        &mut self,
-        e: &Element,
-        unit: Unit<Vector3<f64>>,
-        axis: &Vector3<f64>,
-        length: Option<f64>,
-    ) -> Result<NodeKind, FileError> {
+    fn joint(&mut self, e: &Element, axis: Unit<Vector3<f64>>, length: f64) -> Result<NodeKind, FileError> {
         if let Some(kind) = e.get("type").filter(|t| !["", "revolute"].contains(&t.value.trim())) {
             let message = format!("joints of type \"{}\" are not supported", kind.value);
             return Err(e.error_at("type", message, "only revolute joints are; leave `type` out"));
@@ -289,10 +288,8 @@ impl RobotReader {
         };
         let (min, max) = limits(e, "the joint", -180.0, 180.0)?;
         self.motors[motor].joints.push(self.nodes.len());
-        // A negative length turns the axis round.
-        let axis_unit = if length.is_some_and(|h| h < 0.0) { -unit } else { unit };
         let (min, max) = (min.to_radians(), max.to_radians());
-        Ok(NodeKind::Joint { axis: axis_unit, motor, min, max, length: axis.norm() })
+        Ok(NodeKind::Joint { axis, motor, min, max, length })
     }
 
     fn shape(&mut self, e: &Element, sizes: &'static [&'static str]) -> Result<Open, FileError> {

@@ -1,0 +1,305 @@
+//! A robot to ZRP XML that reads back to the same robot.
+//!
+//! All parts with their motors and constraints come first, then the tree; there a part or motor is entered again by
+//! name. So the order of parts, motors, nodes and markers survives whatever their nesting.
+
+use super::geometry;
+use crate::{Marker, Node, NodeKind, Primitive, Robot, Shape};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// Writes a robot as a ZRP XML file. Numbers have the fewest digits that read back to the same value; a shape's
+/// orientation, written as heading and angle, comes back within rounding.
+pub fn write_robot(robot: &Robot) -> String {
+    let mut children = vec![Vec::new(); robot.nodes.len()];
+    let mut roots = Vec::new();
+    for (i, node) in robot.nodes.iter().enumerate() {
+        node.parent.map_or(&mut roots, |p| &mut children[p]).push(i);
+    }
+    let mut markers: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    let mut first_marker = vec![usize::MAX; robot.nodes.len()];
+    for (i, marker) in robot.markers.iter().enumerate() {
+        markers.entry(marker.node).or_default().push(i);
+        first_marker[marker.node] = first_marker[marker.node].min(i);
+    }
+    for (i, node) in robot.nodes.iter().enumerate().rev() {
+        if let Some(parent) = node.parent {
+            first_marker[parent] = first_marker[parent].min(first_marker[i]);
+        }
+    }
+    let mut writer = Writer { robot, children, markers, first_marker, out: String::new(), depth: 0, current: None };
+    writer.document(&roots);
+    writer.out
+}
+
+struct Writer<'a> {
+    robot: &'a Robot,
+    children: Vec<Vec<usize>>,
+    /// Markers by node, in order.
+    markers: BTreeMap<usize, Vec<usize>>,
+    /// The first marker in each node's subtree.
+    first_marker: Vec<usize>,
+    out: String,
+    depth: usize,
+    /// The part that the reader takes as current here.
+    current: Option<usize>,
+}
+
+/// What is still to be written, the next on top: a stack instead of recursion, for trees of any depth.
+enum Todo {
+    Node(usize),
+    Marker(usize),
+    Close(&'static str),
+    ClosePart,
+}
+
+impl Writer<'_> {
+    fn document(&mut self, roots: &[usize]) {
+        self.out.push_str("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
+        let name = escape(&self.robot.name);
+        self.open(&format!("ZeroPositionKinematicTree version=\"1.0\" robotName=\"{name}\""));
+        for part in 0..self.robot.parts.len() {
+            self.part(part);
+        }
+        let mut todo: Vec<Todo> = roots.iter().rev().map(|r| Todo::Node(*r)).collect();
+        while let Some(next) = todo.pop() {
+            match next {
+                Todo::Close(name) => self.close(name),
+                Todo::ClosePart => self.close_part(),
+                Todo::Marker(marker) => self.marker(marker),
+                Todo::Node(node) => self.node(node, &mut todo),
+            }
+        }
+        self.close("ZeroPositionKinematicTree");
+    }
+
+    /// A part's motors, the root motor first, and its constraints.
+    fn part(&mut self, index: usize) {
+        let part = &self.robot.parts[index];
+        self.open(&format!("bodypart name=\"{}\"", escape(&part.name)));
+        let mut motors: Vec<usize> = part.motors.clone().collect();
+        motors.sort_by_key(|m| !self.robot.motors[*m].is_part_root);
+        for m in motors {
+            let motor = &self.robot.motors[m];
+            self.line(&format!(
+                "motor name=\"{}\" idx=\"{}\" minPos=\"{}\" maxPos=\"{}\" home=\"{}\"",
+                escape(&motor.name),
+                m - part.motors.start,
+                degrees(motor.min),
+                degrees(motor.max),
+                degrees(motor.home)
+            ));
+        }
+        for clause in &part.clauses {
+            self.open("constraintList");
+            for member in &clause.0 {
+                let a: Vec<String> = member.terms.iter().map(|t| t.1.to_string()).collect();
+                let q: Vec<String> = member.terms.iter().map(|t| (t.0 - part.motors.start).to_string()).collect();
+                self.line(&format!("constraint a=\"{}\" q=\"{}\" b=\"{}\"", a.join(" "), q.join(" "), member.b));
+            }
+            self.close("constraintList");
+        }
+        self.close("bodypart");
+    }
+
+    fn node(&mut self, index: usize, todo: &mut Vec<Todo>) {
+        let robot = self.robot;
+        let node = &robot.nodes[index];
+        if self.enter(node.part) {
+            todo.push(Todo::ClosePart);
+        }
+        let tag = match &node.kind {
+            NodeKind::Link { .. } => "link",
+            NodeKind::Joint { motor, .. } => {
+                self.open(&format!("motor name=\"{}\"", escape(&robot.motors[*motor].name)));
+                todo.push(Todo::Close("motor"));
+                "joint"
+            }
+        };
+        self.open(&format!("{tag}{}", node_attributes(node)));
+        todo.push(Todo::Close(tag));
+        let automatic = automatic_shapes(node);
+        for p in &node.solids[usize::from(automatic.solid)..] {
+            self.line(&primitive(p, false));
+        }
+        for p in &node.fields[usize::from(automatic.field)..] {
+            self.line(&primitive(p, true));
+        }
+        let mut own = self.markers.remove(&index).unwrap_or_default().into_iter().peekable();
+        let mut content = Vec::new();
+        for child in &self.children[index] {
+            while let Some(m) = own.next_if(|m| *m < self.first_marker[*child]) {
+                content.push(Todo::Marker(m));
+            }
+            content.push(Todo::Node(*child));
+        }
+        content.extend(own.map(Todo::Marker));
+        todo.extend(content.into_iter().rev());
+    }
+
+    fn marker(&mut self, index: usize) {
+        let Marker { name, normal, tracer, part, .. } = &self.robot.markers[index];
+        let entered = self.enter(*part);
+        let normal = vector(normal, ["nx", "ny", "nz"]);
+        self.line(&format!("marker name=\"{}\"{normal} tracer=\"{tracer}\"", escape(name)));
+        if entered {
+            self.close_part();
+        }
+    }
+
+    /// Makes a part current as the reader sees it; true if an element was opened for it.
+    fn enter(&mut self, part: usize) -> bool {
+        let enters = self.current != Some(part);
+        if enters {
+            self.open(&format!("bodypart name=\"{}\"", escape(&self.robot.parts[part].name)));
+            self.current = Some(part);
+        }
+        enters
+    }
+
+    fn close_part(&mut self) {
+        self.close("bodypart");
+        // The reader goes on with what surrounded the part's first mention: nothing, for the list at the top.
+        self.current = None;
+    }
+
+    fn open(&mut self, tag: &str) {
+        self.indent();
+        let _ = writeln!(self.out, "<{tag}>");
+        self.depth += 1;
+    }
+
+    fn close(&mut self, name: &str) {
+        self.depth -= 1;
+        self.indent();
+        let _ = writeln!(self.out, "</{name}>");
+    }
+
+    fn line(&mut self, tag: &str) {
+        self.indent();
+        let _ = writeln!(self.out, "<{tag}/>");
+    }
+
+    fn indent(&mut self) {
+        self.out.extend(std::iter::repeat_n("  ", self.depth));
+    }
+}
+
+/// Whether the first solid and the first field of a node are those that `radius` and `field` stand for.
+struct Automatic {
+    solid: bool,
+    field: bool,
+}
+
+fn automatic_shapes(node: &Node) -> Automatic {
+    let (axis, center) = match &node.kind {
+        NodeKind::Link { offset } => (*offset, offset / 2.0),
+        NodeKind::Joint { axis, length, .. } => (**axis * *length, Vector3::zeros()),
+    };
+    let is = |p: Option<&Primitive>| match p.map(|p| (p, p.shape)) {
+        Some((p, Shape::Cylinder { radius, height })) => {
+            let expected = geometry::automatic(radius, height, &axis, center, false);
+            (height - axis.norm()).abs() < 1e-14 && close(&p.pose, &expected.pose)
+        }
+        _ => false,
+    };
+    Automatic { solid: is(node.solids.first()), field: is(node.fields.first()) }
+}
+
+fn close(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+    (a.translation.vector - b.translation.vector).norm() < 1e-14 && a.rotation.angle_to(&b.rotation) < 1e-14
+}
+
+fn node_attributes(node: &Node) -> String {
+    let mut out = match &node.kind {
+        NodeKind::Link { offset } => vector(offset, ["x", "y", "z"]),
+        NodeKind::Joint { axis, min, max, length, .. } => format!(
+            "{} length=\"{length}\" minPos=\"{}\" maxPos=\"{}\"",
+            vector(axis, ["x", "y", "z"]),
+            degrees(*min),
+            degrees(*max)
+        ),
+    };
+    let automatic = automatic_shapes(node);
+    for (name, first) in [
+        ("radius", node.solids.first().filter(|_| automatic.solid)),
+        ("field", node.fields.first().filter(|_| automatic.field)),
+    ] {
+        if let Some(Shape::Cylinder { radius, .. }) = first.map(|p| p.shape) {
+            let _ = write!(out, " {name}=\"{radius}\"");
+        }
+    }
+    if node.no_self_collision {
+        out.push_str(" noSelfCollision=\"true\"");
+    }
+    out
+}
+
+fn primitive(p: &Primitive, field: bool) -> String {
+    let mut out = match p.shape {
+        Shape::Sphere { radius } => format!("sphere radius=\"{radius}\""),
+        Shape::Cylinder { radius, height } => format!("cylinder radius=\"{radius}\" height=\"{height}\""),
+        Shape::Capsule { radius, height } => format!("capsule radius=\"{radius}\" height=\"{height}\""),
+        Shape::Box { size } => format!("box width=\"{}\" height=\"{}\" depth=\"{}\"", size.x, size.y, size.z),
+    };
+    out.push_str(&vector(&p.pose.translation.vector, ["px", "py", "pz"]));
+    let (heading, angle) = heading(&p.pose.rotation);
+    if heading != Vector3::y() {
+        out.push_str(&vector(&heading, ["hx", "hy", "hz"]));
+    }
+    if angle != 0.0 {
+        let _ = write!(out, " angle=\"{}\"", degrees(angle));
+    }
+    if field {
+        out.push_str(" field=\"true\"");
+    }
+    out
+}
+
+/// The heading and angle (rad) that the reader turns into this rotation. A heading along -y can't be told from one
+/// along +y in the format; the half turn that makes the difference changes none of the shapes.
+fn heading(rotation: &UnitQuaternion<f64>) -> (Vector3<f64>, f64) {
+    let mut rotation = *rotation;
+    let mut h = rotation * Vector3::y();
+    if h.x.hypot(h.z) <= geometry::ZERO {
+        if h.y < 0.0 {
+            rotation *= UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        }
+        h = Vector3::y();
+    }
+    let roll = geometry::orientation(&h, 0.0).inverse() * rotation;
+    let mut angle = 2.0 * roll.j.atan2(roll.w);
+    if angle > std::f64::consts::PI {
+        angle -= std::f64::consts::TAU;
+    }
+    (h, if angle.abs() < 1e-15 { 0.0 } else { angle })
+}
+
+/// The components of a vector that are not zero, as attributes.
+fn vector(v: &Vector3<f64>, names: [&str; 3]) -> String {
+    let mut out = String::new();
+    for (value, name) in v.iter().zip(names) {
+        if *value != 0.0 {
+            let _ = write!(out, " {name}=\"{value}\"");
+        }
+    }
+    out
+}
+
+/// An angle in degrees with the fewest digits that read back to the same radians.
+fn degrees(radians: f64) -> String {
+    let exact = radians.to_degrees();
+    for digits in 0..17 {
+        let short: f64 = format!("{exact:.digits$e}").parse().unwrap_or(exact);
+        if short.to_radians() == radians {
+            return short.to_string();
+        }
+    }
+    let near = [exact.next_down(), exact.next_up()];
+    near.into_iter().find(|d| d.to_radians() == radians).unwrap_or(exact).to_string()
+}
+
+fn escape(text: &str) -> String {
+    quick_xml::escape::escape(text).into_owned()
+}
