@@ -1,5 +1,6 @@
 //! Who runs: supervision, driver, history, supervise, reflex, model, agent and journal as supervised actors.
 
+pub mod check;
 pub mod clock;
 pub mod journal;
 pub mod stream;

@@ -1,0 +1,183 @@
+//! The invariants of a run as predicates over its journal, so that one checker serves tests, simulations and real robots.
+//!
+//! | | promise | |
+//! |---|---|---|
+//! | I1 | closed means closed | no agent's command reaches the driver while the filter is closed; old tokens write nothing |
+//! | I2 | one outcome | every accepted commit ends exactly once |
+//! | I3 | home is a vertex | after a rollback the robot rests at the safe pose, which is a vertex for an agent with a map |
+//! | I4 | safe pose is honest | taken at rest, fresh, free, with no transaction open |
+//! | I5 | limits | what leaves the filter is finite, within limits, and not too fast |
+//! | I6 | nothing vanishes | sent = handled + queued + dropped on every link |
+//! | I9 | the retreat is watched | a contact on the way back stops it within one period |
+//! | I10 | a restart does not move | no motion from a start or restart until the next commit |
+//! | I11 | removed stays removed | no plan leads over a removed edge |
+//!
+//! Each is a small state machine in a file of its own, fed with one line after the other.
+
+mod closed_means_closed;
+mod home_is_a_vertex;
+mod honest_safe_pose;
+mod limits;
+mod nothing_vanishes;
+mod one_outcome;
+mod removed_stays_removed;
+mod restart_does_not_move;
+mod summary;
+mod watched_retreat;
+pub use summary::{RunSummary, summary};
+
+use crate::journal::{JournalError, Line, read};
+use mobee_contract::{Event, Time};
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+
+/// A broken invariant.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Violation {
+    /// Which: `I1` to `I11`.
+    pub invariant: &'static str,
+    /// The line of the journal, counted from 1.
+    pub line: u64,
+    /// When.
+    pub at: Time,
+    /// What happened, in a sentence.
+    pub what: String,
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} broken at {} (line {}): {}", self.invariant, self.at, self.line, self.what)
+    }
+}
+
+/// What a check found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Events read; the chain is right up to the last of them.
+    pub events: u64,
+    /// The hash of the last, in hexadecimal.
+    pub hash: String,
+    /// Why the run ended, if it ended in order. If not, I6 and open commits are not judged.
+    pub ended: Option<String>,
+    /// Set if the journal stops in mid-line, as after a crash.
+    pub truncated: Option<JournalError>,
+    /// Broken invariants, by line.
+    pub violations: Vec<Violation>,
+}
+
+/// Verifies the chain of a journal (its file or its run's folder), and the invariants.
+///
+/// # Errors
+/// If it can't be opened, or is not as it was written. A journal that merely stops in mid-line is reported on.
+pub fn check(path: &Path) -> Result<Report, JournalError> {
+    let mut checker = Checker::default();
+    let mut report = Report { events: 0, hash: String::new(), ended: None, truncated: None, violations: Vec::new() };
+    for line in read(path)? {
+        match line {
+            Ok(line) => {
+                checker.on(&line);
+                report.events += 1;
+                report.hash = line.hash;
+            }
+            Err(e) if e.truncated => report.truncated = Some(e),
+            Err(e) => return Err(e),
+        }
+    }
+    (report.ended, report.violations) = checker.end();
+    Ok(report)
+}
+
+/// Checks events that were kept in memory; line numbers then count events from 1.
+pub fn check_events(events: impl IntoIterator<Item = (Time, Arc<Event>)>) -> Vec<Violation> {
+    let mut checker = Checker::default();
+    for (n, (at, event)) in (0..).zip(events) {
+        checker.on(&Line { line: n + 1, n, at, event: (*event).clone(), hash: String::new() });
+    }
+    checker.end().1
+}
+
+/// One invariant as a state machine.
+trait Invariant {
+    /// Takes the next line.
+    fn on(&mut self, line: &Line, found: &mut Found<'_>);
+    /// The journal is over, and ended in order.
+    fn end(&mut self, _found: &mut Found<'_>) {}
+}
+
+/// Where an invariant puts what it finds.
+struct Found<'a> {
+    invariant: &'static str,
+    line: u64,
+    at: Time,
+    violations: &'a mut Vec<Violation>,
+}
+
+impl Found<'_> {
+    fn say(&mut self, what: impl Into<String>) {
+        let (invariant, line, at) = (self.invariant, self.line, self.at);
+        self.violations.push(Violation { invariant, line, at, what: what.into() });
+    }
+}
+
+/// All invariants at once.
+pub struct Checker {
+    invariants: Vec<(&'static str, Box<dyn Invariant>)>,
+    violations: Vec<Violation>,
+    last: (u64, Time),
+    ended: Option<String>,
+}
+
+impl Default for Checker {
+    fn default() -> Checker {
+        let invariants: Vec<(&'static str, Box<dyn Invariant>)> = vec![
+            ("I1", Box::new(closed_means_closed::ClosedMeansClosed::default())),
+            ("I2", Box::new(one_outcome::OneOutcome::default())),
+            ("I3", Box::new(home_is_a_vertex::HomeIsAVertex::default())),
+            ("I4", Box::new(honest_safe_pose::HonestSafePose::default())),
+            ("I5", Box::new(limits::Limits::default())),
+            ("I6", Box::new(nothing_vanishes::NothingVanishes)),
+            ("I9", Box::new(watched_retreat::WatchedRetreat::default())),
+            ("I10", Box::new(restart_does_not_move::RestartDoesNotMove::default())),
+            ("I11", Box::new(removed_stays_removed::RemovedStaysRemoved::default())),
+        ];
+        Checker { invariants, violations: Vec::new(), last: (0, Time::ZERO), ended: None }
+    }
+}
+
+impl Checker {
+    /// Takes the next line.
+    pub fn on(&mut self, line: &Line) {
+        self.last = (line.line, line.at);
+        for (name, invariant) in &mut self.invariants {
+            let violations = &mut self.violations;
+            invariant.on(line, &mut Found { invariant: name, line: line.line, at: line.at, violations });
+        }
+        if let Event::Ended { reason } = &line.event {
+            self.ended = Some(reason.clone());
+        }
+    }
+
+    /// Why the run ended, if in order, and everything found, by line.
+    pub fn end(mut self) -> (Option<String>, Vec<Violation>) {
+        let (line, at) = self.last;
+        if self.ended.is_some() {
+            for (name, invariant) in &mut self.invariants {
+                invariant.end(&mut Found { invariant: name, line, at, violations: &mut self.violations });
+            }
+        }
+        self.violations.sort_by_key(|v| v.line);
+        (self.ended, self.violations)
+    }
+}
+
+/// Whether two poses agree to within `tolerance` per motor, rad.
+fn near(a: &[f64], b: &[f64], tolerance: f64) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= tolerance * (1.0 + 1e-9))
+}
+
+/// The greatest difference per motor in degrees, for a sentence.
+fn apart_deg(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max).to_degrees()
+}

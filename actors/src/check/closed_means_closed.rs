@@ -1,0 +1,90 @@
+//! I1: from `Disabled` to `Enabled` no command of an agent reaches the driver, and the reflex writes under its token only.
+//!
+//! A token is open if an `Enabled` brought it and closed otherwise, from then until the next token. Every command must carry
+//! the token of its moment and its writer must be the one that this token lets pass: agents through open ones, the reflex
+//! through closed ones. A stream is told at its end, so it is judged by when it was written. The driver itself only stops.
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::{Event, Time, Writer};
+use std::collections::BTreeMap;
+
+#[derive(Default)]
+pub(super) struct ClosedMeansClosed {
+    robots: BTreeMap<String, Filter>,
+}
+
+struct Filter {
+    token: u64,
+    /// Per token: whether it is open, and since when.
+    tokens: BTreeMap<u64, (bool, Time)>,
+}
+
+impl Default for Filter {
+    fn default() -> Filter {
+        Filter { token: 0, tokens: BTreeMap::from([(0, (false, Time::ZERO))]) }
+    }
+}
+
+impl Filter {
+    fn turn(&mut self, token: u64, open: bool, at: Time, found: &mut Found<'_>) {
+        if token <= self.token {
+            found.say(format!("token {token} follows token {}: tokens only grow", self.token));
+        }
+        self.token = token;
+        self.tokens.insert(token, (open, at));
+    }
+
+    fn may_write(&self, writer: Writer, token: u64) -> bool {
+        let open = self.tokens.get(&token).map(|t| t.0);
+        match writer {
+            Writer::Agent => open == Some(true),
+            Writer::Reflex => open == Some(false),
+            Writer::Driver => true,
+        }
+    }
+
+    /// When a token was replaced.
+    fn until(&self, token: u64) -> Option<Time> {
+        self.tokens.range(token + 1..).next().map(|(_, (_, from))| *from)
+    }
+}
+
+impl Invariant for ClosedMeansClosed {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Enabled { robot, token } => {
+                self.robots.entry(robot.clone()).or_default().turn(*token, true, line.at, found);
+            }
+            Event::Disabled { robot, token, .. } => {
+                self.robots.entry(robot.clone()).or_default().turn(*token, false, line.at, found);
+            }
+            Event::Command { robot, token, writer, kind, .. } => {
+                let filter = self.robots.entry(robot.clone()).or_default();
+                let now = filter.token;
+                if *writer == Writer::Driver {
+                    if kind != "stop" {
+                        found.say(format!("{robot}: the driver itself wrote a `{kind}`; it may only stop"));
+                    }
+                } else if *token != now || !filter.may_write(*writer, *token) {
+                    let state = if filter.may_write(Writer::Agent, now) { "open" } else { "closed" };
+                    found.say(format!(
+                        "{robot}: {writer:?} wrote a `{kind}` under token {token} while the filter was {state} under {now}"
+                    ));
+                }
+            }
+            Event::Streamed { robot, token, writer, span, .. } => {
+                let filter = self.robots.entry(robot.clone()).or_default();
+                if !filter.may_write(*writer, *token) {
+                    found.say(format!("{robot}: {writer:?} streamed under token {token}, which is not its own"));
+                } else if let Some(until) = filter.until(*token).filter(|until| span.1 > *until) {
+                    found.say(format!(
+                        "{robot}: {writer:?} streamed under token {token} until {}, after it ended at {until}",
+                        span.1
+                    ));
+                }
+            }
+            _ => {}
+        }
+    }
+}

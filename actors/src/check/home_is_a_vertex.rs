@@ -1,0 +1,76 @@
+//! I3: after a rollback the robot rests within tolerance of the safe pose that was taken last, or moved last.
+//!
+//! For an agent with a map that pose is a vertex, with these exceptions: the safe pose was moved in mid-motion, or the robot
+//! was not on the map when the motion began. It is on the map once a commit to a vertex was reached, or a rollback ended at a
+//! vertex; it is off the map at the start, after any end elsewhere, and while the agent CONNECTs (Algorithm 1).
+
+use super::{Found, Invariant, apart_deg, near};
+use crate::journal::Line;
+use mobee_contract::{Event, Note, Outcome, Pose};
+use std::collections::BTreeMap;
+
+#[derive(Default)]
+pub(super) struct HomeIsAVertex {
+    robots: BTreeMap<String, Home>,
+}
+
+#[derive(Default)]
+struct Home {
+    tolerance: f64,
+    safe: Option<Pose>,
+    moved: bool,
+    vertices: Vec<Vec<f64>>,
+    on_map: bool,
+}
+
+impl Home {
+    fn is_vertex(&self, q: &[f64]) -> bool {
+        self.vertices.iter().any(|v| near(v, q, self.tolerance))
+    }
+
+    fn rolled_back(&self, robot: &str, q: &[f64], safe: Option<&Pose>, found: &mut Found<'_>) {
+        let Some(safe) = safe else {
+            return found.say(format!("{robot}: rolled back without a safe pose"));
+        };
+        if self.safe.as_ref() != Some(safe) {
+            found.say(format!("{robot}: rolled back to a pose that was not the last safe pose"));
+        }
+        if !near(q, safe, self.tolerance) {
+            found.say(format!("{robot}: rests {:.3} deg from its safe pose", apart_deg(q, safe)));
+        }
+        if self.on_map && !self.moved && !self.is_vertex(q) {
+            let nearest = self.vertices.iter().map(|v| apart_deg(v, q)).fold(f64::INFINITY, f64::min);
+            found.say(format!("{robot}: rests {nearest:.3} deg from the nearest vertex after a rollback"));
+        }
+    }
+}
+
+impl Invariant for HomeIsAVertex {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Robot { robot, tolerance, .. } => {
+                self.robots.entry(robot.clone()).or_default().tolerance = *tolerance;
+            }
+            Event::SafePose { robot, q, .. } => {
+                self.robots.entry(robot.clone()).or_default().safe = Some(q.clone());
+            }
+            Event::SafePoseMoved { robot, q, .. } => {
+                let home = self.robots.entry(robot.clone()).or_default();
+                home.safe = Some(q.clone());
+                home.moved = true;
+            }
+            Event::Commit { robot, .. } => self.robots.entry(robot.clone()).or_default().moved = false,
+            Event::Note { robot, note: Note::Vertex { q, .. } } => {
+                self.robots.entry(robot.clone()).or_default().vertices.push(q.clone());
+            }
+            Event::Outcome { robot, outcome, q, safe, .. } => {
+                let home = self.robots.entry(robot.clone()).or_default();
+                if *outcome == Outcome::RolledBack {
+                    home.rolled_back(robot, q, safe.as_ref(), found);
+                }
+                home.on_map = *outcome != Outcome::Faulted && home.is_vertex(q);
+            }
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! I4: a safe pose is taken only from a fresh reading, at rest, free of contact, with no transaction open.
+//!
+//! The one exception is `SafePoseMoved` in an open transaction. An escape has none, and so is never rolled back; any other
+//! commit has one.
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::{Event, Outcome};
+use std::collections::BTreeMap;
+
+#[derive(Default)]
+pub(super) struct HonestSafePose {
+    robots: BTreeMap<String, Rest>,
+}
+
+#[derive(Default)]
+struct Rest {
+    fresh: f64,
+    rest_speed: f64,
+    has_safe: bool,
+    /// Whether the open commit, if there is one, is an escape.
+    open: Option<bool>,
+}
+
+impl Invariant for HonestSafePose {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Robot { robot, fresh, rest_speed, .. } => {
+                let rest = self.robots.entry(robot.clone()).or_default();
+                (rest.fresh, rest.rest_speed) = (*fresh, *rest_speed);
+            }
+            Event::SafePose { robot, age, speed, free, .. } => {
+                let rest = self.robots.entry(robot.clone()).or_default();
+                rest.has_safe = true;
+                let mut wrong = |what: String| found.say(format!("{robot}: a safe pose was taken {what}"));
+                if rest.open.is_some() {
+                    wrong("with a transaction open".into());
+                }
+                if *age > rest.fresh {
+                    wrong(format!("from a reading {age:.3} s old; {:.3} s is fresh", rest.fresh));
+                }
+                if *speed > rest.rest_speed {
+                    wrong(format!("at {:.3} deg/s", speed.to_degrees()));
+                }
+                if !free {
+                    wrong("in contact".into());
+                }
+            }
+            Event::SafePoseMoved { robot, .. } => {
+                if self.robots.entry(robot.clone()).or_default().open != Some(false) {
+                    found.say(format!("{robot}: a safe pose was moved with no transaction open that has one"));
+                }
+            }
+            Event::Commit { robot, id, escape, .. } => {
+                let rest = self.robots.entry(robot.clone()).or_default();
+                rest.open = Some(*escape);
+                if !escape && !rest.has_safe {
+                    found.say(format!("{robot}: commit {} was accepted without a safe pose", id.0));
+                }
+            }
+            Event::Outcome { robot, id, outcome, safe, .. } => {
+                let escape = self.robots.entry(robot.clone()).or_default().open.take().unwrap_or(false);
+                if escape && (safe.is_some() || *outcome == Outcome::RolledBack) {
+                    found.say(format!("{robot}: commit {} was an escape, but was given a safe pose", id.0));
+                }
+                if !escape && safe.is_none() {
+                    found.say(format!("{robot}: the outcome of commit {} does not name its safe pose", id.0));
+                }
+            }
+            _ => {}
+        }
+    }
+}

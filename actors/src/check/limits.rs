@@ -1,0 +1,99 @@
+//! I5: every value that leaves the filter is finite, within its motor's limits, and not faster than the motor may be.
+//!
+//! A commit's whole pose holds readings of the motors that it does not name; encoder noise may take those beyond a limit by
+//! up to the tolerance.
+
+use super::{Found, Invariant};
+use crate::journal::{Line, NOT_FINITE};
+use mobee_contract::Event;
+use std::collections::BTreeMap;
+
+/// What rounding may add.
+const SLACK: f64 = 1e-9;
+/// What rounding may add to the share of a step in the greatest step.
+const STEP_SLACK: f64 = 1e-6;
+
+#[derive(Default)]
+pub(super) struct Limits {
+    robots: BTreeMap<String, Motors>,
+}
+
+#[derive(Default)]
+struct Motors {
+    names: Vec<String>,
+    range: Vec<(f64, f64)>,
+    max_speed: Vec<f64>,
+    tolerance: f64,
+}
+
+impl Motors {
+    fn position(&self, motor: usize, q: f64, slack: f64) -> Option<String> {
+        let Some((min, max)) = self.range.get(motor) else { return Some(format!("there is no motor {motor}")) };
+        let outside = !(min - slack..=max + slack).contains(&q);
+        outside.then(|| {
+            let name = self.names.get(motor).map_or("?", String::as_str);
+            let [q, min, max] = [q, *min, *max].map(f64::to_degrees);
+            format!("motor {name} was sent to {q:.4} deg, outside {min:.4} to {max:.4} deg")
+        })
+    }
+
+    fn speed(&self, motor: usize, speed: f64) -> Option<String> {
+        let Some(max) = self.max_speed.get(motor) else { return Some(format!("there is no motor {motor}")) };
+        let wrong = !(0.0..=max * (1.0 + SLACK) + SLACK).contains(&speed);
+        wrong.then(|| {
+            let name = self.names.get(motor).map_or("?", String::as_str);
+            format!("motor {name} was given {:.4} deg/s of {:.4} deg/s", speed.to_degrees(), max.to_degrees())
+        })
+    }
+}
+
+impl Invariant for Limits {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        let robot = match &line.event {
+            Event::Robot { robot, motors, min, max, max_speed, tolerance, .. } => {
+                let range = min.iter().copied().zip(max.iter().copied()).collect();
+                let (names, max_speed) = (motors.clone(), max_speed.clone());
+                self.robots.insert(robot.clone(), Motors { names, range, max_speed, tolerance: *tolerance });
+                return;
+            }
+            Event::Warning { text } => {
+                if text.starts_with(NOT_FINITE) {
+                    found.say(text.clone());
+                }
+                return;
+            }
+            Event::Commit { robot, .. }
+            | Event::Amended { robot, .. }
+            | Event::Command { robot, .. }
+            | Event::Streamed { robot, .. } => robot,
+            _ => return,
+        };
+        let Some(motors) = self.robots.get(robot) else {
+            return found.say(format!("{robot}: moved before the journal named its limits"));
+        };
+        let mut wrong: Vec<String> = Vec::new();
+        match &line.event {
+            Event::Commit { target, .. } | Event::Amended { target, .. } => {
+                if target.len() != motors.range.len() {
+                    wrong.push(format!("a target of {} motors for {}", target.len(), motors.range.len()));
+                }
+                let slack = motors.tolerance.max(SLACK);
+                wrong.extend(target.iter().enumerate().filter_map(|(m, q)| motors.position(m, *q, slack)));
+            }
+            Event::Command { q, speed, .. } => {
+                wrong.extend(q.iter().filter_map(|(m, q)| motors.position(*m, *q, SLACK)));
+                wrong.extend(speed.iter().filter_map(|(m, v)| motors.speed(*m, *v)));
+            }
+            Event::Streamed { within_limits, greatest_step, .. } => {
+                if !within_limits {
+                    wrong.push("a set-point was outside the limits".into());
+                }
+                if !(0.0..=1.0 + STEP_SLACK).contains(greatest_step) {
+                    wrong.push(format!("a set-point was {greatest_step:.6} times the greatest step away"));
+                }
+            }
+            _ => {}
+        }
+        wrong.into_iter().for_each(|what| found.say(format!("{robot}: {what}")));
+    }
+}

@@ -1,0 +1,52 @@
+//! I2: every accepted commit has exactly one outcome, and a robot has one transaction at a time.
+//!
+//! A commit that is open at the end breaks it only if the run ended in order.
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::{CommitId, Event};
+use std::collections::BTreeMap;
+
+#[derive(Default)]
+pub(super) struct OneOutcome {
+    /// Per robot: the last commit, and whether it is open.
+    robots: BTreeMap<String, (CommitId, bool)>,
+}
+
+impl Invariant for OneOutcome {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Commit { robot, id, .. } => {
+                if let Some((last, open)) = self.robots.insert(robot.clone(), (*id, true)) {
+                    if open {
+                        found.say(format!("{robot}: commit {} was accepted while {} was open", id.0, last.0));
+                    }
+                    if *id <= last {
+                        found.say(format!("{robot}: commit {} follows {}: numbers only grow", id.0, last.0));
+                    }
+                }
+            }
+            Event::Outcome { robot, id, outcome, .. } => match self.robots.get_mut(robot) {
+                Some((last, open)) if last == id && *open => *open = false,
+                Some((last, _)) if last == id => {
+                    found.say(format!("{robot}: commit {} got a second outcome, {outcome:?}", id.0));
+                }
+                _ => found.say(format!("{robot}: outcome {outcome:?} of commit {}, which is not open", id.0)),
+            },
+            Event::Amended { robot, id, .. } | Event::SafePoseMoved { robot, id, .. } => {
+                if self.robots.get(robot) != Some(&(*id, true)) {
+                    found.say(format!("{robot}: commit {} was changed, but is not open", id.0));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn end(&mut self, found: &mut Found<'_>) {
+        for (robot, (id, open)) in &self.robots {
+            if *open {
+                found.say(format!("{robot}: commit {} has no outcome", id.0));
+            }
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! I10: starting or restarting an actor of a controller causes no commanded motion until the next commit.
+//!
+//! It is about driver, history, model, supervise and reflex, named `ROBOT/ACTOR` (or `ACTOR` alone for all robots): the death
+//! of an agent or a recorder stops no controller, and the reflex may well be on its way back then. Stops, modes and
+//! references move nothing.
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::{Event, Time};
+use std::collections::BTreeMap;
+
+/// The actors that keep a robot safe.
+const CHAIN: [&str; 5] = ["driver", "history", "model", "supervise", "reflex"];
+
+#[derive(Default)]
+pub(super) struct RestartDoesNotMove {
+    /// Per robot that has committed: who was restarted since its last commit, and when.
+    robots: BTreeMap<String, Option<(String, Time)>>,
+}
+
+impl RestartDoesNotMove {
+    /// `late` says whether the motion is younger than a restart.
+    fn judge(&self, robot: &str, late: impl Fn(Time) -> bool, found: &mut Found<'_>) {
+        match self.robots.get(robot) {
+            None => found.say(format!("{robot}: was moved before its first commit")),
+            Some(Some((actor, at))) if late(*at) => {
+                found.say(format!("{robot}: was moved after {actor} was restarted at {at}, before a new commit"));
+            }
+            Some(_) => {}
+        }
+    }
+}
+
+impl Invariant for RestartDoesNotMove {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Commit { robot, .. } => drop(self.robots.insert(robot.clone(), None)),
+            Event::Restarted { actor, .. } => {
+                let (robot, name) = actor.rsplit_once('/').map_or((None, actor.as_str()), |(r, n)| (Some(r), n));
+                if CHAIN.contains(&name) {
+                    let concerned = self.robots.iter_mut().filter(|(r, _)| robot.is_none_or(|robot| robot == *r));
+                    concerned.for_each(|(_, restarted)| *restarted = Some((actor.clone(), line.at)));
+                }
+            }
+            Event::Command { robot, kind, .. } if kind == "move" => self.judge(robot, |_| true, found),
+            // told at its end, and so judged by when its last set-point was written
+            Event::Streamed { robot, span, .. } => self.judge(robot, |restart| span.1 > restart, found),
+            _ => {}
+        }
+    }
+}

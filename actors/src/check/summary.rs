@@ -1,0 +1,134 @@
+//! A run in figures, from its journal.
+
+use crate::journal::{JournalError, read};
+use mobee_contract::{EdgeState, Event, Note, Outcome, Summary, Time};
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// What a run did, counted over all robots.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct RunSummary {
+    /// The seed.
+    pub seed: Option<u64>,
+    /// `virtual` or `real`.
+    pub clock: String,
+    /// Names of the robots.
+    pub robots: Vec<String>,
+    /// How long it took by the run's clock, seconds.
+    pub secs: f64,
+    /// Events in the journal.
+    pub events: u64,
+    /// The final hash.
+    pub hash: String,
+    /// Why it ended, if in order.
+    pub ended: Option<String>,
+    /// Where the journal stops in mid-line, if it does.
+    pub truncated: Option<String>,
+    /// Accepted commits, escapes included.
+    pub commits: u64,
+    /// Accepted escapes from a hold.
+    pub escapes: u64,
+    /// Commits that were not accepted, by code.
+    pub refused: BTreeMap<String, u64>,
+    /// Outcomes: reached.
+    pub committed: u64,
+    /// Outcomes: taken back to the safe pose.
+    pub rolled_back: u64,
+    /// Outcomes: neither.
+    pub faulted: u64,
+    /// Contacts below the margin.
+    pub contacts: u64,
+    /// Contacts at distance zero.
+    pub hard_contacts: u64,
+    /// Ways back that were given up.
+    pub retreats_stopped: u64,
+    /// Safe poses that moved in mid-motion.
+    pub safe_poses_moved: u64,
+    /// Vertices of all maps.
+    pub vertices: u64,
+    /// Directed edges of all maps by their last state.
+    pub edges: BTreeMap<EdgeState, u64>,
+    /// Restarts of actors.
+    pub restarts: u64,
+    /// Deaths of actors.
+    pub deaths: u64,
+    /// Groups that used up their restarts.
+    pub gave_up: Vec<String>,
+    /// Edits of the world.
+    pub world_edits: u64,
+    /// Faults that were injected.
+    pub injected: u64,
+    /// Commands that were thrown away on their way to a driver.
+    pub commands_dropped: u64,
+    /// Warnings.
+    pub warnings: Vec<String>,
+    /// What agents said at their end, by robot.
+    pub done: Vec<(String, Summary)>,
+}
+
+/// Counts a run's journal (its file, or its run's folder), verifying its chain on the way.
+///
+/// # Errors
+/// As for [`super::check`].
+pub fn summary(path: &Path) -> Result<RunSummary, JournalError> {
+    let mut s = RunSummary::default();
+    let mut edges = BTreeMap::new();
+    let mut vertices = BTreeSet::new();
+    for line in read(path)? {
+        let line = match line {
+            Ok(line) => line,
+            Err(e) if e.truncated => {
+                s.truncated = Some(e.to_string());
+                break;
+            }
+            Err(e) => return Err(e),
+        };
+        s.events += 1;
+        s.secs = line.at.since(Time::ZERO).as_secs_f64();
+        s.hash = line.hash;
+        match line.event {
+            Event::Note { robot, note: Note::Vertex { id, .. } } => drop(vertices.insert((robot, id))),
+            Event::Note { robot, note: Note::Edge { from, to, state, .. } } => {
+                edges.insert((robot, from, to), state);
+            }
+            other => s.count(other),
+        }
+    }
+    s.vertices = vertices.len() as u64;
+    for state in edges.into_values() {
+        *s.edges.entry(state).or_default() += 1;
+    }
+    Ok(s)
+}
+
+impl RunSummary {
+    fn count(&mut self, event: Event) {
+        match event {
+            Event::Started { seed, clock, .. } => (self.seed, self.clock) = (Some(seed), clock),
+            Event::Robot { robot, .. } if !self.robots.contains(&robot) => self.robots.push(robot),
+            Event::SafePoseMoved { .. } => self.safe_poses_moved += 1,
+            Event::Commit { escape, .. } => {
+                self.commits += 1;
+                self.escapes += u64::from(escape);
+            }
+            Event::Refused { refusal, .. } => *self.refused.entry(refusal.code().into()).or_default() += 1,
+            Event::Outcome { outcome: Outcome::Committed, .. } => self.committed += 1,
+            Event::Outcome { outcome: Outcome::RolledBack, .. } => self.rolled_back += 1,
+            Event::Outcome { outcome: Outcome::Faulted, .. } => self.faulted += 1,
+            Event::CommandDropped { .. } => self.commands_dropped += 1,
+            Event::ContactBegan { .. } => self.contacts += 1,
+            Event::HardContact { .. } => self.hard_contacts += 1,
+            Event::RetreatStopped { .. } => self.retreats_stopped += 1,
+            Event::World { .. } => self.world_edits += 1,
+            Event::Done { robot, summary } => self.done.push((robot, summary)),
+            Event::Died { .. } => self.deaths += 1,
+            Event::Restarted { .. } => self.restarts += 1,
+            Event::GaveUp { group } => self.gave_up.push(group),
+            Event::Injected { .. } => self.injected += 1,
+            Event::Warning { text } => self.warnings.push(text),
+            Event::Ended { reason } => self.ended = Some(reason),
+            _ => {}
+        }
+    }
+}

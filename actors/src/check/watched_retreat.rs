@@ -1,0 +1,87 @@
+//! I9: a contact that begins on the way back stops it within one control period, and nothing is driven on.
+//!
+//! The same holds from the sample that showed a known contact deepen (`RetreatStopped::seen`). After the stop the reflex
+//! writes no move and no set-point until a new transaction.
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::{Event, Hold, Status, Time, Writer};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+#[derive(Default)]
+pub(super) struct WatchedRetreat {
+    robots: BTreeMap<String, Way>,
+}
+
+#[derive(Default)]
+struct Way {
+    period: Duration,
+    /// When a contact began on the way back that has not stopped it yet.
+    contact: Option<Time>,
+    stopped: Option<Time>,
+}
+
+impl Way {
+    fn in_time(&self, from: Time, to: Time) -> bool {
+        to.since(from) <= self.period
+    }
+
+    /// The way back is over; a contact that should have stopped it has not.
+    fn over(&mut self, robot: &str, found: &mut Found<'_>) {
+        if let Some(at) = self.contact.take() {
+            found.say(format!("{robot}: the contact that began at {at} on the way back did not stop it"));
+        }
+    }
+}
+
+impl Invariant for WatchedRetreat {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Robot { robot, period, .. } => {
+                let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
+                self.robots.entry(robot.clone()).or_default().period = period;
+            }
+            Event::ContactBegan { robot, during: Status::Retreating, .. } => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                if way.stopped.is_none() {
+                    way.contact.get_or_insert(line.at);
+                }
+            }
+            Event::RetreatStopped { robot, reason, seen, .. } => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                way.stopped = Some(line.at);
+                let seen = (*reason == Hold::RetreatBlocked).then_some(*seen);
+                if let Some(from) = way.contact.take().into_iter().chain(seen).find(|t| !way.in_time(*t, line.at)) {
+                    let took = line.at.since(from).as_secs_f64() * 1e3;
+                    found.say(format!("{robot}: a contact on the way back stopped it after {took:.1} ms only"));
+                }
+            }
+            Event::Command { robot, writer: Writer::Reflex, kind, .. } if kind == "move" => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                if way.stopped.is_some() {
+                    found.say(format!("{robot}: the reflex moved on after it had given up the way back"));
+                }
+            }
+            Event::Streamed { robot, writer: Writer::Reflex, span, .. } => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                if way.stopped.is_some_and(|stop| span.1 > stop) {
+                    found.say(format!("{robot}: the reflex streamed on after it had given up the way back"));
+                }
+            }
+            Event::Outcome { robot, .. } => self.robots.entry(robot.clone()).or_default().over(robot, found),
+            Event::Commit { robot, .. } => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                way.over(robot, found);
+                way.stopped = None;
+            }
+            _ => {}
+        }
+    }
+
+    fn end(&mut self, found: &mut Found<'_>) {
+        for (robot, way) in &mut self.robots {
+            way.over(robot, found);
+        }
+    }
+}

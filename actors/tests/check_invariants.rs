@@ -1,0 +1,439 @@
+//! Every invariant has a good journal that passes and a planted fault that is found, by name and line.
+
+use mobee_actors::check::{Violation, check, check_events, summary};
+use mobee_actors::journal::{Journal, NOT_FINITE};
+use mobee_contract::{Cause, CommitId, EdgeState, Entry, Event, Hold, Note, Outcome, Pose, Status, Time, Writer};
+use mobee_model::{Contact, ShapeId};
+use serde_json::json;
+use std::sync::Arc;
+
+const R: &str = "edge";
+
+fn pose(q: &[f64]) -> Pose {
+    q.into()
+}
+
+fn robot() -> Event {
+    Event::Robot {
+        robot: R.into(),
+        motors: vec!["a".into(), "b".into()],
+        min: vec![-1.0; 2],
+        max: vec![1.0; 2],
+        max_speed: vec![2.0; 2],
+        period: 0.02,
+        fresh: 0.1,
+        margin: 0.01,
+        tolerance: 0.002,
+        rest_speed: 0.01,
+    }
+}
+
+fn started() -> Event {
+    Event::Started { seed: 1, clock: "virtual".into(), config: json!({}) }
+}
+fn ended() -> Event {
+    Event::Ended { reason: "done".into() }
+}
+fn enabled(token: u64) -> Event {
+    Event::Enabled { robot: R.into(), token }
+}
+fn disabled(token: u64) -> Event {
+    Event::Disabled { robot: R.into(), token, cause: Cause::TargetMissed }
+}
+fn safe(q: &[f64]) -> Event {
+    Event::SafePose { robot: R.into(), q: pose(q), age: 0.01, speed: 0.0, free: true }
+}
+fn commit(id: u64, q: &[f64]) -> Event {
+    Event::Commit { robot: R.into(), id: CommitId(id), agent: "explorer".into(), target: pose(q), escape: false }
+}
+fn outcome(id: u64, outcome: Outcome, q: &[f64], safe: &[f64]) -> Event {
+    Event::Outcome { robot: R.into(), id: CommitId(id), outcome, q: pose(q), safe: Some(pose(safe)), cause: None }
+}
+fn command(writer: Writer, token: u64, kind: &str, q: &[f64]) -> Event {
+    let q: Vec<(usize, f64)> = q.iter().copied().enumerate().collect();
+    let speed = q.iter().map(|(m, _)| (*m, 0.5)).collect();
+    Event::Command { robot: R.into(), token, writer, kind: kind.into(), q, speed }
+}
+fn streamed(writer: Writer, token: u64, from: f64, to: f64) -> Event {
+    let span = (Time::from_secs(from), Time::from_secs(to));
+    Event::Streamed { robot: R.into(), token, writer, count: 10, span, greatest_step: 0.5, within_limits: true }
+}
+fn contact(during: Status) -> Event {
+    let shape = |node| ShapeId::Robot { robot: 0, node, shape: 0 };
+    let contact = Contact { pair: (shape(1), shape(2)), distance: 0.009, points: Default::default() };
+    Event::ContactBegan { robot: R.into(), contact, names: ("hand".into(), "table".into()), during }
+}
+fn note(note: Note) -> Event {
+    Event::Note { robot: R.into(), note }
+}
+fn vertex(id: u32, q: &[f64]) -> Event {
+    note(Note::Vertex { id, q: q.to_vec(), at: [0.0; 3] })
+}
+fn edge(from: u32, to: u32, state: EdgeState) -> Event {
+    note(Note::Edge { from, to, state, cause: None })
+}
+fn plan(path: &[u32]) -> Event {
+    note(Note::Plan { path: path.to_vec() })
+}
+fn retreat_stopped(seen: f64) -> Event {
+    let (reason, what) = (Hold::RetreatBlocked, "hand meets post".to_string());
+    Event::RetreatStopped { robot: R.into(), reason, what, seen: Time::from_secs(seen) }
+}
+fn restarted(actor: &str) -> Event {
+    Event::Restarted { actor: actor.into(), restarts: 1 }
+}
+fn link(sent: u64) -> Event {
+    Event::Link { link: "samples".into(), sent, handled: 7, queued: 1, dropped: 2 }
+}
+
+type Run = Vec<(f64, Event)>;
+
+/// A run with everything in it and nothing wrong: to a vertex, a rollback from an edge, a blocked way back, an escape, a
+/// restart, and on.
+fn good() -> Run {
+    let (a, b) = ([0.0, 0.0], [0.5, 0.5]);
+    vec![
+        (0.0, started()),
+        (0.0, robot()),
+        (0.1, safe(&[0.2, 0.2])),
+        (0.1, enabled(1)),
+        (0.2, vertex(0, &a)),
+        (0.2, vertex(1, &b)),
+        (0.2, edge(0, 1, EdgeState::Optimistic)),
+        (0.3, commit(1, &a)),
+        (0.3, command(Writer::Agent, 1, "move", &a)),
+        (1.0, outcome(1, Outcome::Committed, &a, &[0.2, 0.2])),
+        (1.0, safe(&a)),
+        (1.1, plan(&[0, 1])),
+        (1.1, commit(2, &b)),
+        (1.1, command(Writer::Agent, 1, "move", &b)),
+        (1.5, contact(Status::Moving)),
+        (1.5, disabled(2)),
+        (1.5, command(Writer::Reflex, 2, "stop", &[])),
+        (1.6, command(Writer::Reflex, 2, "mode", &[])),
+        (2.0, streamed(Writer::Reflex, 2, 1.6, 1.9)),
+        (2.0, outcome(2, Outcome::RolledBack, &[0.001, 0.0], &a)),
+        (2.0, edge(0, 1, EdgeState::Removed)),
+        (2.0, safe(&a)),
+        (2.0, enabled(3)),
+        (2.1, plan(&[0, 2, 1])),
+        (2.1, commit(3, &[0.1, 0.1])),
+        (2.1, command(Writer::Agent, 3, "move", &[0.1, 0.1])),
+        (2.3, disabled(4)),
+        (2.3, command(Writer::Reflex, 4, "move", &a)),
+        (2.4, contact(Status::Retreating)),
+        (2.41, command(Writer::Reflex, 4, "stop", &[])),
+        (2.41, retreat_stopped(2.4)),
+        (2.5, outcome(3, Outcome::Faulted, &[0.05, 0.05], &a)),
+        (3.0, enabled(5)),
+        (
+            3.0,
+            Event::Commit {
+                robot: R.into(),
+                id: CommitId(4),
+                agent: "explorer".into(),
+                target: pose(&[0.04, 0.04]),
+                escape: true,
+            },
+        ),
+        (3.0, command(Writer::Agent, 5, "move", &[0.04, 0.04])),
+        (
+            3.5,
+            Event::Outcome {
+                robot: R.into(),
+                id: CommitId(4),
+                outcome: Outcome::Committed,
+                q: pose(&[0.04, 0.04]),
+                safe: None,
+                cause: None,
+            },
+        ),
+        (3.6, disabled(6)),
+        (3.6, restarted("edge/driver")),
+        (3.6, command(Writer::Driver, 6, "stop", &[])),
+        (3.7, safe(&[0.04, 0.04])),
+        (3.7, enabled(7)),
+        (3.8, commit(5, &a)),
+        (3.8, command(Writer::Agent, 7, "move", &a)),
+        (4.0, outcome(5, Outcome::Committed, &a, &[0.04, 0.04])),
+        (4.0, safe(&a)),
+        (5.0, link(10)),
+        (5.0, ended()),
+    ]
+}
+
+fn run(events: Run) -> Vec<Violation> {
+    check_events(events.into_iter().map(|(at, e)| (Time::from_secs(at), Arc::new(e))))
+}
+
+/// The run with events put in after the one with this index.
+fn with(after: &Event, events: &[Event]) -> Run {
+    let mut run = good();
+    let i = run.iter().rposition(|(_, e)| e == after).expect("no such event");
+    let at = run[i].0;
+    run.splice(i + 1..=i, events.iter().map(|e| (at, e.clone())));
+    run
+}
+
+/// The run with an event replaced.
+fn instead(of: &Event, event: Event) -> Run {
+    let mut run = good();
+    let i = run.iter().rposition(|(_, e)| e == of).expect("no such event");
+    run[i].1 = event;
+    run
+}
+
+fn without(event: &Event) -> Run {
+    let mut run = good();
+    run.retain(|(_, e)| e != event);
+    run
+}
+
+/// Exactly this invariant is broken, and the place is the planted event's (or the end, if none is given).
+#[track_caller]
+fn broken(invariant: &str, events: Run, at: Option<&Event>, says: &str) {
+    let line = at.map(|e| events.iter().rposition(|(_, x)| x == e).unwrap() as u64 + 1);
+    let found = run(events);
+    assert!(!found.is_empty(), "nothing found");
+    assert!(found.iter().all(|v| v.invariant == invariant), "{found:#?}");
+    assert!(found.iter().any(|v| v.what.contains(says) && line.is_none_or(|l| l == v.line)), "{found:#?}");
+}
+
+#[test]
+fn a_good_run_breaks_nothing() {
+    assert_eq!(run(good()), []);
+}
+
+#[test]
+fn i1_an_agents_command_while_the_filter_is_closed() {
+    let bad = command(Writer::Agent, 1, "stop", &[]);
+    broken("I1", with(&disabled(2), std::slice::from_ref(&bad)), Some(&bad), "closed under 2");
+}
+
+#[test]
+fn i1_the_reflex_under_an_old_token_or_through_an_open_filter() {
+    let old = command(Writer::Reflex, 2, "stop", &[]);
+    broken("I1", with(&disabled(4), std::slice::from_ref(&old)), Some(&old), "under token 2");
+    let open = command(Writer::Reflex, 3, "stop", &[]);
+    broken("I1", with(&enabled(3), std::slice::from_ref(&open)), Some(&open), "open under 3");
+}
+
+#[test]
+fn i1_a_stream_that_outlives_its_token() {
+    let late = streamed(Writer::Reflex, 2, 1.6, 2.05);
+    broken("I1", with(&enabled(3), std::slice::from_ref(&late)), Some(&late), "after it ended");
+    let agent = streamed(Writer::Agent, 2, 1.6, 1.7);
+    broken("I1", instead(&streamed(Writer::Reflex, 2, 1.6, 1.9), agent.clone()), Some(&agent), "not its own");
+}
+
+#[test]
+fn i1_a_stream_told_after_its_token_ended_is_judged_by_when_it_was_written() {
+    assert_eq!(run(with(&enabled(3), &[streamed(Writer::Reflex, 2, 1.7, 1.9)])), []);
+}
+
+#[test]
+fn i1_tokens_only_grow_and_the_driver_only_stops() {
+    broken("I1", with(&enabled(1), &[disabled(1)]).into_iter().take(5).collect(), None, "only grow");
+    let bad = command(Writer::Driver, 6, "mode", &[]);
+    broken("I1", with(&disabled(6), std::slice::from_ref(&bad)), Some(&bad), "only stop");
+}
+
+#[test]
+fn i2_a_second_outcome_a_missing_one_and_a_stray_one() {
+    let twice = outcome(5, Outcome::Committed, &[0.0, 0.0], &[0.04, 0.04]);
+    broken("I2", with(&twice, std::slice::from_ref(&twice)), Some(&twice), "second outcome");
+    let cut: Run = good().into_iter().filter(|(at, e)| *at < 4.0 || matches!(e, Event::Ended { .. })).collect();
+    broken("I2", cut, None, "commit 5 has no outcome");
+    let stray = outcome(9, Outcome::Committed, &[0.0, 0.0], &[0.0, 0.0]);
+    broken("I2", with(&link(10), std::slice::from_ref(&stray)), Some(&stray), "not open");
+}
+
+#[test]
+fn i2_a_commit_that_is_open_at_the_end_is_no_fault_of_a_run_that_was_cut_off() {
+    let mut cut: Run = good().into_iter().take_while(|(at, _)| *at < 3.9).collect();
+    assert_eq!(run(cut.clone()), []);
+    cut.push((4.0, ended()));
+    broken("I2", cut, None, "no outcome");
+}
+
+#[test]
+fn i2_an_amendment_of_a_commit_that_is_not_open() {
+    let bad = Event::Amended { robot: R.into(), id: CommitId(4), target: pose(&[0.0, 0.0]) };
+    broken("I2", with(&disabled(6), std::slice::from_ref(&bad)), Some(&bad), "not open");
+}
+
+#[test]
+fn i3_a_rollback_that_ends_away_from_the_safe_pose() {
+    let good = outcome(2, Outcome::RolledBack, &[0.001, 0.0], &[0.0, 0.0]);
+    let bad = outcome(2, Outcome::RolledBack, &[0.003, 0.0], &[0.0, 0.0]);
+    broken("I3", instead(&good, bad.clone()), Some(&bad), "from its safe pose");
+    let other = outcome(2, Outcome::RolledBack, &[0.001, 0.0], &[0.001, 0.0]);
+    broken("I3", instead(&good, other.clone()), Some(&other), "not the last safe pose");
+}
+
+/// A rollback in the second motion of a run that is on the map from the first.
+fn rollback(moved: bool, on_map: bool, home: &[f64]) -> Run {
+    let first = if on_map { [0.0, 0.0] } else { [0.3, 0.3] };
+    let mut run: Run = good().into_iter().take(7).collect();
+    run.extend([(0.3, commit(1, &first)), (1.0, outcome(1, Outcome::Committed, &first, &[0.2, 0.2]))]);
+    run.extend([(1.0, safe(if moved { &first } else { home })), (1.1, commit(2, &[0.5, 0.5]))]);
+    if moved {
+        run.push((1.2, Event::SafePoseMoved { robot: R.into(), id: CommitId(2), q: pose(home) }));
+    }
+    run.extend([(2.0, outcome(2, Outcome::RolledBack, home, home)), (2.0, ended())]);
+    run
+}
+
+#[test]
+fn i3_a_rollback_from_the_map_ends_at_a_vertex() {
+    assert_eq!(run(rollback(false, true, &[0.001, 0.0])), []);
+    broken("I3", rollback(false, true, &[0.01, 0.0]), None, "from the nearest vertex");
+}
+
+#[test]
+fn i3_a_moved_safe_pose_and_a_start_off_the_map_are_no_vertices() {
+    assert_eq!(run(rollback(true, true, &[0.2, 0.2])), []);
+    assert_eq!(run(rollback(false, false, &[0.3, 0.3])), []);
+}
+
+#[test]
+fn i4_a_dishonest_safe_pose() {
+    let bad = |age, speed, free| Event::SafePose { robot: R.into(), q: pose(&[0.0, 0.0]), age, speed, free };
+    for (event, says) in
+        [(bad(0.11, 0.0, true), "s old"), (bad(0.0, 0.02, true), "deg/s"), (bad(0.0, 0.0, false), "in contact")]
+    {
+        broken("I4", instead(&safe(&[0.04, 0.04]), event.clone()).into_iter().take(40).collect(), Some(&event), says);
+    }
+    let in_motion = safe(&[0.0, 0.0]);
+    broken("I4", with(&commit(2, &[0.5, 0.5]), &[in_motion]), None, "transaction open");
+}
+
+#[test]
+fn i4_a_commit_without_a_safe_pose_and_an_escape_with_one() {
+    let run: Run = vec![(0.0, robot()), (0.1, commit(1, &[0.0, 0.0]))];
+    broken("I4", run, None, "without a safe pose");
+    let mut run = good();
+    for (_, event) in &mut run {
+        if let Event::Outcome { id: CommitId(4), safe, .. } = event {
+            *safe = Some(pose(&[0.0, 0.0]));
+        }
+    }
+    broken("I4", run, None, "was an escape");
+}
+
+#[test]
+fn i5_values_beyond_the_limits() {
+    let mv = command(Writer::Agent, 1, "move", &[0.5, 0.5]);
+    for (q, says) in [([0.5, 1.00001], "motor b"), ([-1.1, 0.0], "motor a"), ([0.0, f64::NAN], "motor b")] {
+        let mut run = good();
+        let i = run.iter().position(|(_, e)| *e == mv).unwrap();
+        run[i].1 = command(Writer::Agent, 1, "move", &q);
+        let found = self::run(run);
+        assert!(found.len() == 1 && found[0].invariant == "I5" && found[0].what.contains(says), "{found:?}");
+    }
+    let far = commit(2, &[0.5, 1.1]);
+    broken("I5", instead(&commit(2, &[0.5, 0.5]), far.clone()), Some(&far), "motor b");
+    let short = commit(2, &[0.5]);
+    broken("I5", instead(&commit(2, &[0.5, 0.5]), short.clone()), Some(&short), "1 motors");
+}
+
+#[test]
+fn i5_too_fast() {
+    let mut run = good();
+    for (_, event) in &mut run {
+        if let Event::Command { speed, token: 7, .. } = event {
+            speed[0].1 = 2.1;
+        }
+    }
+    broken("I5", run, None, "motor a was given");
+    let mut run = good();
+    for (_, event) in &mut run {
+        if let Event::Streamed { greatest_step, .. } = event {
+            *greatest_step = 1.01;
+        }
+    }
+    broken("I5", run, None, "greatest step");
+}
+
+#[test]
+fn i5_what_could_not_be_written_as_json() {
+    let bad = Event::Warning { text: format!("{NOT_FINITE}{{}}") };
+    broken("I5", with(&link(10), std::slice::from_ref(&bad)), Some(&bad), "not finite");
+}
+
+#[test]
+fn i6_counters_that_do_not_add_up() {
+    broken("I6", instead(&link(10), link(11)), Some(&link(11)), "11 sent");
+}
+
+#[test]
+fn i9_a_contact_on_the_way_back_that_does_not_stop_it() {
+    broken("I9", without(&retreat_stopped(2.4)), None, "did not stop it");
+    let mut late = good();
+    let i = late.iter().position(|(_, e)| *e == contact(Status::Retreating)).unwrap();
+    late[i].0 = 2.35;
+    broken("I9", late, Some(&retreat_stopped(2.4)), "60.0 ms");
+    broken("I9", instead(&retreat_stopped(2.4), retreat_stopped(2.38)), None, "30.0 ms");
+}
+
+#[test]
+fn i9_the_reflex_pushes_on() {
+    let mv = command(Writer::Reflex, 4, "move", &[0.0, 0.0]);
+    broken("I9", with(&retreat_stopped(2.4), std::slice::from_ref(&mv)), Some(&mv), "moved on");
+    let stream = streamed(Writer::Reflex, 4, 2.3, 2.45);
+    let run = with(&outcome(3, Outcome::Faulted, &[0.05, 0.05], &[0.0, 0.0]), std::slice::from_ref(&stream));
+    broken("I9", run, Some(&stream), "streamed on");
+}
+
+#[test]
+fn i10_motion_after_a_restart() {
+    let mv = command(Writer::Agent, 7, "move", &[0.0, 0.0]);
+    broken("I10", with(&enabled(7), std::slice::from_ref(&mv)).into_iter().take(42).collect(), None, "edge/driver");
+    let early = command(Writer::Agent, 1, "move", &[0.0, 0.0]);
+    broken("I10", with(&enabled(1), &[early]), None, "before its first commit");
+}
+
+#[test]
+fn i10_the_restart_of_an_agent_or_recorder_does_not_hinder_a_rollback() {
+    let run = with(&disabled(2), &[restarted("edge/agent"), restarted("recorder"), restarted("other/driver")]);
+    assert_eq!(self::run(run), []);
+    let run = with(&disabled(2), &[restarted("model")]);
+    broken("I10", run, None, "model");
+}
+
+#[test]
+fn i11_a_plan_over_a_removed_edge() {
+    let bad = plan(&[2, 0, 1]);
+    broken("I11", with(&link(10), std::slice::from_ref(&bad)), Some(&bad), "0 -> 1");
+    assert_eq!(run(with(&link(10), &[plan(&[1, 0]), edge(0, 1, EdgeState::Optimistic), bad])), []);
+}
+
+#[test]
+fn a_journal_on_disk_is_checked_and_summed_up() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::create(dir.path(), &json!({})).unwrap();
+    let mut sink = journal.sink();
+    for (at, event) in good() {
+        sink.write(Time::from_secs(at), &Entry::Event(Arc::new(event))).unwrap();
+    }
+    let report = check(dir.path()).unwrap();
+    assert_eq!((report.violations.len(), report.truncated, report.ended.as_deref()), (0, None, Some("done")));
+    assert_eq!((report.events, report.hash), (journal.events(), journal.hash()));
+
+    let sum = summary(dir.path()).unwrap();
+    assert_eq!((sum.commits, sum.escapes, sum.committed, sum.rolled_back, sum.faulted), (5, 1, 3, 1, 1));
+    assert_eq!((sum.contacts, sum.restarts, sum.vertices), (2, 1, 2));
+    assert_eq!(sum.edges.into_iter().collect::<Vec<_>>(), [(EdgeState::Removed, 1)]);
+    assert_eq!((sum.secs, sum.hash, sum.robots), (5.0, journal.hash(), vec![R.to_string()]));
+
+    let bytes = std::fs::read(journal.path()).unwrap();
+    std::fs::write(journal.path(), &bytes[..bytes.len() - 40]).unwrap();
+    let report = check(dir.path()).unwrap();
+    assert!(report.truncated.is_some() && report.ended.is_none() && report.violations.is_empty());
+    assert!(summary(dir.path()).unwrap().truncated.is_some());
+    let changed = String::from_utf8(bytes)
+        .unwrap()
+        .replace("\"id\":2,\"outcome\":\"rolled_back\"", "\"id\":2,\"outcome\":\"committed\"");
+    std::fs::write(journal.path(), changed).unwrap();
+    assert!(!check(dir.path()).unwrap_err().truncated);
+}
