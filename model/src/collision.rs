@@ -54,24 +54,7 @@ impl Scene {
 
     /// Whether a robot's pose satisfies all of its constraints.
     pub fn lawful(&self, robot: usize, q: &[f64]) -> bool {
-        self.robots().get(robot).is_none_or(|r| {
-            r.parts.iter().flat_map(|p| &p.clauses).all(|clause| {
-                clause.0.iter().any(|h| {
-                    let sum: f64 = h
-                        .terms
-                        .iter()
-                        .map(|(m, a)| {
-                            a * q
-                                .get(*m)
-                                .copied()
-                                .unwrap_or_else(|| r.motors.get(*m).map_or(0.0, |m| m.home))
-                                .to_degrees()
-                        })
-                        .sum();
-                    sum + h.b > 0.0
-                })
-            })
-        })
+        self.robots().get(robot).is_none_or(|r| r.violated(q).next().is_none())
     }
 
     fn placement<P: AsRef<[f64]>>(&self, poses: &[P]) -> Placement {

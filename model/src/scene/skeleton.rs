@@ -52,14 +52,14 @@ impl Skeleton {
         let mut skeleton = Skeleton { base, joints: Vec::new(), frame: Vec::new(), in_frame: Vec::new() };
         // What the children of each node hang on: a frame and a place in it.
         let mut below: Vec<(usize, Isometry3<f64>)> = Vec::new();
-        for node in &robot.nodes {
+        for (n, node) in robot.nodes.iter().enumerate() {
             let (frame, here) = node.parent.and_then(|p| below.get(p)).copied().unwrap_or((0, Isometry3::identity()));
             skeleton.frame.push(frame);
             skeleton.in_frame.push(here);
             below.push(match &node.kind {
                 NodeKind::Link { offset } => (frame, here * Translation3::from(*offset)),
                 NodeKind::Joint { axis, motor, min, max, .. } => match robot.motors.get(*motor) {
-                    Some(m) if m.max > m.min && max != min => {
+                    Some(m) if robot.can_move(n) => {
                         skeleton.joints.push(Hinge {
                             parent: frame,
                             at: here,
