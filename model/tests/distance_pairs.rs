@@ -142,12 +142,12 @@ fn no_direction_parts_an_overlapping_pair_by_a_shorter_way() {
     for ka in 0..7 {
         for kb in ka..7 {
             let (mut worst, mut over, mut inside) = (0.0_f64, 0.0_f64, 0);
-            for _ in 0..6000 {
+            for _ in 0..2000 {
                 let a = (any_shape(ka, &mut rng), any_pose(0.1, &mut rng));
                 let b = (any_shape(kb, &mut rng), any_pose(0.1, &mut rng));
                 let near = distance(&a.0, &a.1, &b.0, &b.1);
                 let touch = |d: f64| d > 0.0;
-                if touch(near.distance) || inside > 600 {
+                if touch(near.distance) || inside > 60 {
                     continue;
                 }
                 inside += 1;

@@ -60,10 +60,11 @@ pub(crate) fn bound(solids: &[Solid], placement: &Placement, i: u32, j: u32, eno
     best.max(closed_segments_squared(pa, pb).sqrt() - a.outer.1 - b.outer.1)
 }
 
-/// How far a point is outside a box; zero inside.
+/// How far a point is outside a box; inside, which says nothing about depth, minus infinity.
 fn outside(half: &Vector3<f64>, world_from_box: &Isometry3<f64>, point: &Point3<f64>) -> f64 {
     let p = world_from_box.inverse_transform_point(point).coords.abs() - half;
-    p.sup(&Vector3::zeros()).norm()
+    let distance = p.sup(&Vector3::zeros()).norm();
+    if distance > 0.0 { distance } else { f64::NEG_INFINITY }
 }
 
 /// The pair's contact if its signed distance is at most `cap`.
