@@ -121,7 +121,7 @@ fn a_line_is_judged_as_its_samples_are() {
     for scene in scenes() {
         for k in 0..12 {
             // From home a little way, and now and then far.
-            let share = if k % 3 == 0 { 1.0 } else { 0.2 };
+            let share = if k % 3 == 0 { 1.0 } else { 0.06 };
             let toward = |mut q: Vec<Vec<f64>>| {
                 for (q, home) in q.iter_mut().flatten().zip(scene.home().iter().flat_map(|h| h.iter())) {
                     *q = home + (*q - home) * share;
