@@ -1,1 +1,3 @@
 //! What robots do: roadmaps, planners and agents, pure.
+
+pub mod nn;

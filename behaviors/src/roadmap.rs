@@ -1,0 +1,292 @@
+//! A roadmap of poses: vertices where the robot may rest, directed edges that it may try.
+//!
+//! Edges are *optimistic*: nobody checks them before they are driven. One that fails is removed, the driven one and no
+//! other (the paper's Algorithm 2), and remembered in a ledger with its cause, from where it can be re-admitted.
+//!
+//! ```text
+//!               driven to its end                      failed when driven
+//!  Optimistic ───────────────────> Feasible ──┐   ┌──> Removed (ledger: cause) ──readmit──> Optimistic
+//!      │                                      └───┤
+//!      └── the opposite direction failed ──> Doubtful (planned over only if there is no other way)
+//! ```
+//!
+//! An edge is a straight line in joint space and sweeps the same poses in both directions, so an edge driven to its end tells
+//! the same of its opposite, if that was never driven. A failure tells less, as the motion broke off at its first contact.
+
+mod file;
+#[cfg(test)]
+mod tests;
+
+pub use file::VERSION;
+
+use crate::nn::{Neighbors, distance, neighbors};
+use mobee_contract::{EdgeState, Note, Target};
+use petgraph::algo::{Measure, astar, dijkstra};
+use petgraph::stable_graph::{NodeIndex, StableDiGraph};
+use petgraph::visit::EdgeRef;
+use std::collections::BTreeMap;
+use std::ops::Add;
+
+/// A pose of the roadmap.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Vertex {
+    /// Its name, if its author gave one.
+    pub name: Option<String>,
+    /// The whole robot's pose, rad.
+    pub q: Vec<f64>,
+    /// Where it is shown: the hand's position in the world, metres.
+    pub at: [f64; 3],
+}
+
+/// A directed edge between two poses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Edge {
+    /// What is believed of it.
+    pub state: EdgeState,
+    /// Whether it was itself driven, to its end or to a failure.
+    pub driven: bool,
+    /// What stood in the way, in words, if it failed.
+    pub cause: Option<String>,
+}
+
+impl Edge {
+    const NEW: Edge = Edge { state: EdgeState::Optimistic, driven: false, cause: None };
+}
+
+/// The length of a way: few doubtful edges first, then a short distance in joint space (rad).
+#[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
+pub struct Cost {
+    /// Doubtful edges on the way.
+    pub doubtful: u32,
+    /// Joint-space length, rad.
+    pub length: f64,
+}
+
+impl Add for Cost {
+    type Output = Cost;
+    fn add(self, other: Cost) -> Cost {
+        Cost { doubtful: self.doubtful + other.doubtful, length: self.length + other.length }
+    }
+}
+
+const _: fn() = || {
+    fn is_measure<T: Measure>() {}
+    is_measure::<Cost>();
+};
+
+/// Poses and edges for one group of a robot's motors.
+pub struct Roadmap {
+    motors: Vec<usize>,
+    graph: StableDiGraph<Vertex, Edge, u32>,
+    ledger: BTreeMap<(u32, u32), Edge>,
+    near: Box<dyn Neighbors>,
+    notes: Vec<Note>,
+}
+
+impl Roadmap {
+    /// An empty roadmap for these motors (indices into `Robot::motors`).
+    pub fn new(motors: Vec<usize>) -> Roadmap {
+        let near = neighbors(motors.len());
+        Roadmap { motors, graph: StableDiGraph::default(), ledger: BTreeMap::new(), near, notes: Vec::new() }
+    }
+
+    /// The motors that its poses tell apart.
+    pub fn motors(&self) -> &[usize] {
+        &self.motors
+    }
+
+    /// The group's share of a whole pose.
+    pub fn group(&self, q: &[f64]) -> Vec<f64> {
+        self.motors.iter().map(|m| q.get(*m).copied().unwrap_or(0.0)).collect()
+    }
+
+    /// Adds a pose; answers its number. Vertices are numbered from 0 and never taken out.
+    pub fn add(&mut self, vertex: Vertex) -> u32 {
+        let group = self.group(&vertex.q);
+        let note = Note::Vertex { id: self.graph.node_count() as u32, q: vertex.q.clone(), at: vertex.at };
+        let id = self.graph.add_node(vertex).index() as u32;
+        self.near.add(id, &group);
+        self.notes.push(note);
+        id
+    }
+
+    /// Joins two poses by an optimistic edge in each direction, unless that direction is known already (or was removed).
+    pub fn join(&mut self, a: u32, b: u32) {
+        for (from, to) in [(a, b), (b, a)] {
+            let known = self.edge(from, to).is_some();
+            if from != to && !known && self.vertex(from).is_some() && self.vertex(to).is_some() {
+                self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), Edge::NEW);
+                self.note(from, to, &Edge::NEW);
+            }
+        }
+    }
+
+    /// Joins every pose to its `k` nearest ones, in both directions.
+    pub fn join_nearest(&mut self, k: usize) {
+        for id in 0..self.len() as u32 {
+            let Some(q) = self.vertex(id).map(|v| self.group(&v.q)) else { continue };
+            let near = self.near.knn(&q, k.saturating_add(1));
+            for (_, other) in near.into_iter().filter(|(_, other)| *other != id).take(k) {
+                self.join(id, other);
+            }
+        }
+    }
+
+    /// How many vertices there are.
+    pub fn len(&self) -> usize {
+        self.graph.node_count()
+    }
+
+    /// Whether there are no vertices.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// A vertex by its number.
+    pub fn vertex(&self, id: u32) -> Option<&Vertex> {
+        self.graph.node_weight(NodeIndex::new(id as usize))
+    }
+
+    /// All vertices, by number.
+    pub fn vertices(&self) -> impl Iterator<Item = (u32, &Vertex)> {
+        (0..self.len() as u32).filter_map(|id| Some((id, self.vertex(id)?)))
+    }
+
+    /// The vertex of this name, or of this number if no vertex has such a name.
+    pub fn find(&self, name: &str) -> Option<u32> {
+        let named = self.vertices().find(|(_, v)| v.name.as_deref() == Some(name)).map(|(id, _)| id);
+        named.or_else(|| name.parse().ok().filter(|id| self.vertex(*id).is_some()))
+    }
+
+    /// An edge, removed ones included.
+    pub fn edge(&self, from: u32, to: u32) -> Option<&Edge> {
+        let present = self.graph.find_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize));
+        present.and_then(|e| self.graph.edge_weight(e)).or_else(|| self.ledger.get(&(from, to)))
+    }
+
+    /// All edges, removed ones included, by (from, to).
+    pub fn edges(&self) -> Vec<(u32, u32, &Edge)> {
+        let present = self
+            .graph
+            .edge_references()
+            .map(|e| (e.source().index() as u32, e.target().index() as u32, e.weight()));
+        let mut all: Vec<_> = present.chain(self.ledger.iter().map(|((a, b), e)| (*a, *b, e))).collect();
+        all.sort_by_key(|(a, b, _)| (*a, *b));
+        all
+    }
+
+    /// The vertex at whose pose the robot is: the nearest one, if every motor of the group is within `tolerance` (rad).
+    pub fn at(&self, pose: &[f64], tolerance: f64) -> Option<u32> {
+        let here = self.group(pose);
+        let (_, id) = *self.near.knn(&here, 1).first()?;
+        let there = self.group(&self.vertex(id)?.q);
+        here.iter().zip(&there).all(|(a, b)| (a - b).abs() <= tolerance).then_some(id)
+    }
+
+    /// All vertices from near to far of a whole pose.
+    pub fn by_distance(&self, pose: &[f64]) -> Vec<u32> {
+        self.near.knn(&self.group(pose), self.len()).into_iter().map(|(_, id)| id).collect()
+    }
+
+    /// The shortest way over edges that are not removed: A*, fewest doubtful edges first. From `from` to `to`, both included.
+    pub fn plan(&self, from: u32, to: u32) -> Option<Vec<u32>> {
+        let goal = NodeIndex::new(to as usize);
+        let aim = self.group(&self.graph.node_weight(goal)?.q);
+        let left = |n: NodeIndex| {
+            let there = self.graph.node_weight(n).map(|v| distance(&self.group(&v.q), &aim));
+            Cost { doubtful: 0, length: there.unwrap_or(0.0) }
+        };
+        let start = NodeIndex::new(from as usize);
+        self.graph.node_weight(start)?;
+        let (_, path) =
+            astar(&self.graph, start, |n| n == goal, |e| self.cost(e.source(), e.target(), e.weight()), left)?;
+        Some(path.into_iter().map(|n| n.index() as u32).collect())
+    }
+
+    /// What every vertex that can be reached from there costs to reach, by number (Dijkstra).
+    pub fn reach(&self, from: u32) -> BTreeMap<u32, Cost> {
+        let start = NodeIndex::new(from as usize);
+        if self.graph.node_weight(start).is_none() {
+            return BTreeMap::new();
+        }
+        let costs = dijkstra(&self.graph, start, None, |e| self.cost(e.source(), e.target(), e.weight()));
+        costs.into_iter().map(|(n, cost)| (n.index() as u32, cost)).collect()
+    }
+
+    fn cost(&self, from: NodeIndex, to: NodeIndex, edge: &Edge) -> Cost {
+        let q = |n| self.graph.node_weight(n).map(|v| self.group(&v.q)).unwrap_or_default();
+        Cost { doubtful: u32::from(edge.state == EdgeState::Doubtful), length: distance(&q(from), &q(to)) }
+    }
+
+    /// The commit that drives to a vertex.
+    pub fn target(&self, to: u32, speed: f64) -> Option<Target> {
+        let q = self.group(&self.vertex(to)?.q);
+        Some(Target { motors: self.motors.clone(), q, speed })
+    }
+
+    /// An edge was driven to its end: it is feasible, and so is its opposite unless that one failed itself.
+    pub fn succeeded(&mut self, from: u32, to: u32) {
+        self.change(from, to, |e| *e = Edge { state: EdgeState::Feasible, driven: true, cause: None });
+        self.change(to, from, |e| e.state = EdgeState::Feasible);
+    }
+
+    /// An edge failed when driven: that very edge leaves the graph for the ledger; its opposite becomes doubtful unless
+    /// it was driven to its end itself.
+    pub fn failed(&mut self, from: u32, to: u32, cause: Option<String>) {
+        let (a, b) = (NodeIndex::new(from as usize), NodeIndex::new(to as usize));
+        let Some(edge) = self.graph.find_edge(a, b) else { return };
+        self.graph.remove_edge(edge);
+        let removed = Edge { state: EdgeState::Removed, driven: true, cause };
+        self.note(from, to, &removed);
+        self.ledger.insert((from, to), removed);
+        self.change(to, from, |e| {
+            if !(e.driven && e.state == EdgeState::Feasible) {
+                e.state = EdgeState::Doubtful;
+            }
+        });
+    }
+
+    /// Takes a removed edge back as an optimistic one, because the world changed (I11). Answers whether there was one.
+    pub fn readmit(&mut self, from: u32, to: u32) -> bool {
+        let there = self.ledger.remove(&(from, to)).is_some();
+        if there {
+            self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), Edge::NEW);
+            self.note(from, to, &Edge::NEW);
+        }
+        there
+    }
+
+    /// What changed since the last call.
+    pub fn notes(&mut self) -> Vec<Note> {
+        std::mem::take(&mut self.notes)
+    }
+
+    fn change(&mut self, from: u32, to: u32, with: impl FnOnce(&mut Edge)) {
+        let found = self.graph.find_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize));
+        let Some(edge) = found.and_then(|e| self.graph.edge_weight_mut(e)) else { return };
+        let before = edge.clone();
+        with(edge);
+        let after = edge.clone();
+        if before.state != after.state {
+            self.note(from, to, &after);
+        }
+    }
+
+    fn note(&mut self, from: u32, to: u32, edge: &Edge) {
+        self.notes.push(Note::Edge { from, to, state: edge.state, cause: edge.cause.clone() });
+    }
+}
+
+impl Clone for Roadmap {
+    fn clone(&self) -> Roadmap {
+        let mut near = neighbors(self.motors.len());
+        self.vertices().for_each(|(id, v)| near.add(id, &self.group(&v.q)));
+        Roadmap {
+            motors: self.motors.clone(),
+            graph: self.graph.clone(),
+            ledger: self.ledger.clone(),
+            near,
+            notes: self.notes.clone(),
+        }
+    }
+}
