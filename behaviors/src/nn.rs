@@ -201,6 +201,9 @@ mod tests {
         (0..1000).for_each(|i| tree.add(i, &[f64::from(i), 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]));
         assert!(tree.tree.is_some(), "the tree had to be given up");
         assert_eq!(tree.knn(&[2.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5], 1000).len(), 1000);
-        assert_eq!(tree.knn(&[2.1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5], 3).iter().map(|n| n.1).collect::<Vec<_>>(), [2, 3, 1]);
+        assert_eq!(
+            tree.knn(&[2.1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5], 3).iter().map(|n| n.1).collect::<Vec<_>>(),
+            [2, 3, 1]
+        );
     }
 }

@@ -23,7 +23,7 @@ use crate::nn::{Neighbors, distance, neighbors};
 use mobee_contract::{EdgeState, Note, Target};
 use petgraph::algo::{Measure, astar, dijkstra};
 use petgraph::stable_graph::{NodeIndex, StableDiGraph};
-use petgraph::visit::EdgeRef;
+use petgraph::visit::{EdgeRef, IntoEdgeReferences};
 use std::collections::BTreeMap;
 use std::ops::Add;
 
@@ -132,6 +132,20 @@ impl Roadmap {
         }
     }
 
+    /// Finds out for every vertex where it is shown: `at` gives the hand's position in the world at a whole pose.
+    pub fn place(&mut self, at: impl Fn(&[f64]) -> [f64; 3]) {
+        for i in 0..self.len() {
+            if let Some(v) = self.graph.node_weight_mut(NodeIndex::new(i)) {
+                v.at = at(&v.q);
+            }
+        }
+        for note in &mut self.notes {
+            if let Note::Vertex { q, at: shown, .. } = note {
+                *shown = at(q);
+            }
+        }
+    }
+
     /// How many vertices there are.
     pub fn len(&self) -> usize {
         self.graph.node_count()
@@ -166,13 +180,20 @@ impl Roadmap {
 
     /// All edges, removed ones included, by (from, to).
     pub fn edges(&self) -> Vec<(u32, u32, &Edge)> {
-        let present = self
-            .graph
-            .edge_references()
-            .map(|e| (e.source().index() as u32, e.target().index() as u32, e.weight()));
+        let present =
+            self.graph.edge_references().map(|e| (e.source().index() as u32, e.target().index() as u32, e.weight()));
         let mut all: Vec<_> = present.chain(self.ledger.iter().map(|((a, b), e)| (*a, *b, e))).collect();
         all.sort_by_key(|(a, b, _)| (*a, *b));
         all
+    }
+
+    /// The edges that leave a vertex, removed ones left out, the shortest first.
+    pub fn out(&self, from: u32) -> Vec<(u32, &Edge)> {
+        let start = NodeIndex::new(from as usize);
+        let all = self.graph.edges(start);
+        let mut all: Vec<_> = all.map(|e| (self.cost(start, e.target(), e.weight()).length, e)).collect();
+        all.sort_by(|(a, e), (b, f)| a.total_cmp(b).then(e.target().cmp(&f.target())));
+        all.into_iter().map(|(_, e)| (e.target().index() as u32, e.weight())).collect()
     }
 
     /// The vertex at whose pose the robot is: the nearest one, if every motor of the group is within `tolerance` (rad).

@@ -1,0 +1,52 @@
+//! The agents, each registered under its name, so that a config file can say `kind = "explorer"`.
+
+mod explorer;
+mod random;
+mod roadmap;
+mod scripted;
+
+pub use explorer::{Explorer, ExplorerSettings};
+pub use random::{Random, RandomSettings};
+pub use roadmap::{NamedPose, RoadmapAgent, RoadmapSettings};
+pub use scripted::{Scripted, ScriptedPose, ScriptedSettings};
+
+use mobee_contract::{Refusal, Snapshot, settings};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// The state within a snapshot of this kind and version.
+fn open<T: DeserializeOwned>(from: &Snapshot, kind: &str, version: u32) -> Result<T, Refusal> {
+    if from.kind != kind || from.version != version {
+        let (k, v) = (&from.kind, from.version);
+        let what = format!("it is of kind {k:?} version {v}, and this agent takes {kind:?} version {version}");
+        return Err(Refusal::State { what });
+    }
+    settings(&from.state).map_err(crate::group::state)
+}
+
+fn seal<T: Serialize>(kind: &str, version: u32, state: &T) -> Snapshot {
+    let state = serde_json::to_value(state).unwrap_or_default();
+    Snapshot { kind: kind.to_owned(), version, state }
+}
+
+/// Where a generator of random numbers stands.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Dice {
+    seed: u64,
+    position: u64,
+}
+
+impl Dice {
+    fn of(seed: u64, rng: &ChaCha8Rng) -> Dice {
+        Dice { seed, position: u64::try_from(rng.get_word_pos()).unwrap_or(u64::MAX) }
+    }
+
+    fn rng(self) -> ChaCha8Rng {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        rng.set_word_pos(u128::from(self.position));
+        rng
+    }
+}

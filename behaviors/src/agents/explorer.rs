@@ -1,0 +1,314 @@
+//! The explorer: builds a roadmap of random poses and drives its edges until the feasible part is known (paper, 3.1).
+
+use super::{Dice, open, seal};
+use crate::group;
+use crate::roadmap::{Roadmap, Vertex};
+use crate::walk::{Progress, Step, Walker};
+use mobee_contract::*;
+use mobee_model::Robot;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Settings of the kind `explorer`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ExplorerSettings {
+    /// Names of parts or motors to explore with, such as `["torso", "r_shoulder_pitch", "r_elbow"]`; a part stands for all
+    /// of its motors. The other motors stay where they are.
+    pub motors: Vec<String>,
+    /// How many random poses the roadmap gets.
+    #[serde(default = "twenty")]
+    pub vertices: usize,
+    /// To how many of its nearest poses each pose is joined, in both directions.
+    #[serde(default = "ten")]
+    pub neighbors: usize,
+    /// Share of each motor's greatest speed, above 0 and up to 1.
+    #[serde(default = "tenth")]
+    pub speed: f64,
+    /// Ranges to draw poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; else the motor's limits.
+    #[serde(default)]
+    pub range_deg: BTreeMap<String, [f64; 2]>,
+    /// The most random poses that are drawn: those that are not free or not lawful are thrown away.
+    #[serde(default = "many")]
+    pub samples: usize,
+    /// Seed of everything random; without it, one that follows from the run's.
+    #[serde(default)]
+    pub seed: Option<u64>,
+    /// How near every motor must be to a pose of the roadmap for the robot to count as being there, degrees.
+    #[serde(default = "half")]
+    pub tolerance_deg: f64,
+}
+
+fn twenty() -> usize {
+    20
+}
+
+fn ten() -> usize {
+    10
+}
+
+fn tenth() -> f64 {
+    0.1
+}
+
+fn many() -> usize {
+    100_000
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+/// Most vertices: a typing error must not eat the memory.
+const MOST_VERTICES: usize = 100_000;
+/// A goal is drawn from this many of the nearest vertices that have untried edges, so that the exploration spreads.
+const CHOICES: usize = 3;
+
+/// Drives untried edges, near ones first, until no untried edge can be reached any more.
+pub struct Explorer {
+    robot: Arc<Robot>,
+    /// Motor, lower and upper bound of its samples, rad.
+    ranges: Vec<(usize, f64, f64)>,
+    settings: ExplorerSettings,
+    walker: Walker,
+    sampled: bool,
+    seed: u64,
+    rng: ChaCha8Rng,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    map: Value,
+    progress: Progress,
+    sampled: bool,
+    dice: Dice,
+}
+
+impl Explorer {
+    /// An agent from its settings.
+    ///
+    /// # Errors
+    /// Unknown motors, ranges that are reversed or outside the limits, numbers out of bounds: with their path.
+    pub fn new(settings: ExplorerSettings, context: &Context) -> Result<Explorer, KindError> {
+        let robot = context.robot.clone();
+        let motors = group::motors("motors", &settings.motors, &robot)?;
+        let speed = group::speed("speed", settings.speed)?;
+        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg)?;
+        if !(2..=MOST_VERTICES).contains(&settings.vertices) {
+            let help = format!("give a number from 2 to {MOST_VERTICES}, such as 20");
+            return Err(KindError::new("vertices", format!("{} is no size of a roadmap", settings.vertices), help));
+        }
+        if settings.neighbors == 0 {
+            return Err(KindError::new(
+                "neighbors",
+                "poses without neighbors are never left",
+                "give 1 or more, such as 10",
+            ));
+        }
+        if settings.samples < settings.vertices {
+            let help = "give at least as many samples as vertices, or leave it out";
+            return Err(KindError::new("samples", "fewer samples than vertices", help));
+        }
+        let ranges = ranges(&settings, &motors, &robot)?;
+        let seed = settings.seed.unwrap_or(context.seed);
+        let walker = Walker::new(Roadmap::new(motors), speed, tolerance, seed);
+        let rng = ChaCha8Rng::seed_from_u64(seed);
+        Ok(Explorer { robot, ranges, settings, walker, sampled: false, seed, rng })
+    }
+
+    /// The roadmap as it is now.
+    pub fn map(&self) -> &Roadmap {
+        &self.walker.map
+    }
+
+    /// Random poses, kept only if free at the view's clearance and lawful; edges to the nearest, all optimistic.
+    fn sample(&mut self, view: &View) {
+        let hand = group::hand(&self.robot, self.walker.map.motors());
+        // a motor of no concern that stands at home but for the noise of its encoder counts as standing there
+        let near_home = 1f64.to_radians();
+        let homes = self.robot.motors.iter().map(|m| m.home);
+        let base: Vec<f64> =
+            view.pose().iter().zip(homes).map(|(q, h)| if (q - h).abs() <= near_home { h } else { *q }).collect();
+        let mut drawn = 0;
+        while self.walker.map.len() < self.settings.vertices && drawn < self.settings.samples {
+            drawn += 1;
+            let mut q = base.clone();
+            for (m, min, max) in &self.ranges {
+                let value = if max > min { self.rng.random_range(*min..=*max) } else { *min };
+                if let Some(slot) = q.get_mut(*m) {
+                    *slot = value;
+                }
+            }
+            if view.scene.free(&group::with_pose(view, &q), view.clearance) {
+                let at = group::marker_at(view, hand, &q);
+                self.walker.map.add(Vertex { name: None, q, at });
+            }
+        }
+        self.walker.map.join_nearest(self.settings.neighbors);
+        let (vertices, edges) = (self.walker.map.len(), self.walker.map.edges().len());
+        self.walker.log(format!("roadmap of {vertices} poses from {drawn} samples, {edges} directed edges"));
+    }
+
+    /// The next thing worth doing from a vertex: an optimistic edge here, else the way to a near vertex that has
+    /// one, and the doubtful ones last. `None`: no untried edge can be reached.
+    fn choose(&mut self, at: u32) -> Option<Choice> {
+        for state in [EdgeState::Optimistic, EdgeState::Doubtful] {
+            let here = self.walker.untried(at, state);
+            if let Some(to) = self.one_of(&here) {
+                return Some(Choice::Drive(to));
+            }
+            let reach = self.walker.map.reach(at);
+            let mut open: Vec<_> = reach
+                .iter()
+                .filter(|(id, cost)| cost.doubtful == 0 && !self.walker.untried(**id, state).is_empty())
+                .map(|(id, cost)| (cost.length, *id))
+                .collect();
+            open.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let open: Vec<u32> = open.into_iter().map(|(_, id)| id).collect();
+            if let Some(goal) = self.one_of(&open) {
+                return Some(Choice::Goto(goal));
+            }
+        }
+        None
+    }
+
+    fn one_of(&mut self, nearest_first: &[u32]) -> Option<u32> {
+        let n = nearest_first.len().min(CHOICES);
+        (n > 0).then(|| self.rng.random_range(0..n)).and_then(|i| nearest_first.get(i).copied())
+    }
+
+    fn summary(&mut self, at: Option<u32>, text: &str) -> Summary {
+        let map = &self.walker.map;
+        let reach = at.map(|at| map.reach(at)).unwrap_or_default();
+        let lost: Vec<u32> = map.vertices().map(|(id, _)| id).filter(|id| !reach.contains_key(id)).collect();
+        let edges = map.edges();
+        let in_state = |s: EdgeState| edges.iter().filter(|(.., e)| e.state == s).count();
+        let driven = edges.iter().filter(|(.., e)| e.driven).count();
+        let open: Vec<String> = edges
+            .iter()
+            .filter(|(.., e)| matches!(e.state, EdgeState::Optimistic | EdgeState::Doubtful))
+            .map(|(a, b, _)| format!("{a} -> {b}"))
+            .collect();
+        let progress = self.walker.progress();
+        let figures = [
+            ("vertices", map.len()),
+            ("edges", edges.len()),
+            ("edges_driven", driven),
+            ("edges_feasible", in_state(EdgeState::Feasible)),
+            ("edges_removed", in_state(EdgeState::Removed)),
+            ("edges_unreachable", open.len()),
+            ("vertices_unreachable", lost.len()),
+            ("motions_along_edges", progress.driven as usize),
+            ("motions_failed", progress.failed as usize),
+        ];
+        let figures = figures.into_iter().map(|(name, n)| (name.to_owned(), n as f64)).collect();
+        if !lost.is_empty() {
+            let names: Vec<String> = lost.iter().map(u32::to_string).collect();
+            self.walker.log(format!("vertices that can't be reached: {}", names.join(", ")));
+        }
+        if !open.is_empty() {
+            self.walker.log(format!("edges that can't be reached: {}", open.join(", ")));
+        }
+        Summary { text: text.to_owned(), figures }
+    }
+}
+
+enum Choice {
+    Drive(u32),
+    Goto(u32),
+}
+
+impl Agent for Explorer {
+    fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
+        if !self.sampled {
+            self.sample(view);
+            self.sampled = true;
+        }
+        if self.walker.map.len() < 2 {
+            return Intent::Done(
+                self.summary(None, "fewer than two free poses were found: widen the ranges or clear the world"),
+            );
+        }
+        let mut last = last;
+        loop {
+            match self.walker.step(last.take(), view) {
+                Step::Do(intent) => return intent,
+                Step::At(at) => match self.choose(at) {
+                    Some(Choice::Drive(to)) => return self.walker.drive(at, to),
+                    Some(Choice::Goto(goal)) => self.walker.goto(goal),
+                    None => {
+                        return Intent::Done(
+                            self.summary(Some(at), "the feasible part of the roadmap is completely determined"),
+                        );
+                    }
+                },
+                Step::Unreachable(_) => {}
+                Step::Lost(why) => return Intent::Done(self.summary(None, &why)),
+            }
+        }
+    }
+
+    fn notes(&mut self) -> Vec<Note> {
+        self.walker.notes()
+    }
+
+    fn export(&self) -> Snapshot {
+        let map = self.walker.map.export(&self.robot);
+        let progress = self.walker.progress().clone();
+        seal("explorer", 1, &State { map, progress, sampled: self.sampled, dice: Dice::of(self.seed, &self.rng) })
+    }
+
+    fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
+        let state: State = open(&from, "explorer", 1)?;
+        let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
+        if map.motors() != self.walker.map.motors() {
+            return Err(Refusal::State { what: "map.motors: the roadmap is one of other motors".to_owned() });
+        }
+        self.walker.map = map;
+        self.walker.resume(state.progress);
+        (self.sampled, self.seed, self.rng) = (state.sampled, state.dice.seed, state.dice.rng());
+        Ok(())
+    }
+}
+
+fn ranges(settings: &ExplorerSettings, motors: &[usize], robot: &Robot) -> Result<Vec<(usize, f64, f64)>, KindError> {
+    let mut given = BTreeMap::new();
+    for (name, [min, max]) in &settings.range_deg {
+        let path = format!("range_deg.{name}");
+        let motor = group::motor(&path, name, robot)?;
+        if !motors.contains(&motor) {
+            let help = "add the motor to `motors`, or take its range away";
+            return Err(KindError::new(path, format!("{name} is not one of the motors to explore with"), help));
+        }
+        if min > max {
+            let help = format!("write [{max}, {min}]");
+            return Err(KindError::new(path, format!("the range is reversed: {min} is above {max}"), help));
+        }
+        let low = group::within_limits(&format!("{path}[0]"), motor, *min, robot)?;
+        given.insert(motor, (low, group::within_limits(&format!("{path}[1]"), motor, *max, robot)?));
+    }
+    let limits = |m: &usize| robot.motors.get(*m).map(|l| (l.min, l.max));
+    let range = |m: &usize| given.get(m).copied().or_else(|| limits(m)).map(|(min, max)| (*m, min, max));
+    Ok(motors.iter().filter_map(range).collect())
+}
+
+fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {
+    Ok(Box::new(Explorer::new(settings(value)?, context)?))
+}
+
+inventory::submit! {
+    AgentKind {
+        name: "explorer",
+        doc: "Builds a roadmap of random free poses, joins each to its nearest ones by edges that nobody has checked, and \
+              drives them until every edge that can be reached is known to be feasible or not. An edge that fails is \
+              removed; its opposite is tried last.",
+        schema: || schemars::schema_for!(ExplorerSettings),
+        build,
+    }
+}

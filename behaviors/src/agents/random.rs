@@ -1,0 +1,133 @@
+//! Random moves: something to watch, to wear in a robot, or to collect data with.
+
+use super::{Dice, open, seal};
+use crate::group;
+use mobee_contract::*;
+use mobee_model::Robot;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Settings of the kind `random`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RandomSettings {
+    /// Names of parts or motors to move, such as `["torso", "r_elbow"]`; a part stands for all of its motors.
+    pub motors: Vec<String>,
+    /// How many moves to make; 0: for ever.
+    #[serde(default = "ten")]
+    pub count: u32,
+    /// Share of each motor's greatest speed, above 0 and up to 1.
+    #[serde(default = "tenth")]
+    pub speed: f64,
+    /// Whether to look in the scene first, and go only to poses that are free and lawful. The way there is not checked.
+    #[serde(default)]
+    pub checked: bool,
+    /// Seed of the moves; without it, one that follows from the run's.
+    #[serde(default)]
+    pub seed: Option<u64>,
+}
+
+fn ten() -> u32 {
+    10
+}
+
+fn tenth() -> f64 {
+    0.1
+}
+
+/// How many poses are drawn for one move before the agent waits a second for the world to change.
+const DRAWS: usize = 1000;
+
+/// Goes to random poses within the limits of its motors.
+pub struct Random {
+    robot: Arc<Robot>,
+    motors: Vec<usize>,
+    settings: RandomSettings,
+    seed: u64,
+    rng: ChaCha8Rng,
+    reached: u32,
+    failed: u32,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    dice: Dice,
+    reached: u32,
+    failed: u32,
+}
+
+impl Random {
+    /// An agent from its settings.
+    ///
+    /// # Errors
+    /// An unknown motor, or a speed that is none: with its path.
+    pub fn new(settings: RandomSettings, context: &Context) -> Result<Random, KindError> {
+        let motors = group::motors("motors", &settings.motors, &context.robot)?;
+        group::speed("speed", settings.speed)?;
+        let seed = settings.seed.unwrap_or(context.seed);
+        let rng = ChaCha8Rng::seed_from_u64(seed);
+        Ok(Random { robot: context.robot.clone(), motors, settings, seed, rng, reached: 0, failed: 0 })
+    }
+
+    fn draw(&mut self) -> Target {
+        let limits = self.motors.iter().filter_map(|m| self.robot.motors.get(*m));
+        let q = limits.map(|m| self.rng.random_range(m.min..=m.max)).collect();
+        Target { motors: self.motors.clone(), q, speed: self.settings.speed }
+    }
+}
+
+impl Agent for Random {
+    fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
+        match last {
+            Some(MotionEnd::Reached) => self.reached = self.reached.saturating_add(1),
+            Some(MotionEnd::Failed) => self.failed = self.failed.saturating_add(1),
+            None => {}
+        }
+        if self.settings.count > 0 && self.reached.saturating_add(self.failed) >= self.settings.count {
+            return Intent::Done(Summary {
+                text: format!("{} random moves ended at their target, {} did not", self.reached, self.failed),
+                figures: vec![("reached".into(), self.reached.into()), ("missed".into(), self.failed.into())],
+            });
+        }
+        for _ in 0..DRAWS {
+            let target = self.draw();
+            let there = group::with_pose(view, &target.pose(view.pose()));
+            if !self.settings.checked || view.scene.free(&there, view.clearance) {
+                return Intent::MoveTo(target);
+            }
+        }
+        Intent::Wait(Duration::from_secs(1))
+    }
+
+    fn export(&self) -> Snapshot {
+        let dice = Dice::of(self.seed, &self.rng);
+        seal("random", 1, &State { dice, reached: self.reached, failed: self.failed })
+    }
+
+    fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
+        let state: State = open(&from, "random", 1)?;
+        (self.seed, self.rng) = (state.dice.seed, state.dice.rng());
+        (self.reached, self.failed) = (state.reached, state.failed);
+        Ok(())
+    }
+}
+
+fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {
+    Ok(Box::new(Random::new(settings(value)?, context)?))
+}
+
+inventory::submit! {
+    AgentKind {
+        name: "random",
+        doc: "Goes to random poses within the limits of a group of motors, a given number of times or for ever; if asked to, \
+              only to poses that are free in the scene. What it runs into on the way is the reflex's business.",
+        schema: || schemars::schema_for!(RandomSettings),
+        build,
+    }
+}

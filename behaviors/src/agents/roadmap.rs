@@ -1,0 +1,287 @@
+//! The roadmap agent: CONNECT and GOTO over poses of its user's, round a tour of goals (Algorithms 1-3, figure 5).
+
+use super::{open, seal};
+use crate::group;
+use crate::roadmap::{Roadmap, Vertex};
+use crate::walk::{Progress, Step, Walker};
+use mobee_contract::*;
+use mobee_model::Robot;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Settings of the kind `roadmap`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RoadmapSettings {
+    /// Poses of the roadmap, each with a name of its own.
+    #[serde(default)]
+    pub poses: Vec<NamedPose>,
+    /// Pairs of poses to join, in both directions, such as `[["a", "b"], ["b", "c"]]`.
+    #[serde(default)]
+    pub edges: Vec<[String; 2]>,
+    /// Joins every pose to this many of its nearest ones as well.
+    #[serde(default)]
+    pub neighbors: usize,
+    /// A roadmap as a run writes it (`roadmap.json`), to start from; its poses are named by their numbers.
+    #[serde(default)]
+    pub map: Option<Value>,
+    /// Names of parts or motors that the roadmap moves; without it, those that the poses name.
+    #[serde(default)]
+    pub motors: Vec<String>,
+    /// The poses to go to, in order.
+    pub goals: Vec<String>,
+    /// How often to go round the goals; 0: for ever.
+    #[serde(default = "once")]
+    pub repeat: u32,
+    /// How long to rest at each goal, seconds.
+    #[serde(default)]
+    pub wait_s: f64,
+    /// Share of each motor's greatest speed, above 0 and up to 1.
+    #[serde(default = "tenth")]
+    pub speed: f64,
+    /// How near every motor must be to a pose of the roadmap for the robot to count as being there, degrees.
+    #[serde(default = "half")]
+    pub tolerance_deg: f64,
+}
+
+/// A pose with a name.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NamedPose {
+    /// Its name.
+    pub name: String,
+    /// Motor positions in degrees, such as `{ torso_yaw = 10, r_elbow = 40 }`; the other motors are at home.
+    pub q_deg: BTreeMap<String, f64>,
+}
+
+fn once() -> u32 {
+    1
+}
+
+fn tenth() -> f64 {
+    0.1
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+/// Goes round its goals.
+pub struct RoadmapAgent {
+    robot: Arc<Robot>,
+    walker: Walker,
+    goals: Vec<u32>,
+    repeat: u32,
+    wait: Duration,
+    /// Whether the vertices know where the hand is at them.
+    placed: bool,
+    tour: Tour,
+}
+
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Tour {
+    next: usize,
+    round: u32,
+    reached: u32,
+    missed: u32,
+    /// Goals reached in this round: a round without any is the last.
+    in_round: u32,
+    /// Whether the robot is on its way to `next`.
+    under_way: bool,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    map: Value,
+    progress: Progress,
+    tour: Tour,
+}
+
+impl RoadmapAgent {
+    /// An agent from its settings.
+    ///
+    /// # Errors
+    /// Unknown motors and poses, positions outside the limits, names given twice, a broken map: with their path.
+    pub fn new(settings: RoadmapSettings, context: &Context) -> Result<RoadmapAgent, KindError> {
+        let robot = context.robot.clone();
+        let speed = group::speed("speed", settings.speed)?;
+        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg)?;
+        let wait = group::seconds("wait_s", settings.wait_s)?;
+        let map = map(&settings, &robot)?;
+        let goals = settings.goals.iter().enumerate().map(|(i, g)| find(&map, &format!("goals[{i}]"), g));
+        let goals = goals.collect::<Result<Vec<_>, _>>()?;
+        if goals.is_empty() {
+            return Err(KindError::new("goals", "there is no goal", "name at least one pose to go to"));
+        }
+        let walker = Walker::new(map, speed, tolerance, context.seed);
+        Ok(RoadmapAgent { robot, walker, goals, repeat: settings.repeat, wait, placed: false, tour: Tour::default() })
+    }
+
+    /// The roadmap as it is now.
+    pub fn map(&self) -> &Roadmap {
+        &self.walker.map
+    }
+
+    /// Goes on to the next goal of the tour.
+    fn advance(&mut self, reached: bool) {
+        let tour = &mut self.tour;
+        tour.reached = tour.reached.saturating_add(u32::from(reached));
+        tour.missed = tour.missed.saturating_add(u32::from(!reached));
+        tour.in_round = tour.in_round.saturating_add(u32::from(reached));
+        (tour.next, tour.under_way) = (tour.next + 1, false);
+    }
+
+    fn summary(&self, text: &str) -> Intent {
+        let progress = self.walker.progress();
+        let edges = self.walker.map.edges();
+        let removed = edges.iter().filter(|(.., e)| e.state == EdgeState::Removed).count();
+        let figures = [
+            ("goals_reached", f64::from(self.tour.reached)),
+            ("goals_missed", f64::from(self.tour.missed)),
+            ("edges_removed", removed as f64),
+            ("motions_along_edges", f64::from(progress.driven)),
+            ("motions_failed", f64::from(progress.failed)),
+        ];
+        let figures = figures.into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
+        Intent::Done(Summary { text: text.to_owned(), figures })
+    }
+}
+
+impl Agent for RoadmapAgent {
+    fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
+        if !self.placed {
+            let hand = group::hand(&self.robot, self.walker.map.motors());
+            self.walker.map.place(|q| group::marker_at(view, hand, q));
+            self.placed = true;
+        }
+        let mut last = last;
+        // A tour that needs no motion would turn for ever in no time: it rests a second after each round.
+        for _ in 0..=2 * self.goals.len() {
+            match self.walker.step(last.take(), view) {
+                Step::Do(intent) => return intent,
+                Step::Lost(why) => return self.summary(&why),
+                Step::Unreachable(goal) => {
+                    self.walker.log(format!("no way leads to goal {goal}"));
+                    self.advance(false);
+                }
+                Step::At(at) if self.tour.under_way && self.goals.get(self.tour.next) == Some(&at) => {
+                    self.advance(true);
+                    if !self.wait.is_zero() {
+                        return Intent::Wait(self.wait);
+                    }
+                }
+                Step::At(_) => {}
+            }
+            if self.tour.next >= self.goals.len() {
+                if self.tour.in_round == 0 {
+                    return self.summary("no goal can be reached any more");
+                }
+                let round = self.tour.round.saturating_add(1);
+                self.tour = Tour { next: 0, round, in_round: 0, ..self.tour };
+            }
+            if self.repeat > 0 && self.tour.round >= self.repeat {
+                return self.summary("the tour is done");
+            }
+            if let Some(goal) = self.goals.get(self.tour.next) {
+                self.walker.goto(*goal);
+                self.tour.under_way = true;
+            }
+        }
+        Intent::Wait(Duration::from_secs(1))
+    }
+
+    fn notes(&mut self) -> Vec<Note> {
+        self.walker.notes()
+    }
+
+    fn export(&self) -> Snapshot {
+        let map = self.walker.map.export(&self.robot);
+        seal("roadmap", 1, &State { map, progress: self.walker.progress().clone(), tour: self.tour.clone() })
+    }
+
+    fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
+        let state: State = open(&from, "roadmap", 1)?;
+        let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
+        if map.motors() != self.walker.map.motors() || self.goals.iter().any(|g| map.vertex(*g).is_none()) {
+            let what = "map: the roadmap is one of other motors, or lacks a goal".to_owned();
+            return Err(Refusal::State { what });
+        }
+        self.walker.map = map;
+        self.walker.resume(state.progress);
+        (self.placed, self.tour) = (true, state.tour);
+        Ok(())
+    }
+}
+
+fn map(settings: &RoadmapSettings, robot: &Robot) -> Result<Roadmap, KindError> {
+    let mut named: BTreeSet<usize> = BTreeSet::new();
+    let mut poses = Vec::new();
+    for (i, pose) in settings.poses.iter().enumerate() {
+        let q = group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, robot)?;
+        named.extend(q.iter().map(|(m, _)| *m));
+        poses.push(q);
+    }
+    let mut map = match &settings.map {
+        Some(value) => Roadmap::import(value, robot).map_err(|e| {
+            let path = if e.path.is_empty() { "map".to_owned() } else { format!("map.{}", e.path) };
+            KindError { path, ..e }
+        })?,
+        None if settings.motors.is_empty() => Roadmap::new(named.iter().copied().collect()),
+        None => Roadmap::new(group::motors("motors", &settings.motors, robot)?),
+    };
+    if let Some(stranger) = named.iter().find(|m| !map.motors().contains(m)) {
+        let name = robot.motors.get(*stranger).map_or("?", |m| m.name.as_str());
+        let help = "add it to `motors`, or take it out of the poses";
+        return Err(KindError::new("poses", format!("the roadmap does not move {name}"), help));
+    }
+    for (i, (pose, q)) in settings.poses.iter().zip(poses).enumerate() {
+        if map.vertices().any(|(_, v)| v.name.as_deref() == Some(pose.name.as_str())) {
+            let what = format!("two poses are named {:?}", pose.name);
+            return Err(KindError::new(format!("poses[{i}].name"), what, "give every pose a name of its own"));
+        }
+        let mut whole: Vec<f64> = robot.motors.iter().map(|m| m.home).collect();
+        for (m, value) in q {
+            if let Some(slot) = whole.get_mut(m) {
+                *slot = value;
+            }
+        }
+        map.add(Vertex { name: Some(pose.name.clone()), q: whole, at: [0.0; 3] });
+    }
+    for (i, [a, b]) in settings.edges.iter().enumerate() {
+        let a = find(&map, &format!("edges[{i}][0]"), a)?;
+        map.join(a, find(&map, &format!("edges[{i}][1]"), b)?);
+    }
+    if settings.neighbors > 0 {
+        map.join_nearest(settings.neighbors);
+    }
+    Ok(map)
+}
+
+fn find(map: &Roadmap, path: &str, name: &str) -> Result<u32, KindError> {
+    map.find(name).ok_or_else(|| {
+        let known: Vec<&str> = map.vertices().filter_map(|(_, v)| v.name.as_deref()).collect();
+        let help = group::similar(name, known.iter().copied())
+            .map_or_else(|| format!("the poses are {}", known.join(", ")), |n| format!("did you mean {n:?}?"));
+        KindError::new(path, format!("there is no pose {name:?}"), help)
+    })
+}
+
+fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {
+    Ok(Box::new(RoadmapAgent::new(settings(value)?, context)?))
+}
+
+inventory::submit! {
+    AgentKind {
+        name: "roadmap",
+        doc: "Goes round a tour of goals over a roadmap of given poses. It takes every edge for feasible until it fails; then \
+              that edge is removed, the robot is back where the edge began, and the next best way is planned.",
+        schema: || schemars::schema_for!(RoadmapSettings),
+        build,
+    }
+}

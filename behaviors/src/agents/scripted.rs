@@ -1,0 +1,131 @@
+//! A list of poses, one after the other: the shortest agent, and a pattern for one's own.
+
+use super::{open, seal};
+use crate::group;
+use mobee_contract::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Settings of the kind `scripted`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptedSettings {
+    /// The poses, in order.
+    pub poses: Vec<ScriptedPose>,
+    /// Share of each motor's greatest speed, above 0 and up to 1.
+    #[serde(default = "tenth")]
+    pub speed: f64,
+    /// How often the list is gone through; 0: for ever.
+    #[serde(default = "once")]
+    pub repeat: u32,
+}
+
+/// A pose of the list.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptedPose {
+    /// Motor positions in degrees, such as `{ torso_yaw = 10, r_elbow = 40 }`; the other motors stay where they are.
+    pub q_deg: BTreeMap<String, f64>,
+    /// How long to rest there, seconds.
+    #[serde(default)]
+    pub wait_s: f64,
+}
+
+fn tenth() -> f64 {
+    0.1
+}
+
+fn once() -> u32 {
+    1
+}
+
+/// Goes through its poses. A motion that fails is counted, and the next pose is tried.
+pub struct Scripted {
+    poses: Vec<(Target, Duration)>,
+    repeat: u32,
+    state: State,
+}
+
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    /// The pose that is next.
+    next: usize,
+    round: u32,
+    reached: u32,
+    failed: u32,
+}
+
+impl Scripted {
+    /// An agent from its settings.
+    ///
+    /// # Errors
+    /// An unknown motor, a position outside its limits, a speed or time that is none, an empty list: with its path.
+    pub fn new(settings: ScriptedSettings, context: &Context) -> Result<Scripted, KindError> {
+        let speed = group::speed("speed", settings.speed)?;
+        let mut poses = Vec::new();
+        for (i, pose) in settings.poses.iter().enumerate() {
+            let q = group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, &context.robot)?;
+            let (motors, q) = q.into_iter().unzip();
+            poses.push((Target { motors, q, speed }, group::seconds(&format!("poses[{i}].wait_s"), pose.wait_s)?));
+        }
+        if poses.is_empty() {
+            return Err(KindError::new("poses", "the list of poses is empty", "give at least one pose"));
+        }
+        Ok(Scripted { poses, repeat: settings.repeat, state: State::default() })
+    }
+}
+
+impl Agent for Scripted {
+    fn next(&mut self, last: Option<MotionEnd>, _view: &View) -> Intent {
+        let state = &mut self.state;
+        if let Some(end) = last {
+            let here = self.poses.get(state.next);
+            state.next += 1;
+            match end {
+                MotionEnd::Reached => state.reached += 1,
+                MotionEnd::Failed => state.failed += 1,
+            }
+            match here {
+                Some((_, wait)) if end == MotionEnd::Reached && !wait.is_zero() => return Intent::Wait(*wait),
+                _ => {}
+            }
+        }
+        if state.next >= self.poses.len() {
+            (state.next, state.round) = (0, state.round.saturating_add(1));
+        }
+        match self.poses.get(state.next) {
+            Some((target, _)) if self.repeat == 0 || state.round < self.repeat => Intent::MoveTo(target.clone()),
+            _ => Intent::Done(Summary {
+                text: format!("{} poses reached, {} missed", state.reached, state.failed),
+                figures: vec![("reached".into(), state.reached.into()), ("missed".into(), state.failed.into())],
+            }),
+        }
+    }
+
+    fn export(&self) -> Snapshot {
+        seal("scripted", 1, &self.state)
+    }
+
+    fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
+        self.state = open(&from, "scripted", 1)?;
+        Ok(())
+    }
+}
+
+fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {
+    Ok(Box::new(Scripted::new(settings(value)?, context)?))
+}
+
+inventory::submit! {
+    AgentKind {
+        name: "scripted",
+        doc: "Goes through a list of poses with waits between them, once, several times or for ever. A motion that \
+              fails is counted, and the next pose is tried.",
+        schema: || schemars::schema_for!(ScriptedSettings),
+        build,
+    }
+}

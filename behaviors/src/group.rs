@@ -1,0 +1,204 @@
+//! A group of a robot's motors as users name it: parts, motors, poses in degrees, with errors that say where and what to do.
+
+use mobee_contract::{KindError, Refusal, View};
+use mobee_model::{Robot, ShapeId};
+use std::collections::BTreeMap;
+
+/// Part and motor names to motor indices, in the robot's order. A part stands for all of its motors.
+///
+/// # Errors
+/// An unknown name, a motor named twice, or no name at all.
+pub fn motors(path: &str, names: &[String], robot: &Robot) -> Result<Vec<usize>, KindError> {
+    let mut group: Vec<usize> = Vec::new();
+    for (i, name) in names.iter().enumerate() {
+        let place = format!("{path}[{i}]");
+        let found: Vec<usize> = match robot.parts.iter().find(|p| p.name == *name) {
+            Some(part) => part.motors.clone().collect(),
+            None => vec![motor(&place, name, robot)?],
+        };
+        if found.iter().any(|m| group.contains(m)) {
+            let help = "name each motor once; a part stands for all of its motors";
+            return Err(KindError::new(place, format!("{name:?} names a motor that was named before"), help));
+        }
+        group.extend(found);
+    }
+    if group.is_empty() {
+        let parts: Vec<_> = robot.parts.iter().map(|p| p.name.as_str()).collect();
+        let help = format!("name at least one part ({}) or motor", parts.join(", "));
+        return Err(KindError::new(path, "no motor is named", help));
+    }
+    group.sort_unstable();
+    Ok(group)
+}
+
+/// The index of a motor.
+///
+/// # Errors
+/// An unknown name, with the most similar known one.
+pub fn motor(path: &str, name: &str, robot: &Robot) -> Result<usize, KindError> {
+    robot.motors.iter().position(|m| m.name == name).ok_or_else(|| {
+        let parts = robot.parts.iter().map(|p| p.name.as_str());
+        let known = parts.chain(robot.motors.iter().map(|m| m.name.as_str()));
+        let help = similar(name, known).map_or_else(
+            || format!("`mobee model info` lists the motors of {}", robot.name),
+            |n| format!("did you mean {n:?}?"),
+        );
+        KindError::new(path, format!("the robot {} has no motor {name:?}", robot.name), help)
+    })
+}
+
+/// A table of motor positions in degrees to (motor, rad), in the robot's order.
+///
+/// # Errors
+/// An unknown motor, a position that is not finite or outside the motor's limits, an empty table.
+pub fn positions(path: &str, q_deg: &BTreeMap<String, f64>, robot: &Robot) -> Result<Vec<(usize, f64)>, KindError> {
+    let mut all = Vec::new();
+    for (name, deg) in q_deg {
+        let place = format!("{path}.{name}");
+        let index = motor(&place, name, robot)?;
+        all.push((index, within_limits(&place, index, *deg, robot)?));
+    }
+    if all.is_empty() {
+        return Err(KindError::new(path, "the pose names no motor", "give at least one motor's position in degrees"));
+    }
+    all.sort_by_key(|(m, _)| *m);
+    Ok(all)
+}
+
+/// A position in degrees to rad, within the limits of its motor (rounding of a millionth of a radian is forgiven).
+///
+/// # Errors
+/// A position that is not finite, or outside the limits.
+pub fn within_limits(path: &str, index: usize, deg: f64, robot: &Robot) -> Result<f64, KindError> {
+    let q = deg.to_radians();
+    match robot.motors.get(index) {
+        Some(m) if q >= m.min - 1e-6 && q <= m.max + 1e-6 => Ok(q.clamp(m.min, m.max)),
+        Some(m) => {
+            let (min, max) = (m.min.to_degrees(), m.max.to_degrees());
+            let help = format!("give degrees from {min:.2} to {max:.2}");
+            Err(KindError::new(path, format!("{deg} deg is outside the limits of {}", m.name), help))
+        }
+        None => Err(KindError::new(path, "there is no such motor", "name a motor of the robot")),
+    }
+}
+
+/// Checks a share of the greatest speed.
+///
+/// # Errors
+/// Anything but a number above 0 and up to 1.
+pub fn speed(path: &str, share: f64) -> Result<f64, KindError> {
+    if share > 0.0 && share <= 1.0 {
+        return Ok(share);
+    }
+    let help = "give a share of each motor's greatest speed, above 0 and up to 1, such as 0.1";
+    Err(KindError::new(path, format!("{share} is no share of the greatest speed"), help))
+}
+
+/// Checks a time in seconds.
+///
+/// # Errors
+/// Anything but 0 to a million seconds.
+pub fn seconds(path: &str, s: f64) -> Result<std::time::Duration, KindError> {
+    if (0.0..=1e6).contains(&s) {
+        return Ok(std::time::Duration::from_secs_f64(s));
+    }
+    Err(KindError::new(path, format!("{s} is no time to wait"), "give seconds, 0 or more"))
+}
+
+/// Checks a distance in degrees at which a pose counts as reached; answers rad.
+///
+/// # Errors
+/// Anything but a number above 0 and up to 10.
+pub fn tolerance(path: &str, deg: f64) -> Result<f64, KindError> {
+    if deg > 0.0 && deg <= 10.0 {
+        return Ok(deg.to_radians());
+    }
+    Err(KindError::new(path, format!("{deg} deg is no tolerance"), "give degrees above 0 and up to 10, such as 0.5"))
+}
+
+/// The marker that stands for the group's hand: the one with most of the group's joints above it, and of those the one
+/// nearest the root, so that a palm is chosen before a fingertip. An index into `Robot::markers`.
+pub fn hand(robot: &Robot, group: &[usize]) -> Option<usize> {
+    let rank = |node: usize| {
+        let (mut moved, mut depth, mut at) = (0usize, 0usize, Some(node));
+        while let Some(node) = at.and_then(|i| robot.nodes.get(i)) {
+            if let mobee_model::NodeKind::Joint { motor, .. } = node.kind {
+                moved += usize::from(group.contains(&motor));
+            }
+            depth += 1;
+            at = node.parent.filter(|_| depth <= robot.nodes.len());
+        }
+        (moved, depth)
+    };
+    let ranked = robot.markers.iter().enumerate().map(|(i, m)| (rank(m.node), i));
+    ranked.min_by_key(|((moved, depth), i)| (std::cmp::Reverse(*moved), *depth, *i)).map(|(_, i)| i)
+}
+
+/// All robots' poses with the agent's own robot at `q`.
+pub fn with_pose(view: &View, q: &[f64]) -> Vec<mobee_contract::Pose> {
+    let mut poses = view.poses.clone();
+    if let Some(own) = poses.get_mut(view.robot) {
+        *own = q.into();
+    }
+    poses
+}
+
+/// Where a marker of the agent's robot is in the world at a pose, metres; the robot's base if there is no such marker.
+pub fn marker_at(view: &View, marker: Option<usize>, q: &[f64]) -> [f64; 3] {
+    let robot = view.scene.robots().get(view.robot);
+    let node = marker.and_then(|m| robot?.markers.get(m)).map(|m| m.node);
+    let frames = view.scene.node_transforms(&with_pose(view, q));
+    let frame = node.and_then(|n| frames.get(view.robot)?.get(n).copied());
+    let p = frame.unwrap_or_else(|| view.scene.base(view.robot)).translation.vector;
+    [p.x, p.y, p.z]
+}
+
+/// What the view says stood in the way, in words: its nearest contact of the agent's robot.
+pub fn cause(view: &View) -> Option<String> {
+    let own = view.contacts.iter().filter(|c| involves(view.robot, c));
+    let nearest = own.min_by(|a, b| a.distance.total_cmp(&b.distance))?;
+    let (a, b) = nearest.pair;
+    let mm = nearest.distance * 1000.0;
+    Some(format!("{} and {} at {mm:.1} mm", view.scene.shape_name(a), view.scene.shape_name(b)))
+}
+
+/// Whether a contact is one of this robot.
+pub fn involves(robot: usize, contact: &mobee_model::Contact) -> bool {
+    let own = |id: ShapeId| matches!(id, ShapeId::Robot { robot: r, .. } if usize::from(r) == robot);
+    own(contact.pair.0) || own(contact.pair.1)
+}
+
+/// The contacts of the agent's robot at a pose, with obstacles, other robots and itself, nearer than `within` metres.
+pub fn contacts_at(view: &View, q: &[f64], within: f64) -> Vec<mobee_model::Contact> {
+    let mut all = view.scene.contacts(&with_pose(view, q), within);
+    all.retain(|c| involves(view.robot, c));
+    all
+}
+
+/// A setting's error in an agent's state.
+pub fn state(error: KindError) -> Refusal {
+    let place = if error.path.is_empty() { String::new() } else { format!("{}: ", error.path) };
+    Refusal::State { what: format!("{place}{}", error.what) }
+}
+
+/// The known name that is most similar to a misspelt one, if any is similar at all.
+pub fn similar<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let ranked = known.map(|k| (edits(name, k), k)).min_by_key(|(d, k)| (*d, k.len()));
+    ranked.filter(|(d, k)| *d <= 1 + k.len().min(name.len()) / 3).map(|(_, k)| k)
+}
+
+/// How many letters must be changed, added or dropped to make one word the other (Levenshtein).
+fn edits(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut left = i + 1;
+        let mut next = vec![left];
+        for (pair, y) in row.windows(2).zip(&b) {
+            left = (left + 1).min(pair[1] + 1).min(pair[0] + usize::from(x != *y));
+            next.push(left);
+        }
+        row = next;
+    }
+    row.last().copied().unwrap_or(0)
+}

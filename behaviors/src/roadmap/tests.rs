@@ -1,0 +1,181 @@
+use super::*;
+use mobee_model::{Motor, NodePairs, Part, Robot};
+use proptest::prelude::*;
+use serde_json::{Value, json};
+
+fn robot(motors: usize) -> Robot {
+    let motor = |i| Motor {
+        name: format!("m{i}"),
+        part: 0,
+        min: -3.0,
+        max: 3.0,
+        home: 0.0,
+        joints: Vec::new(),
+        is_part_root: i == 0,
+    };
+    Robot {
+        name: "r".into(),
+        parts: vec![Part { name: "p".into(), motors: 0..motors, root_node: None, clauses: Vec::new() }],
+        motors: (0..motors).map(motor).collect(),
+        nodes: Vec::new(),
+        markers: Vec::new(),
+        pairs: NodePairs::default(),
+    }
+}
+
+fn map(points: &[Vec<f64>], k: usize) -> Roadmap {
+    let mut map = Roadmap::new((0..points[0].len()).collect());
+    for q in points {
+        map.add(Vertex { name: None, q: q.clone(), at: [0.0; 3] });
+    }
+    map.join_nearest(k);
+    map
+}
+
+fn points() -> impl Strategy<Value = Vec<Vec<f64>>> {
+    prop::collection::vec(prop::collection::vec(-3.0..3.0f64, 3), 3..20)
+}
+
+/// Bellman-Ford over the public listing, as a reference for A* and Dijkstra.
+fn reference(map: &Roadmap, from: u32) -> BTreeMap<u32, Cost> {
+    let length = |a, b| distance(&map.vertex(a).unwrap().q, &map.vertex(b).unwrap().q);
+    let mut best = BTreeMap::from([(from, Cost::default())]);
+    for _ in 0..map.len() {
+        for (a, b, e) in map.edges().into_iter().filter(|(.., e)| e.state != EdgeState::Removed) {
+            let Some(here) = best.get(&a).copied() else { continue };
+            let there = here + Cost { doubtful: u32::from(e.state == EdgeState::Doubtful), length: length(a, b) };
+            if best.get(&b).is_none_or(|old| there < *old) {
+                best.insert(b, there);
+            }
+        }
+    }
+    best
+}
+
+fn close(a: Cost, b: Cost) -> bool {
+    a.doubtful == b.doubtful && (a.length - b.length).abs() < 1e-9
+}
+
+/// Fails and succeeds along a list of edge choices.
+fn exercise(map: &mut Roadmap, deeds: &[(usize, bool)]) {
+    for (i, ok) in deeds {
+        let edges: Vec<_> = map.edges().iter().map(|(a, b, _)| (*a, *b)).collect();
+        let (a, b) = edges[i % edges.len()];
+        if *ok { map.succeeded(a, b) } else { map.failed(a, b, Some("a wall".into())) }
+    }
+}
+
+fn deeds() -> impl Strategy<Value = Vec<(usize, bool)>> {
+    prop::collection::vec((any::<usize>(), any::<bool>()), 0..60)
+}
+
+proptest! {
+    #[test]
+    fn plans_are_shortest_and_never_use_a_removed_edge(points in points(), k in 1usize..6, deeds in deeds()) {
+        let mut map = map(&points, k);
+        exercise(&mut map, &deeds);
+        let truth = reference(&map, 0);
+        let reach = map.reach(0);
+        prop_assert_eq!(reach.keys().collect::<Vec<_>>(), truth.keys().collect::<Vec<_>>());
+        for to in 0..map.len() as u32 {
+            let plan = map.plan(0, to);
+            prop_assert_eq!(plan.is_some(), truth.contains_key(&to));
+            let Some(plan) = plan else { continue };
+            let mut cost = Cost::default();
+            for step in plan.windows(2) {
+                let edge = map.edge(step[0], step[1]).unwrap();
+                prop_assert_ne!(edge.state, EdgeState::Removed);
+                let length = distance(&points[step[0] as usize], &points[step[1] as usize]);
+                cost = cost + Cost { doubtful: u32::from(edge.state == EdgeState::Doubtful), length };
+            }
+            prop_assert!(close(cost, truth[&to]) && close(reach[&to], truth[&to]));
+            prop_assert_eq!((plan.first(), plan.last()), (Some(&0), Some(&to)));
+        }
+    }
+
+    #[test]
+    fn a_file_gives_the_same_map_and_the_same_plans(points in points(), k in 1usize..6, deeds in deeds()) {
+        let mut map = map(&points, k);
+        exercise(&mut map, &deeds);
+        let file = map.export(&robot(3));
+        let text: Value = serde_json::from_str(&serde_json::to_string(&file).unwrap()).unwrap();
+        let read = Roadmap::import(&text, &robot(3)).unwrap();
+        prop_assert_eq!(read.edges(), map.edges());
+        prop_assert!(read.vertices().zip(map.vertices()).all(|((_, a), (_, b))| distance(&a.q, &b.q) < 1e-12));
+        let copy = Roadmap::import(&file, &robot(3)).unwrap();
+        prop_assert_eq!(copy.edges(), map.edges());
+        prop_assert!(copy.vertices().eq(map.vertices()));
+        prop_assert_eq!(copy.export(&robot(3)), file);
+        for to in 0..map.len() as u32 {
+            prop_assert_eq!(copy.plan(0, to), map.plan(0, to));
+        }
+    }
+
+    #[test]
+    fn a_damaged_file_is_refused_or_read_whole_but_never_a_panic(points in points(), cut in any::<usize>(), with in any::<u8>()) {
+        let mut bytes = serde_json::to_vec(&map(&points, 2).export(&robot(3))).unwrap();
+        let at = cut % bytes.len();
+        bytes[at] = with;
+        if let Ok(value) = serde_json::from_slice::<Value>(&bytes) {
+            if let Ok(map) = Roadmap::import(&value, &robot(3)) {
+                prop_assert_eq!(map.len(), points.len());
+            }
+        }
+    }
+}
+
+#[test]
+fn exactly_the_driven_edge_is_removed_and_its_opposite_becomes_doubtful() {
+    let mut map = map(&[vec![0.0], vec![1.0], vec![3.0]], 2);
+    map.failed(0, 1, Some("a wall".into()));
+    let state = |m: &Roadmap, a, b| m.edge(a, b).unwrap().state;
+    assert_eq!(state(&map, 0, 1), EdgeState::Removed);
+    assert_eq!(state(&map, 1, 0), EdgeState::Doubtful);
+    assert_eq!(state(&map, 0, 2), EdgeState::Optimistic);
+    assert_eq!(map.edge(0, 1).unwrap().cause.as_deref(), Some("a wall"));
+    assert_eq!(map.plan(0, 1), Some(vec![0, 2, 1]), "round, as the opposite is no way");
+    assert_eq!(map.plan(1, 0), Some(vec![1, 2, 0]), "round, as the straight way is doubtful");
+    // joining anew does not bring it back, re-admitting does
+    map.join(0, 1);
+    assert_eq!(state(&map, 0, 1), EdgeState::Removed);
+    assert!(map.readmit(0, 1) && !map.readmit(0, 1));
+    assert_eq!(map.plan(0, 1), Some(vec![0, 1]));
+}
+
+#[test]
+fn an_edge_driven_to_its_end_stays_feasible_when_its_opposite_fails() {
+    let mut map = map(&[vec![0.0], vec![1.0]], 1);
+    map.succeeded(0, 1);
+    assert_eq!(map.edge(1, 0).map(|e| (e.state, e.driven)), Some((EdgeState::Feasible, false)));
+    map.failed(1, 0, None);
+    assert_eq!(map.edge(0, 1).unwrap().state, EdgeState::Feasible);
+    let mut other = self::map(&[vec![0.0], vec![1.0]], 1);
+    other.succeeded(0, 1);
+    other.failed(0, 1, None);
+    assert_eq!(other.edge(1, 0).unwrap().state, EdgeState::Doubtful, "known only from its opposite, which failed");
+}
+
+#[test]
+fn hostile_files_are_refused_with_the_place() {
+    let good = map(&[vec![0.0], vec![1.0]], 1).export(&robot(1));
+    let cases: [(&str, Value, &str); 11] = [
+        ("/version", json!(2), "version"),
+        ("/version", json!("1"), "version"),
+        ("/motors/0", json!("m9"), "motors[0]"),
+        ("/motors", json!(["m0", "m0"]), "motors[1]"),
+        ("/vertices/1/id", json!(7), "vertices[1].id"),
+        ("/vertices/0/q_rad", json!([]), "vertices[0].q_rad"),
+        ("/vertices/0/q_rad", json!([99.0]), "vertices[0].q_rad[0]"),
+        ("/vertices/0/q_rad", json!([null]), "vertices[0].q_rad[0]"),
+        ("/edges/0/to", json!(5), "edges[0].to"),
+        ("/edges/1", json!({ "from": 0, "to": 0, "state": "feasible" }), "edges[1].to"),
+        ("/edges/0/state", json!("fine"), "edges[0].state"),
+    ];
+    assert!(Roadmap::import(&good, &robot(1)).is_ok());
+    for (at, with, place) in cases {
+        let mut bad = good.clone();
+        *bad.pointer_mut(at).unwrap() = with;
+        let error = Roadmap::import(&bad, &robot(1)).err().unwrap_or_else(|| panic!("{bad} was taken"));
+        assert_eq!(error.path, place, "{error:?}");
+    }
+}
