@@ -6,6 +6,7 @@
 //! Robot ──write──> text
 //! ```
 
+mod constraint;
 mod element;
 mod geometry;
 pub(crate) mod pairs;

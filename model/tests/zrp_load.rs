@@ -104,6 +104,12 @@ fn too_deep_and_too_many_are_refused() {
     assert!(refused(&robot(&deep)).message().contains("deep"));
     let many = "<link x=\"1\"/>".repeat(5000);
     assert!(refused(&robot(&many)).message().contains("more than"));
+    let motors: String = (0..5000).map(|i| format!("<motor name=\"m{i}\"/>")).collect();
+    assert!(refused(&robot(&motors)).message().contains("more than"));
+    let attributes: String = (0..100).map(|i| format!(" a{i}=\"1\"")).collect();
+    assert!(refused(&robot(&format!("<link x=\"1\"{attributes}/>"))).message().contains("attributes"));
+    let unknown = robot(&"<wheel/>".repeat(50_000));
+    assert_eq!(parse_robot("r.xml", &unknown).unwrap().warnings.len(), 100);
 }
 
 #[test]
@@ -166,6 +172,16 @@ fn a_bad_world_is_refused_at_its_place() {
         assert_eq!((error.line(), error.column()), (2, column), "{error}");
         assert!(error.message().contains(says), "{error}");
     }
+}
+
+#[test]
+fn the_examples_of_the_reference_load_without_a_warning() {
+    let doc = include_str!("../../docs/zrp.md");
+    let blocks: Vec<&str> = doc.split("```xml\n").skip(1).filter_map(|b| b.split("```").next()).collect();
+    let robot = blocks.iter().find(|b| b.starts_with("<Zero")).expect("an example of a robot");
+    let world = blocks.iter().find(|b| b.starts_with("<World")).expect("an example of a world");
+    assert!(parse_robot("doc", robot).unwrap().warnings.is_empty());
+    assert!(parse_world("doc", world).unwrap().warnings.is_empty());
 }
 
 proptest! {

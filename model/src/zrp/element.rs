@@ -7,6 +7,21 @@ use std::ops::Range;
 /// Larger numbers are refused: no robot needs them, and their squares still fit.
 const MAX_NUMBER: f64 = 1e6;
 
+/// Warnings are kept up to this number.
+const MAX_WARNINGS: usize = 100;
+
+/// The warnings of one file. Making one searches the file for its line, so none is made in vain.
+#[derive(Default)]
+pub(super) struct Warnings(pub(super) Vec<FileError>);
+
+impl Warnings {
+    pub(super) fn add(&mut self, warning: impl FnOnce() -> FileError) {
+        if self.0.len() < MAX_WARNINGS {
+            self.0.push(warning());
+        }
+    }
+}
+
 pub(super) struct Attr {
     pub(super) name: String,
     pub(super) value: String,
@@ -51,15 +66,13 @@ impl Element {
     }
 
     /// Warns of attributes that are not in `known`.
-    pub(super) fn warn_unknown(&self, known: &[&[&str]], warnings: &mut Vec<FileError>) {
+    pub(super) fn warn_unknown(&self, known: &[&[&str]], warnings: &mut Warnings) {
         for a in &self.attrs {
             if !known.iter().any(|k| k.contains(&a.name.as_str())) && !a.name.starts_with("xml") {
                 let list = known.concat().join(", ");
-                warnings.push(self.source.warning(
-                    a.name_at.clone(),
-                    format!("<{}> has no attribute `{}`; it is ignored", self.written, a.name),
-                    format!("its attributes are: {list} (upper and lower case count)"),
-                ));
+                let message = format!("<{}> has no attribute `{}`; it is ignored", self.written, a.name);
+                let help = format!("its attributes are: {list} (upper and lower case count)");
+                warnings.add(|| self.source.warning(a.name_at.clone(), message, help));
             }
         }
     }
@@ -150,12 +163,12 @@ impl Element {
     }
 
     /// Whether the attribute is `true`; warns if it is neither `true` nor `false`.
-    pub(super) fn flag(&self, name: &str, warnings: &mut Vec<FileError>) -> bool {
+    pub(super) fn flag(&self, name: &str, warnings: &mut Warnings) -> bool {
         let Some(attr) = self.get(name) else { return false };
         let value = attr.value.trim();
         if !value.eq_ignore_ascii_case("true") && !value.eq_ignore_ascii_case("false") {
             let message = format!("`{name}` is \"{value}\", which counts as false");
-            warnings.push(self.warning_at(name, message, "write true or false"));
+            warnings.add(|| self.warning_at(name, message, "write true or false"));
         }
         value.eq_ignore_ascii_case("true")
     }

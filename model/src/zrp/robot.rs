@@ -1,18 +1,20 @@
 //! Tokens to a robot: the tree, its parts and motors, constraints and markers.
 
-use super::element::Element;
+use super::constraint::Member;
+use super::element::{Element, Warnings};
 use super::xml::{Token, Tokens};
 use super::{geometry, pairs};
 use crate::error::{FileError, Loaded, Source};
-use crate::{Clause, HalfSpace, Marker, Motor, Node, NodeKind, NodePairs, Part, Robot};
+use crate::{Clause, Marker, Motor, Node, NodeKind, NodePairs, Part, Robot};
 use nalgebra::{Unit, Vector3};
 use std::collections::BTreeMap;
 
 /// More nodes are refused: the pair tables grow with the square.
 const MAX_NODES: usize = 4096;
+/// More parts, motors or markers are refused, of each kind.
+const MAX_NAMES: usize = 4096;
 /// Motor slots per part.
 const MAX_SLOTS: i64 = 4096;
-const MAX_WARNINGS: usize = 100;
 
 const ROOT: &str = "ZeroPositionKinematicTree";
 const NODE: &[&str] = &["x", "y", "z", "length", "radius", "field", "noSelfCollision", "capsule"];
@@ -25,7 +27,6 @@ pub(super) fn read(source: &Source) -> Result<Loaded<Robot>, FileError> {
             Token::Start(element) => reader.start(element)?,
             Token::End => reader.end()?,
         }
-        reader.warnings.truncate(MAX_WARNINGS);
     }
     reader.finish(source)
 }
@@ -39,14 +40,6 @@ struct PartBuilder {
     clauses: Vec<Vec<Member>>,
     /// The part that was current when this one was created; current again at its end.
     around: Option<usize>,
-}
-
-/// A half-space over motor indices of its part, and the element to blame.
-struct Member {
-    a: Vec<f64>,
-    q: Vec<i64>,
-    b: f64,
-    element: Element,
 }
 
 /// What an open element changes back at its end.
@@ -71,7 +64,7 @@ struct RobotReader {
     node: Option<usize>,
     /// The clause of the open `constraintList`.
     clause: Option<Vec<Member>>,
-    warnings: Vec<FileError>,
+    warnings: Warnings,
 }
 
 impl RobotReader {
@@ -94,7 +87,7 @@ impl RobotReader {
                     let help = "known are bodypart, motor, joint, link, sphere, cylinder, box, capsule, marker, \
                                 constraintList and constraint";
                     let message = format!("<{}> is not known; it is ignored", e.written);
-                    self.warnings.push(e.warning_at("", message, help));
+                    self.warnings.add(|| e.warning_at("", message, help));
                     Open::Other
                 }
             },
@@ -150,7 +143,7 @@ impl RobotReader {
         self.name = e.get("robotName").map(|a| a.value.trim().to_owned()).filter(|n| !n.is_empty());
         if self.name.is_none() {
             let help = "write robotName=\"...\"";
-            self.warnings.push(e.warning_at("robotName", "the robot has no name; it is called `robot`", help));
+            self.warnings.add(|| e.warning_at("robotName", "the robot has no name; it is called `robot`", help));
         }
         Ok(())
     }
@@ -159,6 +152,9 @@ impl RobotReader {
         element.warn_unknown(&[&["name"]], &mut self.warnings);
         let name = element.name_attr()?;
         let known = self.parts.iter().position(|p| p.name == name);
+        if known.is_none() {
+            room_for_one(&element, self.parts.len())?;
+        }
         let part = known.unwrap_or_else(|| {
             self.parts.push(PartBuilder {
                 name,
@@ -192,11 +188,12 @@ impl RobotReader {
             self.motor = Some(known);
             return Ok(Open::Motor { before });
         }
+        room_for_one(e, self.motors.len())?;
         let (min, max) = limits(e, "the motor", -1.0, 1.0)?;
         let home = e.number_or_zero("home")?;
         if (home < min || home > max) && e.get("home").is_some() {
             let message = format!("home {home} is outside the limits {min} to {max}; the nearer limit is taken");
-            self.warnings.push(e.warning_at("home", message, "give a home position within minPos and maxPos"));
+            self.warnings.add(|| e.warning_at("home", message, "give a home position within minPos and maxPos"));
         }
         let index = self.motors.len();
         let builder = &mut self.parts[part];
@@ -321,6 +318,7 @@ impl RobotReader {
             let message = format!("there is a marker `{name}` already");
             return Err(e.error_at("name", message, "give each marker of a robot its own name"));
         }
+        room_for_one(e, self.markers.len())?;
         let normal = Unit::try_new(e.vector(["nx", "ny", "nz"])?, geometry::ZERO).unwrap_or(Vector3::x_axis());
         let tracer = e.integer("tracer")?.unwrap_or(5).clamp(1, 10_000) as u32;
         self.markers.push(Marker { name, node, part, normal, tracer });
@@ -330,28 +328,18 @@ impl RobotReader {
     fn clause(&mut self, element: Element) -> Open {
         if self.part.is_none() {
             let message = "<constraintList> stands outside any body part; it is ignored";
-            self.warnings.push(element.warning_at("", message, "put it into the part whose motors it is about"));
+            self.warnings.add(|| element.warning_at("", message, "put it into the part whose motors it is about"));
         }
         self.clause = Some(Vec::new());
         Open::Clause { element }
     }
 
     fn constraint(&mut self, e: Element) -> Result<Open, FileError> {
-        e.warn_unknown(&[&["a", "q", "b"]], &mut self.warnings);
-        let (a, q) = (e.numbers("a")?, e.numbers("q")?);
-        let b = e.number_or_zero("b")?;
-        if a.is_empty() || a.len() != q.len() {
-            let message = format!("`a` has {} numbers and `q` has {}", a.len(), q.len());
-            return Err(e.error_at("q", message, "give one motor index in q for each coefficient in a, at least one"));
-        }
-        if let Some(bad) = q.iter().find(|i| i.fract() != 0.0 || **i < 0.0) {
-            let message = format!("`q` holds {bad}, which is no motor index");
-            return Err(e.error_at("q", message, "motor indices of the part are counted from 0"));
-        }
+        e.warn_unknown(&[Member::ATTRIBUTES], &mut self.warnings);
         let Some(clause) = &mut self.clause else {
             return Err(e.error("<constraint> stands outside a constraintList", "put it into a <constraintList>"));
         };
-        clause.push(Member { a, q: q.iter().map(|i| *i as i64).collect(), b, element: e });
+        clause.push(Member::read(e)?);
         Ok(Open::Other)
     }
 
@@ -365,8 +353,7 @@ impl RobotReader {
             let motors = start..order.len();
             let mut clauses = Vec::with_capacity(part.clauses.len());
             for clause in &part.clauses {
-                let members: Result<Vec<HalfSpace>, FileError> =
-                    clause.iter().map(|m| half_space(m, part, start)).collect();
+                let members: Result<_, _> = clause.iter().map(|m| m.resolve(&part.name, motors.clone())).collect();
                 clauses.push(Clause(members?));
             }
             parts.push(Part { name: part.name.clone(), motors, root_node: part.root_node, clauses });
@@ -388,25 +375,8 @@ impl RobotReader {
         let motors = order.iter().map(|i| self.motors[*i].clone()).collect();
         let name = self.name.unwrap_or_else(|| "robot".to_owned());
         let robot = Robot { name, parts, motors, nodes: self.nodes, markers: self.markers, pairs };
-        Ok(Loaded { value: robot, warnings: self.warnings })
+        Ok(Loaded { value: robot, warnings: self.warnings.0 })
     }
-}
-
-fn half_space(m: &Member, part: &PartBuilder, first: usize) -> Result<HalfSpace, FileError> {
-    let mut terms = Vec::with_capacity(m.a.len());
-    for (a, q) in m.a.iter().zip(&m.q) {
-        match usize::try_from(*q) {
-            Ok(q) if q < part.slots.len() => terms.push((first + q, *a)),
-            _ => {
-                return Err(m.element.error_at(
-                    "q",
-                    format!("part `{}` has no motor with index {q}", part.name),
-                    format!("its motors have the indices 0 to {}", part.slots.len().saturating_sub(1)),
-                ));
-            }
-        }
-    }
-    Ok(HalfSpace { terms, b: m.b })
 }
 
 /// `minPos` and `maxPos`, each with its default.
@@ -422,4 +392,14 @@ fn limits(e: &Element, what: &str, min: f64, max: f64) -> Result<(f64, f64), Fil
         ));
     }
     Ok((min, max))
+}
+
+fn room_for_one(e: &Element, present: usize) -> Result<(), FileError> {
+    if present < MAX_NAMES {
+        return Ok(());
+    }
+    Err(e.error(
+        format!("the robot has more than {MAX_NAMES} of <{}>", e.written),
+        "leave out those that are not needed",
+    ))
 }

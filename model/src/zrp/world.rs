@@ -1,6 +1,6 @@
 //! Tokens to the objects of a world.
 
-use super::element::Element;
+use super::element::{Element, Warnings};
 use super::geometry;
 use super::xml::{Token, Tokens};
 use crate::error::{FileError, Loaded, Source};
@@ -8,7 +8,6 @@ use crate::{Object, ObjectClass};
 use std::collections::BTreeSet;
 
 const ROOT: &str = "WorldList";
-const MAX_WARNINGS: usize = 100;
 
 pub(super) fn read(source: &Source) -> Result<Loaded<Vec<Object>>, FileError> {
     let mut tokens = Tokens::new(source);
@@ -31,9 +30,8 @@ pub(super) fn read(source: &Source) -> Result<Loaded<Vec<Object>>, FileError> {
                 }
             }
         }
-        reader.warnings.truncate(MAX_WARNINGS);
     }
-    Ok(Loaded { value: reader.objects, warnings: reader.warnings })
+    Ok(Loaded { value: reader.objects, warnings: reader.warnings.0 })
 }
 
 #[derive(Default)]
@@ -43,7 +41,7 @@ struct WorldReader {
     unnamed: usize,
     /// The depth of the open `object`, the last of `objects`.
     open_at: Option<usize>,
-    warnings: Vec<FileError>,
+    warnings: Warnings,
 }
 
 impl WorldReader {
@@ -78,7 +76,7 @@ impl WorldReader {
         let Some(sizes) = geometry::shape_attributes(&e.name) else {
             let message = format!("<{}> is not known; it is ignored", e.written);
             let help = "known are object, sphere, cylinder, box and capsule";
-            self.warnings.push(e.warning_at("", message, help));
+            self.warnings.add(|| e.warning_at("", message, help));
             return Ok(());
         };
         e.warn_unknown(&[sizes, geometry::POSE], &mut self.warnings);

@@ -9,6 +9,8 @@ use std::ops::Range;
 
 /// Deeper nesting is refused.
 const MAX_DEPTH: usize = 1000;
+/// More attributes in one element are refused: the search for doubles grows with the square.
+const MAX_ATTRIBUTES: usize = 64;
 
 pub(super) enum Token {
     Start(Element),
@@ -93,6 +95,10 @@ impl<'a> Tokens<'a> {
         let mut element = Element::new(self.source.clone(), name, at.clone());
         for attr in tag.attributes() {
             let attr = attr.map_err(|e| self.bad_attribute(&at, &e))?;
+            if element.attrs.len() >= MAX_ATTRIBUTES {
+                let message = format!("<{name}> has more than {MAX_ATTRIBUTES} attributes");
+                return Err(self.source.error(at, message, "remove those that the format does not know"));
+            }
             let value_at = self.place(&attr.value).unwrap_or_else(|| at.clone());
             let value = attr.normalized_value(XmlVersion::Implicit1_0).map_err(|e| {
                 let help = "write & as &amp;, < as &lt;, and define no entities of your own";
