@@ -8,7 +8,8 @@
 //!
 //! `hash` is the SHA-256 of the line before's hash (32 bytes; zeros at first) and this line's text up to `,"hash"`. So a
 //! changed, lost, doubled or moved line shows, and the last hash stands for the whole run: two runs in virtual time with one
-//! seed end with the same. Numbers are written in full; serde_json reads them back to within the last bit. Times are nanoseconds of the run's clock; wall time, paths and build names go into the aside.
+//! seed end with the same. Times are nanoseconds of the run's clock; wall time, paths and build names go into the aside.
+//! Numbers are written in full; serde_json reads them back to within the last bit.
 //!
 //! Every outcome of a commit is on disk before the next event is written (fsync); a crash loses at most a last, half line.
 

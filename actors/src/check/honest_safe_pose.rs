@@ -46,10 +46,10 @@ impl Invariant for HonestSafePose {
                     wrong("in contact".into());
                 }
             }
-            Event::SafePoseMoved { robot, .. } => {
-                if self.robots.entry(robot.clone()).or_default().open != Some(false) {
-                    found.say(format!("{robot}: a safe pose was moved with no transaction open that has one"));
-                }
+            Event::SafePoseMoved { robot, .. }
+                if self.robots.get(robot).is_none_or(|rest| rest.open != Some(false)) =>
+            {
+                found.say(format!("{robot}: a safe pose was moved with no transaction open that has one"));
             }
             Event::Commit { robot, id, escape, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();

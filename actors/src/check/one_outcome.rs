@@ -33,10 +33,10 @@ impl Invariant for OneOutcome {
                 }
                 _ => found.say(format!("{robot}: outcome {outcome:?} of commit {}, which is not open", id.0)),
             },
-            Event::Amended { robot, id, .. } | Event::SafePoseMoved { robot, id, .. } => {
-                if self.robots.get(robot) != Some(&(*id, true)) {
-                    found.say(format!("{robot}: commit {} was changed, but is not open", id.0));
-                }
+            Event::Amended { robot, id, .. } | Event::SafePoseMoved { robot, id, .. }
+                if self.robots.get(robot) != Some(&(*id, true)) =>
+            {
+                found.say(format!("{robot}: commit {} was changed, but is not open", id.0));
             }
             _ => {}
         }
