@@ -7,7 +7,7 @@
 //! ```
 //!
 //! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], the faults it can be given ([`SimFaults`]), the conformance suite that every
-//!   driver must pass (`conformance`), and the estimate of reaction and braking path (`braking`).
+//!   driver must pass ([`conformance`]), and the estimate of reaction and braking path (`braking`).
 //! * Accepts: `Command`s and leases of the driver contract. Emits: `Sample`s.
 //! * Promises: limits of position, speed and acceleration are never exceeded; nothing moves without a lease; the plant outlives
 //!   its drivers; the same seed and the same calls give the same readings.
@@ -28,6 +28,7 @@
 //! # Ok::<(), mobee_contract::DriverFault>(())
 //! ```
 
+pub mod conformance;
 mod encoders;
 mod faults;
 pub mod path;

@@ -28,16 +28,16 @@ enum Act {
 fn acts() -> impl Strategy<Value = Vec<(u64, Act)>> {
     let q = || -1.0..1.5f64;
     let speed = || prop_oneof![Just(0.0), 0.0..0.2f64, 0.0..4.0f64];
-    let motion = (0..MOTORS, q(), any::<bool>(), prop::option::of((speed(), speed()))).prop_map(|(m, q, relative, r)| {
-        let (speed, acceleration) = r.map(|(v, a)| (vec![v], vec![a])).unzip();
-        let q = if relative { 0.3 * q } else { q };
-        Act::Give(Command::Move(Move { motors: vec![m], q: vec![q], relative, speed, acceleration }))
-    });
+    let motion =
+        (0..MOTORS, q(), any::<bool>(), prop::option::of((speed(), speed()))).prop_map(|(m, q, relative, r)| {
+            let (speed, acceleration) = r.map(|(v, a)| (vec![v], vec![a])).unzip();
+            let q = if relative { 0.3 * q } else { q };
+            Act::Give(Command::Move(Move { motors: vec![m], q: vec![q], relative, speed, acceleration }))
+        });
     let direct = prop::collection::vec(q(), MOTORS).prop_map(|q| Act::Give(Command::Direct { q }));
     let near = (q(), 0.0..0.1f64).prop_map(|(q, d)| Act::Give(Command::Direct { q: vec![q.min(1.4) + d; MOTORS] }));
-    let stop = (0..=MOTORS).prop_map(|m| {
-        Act::Give(Command::Stop { motors: if m < MOTORS { vec![m] } else { vec![] } })
-    });
+    let stop =
+        (0..=MOTORS).prop_map(|m| Act::Give(Command::Stop { motors: if m < MOTORS { vec![m] } else { vec![] } }));
     let mode = prop_oneof![Just(ControlMode::PositionDirect), Just(ControlMode::Position), Just(ControlMode::Idle)]
         .prop_map(|mode| Act::Give(Command::Mode { motors: vec![], mode }));
     let lease = (0u64..400).prop_map(Act::Lease);

@@ -1,0 +1,123 @@
+//! Promises about the lease, and about boards that outlive their drivers.
+
+use super::motions::{stopping_path, under_way};
+use super::trial::{DEG, NEAR, Trial, at, see};
+use super::{Bench, Promise};
+use mobee_contract::{Command, ControlMode, DriverFault};
+
+pub const PROMISES: &[Promise] = &[
+    Promise { name: "nothing moves without a lease", check: no_lease },
+    Promise { name: "at the end of its lease the board brakes, and stays at rest under the next", check: expiry },
+    Promise { name: "set-points move nothing once the lease has ended", check: stream_without_lease },
+    Promise { name: "the newest lease counts", check: shortened },
+    Promise { name: "a board outlives its driver: it keeps position, mode and count", check: restart },
+    Promise { name: "a board whose driver is gone stops when its lease ends", check: orphan },
+];
+
+fn no_lease(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::connect(bench, false)?;
+    let (here, motors) = (t.last.q.clone(), t.motors()?);
+    t.refused(Command::Move(t.to(&motors, &t.away(&motors))), "")?;
+    // what moves nothing needs none
+    t.give(Command::Stop { motors: vec![] })?;
+    t.give(Command::Mode { motors: vec![], mode: ControlMode::Position })?;
+    t.settle(20)?;
+    t.rests_at(&here)
+}
+
+fn expiry(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let motors = t.motors()?;
+    let pose = under_way(&mut t, &motors)?;
+    let (now, held) = (t.now(), 5 * t.board.period);
+    t.driver.lease(now, now + held);
+    t.keeps_lease = false;
+    let told = t.last.q.clone();
+    t.until_done()?;
+    let rest = t.last.q.clone();
+    for m in &motors {
+        let most = stopping_path(&t, *m) + t.reference(*m).0 * held.as_secs_f64();
+        let way = (at(&rest, *m) - at(&told, *m)).abs();
+        see(way <= most, || format!("motor {m} went on for {:.2} deg, at most {:.2}", way / DEG, most / DEG))?;
+        see((at(&rest, *m) - at(&pose, *m)).abs() > NEAR, || format!("motor {m} went on to its target"))?;
+    }
+    t.refused(Command::Move(t.to(&motors, &pose)), "")?;
+    t.keeps_lease = true;
+    t.settle(50)?;
+    t.rests_at(&rest).map_err(|e| format!("under a new lease it went on by itself: {e}"))?;
+    t.give(Command::Move(t.to(&motors, &pose)))?;
+    t.until_done()?;
+    t.rests_at(&pose)
+}
+
+fn stream_without_lease(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    if !t.board.position_direct {
+        return Ok(());
+    }
+    t.give(Command::Mode { motors: vec![], mode: ControlMode::PositionDirect })?;
+    t.until_mode(ControlMode::PositionDirect)?;
+    t.keeps_lease = false;
+    let (now, here) = (t.now(), t.last.q.clone());
+    t.driver.lease(now, now + t.board.period);
+    t.run(3 * t.board.period)?;
+    let pose = t.away(&t.motors()?);
+    for _ in 0..20 {
+        let now = t.now();
+        if !matches!(t.driver.command(now, &Command::Direct { q: pose.clone() }), Err(DriverFault::Refused(_))) {
+            return Err("a set-point without a lease was not refused".into());
+        }
+        t.step()?;
+    }
+    t.rests_at(&here)
+}
+
+fn shortened(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let motors = t.motors()?;
+    let pose = under_way(&mut t, &motors)?;
+    t.keeps_lease = false;
+    let now = t.now();
+    t.driver.lease(now, now + 10_000 * t.board.period);
+    t.step()?;
+    let now = t.now();
+    t.driver.lease(now, now);
+    t.until_done()?;
+    let arrived = motors.iter().find(|m| (at(&t.last.q, **m) - at(&pose, **m)).abs() <= NEAR);
+    see(arrived.is_none(), || format!("motor {arrived:?} went on to its target under the older lease"))
+}
+
+fn restart(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let motors = t.motors()?;
+    let pose = t.away(&motors);
+    t.give(Command::Move(t.to(&motors, &pose)))?;
+    t.until_done()?;
+    let mode = if t.board.position_direct { ControlMode::PositionDirect } else { ControlMode::Idle };
+    t.give(Command::Mode { motors: vec![], mode })?;
+    t.until_mode(mode)?;
+    let before = t.last.clone();
+    t.reconnect()?;
+    see(t.last.seq >= before.seq, || format!("reading {} came after {}", t.last.seq, before.seq))?;
+    t.rests_at(&pose)?;
+    t.settle(20)?;
+    t.rests_at(&pose)?;
+    see(t.driver.modes().iter().all(|m| *m == mode), || "it forgot its modes".into())
+}
+
+fn orphan(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let motors = t.motors()?;
+    let pose = under_way(&mut t, &motors)?;
+    t.keeps_lease = false;
+    let (now, told) = (t.now(), t.last.q.clone());
+    t.driver.lease(now, now + 5 * t.board.period);
+    t.reconnect()?;
+    t.until_done()?;
+    for m in motors {
+        let most = stopping_path(&t, m) + t.reference(m).0 * (5 * t.board.period).as_secs_f64();
+        let way = (at(&t.last.q, m) - at(&told, m)).abs();
+        see(way <= most && (at(&t.last.q, m) - at(&pose, m)).abs() > NEAR, || format!("motor {m} went on"))?;
+    }
+    Ok(())
+}

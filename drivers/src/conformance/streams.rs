@@ -1,0 +1,82 @@
+//! Promises about position-direct streaming and control modes.
+
+use super::trial::{DEG, NEAR, Trial, at, see};
+use super::{Bench, Promise};
+use mobee_contract::{Command, ControlMode};
+use std::time::Duration;
+
+pub const PROMISES: &[Promise] = &[
+    Promise { name: "control modes read back", check: modes },
+    Promise { name: "a stream of set-points is followed closely and held at its end", check: stream },
+    Promise { name: "a move puts its motors into position mode", check: move_after_stream },
+];
+
+fn modes(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let here = t.last.q.clone();
+    let direct = if t.board.position_direct { ControlMode::PositionDirect } else { ControlMode::Idle };
+    for mode in [direct, ControlMode::Position, ControlMode::Idle, ControlMode::Position] {
+        t.give(Command::Mode { motors: vec![], mode })?;
+        t.until_mode(mode)?;
+        t.settle(3)?;
+        t.rests_at(&here).map_err(|e| format!("switching to {mode:?} moved it: {e}"))?;
+    }
+    let m = t.motors()?.first().copied().unwrap_or_default();
+    t.give(Command::Mode { motors: vec![m], mode: ControlMode::Idle })?;
+    t.settle(50)?;
+    let wrong = |(i, mode): (usize, &ControlMode)| (*mode == ControlMode::Idle) != (i == m);
+    see(!t.driver.modes().iter().enumerate().any(wrong), || "a mode set for one motor is not its alone".into())
+}
+
+/// Streams set-points every 20 ms at 5 deg/s to `pose`; the worst lag (rad) behind the newest set-point while at it.
+fn follow(t: &mut Trial, pose: &[f64]) -> Result<f64, String> {
+    let (start, tick) = (t.last.q.to_vec(), Duration::from_millis(20));
+    let way = start.iter().zip(pose).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
+    let ticks = (way / (5.0 * DEG * tick.as_secs_f64())).ceil().max(1.0);
+    let (mut next, mut i, mut lag) = (t.now(), 0.0, 0.0f64);
+    while i < ticks {
+        t.step()?;
+        let q = |share: f64| start.iter().zip(pose).map(|(a, b)| a + share * (b - a)).collect::<Vec<f64>>();
+        let newest = q(i / ticks);
+        lag = newest.iter().zip(t.last.q.iter()).map(|(a, b)| (a - b).abs()).fold(lag, f64::max);
+        while t.now() >= next && i < ticks {
+            i += 1.0;
+            t.give(Command::Direct { q: q(i / ticks) })?;
+            next = next + tick;
+        }
+    }
+    Ok(lag)
+}
+
+fn stream(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    if !t.board.position_direct {
+        return Ok(());
+    }
+    t.give(Command::Mode { motors: vec![], mode: ControlMode::PositionDirect })?;
+    t.until_mode(ControlMode::PositionDirect)?;
+    let pose = t.away(&t.motors()?);
+    let lag = follow(&mut t, &pose)?;
+    // it starts from rest, commands take their time, and it follows three set-points behind at most
+    let late = (t.board.latency + t.board.period + Duration::from_millis(60)).as_secs_f64();
+    let most = 5.0 * DEG * late + 0.3 * DEG + NEAR;
+    see(lag <= most, || format!("it lags by {:.2} deg, at most {:.2}", lag / DEG, most / DEG))?;
+    t.until_done()?;
+    t.settle(20)?;
+    t.rests_at(&pose)
+}
+
+fn move_after_stream(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let m = t.motors()?.first().copied().unwrap_or_default();
+    let other = if t.board.position_direct { ControlMode::PositionDirect } else { ControlMode::Idle };
+    t.give(Command::Mode { motors: vec![], mode: other })?;
+    t.until_mode(other)?;
+    let pose = t.away(&[m]);
+    t.give(Command::Move(t.to(&[m], &pose)))?;
+    t.until_done()?;
+    t.rests_at(&pose)?;
+    let wrong = |(i, mode): (usize, &ControlMode)| (*mode == ControlMode::Position) != (i == m);
+    see(!t.driver.modes().iter().enumerate().any(wrong), || "not the moved motor alone is in position mode".into())?;
+    see((at(&t.last.q, m) - at(&pose, m)).abs() <= NEAR, || "it did not arrive".into())
+}
