@@ -19,6 +19,8 @@ use std::time::Duration;
 const ESCAPES: u32 = 20;
 /// How often it waits a second for somebody to take away what holds the robot.
 const WAITS: u32 = 60;
+/// How often CONNECT may end at its target and yet not at the vertex, in a row.
+const CONNECTS: u32 = 10;
 /// How many of the nearest vertices CONNECT checks in the scene before it just tries the nearest.
 const CHECKED: usize = 50;
 
@@ -62,6 +64,7 @@ pub struct Progress {
     last: Option<u32>,
     escapes: u32,
     waits: u32,
+    connects: u32,
     /// Motions committed along edges.
     pub driven: u32,
     /// Motions that failed, of any sort.
@@ -127,7 +130,7 @@ impl Walker {
         }
         (self.progress.escapes, self.progress.waits) = (0, 0);
         let Some(at) = self.map.at(view.pose(), self.tolerance) else { return self.connect(rest, view) };
-        self.progress.last = Some(at);
+        (self.progress.last, self.progress.connects) = (Some(at), 0);
         match self.progress.goal {
             Some(goal) if goal != at => match self.map.plan(at, goal) {
                 Some(path) => Step::Do(self.follow(path)),
@@ -187,6 +190,12 @@ impl Walker {
     /// CONNECT(q_current): drives to the nearest vertex whose line is free in the scene; if there is none, to the
     /// nearest that was not tried yet.
     fn connect(&mut self, rest: Option<Vec<u32>>, view: &View) -> Step {
+        self.progress.connects += u32::from(rest.is_none());
+        if self.progress.connects > CONNECTS {
+            return Step::Lost(
+                "motions end, but not within `tolerance_deg` of their vertex: make it larger".to_owned(),
+            );
+        }
         let mut rest = rest.unwrap_or_else(|| self.map.by_distance(view.pose()));
         let free = |id: &u32| self.whole(*id, view).is_some_and(|q| line_free(view, &q));
         let chosen = rest.iter().take(CHECKED).position(free).unwrap_or(0);

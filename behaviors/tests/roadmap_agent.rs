@@ -103,6 +103,26 @@ fn connect_takes_the_nearest_pose_whose_line_is_free_and_goes_on_if_it_fails() {
 }
 
 #[test]
+fn a_tolerance_that_the_robot_can_t_meet_is_told_instead_of_connecting_for_ever() {
+    let scene = scene(&arm(2), vec![]);
+    let mut v = view(&scene, &[0.4, 0.0]);
+    let mut agent = agent(json!({ "tolerance_deg": 0.1 }));
+    let mut last = None;
+    for _ in 0..100 {
+        match agent.next(last.take(), &v) {
+            Intent::MoveTo(target) => {
+                let q: Vec<f64> = target.pose(v.pose()).iter().map(|q| q + 0.01).collect();
+                v.poses = vec![q.into()];
+                last = Some(MotionEnd::Reached);
+            }
+            Intent::Done(summary) => return assert!(summary.text.contains("tolerance_deg"), "{summary:?}"),
+            other => panic!("unexpected intent {other:?}"),
+        }
+    }
+    panic!("did not end");
+}
+
+#[test]
 fn goals_are_rested_at_and_a_goal_out_of_reach_is_reported() {
     let scene = scene(&arm(2), vec![]);
     let run = drive(
