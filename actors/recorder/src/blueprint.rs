@@ -8,7 +8,8 @@ use crate::stream::{Stream, TIMELINE, Written, in_words};
 use rerun::blueprint::components::{ContainerKind, PanelState, PlayState};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes as look;
-use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, VisibleTimeRange};
+use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, TextLogColumn, VisibleTimeRange};
+use rerun::external::re_sdk_types::blueprint::datatypes::{self as shapes, TextLogColumnKind};
 use rerun::external::re_sdk_types::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, Uuid};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, StoreId, components};
 
@@ -75,7 +76,7 @@ impl Page<'_> {
             )?);
         }
         let maps = self.tabs("Roadmap", &maps)?;
-        let log = self.view("TextLog", "Log", "/log")?;
+        let log = self.log_view(robots.len() > 1)?;
         let progress = self.progress()?;
         let about = self.view("TextDocument", "Legend", "/about")?;
         let texts = self.tabs("Words", &[log, progress, about])?;
@@ -90,7 +91,7 @@ impl Page<'_> {
         let right = self.container(ContainerKind::Vertical, "Map and words", &[maps, texts], &[3.0, 2.0])?;
         let top = self.container(ContainerKind::Horizontal, "Scene and map", &[scene, right], &[3.0, 2.0])?;
         let bottom = self.container(ContainerKind::Horizontal, "Over time", &[lanes, plots], &[3.0, 2.0])?;
-        self.container(ContainerKind::Vertical, "Run", &[top, bottom], &[7.0, 3.0])?;
+        self.container(ContainerKind::Vertical, "Run", &[top, bottom], &[3.0, 1.0])?;
         let viewport = look::ViewportBlueprint::new()
             .with_root_container(rerun::blueprint::components::RootContainer(uuid(self.ids)))
             .with_auto_layout(false)
@@ -114,13 +115,13 @@ impl Page<'_> {
             .with_look_target(front.target)
             .with_eye_up([0.0, 0.0, 1.0]);
         self.log(&format!("{scene}/EyeControls3D"), &eye)?;
-        let background = look::Background::new(BackgroundKind::GradientDark);
+        let background = look::Background::new(BackgroundKind::SolidColor).with_color(0x171C26FFu32);
         self.log(&format!("{scene}/Background"), &background)?;
         let grid = look::LineGrid3D::new()
             .with_visible(true)
             .with_spacing(0.2)
             .with_plane(components::Plane3D::new([0.0, 0.0, 1.0], front.floor))
-            .with_color(0xFFFFFF18u32);
+            .with_color(0xFFFFFF0Cu32);
         self.log(&format!("{scene}/LineGrid3D"), &grid)?;
         let range = VisibleTimeRange(rerun::external::re_sdk_types::datatypes::VisibleTimeRange {
             timeline: TIMELINE.into(),
@@ -140,6 +141,19 @@ impl Page<'_> {
         let view = self.view("2D", &named("Roadmap", robot, robots), &format!("/roadmap/{}", robot.name))?;
         let background = look::Background::new(BackgroundKind::SolidColor).with_color(0x0E1218FFu32);
         self.log(&format!("{view}/Background"), &background)?;
+        Ok(view)
+    }
+
+    /// The event log; its column of sources only if there are several robots to keep apart.
+    fn log_view(&mut self, sources: bool) -> Result<Place, String> {
+        let view = self.view("TextLog", "Log", "/log")?;
+        let column = |kind, visible: bool| TextLogColumn(shapes::TextLogColumn { kind, visible: visible.into() });
+        let columns = look::TextLogColumns::new().with_text_log_columns([
+            column(TextLogColumnKind::EntityPath, sources),
+            column(TextLogColumnKind::LogLevel, true),
+            column(TextLogColumnKind::Body, true),
+        ]);
+        self.log(&format!("{view}/TextLogColumns"), &columns)?;
         Ok(view)
     }
 

@@ -32,10 +32,9 @@ pub(crate) struct Body {
 /// A joint that moves shapes.
 struct Turning {
     path: String,
-    motor: usize,
+    /// Index into the robot's nodes.
+    node: usize,
     axis: [f32; 3],
-    /// Angle at encoder zero and angle per rad of encoder.
-    line: (f64, f64),
     written: f64,
     times: Vec<i64>,
     angles: Vec<f32>,
@@ -80,15 +79,14 @@ impl Body {
             let next = match &node.kind {
                 NodeKind::Link { offset } => Seat { offset: seat.offset + offset, ..seat },
                 NodeKind::Joint { .. } if !moved.get(n).copied().unwrap_or(false) => seat,
-                NodeKind::Joint { axis, motor, min, max, .. } => {
+                NodeKind::Joint { axis, motor, .. } => {
                     let path = joint_path(&seat.entity, robot, *motor, n);
                     stream.log_static(&path, &Transform3D::from_translation(vec3(&seat.offset)))?;
                     let path = format!("{path}/turned");
                     body.joints.push(Turning {
                         path: path.clone(),
-                        motor: *motor,
+                        node: n,
                         axis: vec3(axis),
-                        line: line(robot, *motor, *min, *max),
                         written: f64::NAN,
                         times: Vec::new(),
                         angles: Vec::new(),
@@ -105,10 +103,9 @@ impl Body {
     }
 
     /// Takes note of a pose: the angles that changed.
-    pub(crate) fn pose(&mut self, at: Time, q: &[f64]) {
+    pub(crate) fn pose(&mut self, at: Time, robot: &Robot, q: &[f64]) {
         for joint in &mut self.joints {
-            let Some(q) = q.get(joint.motor) else { continue };
-            let angle = joint.line.0 + joint.line.1 * q;
+            let angle = robot.joint_angle(joint.node, q);
             // not-a-number (nothing written yet) is no small change either
             let small = (angle - joint.written).abs() <= STEP;
             if !small && angle.is_finite() {
@@ -145,13 +142,6 @@ fn rotations(axis: [f32; 3], angles: Vec<f32>) -> Option<rerun::SerializedCompon
     let array = StructArray::try_new(fields.into(), columns, None).ok()?;
     let batch = SerializedComponentBatch::new(Arc::new(array), Transform3D::descriptor_rotation_axis_angle());
     batch.partitioned(std::iter::repeat_n(1, n)).ok()
-}
-
-/// Angle of a joint as a line over its motor's position: the limits of the one are the limits of the other.
-fn line(robot: &Robot, motor: usize, min: f64, max: f64) -> (f64, f64) {
-    let (low, high) = robot.motors.get(motor).map_or((0.0, 0.0), |m| (m.min, m.max));
-    let slope = if high > low { (max - min) / (high - low) } else { 0.0 };
-    (min - slope * low, slope)
 }
 
 /// Which nodes have shapes in their subtree, themselves not counted.

@@ -1,6 +1,5 @@
 //! Where to look from: a robot's front, found from what its file says.
 
-use crate::traces::Chain;
 use mobee_model::{Object, Robot, Scene, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -26,49 +25,38 @@ impl Front {
     /// A robot's markers (eyes, palms, tools) are on its front: the mean of their places, seen from its root, says where that
     /// is. A robot without markers is taken to look along x.
     pub(crate) fn of(scene: &Scene) -> Front {
-        let mut bounds = Bounds::default();
+        let (mut bounds, mut floor) = (Bounds::default(), Bounds::default());
         let mut ahead = Vector3::zeros();
         for (i, robot) in scene.robots().iter().enumerate() {
             ahead += look(robot, &scene.base(i), &mut bounds);
         }
         for (_, object) in scene.objects() {
-            bounds.object(object);
+            floor.object(object);
         }
         ahead.z = 0.0;
         let ahead = ahead.try_normalize(0.02).unwrap_or_else(Vector3::x);
         let right = (-ahead).cross(&Vector3::z());
         let (low, high) = bounds.ends();
+        let floor = floor.0.map_or(low.z, |(lowest, _)| lowest.z.min(low.z));
         let (middle, size) = (nalgebra::center(&low, &high), (high - low).norm().max(0.3));
         let direction: Vector3<f64> = ahead + 0.55 * right + 0.42 * Vector3::z();
-        let eye = middle + direction.normalize() * (1.15 * size);
-        Front { eye: f32s(&eye.coords), target: f32s(&middle.coords), right: f32s(&right), floor: low.z as f32 }
+        let eye = middle + direction.normalize() * (1.05 * size);
+        Front { eye: f32s(&eye.coords), target: f32s(&middle.coords), right: f32s(&right), floor: floor as f32 }
     }
 }
 
 /// Where a robot looks, as far as its markers tell; widens the bounds by its shapes.
 fn look(robot: &Robot, base: &Isometry3<f64>, bounds: &mut Bounds) -> Vector3<f64> {
-    let mut chain = Chain::to(robot, base, 0..robot.nodes.len());
-    let home: Vec<f64> = robot.motors.iter().map(|m| m.home).collect();
-    chain.turn(robot, &home);
-    for (n, node) in robot.nodes.iter().enumerate() {
-        let Some(frame) = chain.frame(n) else { continue };
+    let mut frames = Vec::new();
+    robot.forward_from(base, &robot.home(), &mut frames);
+    for (node, frame) in robot.nodes.iter().zip(&frames) {
         for solid in &node.solids {
-            bounds.ball(frame * solid.pose * Point3::origin(), reach(&solid.shape));
+            bounds.ball(frame * solid.pose * Point3::origin(), solid.shape.bounding_radius());
         }
     }
-    let places = robot.markers.iter().filter_map(|m| chain.frame(m.node)).map(|f| f.translation.vector);
+    let places = robot.markers.iter().filter_map(|m| frames.get(m.node)).map(|f| f.translation.vector);
     let markers = robot.markers.len().max(1) as f64;
     places.map(|p| p - base.translation.vector).sum::<Vector3<f64>>() / markers
-}
-
-/// Radius of the ball around a shape, metres.
-fn reach(shape: &Shape) -> f64 {
-    match *shape {
-        Shape::Sphere { radius } => radius,
-        Shape::Cylinder { radius, height } => radius.hypot(0.5 * height),
-        Shape::Box { size } => 0.5 * size.norm(),
-        Shape::Capsule { radius, height } => radius + 0.5 * height,
-    }
 }
 
 #[derive(Default)]
@@ -82,10 +70,10 @@ impl Bounds {
     }
 
     fn object(&mut self, object: &Object) {
-        for shape in object.shapes.iter().filter(|s| reach(&s.shape) < WALL) {
+        for shape in object.shapes.iter().filter(|s| s.shape.bounding_radius() < WALL) {
             let half = match shape.shape {
                 Shape::Box { size } => 0.5 * size,
-                other => Vector3::repeat(reach(&other)),
+                other => Vector3::repeat(other.bounding_radius()),
             };
             let at = object.pose * shape.pose * Point3::origin();
             self.ball(at - half, 0.0);

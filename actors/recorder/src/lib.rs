@@ -24,6 +24,7 @@ mod palette;
 mod recorder;
 mod roadmap;
 mod shapes;
+pub mod staged;
 mod stream;
 mod traces;
 mod words;

@@ -4,8 +4,8 @@ use crate::body::entity;
 use crate::palette;
 use crate::shapes::{Shapes, Solid, quaternion, vec3};
 use crate::stream::{Stream, Written};
-use mobee_model::{Object, ObjectClass, Scene, ShapeId};
-use nalgebra::Isometry3;
+use mobee_model::{Object, ObjectClass, Scene, Shape, ShapeId};
+use nalgebra::{Isometry3, Vector3};
 use rerun::{Clear, FillMode, Points3D, Transform3D};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -89,8 +89,23 @@ fn show(stream: &Stream, id: u32, object: &Object) -> Result<Shapes, String> {
         ObjectClass::Target => format!("{} (target)", object.name),
         ObjectClass::Ghost => format!("{} (ghost)", object.name),
     };
-    let middle = object.shapes.first().map_or([0.0; 3], |p| vec3(&p.pose.translation.vector));
-    let name = Points3D::new([middle]).with_labels([word]).with_show_labels(true).with_radii([0.001]);
+    // the viewer writes a label below its point: below the object, it hides nothing
+    let name = Points3D::new([below(object)]).with_labels([word]).with_show_labels(true).with_radii([0.001]);
     stream.log(&format!("{}/name", path(id, object)), &name.with_colors([0xC8D0DCFFu32]))?;
     Ok(shapes)
+}
+
+/// A point under the object, in its frame.
+fn below(object: &Object) -> [f32; 3] {
+    let down = object.pose.rotation.inverse() * -Vector3::z();
+    let depths = object.shapes.iter().map(|p| {
+        let place = p.pose.translation.vector;
+        let reach = match p.shape {
+            Shape::Box { size } => 0.5 * (p.pose.rotation.inverse() * down).abs().dot(&size),
+            other => other.bounding_radius(),
+        };
+        (place, down.dot(&place) + reach)
+    });
+    let (place, depth) = depths.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+    vec3(&(place + (depth - down.dot(&place)) * down))
 }

@@ -164,7 +164,7 @@ impl Recorder {
 
     fn pose(&mut self, at: Time, robot: usize, q: &[f64], contacts: &[Contact]) -> Written {
         let Some(shadow) = self.robots.get_mut(robot) else { return Ok(()) };
-        shadow.body.pose(at, q);
+        shadow.body.pose(at, &shadow.robot, q);
         shadow.traces.pose(at, &shadow.robot, q);
         self.frames += 1;
         if shadow.contacts.as_slice() != contacts {

@@ -5,8 +5,8 @@ use crate::palette;
 use crate::shapes::vec3;
 use crate::stream::{Stream, Written, in_words};
 use mobee_contract::Time;
-use mobee_model::{NodeKind, Robot};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use mobee_model::{Marker, Robot};
+use nalgebra::Isometry3;
 use rerun::{LineStrips3D, Scalars, SeriesLines};
 
 /// A motor is plotted again when it changed by more than this, rad (0.05 degrees).
@@ -15,19 +15,22 @@ const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
 const AT_LEAST: i64 = 1_000_000_000;
 /// A trail goes on when its marker moved by more than this, metres.
 const TRAIL_STEP: f32 = 0.001;
-/// At most so many trails of one robot.
-const MOST_TRAILS: usize = 8;
 
 /// A robot's plots and trails with what waits to be sent.
 pub(crate) struct Traces {
     parts: Vec<Plot>,
     trails: Vec<Trail>,
-    kinematics: Chain,
+    /// `world_from_robot`.
+    base: Isometry3<f64>,
+    /// `world_from_node` of every node, kept to be filled again.
+    frames: Vec<Isometry3<f64>>,
 }
 
 /// The plot of a part: one line per motor, degrees.
 struct Plot {
     path: String,
+    /// Index into the robot's parts.
+    part: usize,
     motors: std::ops::Range<usize>,
     times: Vec<i64>,
     /// Row by row, one value per motor.
@@ -39,6 +42,8 @@ struct Plot {
 
 struct Trail {
     path: String,
+    /// Index into the robot's parts.
+    part: usize,
     node: usize,
     last: Option<[f32; 3]>,
     times: Vec<i64>,
@@ -53,30 +58,36 @@ impl Traces {
     pub(crate) fn new(stream: &Stream, robot: &Robot, base: &Isometry3<f64>) -> Result<Traces, String> {
         let name = entity(&robot.name);
         let mut parts = Vec::new();
-        for part in robot.parts.iter().filter(|p| !p.motors.is_empty()) {
+        for (i, part) in robot.parts.iter().enumerate().filter(|(_, p)| !p.motors.is_empty()) {
             let path = format!("joints/{name}/{}", entity(&part.name));
             let names: Vec<_> =
                 part.motors.clone().filter_map(|m| robot.motors.get(m)).map(|m| m.name.clone()).collect();
             stream.log_static(&path, &SeriesLines::new().with_names(names))?;
             let motors = part.motors.clone();
-            parts.push(Plot { path, motors, times: vec![], degrees: vec![], written: None, held: None });
+            parts.push(Plot { path, part: i, motors, times: vec![], degrees: vec![], written: None, held: None });
         }
         let mut trails = Vec::new();
-        for (i, m) in trail_markers(robot).into_iter().enumerate() {
-            let Some(marker) = robot.markers.get(m) else { continue };
-            let path = format!("trails/{name}/{}", entity(&marker.name));
+        for (i, marker) in trail_markers(robot).into_iter().enumerate() {
+            let path = format!("world/trails/{name}/{}", entity(&marker.name));
             let look = LineStrips3D::update_fields().with_colors([palette::trail(i)]).with_radii([0.003]);
-            stream.log_static(&format!("world/{path}"), &look)?;
-            let path = format!("world/{path}");
-            trails.push(Trail { path, node: marker.node, last: None, times: vec![], pieces: vec![] });
+            stream.log_static(&path, &look)?;
+            trails.push(Trail {
+                path,
+                part: marker.part,
+                node: marker.node,
+                last: None,
+                times: vec![],
+                pieces: vec![],
+            });
         }
-        let kinematics = Chain::to(robot, base, trails.iter().map(|t| t.node));
-        Ok(Traces { parts, trails, kinematics })
+        Ok(Traces { parts, trails, base: *base, frames: Vec::new() })
     }
 
-    /// The parts that are plotted, as parts of entity paths.
+    /// The parts that are plotted, as parts of entity paths; those with a trail first.
     pub(crate) fn parts(&self) -> Vec<String> {
-        self.parts.iter().filter_map(|p| p.path.rsplit('/').next()).map(str::to_owned).collect()
+        let mut parts: Vec<_> = self.parts.iter().collect();
+        parts.sort_by_key(|p| self.trails.iter().all(|t| t.part != p.part));
+        parts.into_iter().filter_map(|p| p.path.rsplit('/').next()).map(str::to_owned).collect()
     }
 
     /// The entities of the trails.
@@ -92,10 +103,10 @@ impl Traces {
                 plot.pose(at, q);
             }
         }
-        self.kinematics.turn(robot, q);
+        robot.forward_from(&self.base, q, &mut self.frames);
         for trail in &mut self.trails {
-            if let Some(here) = self.kinematics.place(trail.node) {
-                trail.place(at, here);
+            if let Some(frame) = self.frames.get(trail.node) {
+                trail.place(at, vec3(&frame.translation.vector));
             }
         }
     }
@@ -168,73 +179,20 @@ impl Trail {
     }
 }
 
-/// The markers whose trails are shown: those whose file entry asks for a tracer, else hands and tools, else all.
-pub(crate) fn trail_markers(robot: &Robot) -> Vec<usize> {
-    let pick = |f: &dyn Fn(&mobee_model::Marker) -> bool| -> Vec<usize> {
-        robot.markers.iter().enumerate().filter(|(_, m)| f(m)).map(|(i, _)| i).take(MOST_TRAILS).collect()
+/// The markers whose trails are shown, at most one of each part: hands and tools, else those whose file entry asks for
+/// a tracer, else all.
+fn trail_markers(robot: &Robot) -> Vec<&Marker> {
+    let pick = |f: &dyn Fn(&Marker) -> bool| -> Vec<&Marker> {
+        let mut picked: Vec<&Marker> = Vec::new();
+        for marker in robot.markers.iter().filter(|m| f(m)) {
+            if picked.iter().all(|other| other.part != marker.part) {
+                picked.push(marker);
+            }
+        }
+        picked
     };
     let hands = |name: &str| ["hand", "palm", "tool", "gripper"].iter().any(|word| name.contains(word));
-    let traced = pick(&|m| m.tracer > 0);
-    let traced = if traced.is_empty() { pick(&|m| hands(&m.name.to_lowercase())) } else { traced };
-    if traced.is_empty() { pick(&|_| true) } else { traced }
-}
-
-/// Forward kinematics of a few nodes only.
-pub(crate) struct Chain {
-    /// The nodes asked for and all that carry them, in order.
-    nodes: Vec<usize>,
-    /// `world_from_node`, by node.
-    frames: Vec<Isometry3<f64>>,
-}
-
-impl Chain {
-    /// A chain that reaches these nodes; `base` is `world_from_robot`.
-    pub(crate) fn to(robot: &Robot, base: &Isometry3<f64>, ends: impl Iterator<Item = usize>) -> Chain {
-        let mut needed = vec![false; robot.nodes.len()];
-        for end in ends {
-            let mut next = Some(end);
-            while let Some((n, node)) = next.and_then(|n| Some((n, robot.nodes.get(n)?))) {
-                if let Some(slot) = needed.get_mut(n) {
-                    *slot = true;
-                }
-                next = node.parent;
-            }
-        }
-        let nodes = needed.iter().enumerate().filter(|(_, x)| **x).map(|(n, _)| n).collect();
-        Chain { nodes, frames: vec![*base; robot.nodes.len()] }
-    }
-
-    /// Computes the frames at a pose.
-    pub(crate) fn turn(&mut self, robot: &Robot, q: &[f64]) {
-        for n in &self.nodes {
-            let parent = robot.nodes.get(*n).and_then(|node| node.parent);
-            let frame = parent.and_then(|p| Some(self.frames.get(p)? * motion(robot, p, q)?));
-            if let (Some(slot), Some(frame)) = (self.frames.get_mut(*n), frame) {
-                *slot = frame;
-            }
-        }
-    }
-
-    /// `world_from_node`.
-    pub(crate) fn frame(&self, node: usize) -> Option<&Isometry3<f64>> {
-        self.frames.get(node)
-    }
-
-    /// Where a node is, metres.
-    pub(crate) fn place(&self, node: usize) -> Option<[f32; 3]> {
-        self.frames.get(node).map(|f| vec3(&f.translation.vector))
-    }
-}
-
-/// A node's own motion: what its children's frame is in its own.
-fn motion(robot: &Robot, node: usize, q: &[f64]) -> Option<Isometry3<f64>> {
-    Some(match &robot.nodes.get(node)?.kind {
-        NodeKind::Link { offset } => Translation3::from(*offset).into(),
-        NodeKind::Joint { axis, motor, min, max, .. } => {
-            let m = robot.motors.get(*motor)?;
-            let share = if m.max > m.min { (q.get(*motor)? - m.min) / (m.max - m.min) } else { 0.0 };
-            let turn = UnitQuaternion::from_axis_angle(axis, min + share * (max - min));
-            Isometry3::from_parts(Translation3::identity(), turn)
-        }
-    })
+    let shown = pick(&|m| hands(&m.name.to_lowercase()));
+    let shown = if shown.is_empty() { pick(&|m| m.tracer > 0) } else { shown };
+    if shown.is_empty() { pick(&|_| true) } else { shown }
 }
