@@ -6,7 +6,7 @@
 //! 20 Hz frame costs microseconds), and that a killed run's file can be read up to about its last second.
 //!
 //! ```text
-//! Entry::Pose  ── angles that changed ──> columns, 512 frames at once ─┐
+//! Entry::Pose  ── angles that changed ──> columns, 2048 frames at once ─┐
 //! Entry::Scene ── what differs ─────────> shapes, objects ─────────────┼─> recording.rrd
 //! Entry::Event ── words, lanes, roadmap ─> rows ───────────────────────┘
 //! ```

@@ -27,7 +27,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Frames that are sent as one column per entity.
-const FRAMES: usize = 512;
+const FRAMES: usize = 2048;
 /// Waiting frames are sent after this much real time, so that a killed run loses no more.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// At most so many places of past contacts are kept in view.
@@ -110,9 +110,11 @@ impl Recorder {
             path: settings.path.display().to_string(),
             why: why.to_string(),
         };
+        // every chunk costs; only somebody who looks on live needs them at once
+        let flush_tick = if settings.live.is_some() { ChunkBatcherConfig::DEFAULT.flush_tick } else { PATIENCE };
         let builder = RecordingStreamBuilder::new("mobee")
             .recording_name(settings.name.clone())
-            .batcher_config(ChunkBatcherConfig::DEFAULT);
+            .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::DEFAULT });
         let rec = builder.buffered().map_err(|e| file(&e))?;
         let disk = rerun::sink::FileSink::new(&settings.path).map_err(|e| file(&e))?;
         match &settings.live {
