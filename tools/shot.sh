@@ -77,7 +77,8 @@ PY
 import sys
 from PIL import Image
 width, height = map(int, sys.argv[2].split("x"))
-image = Image.open(sys.argv[1]).convert("RGB")
-image.resize((width, height), Image.LANCZOS).save(sys.argv[1], optimize=True)
+image = Image.open(sys.argv[1]).convert("RGB").resize((width, height), Image.LANCZOS)
+# without the top bar, which only says that this machine has no graphics card
+image.crop((0, 29, width, height)).save(sys.argv[1], optimize=True)
 PY
 echo "$picture"

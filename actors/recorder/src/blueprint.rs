@@ -10,7 +10,7 @@ use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes as look;
 use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, TextLogColumn, VisibleTimeRange};
 use rerun::external::re_sdk_types::blueprint::datatypes::{self as shapes, TextLogColumnKind};
-use rerun::external::re_sdk_types::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, Uuid};
+use rerun::external::re_sdk_types::datatypes::{Range2D, TimeInt, TimeRange, TimeRangeBoundary, Uuid};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, StoreId, components};
 
 /// Seconds of a trail that are shown.
@@ -24,6 +24,8 @@ pub(crate) struct Shown {
     pub(crate) parts: Vec<String>,
     /// Entities of its trails.
     pub(crate) trails: Vec<String>,
+    /// What its flat roadmap covers: left, top, right, bottom.
+    pub(crate) bounds: Option<[f32; 4]>,
 }
 
 /// Writes the layout and makes it the active one.
@@ -56,6 +58,11 @@ fn named(what: &str, robot: &Shown, robots: &[Shown]) -> String {
     if robots.len() > 1 { format!("{}: {what}", robot.name) } else { what.to_owned() }
 }
 
+/// A time so many seconds from the cursor.
+fn around(secs: i64) -> TimeRangeBoundary {
+    TimeRangeBoundary::CursorRelative(TimeInt(secs * 1_000_000_000))
+}
+
 /// The bytes of the id with this number.
 fn uuid(number: u8) -> Uuid {
     Uuid { bytes: [0x6d, 0x6f, 0x62, 0x65, 0, 0, 0x40, 0, 0x80, 0, 0, 0, 0, 0, 0, number] }
@@ -81,6 +88,7 @@ impl Page<'_> {
         let about = self.view("TextDocument", "Legend", "/about")?;
         let texts = self.tabs("Words", &[log, progress, about])?;
         let lanes = self.view("StateTimeline", "States", "/state")?;
+        self.window(&lanes, around(-60), around(5))?;
         let mut plots = Vec::new();
         for robot in robots {
             for part in &robot.parts {
@@ -125,10 +133,7 @@ impl Page<'_> {
         self.log(&format!("{scene}/LineGrid3D"), &grid)?;
         let range = VisibleTimeRange(rerun::external::re_sdk_types::datatypes::VisibleTimeRange {
             timeline: TIMELINE.into(),
-            range: TimeRange {
-                start: TimeRangeBoundary::CursorRelative(TimeInt(-TRAIL_SECS * 1_000_000_000)),
-                end: TimeRangeBoundary::CursorRelative(TimeInt(0)),
-            },
+            range: TimeRange { start: around(-TRAIL_SECS), end: around(0) },
         });
         for trail in robots.iter().flat_map(|r| &r.trails) {
             let path = format!("{scene}/ViewContents/overrides/{trail}/visualizers");
@@ -141,6 +146,11 @@ impl Page<'_> {
         let view = self.view("2D", &named("Roadmap", robot, robots), &format!("/roadmap/{}", robot.name))?;
         let background = look::Background::new(BackgroundKind::SolidColor).with_color(0x0E1218FFu32);
         self.log(&format!("{view}/Background"), &background)?;
+        if let Some([left, top, right, bottom]) = robot.bounds {
+            let range =
+                Range2D { x_range: [left.into(), right.into()].into(), y_range: [top.into(), bottom.into()].into() };
+            self.log(&format!("{view}/VisualBounds2D"), &look::VisualBounds2D::new(range))?;
+        }
         Ok(view)
     }
 
@@ -158,11 +168,21 @@ impl Page<'_> {
     }
 
     fn progress(&mut self) -> Result<Place, String> {
-        self.view("TimeSeries", "Progress", "/progress")
+        let view = self.view("TimeSeries", "Progress", "/progress")?;
+        self.window(&view, TimeRangeBoundary::Infinite, TimeRangeBoundary::Infinite)?;
+        Ok(view)
     }
 
     fn plot(&mut self, robot: &Shown, part: &str, robots: &[Shown]) -> Result<Place, String> {
-        self.view("TimeSeries", &named(part, robot, robots), &format!("/joints/{}/{part}", robot.name))
+        let view = self.view("TimeSeries", &named(part, robot, robots), &format!("/joints/{}/{part}", robot.name))?;
+        self.window(&view, around(-60), around(5))?;
+        Ok(view)
+    }
+
+    /// What part of time a view shows.
+    fn window(&self, view: &str, start: TimeRangeBoundary, end: TimeRangeBoundary) -> Written {
+        let axis = look::TimeAxis::new().with_view_range(TimeRange { start, end });
+        self.log(&format!("{view}/TimeAxis"), &axis)
     }
 
     fn view(&mut self, class: &str, name: &str, origin: &str) -> Result<Place, String> {

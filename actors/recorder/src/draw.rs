@@ -77,15 +77,6 @@ impl Drawing {
             .with_show_labels(true)
             .with_draw_order(30.0);
         stream.log(&format!("roadmap/{name}/vertices"), &points)?;
-        // the view fits itself to what it holds: an unseen frame keeps the outermost labels inside
-        let mut ends = [[f32::INFINITY; 2], [f32::NEG_INFINITY; 2]];
-        for [x, y] in &flat {
-            let [low, high] = &mut ends;
-            *low = [low[0].min(x - 60.0), low[1].min(y - 40.0)];
-            *high = [high[0].max(x + 60.0), high[1].max(y + 80.0)];
-        }
-        let frame = Points2D::new(ends).with_colors([0x0000_0000u32]).with_radii([Radius::new_scene_units(0.01)]);
-        stream.log(&format!("roadmap/{name}/frame"), &frame)?;
         let nodes = GraphNodes::new(labels.clone()).with_positions(flat).with_labels(labels);
         stream.log(&format!("graph/{name}/vertices"), &nodes.with_colors([palette::VERTEX]))
     }

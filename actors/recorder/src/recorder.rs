@@ -98,6 +98,8 @@ struct Shadow {
     drawing: Drawing,
     contacts: Vec<Contact>,
     rollbacks: u32,
+    /// What the view of its flat roadmap covers.
+    bounds: Option<[f32; 4]>,
 }
 
 impl Recorder {
@@ -155,9 +157,8 @@ impl Recorder {
             self.robots.push(Shadow::new(&self.stream, robot, &scene.base(i), i)?);
         }
         if self.front.is_none() {
-            let shown: Vec<_> = self.robots.iter().map(Shadow::shown).collect();
-            blueprint::send(&self.stream, &shown, &front)?;
             self.front = Some(front);
+            self.lay_out()?;
         }
         self.objects.update(&self.stream, scene)?;
         self.scene = Some(Arc::clone(scene));
@@ -261,8 +262,21 @@ impl Recorder {
         Ok(())
     }
 
+    /// Sends the layout; again when a map has outgrown its view, which does not follow by itself.
+    fn lay_out(&self) -> Written {
+        let shown: Vec<_> = self.robots.iter().map(Shadow::shown).collect();
+        self.front.as_ref().map_or(Ok(()), |front| blueprint::send(&self.stream, &shown, front))
+    }
+
     /// Draws the roadmaps as they were up to now, before time goes on: notes of one instant make one picture.
     fn draw(&mut self, last: bool) -> Written {
+        let mut outgrown = false;
+        for shadow in self.robots.iter_mut().filter(|s| s.roadmap.changed.vertices) {
+            outgrown |= shadow.outgrown();
+        }
+        if outgrown {
+            self.lay_out()?;
+        }
         for shadow in &mut self.robots {
             shadow.drawing.draw(&self.stream, self.now, &mut shadow.roadmap, last)?;
         }
@@ -284,13 +298,26 @@ impl Shadow {
             drawing: Drawing::new(stream, &name)?,
             contacts: Vec::new(),
             rollbacks: 0,
+            bounds: None,
             robot: Arc::clone(robot),
             name,
         })
     }
 
     fn shown(&self) -> Shown {
-        Shown { name: self.name.clone(), parts: self.traces.parts(), trails: self.traces.trails() }
+        Shown { name: self.name.clone(), parts: self.traces.parts(), trails: self.traces.trails(), bounds: self.bounds }
+    }
+
+    /// Whether the roadmap no longer fits its view, which then gets room for some more.
+    fn outgrown(&mut self) -> bool {
+        let Some([left, top, right, bottom]) = self.roadmap.bounds() else { return false };
+        let fits = |[l, t, r, b]: [f32; 4]| l <= left && t <= top && r >= right && b >= bottom;
+        if self.bounds.is_some_and(fits) {
+            return false;
+        }
+        let room = if self.bounds.is_some() { 0.2 * (right - left).max(bottom - top) } else { 0.0 };
+        self.bounds = Some([left - room, top - room, right + room, bottom + room]);
+        true
     }
 }
 

@@ -59,6 +59,17 @@ impl Roadmap {
         }
     }
 
+    /// What the flat drawing covers, labels included: left, top, right, bottom.
+    pub(crate) fn bounds(&self) -> Option<[f32; 4]> {
+        let [mut left, mut top] = [f32::INFINITY; 2];
+        let [mut right, mut bottom] = [f32::NEG_INFINITY; 2];
+        for Vertex { flat: [x, y], .. } in self.vertices.values() {
+            (left, top) = (left.min(x - 50.0), top.min(y - 30.0));
+            (right, bottom) = (right.max(x + 50.0), bottom.max(y + 60.0));
+        }
+        (left < right).then_some([left, top, right, bottom])
+    }
+
     /// The undirected lines of the picture, each with the better of its two directions' states.
     pub(crate) fn lines(&self) -> BTreeMap<(u32, u32), EdgeState> {
         let mut lines = BTreeMap::new();
