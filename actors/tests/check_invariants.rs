@@ -59,8 +59,11 @@ fn streamed(writer: Writer, token: u64, from: f64, to: f64) -> Event {
     Event::Streamed { robot: R.into(), token, writer, count: 10, span, greatest_step: 0.5, within_limits: true }
 }
 fn contact(during: Status) -> Event {
+    contact_at(0.008, during)
+}
+fn contact_at(distance: f64, during: Status) -> Event {
     let shape = |node| ShapeId::Robot { robot: 0, node, shape: 0 };
-    let contact = Contact { pair: (shape(1), shape(2)), distance: 0.009, points: Default::default() };
+    let contact = Contact { pair: (shape(1), shape(2)), distance, points: Default::default() };
     Event::ContactBegan { robot: R.into(), contact, names: ("hand".into(), "table".into()), during }
 }
 fn note(note: Note) -> Event {
@@ -374,6 +377,20 @@ fn i9_a_contact_on_the_way_back_that_does_not_stop_it() {
     late[i].0 = 2.35;
     broken("I9", late, Some(&retreat_stopped(2.4)), "60.0 ms");
     broken("I9", instead(&retreat_stopped(2.4), retreat_stopped(2.38)), None, "30.0 ms");
+}
+
+#[test]
+fn i9_a_graze_may_pass_but_a_touch_may_not() {
+    let mut run = good();
+    run.retain(|(_, e)| !matches!(e, Event::RetreatStopped { .. }));
+    let i = run.iter().position(|(_, e)| *e == contact(Status::Retreating)).unwrap();
+    run[i].1 = contact_at(0.0095, Status::Retreating);
+    assert_eq!(self::run(run.clone()), []);
+    let Event::ContactBegan { robot, contact, names, .. } = contact_at(0.0, Status::Retreating) else { return };
+    let hard = Event::HardContact { robot: robot.clone(), contact, names };
+    let retreating = Event::State { robot, status: Status::Retreating };
+    run.splice(i + 1..=i, [(2.4, retreating), (2.4, hard)]);
+    broken("I9", run, None, "did not stop it");
 }
 
 #[test]

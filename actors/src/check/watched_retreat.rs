@@ -1,13 +1,17 @@
 //! I9: a contact that begins on the way back stops it within one control period, and nothing is driven on.
 //!
-//! The same holds from the sample that showed a known contact deepen (`RetreatStopped::seen`). After the stop the reflex
-//! writes no move and no set-point until a new transaction.
+//! A pair may come 1 mm nearer than its margin, since the way back is not followed to the hair; one that is nearer as its
+//! contact begins, or that touches, must stop it. The same holds from the sample that showed a contact deepen
+//! (`RetreatStopped::seen`). After the stop the reflex writes no move and no set-point until a new transaction.
 
 use super::{Found, Invariant};
 use crate::journal::Line;
 use mobee_contract::{Event, Hold, Status, Time, Writer};
 use std::collections::BTreeMap;
 use std::time::Duration;
+
+/// How much nearer than its margin a pair may come on the way back, metres.
+const DEEPER: f64 = 0.001;
 
 #[derive(Default)]
 pub(super) struct WatchedRetreat {
@@ -17,6 +21,8 @@ pub(super) struct WatchedRetreat {
 #[derive(Default)]
 struct Way {
     period: Duration,
+    margin: f64,
+    retreating: bool,
     /// When a contact began on the way back that has not stopped it yet.
     contact: Option<Time>,
     stopped: Option<Time>,
@@ -25,6 +31,12 @@ struct Way {
 impl Way {
     fn in_time(&self, from: Time, to: Time) -> bool {
         to.since(from) <= self.period
+    }
+
+    fn meet(&mut self, at: Time) {
+        if self.stopped.is_none() {
+            self.contact.get_or_insert(at);
+        }
     }
 
     /// The way back is over; a contact that should have stopped it has not.
@@ -38,14 +50,24 @@ impl Way {
 impl Invariant for WatchedRetreat {
     fn on(&mut self, line: &Line, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, period, .. } => {
-                let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
-                self.robots.entry(robot.clone()).or_default().period = period;
-            }
-            Event::ContactBegan { robot, during: Status::Retreating, .. } => {
+            Event::Robot { robot, period, margin, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
-                if way.stopped.is_none() {
-                    way.contact.get_or_insert(line.at);
+                way.period = Duration::try_from_secs_f64(*period).unwrap_or_default();
+                way.margin = *margin;
+            }
+            Event::State { robot, status } => {
+                self.robots.entry(robot.clone()).or_default().retreating = *status == Status::Retreating;
+            }
+            Event::ContactBegan { robot, contact, during: Status::Retreating, .. } => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                if contact.distance < way.margin - DEEPER {
+                    way.meet(line.at);
+                }
+            }
+            Event::HardContact { robot, .. } => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                if way.retreating {
+                    way.meet(line.at);
                 }
             }
             Event::RetreatStopped { robot, reason, seen, .. } => {
