@@ -35,6 +35,9 @@ impl KindError {
     }
 }
 
+/// Builds an agent or the hardware of a robot from a kind's settings.
+pub type Build<T> = fn(&Value, &Context) -> Result<T, KindError>;
+
 /// A kind of agent.
 pub struct AgentKind {
     /// Its name in config files.
@@ -44,7 +47,7 @@ pub struct AgentKind {
     /// Its settings with their docs and defaults.
     pub schema: fn() -> Schema,
     /// Builds one from its settings.
-    pub build: fn(&Value, &Context) -> Result<Box<dyn Agent>, KindError>,
+    pub build: Build<Box<dyn Agent>>,
 }
 inventory::collect!(AgentKind);
 
@@ -66,7 +69,7 @@ pub struct DriverKind {
     /// Its settings with their docs and defaults.
     pub schema: fn() -> Schema,
     /// Finds or builds the hardware from its settings.
-    pub build: fn(&Value, &Context) -> Result<Arc<dyn Hardware>, KindError>,
+    pub build: Build<Arc<dyn Hardware>>,
 }
 inventory::collect!(DriverKind);
 
