@@ -19,17 +19,20 @@ enum Msg {
 
 /// What happened in a test, in order, and the children's present references.
 #[derive(Clone, Default)]
-struct World(Arc<Mutex<(Vec<String>, BTreeMap<String, ActorRef<Msg>>)>>);
+struct World {
+    lines: Arc<Mutex<Vec<String>>>,
+    children: Arc<Mutex<BTreeMap<String, ActorRef<Msg>>>>,
+}
 
 impl World {
     fn log(&self, line: impl Into<String>) {
-        self.0.lock().unwrap().0.push(line.into());
+        self.lines.lock().unwrap().push(line.into());
     }
     fn take(&self) -> Vec<String> {
-        std::mem::take(&mut self.0.lock().unwrap().0)
+        std::mem::take(&mut self.lines.lock().unwrap())
     }
     fn tell(&self, name: &str, msg: Msg) {
-        let to = self.0.lock().unwrap().1.get(name).cloned().unwrap();
+        let to = self.children.lock().unwrap().get(name).cloned().unwrap();
         to.send_message(msg).unwrap();
     }
     fn child(&self, name: &'static str) -> Child {
@@ -41,7 +44,7 @@ impl World {
 async fn start(world: World, name: &'static str, supervisor: ActorCell) -> Result<ActorCell, String> {
     let args = (world.clone(), name);
     let (child, _) = Actor::spawn_linked(None, Worker, args, supervisor).await.map_err(|e| e.to_string())?;
-    world.0.lock().unwrap().1.insert(name.into(), child.clone());
+    world.children.lock().unwrap().insert(name.into(), child.clone());
     Ok(child.get_cell())
 }
 
