@@ -2,7 +2,18 @@
 
 pub mod check;
 pub mod clock;
+pub mod controller;
+pub mod driver;
+pub mod gate;
+pub mod history;
 pub mod journal;
+pub mod ledger;
+pub mod pulse;
+pub mod reflex;
+pub mod shell;
 pub mod stream;
+pub mod supervise;
 pub mod supervision;
+pub mod system;
 pub mod tap;
+pub mod wiring;

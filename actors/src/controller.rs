@@ -1,0 +1,121 @@
+//! A controller's settings, and what they mean for a given board.
+
+use mobee_contract::{Axis, Board};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A robot's controller as its config file sets it: two required settings, the rest has defaults.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Controller {
+    /// Control period, seconds: the retreat's set-points are this far apart, and every limit on age counts in it.
+    pub period_s: f64,
+    /// Length of the history: how many poses it keeps. A motion that outlasts it moves its safe pose.
+    pub history: usize,
+    /// Distance below which two shapes count as touching, metres.
+    #[serde(default = "margin")]
+    pub margin_m: f64,
+    /// Greatest distance per motor at which a pose counts as reached, degrees.
+    #[serde(default = "tolerance")]
+    pub tolerance_deg: f64,
+    /// Speed below which a motor counts as at rest, degrees per second.
+    #[serde(default = "rest_speed")]
+    pub rest_speed_deg: f64,
+    /// Greatest share of full speed for an escape from a hold: so slow that it can be stopped within a millimetre.
+    #[serde(default = "escape_speed")]
+    pub escape_speed: f64,
+}
+
+fn margin() -> f64 {
+    0.010
+}
+fn tolerance() -> f64 {
+    0.1
+}
+fn rest_speed() -> f64 {
+    0.5
+}
+fn escape_speed() -> f64 {
+    0.02
+}
+
+impl Default for Controller {
+    fn default() -> Controller {
+        Controller {
+            period_s: 0.02,
+            history: 3000,
+            margin_m: margin(),
+            tolerance_deg: tolerance(),
+            rest_speed_deg: rest_speed(),
+            escape_speed: escape_speed(),
+        }
+    }
+}
+
+/// What a contact must exceed beyond the margin to end, metres.
+pub const RELEASE: f64 = 0.002;
+/// What counts as deeper, metres.
+pub const DEEPER: f64 = 0.001;
+/// How many control periods a reading stays fresh, and a lease lasts.
+const FRESH_PERIODS: u32 = 5;
+
+/// Settings and board in the units of the inside: what the cores go by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rules {
+    /// The robot's name, as events carry it.
+    pub robot: String,
+    /// The names of the body parts.
+    pub parts: Vec<String>,
+    /// The board's motors.
+    pub axes: Arc<[Axis]>,
+    /// Control period.
+    pub period: Duration,
+    /// Greatest age of a reading that is still fresh, and the length of a lease.
+    pub fresh: Duration,
+    /// Greatest delay from a command to its effect.
+    pub latency: Duration,
+    /// Whether the board follows set-points directly.
+    pub position_direct: bool,
+    /// Margin of the reflex, metres.
+    pub margin: f64,
+    /// Greatest distance per motor at which a pose counts as reached, rad.
+    pub tolerance: f64,
+    /// Speed below which a motor counts as at rest, rad/s.
+    pub rest_speed: f64,
+    /// Greatest share of full speed for an escape.
+    pub escape_speed: f64,
+}
+
+impl Rules {
+    /// The rules for a board under these settings.
+    pub fn new(robot: &str, parts: Vec<String>, controller: &Controller, board: &Board) -> Rules {
+        let period = Duration::from_secs_f64(controller.period_s.clamp(1e-3, 1e3));
+        Rules {
+            robot: robot.to_string(),
+            parts,
+            axes: board.axes.clone().into(),
+            period,
+            fresh: period * FRESH_PERIODS,
+            latency: board.latency,
+            position_direct: board.position_direct,
+            margin: controller.margin_m,
+            tolerance: controller.tolerance_deg.to_radians(),
+            rest_speed: controller.rest_speed_deg.to_radians(),
+            escape_speed: controller.escape_speed,
+        }
+    }
+
+    /// How long after a command its effect is surely in the readings.
+    pub fn reaction(&self) -> Duration {
+        self.latency + self.period * 2
+    }
+}
+
+/// The greatest difference of any motor between two poses, rad. Infinite if they don't belong to one robot.
+pub fn distance(a: &[f64], b: &[f64]) -> f64 {
+    if a.len() != b.len() {
+        return f64::INFINITY;
+    }
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}

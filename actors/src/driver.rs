@@ -1,0 +1,125 @@
+//! The port before a robot's driver: what passes, what is thrown away, and what is told of it (I1, I5).
+
+use crate::controller::Rules;
+use crate::gate::Gate;
+use mobee_contract::{Command, Event, Time, Writer};
+use std::sync::Arc;
+
+/// A stream of set-points that is being written.
+#[derive(Clone, Debug)]
+struct Streaming {
+    token: u64,
+    writer: Writer,
+    count: u64,
+    span: (Time, Time),
+    last: Vec<f64>,
+    greatest_step: f64,
+}
+
+/// The state machine before the driver. It clamps nothing: what does not fit is refused.
+#[derive(Debug)]
+pub struct Port {
+    rules: Arc<Rules>,
+    gate: Arc<Gate>,
+    streaming: Option<Streaming>,
+}
+
+impl Port {
+    /// A port to one robot.
+    pub fn new(rules: Arc<Rules>, gate: Arc<Gate>) -> Port {
+        Port { rules, gate, streaming: None }
+    }
+
+    /// Whether this command may pass.
+    ///
+    /// # Errors
+    /// Why not, in words.
+    pub fn admit(&self, token: u64, writer: Writer, command: &Command) -> Result<(), String> {
+        let present = self.gate.token();
+        if token != present {
+            return Err(format!("written under token {token}, the present one is {present}"));
+        }
+        if writer == Writer::Agent && !Gate::opens(token) {
+            return Err("the filter is closed".into());
+        }
+        self.fits(command)
+    }
+
+    fn fits(&self, command: &Command) -> Result<(), String> {
+        let within = |motor: usize, q: f64| match self.rules.axes.get(motor) {
+            None => Err(format!("there is no motor {motor}")),
+            Some(axis) if !(q >= axis.min && q <= axis.max) => Err(format!("{} is asked to go to {q} rad", axis.name)),
+            Some(_) => Ok(()),
+        };
+        let speeds = |list: &Option<Vec<f64>>| match list.iter().flatten().find(|v| !(v.is_finite() && **v >= 0.0)) {
+            Some(v) => Err(format!("a reference of {v} makes no sense")),
+            None => Ok(()),
+        };
+        match command {
+            Command::Move(m) if m.relative => Err("relative moves do not pass the filter".into()),
+            Command::Move(m) => {
+                speeds(&m.speed)?;
+                speeds(&m.acceleration)?;
+                if m.motors.len() != m.q.len() {
+                    return Err("a move with lists of different length".into());
+                }
+                m.motors.iter().zip(&m.q).try_for_each(|(i, q)| within(*i, *q))
+            }
+            Command::Direct { q } if q.len() != self.rules.axes.len() => Err(format!("{} set-points", q.len())),
+            Command::Direct { q } => q.iter().enumerate().try_for_each(|(i, q)| within(i, *q)),
+            Command::Stop { .. } | Command::Reference { .. } | Command::Mode { .. } => Ok(()),
+        }
+    }
+
+    /// What to tell of a command that the driver took.
+    pub fn took(&mut self, token: u64, writer: Writer, command: &Command, now: Time) -> Vec<Event> {
+        if let Command::Direct { q } = command {
+            let ended = self.streaming.as_ref().is_some_and(|s| s.token != token || s.writer != writer);
+            let told = if ended { self.end_stream() } else { None };
+            self.stream(token, writer, q, now);
+            return told.into_iter().collect();
+        }
+        let mut told: Vec<Event> = self.end_stream().into_iter().collect();
+        let (kind, q, speed) = match command {
+            Command::Move(m) => {
+                let q = m.motors.iter().copied().zip(m.q.iter().copied()).collect();
+                let speed = m.motors.iter().copied().zip(m.speed.iter().flatten().copied()).collect();
+                ("move", q, speed)
+            }
+            Command::Stop { .. } => ("stop", Vec::new(), Vec::new()),
+            Command::Reference { motors, speed, .. } => {
+                ("reference", Vec::new(), motors.iter().copied().zip(speed.iter().copied()).collect())
+            }
+            Command::Mode { .. } | Command::Direct { .. } => ("mode", Vec::new(), Vec::new()),
+        };
+        told.push(Event::Command { robot: self.rules.robot.clone(), token, writer, kind: kind.into(), q, speed });
+        told
+    }
+
+    fn stream(&mut self, token: u64, writer: Writer, q: &[f64], now: Time) {
+        match &mut self.streaming {
+            Some(s) => {
+                let secs = now.since(s.span.1).as_secs_f64();
+                let motors = self.rules.axes.iter().zip(q.iter().zip(&s.last));
+                let step = motors.map(|(axis, (a, b))| (a - b).abs() / (axis.max_speed * secs).max(1e-12));
+                s.greatest_step = step.fold(s.greatest_step, f64::max);
+                s.count += 1;
+                s.span.1 = now;
+                s.last.clear();
+                s.last.extend_from_slice(q);
+            }
+            None => {
+                let last = q.to_vec();
+                self.streaming =
+                    Some(Streaming { token, writer, count: 1, span: (now, now), last, greatest_step: 0.0 });
+            }
+        }
+    }
+
+    /// Ends the stream of set-points, if there is one.
+    pub fn end_stream(&mut self) -> Option<Event> {
+        let Streaming { token, writer, count, span, greatest_step, .. } = self.streaming.take()?;
+        let robot = self.rules.robot.clone();
+        Some(Event::Streamed { robot, token, writer, count, span, greatest_step, within_limits: true })
+    }
+}

@@ -1,0 +1,154 @@
+//! History (Algorithm 4): a ring buffer of poses and the period between them.
+
+use crate::pulse::Pulse;
+use mobee_contract::{Pose, Time};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// How many readings the speed is estimated from: the means of two halves, so that encoder noise hardly counts.
+const WINDOW: usize = 8;
+/// A pause of so many periods is a gap.
+const GAP_PERIODS: f64 = 8.0;
+
+/// A recorded pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recorded {
+    /// When it was read.
+    pub at: Time,
+    /// Where the motors were, rad.
+    pub q: Pose,
+    /// Greatest motor speed about then, rad/s; infinite if not known.
+    pub speed: f64,
+    /// Whether readings are missing between this pose and the one before.
+    pub after_gap: bool,
+}
+
+/// The recorded poses do not reach back that far without a gap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the history reaches back to {oldest} without a gap, not to {asked}")]
+pub struct HistoryTooShort {
+    /// The oldest usable pose's time.
+    pub oldest: Time,
+    /// The time asked for.
+    pub asked: Time,
+}
+
+/// The ring buffer. Lives in the ledger, so that it outlives its actor.
+#[derive(Clone, Debug)]
+pub struct HistoryCore {
+    ring: VecDeque<Recorded>,
+    length: usize,
+    period: f64,
+    seq: u64,
+    unchanged: Time,
+}
+
+impl HistoryCore {
+    /// An empty ring of this length (at least a few poses).
+    pub fn new(length: usize) -> HistoryCore {
+        let length = length.max(2 * WINDOW);
+        HistoryCore { ring: VecDeque::with_capacity(length), length, period: 0.0, seq: 0, unchanged: Time::ZERO }
+    }
+
+    /// Records a pulse's pose and tells it the speed. Readings that are not newer than the last are passed over.
+    pub fn push(&mut self, pulse: &mut Pulse) {
+        let (at, q) = (pulse.sample.at, pulse.sample.q.clone());
+        let mut after_gap = true;
+        if let Some(last) = self.ring.back() {
+            if at <= last.at {
+                return;
+            }
+            let pause = at.since(last.at).as_secs_f64();
+            after_gap = pulse.sample.seq != self.seq + 1
+                || q.len() != last.q.len()
+                || (self.period > 0.0 && pause > GAP_PERIODS * self.period);
+            if !after_gap {
+                // the estimated period: a running mean, as the robot's own clock has jitter
+                self.period = if self.period > 0.0 { self.period + 0.05 * (pause - self.period) } else { pause };
+            }
+            if after_gap || *q != *last.q {
+                self.unchanged = at;
+            }
+        } else {
+            self.unchanged = at;
+        }
+        self.seq = pulse.sample.seq;
+        if self.ring.len() == self.length {
+            self.ring.pop_front();
+        }
+        self.ring.push_back(Recorded { at, q, speed: f64::INFINITY, after_gap });
+        pulse.speed = self.speed();
+        pulse.unchanged = self.unchanged;
+        if let Some(last) = self.ring.back_mut() {
+            last.speed = pulse.speed;
+        }
+    }
+
+    /// Marks that readings are missing here, as after a restart or a pause.
+    pub fn mark_gap(&mut self) {
+        self.seq = self.seq.wrapping_add(1_000_000);
+    }
+
+    /// The estimated period between poses, seconds; zero while there is none.
+    pub fn period(&self) -> f64 {
+        self.period
+    }
+
+    /// The newest recorded pose.
+    pub fn newest(&self) -> Option<&Recorded> {
+        self.ring.back()
+    }
+
+    /// The recorded path from the pose at `since` to the newest.
+    ///
+    /// # Errors
+    /// If it has fallen out of the ring, or there is a gap on the way.
+    pub fn path(&self, since: Time) -> Result<Vec<Recorded>, HistoryTooShort> {
+        let first = self.ring.partition_point(|r| r.at < since);
+        let usable = self.ring.iter().rposition(|r| r.after_gap).unwrap_or(0);
+        let oldest = self.ring.get(usable).map_or(Time::ZERO, |r| r.at);
+        match self.ring.get(first) {
+            Some(r) if r.at == since && first >= usable => Ok(self.ring.range(first..).cloned().collect()),
+            _ => Err(HistoryTooShort { oldest, asked: since }),
+        }
+    }
+
+    /// If the pose at `since` is about to fall out of the full ring: one that will stay for a while, a tenth of the ring
+    /// after the oldest.
+    pub fn later_start(&self, since: Time) -> Option<&Recorded> {
+        let brink = self.ring.get(self.length / 50 + 1)?;
+        (self.ring.len() == self.length && since <= brink.at).then(|| self.ring.get(self.length / 10 + 2)).flatten()
+    }
+
+    /// Greatest motor speed over the window, rad/s.
+    fn speed(&self) -> f64 {
+        let half = WINDOW / 2;
+        let Some(start) = self.ring.len().checked_sub(WINDOW) else { return f64::INFINITY };
+        if self.ring.range(start + 1..).any(|r| r.after_gap) {
+            return f64::INFINITY;
+        }
+        let (Some(first), Some(last)) = (self.ring.get(start), self.ring.back()) else { return f64::INFINITY };
+        let secs = last.at.since(first.at).as_secs_f64() * half as f64 / (WINDOW - 1) as f64;
+        let sum = |range: std::ops::Range<usize>, motor: usize| -> f64 {
+            self.ring.range(range).filter_map(|r| r.q.get(motor)).sum()
+        };
+        if first.q == last.q && self.unchanged <= first.at {
+            return 0.0;
+        }
+        let way = (0..last.q.len())
+            .map(|m| (sum(start..start + half, m) - sum(start + half..start + WINDOW, m)).abs() / half as f64)
+            .fold(0.0, f64::max);
+        way / secs
+    }
+
+    /// How long the ring reaches back.
+    pub fn span(&self) -> Duration {
+        match (self.ring.front(), self.ring.back()) {
+            (Some(a), Some(b)) => b.at.since(a.at),
+            _ => Duration::ZERO,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

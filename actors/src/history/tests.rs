@@ -1,0 +1,62 @@
+use super::*;
+use mobee_contract::Sample;
+use proptest::prelude::*;
+
+fn pulse(seq: u64, ms: u64, q: f64) -> Pulse {
+    let sample = Sample { seq, at: Time(ms * 1_000_000), q: vec![q, 0.0].into(), done: vec![true; 2] };
+    Pulse::new(sample, &Vec::new().into())
+}
+
+fn filled(length: usize, n: u64, q: impl Fn(u64) -> f64) -> HistoryCore {
+    let mut history = HistoryCore::new(length);
+    (0..n).for_each(|k| history.push(&mut pulse(k, 10 * k, q(k))));
+    history
+}
+
+#[test]
+fn the_speed_of_a_steady_motion_is_found() {
+    let mut history = filled(100, 50, |k| k as f64 * 0.01);
+    let mut next = pulse(50, 500, 0.5);
+    history.push(&mut next);
+    assert!((next.speed - 1.0).abs() < 1e-9, "{}", next.speed);
+    assert!((history.period() - 0.01).abs() < 1e-12);
+}
+
+#[test]
+fn a_path_across_a_gap_is_refused() {
+    let mut history = filled(100, 20, |_| 0.0);
+    history.push(&mut pulse(25, 200, 0.0));
+    assert!(history.path(Time(150_000_000)).is_err());
+    assert_eq!(history.path(Time(200_000_000)).unwrap().len(), 1);
+    history.push(&mut pulse(26, 500, 0.0));
+    assert!(history.path(Time(200_000_000)).is_err(), "a pause is a gap too");
+}
+
+#[test]
+fn a_start_about_to_fall_out_is_moved() {
+    let history = filled(100, 130, |_| 0.0);
+    assert!(history.path(Time(10_000_000)).is_err());
+    let later = history.later_start(Time(300_000_000)).unwrap();
+    assert!(history.path(later.at).is_ok());
+    assert!(history.later_start(later.at).is_none());
+}
+
+proptest! {
+    #[test]
+    fn a_path_is_what_was_recorded(n in 1_u64..200, since in 0_u64..200) {
+        let history = filled(64, n, |k| k as f64);
+        match history.path(Time(since * 10_000_000)) {
+            Ok(path) => {
+                let recorded: Vec<f64> = path.iter().map(|r| r.q[0]).collect();
+                prop_assert_eq!(recorded, (since..n).map(|k| k as f64).collect::<Vec<_>>());
+            }
+            Err(_) => prop_assert!(since >= n || n - since > 64),
+        }
+    }
+
+    #[test]
+    fn noise_at_rest_is_not_speed(noise in prop::collection::vec(-1e-4_f64..1e-4, 8)) {
+        let history = filled(64, 8, |k| noise[k as usize]);
+        prop_assert!(history.speed() < 0.5_f64.to_radians());
+    }
+}

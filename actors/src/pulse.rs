@@ -1,0 +1,40 @@
+//! The pulse: every sample travels one chain, and each link adds what it knows.
+//!
+//! ```text
+//! driver ──> history ──> model ──────> reflex ──> supervise ──lease──> driver
+//!   q         speed      contacts       free
+//! ```
+//!
+//! A sample that reaches supervise proves that all five live; supervise then renews the driver's lease. A death anywhere
+//! breaks the chain, the lease runs out, and the robot brakes without anybody being told.
+
+use mobee_contract::{Sample, Time};
+use mobee_model::Contact;
+use std::sync::Arc;
+
+/// A sample and what is known of it.
+#[derive(Clone, Debug)]
+pub struct Pulse {
+    /// The reading.
+    pub sample: Sample,
+    /// Greatest motor speed over the last readings, rad/s; infinite while there are too few (history).
+    pub speed: f64,
+    /// Since when the readings have been equal bit for bit (history).
+    pub unchanged: Time,
+    /// Reflex pairs nearer than margin + 2 mm (model).
+    pub contacts: Arc<[Contact]>,
+    /// The first violated constraint: part and clause (model).
+    pub violated: Option<(usize, usize)>,
+    /// Counts the edits of the scene in which the contacts were looked for (model).
+    pub epoch: u64,
+    /// Whether nothing touches the robot and no constraint is violated (reflex).
+    pub free: bool,
+}
+
+impl Pulse {
+    /// A reading of which nothing else is known yet.
+    pub fn new(sample: Sample, none: &Arc<[Contact]>) -> Pulse {
+        let unchanged = sample.at;
+        Pulse { sample, speed: f64::INFINITY, unchanged, contacts: none.clone(), violated: None, epoch: 0, free: false }
+    }
+}

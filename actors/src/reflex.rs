@@ -1,0 +1,366 @@
+//! Reflex (Algorithm 6): on contact close the filter, stop, take the robot back along its recorded path, and watch it.
+//!
+//! It is stepped by pulses alone: without fresh readings there are no set-points, so it never moves blindly.
+//!
+//! ```text
+//! Watching ──touch, constraint, `RollBack`──> Stopping ──at rest──> Retreating ──last pose──> Settling ──at rest──> Watching
+//!                                                ^                      │ new or deeper contact     │ not there in time
+//!                                                └──────────────────────┴───────────────────────────┘ gives up
+//! ```
+
+mod contacts;
+mod retreat;
+
+use crate::controller::{Rules, distance};
+use crate::gate::Gate;
+use crate::history::{HistoryTooShort, Recorded};
+use crate::pulse::Pulse;
+use contacts::{Contacts, Floors};
+use mobee_contract::{Cause, Command, CommitId, ControlMode, Event, Hold, Pose, Status, Time};
+use mobee_model::{Contact, Pair};
+use retreat::Retreat;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long the robot may take to come to rest, or to settle at the end of its way.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Readings equal bit for bit for so long, while set-points moved on by [`FROZEN_WAY`], are no readings.
+pub const FROZEN: Duration = Duration::from_millis(500);
+/// One degree.
+pub const FROZEN_WAY: f64 = std::f64::consts::PI / 180.0;
+
+/// What is under way, as the ledger has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motion {
+    /// The commit.
+    pub id: CommitId,
+    /// Its safe pose; an escape has none.
+    pub safe: Option<(Time, Pose)>,
+}
+
+/// What the reflex hears.
+#[derive(Debug)]
+pub enum ReflexIn<'a> {
+    /// A reading, which it completes; what is under way; and the filter's state.
+    Pulse(&'a mut Pulse, Option<&'a Motion>, Status),
+    /// Supervise closed the filter under this token and stopped the robot: take it back.
+    RollBack {
+        /// The closing's token.
+        token: u64,
+        /// What is rolled back.
+        motion: Motion,
+        /// Whether this is another try after a failed one.
+        again: bool,
+    },
+    /// The recorded path that was asked for.
+    Path(Result<Vec<Recorded>, HistoryTooShort>),
+}
+
+/// What the reflex wants done.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ReflexOut {
+    /// Tell the driver, as the reflex, under this token.
+    Command(u64, Command),
+    /// Tell supervise that the filter was closed.
+    Closed {
+        /// The closing's token.
+        token: u64,
+        /// Why.
+        cause: Cause,
+    },
+    /// Ask the history for the path since then.
+    AskPath(Time),
+    /// Tell supervise.
+    Word(Word),
+    /// Tell the taps.
+    Event(Event),
+}
+
+/// What supervise learns about the way back.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Word {
+    /// The way back begins.
+    Retreating,
+    /// The last pose was written.
+    Settling,
+    /// The robot rests at the safe pose, control modes restored.
+    Back,
+    /// An escape broke its rule: the robot has stopped and rests.
+    Stopped,
+    /// The robot has stopped and rests, but not at the safe pose.
+    GaveUp(Hold),
+}
+
+#[derive(Debug)]
+enum Phase {
+    Watching,
+    Stopping { token: u64, since: Time, then: Then },
+    Retreating { token: u64, retreat: Retreat, safe: Pose, floors: Floors, violated: bool, mark: (Time, Pose, Time) },
+    Settling { token: u64, since: Time, safe: Pose, floors: Floors, violated: bool },
+}
+
+#[derive(Debug, Clone)]
+enum Then {
+    Retreat { motion: Motion, again: bool },
+    Say(Word),
+}
+
+/// The state machine.
+#[derive(Debug)]
+pub struct ReflexCore {
+    rules: Arc<Rules>,
+    gate: Arc<Gate>,
+    phase: Phase,
+    contacts: Contacts,
+    near: Arc<[Contact]>,
+    violated: bool,
+    /// The escape under way, how near it may come, and whether a constraint was violated as it set out.
+    escape: Option<(CommitId, Floors, bool)>,
+    /// The last motion, and the contacts that began in it.
+    motion: Option<CommitId>,
+    met: Vec<Contact>,
+}
+
+impl ReflexCore {
+    /// A reflex that watches.
+    pub fn new(rules: Arc<Rules>, gate: Arc<Gate>) -> ReflexCore {
+        let contacts = Contacts::new(rules.margin);
+        let near = contacts.present().clone();
+        let phase = Phase::Watching;
+        ReflexCore { rules, gate, phase, contacts, near, violated: false, escape: None, motion: None, met: Vec::new() }
+    }
+
+    /// The present contacts.
+    pub fn present(&self) -> &Arc<[Contact]> {
+        self.contacts.present()
+    }
+
+    /// What an agent may learn a cause from: the present contacts, else those that began during the last motion.
+    pub fn seen(&self) -> Arc<[Contact]> {
+        if self.present().is_empty() && !self.met.is_empty() {
+            self.met.as_slice().into()
+        } else {
+            self.present().clone()
+        }
+    }
+
+    /// One step.
+    pub fn on(&mut self, input: ReflexIn, now: Time, name: &dyn Fn(Pair) -> (String, String)) -> Vec<ReflexOut> {
+        let mut out = Vec::new();
+        match input {
+            ReflexIn::Pulse(pulse, motion, status) => self.pulse(pulse, motion, status, name, &mut out),
+            ReflexIn::RollBack { token, motion, again } => {
+                if token == self.gate.token() {
+                    self.phase = Phase::Stopping { token, since: now, then: Then::Retreat { motion, again } };
+                }
+            }
+            ReflexIn::Path(path) => self.set_out(path, now, &mut out),
+        }
+        out
+    }
+
+    fn pulse(
+        &mut self,
+        pulse: &mut Pulse,
+        motion: Option<&Motion>,
+        status: Status,
+        name: &dyn Fn(Pair) -> (String, String),
+        out: &mut Vec<ReflexOut>,
+    ) {
+        let newly_violated = pulse.violated.is_some() && !self.violated;
+        self.violated = pulse.violated.is_some();
+        self.near = pulse.contacts.clone();
+        if let Some(m) = motion.filter(|m| self.motion != Some(m.id)) {
+            self.motion = Some(m.id);
+            self.met.clear();
+        }
+        let moving = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
+        let changes = self.contacts.update(&pulse.contacts, moving, pulse.epoch);
+        let robot = &self.rules.robot;
+        for contact in &changes.began {
+            let (robot, names) = (robot.clone(), name(contact.pair));
+            out.push(ReflexOut::Event(Event::ContactBegan { robot, contact: *contact, names, during: status }));
+        }
+        for contact in &changes.hard {
+            let (robot, names) = (robot.clone(), name(contact.pair));
+            out.push(ReflexOut::Event(Event::HardContact { robot, contact: *contact, names }));
+        }
+        for pair in &changes.ended {
+            out.push(ReflexOut::Event(Event::ContactEnded { robot: robot.clone(), names: name(*pair) }));
+        }
+        if motion.is_some() {
+            self.met.extend_from_slice(&changes.began);
+        }
+        pulse.free = self.present().is_empty() && !self.violated;
+
+        let token = self.gate.token();
+        let outdated = match &self.phase {
+            Phase::Watching => false,
+            Phase::Stopping { token: t, .. }
+            | Phase::Retreating { token: t, .. }
+            | Phase::Settling { token: t, .. } => *t != token,
+        };
+        if outdated {
+            // somebody closed the filter anew, and stopped the robot
+            self.phase = Phase::Watching;
+        }
+        if matches!(self.phase, Phase::Watching) {
+            if Gate::opens(token) {
+                self.watch(pulse, motion, status, newly_violated, out);
+            }
+        } else {
+            self.act(pulse, name, out);
+            pulse.free = self.present().is_empty() && !self.violated;
+        }
+    }
+
+    /// The filter is open: is there a reason to close it?
+    fn watch(&mut self, pulse: &Pulse, motion: Option<&Motion>, status: Status, newly: bool, out: &mut Vec<ReflexOut>) {
+        let escape = motion.filter(|m| m.safe.is_none() && status == Status::Escaping);
+        let cause = if let Some(m) = escape {
+            if self.escape.as_ref().is_none_or(|(id, ..)| *id != m.id) {
+                self.escape = Some((m.id, Floors::new(self.rules.margin, &pulse.contacts), pulse.violated.is_some()));
+            }
+            let (floors, violated) = self.escape.as_ref().map_or((None, true), |(_, f, v)| (Some(f), *v));
+            match floors.and_then(|f| f.broken(&pulse.contacts)) {
+                Some(c) => Some(Cause::Contact(vec![*c])),
+                None if newly && !violated => pulse.violated.map(|v| self.constraint(v)),
+                None => None,
+            }
+        } else if !self.present().is_empty() {
+            Some(Cause::Contact(self.present().to_vec()))
+        } else {
+            pulse.violated.map(|v| self.constraint(v))
+        };
+        let Some(cause) = cause else { return };
+        let token = self.gate.close();
+        out.push(ReflexOut::Event(Event::Disabled { robot: self.rules.robot.clone(), token, cause: cause.clone() }));
+        out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
+        out.push(ReflexOut::Closed { token, cause });
+        let then = match motion {
+            Some(m) if m.safe.is_some() => Then::Retreat { motion: m.clone(), again: false },
+            Some(_) => Then::Say(Word::Stopped),
+            None => return,
+        };
+        self.phase = Phase::Stopping { token, since: pulse.sample.at, then };
+    }
+
+    fn constraint(&self, (part, clause): (usize, usize)) -> Cause {
+        Cause::Constraint { part: self.rules.parts.get(part).cloned().unwrap_or_default(), clause }
+    }
+
+    /// The filter is closed by us or for us.
+    fn act(&mut self, pulse: &Pulse, name: &dyn Fn(Pair) -> (String, String), out: &mut Vec<ReflexOut>) {
+        let now = pulse.sample.at;
+        let rules = self.rules.clone();
+        let at_rest = pulse.speed < rules.rest_speed;
+        match &mut self.phase {
+            Phase::Watching => {}
+            Phase::Stopping { token, since, then } => {
+                let token = *token;
+                if now >= *since + rules.reaction() && at_rest {
+                    match then.clone() {
+                        Then::Retreat { motion, .. } => {
+                            let since = motion.safe.map_or(now, |(at, _)| at);
+                            out.push(ReflexOut::AskPath(since));
+                        }
+                        Then::Say(word) => self.say(token, word, out),
+                    }
+                } else if now >= *since + PATIENCE {
+                    self.say(token, Word::GaveUp(Hold::RetreatMissed), out);
+                }
+            }
+            Phase::Retreating { token, retreat, safe, floors, violated, mark } => {
+                let token = *token;
+                if mark.0 != pulse.unchanged {
+                    *mark = (pulse.unchanged, retreat.written().clone(), now);
+                }
+                let frozen = now.since(mark.2) >= FROZEN && distance(retreat.written(), &mark.1) > FROZEN_WAY;
+                let broken = floors.broken(&pulse.contacts).copied();
+                let newly_violated = pulse.violated.is_some() && !*violated;
+                if frozen {
+                    self.give_up(token, Hold::Stale, "the encoders do not follow the set-points".into(), now, out);
+                } else if broken.is_some() || newly_violated {
+                    let what = blocked(broken, name);
+                    self.give_up(token, Hold::RetreatBlocked, what, now, out);
+                } else {
+                    out.extend(retreat.step(&pulse.sample, &rules).map(|c| ReflexOut::Command(token, c)));
+                    if retreat.is_over() {
+                        let (safe, floors, violated) = (safe.clone(), std::mem::take(floors), *violated);
+                        self.phase = Phase::Settling { token, since: now, safe, floors, violated };
+                        out.push(ReflexOut::Word(Word::Settling));
+                    }
+                }
+            }
+            Phase::Settling { token, since, safe, floors, violated } => {
+                let token = *token;
+                let broken = floors.broken(&pulse.contacts).copied();
+                if broken.is_some() || (pulse.violated.is_some() && !*violated) {
+                    let what = blocked(broken, name);
+                    self.give_up(token, Hold::RetreatBlocked, what, now, out);
+                } else if now >= *since + rules.reaction()
+                    && at_rest
+                    && distance(&pulse.sample.q, safe) <= rules.tolerance
+                {
+                    for pair in self.contacts.settle() {
+                        out.push(ReflexOut::Event(Event::ContactEnded {
+                            robot: rules.robot.clone(),
+                            names: name(pair),
+                        }));
+                    }
+                    self.say(token, Word::Back, out);
+                } else if now >= *since + PATIENCE {
+                    self.give_up(token, Hold::RetreatMissed, "the safe pose was not reached in time".into(), now, out);
+                }
+            }
+        }
+    }
+
+    /// The path is known: begin the way back, unless the history is too short.
+    fn set_out(&mut self, path: Result<Vec<Recorded>, HistoryTooShort>, now: Time, out: &mut Vec<ReflexOut>) {
+        let Phase::Stopping { token, then: Then::Retreat { motion, again }, .. } = &self.phase else { return };
+        let (token, id, again) = (*token, motion.id, *again);
+        let robot = self.rules.robot.clone();
+        match (path, motion.safe.clone()) {
+            (Ok(mut path), Some((_, safe))) => {
+                if again {
+                    Retreat::without_detour(&mut path, 2.0 * self.rules.tolerance);
+                }
+                let retreat = Retreat::new(&path, &safe, &self.rules, now);
+                let (poses, secs) = retreat.length();
+                out.push(ReflexOut::Event(Event::RetreatBegan { robot, id, poses, secs }));
+                out.push(ReflexOut::Command(token, retreat.begin()));
+                out.push(ReflexOut::Word(Word::Retreating));
+                let floors = Floors::new(self.rules.margin, &self.near);
+                let mark = (Time::ZERO, retreat.written().clone(), now);
+                let violated = self.violated;
+                self.phase = Phase::Retreating { token, retreat, safe, floors, violated, mark };
+            }
+            (path, _) => {
+                let what = path.err().map_or_else(|| "there is no safe pose".to_string(), |e| e.to_string());
+                let reason = Hold::HistoryTooShort;
+                out.push(ReflexOut::Event(Event::RetreatStopped { robot, reason, what, seen: now }));
+                self.say(token, Word::GaveUp(reason), out);
+            }
+        }
+    }
+
+    fn give_up(&mut self, token: u64, reason: Hold, what: String, seen: Time, out: &mut Vec<ReflexOut>) {
+        out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
+        out.push(ReflexOut::Event(Event::RetreatStopped { robot: self.rules.robot.clone(), reason, what, seen }));
+        self.phase = Phase::Stopping { token, since: seen, then: Then::Say(Word::GaveUp(reason)) };
+    }
+
+    /// The robot rests: restore the control modes and tell.
+    fn say(&mut self, token: u64, word: Word, out: &mut Vec<ReflexOut>) {
+        out.push(ReflexOut::Command(token, Command::Mode { motors: Vec::new(), mode: ControlMode::Position }));
+        out.push(ReflexOut::Word(word));
+        self.phase = Phase::Watching;
+    }
+}
+
+fn blocked(contact: Option<Contact>, name: &dyn Fn(Pair) -> (String, String)) -> String {
+    let Some(c) = contact else { return "a constraint would be violated".into() };
+    let (a, b) = name(c.pair);
+    format!("{a} and {b} are at {:.1} mm", c.distance * 1e3)
+}

@@ -1,0 +1,15 @@
+//! The shells: ractor actors that turn messages into inputs of the cores, and their outputs into sends.
+
+mod agent;
+mod driver;
+mod history;
+mod model;
+mod reflex;
+mod supervise;
+
+pub use agent::{AgentActor, AgentMsg, Maker};
+pub use driver::{DriverActor, DriverMsg};
+pub use history::{HistoryActor, HistoryMsg};
+pub use model::{ModelActor, ModelMsg};
+pub use reflex::{ReflexActor, ReflexMsg};
+pub use supervise::{SuperviseActor, SuperviseMsg};

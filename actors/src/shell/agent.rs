@@ -1,0 +1,179 @@
+//! The agent's shell: asks a planner what it wants, commits it, and tells it how its motions ended.
+
+use crate::controller::RELEASE;
+use crate::shell::SuperviseMsg;
+use crate::wiring::{Hub, Wires};
+use mobee_contract::{Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, Target, Verdict, View};
+use ractor::{Actor, ActorProcessingErr, ActorRef};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long to wait before asking again whether the filter takes commits.
+const PAUSE: Duration = Duration::from_millis(100);
+
+/// Makes an agent, at the start and after each death.
+#[derive(Clone)]
+pub struct Maker(pub Arc<dyn Fn() -> Result<Box<dyn Agent>, String> + Send + Sync>);
+
+impl std::fmt::Debug for Maker {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Maker")
+    }
+}
+
+/// The agent's actor.
+pub struct AgentActor;
+
+/// What it hears.
+#[derive(Debug)]
+pub enum AgentMsg {
+    /// Ask the planner, if this is the newest of such messages.
+    Ask(u64),
+    /// Its motion has ended.
+    Ended(CommitId, MotionEnd),
+    /// The world has changed.
+    Revise,
+    /// Make no more motions: the run ends.
+    Rest,
+}
+
+/// What it keeps.
+pub struct Planning {
+    hub: Arc<Hub>,
+    wires: Arc<Wires>,
+    agent: Box<dyn Agent>,
+    /// The motion under way.
+    moving: Option<CommitId>,
+    /// How the last one ended, until the planner was told.
+    last: Option<MotionEnd>,
+    asked: u64,
+    done: bool,
+}
+
+impl Actor for AgentActor {
+    type Msg = AgentMsg;
+    type State = Planning;
+    type Arguments = (Arc<Hub>, Arc<Wires>, Maker);
+
+    async fn pre_start(
+        &self,
+        myself: ActorRef<AgentMsg>,
+        (hub, wires, maker): Self::Arguments,
+    ) -> Result<Planning, ActorProcessingErr> {
+        let mut agent = (maker.0)()?;
+        if let Some(snapshot) = wires.snapshot.lock().clone() {
+            agent.import(snapshot).map_err(|e| e.to_string())?;
+        }
+        wires.agent.connect(myself.clone());
+        let planning = Planning { hub, wires, agent, moving: None, last: None, asked: 0, done: false };
+        planning.ask_after(&myself, Duration::ZERO);
+        Ok(planning)
+    }
+
+    async fn handle(
+        &self,
+        myself: ActorRef<AgentMsg>,
+        message: AgentMsg,
+        planning: &mut Planning,
+    ) -> Result<(), ActorProcessingErr> {
+        match message {
+            AgentMsg::Ask(n) if n == planning.asked && planning.moving.is_none() && !planning.done => {
+                planning.ask(&myself).await
+            }
+            AgentMsg::Ended(id, end) if planning.moving == Some(id) => {
+                planning.moving = None;
+                planning.last = Some(end);
+                *planning.wires.snapshot.lock() = Some(planning.agent.export());
+                if !planning.done {
+                    planning.ask(&myself).await;
+                }
+            }
+            AgentMsg::Revise if planning.moving.is_some() => planning.revise().await,
+            AgentMsg::Rest => planning.done = true,
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+impl Planning {
+    fn view(&self) -> View {
+        let latest = self.wires.latest.lock().clone();
+        View {
+            at: latest.at,
+            robot: self.wires.robot,
+            axes: self.wires.rules.axes.clone(),
+            poses: self.hub.robots.iter().map(|w| w.latest.lock().q.clone()).collect(),
+            scene: self.hub.scene.lock().clone(),
+            contacts: latest.contacts,
+            clearance: self.wires.rules.margin + RELEASE,
+        }
+    }
+
+    fn ask_after(&self, myself: &ActorRef<AgentMsg>, pause: Duration) {
+        let n = self.asked;
+        if pause.is_zero() {
+            let _ = myself.send_message(AgentMsg::Ask(n));
+        } else {
+            myself.send_after(pause, move || AgentMsg::Ask(n));
+        }
+    }
+
+    async fn ask(&mut self, myself: &ActorRef<AgentMsg>) {
+        self.asked += 1;
+        if !self.wires.latest.lock().ready {
+            return self.ask_after(myself, PAUSE);
+        }
+        let intent = self.agent.next(self.last.take(), &self.view());
+        self.tell_notes();
+        match intent {
+            Intent::MoveTo(target) => match self.commit(target).await {
+                Some(Ok(id)) => self.moving = Some(id),
+                // not the target's fault: the robot or the filter is not ready for it
+                Some(Err(Refusal::Closed | Refusal::Busy | Refusal::NotReady { .. } | Refusal::Holding { .. }))
+                | None => {
+                    self.ask_after(myself, PAUSE);
+                }
+                Some(Err(_)) => {
+                    self.last = Some(MotionEnd::Failed);
+                    self.ask_after(myself, PAUSE);
+                }
+            },
+            Intent::Stop => self.ask_after(myself, PAUSE),
+            Intent::Wait(time) => self.ask_after(myself, time.max(Duration::from_millis(1))),
+            Intent::Done(summary) => {
+                self.done = true;
+                *self.wires.snapshot.lock() = Some(self.agent.export());
+                self.hub.tell(Event::Done { robot: self.wires.rules.robot.clone(), summary });
+            }
+        }
+    }
+
+    async fn revise(&mut self) {
+        let intent = self.agent.revise(&self.view());
+        self.tell_notes();
+        match intent {
+            Some(Intent::MoveTo(target)) => {
+                // refused: the motion goes on as it was, and its end will be told
+                let _ = self.commit(target).await;
+            }
+            Some(Intent::Stop) => {
+                self.wires.supervise.send(SuperviseMsg::Stop(self.wires.agent_name.clone()));
+            }
+            Some(Intent::Wait(_) | Intent::Done(_)) | None => {}
+        }
+    }
+
+    async fn commit(&mut self, target: Target) -> Option<Verdict> {
+        let (reply, verdict) = ractor::concurrency::oneshot();
+        let commit = Commit { agent: self.wires.agent_name.clone(), target };
+        self.wires.supervise.send(SuperviseMsg::Commit(commit, reply.into()));
+        verdict.await.ok()
+    }
+
+    fn tell_notes(&mut self) {
+        for note in self.agent.notes() {
+            self.hub.tell(Event::Note { robot: self.wires.rules.robot.clone(), note });
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! The driver's shell: owns the connection to one robot's hardware.
+
+use crate::driver::Port;
+use crate::pulse::Pulse;
+use crate::shell::SuperviseMsg;
+use crate::wiring::{Hub, Plug, Wires};
+use mobee_contract::{Command, ControlMode, Driver, DriverFault, Event, Time, Writer};
+use ractor::{Actor, ActorProcessingErr, ActorRef};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// The driver's actor.
+pub struct DriverActor;
+
+/// What it hears.
+#[derive(Debug)]
+pub enum DriverMsg {
+    /// It is time to read the encoders.
+    Poll,
+    /// A command under a token.
+    Command(u64, Writer, Command),
+}
+
+/// Shortest and longest time between two attempts to connect.
+const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
+
+/// What it keeps.
+pub struct Driving {
+    hub: Arc<Hub>,
+    wires: Arc<Wires>,
+    plug: Plug,
+    driver: Option<Box<dyn Driver>>,
+    port: Port,
+    back_off: Duration,
+}
+
+impl Actor for DriverActor {
+    type Msg = DriverMsg;
+    type State = Driving;
+    type Arguments = (Arc<Hub>, Arc<Wires>, Plug);
+
+    async fn pre_start(
+        &self,
+        myself: ActorRef<DriverMsg>,
+        (hub, wires, plug): Self::Arguments,
+    ) -> Result<Driving, ActorProcessingErr> {
+        let port = Port::new(wires.rules.clone(), wires.gate.clone());
+        let mut driving = Driving { hub, wires, plug, driver: None, port, back_off: BACK_OFF.0 };
+        driving.wires.lease.store(0, Ordering::SeqCst);
+        driving.connect();
+        driving.wires.driver.connect(myself.clone());
+        let _ = myself.send_message(DriverMsg::Poll);
+        Ok(driving)
+    }
+
+    async fn handle(
+        &self,
+        myself: ActorRef<DriverMsg>,
+        message: DriverMsg,
+        driving: &mut Driving,
+    ) -> Result<(), ActorProcessingErr> {
+        match message {
+            DriverMsg::Poll => {
+                let next = driving.poll();
+                let clock = driving.hub.clock.clone();
+                tokio::spawn(async move {
+                    clock.sleep_until(next).await;
+                    let _ = myself.send_message(DriverMsg::Poll);
+                });
+            }
+            DriverMsg::Command(token, writer, command) => driving.command(token, writer, &command),
+        }
+        Ok(())
+    }
+}
+
+impl Driving {
+    /// A new connection begins with a stop, whatever the board was doing (I10).
+    fn connect(&mut self) {
+        let Ok(driver) = self.plug.0.connect() else { return };
+        self.driver = Some(driver);
+        self.back_off = BACK_OFF.0;
+        let token = self.wires.gate.token();
+        self.give(token, Writer::Driver, &Command::Stop { motors: Vec::new() });
+        self.give(token, Writer::Driver, &Command::Mode { motors: Vec::new(), mode: ControlMode::Position });
+    }
+
+    /// Reads the encoders, and says when to do so next.
+    fn poll(&mut self) -> Time {
+        let now = self.hub.clock.now();
+        if self.driver.is_none() {
+            self.connect();
+        }
+        let Some(driver) = self.driver.as_mut() else {
+            self.back_off = (self.back_off * 2).min(BACK_OFF.1);
+            return now + self.back_off;
+        };
+        driver.lease(now, Time(self.wires.lease.load(Ordering::SeqCst)));
+        match driver.sample(now) {
+            Ok(sample) => {
+                let next = driver.next_sample(now).max(now + Duration::from_micros(100));
+                if let Some(sample) = sample {
+                    self.hub.counts.lock().samples += 1;
+                    self.wires.to_history.push(Pulse::new(sample, &self.hub.none));
+                }
+                next
+            }
+            Err(fault) => self.trouble(&fault, now),
+        }
+    }
+
+    fn trouble(&mut self, fault: &DriverFault, now: Time) -> Time {
+        match fault {
+            DriverFault::Lost => self.driver = None,
+            DriverFault::Refused(what) | DriverFault::Hardware(what) => {
+                self.wires.supervise.send(SuperviseMsg::Fault(what.clone()));
+            }
+        }
+        now + BACK_OFF.0
+    }
+
+    fn command(&mut self, token: u64, writer: Writer, command: &Command) {
+        match self.port.admit(token, writer, command) {
+            Ok(()) => self.give(token, writer, command),
+            Err(reason) => self.drop_command(token, writer, reason),
+        }
+    }
+
+    fn give(&mut self, token: u64, writer: Writer, command: &Command) {
+        let now = self.hub.clock.now();
+        let Some(driver) = self.driver.as_mut() else {
+            return self.drop_command(token, writer, DriverFault::Lost.to_string());
+        };
+        driver.lease(now, Time(self.wires.lease.load(Ordering::SeqCst)));
+        match driver.command(now, command) {
+            Ok(()) => {
+                for event in self.port.took(token, writer, command, now) {
+                    self.hub.tell(event);
+                }
+            }
+            Err(fault) => {
+                self.drop_command(token, writer, fault.to_string());
+                match fault {
+                    DriverFault::Lost => self.driver = None,
+                    DriverFault::Hardware(what) => {
+                        self.wires.supervise.send(SuperviseMsg::Fault(what));
+                    }
+                    DriverFault::Refused(_) => {}
+                }
+            }
+        }
+    }
+
+    fn drop_command(&mut self, token: u64, writer: Writer, reason: String) {
+        let robot = self.wires.rules.robot.clone();
+        self.hub.tell(Event::CommandDropped { robot, token, writer, reason });
+    }
+}

@@ -1,0 +1,125 @@
+//! Model: the hub where sensors, agents and controllers meet. One for all robots and objects.
+
+use crate::controller::RELEASE;
+use crate::shell::AgentMsg;
+use crate::wiring::Hub;
+use mobee_contract::{Event, Pose};
+use mobee_model::{Contact, Edit, Object, Scene, ShapeId, Watch};
+use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
+use std::sync::Arc;
+
+/// The model's actor.
+pub struct ModelActor;
+
+/// What it hears.
+#[derive(Debug)]
+pub enum ModelMsg {
+    /// There are pulses.
+    Pulses,
+    /// Change the world. The answer says why not, if not.
+    Edit(Edit, Option<RpcReplyPort<Result<(), String>>>),
+}
+
+/// What it keeps; the scene itself outlives it in the hub.
+pub struct Model {
+    hub: Arc<Hub>,
+    scene: Arc<Scene>,
+    watch: Watch,
+    poses: Vec<Pose>,
+}
+
+impl Actor for ModelActor {
+    type Msg = ModelMsg;
+    type State = Model;
+    type Arguments = Arc<Hub>;
+
+    async fn pre_start(&self, myself: ActorRef<ModelMsg>, hub: Arc<Hub>) -> Result<Model, ActorProcessingErr> {
+        let scene = hub.scene.lock().clone();
+        let margin = hub.robots.iter().map(|w| w.rules.margin).fold(0.0, f64::max);
+        let watch = Watch::new(scene.clone(), margin + RELEASE);
+        let poses = hub.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
+        hub.model.connect(myself.clone());
+        hub.to_model.attach(Box::new(move || myself.send_message(ModelMsg::Pulses).is_ok()));
+        Ok(Model { hub, scene, watch, poses })
+    }
+
+    async fn handle(
+        &self,
+        _myself: ActorRef<ModelMsg>,
+        message: ModelMsg,
+        model: &mut Model,
+    ) -> Result<(), ActorProcessingErr> {
+        match message {
+            ModelMsg::Pulses => model.pulses(),
+            ModelMsg::Edit(edit, reply) => {
+                let done = model.edit(&edit);
+                if let Err(text) = &done {
+                    model.hub.tell(Event::Warning { text: format!("the world was not edited: {text}") });
+                }
+                if let Some(reply) = reply {
+                    let _ = reply.send(done);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Model {
+    fn pulses(&mut self) {
+        while let Some((robot, mut pulse)) = self.hub.to_model.pop() {
+            let (Some(wires), Some(slot)) = (self.hub.robots.get(robot), self.poses.get_mut(robot)) else { continue };
+            *slot = pulse.sample.q.clone();
+            let near = self.watch.update(&self.poses);
+            if !near.is_empty() {
+                let within = wires.rules.margin + RELEASE;
+                let own = |c: &&Contact| c.distance <= within && (is_of(c.pair.0, robot) || is_of(c.pair.1, robot));
+                pulse.contacts = near.iter().filter(own).copied().collect();
+            }
+            pulse.violated = self.scene.robots().get(robot).and_then(|r| r.violated(&pulse.sample.q).next());
+            pulse.epoch = self.scene.epoch();
+            wires.to_reflex.push(pulse);
+        }
+    }
+
+    fn edit(&mut self, edit: &Edit) -> Result<(), String> {
+        let next = Arc::new(self.scene.edit(edit).map_err(|e| e.to_string())?);
+        let before = std::mem::replace(&mut self.scene, next.clone());
+        self.watch.set_scene(next.clone());
+        *self.hub.scene.lock() = next.clone();
+        for event in differences(&before, &next) {
+            self.hub.tell(event);
+        }
+        self.hub.taps.scene(self.hub.clock.now(), &next);
+        for wires in &self.hub.robots {
+            wires.agent.send(AgentMsg::Revise);
+        }
+        Ok(())
+    }
+}
+
+fn is_of(shape: ShapeId, robot: usize) -> bool {
+    matches!(shape, ShapeId::Robot { robot: r, .. } if usize::from(r) == robot)
+}
+
+/// What an edit did, object by object.
+fn differences(before: &Scene, after: &Scene) -> Vec<Event> {
+    let told = |o: &Object, what: &str, exists: bool| Event::World {
+        object: o.name.clone(),
+        what: what.into(),
+        class: exists.then_some(o.class),
+        at: exists.then(|| o.pose.translation.vector.into()),
+    };
+    let mut events = Vec::new();
+    for (id, old) in before.objects() {
+        match after.objects().find(|(i, _)| *i == id) {
+            None => events.push(told(old, "removed", false)),
+            Some((_, new)) if old.class != new.class => events.push(told(new, "changed", true)),
+            Some((_, new)) if old.pose != new.pose => events.push(told(new, "moved", true)),
+            Some(_) => {}
+        }
+    }
+    let is_new = |id: u32| !before.objects().any(|(i, _)| i == id);
+    events.extend(after.objects().filter(|(id, _)| is_new(*id)).map(|(_, o)| told(o, "added", true)));
+    events
+}

@@ -1,0 +1,101 @@
+//! Reflex's shell.
+
+use crate::reflex::{Motion, ReflexCore, ReflexIn, ReflexOut};
+use crate::shell::{DriverMsg, SuperviseMsg};
+use crate::wiring::{Hub, Wires};
+use mobee_contract::Writer;
+use ractor::{Actor, ActorProcessingErr, ActorRef};
+use std::sync::Arc;
+
+/// The reflex's actor.
+pub struct ReflexActor;
+
+/// What it hears.
+#[derive(Debug)]
+pub enum ReflexMsg {
+    /// There are pulses.
+    Pulses,
+    /// Supervise closed the filter: take the robot back.
+    RollBack(u64, Motion, bool),
+}
+
+/// What it keeps.
+pub struct Reflex {
+    hub: Arc<Hub>,
+    wires: Arc<Wires>,
+    core: ReflexCore,
+}
+
+impl Actor for ReflexActor {
+    type Msg = ReflexMsg;
+    type State = Reflex;
+    type Arguments = (Arc<Hub>, Arc<Wires>);
+
+    async fn pre_start(
+        &self,
+        myself: ActorRef<ReflexMsg>,
+        (hub, wires): Self::Arguments,
+    ) -> Result<Reflex, ActorProcessingErr> {
+        let core = ReflexCore::new(wires.rules.clone(), wires.gate.clone());
+        wires.reflex.connect(myself.clone());
+        wires.to_reflex.attach(Box::new(move || myself.send_message(ReflexMsg::Pulses).is_ok()));
+        Ok(Reflex { hub, wires, core })
+    }
+
+    async fn handle(
+        &self,
+        _myself: ActorRef<ReflexMsg>,
+        message: ReflexMsg,
+        reflex: &mut Reflex,
+    ) -> Result<(), ActorProcessingErr> {
+        match message {
+            ReflexMsg::Pulses => reflex.pulses(),
+            ReflexMsg::RollBack(token, motion, again) => reflex.on(ReflexIn::RollBack { token, motion, again }),
+        }
+        Ok(())
+    }
+}
+
+impl Reflex {
+    fn pulses(&mut self) {
+        while let Some(mut pulse) = self.wires.to_reflex.pop() {
+            let (motion, status) = {
+                let book = self.wires.ledger.book();
+                (book.open.as_ref().map(|o| Motion { id: o.id, safe: o.safe.clone() }), book.status)
+            };
+            self.on(ReflexIn::Pulse(&mut pulse, motion.as_ref(), status));
+            {
+                let mut latest = self.wires.latest.lock();
+                latest.at = pulse.sample.at;
+                latest.q = pulse.sample.q.clone();
+                latest.contacts = self.core.seen();
+            }
+            self.hub.taps.pose(pulse.sample.at, self.wires.robot, &pulse.sample.q, self.core.present());
+            self.wires.to_supervise.push(pulse);
+        }
+    }
+
+    fn on(&mut self, input: ReflexIn) {
+        let hub = self.hub.clone();
+        let names = |pair| hub.names(pair);
+        let outputs = self.core.on(input, hub.clock.now(), &names);
+        for output in outputs {
+            match output {
+                ReflexOut::Command(token, command) => {
+                    self.wires.driver.send(DriverMsg::Command(token, Writer::Reflex, command));
+                }
+                ReflexOut::Closed { token, cause } => {
+                    self.wires.supervise.send(SuperviseMsg::Closed(token, cause));
+                }
+                ReflexOut::AskPath(since) => {
+                    let path = self.wires.ledger.book().history.path(since);
+                    self.on(ReflexIn::Path(path));
+                }
+                ReflexOut::Word(word) => {
+                    self.wires.supervise.send(SuperviseMsg::Word(word));
+                }
+                ReflexOut::Event(event) => hub.tell(event),
+            }
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! Supervise's shell.
+
+use crate::pulse::Pulse;
+use crate::reflex::Word;
+use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg};
+use crate::supervise::{SuperviseCore, SuperviseIn, SuperviseOut};
+use crate::wiring::{Hub, Wires};
+use mobee_contract::{Cause, Commit, Event, Status, Verdict};
+use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// Supervise's actor.
+pub struct SuperviseActor;
+
+/// What it hears.
+#[derive(Debug)]
+pub enum SuperviseMsg {
+    /// There are pulses.
+    Pulses,
+    /// An agent commits.
+    Commit(Commit, RpcReplyPort<Verdict>),
+    /// The agent wants its motion to brake.
+    Stop(Arc<str>),
+    /// The agent died.
+    AgentDied(Arc<str>),
+    /// See whether the readings are fresh.
+    Tick,
+    /// The board reports a fault.
+    Fault(String),
+    /// The reflex closed the filter.
+    Closed(u64, Cause),
+    /// The reflex tells how the way back goes.
+    Word(Word),
+    /// Try the failed way back again.
+    Recover,
+    /// Come to rest, and accept nothing more.
+    Shutdown,
+    /// End without waiting.
+    Abandon(RpcReplyPort<()>),
+}
+
+/// What it keeps.
+pub struct Supervise {
+    hub: Arc<Hub>,
+    wires: Arc<Wires>,
+    core: SuperviseCore,
+    reply: Option<RpcReplyPort<Verdict>>,
+}
+
+impl Actor for SuperviseActor {
+    type Msg = SuperviseMsg;
+    type State = Supervise;
+    type Arguments = (Arc<Hub>, Arc<Wires>);
+
+    async fn pre_start(
+        &self,
+        myself: ActorRef<SuperviseMsg>,
+        (hub, wires): Self::Arguments,
+    ) -> Result<Supervise, ActorProcessingErr> {
+        let now = hub.clock.now();
+        let (core, first) = SuperviseCore::new(wires.rules.clone(), wires.gate.clone(), wires.ledger.clone(), now);
+        wires.supervise.connect(myself.clone());
+        myself.send_interval(wires.rules.fresh, || SuperviseMsg::Tick);
+        wires.to_supervise.attach(Box::new(move || myself.send_message(SuperviseMsg::Pulses).is_ok()));
+        let mut supervise = Supervise { hub, wires, core, reply: None };
+        supervise.act(first);
+        Ok(supervise)
+    }
+
+    async fn handle(
+        &self,
+        _myself: ActorRef<SuperviseMsg>,
+        message: SuperviseMsg,
+        supervise: &mut Supervise,
+    ) -> Result<(), ActorProcessingErr> {
+        match message {
+            SuperviseMsg::Pulses => {
+                while let Some(pulse) = supervise.wires.to_supervise.pop() {
+                    supervise.on(SuperviseIn::Pulse(&pulse));
+                    supervise.cue_pose(&pulse);
+                }
+            }
+            SuperviseMsg::Commit(commit, reply) => {
+                supervise.reply = Some(reply);
+                supervise.on(SuperviseIn::Commit(commit));
+            }
+            SuperviseMsg::Stop(agent) => supervise.on(SuperviseIn::Stop(agent)),
+            SuperviseMsg::AgentDied(agent) => supervise.on(SuperviseIn::AgentDied(agent)),
+            SuperviseMsg::Tick => supervise.on(SuperviseIn::Tick),
+            SuperviseMsg::Fault(what) => supervise.on(SuperviseIn::Fault(what)),
+            SuperviseMsg::Closed(token, cause) => supervise.on(SuperviseIn::Closed(token, cause)),
+            SuperviseMsg::Word(word) => supervise.on(SuperviseIn::Word(word)),
+            SuperviseMsg::Recover => supervise.on(SuperviseIn::Recover),
+            SuperviseMsg::Shutdown => supervise.on(SuperviseIn::Shutdown),
+            SuperviseMsg::Abandon(reply) => {
+                supervise.on(SuperviseIn::Abandon);
+                let _ = reply.send(());
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Supervise {
+    fn on(&mut self, input: SuperviseIn) {
+        let outputs = self.core.on(input, self.hub.clock.now());
+        if !outputs.is_empty() {
+            self.act(outputs);
+        }
+    }
+
+    fn act(&mut self, outputs: Vec<SuperviseOut>) {
+        for output in outputs {
+            match output {
+                SuperviseOut::Verdict(verdict) => {
+                    if let Some(reply) = self.reply.take() {
+                        let _ = reply.send(verdict);
+                    }
+                }
+                SuperviseOut::Command(token, writer, command) => {
+                    self.wires.driver.send(DriverMsg::Command(token, writer, command));
+                }
+                SuperviseOut::Lease(until) => self.wires.lease.store(until.0, Ordering::SeqCst),
+                SuperviseOut::RollBack { token, motion, again } => {
+                    self.wires.reflex.send(ReflexMsg::RollBack(token, motion, again));
+                }
+                SuperviseOut::Ended(agent, id, end) => {
+                    if agent == self.wires.agent_name {
+                        self.wires.agent.send(AgentMsg::Ended(id, end));
+                    }
+                }
+                SuperviseOut::Event(event) => {
+                    let ended = matches!(event, Event::Outcome { .. });
+                    self.hub.tell(event);
+                    if ended {
+                        self.cue_outcome();
+                    }
+                }
+            }
+        }
+        let mut latest = self.wires.latest.lock();
+        latest.status = self.core.status();
+        latest.ready = self.core.is_settled();
+    }
+
+    /// Edits that wait for this robot's next outcome are made before its agent hears of it.
+    fn cue_outcome(&self) {
+        let due = self.hub.cues.lock().outcome(&self.wires.rules.robot);
+        for edit in due {
+            self.hub.model.send(ModelMsg::Edit(edit, None));
+        }
+    }
+
+    /// Edits that wait for this robot to rest at a pose.
+    fn cue_pose(&self, pulse: &Pulse) {
+        let mut cues = self.hub.cues.lock();
+        if cues.wants_poses() && self.core.status() == Status::Rest && pulse.speed < self.wires.rules.rest_speed {
+            for edit in cues.pose(&self.wires.rules.robot, &pulse.sample.q) {
+                self.hub.model.send(ModelMsg::Edit(edit, None));
+            }
+        }
+    }
+}

@@ -1,0 +1,465 @@
+//! Supervise (Algorithm 5): the filtered interface that agents command, and the keeper of transactions.
+//!
+//! ```text
+//!           Commit accepted                     motion done, at target
+//!   Rest ---------------------> Moving ---------------------------------> Rest         Committed
+//!    ^                            | contact, constraint, target missed, agent died
+//!    |                            v
+//!    |                         Stopping --> Retreating --> Settling --> Rest           RolledBack
+//!    |                                        |
+//!    +---- escape or `recover` ------- Holding(reason)                                 Faulted
+//! ```
+//!
+//! Whatever else happens (stale encoders, a death, a stop): close, stop, wait for fresh readings at rest, and give the
+//! open transaction the outcome that the measured pose shows. Then, if nothing touches the robot, open again: a robot
+//! should not need a person to free it.
+
+mod check;
+mod end;
+
+use crate::controller::{Rules, distance};
+use crate::gate::Gate;
+use crate::ledger::{Book, Ledger, Open};
+use crate::pulse::Pulse;
+use crate::reflex::{Motion, Word};
+use check::check;
+use mobee_contract::{
+    Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Outcome, Pose, Refusal, Status, Target, Time, Verdict,
+    Writer,
+};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What supervise hears.
+#[derive(Debug)]
+pub enum SuperviseIn<'a> {
+    /// An agent commits. Answered by [`SuperviseOut::Verdict`].
+    Commit(Commit),
+    /// The agent wants its motion to brake.
+    Stop(Arc<str>),
+    /// The agent died.
+    AgentDied(Arc<str>),
+    /// A reading came through the whole chain.
+    Pulse(&'a Pulse),
+    /// Time passed.
+    Tick,
+    /// The board reports a fault.
+    Fault(String),
+    /// The reflex closed the filter.
+    Closed(u64, Cause),
+    /// The reflex tells how the way back goes.
+    Word(Word),
+    /// Somebody asks to try the failed way back again.
+    Recover,
+    /// The run ends: come to rest, and accept nothing more.
+    Shutdown,
+    /// The run ends without waiting: the open transaction gets its outcome by the newest reading, however old.
+    Abandon,
+}
+
+/// What supervise wants done.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SuperviseOut {
+    /// Answer the commit.
+    Verdict(Verdict),
+    /// Tell the driver.
+    Command(u64, Writer, Command),
+    /// Let the driver move until then.
+    Lease(Time),
+    /// Ask the reflex to take the robot back; the filter is closed under this token.
+    RollBack {
+        /// The token.
+        token: u64,
+        /// What to roll back.
+        motion: Motion,
+        /// Whether it is another try.
+        again: bool,
+    },
+    /// Tell the agent that its motion has ended.
+    Ended(Arc<str>, CommitId, MotionEnd),
+    /// Tell the taps.
+    Event(Event),
+}
+
+/// How a closed filter comes to its end.
+#[derive(Clone, Debug, PartialEq)]
+enum Closing {
+    /// Nothing is pending: open, or holding with the outcome given.
+    No,
+    /// When the readings are fresh and the robot rests, measure where it is; not before this time.
+    Settle(Time),
+    /// The reflex acts and will tell.
+    Reflex,
+}
+
+/// The state machine. Its transactions live in the ledger.
+#[derive(Debug)]
+pub struct SuperviseCore {
+    rules: Arc<Rules>,
+    gate: Arc<Gate>,
+    ledger: Ledger,
+    /// The token as far as supervise knows.
+    token: u64,
+    status: Status,
+    closing: Closing,
+    /// The newest reading: when, where, whether at rest and free.
+    newest: Option<(Time, Pose, bool, bool)>,
+    /// The newest reading at rest and free.
+    rest: Option<(Time, Pose, f64)>,
+    /// Since when the board has said that the motion is done.
+    done_since: Option<Time>,
+    /// The safe pose of a way back that failed, for another try.
+    retry: Option<Motion>,
+    /// A commit's start: when it was accepted, from where, and how long it should take.
+    course: Option<(Time, f64, f64)>,
+    shutdown: bool,
+}
+
+impl SuperviseCore {
+    /// Starts closed: nothing moves until the readings are fresh, the robot rests, and the open transaction, if a
+    /// predecessor left one, has its outcome (I10). Returns what is to be done first.
+    pub fn new(rules: Arc<Rules>, gate: Arc<Gate>, ledger: Ledger, now: Time) -> (SuperviseCore, Vec<SuperviseOut>) {
+        let token = gate.token();
+        let open = ledger.book().open.is_some();
+        let mut core = SuperviseCore {
+            rules,
+            gate,
+            ledger,
+            token,
+            status: Status::Starting,
+            closing: Closing::Settle(now),
+            newest: None,
+            rest: None,
+            done_since: None,
+            retry: None,
+            course: None,
+            shutdown: false,
+        };
+        let mut out = Vec::new();
+        if open || Gate::opens(token) {
+            core.interrupt(Cause::ActorDied("supervise".into()), Status::Holding(Hold::Restarted), now, &mut out);
+        } else {
+            core.enter(Status::Starting, &mut out);
+        }
+        (core, out)
+    }
+
+    /// The filter's state.
+    pub fn status(&self) -> Status {
+        self.status
+    }
+
+    /// Whether the robot rests with every outcome given.
+    pub fn is_settled(&self) -> bool {
+        self.closing == Closing::No && matches!(self.status, Status::Rest | Status::Holding(_))
+    }
+
+    /// One step.
+    pub fn on(&mut self, input: SuperviseIn, now: Time) -> Vec<SuperviseOut> {
+        let mut out = Vec::new();
+        self.note_death(now, &mut out);
+        match input {
+            SuperviseIn::Commit(commit) => {
+                let agent = commit.agent.clone();
+                let verdict = self.commit(commit, now, &mut out);
+                if let Err(refusal) = &verdict {
+                    let (robot, agent, refusal) = (self.rules.robot.clone(), agent.to_string(), refusal.clone());
+                    out.push(SuperviseOut::Event(Event::Refused { robot, agent, refusal }));
+                }
+                out.insert(0, SuperviseOut::Verdict(verdict));
+            }
+            SuperviseIn::Stop(agent) => {
+                if self.is_moving() && self.owner().is_some_and(|a| a == agent) {
+                    self.interrupt(Cause::Asked, Status::Stopping, now, &mut out);
+                }
+            }
+            SuperviseIn::AgentDied(agent) => {
+                if self.is_moving() && self.owner().is_some_and(|a| a == agent) {
+                    self.roll_back(Cause::AgentDied, now, &mut out);
+                }
+            }
+            SuperviseIn::Pulse(pulse) => self.pulse(pulse, &mut out),
+            SuperviseIn::Tick => {
+                let stale = self.newest.as_ref().is_none_or(|(at, ..)| now > *at + self.rules.fresh);
+                let known = matches!(self.status, Status::Starting | Status::Holding(Hold::Stale));
+                if stale && !known && !matches!(self.closing, Closing::Settle(_)) {
+                    self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), now, &mut out);
+                }
+            }
+            SuperviseIn::Fault(what) => {
+                if self.status != Status::Holding(Hold::BoardFault) {
+                    self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), now, &mut out);
+                }
+            }
+            SuperviseIn::Closed(token, cause) => self.closed(token, cause, now, &mut out),
+            SuperviseIn::Word(word) => self.word(word, now, &mut out),
+            SuperviseIn::Recover => self.recover(now, &mut out),
+            SuperviseIn::Shutdown => {
+                self.shutdown = true;
+                if self.is_moving() || self.status == Status::Rest {
+                    self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), now, &mut out);
+                }
+            }
+            SuperviseIn::Abandon => {
+                self.shutdown = true;
+                if self.closing != Closing::No || self.is_moving() {
+                    self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), now, &mut out);
+                    self.end(None, &mut out);
+                    self.closing = Closing::No;
+                }
+            }
+        }
+        out
+    }
+
+    fn is_moving(&self) -> bool {
+        matches!(self.status, Status::Moving | Status::Escaping)
+    }
+
+    fn owner(&self) -> Option<Arc<str>> {
+        self.ledger.book().open.as_ref().map(|o| o.agent.clone())
+    }
+
+    fn enter(&mut self, status: Status, out: &mut Vec<SuperviseOut>) {
+        self.ledger.book().status = status;
+        if std::mem::replace(&mut self.status, status) != status || status == Status::Starting {
+            out.push(SuperviseOut::Event(Event::State { robot: self.rules.robot.clone(), status }));
+        }
+    }
+
+    /// Closes the filter and stops the robot.
+    fn close(&mut self, cause: Cause, out: &mut Vec<SuperviseOut>) {
+        self.token = self.gate.close();
+        let (robot, token) = (self.rules.robot.clone(), self.token);
+        out.push(SuperviseOut::Event(Event::Disabled { robot, token, cause }));
+        out.push(SuperviseOut::Command(token, Writer::Reflex, Command::Stop { motors: Vec::new() }));
+    }
+
+    /// Something ends the motion that is no matter for the reflex: close, stop, then measure.
+    fn interrupt(&mut self, cause: Cause, status: Status, now: Time, out: &mut Vec<SuperviseOut>) {
+        self.close(cause.clone(), out);
+        self.give_cause(cause);
+        self.closing = Closing::Settle(now + self.rules.reaction());
+        self.enter(status, out);
+    }
+
+    /// The cause that was there first stays.
+    fn give_cause(&self, cause: Cause) {
+        if let Some(open) = &mut self.ledger.book().open {
+            open.cause.get_or_insert(cause);
+        }
+    }
+
+    /// An actor of the controller died since we looked last: its successor knows nothing of the motion.
+    fn note_death(&mut self, now: Time, out: &mut Vec<SuperviseOut>) {
+        let died = self.ledger.book().died.take();
+        let Some(actor) = died else { return };
+        let status = if self.status == Status::Starting { Status::Starting } else { Status::Holding(Hold::Restarted) };
+        self.interrupt(Cause::ActorDied(actor), status, now, out);
+    }
+
+    /// The motion is to be rolled back for a reason that supervise saw. An escape has no way back: it is measured.
+    fn roll_back(&mut self, cause: Cause, now: Time, out: &mut Vec<SuperviseOut>) {
+        let motion = self.motion();
+        match motion.filter(|m| m.safe.is_some()) {
+            Some(motion) => {
+                self.close(cause.clone(), out);
+                self.give_cause(cause);
+                self.closing = Closing::Reflex;
+                self.enter(Status::Stopping, out);
+                out.push(SuperviseOut::RollBack { token: self.token, motion, again: false });
+            }
+            None => self.interrupt(cause, Status::Stopping, now, out),
+        }
+    }
+
+    fn motion(&self) -> Option<Motion> {
+        self.ledger.book().open.as_ref().map(|o| Motion { id: o.id, safe: o.safe.clone() })
+    }
+
+    /// The reflex closed the filter.
+    fn closed(&mut self, token: u64, cause: Cause, now: Time, out: &mut Vec<SuperviseOut>) {
+        if token != self.gate.token() {
+            return; // somebody closed it anew since
+        }
+        self.token = token;
+        if self.is_moving() {
+            self.give_cause(cause);
+            self.closing = Closing::Reflex;
+            self.enter(Status::Stopping, out);
+        } else {
+            self.closing = Closing::Settle(now + self.rules.reaction());
+            self.enter(Status::Holding(Hold::InContact), out);
+        }
+    }
+
+    /// How the way back goes.
+    fn word(&mut self, word: Word, now: Time, out: &mut Vec<SuperviseOut>) {
+        if self.closing != Closing::Reflex || self.token != self.gate.token() {
+            return;
+        }
+        match word {
+            Word::Retreating => self.enter(Status::Retreating, out),
+            Word::Settling => self.enter(Status::Settling, out),
+            // the outcome is measured at the next reading, which is the one that the reflex judged by
+            Word::Back | Word::Stopped => self.closing = Closing::Settle(Time::ZERO),
+            Word::GaveUp(hold) => {
+                self.retry = self.retry.take().or(self.motion()).filter(|m| m.safe.is_some());
+                self.end(Some(Outcome::Faulted), out);
+                self.closing = if hold == Hold::Stale { Closing::Settle(now) } else { Closing::No };
+                self.enter(Status::Holding(hold), out);
+            }
+        }
+    }
+
+    /// Tries the failed way back again.
+    fn recover(&mut self, _now: Time, out: &mut Vec<SuperviseOut>) {
+        if self.closing != Closing::No || !matches!(self.status, Status::Holding(_)) {
+            return;
+        }
+        let Some(motion) = self.retry.clone() else { return };
+        self.close(Cause::Asked, out);
+        self.closing = Closing::Reflex;
+        self.enter(Status::Stopping, out);
+        out.push(SuperviseOut::RollBack { token: self.token, motion, again: true });
+    }
+
+    /// Algorithm 5: a command arrives.
+    fn commit(&mut self, commit: Commit, now: Time, out: &mut Vec<SuperviseOut>) -> Verdict {
+        check(&commit.target, &self.rules)?;
+        if self.shutdown {
+            return Err(Refusal::Holding { reason: Hold::ShuttingDown });
+        }
+        let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
+        let (at, here, at_rest) = match &self.newest {
+            Some((at, q, rest, _)) => (*at, q.clone(), *rest),
+            None => return not_ready("a first reading of the encoders"),
+        };
+        if now > at + self.rules.fresh {
+            return not_ready("fresh readings of the encoders");
+        }
+        match self.status {
+            Status::Starting => not_ready("the robot to come to rest"),
+            Status::Stopping | Status::Retreating | Status::Settling => Err(Refusal::Closed),
+            Status::Holding(reason) if self.closing != Closing::No => Err(Refusal::Holding { reason }),
+            Status::Moving | Status::Escaping => self.amend(commit, here, now, out),
+            Status::Rest if self.gate.token() != self.token => Err(Refusal::Closed),
+            Status::Rest => {
+                let Some((at, q, speed)) = self.rest.clone().filter(|(at, ..)| now <= *at + self.rules.fresh) else {
+                    return not_ready("the robot to come to rest");
+                };
+                let safe = self.safe_pose(&q);
+                let (robot, age) = (self.rules.robot.clone(), now.since(at).as_secs_f64());
+                out.push(SuperviseOut::Event(Event::SafePose { robot, q: safe.clone(), age, speed, free: true }));
+                self.accept(commit, Some((at, safe)), here, now, out)
+            }
+            Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
+            Status::Holding(_) => {
+                let Some(token) = self.gate.open(self.token) else { return Err(Refusal::Closed) };
+                self.token = token;
+                out.push(SuperviseOut::Event(Event::Enabled { robot: self.rules.robot.clone(), token }));
+                self.accept(commit, None, here, now, out)
+            }
+        }
+    }
+
+    /// The safe pose for a robot that rests at `q`: the last one if the reading confirms it, so that many rollbacks to
+    /// one vertex do not drift with the encoders' noise.
+    fn safe_pose(&self, q: &Pose) -> Pose {
+        let mut book = self.ledger.book();
+        let kept = book.safe.clone().filter(|safe| distance(safe, q) <= 0.25 * self.rules.tolerance);
+        let safe = kept.unwrap_or_else(|| q.clone());
+        book.safe = Some(safe.clone());
+        safe
+    }
+
+    fn accept(
+        &mut self,
+        commit: Commit,
+        safe: Option<(Time, Pose)>,
+        here: Pose,
+        now: Time,
+        out: &mut Vec<SuperviseOut>,
+    ) -> Verdict {
+        let escape = safe.is_none();
+        let target = self.limited(commit.target, escape);
+        let whole = target.pose(&here);
+        let (due, secs) = self.due(&target, &here, now);
+        let id = {
+            let mut book = self.ledger.book();
+            book.last_id += 1;
+            let id = CommitId(book.last_id);
+            let (agent, target) = (commit.agent.clone(), whole.clone());
+            book.open = Some(Open { id, agent, target, safe, since: now, due, cause: None });
+            id
+        };
+        self.retry = None;
+        self.done_since = None;
+        self.course = Some((now, distance(&whole, &here), secs));
+        let (robot, agent) = (self.rules.robot.clone(), commit.agent.to_string());
+        out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target: whole, escape }));
+        self.enter(if escape { Status::Escaping } else { Status::Moving }, out);
+        out.push(SuperviseOut::Command(
+            self.token,
+            Writer::Agent,
+            Command::Move(target.in_step(&here, &self.rules.axes)),
+        ));
+        Ok(id)
+    }
+
+    /// A command in mid-motion changes the open transaction: same id, same safe pose.
+    fn amend(&mut self, commit: Commit, here: Pose, now: Time, out: &mut Vec<SuperviseOut>) -> Verdict {
+        if self.gate.token() != self.token {
+            return Err(Refusal::Closed);
+        }
+        let escape = self.status == Status::Escaping;
+        let target = self.limited(commit.target, escape);
+        let whole = target.pose(&here);
+        let (due, secs) = self.due(&target, &here, now);
+        let id = {
+            let mut book = self.ledger.book();
+            let Some(open) = book.open.as_mut() else {
+                return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() });
+            };
+            if open.agent != commit.agent {
+                return Err(Refusal::Busy);
+            }
+            open.target = whole.clone();
+            open.since = now;
+            open.due = due;
+            open.id
+        };
+        self.done_since = None;
+        self.course = Some((now, distance(&whole, &here), secs));
+        out.push(SuperviseOut::Event(Event::Amended { robot: self.rules.robot.clone(), id, target: whole }));
+        // from a moving start the motors can't be kept in step exactly; the board replans each from where it is
+        let command = Command::Move(target.in_step(&here, &self.rules.axes));
+        out.push(SuperviseOut::Command(self.token, Writer::Agent, command));
+        Ok(id)
+    }
+
+    fn limited(&self, target: Target, escape: bool) -> Target {
+        let speed = if escape { target.speed.min(self.rules.escape_speed) } else { target.speed };
+        Target { speed, ..target }
+    }
+
+    /// When the motion must have ended, and how long it should take: at a mean speed of half the greatest.
+    fn due(&self, target: &Target, here: &Pose, now: Time) -> (Time, f64) {
+        let ways = target.motors.iter().zip(&target.q).filter_map(|(m, q)| {
+            let (axis, here) = (self.rules.axes.get(*m)?, here.get(*m)?);
+            let way = (q - here).abs();
+            let push = (way / axis.max_acceleration.max(1e-6)).sqrt();
+            Some(2.0 * way / (target.speed * axis.max_speed).max(1e-6) + 2.0 * push)
+        });
+        let secs = ways.fold(0.0, f64::max) + self.rules.latency.as_secs_f64();
+        (now + Duration::from_secs_f64((2.0 * secs + 1.0).min(1e6)), secs)
+    }
+
+    /// Locks the ledger for a moment.
+    fn with_book<T>(&self, f: impl FnOnce(&mut Book) -> T) -> T {
+        f(&mut self.ledger.book())
+    }
+}
+
+#[cfg(test)]
+mod tests;

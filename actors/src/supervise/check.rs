@@ -1,0 +1,42 @@
+//! What a commit must satisfy before anything else is asked (I5).
+
+use crate::controller::Rules;
+use mobee_contract::{Refusal, Target};
+
+/// Whether the target fits the board.
+///
+/// # Errors
+/// The first thing that does not.
+pub fn check(target: &Target, rules: &Rules) -> Result<(), Refusal> {
+    let malformed = |what: String| Err(Refusal::Malformed { what });
+    if target.motors.is_empty() {
+        return malformed("it names no motor".into());
+    }
+    if target.motors.len() != target.q.len() {
+        return malformed(format!("{} motors with {} positions", target.motors.len(), target.q.len()));
+    }
+    if !(target.speed > 0.0 && target.speed <= 1.0) {
+        return Err(Refusal::Speed { speed: target.speed.to_string() });
+    }
+    let mut seen = vec![false; rules.axes.len()];
+    for (motor, q) in target.motors.iter().zip(&target.q) {
+        let (Some(axis), Some(seen)) = (rules.axes.get(*motor), seen.get_mut(*motor)) else {
+            return malformed(format!("there is no motor {motor}; the board has {}", rules.axes.len()));
+        };
+        if std::mem::replace(seen, true) {
+            return malformed(format!("motor {} is named twice", axis.name));
+        }
+        if !q.is_finite() {
+            return Err(Refusal::NotFinite { motor: axis.name.clone() });
+        }
+        if *q < axis.min || *q > axis.max {
+            return Err(Refusal::Limits {
+                motor: axis.name.clone(),
+                q_deg: q.to_degrees(),
+                min_deg: axis.min.to_degrees(),
+                max_deg: axis.max.to_degrees(),
+            });
+        }
+    }
+    Ok(())
+}

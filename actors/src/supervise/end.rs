@@ -1,0 +1,157 @@
+//! How motions end: what each reading decides.
+
+use super::{Closing, SuperviseCore, SuperviseOut};
+use crate::controller::distance;
+use crate::gate::Gate;
+use crate::pulse::Pulse;
+use crate::reflex::{FROZEN, FROZEN_WAY};
+use mobee_contract::{Cause, Event, Hold, MotionEnd, Outcome, Status, Time};
+use std::time::Duration;
+
+/// How long the board may say "done" away from the target.
+const MISSED: Duration = Duration::from_millis(200);
+
+impl SuperviseCore {
+    /// A reading came through the whole chain: all live. Renew the lease, and see whether something has ended.
+    pub(super) fn pulse(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
+        let at = pulse.sample.at;
+        let at_rest = pulse.speed < self.rules.rest_speed;
+        if self.newest.as_ref().is_some_and(|(newest, ..)| at <= *newest) {
+            return;
+        }
+        self.newest = Some((at, pulse.sample.q.clone(), at_rest, pulse.free));
+        if at_rest && pulse.free {
+            self.rest = Some((at, pulse.sample.q.clone(), pulse.speed));
+        }
+        if self.gate.token() != self.token {
+            return; // somebody closed the filter, and will tell why
+        }
+        match self.closing {
+            Closing::Settle(after) => {
+                if at_rest && at >= after {
+                    self.settle(pulse, out);
+                }
+            }
+            Closing::Reflex => out.push(SuperviseOut::Lease(at + self.rules.fresh)),
+            Closing::No => {
+                out.push(SuperviseOut::Lease(at + self.rules.fresh));
+                match self.status {
+                    Status::Moving | Status::Escaping => self.moving(pulse, at_rest, out),
+                    Status::Holding(Hold::InContact) if at_rest && pulse.free => self.reopen(out),
+                    _ => {}
+                }
+            }
+        }
+    }
+
+    /// The robot rests: the open transaction, if any, gets the outcome that the pose shows; then open, or hold.
+    fn settle(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
+        self.end(None, out);
+        self.closing = Closing::No;
+        let hold = match self.status {
+            _ if self.shutdown => Some(Hold::ShuttingDown),
+            _ if !pulse.free => Some(Hold::InContact),
+            _ => None,
+        };
+        match hold {
+            Some(reason) => self.enter(Status::Holding(reason), out),
+            None => self.reopen(out),
+        }
+    }
+
+    /// All is well: open the filter.
+    fn reopen(&mut self, out: &mut Vec<SuperviseOut>) {
+        self.retry = None;
+        if !Gate::opens(self.token) {
+            let Some(token) = self.gate.open(self.token) else { return };
+            self.token = token;
+            out.push(SuperviseOut::Event(Event::Enabled { robot: self.rules.robot.clone(), token }));
+        }
+        self.enter(Status::Rest, out);
+    }
+
+    /// Gives the open transaction its one outcome (I2): as told, or as the newest reading shows.
+    pub(super) fn end(&mut self, told: Option<Outcome>, out: &mut Vec<SuperviseOut>) {
+        let open = self.with_book(|book| book.open.take());
+        let Some(open) = open else { return };
+        let recorded = || self.with_book(|b| b.history.newest().map(|r| r.q.clone()));
+        let newest = self.newest.as_ref().map(|(_, q, ..)| q.clone());
+        let q = newest.or_else(recorded).unwrap_or_else(|| open.target.clone());
+        let near = |pose: &[f64]| distance(&q, pose) <= self.rules.tolerance;
+        let safe = open.safe.map(|(_, pose)| pose);
+        let outcome = told.unwrap_or_else(|| match &safe {
+            // a rollback of a motion that was nearly there is still one
+            Some(safe) if self.status == Status::Settling && near(safe) => Outcome::RolledBack,
+            _ if self.status != Status::Settling && near(&open.target) => Outcome::Committed,
+            Some(safe) if near(safe) => Outcome::RolledBack,
+            _ => Outcome::Faulted,
+        });
+        let end = if outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed };
+        let cause = open.cause.filter(|_| outcome != Outcome::Committed);
+        let robot = self.rules.robot.clone();
+        out.push(SuperviseOut::Event(Event::Outcome { robot, id: open.id, outcome, q, safe, cause }));
+        out.push(SuperviseOut::Ended(open.agent, open.id, end));
+    }
+
+    /// A motion is under way: has it ended, or gone wrong?
+    fn moving(&mut self, pulse: &Pulse, at_rest: bool, out: &mut Vec<SuperviseOut>) {
+        let at = pulse.sample.at;
+        let q = &pulse.sample.q;
+        let (target, since, due) = match self.with_book(|b| b.open.as_ref().map(|o| (o.target.clone(), o.since, o.due)))
+        {
+            Some(open) => open,
+            None => return,
+        };
+        let done = pulse.sample.done.iter().all(|d| *d);
+        let away = distance(q, &target);
+        if done && at_rest && at > since && away <= self.rules.tolerance {
+            self.done(pulse, out);
+            return;
+        }
+        let reacted = at >= since + self.rules.reaction();
+        self.done_since = if done && reacted { self.done_since.or(Some(at)) } else { None };
+        if self.done_since.is_some_and(|t| at >= t + MISSED) || at > due {
+            self.roll_back(Cause::TargetMissed, at, out);
+        } else if away > FROZEN_WAY && self.is_frozen(at, pulse.unchanged) {
+            self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), at, out);
+        } else {
+            self.keep_in_history(out);
+        }
+    }
+
+    /// The robot rests at its target.
+    fn done(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
+        let escaped = self.status == Status::Escaping;
+        self.end(Some(Outcome::Committed), out);
+        if escaped && !pulse.free {
+            self.close(Cause::Contact(pulse.contacts.to_vec()), out);
+            self.enter(Status::Holding(Hold::InContact), out);
+        } else {
+            self.enter(Status::Rest, out);
+        }
+    }
+
+    /// Whether the readings have been equal bit for bit while the farthest motor should have gone on, at the motion's
+    /// mean speed.
+    fn is_frozen(&self, at: Time, unchanged: Time) -> bool {
+        let Some((begun, way, secs)) = self.course else { return false };
+        let still = at.since(unchanged.max(begun + self.rules.reaction()));
+        still >= FROZEN && way / secs.max(1e-3) * still.as_secs_f64() > FROZEN_WAY
+    }
+
+    /// A motion that outlasts the history takes its safe pose along: all that was recorded in it was free, else the
+    /// reflex would have ended it.
+    fn keep_in_history(&mut self, out: &mut Vec<SuperviseOut>) {
+        let moved = self.with_book(|book| {
+            let open = book.open.as_mut()?;
+            let (at, _) = open.safe.as_ref()?;
+            let later = book.history.later_start(*at)?;
+            open.safe = Some((later.at, later.q.clone()));
+            Some((open.id, later.q.clone()))
+        });
+        if let Some((id, q)) = moved {
+            let robot = self.rules.robot.clone();
+            out.push(SuperviseOut::Event(Event::SafePoseMoved { robot, id, q }));
+        }
+    }
+}

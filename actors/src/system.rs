@@ -1,0 +1,154 @@
+//! The whole system: robots, model, agents and script, composed from a [`Setup`], run to its end.
+
+mod counts;
+mod cues;
+mod run;
+mod tree;
+
+pub use counts::Counts;
+pub use cues::{Cues, ScriptStep, When};
+pub use run::run;
+
+use crate::clock::ClockKind;
+use crate::controller::Controller;
+use crate::supervision::Health;
+use crate::tap::Taps;
+use mobee_contract::{Agent, Hardware, Snapshot, Time};
+use mobee_model::{Edit, Scene};
+use std::fmt;
+use std::sync::Arc;
+
+/// Makes an agent, at the start and after each of its deaths.
+pub type AgentMaker = Arc<dyn Fn() -> Result<Box<dyn Agent>, String> + Send + Sync>;
+
+/// What to run.
+pub struct Setup {
+    /// The world: its robots, in this order, are those of `robots`.
+    pub scene: Scene,
+    /// Hardware, controller and agent of each robot.
+    pub robots: Vec<RobotSetup>,
+    /// The seed of everything random, for the journal.
+    pub seed: u64,
+    /// How time passes.
+    pub clock: ClockKind,
+    /// Who is told. The caller finishes them after the run, with the event `Ended`.
+    pub taps: Taps,
+    /// The resolved configuration, for the journal.
+    pub config: serde_json::Value,
+    /// Edits of the world that wait for their moment.
+    pub script: Vec<ScriptStep>,
+}
+
+/// One robot of a [`Setup`].
+pub struct RobotSetup {
+    /// Its name: the key of all its events. Unique in the setup.
+    pub name: String,
+    /// Its board.
+    pub hardware: Arc<dyn Hardware>,
+    /// Its controller's settings.
+    pub controller: Controller,
+    /// Its agent, if it has one.
+    pub agent: Option<AgentMaker>,
+}
+
+/// What a running system can be told.
+#[derive(Debug)]
+pub enum Control {
+    /// End in order: motions stop, robots rest, every commit has its outcome (I17).
+    Stop,
+    /// End at once: drivers stop the boards, outcomes by the newest readings.
+    Abort,
+    /// Change the world.
+    Edit(Edit),
+    /// Kill an actor, as a fault would: `model`, `<robot>/driver`, `<robot>/agent` and so on.
+    Kill(String),
+    /// Try a robot's failed way back again.
+    Recover(String),
+    /// How all actors are.
+    Status(tokio::sync::oneshot::Sender<Vec<Health>>),
+}
+
+/// How far a run is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Progress {
+    /// Time of the run.
+    pub at: Time,
+    /// The counters.
+    pub counts: Counts,
+}
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// All agents are done.
+    Done,
+    /// The time limit.
+    Time,
+    /// A stop or an abort.
+    Interrupted,
+    /// A supervisor used up its restarts.
+    GaveUp,
+    /// The journal can't be kept up.
+    NoJournal,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Reason::Done => "done",
+            Reason::Time => "time",
+            Reason::Interrupted => "interrupted",
+            Reason::GaveUp => "gave up",
+            Reason::NoJournal => "no journal",
+        })
+    }
+}
+
+/// How a run ended.
+#[derive(Clone, Debug)]
+pub struct RunEnd {
+    /// Why.
+    pub reason: Reason,
+    /// When.
+    pub ended_at: Time,
+    /// The counters.
+    pub counts: Counts,
+    /// The agents' last states, by robot.
+    pub snapshots: Vec<(String, Snapshot)>,
+    /// The world at the end.
+    pub scene: Arc<Scene>,
+}
+
+/// Why a run could not begin.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The robots of scene and setup differ.
+    #[error("the scene has {scene} robots, the setup {setup}; give each robot of the scene one entry")]
+    Robots {
+        /// In the scene.
+        scene: usize,
+        /// In the setup.
+        setup: usize,
+    },
+    /// A board and its robot model differ.
+    #[error("robot {robot}: the board has {board} motors, its model {model}; use the model of this robot")]
+    Board {
+        /// The robot.
+        robot: String,
+        /// Motors of the board.
+        board: usize,
+        /// Motors of the model.
+        model: usize,
+    },
+    /// The board can't be reached.
+    #[error("robot {robot}: {fault}; see that it is switched on and connected")]
+    Connect {
+        /// The robot.
+        robot: String,
+        /// Why.
+        fault: String,
+    },
+    /// The system gives no thread, timer or poller, or an actor could not be started.
+    #[error("the system could not be started: {0}")]
+    Start(String),
+}

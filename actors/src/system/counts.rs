@@ -1,0 +1,71 @@
+//! What is counted while a run goes on.
+
+use mobee_contract::{Event, Outcome, Status, Summary};
+use std::collections::BTreeMap;
+
+/// Counters of a run, all robots together.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Counts {
+    /// Encoder readings.
+    pub samples: u64,
+    /// Accepted commits.
+    pub commits: u64,
+    /// Of these, escapes.
+    pub escapes: u64,
+    /// Refused commits.
+    pub refused: u64,
+    /// Motions that reached their target.
+    pub committed: u64,
+    /// Motions that the reflex took back.
+    pub rolled_back: u64,
+    /// Motions that ended elsewhere.
+    pub faulted: u64,
+    /// Contacts that began.
+    pub contacts: u64,
+    /// Contacts that reached distance zero by a motion of the robot.
+    pub hard_contacts: u64,
+    /// Restarts of actors.
+    pub restarts: u64,
+    /// Groups that used up their restarts.
+    pub gave_up: u64,
+    /// Retreats that were given up.
+    pub retreats_stopped: u64,
+    /// Commands thrown away.
+    pub commands_dropped: u64,
+    /// The filters' states, by robot.
+    pub status: BTreeMap<String, Status>,
+    /// What the agents said at their end, by robot.
+    pub done: BTreeMap<String, Summary>,
+}
+
+impl Counts {
+    /// Takes in an event.
+    pub fn note(&mut self, event: &Event) {
+        match event {
+            Event::Commit { escape, .. } => {
+                self.commits += 1;
+                self.escapes += u64::from(*escape);
+            }
+            Event::Refused { .. } => self.refused += 1,
+            Event::Outcome { outcome: Outcome::Committed, .. } => self.committed += 1,
+            Event::Outcome { outcome: Outcome::RolledBack, .. } => self.rolled_back += 1,
+            Event::Outcome { outcome: Outcome::Faulted, .. } => self.faulted += 1,
+            Event::ContactBegan { .. } => self.contacts += 1,
+            Event::HardContact { .. } => self.hard_contacts += 1,
+            Event::RetreatStopped { .. } => self.retreats_stopped += 1,
+            Event::CommandDropped { .. } => self.commands_dropped += 1,
+            Event::State { robot, status } => {
+                self.status.insert(robot.clone(), *status);
+            }
+            Event::Done { robot, summary } => {
+                self.done.insert(robot.clone(), summary.clone());
+            }
+            _ => {}
+        }
+    }
+
+    /// Outcomes given.
+    pub fn outcomes(&self) -> u64 {
+        self.committed + self.rolled_back + self.faulted
+    }
+}

@@ -1,0 +1,301 @@
+//! A run from its first event to its end.
+
+use super::{Control, Counts, Cues, Progress, Reason, RunEnd, RunError, Setup, tree};
+use crate::clock::{Clock, ClockKind, runtime};
+use crate::controller::{Rules, distance};
+use crate::gate::Gate;
+use crate::ledger::Ledger;
+use crate::shell::{AgentMsg, Maker, ModelMsg, SuperviseMsg};
+use crate::stream::Stream;
+use crate::supervision::{Group, GroupMsg};
+use crate::wiring::{Cell, Hub, Latest, Line, Plug, Wires};
+use mobee_contract::{Board, Event, Outcome, Status, Time};
+use mobee_model::Contact;
+use ractor::ActorRef;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use std::time::Duration;
+use tokio::sync::{mpsc, oneshot};
+
+/// How often the run looks whether it has ended.
+const TICK: Duration = Duration::from_millis(100);
+/// How often it tells its progress.
+const TELL: Duration = Duration::from_secs(1);
+/// How long robots may take to come to rest at the end.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Runs the system until all agents are done, the limit has passed, it is told to stop, or it gives up.
+///
+/// In real time the safety chain has a thread and a runtime of its own; agents share the caller's.
+///
+/// # Errors
+/// If it can't begin; nothing has moved then.
+pub fn run(
+    setup: Setup,
+    controls: mpsc::Receiver<Control>,
+    limit: Option<Duration>,
+    progress: impl FnMut(&Progress),
+) -> Result<RunEnd, RunError> {
+    let start = |e: std::io::Error| RunError::Start(e.to_string());
+    let boards = setup.robots.iter().zip(setup.scene.robots()).map(|(robot, model)| {
+        let name = robot.name.clone();
+        let fault = |f: mobee_contract::DriverFault| RunError::Connect { robot: name.clone(), fault: f.to_string() };
+        let board = robot.hardware.connect().map_err(fault)?.board().clone();
+        let (n, m) = (board.axes.len(), model.motors.len());
+        if n == m { Ok(board) } else { Err(RunError::Board { robot: robot.name.clone(), board: n, model: m }) }
+    });
+    let boards: Vec<Board> = boards.collect::<Result<_, _>>()?;
+    let (in_scene, in_setup) = (setup.scene.robots().len(), setup.robots.len());
+    if in_scene != in_setup {
+        return Err(RunError::Robots { scene: in_scene, setup: in_setup });
+    }
+    let kind = setup.clock;
+    let main = runtime(kind).map_err(start)?;
+    if kind == ClockKind::Virtual {
+        return main.block_on(conduct(setup, boards, None, controls, limit, progress));
+    }
+    let safety = runtime(kind).map_err(start)?;
+    let handle = safety.handle().clone();
+    let (end, ended) = oneshot::channel::<()>();
+    let thread = std::thread::Builder::new().name("safety".into()).spawn(move || {
+        let _ = safety.block_on(ended);
+    });
+    let thread = thread.map_err(start)?;
+    let result = main.block_on(conduct(setup, boards, Some(handle), controls, limit, progress));
+    drop(end);
+    let _ = thread.join();
+    result
+}
+
+/// Starts a group, on the safety chain's runtime if it has one.
+async fn begin(group: Group, on: Option<&tokio::runtime::Handle>) -> Result<ActorRef<GroupMsg>, RunError> {
+    let failed = |e: String| RunError::Start(e);
+    match on {
+        None => group.start(None).await.map_err(|e| failed(e.to_string())),
+        Some(handle) => {
+            let started = handle.spawn(async move { group.start(None).await.map_err(|e| e.to_string()) });
+            started.await.map_err(|e| failed(e.to_string()))?.map_err(failed)
+        }
+    }
+}
+
+async fn conduct(
+    setup: Setup,
+    boards: Vec<Board>,
+    safety: Option<tokio::runtime::Handle>,
+    mut controls: mpsc::Receiver<Control>,
+    limit: Option<Duration>,
+    mut progress: impl FnMut(&Progress),
+) -> Result<RunEnd, RunError> {
+    let clock = Clock::new(setup.clock);
+    let plugs: Vec<Plug> = setup.robots.iter().map(|r| Plug(r.hardware.clone())).collect();
+    let makers: Vec<Option<Maker>> = setup.robots.iter().map(|r| r.agent.clone().map(Maker)).collect();
+    let acting = makers.iter().filter(|m| m.is_some()).count();
+    let hub = wire(setup, &boards, clock.clone());
+    let controller = begin(tree::controller(&hub, &plugs), safety.as_ref()).await?;
+    let agents = begin(tree::agents(&hub, &makers), None).await?;
+
+    let limit = limit.map(|l| Time::ZERO + l);
+    let mut told = Time::ZERO;
+    let mut listening = true;
+    let reason = loop {
+        let now = clock.now();
+        let wake = [Some(now + TICK), limit, hub.cues.lock().next_time()].into_iter().flatten().min().unwrap_or(now);
+        let control = tokio::select! {
+            biased;
+            control = controls.recv(), if listening => { listening = control.is_some(); control }
+            () = clock.sleep_until(wake) => None,
+        };
+        match control {
+            Some(Control::Stop) => break Reason::Interrupted,
+            Some(Control::Abort) => {
+                abandon(&hub).await;
+                break Reason::Interrupted;
+            }
+            Some(other) => obey(other, &hub, &controller, &agents).await,
+            None => {}
+        }
+        let now = clock.now();
+        let due = hub.cues.lock().time(now);
+        for edit in due {
+            hub.model.send(ModelMsg::Edit(edit, None));
+        }
+        let counts = hub.counts.lock().clone();
+        if now >= told + TELL {
+            told = now;
+            progress(&Progress { at: now, counts: counts.clone() });
+        }
+        if hub.taps.failed().is_some() {
+            break Reason::NoJournal;
+        }
+        if counts.gave_up > 0 {
+            break Reason::GaveUp;
+        }
+        if acting > 0 && counts.done.len() >= acting && hub.robots.iter().all(|w| w.latest.lock().ready) {
+            break Reason::Done;
+        }
+        if limit.is_some_and(|l| now >= l) {
+            break Reason::Time;
+        }
+    };
+    come_to_rest(&hub).await;
+    let _ = ractor::call!(agents, GroupMsg::Stop);
+    let _ = ractor::call!(controller, GroupMsg::Stop);
+    hub.robots.iter().for_each(|w| settle_ledger(&hub, w));
+    for wires in &hub.robots {
+        [&wires.to_history, &wires.to_reflex, &wires.to_supervise].into_iter().for_each(|s| hub.tell(s.link()));
+    }
+    hub.tell(hub.to_model.link());
+    let counts = hub.counts.lock().clone();
+    progress(&Progress { at: clock.now(), counts: counts.clone() });
+    let snapshots = hub.robots.iter().filter_map(|w| Some((w.rules.robot.clone(), w.snapshot.lock().clone()?)));
+    let snapshots = snapshots.collect();
+    let scene = hub.scene.lock().clone();
+    Ok(RunEnd { reason, ended_at: clock.now(), counts, snapshots, scene })
+}
+
+/// Makes the wires, and tells what is run.
+fn wire(setup: Setup, boards: &[Board], clock: Clock) -> Arc<Hub> {
+    let none: Arc<[Contact]> = Vec::new().into();
+    let homes = setup.scene.home();
+    let robots = setup.robots.iter().zip(boards).zip(setup.scene.robots()).enumerate();
+    let robots = robots.map(|(i, ((robot, board), model))| {
+        let parts = model.parts.iter().map(|p| p.name.clone()).collect();
+        let rules = Arc::new(Rules::new(&robot.name, parts, &robot.controller, board));
+        let stream = |link: &str| Stream::new(format!("{}/{link}", robot.name), 64);
+        let q = homes.get(i).cloned().unwrap_or_else(|| Vec::new().into());
+        let latest = Latest { at: Time::ZERO, q, contacts: none.clone(), status: Status::Starting, ready: false };
+        Arc::new(Wires {
+            robot: i,
+            rules,
+            gate: Arc::new(Gate::default()),
+            ledger: Ledger::new(robot.controller.history),
+            lease: AtomicU64::new(0),
+            latest: Cell::new(latest),
+            to_history: stream("driver>history"),
+            to_reflex: stream("model>reflex"),
+            to_supervise: stream("reflex>supervise"),
+            driver: Line::default(),
+            reflex: Line::default(),
+            supervise: Line::default(),
+            agent: Line::default(),
+            snapshot: Cell::new(None),
+            agent_name: format!("{}/agent", robot.name).into(),
+        })
+    });
+    let hub = Arc::new(Hub {
+        robots: robots.collect(),
+        scene: Cell::new(Arc::new(setup.scene)),
+        to_model: Stream::new("history>model", 256),
+        model: Line::default(),
+        clock,
+        taps: setup.taps,
+        counts: Cell::new(Counts::default()),
+        cues: Cell::new(Cues::new(setup.script)),
+        none,
+    });
+    hub.tell(Event::Started { seed: setup.seed, clock: setup.clock.to_string(), config: setup.config });
+    for wires in &hub.robots {
+        hub.tell(described(&wires.rules));
+    }
+    let scene = hub.scene.lock().clone();
+    hub.taps.scene(hub.clock.now(), &scene);
+    hub
+}
+
+fn described(rules: &Rules) -> Event {
+    let of = |f: fn(&mobee_contract::Axis) -> f64| rules.axes.iter().map(f).collect();
+    Event::Robot {
+        robot: rules.robot.clone(),
+        motors: rules.axes.iter().map(|a| a.name.clone()).collect(),
+        min: of(|a| a.min),
+        max: of(|a| a.max),
+        max_speed: of(|a| a.max_speed),
+        period: rules.period.as_secs_f64(),
+        fresh: rules.fresh.as_secs_f64(),
+        margin: rules.margin,
+        tolerance: rules.tolerance,
+        rest_speed: rules.rest_speed,
+    }
+}
+
+async fn obey(control: Control, hub: &Hub, controller: &ActorRef<GroupMsg>, agents: &ActorRef<GroupMsg>) {
+    match control {
+        Control::Edit(edit) => {
+            hub.model.send(ModelMsg::Edit(edit, None));
+        }
+        Control::Kill(name) => {
+            hub.tell(Event::Injected { fault: format!("kill {name}") });
+            let found = ractor::call!(controller, GroupMsg::Kill, name.clone()).unwrap_or(false);
+            if !found && !ractor::call!(agents, GroupMsg::Kill, name.clone()).unwrap_or(false) {
+                hub.tell(Event::Warning { text: format!("there is no actor {name} to kill") });
+            }
+        }
+        Control::Recover(robot) => {
+            for wires in hub.robots.iter().filter(|w| w.rules.robot == robot) {
+                wires.supervise.send(SuperviseMsg::Recover);
+            }
+        }
+        Control::Status(reply) => {
+            let mut all = Vec::new();
+            for group in [controller, agents] {
+                all.extend(ractor::call!(group, GroupMsg::Status));
+            }
+            let _ = reply.send(all);
+        }
+        Control::Stop | Control::Abort => {}
+    }
+}
+
+/// The orderly end: no new motions, all robots at rest, every commit with its outcome (I17).
+async fn come_to_rest(hub: &Hub) {
+    let mut asked = Vec::new();
+    for wires in &hub.robots {
+        wires.agent.send(AgentMsg::Rest);
+        asked.push(wires.supervise.send(SuperviseMsg::Shutdown));
+    }
+    let clock = &hub.clock;
+    let until = clock.now() + PATIENCE;
+    let resting = |w: &Arc<Wires>| {
+        let latest = w.latest.lock();
+        latest.ready && matches!(latest.status, Status::Holding(_))
+    };
+    while clock.now() < until && !hub.robots.iter().zip(&asked).all(|(w, asked)| !asked || resting(w)) {
+        clock.sleep(TICK / 5).await;
+    }
+    if !hub.robots.iter().all(resting) {
+        abandon(hub).await;
+    }
+}
+
+/// Ends without waiting: the boards are stopped, and open commits get their outcomes by the newest readings.
+async fn abandon(hub: &Hub) {
+    for wires in &hub.robots {
+        wires.agent.send(AgentMsg::Rest);
+        let (reply, done) = ractor::concurrency::oneshot();
+        if wires.supervise.send(SuperviseMsg::Abandon(reply.into())) {
+            let _ = done.await;
+        }
+    }
+}
+
+/// What a controller that stayed down left open is settled by its newest recorded pose.
+fn settle_ledger(hub: &Hub, wires: &Wires) {
+    let (open, newest) = {
+        let mut book = wires.ledger.book();
+        (book.open.take(), book.history.newest().map(|r| r.q.clone()))
+    };
+    let Some(open) = open else { return };
+    let q = newest.unwrap_or_else(|| open.target.clone());
+    let safe = open.safe.map(|(_, pose)| pose);
+    let near = |pose: &[f64]| distance(&q, pose) <= wires.rules.tolerance;
+    let outcome = if near(&open.target) {
+        Outcome::Committed
+    } else if safe.as_ref().is_some_and(|s| near(s)) {
+        Outcome::RolledBack
+    } else {
+        Outcome::Faulted
+    };
+    let (robot, cause) = (wires.rules.robot.clone(), open.cause.filter(|_| outcome != Outcome::Committed));
+    hub.tell(Event::Outcome { robot, id: open.id, outcome, q, safe, cause });
+}

@@ -1,0 +1,103 @@
+//! The supervision tree.
+//!
+//! ```text
+//! controller                    one-for-one
+//! ├── model                     one for all robots
+//! └── <robot>                   rest-for-one: driver, history, supervise, reflex
+//! agents                        one-for-one, each with its own budget
+//! └── <robot>/agents/agent
+//! ```
+
+use crate::shell::{
+    AgentActor, DriverActor, HistoryActor, Maker, ModelActor, ReflexActor, SuperviseActor, SuperviseMsg,
+};
+use crate::supervision::{Child, Group, Intensity, Restart, Strategy};
+use crate::wiring::{Hub, Plug, Wires};
+use ractor::{Actor, ActorCell};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Restarts that a robot's controller, and each agent, may need within [`PERIOD`].
+const BUDGET: u32 = 8;
+const PERIOD: Duration = Duration::from_secs(30);
+
+/// A child that is spawned with these arguments.
+fn child<A>(name: String, actor: fn() -> A, arguments: impl Fn() -> A::Arguments + Send + Sync + 'static) -> Child
+where
+    A: Actor + 'static,
+    A::Arguments: Send,
+{
+    Child::new(name, move |parent: ActorCell| {
+        let arguments = arguments();
+        async move {
+            let spawned = Actor::spawn_linked(None, actor(), arguments, parent).await;
+            spawned.map(|(actor, _)| actor.get_cell()).map_err(|e| e.to_string())
+        }
+    })
+}
+
+fn group(name: &str, strategy: Strategy, hub: &Arc<Hub>) -> Group {
+    let intensity = Intensity { restarts: BUDGET, period: PERIOD };
+    let (restarted, gave_up) = (hub.clone(), hub.clone());
+    Group::new(name.to_string(), strategy, intensity, hub.clock.clone(), hub.taps.clone())
+        .on_restart(move |_, _| restarted.counts.lock().restarts += 1)
+        .on_give_up(move || gave_up.counts.lock().gave_up += 1)
+}
+
+/// The safety chain of all robots.
+pub fn controller(hub: &Arc<Hub>, plugs: &[Plug]) -> Group {
+    let fence = hub.clone();
+    let model = hub.clone();
+    let mut root = group("controller", Strategy::OneForOne, hub)
+        .on_death(move |name, _| {
+            // the model's death closes all robots, a group's death its own
+            for wires in fence.robots.iter().filter(|w| name == "model" || name == w.rules.robot) {
+                fence.fence(wires, name);
+            }
+        })
+        .child(child("model".into(), || ModelActor, move || model.clone()));
+    for (wires, plug) in hub.robots.iter().zip(plugs) {
+        root = root.child(Child::group(robot(hub, wires, plug)).restart(Restart::Temporary));
+    }
+    root
+}
+
+fn robot(hub: &Arc<Hub>, wires: &Arc<Wires>, plug: &Plug) -> Group {
+    let name = |part: &str| format!("{}/{part}", wires.rules.robot);
+    let both = || {
+        let (hub, wires) = (hub.clone(), wires.clone());
+        move || (hub.clone(), wires.clone())
+    };
+    let (plug, of_driver) = (plug.clone(), both());
+    let driver = move || {
+        let (hub, wires) = of_driver();
+        (hub, wires, plug.clone())
+    };
+    let (fence, fenced) = (hub.clone(), wires.clone());
+    group(&wires.rules.robot, Strategy::RestForOne, hub)
+        .on_death(move |name, _| fence.fence(&fenced, name))
+        .child(child(name("driver"), || DriverActor, driver))
+        .child(child(name("history"), || HistoryActor, both()))
+        .child(child(name("supervise"), || SuperviseActor, both()))
+        .child(child(name("reflex"), || ReflexActor, both()))
+}
+
+/// The agents: their deaths can't touch a controller.
+pub fn agents(hub: &Arc<Hub>, makers: &[Option<Maker>]) -> Group {
+    let mut root = group("agents", Strategy::OneForOne, hub);
+    for (wires, maker) in hub.robots.iter().zip(makers) {
+        let Some(maker) = maker.clone() else { continue };
+        let orphan = wires.clone();
+        let arguments = {
+            let (hub, wires) = (hub.clone(), wires.clone());
+            move || (hub.clone(), wires.clone(), maker.clone())
+        };
+        let own = group(&format!("{}/agents", wires.rules.robot), Strategy::OneForOne, hub)
+            .on_death(move |_, _| {
+                orphan.supervise.send(SuperviseMsg::AgentDied(orphan.agent_name.clone()));
+            })
+            .child(child(wires.agent_name.to_string(), || AgentActor, arguments));
+        root = root.child(Child::group(own).restart(Restart::Temporary));
+    }
+    root
+}
