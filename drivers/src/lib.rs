@@ -7,7 +7,7 @@
 //! ```
 //!
 //! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], the faults it can be given ([`SimFaults`]), the conformance suite that every
-//!   driver must pass ([`conformance`]), and the estimate of reaction and braking path (`braking`).
+//!   driver must pass ([`conformance`]), and the estimate of reaction and braking path ([`stopping_path`]).
 //! * Accepts: `Command`s and leases of the driver contract. Emits: `Sample`s.
 //! * Promises: limits of position, speed and acceleration are never exceeded; nothing moves without a lease; the plant outlives
 //!   its drivers; the same seed and the same calls give the same readings.
@@ -28,6 +28,7 @@
 //! # Ok::<(), mobee_contract::DriverFault>(())
 //! ```
 
+mod braking;
 pub mod conformance;
 mod encoders;
 mod faults;
@@ -36,6 +37,7 @@ mod plant;
 mod settings;
 mod sim;
 
+pub use braking::{StoppingPath, stopping_path};
 pub use faults::{Fault, FaultId, SimFaults};
 pub use plant::Plant;
 pub use settings::SimSettings;

@@ -234,3 +234,22 @@ impl Active {
         matches!(self.fault, Fault::Lost | Fault::Silent | Fault::Hardware { .. })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_at_the_board_leaves_it_alive() {
+        let axis = Axis { name: "a".into(), min: -1.0, max: 1.0, max_speed: 1.0, max_acceleration: 1.0 };
+        let hardware = SimHardware::with_axes(vec![axis], &[0.5], &SimSettings::default(), 1);
+        let board = hardware.board.clone();
+        let crash = std::thread::spawn(move || {
+            let _held = lock(&board);
+            panic!("planted");
+        });
+        assert!(crash.join().is_err() && hardware.board.is_poisoned());
+        let sample = hardware.connect().unwrap().sample(Time::ZERO).unwrap().unwrap();
+        assert!((sample.q[0] - 0.5).abs() < 0.001);
+    }
+}
