@@ -63,7 +63,7 @@ pub enum Path {
     /// Rests there.
     Rest(f64),
     /// Moves in pieces of constant acceleration.
-    Pieces(Pieces),
+    Pieces(Box<Pieces>),
     /// Moves along a polynomial.
     Quintic(Quintic),
 }
@@ -86,7 +86,7 @@ impl Path {
         };
         match quintic {
             Some(q) => Path::Quintic(q),
-            None => Path::Pieces(trapezoid(from, to, reference, greatest.acceleration)),
+            None => Path::Pieces(Box::new(trapezoid(from, to, reference, greatest.acceleration))),
         }
     }
 

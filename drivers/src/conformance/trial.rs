@@ -181,8 +181,7 @@ impl<'a> Trial<'a> {
     /// Whether the newest reading is near these positions.
     pub fn rests_at(&self, q: &[f64]) -> Result<(), String> {
         for ((axis, want), got) in self.board.axes.iter().zip(q).zip(self.last.q.iter()) {
-            // not-a-number is not near either
-            if !((want - got).abs() <= NEAR) {
+            if (want - got).abs() > NEAR || !got.is_finite() {
                 return Err(format!("motor {} is at {:.3} deg, not {:.3}", axis.name, got / DEG, want / DEG));
             }
         }

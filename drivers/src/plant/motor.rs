@@ -87,7 +87,7 @@ impl Motor {
         if state.v == 0.0 && state.q == to && leg.from == to {
             self.take(at, Path::Rest(to));
         } else {
-            self.take(at, Path::Pieces(follow(state, leg, [axis.min, axis.max], greatest)));
+            self.take(at, Path::Pieces(Box::new(follow(state, leg, [axis.min, axis.max], greatest))));
         }
     }
 
@@ -98,7 +98,7 @@ impl Motor {
         if self.rests(at) {
             self.take(at, Path::Rest(state.q));
         } else {
-            self.take(at, Path::Pieces(brake(state, greatest.acceleration)));
+            self.take(at, Path::Pieces(Box::new(brake(state, greatest.acceleration))));
         }
     }
 
