@@ -81,13 +81,23 @@ pub struct Walker {
     progress: Progress,
     plan: Vec<u32>,
     notes: Vec<Note>,
+    said: String,
 }
 
 impl Walker {
     /// A walker that moves at this share of the greatest speed, and takes a pose within `tolerance` (rad, every motor) of
     /// a vertex for that vertex. The seed serves escapes.
     pub fn new(map: Roadmap, speed: f64, tolerance: f64, seed: u64) -> Walker {
-        Walker { map, speed, tolerance, seed, progress: Progress::default(), plan: Vec::new(), notes: Vec::new() }
+        Walker {
+            map,
+            speed,
+            tolerance,
+            seed,
+            progress: Progress::default(),
+            plan: Vec::new(),
+            notes: Vec::new(),
+            said: String::new(),
+        }
     }
 
     /// GOTO(goal): taken up by the following steps.
@@ -117,9 +127,13 @@ impl Walker {
         all
     }
 
-    /// A line for the event log.
+    /// A line for the event log, unless it was the last one already: a commit that has to wait is given again and again.
     pub fn log(&mut self, text: impl Into<String>) {
-        self.notes.push(Note::Log { text: text.into() });
+        let text = text.into();
+        if self.said != text {
+            self.said.clone_from(&text);
+            self.notes.push(Note::Log { text });
+        }
     }
 
     /// The robot rests; `last` says how the last motion ended.
@@ -147,12 +161,20 @@ impl Walker {
         }
     }
 
-    /// Draws the conclusion from the motion that ended; the vertices that CONNECT has not tried yet, if it was at it.
+    /// Draws the conclusion from the motion that ended (from `None`, none: it was never begun, or nobody knows); the vertices that CONNECT has not tried yet, if it was at it.
     fn settle(&mut self, last: Option<MotionEnd>, view: &View) -> Option<Vec<u32>> {
         if last == Some(MotionEnd::Failed) {
             self.progress.failed = self.progress.failed.saturating_add(1);
         }
-        match (std::mem::take(&mut self.progress.doing), last) {
+        let doing = std::mem::take(&mut self.progress.doing);
+        match (&doing, last) {
+            (_, None) => {}
+            (Doing::Driving { .. }, _) => self.progress.driven = self.progress.driven.saturating_add(1),
+            (Doing::Connecting { .. }, Some(MotionEnd::Reached)) => self.progress.connects += 1,
+            (Doing::Escaping, _) => self.progress.escapes += 1,
+            _ => {}
+        }
+        match (doing, last) {
             (Doing::Driving { from, to }, Some(MotionEnd::Reached)) => self.map.succeeded(from, to),
             (Doing::Driving { from, to }, Some(MotionEnd::Failed)) => {
                 let cause = cause(view);
@@ -174,7 +196,6 @@ impl Walker {
         let way = (tries < ESCAPES).then(|| escape(view, self.map.motors(), &toward, self.speed, seed)).flatten();
         self.show(Vec::new());
         if let Some(target) = way {
-            self.progress.escapes += 1;
             self.progress.doing = Doing::Escaping;
             self.log("something touches the resting robot: escaping");
             return Step::Do(Intent::MoveTo(target));
@@ -190,7 +211,6 @@ impl Walker {
     /// CONNECT(q_current): drives to the nearest vertex whose line is free in the scene; if there is none, to the
     /// nearest that was not tried yet.
     fn connect(&mut self, rest: Option<Vec<u32>>, view: &View) -> Step {
-        self.progress.connects += u32::from(rest.is_none());
         if self.progress.connects > CONNECTS {
             return Step::Lost(
                 "motions end, but not within `tolerance_deg` of their vertex: make it larger".to_owned(),
@@ -221,7 +241,6 @@ impl Walker {
         let (Some(from), Some(to)) = (path.first().copied(), path.get(1).copied()) else { return Intent::Stop };
         let Some(Target { motors, q, speed }) = self.map.target(to, self.speed) else { return Intent::Stop };
         self.progress.doing = Doing::Driving { from, to };
-        self.progress.driven = self.progress.driven.saturating_add(1);
         self.show(path);
         Intent::MoveTo(Target { motors, q, speed })
     }
