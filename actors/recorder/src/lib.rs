@@ -15,6 +15,7 @@
 
 mod blueprint;
 mod body;
+mod contents;
 mod draw;
 mod front;
 mod layout;
@@ -29,4 +30,5 @@ mod stream;
 mod traces;
 mod words;
 
+pub use contents::Contents;
 pub use recorder::{Recorder, RecorderError, Settings};

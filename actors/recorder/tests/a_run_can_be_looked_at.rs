@@ -1,0 +1,174 @@
+//! A recording holds what happened, is small, and survives the death of its writer.
+
+use mobee_contract::{Entry, Event, Sink, Status, Time};
+use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, parse_robot};
+use mobee_recorder::{Contents, Recorder, Settings, staged};
+use nalgebra::{Isometry3, Vector3};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A column, an arm of two joints and a finger that nobody moves.
+fn robot(name: &str) -> Arc<Robot> {
+    let text = format!(
+        r#"<ZeroPositionKinematicTree version="1.0" robotName="{name}">
+        <bodypart name="arm">
+          <link z="0.3" radius="0.04" capsule="true">
+          <motor name="shoulder" idx="0" minPos="-90" maxPos="90"><joint z="1" minPos="-90" maxPos="90">
+          <link x="0.3" radius="0.03" capsule="true">
+          <motor name="elbow" idx="1" minPos="-120" maxPos="120"><joint z="1" minPos="-120" maxPos="120">
+          <link x="0.25" radius="0.03" capsule="true"><marker name="hand" nx="1"/>
+          <motor name="finger" idx="2" minPos="0" maxPos="90"><joint y="1" minPos="0" maxPos="90">
+          <link x="0.05" radius="0.01" capsule="true"/>
+          </joint></motor></link></joint></motor></link></joint></motor></link>
+        </bodypart></ZeroPositionKinematicTree>"#
+    );
+    Arc::new(parse_robot("test.xml", &text).unwrap().value)
+}
+
+fn ball(name: &str, class: ObjectClass, at: [f64; 3]) -> Object {
+    Object {
+        name: name.to_owned(),
+        class,
+        persistent: false,
+        pose: Isometry3::translation(at[0], at[1], at[2]),
+        shapes: vec![Primitive { shape: Shape::Sphere { radius: 0.05 }, pose: Isometry3::identity() }],
+        color: None,
+    }
+}
+
+fn stage() -> staged::Stage {
+    staged::Stage {
+        robot: robot("arm"),
+        objects: vec![
+            ball("post", ObjectClass::Obstacle, [0.2, 0.4, 0.3]),
+            ball("balloon", ObjectClass::Ghost, [0.2, -0.4, 0.3]),
+        ],
+        motors: vec![0, 1],
+        hand: "hand".into(),
+        vertices: 8,
+        motions: 30,
+        seed: 3,
+    }
+}
+
+fn recorder(path: &Path) -> Recorder {
+    let settings =
+        Settings { path: path.to_owned(), name: "test".into(), config: "test.toml".into(), ..Settings::default() };
+    Recorder::new(&settings).unwrap()
+}
+
+fn record(path: &Path) -> (Time, Contents) {
+    let mut recorder = recorder(path);
+    let end = staged::play(&stage(), &mut recorder).unwrap();
+    drop(recorder);
+    (end, Contents::read(path).unwrap())
+}
+
+#[test]
+fn everything_that_happened_is_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (end, contents) = record(&folder.path().join("run.rrd"));
+    for entity in [
+        "/world/arm/capsules",
+        "/world/arm/shoulder/turned/elbow/turned/capsules",
+        "/world/objects/post_0/spheres",
+        "/world/trails/arm/hand",
+        "/world/roadmap/arm/vertices",
+        "/world/roadmap/arm/feasible",
+        "/world/contacts/so_far",
+        "/roadmap/arm/plan",
+        "/graph/arm/feasible",
+        "/joints/arm/arm",
+        "/state/arm/filter",
+        "/state/arm/transaction",
+        "/progress/arm/map",
+        "/progress/arm/rollbacks",
+        "/log/arm",
+        "/about",
+    ] {
+        assert!(contents.rows.contains_key(entity), "{entity} is missing in {:#?}", contents.rows.keys());
+    }
+    assert_eq!(contents.properties.get("seed").map(String::as_str), Some("3"));
+    assert_eq!(contents.properties.get("config").map(String::as_str), Some("test.toml"));
+    assert!(contents.until.secs() > end.secs() - 1.0, "ends at {} of {end}", contents.until);
+}
+
+#[test]
+fn a_joint_that_rests_costs_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, contents) = record(&folder.path().join("run.rrd"));
+    let rows = |entity: &str| contents.rows.get(entity).copied().unwrap_or(0);
+    // where the joint sits is one static row of its own entity
+    assert_eq!(rows("/world/arm/shoulder/turned/elbow/turned/finger"), 1);
+    // the turn itself was written once, its shape and first color once each
+    let finger = "/world/arm/shoulder/turned/elbow/turned/finger/turned";
+    assert_eq!(rows(finger), 1);
+    assert!(rows("/world/arm/shoulder/turned") > 100, "{:#?}", contents.rows);
+}
+
+#[test]
+fn a_file_cut_anywhere_gives_what_came_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    let (_, whole) = record(&path);
+    let bytes = std::fs::read(&path).unwrap();
+    for tenths in 5..10 {
+        let cut = folder.path().join("cut.rrd");
+        std::fs::write(&cut, &bytes[..bytes.len() * tenths / 10]).unwrap();
+        let part = Contents::read(&cut).unwrap();
+        for (entity, rows) in &part.rows {
+            assert!(rows <= &whole.rows[entity], "{entity} has more rows than were written");
+        }
+    }
+}
+
+#[test]
+fn several_robots_keep_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    let mut recorder = recorder(&path);
+    let robots =
+        vec![(robot("left"), Isometry3::identity()), (robot("right"), Isometry3::from(Vector3::y() * 1.5).into())];
+    let scene = Arc::new(Scene::new(robots, vec![]).unwrap());
+    recorder.write(Time::ZERO, &Entry::Scene(Arc::clone(&scene))).unwrap();
+    for step in 0..100_u64 {
+        for robot in 0..2 {
+            let angle = step as f64 * 0.007 * (1.0 + robot as f64);
+            let pose = Entry::Pose { robot, q: [angle, 0.0, 0.0].into(), contacts: [].into() };
+            recorder.write(Time(step * 50_000_000), &pose).unwrap();
+        }
+    }
+    for robot in ["left", "right"] {
+        let state = Event::State { robot: robot.into(), status: Status::Moving };
+        recorder.write(Time(5_000_000_000), &Entry::Event(Arc::new(state))).unwrap();
+    }
+    drop(recorder);
+    let contents = Contents::read(&path).unwrap();
+    for robot in ["left", "right"] {
+        assert_eq!(contents.rows.get(&format!("/world/{robot}/shoulder/turned")).copied(), Some(100));
+        assert!(contents.rows.contains_key(&format!("/state/{robot}/filter")));
+    }
+}
+
+#[test]
+fn a_pose_of_an_unknown_robot_or_of_wrong_length_harms_nobody() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.rrd");
+    let mut recorder = recorder(&path);
+    let early = Entry::Pose { robot: 0, q: [0.0; 3].into(), contacts: [].into() };
+    recorder.write(Time::ZERO, &early).unwrap();
+    let scene = Scene::new(vec![(robot("arm"), Isometry3::identity())], vec![]).unwrap();
+    recorder.write(Time::ZERO, &Entry::Scene(Arc::new(scene))).unwrap();
+    for (robot, q) in [(7, vec![0.0; 3]), (0, vec![]), (0, vec![0.1; 9]), (0, vec![f64::NAN; 3])] {
+        recorder.write(Time(1), &Entry::Pose { robot, q: q.into(), contacts: [].into() }).unwrap();
+    }
+    drop(recorder);
+    assert!(Contents::read(&path).is_ok());
+}
+
+#[test]
+fn a_file_that_can_not_be_written_is_refused_with_a_remedy() {
+    let settings = Settings { path: "no/such/folder/run.rrd".into(), ..Settings::default() };
+    let refusal = Recorder::new(&settings).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(refusal.contains("no/such/folder/run.rrd") && refusal.contains("--no-record"), "{refusal}");
+}
