@@ -49,10 +49,13 @@ impl Contents {
 
     fn add(&mut self, chunk: &Chunk) {
         let path = chunk.entity_path().to_string();
-        if let Some(name) = path.strip_prefix("/__properties/") {
+        if let Some(name) = path.strip_prefix("/__properties") {
+            let name = name.trim_start_matches('/');
             for column in chunk.components().values() {
                 let value = column.list_array.values();
-                if let Some(text) = value.as_any().downcast_ref::<StringArray>().filter(|t| !t.is_empty()) {
+                if let Some(text) =
+                    value.as_any().downcast_ref::<StringArray>().filter(|t| !t.is_empty() && !name.is_empty())
+                {
                     self.properties.insert(name.to_owned(), text.value(0).to_owned());
                 }
             }
