@@ -1,7 +1,8 @@
 //! The simulated robot as hardware: settings, faults, determinism, and outliving its drivers.
 
 use mobee_contract::{
-    Axis, Command, Context, Driver, DriverFault, Hardware, KindError, Move, Sample, Time, driver_kinds,
+    Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Target, Time,
+    driver_kinds,
 };
 use mobee_drivers::{Fault, SimHardware, SimSettings};
 use serde_json::{Value, json};
@@ -215,4 +216,39 @@ fn a_run_of_ninety_minutes_is_read_out() {
         count += u32::from(driver.sample(now).unwrap().is_some());
     }
     assert!((539_000..=540_100).contains(&count), "{count}");
+}
+
+#[test]
+fn a_recorded_motion_streamed_backwards_keeps_to_its_path() {
+    let axes: Vec<Axis> = ["a", "b"]
+        .map(|name| Axis { name: name.into(), min: -1.0, max: 1.5, max_speed: 1.7, max_acceleration: 3.5 })
+        .to_vec();
+    // at full speed the recording uses the whole acceleration, and its noise asks for more than the motors have
+    for share in [0.1, 0.5, 0.8] {
+        let hardware = SimHardware::with_axes(axes.clone(), &[-0.5, 0.9], &SimSettings::default(), 3);
+        let mut driver = hardware.connect().unwrap();
+        let mut now = Time::ZERO;
+        run(driver.as_mut(), &mut now, 0.05);
+        let (from, to) = ([-0.5, 0.9], [0.9, 0.2]);
+        let target = Target { motors: vec![0, 1], q: to.to_vec(), speed: share };
+        driver.command(now, &Command::Move(target.in_step(&from, &axes))).unwrap();
+        let recorded = positions(run(driver.as_mut(), &mut now, 25.0));
+        assert_eq!(hardware.positions(now), to);
+        driver.command(now, &Command::Mode { motors: vec![], mode: ControlMode::PositionDirect }).unwrap();
+        run(driver.as_mut(), &mut now, 0.1);
+        let mut worst = 0.0f64;
+        let rests = |q: &&Vec<f64>| (q[0] - to[0]).abs() < 1e-3;
+        for q in recorded.iter().rev().skip_while(rests) {
+            driver.command(now, &Command::Direct { q: q.clone() }).unwrap();
+            run(driver.as_mut(), &mut now, 0.009);
+            // how far the second motor is off the straight line, given where the first is
+            let real = hardware.positions(now);
+            let line = from[1] + (real[0] - from[0]) / (to[0] - from[0]) * (to[1] - from[1]);
+            worst = worst.max((real[1] - line).abs().to_degrees());
+        }
+        run(driver.as_mut(), &mut now, 1.0);
+        let home = hardware.positions(now);
+        assert!((home[0] - from[0]).abs().max((home[1] - from[1]).abs()).to_degrees() < 0.05, "{home:?}");
+        assert!(worst < 0.1, "at {share} of the greatest speed it strays by {worst} deg");
+    }
 }
