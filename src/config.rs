@@ -11,6 +11,7 @@ mod source;
 pub use error::ConfigError;
 pub use source::Source;
 
+use mobee_actors::clock::ClockKind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -171,6 +172,15 @@ impl Default for Record {
     }
 }
 
+/// What a run keeps of its configuration: the values, and the file that their paths are relative to.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct Resolved {
+    /// The configuration file.
+    pub file: PathBuf,
+    /// All values.
+    pub config: Value,
+}
+
 fn one() -> u64 {
     1
 }
@@ -196,6 +206,20 @@ impl Config {
         }
         let config = Config::from_source(&source)?;
         Ok((config, source))
+    }
+
+    /// Reads the resolved configuration that a run left in its folder.
+    ///
+    /// # Errors
+    /// If it is not what a run writes.
+    pub fn load_resolved(path: &Path) -> Result<(Config, Source), ConfigError> {
+        let foreign = |what: String| {
+            ConfigError::plain(format!("{}: {what}", path.display()), "give the folder of a run, as it was written")
+        };
+        let text = std::fs::read_to_string(path).map_err(|e| foreign(e.to_string()))?;
+        let stored: Resolved = serde_json::from_str(&text).map_err(|e| foreign(e.to_string()))?;
+        let source = Source::resolved(&stored.file, stored.config);
+        Ok((Config::from_source(&source)?, source))
     }
 
     /// Understands parsed values.
@@ -285,6 +309,11 @@ impl Config {
             }
         }
         Ok(())
+    }
+
+    /// The clock, in the actors' words.
+    pub fn clock_kind(&self) -> ClockKind {
+        if self.clock == Clock::Real { ClockKind::Real } else { ClockKind::Virtual }
     }
 
     /// A path of the configuration, seen from where the file stands.

@@ -7,4 +7,12 @@
 //! configs/behaviors/explore.toml ──config──> Config ──compose──> Setup ──run──> runs/explore-TIME/
 //! ```
 
+pub mod check;
+pub mod compose;
 pub mod config;
+pub mod inspect;
+pub mod kinds;
+pub mod model_info;
+pub mod run;
+pub mod view;
+

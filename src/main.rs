@@ -1,2 +1,153 @@
-//! The program.
-fn main() {}
+//! The program `mobee`: reads its arguments, calls the library, and turns complaints into exit code 2.
+
+use clap::{Parser, Subcommand};
+use miette::Report;
+use mobee::config::{Clock, ConfigError};
+use mobee::{check, inspect, kinds, model_info, run, view};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Modular Behavioral Environment: robots that explore, collide, undo and plan again.
+///
+/// A research safety layer, not a certified one: keep a hardware stop above it.
+#[derive(Parser)]
+#[command(name = "mobee", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run a behavior from its configuration file.
+    Run(RunArgs),
+    /// Check a configuration file, or a run's journal and its invariants.
+    Check {
+        /// A configuration file, a run's folder, or a journal.
+        path: PathBuf,
+        /// Override a setting: --set robot.icub.agent.vertices=30
+        #[arg(long = "set", value_name = "KEY=VALUE")]
+        set: Vec<String>,
+        /// Also judge every tried edge offline, by its straight line (a run's folder only).
+        #[arg(long)]
+        edges: bool,
+    },
+    /// Look at, evaluate or convert robot models.
+    Model {
+        #[command(subcommand)]
+        command: ModelCommand,
+    },
+    /// Summarize a run from its journal.
+    Inspect {
+        /// A run's folder, or a journal.
+        run: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Open a run's recording in the Rerun viewer.
+    View {
+        /// A run's folder, or a recording.
+        run: PathBuf,
+    },
+    /// List what a configuration file can name, with docs and settings.
+    Kinds {
+        /// Show this kind in full.
+        name: Option<String>,
+    },
+}
+
+#[derive(clap::Args)]
+struct RunArgs {
+    /// The configuration file, such as configs/behaviors/explore.toml
+    file: PathBuf,
+    /// The seed of everything random.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// `virtual` (as fast as the machine allows) or `real`.
+    #[arg(long, value_parser = clock)]
+    clock: Option<Clock>,
+    /// End after this many seconds on the run's own clock.
+    #[arg(long = "for", value_name = "SECONDS")]
+    secs: Option<f64>,
+    /// Write the run into this new folder instead of runs/NAME-TIME.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Override a setting: --set robot.icub.agent.vertices=30
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Make no recording (the journal is always kept).
+    #[arg(long)]
+    no_record: bool,
+    /// Print the summary as JSON, and nothing else, on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Subcommand)]
+enum ModelCommand {
+    /// Show a robot's parts, motors, markers and shapes.
+    Info {
+        /// Robot XML.
+        robot: PathBuf,
+    },
+}
+
+fn clock(text: &str) -> Result<Clock, String> {
+    match text {
+        "virtual" => Ok(Clock::Virtual),
+        "real" => Ok(Clock::Real),
+        _ => Err("the clocks are `virtual` and `real`".into()),
+    }
+}
+
+fn main() -> ExitCode {
+    // `mobee kinds | head` ends quietly: a closed pipe is no complaint of ours
+    let cli = Cli::parse();
+    tracing_subscriber::fmt()
+        .with_env_filter(tracing_subscriber::EnvFilter::try_from_env("MOBEE_LOG").unwrap_or_else(|_| "warn".into()))
+        .with_writer(std::io::stderr)
+        .init();
+    match dispatch(cli.command) {
+        Ok(code) => code,
+        Err(report) => {
+            eprintln!("{report:?}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn dispatch(command: Command) -> Result<ExitCode, Report> {
+    match command {
+        Command::Run(a) => {
+            let mut set = a.set;
+            // named options are overrides like any other, applied last
+            set.extend(a.seed.map(|s| format!("seed={s}")));
+            set.extend(a.clock.map(|c| format!("clock={}", if c == Clock::Real { "real" } else { "virtual" })));
+            set.extend(a.secs.map(|s| format!("for_s={s:?}")));
+            if a.no_record {
+                set.push("record.enabled=false".into());
+            }
+            run::command(&a.file, &set, a.out.as_deref(), a.json)
+        }
+        Command::Check { path, set, edges } => check::command(&path, &set, edges),
+        Command::Model { command } => {
+            match command {
+                ModelCommand::Info { robot } => print!("{}", model_info::text(&robot)?),
+            }
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Inspect { run, json } => {
+            print!("{}", inspect::text(&run, json)?);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::View { run } => {
+            println!("{}", view::open(&run).map_err(|e: ConfigError| Report::new(e))?);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Kinds { name } => {
+            print!("{}", kinds::listing(name.as_deref())?);
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}

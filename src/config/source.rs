@@ -59,6 +59,11 @@ impl Source {
         Ok(Source { value, places, ..blank })
     }
 
+    /// Values that were resolved before, for a file that stands at `path`. Complaints then have no place in a text.
+    pub fn resolved(path: &Path, value: Value) -> Source {
+        Source { path: path.to_owned(), text: String::new(), places: Place::default(), value, overridden: Vec::new() }
+    }
+
     /// Overrides one value: `robot.icub.agent.vertices=30`. Array elements are named by index or by their `name`.
     ///
     /// # Errors
@@ -139,6 +144,9 @@ impl Source {
     }
 
     fn error_at(&self, span: Range<usize>, message: impl Into<String>, help: impl Into<String>) -> ConfigError {
+        if self.text.is_empty() {
+            return ConfigError::plain(format!("{}: {}", self.path.display(), message.into()), help);
+        }
         ConfigError::at(&self.path.display().to_string(), &self.text, span, message, help)
     }
 }

@@ -94,18 +94,6 @@ fn everything_that_happened_is_in_it() {
 }
 
 #[test]
-fn what_is_touched_turns_red_and_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let (_, contents) = record(&folder.path().join("run.rrd"));
-    let shapes =
-        contents.rows.iter().filter(|(path, _)| path.starts_with("/world/arm/") && path.ends_with("/capsules"));
-    // each had its shape and its own color; whatever came on top is red and its own color again
-    let painted: Vec<u64> = shapes.map(|(_, rows)| rows - 2).collect();
-    assert_eq!(painted.len(), 4);
-    assert!(painted.iter().any(|rows| *rows > 0) && painted.iter().all(|rows| rows % 2 == 0), "{painted:?}");
-}
-
-#[test]
 fn a_joint_that_rests_costs_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let (_, contents) = record(&folder.path().join("run.rrd"));
@@ -139,7 +127,8 @@ fn several_robots_keep_apart() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let mut recorder = recorder(&path);
-    let robots = vec![(robot("left"), Isometry3::identity()), (robot("right"), Isometry3::from(Vector3::y() * 1.5))];
+    let robots =
+        vec![(robot("left"), Isometry3::identity()), (robot("right"), Isometry3::from(Vector3::y() * 1.5).into())];
     let scene = Arc::new(Scene::new(robots, vec![]).unwrap());
     recorder.write(Time::ZERO, &Entry::Scene(Arc::clone(&scene))).unwrap();
     for step in 0..100_u64 {

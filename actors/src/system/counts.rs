@@ -4,7 +4,7 @@ use mobee_contract::{Event, Outcome, Status, Summary};
 use std::collections::BTreeMap;
 
 /// Counters of a run, all robots together.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Counts {
     /// Encoder readings.
     pub samples: u64,

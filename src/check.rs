@@ -1,0 +1,90 @@
+//! `mobee check`: a configuration before it runs, or a journal after it ran.
+
+use crate::compose::{Composition, compose};
+use crate::config::{Config, ConfigError};
+use crate::inspect::journal_error;
+use miette::{IntoDiagnostic, Report, WrapErr};
+use mobee_actors::check::check;
+use mobee_actors::controller::RELEASE;
+use mobee_behaviors::roadmap::Roadmap;
+use mobee_behaviors::verdict::judge;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Checks what stands at `path`: a run's folder, a journal, or a configuration file.
+///
+/// # Errors
+/// If it can't be read, or is not as it was written.
+pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Report> {
+    let is_run = path.is_dir() || path.extension().is_some_and(|e| e == "jsonl");
+    if !is_run {
+        let (config, source) = Config::load(path, set)?;
+        let c = compose(config, &source)?;
+        for w in &c.warnings {
+            println!("warning: {w}");
+        }
+        println!("{}: ready to run ({})", path.display(), contents(&c));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let report = check(path).map_err(journal_error)?;
+    println!("{} events, chain intact, hash {}", report.events, report.hash);
+    match (&report.ended, &report.truncated) {
+        (Some(reason), _) => println!("the run ended in order: {reason}"),
+        (None, Some(e)) => println!("{e}"),
+        (None, None) => println!("the run did not end in order; open commits and links are not judged"),
+    }
+    for v in &report.violations {
+        println!("{v}");
+    }
+    let mut good = report.violations.is_empty();
+    if good {
+        println!("invariants I1-I6 and I9-I11 hold");
+    }
+    if edges {
+        good &= judge_edges(path)?;
+    }
+    Ok(if good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn contents(c: &Composition) -> String {
+    let robots: Vec<String> = c.config.robot.iter().map(|r| r.name.clone()).collect();
+    format!("robots: {}; {} objects; {} scripted steps", robots.join(", "), c.scene.objects().count(), c.script.len())
+}
+
+/// Judges every driven edge of a run's roadmaps by an offline check of its straight line, and prints the result.
+fn judge_edges(run: &Path) -> Result<bool, Report> {
+    let dir = if run.is_dir() { run } else { run.parent().unwrap_or(Path::new(".")) };
+    let stored = dir.join("config.json");
+    let (config, source) = Config::load_resolved(&stored)?;
+    let c = compose(config, &source)?;
+    let mut good = true;
+    for (i, r) in c.config.robot.iter().enumerate() {
+        let file = dir.join(format!("roadmap-{}.json", r.name));
+        let Ok(text) = std::fs::read_to_string(&file) else { continue };
+        let value: serde_json::Value = serde_json::from_str(&text).into_diagnostic().wrap_err(file.display().to_string())?;
+        let map = Roadmap::import(&value, &c.scene.robots()[i]).map_err(|e| {
+            ConfigError::plain(format!("{}: {e}", file.display()), "give the folder of a run, as it was written")
+        })?;
+        let report = judge(&map, &c.scene, i, &c.scene.home(), r.controller.margin_mm * 1e-3 + RELEASE);
+        println!(
+            "edges of {}: {} agree with the offline check of their straight line, {} borderline, {} disagree",
+            r.name,
+            report.agree,
+            report.borderline.len(),
+            report.disagree.len()
+        );
+        for e in report.borderline.iter().chain(&report.disagree) {
+            println!(
+                "  {} -> {}: driven {}, offline {} ({:.1} mm, {})",
+                e.from,
+                e.to,
+                if e.reached { "to its end" } else { "and rolled back" },
+                if e.free { "free" } else { "blocked" },
+                e.distance * 1e3,
+                e.pair.as_deref().unwrap_or("nothing near")
+            );
+        }
+        good &= report.disagree.is_empty();
+    }
+    Ok(good)
+}

@@ -1,0 +1,78 @@
+//! `mobee kinds`: what a configuration file can name, with docs and settings, as registered where it is defined.
+
+use crate::config::{ConfigError, nearest};
+use mobee_contract::{agent_kinds, driver_kinds};
+use serde_json::Value;
+use std::fmt::Write;
+
+struct Entry {
+    role: &'static str,
+    name: &'static str,
+    doc: &'static str,
+    schema: Value,
+}
+
+fn entries() -> Vec<Entry> {
+    let agents = agent_kinds().into_iter().map(|k| ("agent", k.name, k.doc, k.schema));
+    let drivers = driver_kinds().into_iter().map(|k| ("driver", k.name, k.doc, k.schema));
+    agents
+        .chain(drivers)
+        .map(|(role, name, doc, schema)| Entry { role, name, doc, schema: schema().to_value() })
+        .collect()
+}
+
+/// The listing: all kinds in a line each, or one kind in full.
+///
+/// # Errors
+/// If there is no kind of that name.
+pub fn listing(name: Option<&str>) -> Result<String, ConfigError> {
+    let all = entries();
+    let mut out = String::new();
+    let Some(name) = name else {
+        for role in ["agent", "driver"] {
+            let _ = writeln!(out, "{role}s");
+            for e in all.iter().filter(|e| e.role == role) {
+                let _ = writeln!(out, "  {:10} {}", e.name, first_sentence(e.doc));
+            }
+        }
+        let _ = writeln!(out, "\n`mobee kinds NAME` shows one with its settings.");
+        return Ok(out);
+    };
+    let names: Vec<&str> = all.iter().map(|e| e.name).collect();
+    let Some(e) = all.iter().find(|e| e.name == name) else {
+        let near = nearest(name, &names).map_or(String::new(), |n| format!("did you mean `{n}`? "));
+        return Err(ConfigError::plain(
+            format!("there is no kind `{name}`"),
+            format!("{near}the kinds are: {}", names.join(", ")),
+        ));
+    };
+    let _ = writeln!(out, "{} ({})\n\n{}\n\nsettings", e.name, e.role, e.doc.trim());
+    let required: Vec<&str> =
+        e.schema["required"].as_array().map(|r| r.iter().filter_map(Value::as_str).collect()).unwrap_or_default();
+    for (key, s) in e.schema["properties"].as_object().into_iter().flatten() {
+        let default = match s.get("default") {
+            _ if required.contains(&key.as_str()) => "required".to_owned(),
+            Some(d) if !d.is_null() => format!("default {d}"),
+            _ => "optional".to_owned(),
+        };
+        let doc = s["description"].as_str().unwrap_or("").replace('\n', " ");
+        let _ = writeln!(out, "  {key:26} {:10} {default:16} {doc}", type_name(s));
+    }
+    Ok(out)
+}
+
+fn first_sentence(doc: &str) -> String {
+    let line = doc.trim().replace('\n', " ");
+    line.split_once(". ").map_or(line.clone(), |(first, _)| format!("{first}."))
+}
+
+fn type_name(schema: &Value) -> String {
+    match &schema["type"] {
+        Value::String(s) if s == "array" => format!("[{}]", type_name(&schema["items"])),
+        Value::String(s) => s.clone(),
+        Value::Array(options) => {
+            options.iter().filter_map(Value::as_str).filter(|s| *s != "null").collect::<Vec<_>>().join("|")
+        }
+        _ => "table".to_owned(),
+    }
+}

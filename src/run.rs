@@ -1,0 +1,165 @@
+//! `mobee run`: a run from its configuration file to its folder.
+
+mod folder;
+mod progress;
+mod report;
+
+pub use folder::Folder;
+pub use report::summary;
+
+use crate::compose::{Composition, compose};
+use crate::config::{Config, ConfigError, Resolved};
+use miette::{IntoDiagnostic, Report, WrapErr};
+use mobee_actors::journal::Journal;
+use mobee_actors::system::{Control, Progress, Reason, RunEnd, Setup};
+use mobee_actors::tap::{SinkSpec, Taps};
+use mobee_contract::{Event, Time};
+use mobee_recorder::Recorder;
+use serde_json::json;
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::mpsc;
+
+/// How many entries may wait for the journal's and the recorder's threads.
+const QUEUE: usize = 8192;
+
+/// Runs a file and prints a summary.
+///
+/// # Errors
+/// Complaints about the configuration, before anything is written or moved.
+pub fn command(file: &Path, set: &[String], out: Option<&Path>, json: bool) -> Result<ExitCode, Report> {
+    let (config, source) = Config::load(file, set)?;
+    let composition = compose(config, &source)?;
+    for w in &composition.warnings {
+        eprintln!("warning: {w}");
+    }
+    let folder = Folder::create(&composition.config.name, out)?;
+    let bar = progress::Bar::new(&composition.config, json);
+    let (controls, receiver) = mpsc::channel(16);
+    interrupt(controls)?;
+    let done = run(composition, &folder, receiver, |p| bar.show(p))?;
+    bar.finish();
+    report::print(&done, &folder, json)?;
+    Ok(if in_order(&done.end) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// A run that has ended.
+pub struct Done {
+    /// What the system says.
+    pub end: RunEnd,
+    /// The journal's last hash.
+    pub hash: String,
+    /// Seconds by the wall clock.
+    pub wall: Duration,
+    /// What went wrong with journal or recording.
+    pub complaints: Vec<String>,
+}
+
+/// Whether a run ended as it was meant to.
+pub fn in_order(end: &RunEnd) -> bool {
+    matches!(end.reason, Reason::Done | Reason::Time | Reason::Interrupted)
+}
+
+/// Runs a composition into a folder.
+///
+/// # Errors
+/// If the journal or the recording can't be opened, or the system can't be started.
+pub fn run(
+    composition: Composition,
+    folder: &Folder,
+    controls: mpsc::Receiver<Control>,
+    progress: impl FnMut(&Progress),
+) -> Result<Done, Report> {
+    let Composition { config, file, scene, robots, script, .. } = composition;
+    let values = serde_json::to_value(&config).into_diagnostic()?;
+    let file = file.canonicalize().unwrap_or(file);
+    let resolved = Resolved { file, config: values.clone() };
+    folder.write("config.json", &serde_json::to_string_pretty(&resolved).into_diagnostic()?)?;
+
+    let build = concat!("mobee ", env!("CARGO_PKG_VERSION"));
+    let journal = Journal::create(folder.path(), &json!({ "build": build })).map_err(Report::msg)?;
+    let taps = taps(&config, folder, &journal, build)?;
+    let kind = config.clock_kind();
+    let setup = Setup { scene, robots, seed: config.seed, clock: kind, taps: taps.clone(), config: values, script };
+    #[expect(clippy::disallowed_methods, reason = "the real-time factor compares the run's clock with the wall's")]
+    let started = std::time::Instant::now();
+    let end = mobee_actors::system::run(setup, controls, config.for_s.map(Duration::from_secs_f64), progress);
+    let (at, reason) =
+        end.as_ref().map_or((Time::ZERO, "failed to start".to_owned()), |e| (e.ended_at, e.reason.to_string()));
+    let reports = taps.finish(at, Event::Ended { reason });
+    let end = end.map_err(|e| Report::msg(e.to_string()))?;
+    let complaints = reports.into_iter().filter_map(|r| r.error.map(|e| format!("{}: {e}", r.name))).collect();
+    for (robot, snapshot) in &end.snapshots {
+        // an agent with a map leaves it behind
+        if let Some(map) = snapshot.state.get("map") {
+            folder.write(&format!("roadmap-{robot}.json"), &serde_json::to_string_pretty(map).into_diagnostic()?)?;
+        }
+    }
+    let done = Done { hash: journal.hash(), wall: started.elapsed(), complaints, end };
+    folder.write("summary.json", &serde_json::to_string_pretty(&summary(&done)).into_diagnostic()?)?;
+    Ok(done)
+}
+
+/// Journal and recorder, each behind a queue and on a thread of its own.
+fn taps(config: &Config, folder: &Folder, journal: &Journal, build: &str) -> Result<Taps, Report> {
+    let journal = journal.clone();
+    let mut sinks = vec![SinkSpec {
+        name: "journal".into(),
+        essential: true,
+        poses: None,
+        capacity: QUEUE,
+        open: Arc::new(move || Ok(journal.sink())),
+    }];
+    if config.record.enabled {
+        let settings = mobee_recorder::Settings {
+            path: folder.path().join("recording.rrd"),
+            name: config.name.clone(),
+            config: config.name.clone(),
+            build: build.to_owned(),
+            live: None,
+        };
+        sinks.push(SinkSpec {
+            name: "recorder".into(),
+            essential: false,
+            poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
+            capacity: QUEUE,
+            open: Arc::new(move || Recorder::new(&settings).map(|r| Box::new(r) as _).map_err(|e| e.to_string())),
+        });
+    }
+    Taps::spawn(config.clock_kind(), sinks).map_err(Report::msg).wrap_err("the run's folder can't be written")
+}
+
+/// Runs a shipped behavior in a folder that is thrown away: for examples and tests.
+///
+/// # Errors
+/// As for [`command`].
+pub fn example(file: &str, set: &[&str]) -> Result<Done, Box<dyn std::error::Error>> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+    let set: Vec<String> = set.iter().map(|s| (*s).to_owned()).collect();
+    let (config, source) = Config::load(&path, &set)?;
+    let composition = compose(config, &source)?;
+    let scratch = tempfile::tempdir()?;
+    let folder = Folder::create("example", Some(scratch.path()))?;
+    let (_controls, receiver) = mpsc::channel(1);
+    Ok(run(composition, &folder, receiver, |_| ())?)
+}
+
+/// Ctrl-C once: end in order. Twice: stop now.
+fn interrupt(controls: mpsc::Sender<Control>) -> Result<(), ConfigError> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.map_err(|e| ConfigError::plain(format!("no runtime for signals: {e}"), "free some resources"))?;
+    std::thread::spawn(move || {
+        runtime.block_on(async move {
+            if tokio::signal::ctrl_c().await.is_ok() {
+                eprintln!("\nstopping; once more to stop now");
+                let _ = controls.try_send(Control::Stop);
+            }
+            if tokio::signal::ctrl_c().await.is_ok() {
+                let _ = controls.try_send(Control::Abort);
+            }
+        });
+    });
+    Ok(())
+}

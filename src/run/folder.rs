@@ -1,0 +1,84 @@
+//! A run's folder: `runs/NAME-TIME/`, made new, never written over.
+
+use crate::config::ConfigError;
+use std::path::{Path, PathBuf};
+
+/// A new folder for one run.
+#[derive(Clone, Debug)]
+pub struct Folder(PathBuf);
+
+impl Folder {
+    /// Makes `out`, or `runs/NAME-TIME` below the working directory.
+    ///
+    /// # Errors
+    /// If it exists already and is not empty, or can't be made.
+    pub fn create(name: &str, out: Option<&Path>) -> Result<Folder, ConfigError> {
+        let path = out.map_or_else(|| unused(name), Path::to_owned);
+        let taken = path.read_dir().is_ok_and(|mut d| d.next().is_some());
+        if taken || path.is_file() {
+            return Err(ConfigError::plain(
+                format!("{} exists already", path.display()),
+                "give another --out; a run never writes over another one",
+            ));
+        }
+        std::fs::create_dir_all(&path).map_err(|e| {
+            ConfigError::plain(format!("can't make the folder {}: {e}", path.display()), "give an --out that can be written")
+        })?;
+        Ok(Folder(path))
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    /// Writes a file whole or not at all.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn write(&self, name: &str, text: &str) -> Result<(), ConfigError> {
+        let (part, file) = (self.0.join(format!("{name}.part")), self.0.join(name));
+        std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, &file)).map_err(|e| {
+            ConfigError::plain(format!("can't write {}: {e}", file.display()), "check the disk's space and permissions")
+        })
+    }
+}
+
+fn unused(name: &str) -> PathBuf {
+    #[expect(clippy::disallowed_methods, reason = "the folder's name tells people when the run was; nothing depends on it")]
+    let now = std::time::SystemTime::now();
+    let stamp = stamp(now.duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs()));
+    let base = Path::new("runs").join(format!("{name}-{stamp}"));
+    if !base.exists() {
+        return base;
+    }
+    (2..).map(|n| Path::new("runs").join(format!("{name}-{stamp}-{n}"))).find(|p| !p.exists()).unwrap_or(base)
+}
+
+/// `20261121-143000` (UTC) of seconds since 1970 (civil-from-days, proleptic Gregorian calendar).
+fn stamp(secs: u64) -> String {
+    let days = (secs / 86400) as i64 + 719_468;
+    let era = days / 146_097;
+    let day_of_era = days % 146_097;
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let year = era * 400 + year_of_era + i64::from(month <= 2);
+    let s = secs % 86400;
+    format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3600, s / 60 % 60, s % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::stamp;
+
+    #[test]
+    fn stamps_are_calendar_dates() {
+        assert_eq!(stamp(0), "19700101-000000");
+        assert_eq!(stamp(951_782_399), "20000228-235959");
+        assert_eq!(stamp(951_782_400), "20000229-000000");
+        assert_eq!(stamp(1_798_761_600), "20270101-000000");
+    }
+}

@@ -1,0 +1,40 @@
+//! `mobee view RUN`: starts the Rerun viewer on a run's recording, if it is installed.
+
+use crate::config::ConfigError;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The viewer that reads what our recorder writes: the version of the SDK that the workspace pins.
+const VIEWER_VERSION: &str = "0.36.3";
+
+/// The recording of a run's folder, or the file itself.
+///
+/// # Errors
+/// If there is none.
+pub fn recording(run: &Path) -> Result<PathBuf, ConfigError> {
+    let file = if run.is_dir() { run.join("recording.rrd") } else { run.to_owned() };
+    if file.is_file() {
+        return Ok(file);
+    }
+    Err(ConfigError::plain(
+        format!("there is no recording at {}", file.display()),
+        "give the folder of a run that was made without --no-record; they are under `runs/`",
+    ))
+}
+
+/// Starts the viewer and returns at once.
+///
+/// # Errors
+/// If there is no recording, or no viewer; the remedy says how to get one.
+pub fn open(run: &Path) -> Result<String, ConfigError> {
+    let file = recording(run)?;
+    let advice = format!(
+        "install the viewer with `pip install rerun-sdk=={v}` (or `cargo install rerun-cli --version {v}`), then `rerun {}`",
+        file.display(),
+        v = VIEWER_VERSION
+    );
+    match Command::new("rerun").arg(&file).spawn() {
+        Ok(_) => Ok(format!("rerun {}", file.display())),
+        Err(e) => Err(ConfigError::plain(format!("the viewer `rerun` can't be started: {e}"), advice)),
+    }
+}
