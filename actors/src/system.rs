@@ -7,7 +7,7 @@ mod tree;
 
 pub use counts::Counts;
 pub use cues::{Cues, ScriptStep, When};
-pub use run::run;
+pub use run::{run, run_under};
 
 use crate::clock::ClockKind;
 use crate::controller::Controller;

@@ -4,7 +4,7 @@ use crate::driver::Port;
 use crate::pulse::Pulse;
 use crate::shell::SuperviseMsg;
 use crate::wiring::{Hub, Plug, Wires};
-use mobee_contract::{Command, ControlMode, Driver, DriverFault, Event, Time, Writer};
+use mobee_contract::{Command, Driver, DriverFault, Event, Time, Writer};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -83,7 +83,6 @@ impl Driving {
         self.back_off = BACK_OFF.0;
         let token = self.wires.gate.token();
         self.give(token, Writer::Driver, &Command::Stop { motors: Vec::new() });
-        self.give(token, Writer::Driver, &Command::Mode { motors: Vec::new(), mode: ControlMode::Position });
     }
 
     /// Reads the encoders, and says when to do so next.

@@ -12,6 +12,7 @@ use crate::wiring::{Cell, Hub, Latest, Line, Plug, Wires};
 use mobee_contract::{Board, Event, Outcome, Status, Time};
 use mobee_model::Contact;
 use ractor::ActorRef;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::Duration;
@@ -36,6 +37,20 @@ pub fn run(
     limit: Option<Duration>,
     progress: impl FnMut(&Progress),
 ) -> Result<RunEnd, RunError> {
+    run_under(setup, Vec::new(), controls, limit, progress)
+}
+
+/// [`run`] with controls at set times, in order: the faults of a simulation.
+///
+/// # Errors
+/// As for [`run`].
+pub fn run_under(
+    setup: Setup,
+    faults: Vec<(Time, Control)>,
+    controls: mpsc::Receiver<Control>,
+    limit: Option<Duration>,
+    progress: impl FnMut(&Progress),
+) -> Result<RunEnd, RunError> {
     let start = |e: std::io::Error| RunError::Start(e.to_string());
     let boards = setup.robots.iter().zip(setup.scene.robots()).map(|(robot, model)| {
         let name = robot.name.clone();
@@ -52,7 +67,7 @@ pub fn run(
     let kind = setup.clock;
     let main = runtime(kind).map_err(start)?;
     if kind == ClockKind::Virtual {
-        return main.block_on(conduct(setup, boards, None, controls, limit, progress));
+        return main.block_on(conduct((setup, faults), boards, None, controls, limit, progress));
     }
     let safety = runtime(kind).map_err(start)?;
     let handle = safety.handle().clone();
@@ -61,7 +76,7 @@ pub fn run(
         let _ = safety.block_on(ended);
     });
     let thread = thread.map_err(start)?;
-    let result = main.block_on(conduct(setup, boards, Some(handle), controls, limit, progress));
+    let result = main.block_on(conduct((setup, faults), boards, Some(handle), controls, limit, progress));
     drop(end);
     let _ = thread.join();
     result
@@ -80,7 +95,7 @@ async fn begin(group: Group, on: Option<&tokio::runtime::Handle>) -> Result<Acto
 }
 
 async fn conduct(
-    setup: Setup,
+    (setup, faults): (Setup, Vec<(Time, Control)>),
     boards: Vec<Board>,
     safety: Option<tokio::runtime::Handle>,
     mut controls: mpsc::Receiver<Control>,
@@ -91,6 +106,7 @@ async fn conduct(
     let plugs: Vec<Plug> = setup.robots.iter().map(|r| Plug(r.hardware.clone())).collect();
     let makers: Vec<Option<Maker>> = setup.robots.iter().map(|r| r.agent.clone().map(Maker)).collect();
     let acting = makers.iter().filter(|m| m.is_some()).count();
+    let mut faults: VecDeque<(Time, Control)> = faults.into();
     let hub = wire(setup, &boards, clock.clone());
     let controller = begin(tree::controller(&hub, &plugs), safety.as_ref()).await?;
     let agents = begin(tree::agents(&hub, &makers), None).await?;
@@ -100,12 +116,17 @@ async fn conduct(
     let mut listening = true;
     let reason = loop {
         let now = clock.now();
-        let wake = [Some(now + TICK), limit, hub.cues.lock().next_time()].into_iter().flatten().min().unwrap_or(now);
-        let control = tokio::select! {
+        let planned = faults.front().map(|(at, _)| *at);
+        let wakes = [Some(now + TICK), limit, hub.cues.lock().next_time(), planned];
+        let wake = wakes.into_iter().flatten().min().unwrap_or(now);
+        let mut control = tokio::select! {
             biased;
             control = controls.recv(), if listening => { listening = control.is_some(); control }
             () = clock.sleep_until(wake) => None,
         };
+        if control.is_none() && planned.is_some_and(|at| at <= clock.now()) {
+            control = faults.pop_front().map(|(_, control)| control);
+        }
         match control {
             Some(Control::Stop) => break Reason::Interrupted,
             Some(Control::Abort) => {
