@@ -77,8 +77,9 @@ impl Drawing {
             .with_show_labels(true)
             .with_draw_order(30.0);
         stream.log(&format!("roadmap/{name}/vertices"), &points)?;
+        // a graph view knows edges only between nodes of one entity
         let nodes = GraphNodes::new(labels.clone()).with_positions(flat).with_labels(labels);
-        stream.log(&format!("graph/{name}/vertices"), &nodes.with_colors([palette::VERTEX]))
+        stream.log(&format!("graph/{name}/map"), &nodes.with_colors([palette::VERTEX]))
     }
 
     /// Draws the layers that changed; gives their size in bytes.
@@ -108,7 +109,7 @@ impl Drawing {
             stream.log(&format!("roadmap/{name}/{word}"), &strips)?;
             if state == EdgeState::Feasible {
                 let pairs = lines.iter().map(|(a, b)| (a.to_string(), b.to_string()));
-                stream.log(&format!("graph/{name}/feasible"), &GraphEdges::new(pairs))?;
+                stream.log(&format!("graph/{name}/map"), &GraphEdges::new(pairs))?;
             }
             self.shown.insert(state, lines);
         }

@@ -77,7 +77,7 @@ fn everything_that_happened_is_in_it() {
         "/world/roadmap/arm/feasible",
         "/world/contacts/so_far",
         "/roadmap/arm/plan",
-        "/graph/arm/feasible",
+        "/graph/arm/map",
         "/joints/arm/arm",
         "/state/arm/filter",
         "/state/arm/transaction",
