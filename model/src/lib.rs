@@ -20,6 +20,7 @@ mod kinematics;
 mod line;
 mod robot;
 mod scene;
+mod urdf;
 mod watch;
 mod zrp;
 
@@ -30,5 +31,6 @@ pub use kinematics::MarkerPose;
 pub use line::LineVerdict;
 pub use robot::*;
 pub use scene::*;
+pub use urdf::{UrdfOptions, load_urdf, parse_urdf};
 pub use watch::{Counters, Watch};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot};

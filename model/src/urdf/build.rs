@@ -1,0 +1,279 @@
+//! Bodies at the zero position, written as ZRP nodes.
+
+use super::scan::Places;
+use super::tree::{Drive, Tree};
+use super::{UrdfOptions, fit, mesh, neighbors};
+use crate::error::{FileError, Source};
+use crate::zrp::pairs;
+use crate::{Marker, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
+use std::f64::consts::FRAC_PI_2;
+use urdf_rs::{Geometry, Pose};
+
+/// Points nearer than this are one; the format takes links below 1e-12 m as having no direction.
+const SAME_POINT: f64 = 1e-11;
+/// Length of links whose end matters to nobody, metres.
+const STUB: f64 = 0.01;
+const MAX_NODES: usize = 4096;
+
+/// Links held together by fixed joints, with their frames at the zero position.
+struct Body {
+    links: Vec<(usize, Isometry3<f64>)>,
+    /// The moving joints that leave it: joint, and the child link's frame at zero.
+    joints: Vec<(usize, Isometry3<f64>)>,
+}
+
+struct Builder<'a> {
+    source: &'a Source,
+    places: &'a Places,
+    urdf: &'a urdf_rs::Robot,
+    tree: &'a Tree,
+    options: &'a UrdfOptions,
+    warnings: &'a mut Vec<FileError>,
+    robot: Robot,
+    /// Per joint of the URDF: its motor.
+    motors: Vec<Option<usize>>,
+    link_of_node: Vec<String>,
+    bodies: Vec<neighbors::Written>,
+}
+
+/// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on, the body before.
+type Todo = (usize, Isometry3<f64>, Option<usize>, Option<usize>);
+
+/// The robot, and per node the name of the link it belongs to.
+pub(super) fn build(
+    source: &Source,
+    places: &Places,
+    urdf: &urdf_rs::Robot,
+    tree: &Tree,
+    options: &UrdfOptions,
+    warnings: &mut Vec<FileError>,
+) -> Result<(Robot, Vec<String>), FileError> {
+    let name = if urdf.name.trim().is_empty() { "robot" } else { urdf.name.trim() };
+    let part = options.part.clone().unwrap_or_else(|| name.to_owned());
+    let robot = Robot {
+        name: name.to_owned(),
+        parts: vec![Part { name: part, motors: 0..0, root_node: Some(0), clauses: Vec::new() }],
+        motors: Vec::new(),
+        nodes: Vec::new(),
+        markers: Vec::new(),
+        pairs: NodePairs::default(),
+    };
+    let motors = vec![None; urdf.joints.len()];
+    let mut b = Builder {
+        source,
+        places,
+        urdf,
+        tree,
+        options,
+        warnings,
+        robot,
+        motors,
+        link_of_node: Vec::new(),
+        bodies: Vec::new(),
+    };
+    b.create_motors();
+    let mut todo = vec![(tree.root, Isometry3::identity(), None, None)];
+    while let Some((link, frame, parent, before)) = todo.pop() {
+        let body = b.body(link, frame)?;
+        todo.extend(b.emit(&body, parent, before)?.into_iter().rev());
+    }
+    neighbors::mark_joints(&mut b.robot, &b.bodies);
+    let near_root = pairs::near_root(&b.robot.nodes);
+    b.robot.nodes.iter_mut().zip(near_root).for_each(|(n, near)| n.near_root = near);
+    b.robot.pairs = pairs::node_pairs(&b.robot.nodes);
+    Ok((b.robot, b.link_of_node))
+}
+
+impl Builder<'_> {
+    /// Motors in the order of the tree.
+    fn create_motors(&mut self) {
+        let mut todo = vec![self.tree.root];
+        while let Some(link) = todo.pop() {
+            for &joint in &self.tree.leaving[link] {
+                if let Some((min, max)) = self.tree.limits[joint] {
+                    self.motors[joint] = Some(self.robot.motors.len());
+                    self.robot.motors.push(Motor {
+                        name: self.urdf.joints[joint].name.trim().to_owned(),
+                        part: 0,
+                        min,
+                        max,
+                        home: 0_f64.clamp(min, max),
+                        joints: Vec::new(),
+                        is_part_root: self.robot.motors.is_empty(),
+                    });
+                }
+            }
+            todo.extend(self.tree.leaving[link].iter().rev().map(|j| self.tree.child[*j]));
+        }
+        self.robot.parts[0].motors = 0..self.robot.motors.len();
+    }
+
+    fn body(&self, link: usize, frame: Isometry3<f64>) -> Result<Body, FileError> {
+        let mut body = Body { links: Vec::new(), joints: Vec::new() };
+        let mut todo = vec![(link, frame)];
+        while let Some((link, frame)) = todo.pop() {
+            body.links.push((link, frame));
+            for &joint in &self.tree.leaving[link] {
+                let what = &self.urdf.joints[joint];
+                let bad = || {
+                    let message = format!("the origin or axis of joint `{}` is not a finite number", what.name);
+                    let at = self.places.of("joint", what.name.trim());
+                    self.source.error(at, message, "write finite numbers; the axis must not be zero")
+                };
+                let at_joint = frame * pose(&what.origin).ok_or_else(bad)?;
+                match self.tree.drives[joint] {
+                    Drive::Fixed(0.0) => todo.push((self.tree.child[joint], at_joint)),
+                    Drive::Fixed(angle) => {
+                        let turn = UnitQuaternion::from_axis_angle(&axis(&what.axis.xyz.0).ok_or_else(bad)?, angle);
+                        todo.push((self.tree.child[joint], at_joint * turn));
+                    }
+                    Drive::Turns { .. } => {
+                        axis(&what.axis.xyz.0).ok_or_else(bad)?;
+                        body.joints.push((joint, at_joint));
+                    }
+                }
+            }
+        }
+        Ok(body)
+    }
+
+    /// Writes a body's nodes under the joint `parent`; returns what is to follow.
+    fn emit(&mut self, body: &Body, parent: Option<usize>, before: Option<usize>) -> Result<Vec<Todo>, FileError> {
+        let Some(&(first, frame)) = body.links.first() else { return Ok(Vec::new()) };
+        let start = frame.translation.vector;
+        // The body's own link ends at the first point that something needs.
+        let points = body.joints.iter().chain(&body.links).map(|(_, f)| f.translation.vector - start);
+        let offset = points.into_iter().find(|v| v.norm() > SAME_POINT).unwrap_or(Vector3::new(0.0, 0.0, STUB));
+        let node = self.node(first, parent, NodeKind::Link { offset })?;
+        for (link, link_frame) in &body.links {
+            for collision in &self.urdf.links[*link].collision {
+                if let Some(mut solid) = self.shape(*link, collision)? {
+                    // Shapes sit at the start of the body's link, which has the orientation of the root.
+                    solid.pose = Translation3::from(-start) * link_frame * solid.pose;
+                    self.robot.nodes[node].solids.push(solid);
+                }
+            }
+        }
+        let this = self.bodies.len();
+        self.bodies.push(neighbors::Written { node, start, joint: parent, before });
+        let end = start + offset;
+        for (link, link_frame) in &body.links {
+            let at = link_frame.translation.vector;
+            let place = if (at - start).norm() <= SAME_POINT {
+                node
+            } else {
+                let at_point = self.connect(*link, node, at - end)?;
+                self.node(*link, Some(at_point), NodeKind::Link { offset: Vector3::new(0.0, 0.0, STUB) })?
+            };
+            self.robot.markers.push(Marker {
+                name: self.urdf.links[*link].name.trim().to_owned(),
+                node: place,
+                part: 0,
+                normal: Unit::new_normalize(link_frame.rotation * Vector3::z()),
+                tracer: 5,
+            });
+        }
+        let mut next = Vec::new();
+        for (joint, child_frame) in &body.joints {
+            let at_point = self.connect(first, node, child_frame.translation.vector - end)?;
+            let turning = self.joint(first, *joint, child_frame, at_point)?;
+            next.push((self.tree.child[*joint], *child_frame, Some(turning), Some(this)));
+        }
+        Ok(next)
+    }
+
+    /// The node whose children start `offset` beyond the end of `from`: `from` itself, or a new link.
+    fn connect(&mut self, link: usize, from: usize, offset: Vector3<f64>) -> Result<usize, FileError> {
+        if offset.norm() <= SAME_POINT { Ok(from) } else { self.node(link, Some(from), NodeKind::Link { offset }) }
+    }
+
+    fn joint(&mut self, link: usize, joint: usize, frame: &Isometry3<f64>, parent: usize) -> Result<usize, FileError> {
+        let mut direction = frame.rotation * axis(&self.urdf.joints[joint].axis.xyz.0).unwrap_or(Vector3::z_axis());
+        let Drive::Turns { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
+        let (Some(motor), Some((lo, hi))) = (self.motors[source], self.tree.limits[source]) else { return Ok(parent) };
+        let (mut min, mut max) = (factor * lo + offset, factor * hi + offset);
+        if min > max {
+            // The format wants limits in order: turn the axis round.
+            (direction, min, max) = (-direction, -min, -max);
+        }
+        let node = self.node(link, Some(parent), NodeKind::Joint { axis: direction, motor, min, max, length: 1.0 })?;
+        self.robot.motors[motor].joints.push(node);
+        Ok(node)
+    }
+
+    fn node(&mut self, link: usize, parent: Option<usize>, kind: NodeKind) -> Result<usize, FileError> {
+        let index = self.robot.nodes.len();
+        let name = self.urdf.links[link].name.trim();
+        if index >= MAX_NODES {
+            let message = format!("the robot needs more than {MAX_NODES} nodes");
+            return Err(self.source.error(self.places.of("link", name), message, "merge or remove links"));
+        }
+        let (solids, fields) = (Vec::new(), Vec::new());
+        let node = Node { parent, part: 0, kind, solids, fields, no_self_collision: false, near_root: false };
+        self.robot.nodes.push(node);
+        self.link_of_node.push(name.to_owned());
+        Ok(index)
+    }
+
+    /// A collision shape in its link's frame.
+    fn shape(&mut self, link: usize, collision: &urdf_rs::Collision) -> Result<Option<Primitive>, FileError> {
+        let name = self.urdf.links[link].name.trim();
+        let at = self.places.of("link", name);
+        let bad = |message: String, help: &str| self.source.error(at.clone(), message, help);
+        let number = |what: &str| {
+            bad(format!("link `{name}`: a collision {what}"), "write finite numbers, and sizes above zero")
+        };
+        let place = pose(&collision.origin).ok_or_else(|| number("origin is not finite"))?;
+        // URDF's cylinders and capsules lie along z, ours along y.
+        let along_z = place * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
+        let (shape, pose) = match &collision.geometry {
+            Geometry::Sphere { radius } => (Shape::Sphere { radius: *radius }, place),
+            Geometry::Box { size } => (Shape::Box { size: Vector3::from(size.0) }, place),
+            Geometry::Cylinder { radius, length } => (Shape::Cylinder { radius: *radius, height: *length }, along_z),
+            Geometry::Capsule { radius, length } => (Shape::Capsule { radius: *radius, height: *length }, along_z),
+            Geometry::Mesh { filename, .. } if self.options.drop_meshes => {
+                let message = format!("link `{name}`: the mesh {filename} is left out");
+                self.warnings.push(self.source.warning(
+                    at.clone(),
+                    message,
+                    "give the link a shape in the converted file",
+                ));
+                return Ok(None);
+            }
+            Geometry::Mesh { filename, scale } => {
+                let scale = Vector3::from(scale.map_or([1.0; 3], |s| s.0));
+                let fitted = mesh::points(filename, &self.options.mesh_folders)
+                    .and_then(|points| fit::fit(points.iter().map(|p| p.component_mul(&scale))))
+                    .map_err(|why| {
+                        let help = "name the folder of the meshes with --meshes DIR, leave meshes out with --drop-meshes, \
+                                    or give the link a box, cylinder or sphere";
+                        bad(format!("link `{name}`: the mesh {filename} {why}"), help)
+                    })?;
+                (fitted.shape, place * fitted.pose)
+            }
+        };
+        let sizes = match shape {
+            Shape::Sphere { radius } => [radius; 3],
+            Shape::Cylinder { radius, height } | Shape::Capsule { radius, height } => [radius, height, 1.0],
+            Shape::Box { size } => size.into(),
+        };
+        if sizes.iter().any(|s| !(s.is_finite() && *s > 0.0 && *s < 1e6)) {
+            return Err(number("shape has a size that is not above zero"));
+        }
+        Ok(Some(Primitive { shape, pose }))
+    }
+}
+
+fn axis(xyz: &[f64; 3]) -> Option<Unit<Vector3<f64>>> {
+    let v = Vector3::from(*xyz);
+    v.iter().all(|c| c.is_finite()).then(|| Unit::try_new(v, 1e-9)).flatten()
+}
+
+/// `parent_from_here`: fixed axes roll, pitch, yaw.
+fn pose(origin: &Pose) -> Option<Isometry3<f64>> {
+    let ([x, y, z], [roll, pitch, yaw]) = (origin.xyz.0, origin.rpy.0);
+    let sane = [x, y, z, roll, pitch, yaw].iter().all(|v| v.is_finite() && v.abs() < 1e6);
+    let turn = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+    sane.then(|| Isometry3::from_parts(Translation3::new(x, y, z), turn))
+}

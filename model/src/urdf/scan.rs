@@ -1,0 +1,93 @@
+//! A first pass over the text: where each link and joint stands, and whether the XML is sane at all.
+
+use crate::error::{FileError, Source};
+use quick_xml::Reader;
+use quick_xml::events::Event;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Deeper nesting is refused; a URDF needs five levels.
+const MAX_DEPTH: usize = 50;
+
+/// Where things stand in the text.
+pub(super) struct Places {
+    /// The outermost tag.
+    pub robot: Range<usize>,
+    elements: BTreeMap<(String, String), Range<usize>>,
+}
+
+impl Places {
+    /// The start tag of a `link` or `joint`; the `robot` if there is none.
+    pub fn of(&self, kind: &str, name: &str) -> Range<usize> {
+        self.elements.get(&(kind.to_owned(), name.to_owned())).unwrap_or(&self.robot).clone()
+    }
+}
+
+pub(super) fn scan(source: &Source) -> Result<Places, FileError> {
+    let mut reader = Reader::from_str(source.text());
+    reader.config_mut().expand_empty_elements = true;
+    let mut places = Places { robot: 0..0, elements: BTreeMap::new() };
+    let mut open: Vec<Range<usize>> = Vec::new();
+    let mut seen_root = false;
+    loop {
+        let before = reader.buffer_position() as usize;
+        let event = reader.read_event().map_err(|e| {
+            let at = (reader.error_position() as usize).min(source.text().len());
+            source.error(at..at, format!("this is not well-formed XML: {e}"), "mend the XML here or just before")
+        })?;
+        let at = before..reader.buffer_position() as usize;
+        match event {
+            Event::Eof => break,
+            Event::DocType(_) => {
+                return Err(source.error(at, "a URDF has no document type", "remove the <!DOCTYPE ...>"));
+            }
+            Event::End(_) => drop(open.pop()),
+            Event::Start(tag) => {
+                let name = tag.name().into_inner().to_owned();
+                match open.len() {
+                    0 if name != "robot" => {
+                        let help = match name.to_ascii_lowercase().as_str() {
+                            "zeropositionkinematictree" => "this is a ZRP file already; it needs no conversion",
+                            _ if name.starts_with("xacro") => "run xacro on the file first",
+                            _ => "a URDF begins with <robot name=\"...\">",
+                        };
+                        return Err(source.error(at, format!("<{name}> does not begin a URDF"), help));
+                    }
+                    0 if seen_root => {
+                        return Err(source.error(at, "a second outermost element", "keep a single <robot>"));
+                    }
+                    0 => (seen_root, places.robot) = (true, at.clone()),
+                    1 if name.starts_with("xacro:") => {
+                        return Err(source.error(at, format!("<{name}> is a macro"), "run xacro on the file first"));
+                    }
+                    1 if name == "link" || name == "joint" => {
+                        let id = tag.attributes().flatten().find(|a| a.key.into_inner() == "name");
+                        let id = id.map(|a| a.value.trim().to_owned()).unwrap_or_default();
+                        if id.is_empty() {
+                            let message = format!("a {name} without a name");
+                            return Err(source.error(at, message, "give it an attribute name=\"...\""));
+                        }
+                        if places.elements.insert((name.clone(), id.clone()), at.clone()).is_some() {
+                            let message = format!("there is a {name} `{id}` already");
+                            return Err(source.error(at, message, "give each one a name of its own"));
+                        }
+                    }
+                    depth if depth >= MAX_DEPTH => {
+                        let message = format!("elements are nested more than {MAX_DEPTH} deep");
+                        return Err(source.error(at, message, "a URDF needs five levels; check where elements end"));
+                    }
+                    _ => {}
+                }
+                open.push(at);
+            }
+            _ => {}
+        }
+    }
+    match open.pop() {
+        Some(at) => Err(source.error(at, "this element is never closed", "close it where it ends")),
+        None if !seen_root => {
+            Err(source.error(0..0, "the file has no element", "a URDF begins with <robot name=\"...\">"))
+        }
+        None => Ok(places),
+    }
+}

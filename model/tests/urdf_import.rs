@@ -1,0 +1,207 @@
+//! URDF import: the same kinematics, the same shapes, and clear words for what cannot be converted.
+
+use mobee_model::{Robot, Scene, Shape, UrdfOptions, load_robot, load_urdf, parse_robot, parse_urdf, write_robot};
+use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+fn data(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data").join(name)
+}
+
+/// Link frames straight from the URDF's own tree: matrices, joint by joint.
+fn urdf_frames(urdf: &urdf_rs::Robot, angles: &BTreeMap<String, f64>) -> BTreeMap<String, Matrix4<f64>> {
+    let rpy = |r: [f64; 3]| {
+        let about = |axis: Vector3<f64>, angle: f64| Rotation3::new(axis * angle);
+        about(Vector3::z(), r[2]) * about(Vector3::y(), r[1]) * about(Vector3::x(), r[0])
+    };
+    let angle = |joint: &urdf_rs::Joint| match &joint.mimic {
+        Some(m) => angles[&m.joint] * m.multiplier.unwrap_or(1.0) + m.offset.unwrap_or(0.0),
+        None => angles.get(&joint.name).copied().unwrap_or(0.0),
+    };
+    let root = urdf.links.iter().find(|l| urdf.joints.iter().all(|j| j.child.link != l.name)).unwrap();
+    let mut frames = BTreeMap::from([(root.name.clone(), Matrix4::identity())]);
+    while frames.len() < urdf.links.len() {
+        for joint in &urdf.joints {
+            let Some(parent) = frames.get(&joint.parent.link) else { continue };
+            let origin =
+                Matrix4::new_translation(&joint.origin.xyz.0.into()) * rpy(joint.origin.rpy.0).to_homogeneous();
+            let turn = Rotation3::new(Vector3::from(joint.axis.xyz.0).normalize() * angle(joint)).to_homogeneous();
+            let turn = if joint.joint_type == urdf_rs::JointType::Fixed { Matrix4::identity() } else { turn };
+            let frame = parent * origin * turn;
+            frames.insert(joint.child.link.clone(), frame);
+        }
+    }
+    frames
+}
+
+/// At random poses every link's origin and z axis are where the URDF has them.
+fn kinematics_agree(urdf: &urdf_rs::Robot, robot: &Robot, poses: usize) {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    for _ in 0..poses {
+        let q: Vec<f64> = robot.motors.iter().map(|m| random.random_range(m.min..=m.max)).collect();
+        let angles = robot.motors.iter().zip(&q).map(|(m, q)| (m.name.clone(), *q)).collect();
+        let frames = urdf_frames(urdf, &angles);
+        let markers = robot.markers_at(&q);
+        assert_eq!(markers.len(), frames.len());
+        for (marker, pose) in robot.markers.iter().zip(&markers) {
+            let frame = &frames[&marker.name];
+            let off = (pose.position() - frame.transform_point(&Point3::origin())).norm();
+            let turned = (pose.normal - frame.transform_vector(&Vector3::z())).norm();
+            assert!(off < 1e-9 && turned < 1e-9, "{}: {off} m, {turned}", marker.name);
+        }
+    }
+}
+
+#[test]
+fn the_converted_arm_moves_as_its_urdf() {
+    let path = data("bent_arm.urdf");
+    let urdf = urdf_rs::read_file(&path).unwrap();
+    let loaded = load_urdf(&path, &UrdfOptions::default()).unwrap();
+    assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+    let robot = loaded.value;
+    let motors: Vec<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
+    assert_eq!(motors, ["turn", "shoulder", "elbow", "wrist", "finger_left_joint"]);
+    kinematics_agree(&urdf, &robot, 1000);
+    let written = parse_robot("converted.xml", &write_robot(&robot)).unwrap();
+    assert!(written.warnings.is_empty(), "{:?}", written.warnings);
+    kinematics_agree(&urdf, &written.value, 1000);
+    assert_eq!(written.value.motors.len(), robot.motors.len());
+}
+
+/// The shapes of the converted robot, through the ZRP file, are where the URDF puts them.
+#[test]
+fn shapes_stay_in_their_place() {
+    let robot = load_urdf(data("bent_arm.urdf"), &UrdfOptions::default()).unwrap().value;
+    let urdf = urdf_rs::read_file(data("bent_arm.urdf")).unwrap();
+    let robot = parse_robot("converted.xml", &write_robot(&robot)).unwrap().value;
+    let q: Vec<f64> = robot.motors.iter().map(|m| 0.3 * m.min + 0.7 * m.max).collect();
+    let angles = robot.motors.iter().zip(&q).map(|(m, q)| (m.name.clone(), *q)).collect();
+    let frames = urdf_frames(&urdf, &angles);
+    let mut transforms = Vec::new();
+    robot.forward(&q, &mut transforms);
+    let solids =
+        || robot.nodes.iter().zip(&transforms).flat_map(|(n, t)| n.solids.iter().map(move |s| (s.shape, t * s.pose)));
+    // The hand's box: one with these edges, its corner where the URDF has it.
+    let local = Matrix4::new_translation(&Vector3::new(0.0, 0.0, 0.03))
+        * Rotation3::from_euler_angles(0.4, -2.1, 1.3).to_homogeneous();
+    let corner = Point3::new(0.015, 0.025, 0.02);
+    let expected = (frames["hand"] * local).transform_point(&corner);
+    let (_, hand) = solids().find(|(s, _)| *s == Shape::Box { size: Vector3::new(0.03, 0.05, 0.04) }).unwrap();
+    assert!((hand * corner - expected).norm() < 1e-9);
+    // The forearm's cylinder lies along its link's x axis: half a length along it is the middle of its end.
+    let (_, lower) = solids().find(|(s, _)| *s == Shape::Cylinder { radius: 0.03, height: 0.14 }).unwrap();
+    let expected = frames["lower"].transform_point(&Point3::new(0.17, 0.0, 0.0));
+    assert!((lower * Point3::new(0.0, 0.07, 0.0) - expected).norm() < 1e-9);
+}
+
+/// Neighbors are left alone, all others are tested.
+#[test]
+fn bodies_beyond_the_next_are_tested() {
+    let robot = load_urdf(data("bent_arm.urdf"), &UrdfOptions::default()).unwrap().value;
+    let node = |shape: Shape| robot.nodes.iter().position(|n| n.solids.iter().any(|s| s.shape == shape)).unwrap();
+    let base = node(Shape::Cylinder { radius: 0.08, height: 0.1 });
+    let upper = node(Shape::Cylinder { radius: 0.03, height: 0.2 });
+    let lower = node(Shape::Cylinder { radius: 0.03, height: 0.14 });
+    let hand = node(Shape::Box { size: Vector3::new(0.03, 0.05, 0.04) });
+    for pair in [(base, hand), (upper, hand), (base, lower)] {
+        assert!(robot.pairs.reflex.contains(&pair), "{pair:?}");
+    }
+    for pair in [(upper, lower), (lower, hand)] {
+        assert!(!robot.pairs.reflex.contains(&pair), "{pair:?}");
+    }
+    let scene = Scene::new(vec![(Arc::new(robot), Isometry3::identity())], vec![]).unwrap();
+    assert!(scene.static_contacts().is_empty());
+}
+
+#[test]
+fn a_mesh_becomes_a_shape_around_it_or_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let obj = "v 0 0 0\nv 0.2 0 0\nv 0 0.3 0\nv 0 0 0.4\nv 0.2 0.3 0\nv 0.2 0 0.4\nv 0 0.3 0.4\nv 0.2 0.3 0.4\n";
+    std::fs::write(folder.path().join("brick.obj"), obj).unwrap();
+    let text = |file: &str| {
+        format!(
+            "<robot name=\"r\"><link name=\"brick\"><collision><origin xyz=\"1 0 0\"/><geometry>\
+             <mesh filename=\"{file}\" scale=\"0.1 0.1 0.1\"/></geometry></collision></link></robot>"
+        )
+    };
+    let options = UrdfOptions { mesh_folders: vec![folder.path().into()], ..Default::default() };
+    let robot = parse_urdf("r.urdf", &text("package://any/brick.obj"), &options).unwrap().value;
+    let solid = &robot.nodes[0].solids[0];
+    assert!((solid.pose.translation.vector - Vector3::new(1.01, 0.015, 0.02)).norm() < 1e-9, "{solid:?}");
+    match solid.shape {
+        Shape::Box { size } => assert!((size.norm() - Vector3::new(0.02_f64, 0.03, 0.04).norm()).abs() < 1e-9),
+        other => panic!("{other:?}"),
+    }
+    let refused = parse_urdf("r.urdf", &text("package://any/none.stl"), &options).unwrap_err();
+    assert!(refused.message().contains("link `brick`") && refused.message().contains("none.stl"), "{refused}");
+    assert!(refused.remedy().contains("--meshes"), "{refused:?}");
+    let dropped = parse_urdf("r.urdf", &text("none.stl"), &UrdfOptions { drop_meshes: true, ..Default::default() });
+    assert_eq!(dropped.unwrap().warnings.len(), 1);
+}
+
+fn two_links(joint: &str) -> String {
+    format!("<robot name=\"r\">\n<link name=\"a\"/><link name=\"b\"/>\n{joint}\n</robot>")
+}
+
+#[test]
+fn what_cannot_be_converted_is_named_with_its_place() {
+    let ends = "<parent link=\"a\"/><child link=\"b\"/>";
+    let limit = "<limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"1\"/>";
+    let cases = [
+        (String::new(), 0, "no element"),
+        ("<robot name=\"r\">".into(), 1, "never closed"),
+        ("<robot name=\"r\"><link name=\"a\"></robot>".into(), 1, "well-formed"),
+        ("<ZeroPositionKinematicTree/>".into(), 1, "does not begin a URDF"),
+        ("<!DOCTYPE x [<!ENTITY a \"b\">]><robot name=\"r\"/>".into(), 1, "document type"),
+        ("<robot name=\"r\"><link name=\"a\"/>\n<link name=\"a\"/></robot>".into(), 2, "already"),
+        (two_links(""), 1, "2 links have no parent"),
+        (two_links(&format!("<joint name=\"j\" type=\"prismatic\">{ends}{limit}</joint>")), 3, "prismatic"),
+        (two_links(&format!("<joint name=\"j\" type=\"bent\">{ends}{limit}</joint>")), 1, "bent"),
+        (two_links("<joint name=\"j\" type=\"fixed\"><parent link=\"a\"/><child link=\"c\"/></joint>"), 3, "`c`"),
+        (two_links(&format!("<joint name=\"j\" type=\"fixed\">{ends}</joint>\n<joint name=\"k\" type=\"fixed\">{ends}</joint>")), 4, "more than one parent"),
+        (two_links(&format!("<joint name=\"j\" type=\"revolute\">{ends}<limit lower=\"1\" upper=\"-1\" effort=\"1\" velocity=\"1\"/></joint>")), 3, "limits"),
+        (two_links(&format!("<joint name=\"j\" type=\"revolute\">{ends}{limit}<axis xyz=\"0 0 0\"/></joint>")), 3, "axis"),
+        (two_links(&format!("<joint name=\"j\" type=\"revolute\">{ends}{limit}<origin xyz=\"nan 0 0\"/></joint>")), 3, "finite"),
+        (two_links(&format!("<joint name=\"j\" type=\"revolute\">{ends}{limit}<mimic joint=\"j\"/></joint>")), 3, "itself"),
+        (two_links(&format!("<joint name=\"j\" type=\"revolute\">{ends}{limit}<mimic joint=\"x\"/></joint>")), 3, "does not exist"),
+        ("<robot name=\"r\"><link name=\"a\"><collision><geometry><sphere radius=\"-1\"/></geometry></collision></link></robot>".into(), 1, "above zero"),
+    ];
+    for (text, line, expected) in cases {
+        let error = parse_urdf("r.urdf", &text, &UrdfOptions::default()).expect_err(&text);
+        assert!(error.to_string().contains(expected), "{text}\n{error}");
+        assert!(!error.remedy().is_empty() && error.line() >= line, "{text}\n{error}");
+        assert!(line == 0 || error.line() == line, "{text}\n{error}");
+    }
+    let deep = format!("<robot name=\"r\">{}", "<a>".repeat(100_000));
+    assert!(parse_urdf("r.urdf", &deep, &UrdfOptions::default()).unwrap_err().to_string().contains("nested"));
+}
+
+#[test]
+fn prismatic_joints_can_be_held_at_zero() {
+    let text = two_links(
+        "<joint name=\"j\" type=\"prismatic\"><parent link=\"a\"/><child link=\"b\"/><limit lower=\"0\" upper=\"1\" effort=\"1\" velocity=\"1\"/></joint>",
+    );
+    let options = UrdfOptions { fix_unsupported: true, part: Some("arm".into()), ..Default::default() };
+    let loaded = parse_urdf("r.urdf", &text, &options).unwrap();
+    assert_eq!((loaded.warnings.len(), loaded.value.motors.len()), (1, 0));
+    assert_eq!(loaded.value.parts[0].name, "arm");
+}
+
+/// `MOBEE_URDF=FILE` tries a real one (such as those of the PyPI package icub-models) beside the test's own.
+#[test]
+fn a_real_urdf_converts_if_one_is_given() {
+    let Some(path) = std::env::var_os("MOBEE_URDF").map(PathBuf::from) else {
+        return eprintln!("SKIPPED: MOBEE_URDF names no file");
+    };
+    let urdf = urdf_rs::read_file(&path).unwrap();
+    let loaded = load_urdf(&path, &UrdfOptions::default()).unwrap();
+    loaded.warnings.iter().for_each(|w| eprintln!("{w}"));
+    kinematics_agree(&urdf, &loaded.value, 1000);
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), write_robot(&loaded.value)).unwrap();
+    kinematics_agree(&urdf, &load_robot(file.path()).unwrap().value, 1000);
+}
