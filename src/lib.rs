@@ -12,7 +12,7 @@ pub mod compose;
 pub mod config;
 pub mod inspect;
 pub mod kinds;
+pub mod model_eval;
 pub mod model_info;
 pub mod run;
 pub mod view;
-

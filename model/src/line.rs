@@ -5,6 +5,8 @@
 
 use crate::collision::{Placement, bound, measure};
 use crate::scene::{Pair, Scene};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 /// How far beyond the asked clearance [`Scene::line`] still measures, metres.
 const BEYOND: f64 = 0.005;
@@ -55,7 +57,14 @@ impl Scene {
         step: f64,
         clearance: f64,
     ) -> bool {
-        self.violation(robot, from, to).is_none() && self.judge(robot, poses, (from, to), step, clearance, false).free
+        // Most lines that are not free end badly.
+        let mut end: Vec<&[f64]> = poses.iter().map(AsRef::as_ref).collect();
+        if let Some(q) = end.get_mut(robot) {
+            *q = to;
+        }
+        self.violation(robot, from, to).is_none()
+            && self.free(&end, clearance)
+            && self.judge(robot, poses, (from, to), step, clearance, false).free
     }
 
     fn judge<P: AsRef<[f64]>>(
@@ -87,60 +96,56 @@ impl Scene {
             moved.sum::<f64>() / steps
         };
         let world = self.world();
-        let mut pending: Vec<(u32, f64, (u32, u32))> = Vec::with_capacity(world.pairs.len());
+        // Pairs by the step at which they must be looked at next.
+        let mut pending: BinaryHeap<Reverse<(u32, u32)>> = BinaryHeap::with_capacity(world.pairs.len());
+        let mut pairs: Vec<(f64, (u32, u32))> = Vec::with_capacity(world.pairs.len());
         for group in &world.groups {
             let speed = speed(&group.travel);
-            pending.extend(group.pairs.iter().map(|pair| (0, speed, *pair)));
+            pairs.extend(group.pairs.iter().map(|pair| (speed, *pair)));
         }
+        pending.extend((0..pairs.len() as u32).map(|p| Reverse((0, p))));
         let mut placement = Placement::default();
+        placement.solids_unplaced(&world.solids);
         let mut at: Vec<Vec<f64>> = poses.iter().map(|p| p.as_ref().to_vec()).collect();
         at.resize_with(at.len().max(robot + 1), Vec::new);
-        let mut k = 0;
-        while k <= verdict.steps && !pending.is_empty() {
+        let mut now = None;
+        while let Some(Reverse((k, p))) = pending.pop() {
             let t = f64::from(k) / steps;
-            at[robot].clear();
-            at[robot].extend(from.iter().zip(&change).map(|(q, d)| q + d * t));
-            self.bodies().place(&at, &mut placement.frames);
-            placement.solids(&world.solids);
-            let mut next = u32::MAX;
-            let mut hit = None;
-            pending.retain_mut(|(due, speed, (i, j))| {
-                if *due <= k {
-                    let enough = verdict.min_distance;
-                    let mut distance = bound(&world.solids, &placement, *i, *j, enough);
-                    if distance <= enough {
-                        match measure(&world.solids, &placement, *i, *j, enough) {
-                            Some(contact) => {
-                                distance = contact.distance;
-                                if distance < verdict.min_distance || verdict.pair.is_none() {
-                                    verdict.min_distance = distance;
-                                    verdict.pair = Some(contact.pair);
-                                }
-                                if distance <= clearance {
-                                    hit = Some(t);
-                                }
-                            }
-                            None => distance = enough,
-                        }
-                    }
-                    // Until it can have come below the smallest distance so far, it does not matter.
-                    let idle = ((distance - verdict.min_distance) / *speed).floor();
-                    if idle >= f64::from(verdict.steps - k) || *speed == 0.0 {
-                        return false;
-                    }
-                    *due = k + (idle.max(0.0) as u32).max(1);
-                }
-                next = next.min(*due);
-                true
-            });
-            if let Some(t) = hit {
-                verdict.at = Some(verdict.at.map_or(t, |at| if verdict.constraint.is_none() { at } else { at.min(t) }));
-                verdict.free = false;
-                if !whole {
+            if now != Some(k) {
+                if !whole && !verdict.free {
                     break;
                 }
+                now = Some(k);
+                at[robot].clear();
+                at[robot].extend(from.iter().zip(&change).map(|(q, d)| q + d * t));
+                self.bodies().place(&at, &mut placement.frames);
             }
-            k = next;
+            let (speed, (i, j)) = pairs[p as usize];
+            placement.solid(&world.solids, i);
+            placement.solid(&world.solids, j);
+            let enough = verdict.min_distance;
+            let mut distance = bound(&world.solids, &placement, i, j, enough);
+            if distance <= enough {
+                match measure(&world.solids, &placement, i, j, enough) {
+                    Some(contact) => {
+                        distance = contact.distance;
+                        if distance < verdict.min_distance || verdict.pair.is_none() {
+                            verdict.min_distance = distance;
+                            verdict.pair = Some(contact.pair);
+                        }
+                        if distance <= clearance {
+                            verdict.free = false;
+                            verdict.at = Some(verdict.at.map_or(t, |at| at.min(t)));
+                        }
+                    }
+                    None => distance = enough,
+                }
+            }
+            // Until it can have come below the smallest distance so far, it does not matter.
+            let idle = ((distance - verdict.min_distance) / speed).floor();
+            if speed > 0.0 && idle < f64::from(verdict.steps - k) {
+                pending.push(Reverse((k + (idle.max(0.0) as u32).max(1), p)));
+            }
         }
         verdict
     }
