@@ -64,7 +64,9 @@ impl Invariant for ClosedMeansClosed {
                 let now = filter.token;
                 if *writer == Writer::Driver {
                     if kind != "stop" && kind != "mode" {
-                        found.say(format!("{robot}: the driver itself wrote a `{kind}`; it may only stop and set modes"));
+                        found.say(format!(
+                            "{robot}: the driver itself wrote a `{kind}`; it may only stop and set modes"
+                        ));
                     }
                 } else if *token != now || !filter.may_write(*writer, *token) {
                     let state = if filter.may_write(Writer::Agent, now) { "open" } else { "closed" };
