@@ -107,7 +107,9 @@ fn any_pose(reach: f64, rng: &mut ChaCha8Rng) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(unit() * reach, unit() * reach, unit() * reach), rotation)
 }
 
-const NAMES: [&str; 7] = ["sphere", "capsule", "cylinder", "box", "plate", "post", "coin"];
+fn name(kind: usize) -> &'static str {
+    ["sphere", "capsule", "cylinder", "box", "plate", "post", "coin"][kind]
+}
 
 #[test]
 fn every_pair_apart_is_bracketed_from_both_sides() {
@@ -128,10 +130,10 @@ fn every_pair_apart_is_bracketed_from_both_sides() {
                 let off = outside(&a, &p).max(outside(&b, &q)).max((length - near.distance).abs());
                 let slack = if length > 1e-7 { near.distance - parted(&a, &b, &((q - p) / length)) } else { 0.0 };
                 let error = off.max(slack);
-                assert!(error < 1e-6, "{} / {}: {error:e} of {near:?}\n{a:?}\n{b:?}", NAMES[ka], NAMES[kb]);
+                assert!(error < 1e-6, "{} / {}: {error:e} of {near:?}\n{a:?}\n{b:?}", name(ka), name(kb));
                 worst = worst.max(error);
             }
-            println!("{:8} {:8} apart {apart:5}  worst error {worst:.1e} m", NAMES[ka], NAMES[kb]);
+            println!("{:8} {:8} apart {apart:5}  worst error {worst:.1e} m", name(ka), name(kb));
         }
     }
 }
@@ -155,21 +157,17 @@ fn no_direction_parts_an_overlapping_pair_by_a_shorter_way() {
                 // The search finds a lower bound of the signed distance; the library's answer must not lie below it.
                 let too_deep = reference - near.distance;
                 let too_shallow = near.distance - reference;
-                assert!(
-                    too_deep < 1e-5,
-                    "{} / {}: {too_deep:e} too deep: {near:?}\n{a:?}\n{b:?}",
-                    NAMES[ka],
-                    NAMES[kb]
-                );
+                assert!(too_deep < 1e-5, "{} / {}: {too_deep:e} too deep: {near:?}\n{a:?}\n{b:?}", name(ka), name(kb));
                 worst = worst.max(too_deep);
                 over = over.max(too_shallow);
                 let [p, q] = near.points;
                 let points = (q - p).norm() + near.distance;
-                assert!(points.abs() < 1e-5, "{} / {}: points {points:e} off", NAMES[ka], NAMES[kb]);
+                assert!(points.abs() < 1e-5, "{} / {}: points {points:e} off", name(ka), name(kb));
             }
             println!(
                 "{:8} {:8} overlapping {inside:3}  too deep by {worst:.1e} m, beyond the search by {over:.1e} m",
-                NAMES[ka], NAMES[kb]
+                name(ka),
+                name(kb)
             );
         }
     }
@@ -187,7 +185,7 @@ fn distances_do_not_depend_on_the_order_or_on_where_the_world_is() {
         let swapped = distance(&b.0, &b.1, &a.0, &a.1).distance;
         let moved = distance(&a.0, &(there * a.1), &b.0, &(there * b.1)).distance;
         // Depth of a cylinder is found by expansion, which stops within 1e-5 of the best.
-        assert!((straight - swapped).abs() < 1e-5, "{} / {}: {straight} {swapped}", NAMES[ka], NAMES[kb]);
-        assert!((straight - moved).abs() < 1e-5, "{} / {}: {straight} {moved}", NAMES[ka], NAMES[kb]);
+        assert!((straight - swapped).abs() < 1e-5, "{} / {}: {straight} {swapped}", name(ka), name(kb));
+        assert!((straight - moved).abs() < 1e-5, "{} / {}: {straight} {moved}", name(ka), name(kb));
     }
 }
