@@ -287,7 +287,8 @@ impl ReflexCore {
                     out.extend(retreat.step(&pulse.sample, &rules).map(|c| ReflexOut::Command(token, c)));
                     if retreat.is_over() {
                         let (safe, floors, violated) = (safe.clone(), std::mem::take(floors), *violated);
-                        self.phase = Phase::Settling { token, since: now, safe, floors, violated };
+                        let since = retreat.arrival(now);
+                        self.phase = Phase::Settling { token, since, safe, floors, violated };
                         out.push(ReflexOut::Word(Word::Settling));
                     }
                 }

@@ -3,7 +3,7 @@
 
 mod common;
 use common::{Trial, ball};
-use mobee_actors::system::{Control, Reason};
+use mobee_actors::system::{Control, Counts, Reason};
 use mobee_contract::Time;
 use mobee_drivers::Fault;
 use mobee_model::{Edit, ObjectClass};
@@ -12,7 +12,7 @@ use std::time::Duration;
 
 const ACTORS: [&str; 6] = ["arm/driver", "arm/history", "arm/supervise", "arm/reflex", "arm/agent", "model"];
 
-fn one(seed: u64) {
+fn one(seed: u64) -> Counts {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
     let mut pose = || [rng.random_range(-160.0..160.0), rng.random_range(-110.0..110.0), rng.random_range(-80.0..80.0)];
     let poses = (0..6).map(|_| pose()).collect();
@@ -46,9 +46,18 @@ fn one(seed: u64) {
     assert_eq!(ran.end.reason, Reason::Done, "seed {seed}\n{}", head(&ran));
     assert_eq!(ran.end.counts.commits, ran.end.counts.outcomes(), "seed {seed}\n{}", head(&ran));
     assert_eq!(ran.violations(), [], "seed {seed}\n{}", head(&ran));
+    ran.end.counts
 }
 
 #[test]
 fn fifty_seeds_hold_all_invariants() {
-    (0..50).for_each(one);
+    let all: Vec<Counts> = (0..50).map(one).collect();
+    let sum = |of: fn(&Counts) -> u64| all.iter().map(of).sum::<u64>();
+    // faults that hit nothing would prove nothing
+    let (rolled_back, restarts, faulted) = (sum(|c| c.rolled_back), sum(|c| c.restarts), sum(|c| c.faulted));
+    let (escapes, stopped) = (sum(|c| c.escapes), sum(|c| c.retreats_stopped));
+    eprintln!(
+        "{rolled_back} rolled back, {faulted} faulted, {restarts} restarts, {escapes} escapes, {stopped} retreats stopped"
+    );
+    assert!(rolled_back > 20 && restarts > 100 && faulted > 20 && escapes > 0);
 }

@@ -3,6 +3,7 @@
 use crate::controller::{Rules, distance};
 use crate::history::Recorded;
 use mobee_contract::{Command, ControlMode, Pose, Sample, Target, Time};
+use std::time::Duration;
 
 /// Share of a motor's greatest speed that a set-point may ask for.
 const SHARE: f64 = 0.95;
@@ -71,6 +72,13 @@ impl Retreat {
     /// Whether the last set-point has been written.
     pub fn is_over(&self) -> bool {
         self.next >= self.points.len()
+    }
+
+    /// When the last written pose should be reached: a way-point takes its leg's time, a set-point is followed at once.
+    pub fn arrival(&self, now: Time) -> Time {
+        let at =
+            |back: usize| self.points.len().checked_sub(back).and_then(|i| self.points.get(i)).map_or(0.0, |(t, _)| *t);
+        if self.direct { now } else { now + Duration::from_secs_f64((at(1) - at(2)).clamp(0.0, 1e6)) }
     }
 
     /// The next command if it is time for one.

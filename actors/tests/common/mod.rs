@@ -96,6 +96,7 @@ pub struct Trial {
     pub script: Vec<ScriptStep>,
     pub limit: Duration,
     pub controls: Vec<(Duration, Control)>,
+    pub clock: ClockKind,
 }
 
 impl Default for Trial {
@@ -110,6 +111,7 @@ impl Default for Trial {
             script: Vec::new(),
             limit: Duration::from_secs(120),
             controls: Vec::new(),
+            clock: ClockKind::Virtual,
         }
     }
 }
@@ -163,7 +165,7 @@ impl Trial {
                 agent: Some(Arc::new(agent)),
             }],
             seed: self.seed,
-            clock: ClockKind::Virtual,
+            clock: self.clock,
             taps: taps.clone(),
             config: serde_json::Value::Null,
             script: self.script,
