@@ -28,10 +28,9 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
     }
     let report = check(path).map_err(journal_error)?;
     println!("{} events, chain intact, hash {}", report.events, report.hash);
-    match (&report.ended, &report.truncated) {
-        (Some(reason), _) => println!("the run ended in order: {reason}"),
-        (None, Some(e)) => println!("{e}"),
-        (None, None) => println!("the run did not end in order; open commits and links are not judged"),
+    match &report.ended {
+        Some(reason) => println!("the run ended in order: {reason}"),
+        None => println!("the run did not end in order; open commits and links are not judged"),
     }
     for v in &report.violations {
         println!("{v}");
@@ -43,7 +42,10 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
     if edges {
         good &= judge_edges(path)?;
     }
-    Ok(if good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    match report.truncated {
+        Some(e) => Err(journal_error(e).into()),
+        None => Ok(if good { ExitCode::SUCCESS } else { ExitCode::FAILURE }),
+    }
 }
 
 fn contents(c: &Composition) -> String {
@@ -57,6 +59,8 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
     let stored = dir.join("config.json");
     let (config, source) = Config::load_resolved(&stored)?;
     let c = compose(config, &source)?;
+    // the world as the run left it: what the script did was done before the last edges were driven
+    let scene = c.script.iter().fold(c.scene.clone(), |scene, step| scene.edit(&step.edit).unwrap_or(scene));
     let mut good = true;
     for (i, r) in c.config.robot.iter().enumerate() {
         let file = dir.join(format!("roadmap-{}.json", r.name));
@@ -65,7 +69,7 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
         let map = Roadmap::import(&value, &c.scene.robots()[i]).map_err(|e| {
             ConfigError::plain(format!("{}: {e}", file.display()), "give the folder of a run, as it was written")
         })?;
-        let report = judge(&map, &c.scene, i, &c.scene.home(), r.controller.margin_mm * 1e-3 + RELEASE);
+        let report = judge(&map, &scene, i, &scene.home(), r.controller.margin_mm * 1e-3 + RELEASE);
         println!(
             "edges of {}: {} agree with the offline check of their straight line, {} borderline, {} disagree",
             r.name,

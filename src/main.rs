@@ -68,7 +68,7 @@ struct RunArgs {
     #[arg(long, value_parser = clock)]
     clock: Option<Clock>,
     /// End after this many seconds on the run's own clock.
-    #[arg(long = "for", value_name = "SECONDS")]
+    #[arg(long = "for", value_name = "SECONDS", allow_negative_numbers = true)]
     secs: Option<f64>,
     /// Write the run into this new folder instead of runs/NAME-TIME.
     #[arg(long, value_name = "DIR")]

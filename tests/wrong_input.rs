@@ -1,0 +1,148 @@
+//! Whatever a user writes wrong is answered with its place and a remedy, exit code 2, and nothing half-done.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const BEHAVIOR: &str = r#"world.file = "world.xml"
+
+[[robot]]
+name = "edge"
+model = "robot.xml"
+controller = { period_ms = 20, history = 500 }
+
+[robot.agent]
+kind = "scripted"
+speed = 0.5
+poses = [{ q_deg = { M_first = 20 } }]
+"#;
+
+const WORLD: &str = r#"<WorldList version="1.0">
+  <object name="post" px="3"><sphere radius="0.1"/></object>
+</WorldList>
+"#;
+
+const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="edge">
+  <bodypart name="base">
+    <link z="0.2" radius="0.03">
+      <motor name="M_first" minPos="-30" maxPos="60" home="0">
+        <joint z="1" minPos="-30" maxPos="60"><link x="0.3" radius="0.02"/></joint>
+      </motor>
+    </link>
+  </bodypart>
+</ZeroPositionKinematicTree>
+"#;
+
+fn mobee(dir: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_mobee")).args(args).current_dir(dir).env("NO_COLOR", "1").output().expect("mobee starts")
+}
+
+/// A folder with a good behavior, in which one text of one file is replaced.
+fn folder(file: &str, from: &str, to: &str) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().expect("a folder");
+    for (name, text) in [("behavior.toml", BEHAVIOR), ("world.xml", WORLD), ("robot.xml", ROBOT)] {
+        let text = if name == file {
+            assert!(text.contains(from), "the good {name} holds {from:?}");
+            text.replacen(from, to, 1)
+        } else {
+            text.to_owned()
+        };
+        std::fs::write(dir.path().join(name), text).expect("a file");
+    }
+    dir
+}
+
+#[test]
+fn the_good_behavior_runs() {
+    let dir = folder("behavior.toml", "", "");
+    let out = mobee(dir.path(), &["run", "behavior.toml", "--no-record", "--out", "run"]);
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let checked = mobee(dir.path(), &["check", "run"]);
+    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stdout));
+}
+
+#[test]
+fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
+    // file, what is replaced, by what, and what the answer must hold (its place first)
+    let cases: &[(&str, &str, &str, &[&str])] = &[
+        ("behavior.toml", "period_ms = 20", "period = 20", &["behavior.toml:6", "period", "did you mean `period_ms`"]),
+        ("behavior.toml", "period_ms = 20", "period_ms = \"20 ms\"", &["behavior.toml:6", "invalid type", "help"]),
+        ("behavior.toml", "period_ms = 20", "period_ms = -20", &["behavior.toml:6", "out of range", "give 1 to 1000 ms"]),
+        ("behavior.toml", "history = 500", "history = 500, margin = 3", &["behavior.toml:6", "margin_mm"]),
+        ("behavior.toml", "controller = { period_ms = 20, history = 500 }", "", &["controller", "help"]),
+        ("behavior.toml", "robot.xml", "robots.xml", &["behavior.toml:5", "there is no file", "help"]),
+        ("behavior.toml", "world.xml", "word.xml", &["behavior.toml:1", "there is no file", "help"]),
+        ("behavior.toml", "scripted", "scriptd", &["behavior.toml:9", "did you mean `scripted`"]),
+        ("behavior.toml", "M_first", "M_frist", &["behavior.toml:11", "M_frist", "M_first"]),
+        ("behavior.toml", "M_first = 20", "M_first = 200", &["behavior.toml:11", "200", "60"]),
+        ("behavior.toml", "M_first = 20", "M_first = nan", &["behavior.toml:11", "finite"]),
+        ("behavior.toml", "speed = 0.5", "speed = 5.0", &["behavior.toml:10", "speed"]),
+        ("behavior.toml", "[robot.agent]", "[robot.agent", &["behavior.toml:8", "help"]),
+        ("robot.xml", "radius=\"0.03\"", "radius=\"0.0e3x\"", &["robot.xml:3:27", "0.0e3x", "help"]),
+        ("robot.xml", "minPos=\"-30\" maxPos=\"60\" home", "minPos=\"60\" maxPos=\"-30\" home", &["robot.xml:4", "help"]),
+        ("robot.xml", "</joint>", "", &["robot.xml:", "help"]),
+        ("world.xml", "radius=\"0.1\"", "radius=\"0\"", &["world.xml:2", "help"]),
+        ("world.xml", "px=\"3\"", "px=\"0.2\" pz=\"0.2\"", &["at home", "nearer than the margin", "help"]),
+    ];
+    for (file, from, to, expected) in cases {
+        let dir = folder(file, from, to);
+        for command in ["run", "check"] {
+            let out = mobee(dir.path(), &[command, "behavior.toml"]);
+            let said = String::from_utf8_lossy(&out.stderr);
+            assert_eq!(out.status.code(), Some(2), "{command} with {to:?}: {said}");
+            for part in *expected {
+                assert!(said.contains(part), "{command} with {to:?} says {part:?}:\n{said}");
+            }
+            assert!(!said.contains("panicked"), "{said}");
+        }
+        assert!(!dir.path().join("runs").exists(), "{to:?}: nothing is left behind");
+    }
+}
+
+#[test]
+fn arguments_are_answered_too() {
+    let dir = folder("behavior.toml", "", "");
+    let cases: &[(&[&str], &str)] = &[
+        (&["run", "nowhere.toml"], "nowhere.toml"),
+        (&["run", "behavior.toml", "--set", "robot.edge.agent.sped=0.1"], "did you mean `speed`"),
+        (&["run", "behavior.toml", "--set", "speed"], "there is no `=`"),
+        (&["run", "behavior.toml", "--set", "robot.nobody.name=x"], "nobody"),
+        (&["run", "behavior.toml", "--clock", "sundial"], "the clocks are"),
+        (&["run", "behavior.toml", "--for", "-3"], "out of range"),
+        (&["run", "behavior.toml", "--out", "."], "exists already"),
+        (&["kinds", "explorr"], "did you mean `explorer`"),
+        (&["view", "."], "there is no recording"),
+        (&["inspect", "."], "journal"),
+        (&["check", "nowhere"], "nowhere"),
+        (&["model", "info", "world.xml"], "world.xml:1"),
+    ];
+    for (args, expected) in cases {
+        let out = mobee(dir.path(), args);
+        let said = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{args:?}: {said}");
+        assert!(said.contains(expected), "{args:?} says {expected:?}:\n{said}");
+    }
+}
+
+#[test]
+fn a_damaged_journal_is_named_by_its_line() {
+    let dir = folder("behavior.toml", "", "");
+    assert!(mobee(dir.path(), &["run", "behavior.toml", "--no-record", "--out", "run"]).status.success());
+    let journal: PathBuf = dir.path().join("run/journal.jsonl");
+    let good = std::fs::read(&journal).expect("a journal");
+
+    std::fs::write(&journal, &good[..good.len() - 40]).expect("written");
+    let out = mobee(dir.path(), &["check", "run"]);
+    assert_eq!(out.status.code(), Some(2), "a truncated journal is wrong input");
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert!(said.contains("journal.jsonl:") && said.contains("help"), "{said}");
+
+    let mut flipped = good.clone();
+    let at = flipped.len() / 2;
+    flipped[at] ^= 1;
+    std::fs::write(&journal, &flipped).expect("written");
+    let line = good[..at].iter().filter(|b| **b == b'\n').count() + 1;
+    let out = mobee(dir.path(), &["check", "run"]);
+    assert_eq!(out.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert!(said.contains(&format!("journal.jsonl:{line}")), "line {line}: {said}");
+}
