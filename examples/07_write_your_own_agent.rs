@@ -5,7 +5,9 @@
 //!
 //! `cargo run --release --example 07_write_your_own_agent`
 
-use mobee_contract::{Agent, AgentKind, Intent, KindError, MotionEnd, Refusal, Snapshot, Summary, Target, View, settings};
+use mobee_contract::{
+    Agent, AgentKind, Intent, KindError, MotionEnd, Refusal, Snapshot, Summary, Target, View, settings,
+};
 
 /// Its settings, as they stand in a configuration file. The doc comments are what `mobee kinds` shows.
 #[derive(serde::Deserialize, schemars::JsonSchema)]
@@ -40,7 +42,11 @@ impl Agent for Wave {
     }
 
     fn export(&self) -> Snapshot {
-        Snapshot { kind: "wave".into(), version: 1, state: serde_json::json!({ "left": self.left, "failed": self.failed }) }
+        Snapshot {
+            kind: "wave".into(),
+            version: 1,
+            state: serde_json::json!({ "left": self.left, "failed": self.failed }),
+        }
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {

@@ -65,7 +65,8 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
     for (i, r) in c.config.robot.iter().enumerate() {
         let file = dir.join(format!("roadmap-{}.json", r.name));
         let Ok(text) = std::fs::read_to_string(&file) else { continue };
-        let value: serde_json::Value = serde_json::from_str(&text).into_diagnostic().wrap_err(file.display().to_string())?;
+        let value: serde_json::Value =
+            serde_json::from_str(&text).into_diagnostic().wrap_err(file.display().to_string())?;
         let map = Roadmap::import(&value, &c.scene.robots()[i]).map_err(|e| {
             ConfigError::plain(format!("{}: {e}", file.display()), "give the folder of a run, as it was written")
         })?;

@@ -51,7 +51,10 @@ pub fn compose(config: Config, source: &Source) -> Result<Composition, miette::R
     let mut robots = Vec::new();
     for (i, r) in config.robot.iter().enumerate() {
         let robot = models[i].0.clone();
-        let context = |role: &str| Context { robot: robot.clone(), seed: derive_seed(config.seed, &format!("{}/{role}", r.name)) };
+        let context = |role: &str| Context {
+            robot: robot.clone(),
+            seed: derive_seed(config.seed, &format!("{}/{role}", r.name)),
+        };
         let hardware = driver(source, &format!("robot[{i}].driver"), &r.driver, &context("driver"))?;
         let agent = match &r.agent {
             Some(value) => Some(agent(source, &format!("robot[{i}].agent"), value, context("agent"))?),
@@ -76,7 +79,11 @@ fn must_exist(source: &Source, at: &str, path: &Path, what: &str) -> Result<(), 
     if path.is_file() {
         return Ok(());
     }
-    Err(source.error(at, format!("there is no file {}", path.display()), format!("give the path of a {what}, relative to this file")))
+    Err(source.error(
+        at,
+        format!("there is no file {}", path.display()),
+        format!("give the path of a {what}, relative to this file"),
+    ))
 }
 
 fn world(config: &Config, source: &Source, warnings: &mut Vec<String>) -> Result<Vec<Object>, miette::Report> {
@@ -94,7 +101,11 @@ fn kind(source: &Source, at: &str, value: &Value, known: &[&'static str]) -> Res
         return Err(source.error(at, "this is no table", "write a table with `kind` and its settings"));
     };
     let Some(name) = map.get("kind").and_then(Value::as_str) else {
-        return Err(source.error(at, "there is no `kind` here", format!("add kind = \"...\"; known: {}", known.join(", "))));
+        return Err(source.error(
+            at,
+            "there is no `kind` here",
+            format!("add kind = \"...\"; known: {}", known.join(", ")),
+        ));
     };
     if !known.contains(&name) {
         let near = nearest(name, known).map_or(String::new(), |n| format!("did you mean `{n}`? "));
@@ -141,7 +152,11 @@ fn home_is_free(config: &Config, source: &Source, scene: &Scene) -> Result<(), C
             let (a, b) = (scene.shape_name(c.pair.0), scene.shape_name(c.pair.1));
             return Err(source.error(
                 &format!("robot[{i}].model"),
-                format!("at home, {a} is {:.1} mm from {b}, nearer than the margin of {} mm", c.distance * 1e3, r.controller.margin_mm),
+                format!(
+                    "at home, {a} is {:.1} mm from {b}, nearer than the margin of {} mm",
+                    c.distance * 1e3,
+                    r.controller.margin_mm
+                ),
                 "move the object or the robot's base, or choose a smaller margin",
             ));
         }
@@ -200,7 +215,8 @@ fn margin_warning(
 
 /// A seed for one part of the run, from the run's seed and the part's name (FNV-1a, then a final mix).
 fn derive_seed(seed: u64, part: &str) -> u64 {
-    let mut h = part.bytes().fold(0xcbf2_9ce4_8422_2325_u64 ^ seed, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+    let mut h =
+        part.bytes().fold(0xcbf2_9ce4_8422_2325_u64 ^ seed, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
     h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     h ^ (h >> 31)
 }

@@ -12,6 +12,7 @@ pub mod compose;
 pub mod config;
 pub mod inspect;
 pub mod kinds;
+pub mod model_convert;
 pub mod model_eval;
 pub mod model_info;
 pub mod run;

@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{Clock, ConfigError};
-use mobee::{check, inspect, kinds, model_info, run, view};
+use mobee::{check, inspect, kinds, model_convert, model_eval, model_info, run, view};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -91,6 +91,23 @@ enum ModelCommand {
         /// Robot XML.
         robot: PathBuf,
     },
+    /// Evaluate poses: markers, transforms, constraints and colliding pairs, as CSV files.
+    Eval {
+        /// Robot XML.
+        #[arg(long)]
+        robot: PathBuf,
+        /// World XML.
+        #[arg(long)]
+        world: Option<PathBuf>,
+        /// Poses as CSV: `pose_id`, then a column `part.motor` per motor, in encoder degrees; others are at home.
+        #[arg(long)]
+        poses: PathBuf,
+        /// Folder for the CSV files.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Convert a URDF file to robot XML.
+    Convert(model_convert::ConvertArgs),
 }
 
 fn clock(text: &str) -> Result<Clock, String> {
@@ -134,6 +151,17 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         Command::Model { command } => {
             match command {
                 ModelCommand::Info { robot } => print!("{}", model_info::text(&robot)?),
+                ModelCommand::Eval { robot, world, poses, out } => {
+                    let what =
+                        model_eval::Evaluation { robot: &robot, world: world.as_deref(), poses: &poses, out: &out };
+                    let done = model_eval::evaluate(what)?;
+                    println!(
+                        "{} poses, {} colliding pairs of the robot with itself, {} with the world",
+                        done.poses, done.self_pairs, done.world_pairs
+                    );
+                    done.files.iter().for_each(|f| println!("{}", f.display()));
+                }
+                ModelCommand::Convert(args) => print!("{}", model_convert::command(&args)?),
             }
             Ok(ExitCode::SUCCESS)
         }

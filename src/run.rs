@@ -149,7 +149,8 @@ pub fn example(file: &str, set: &[&str]) -> Result<Done, Box<dyn std::error::Err
 /// Ctrl-C once: end in order. Twice: stop now.
 fn interrupt(controls: mpsc::Sender<Control>) -> Result<(), ConfigError> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let runtime = runtime.map_err(|e| ConfigError::plain(format!("no runtime for signals: {e}"), "free some resources"))?;
+    let runtime =
+        runtime.map_err(|e| ConfigError::plain(format!("no runtime for signals: {e}"), "free some resources"))?;
     std::thread::spawn(move || {
         runtime.block_on(async move {
             if tokio::signal::ctrl_c().await.is_ok() {

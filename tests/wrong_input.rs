@@ -33,7 +33,12 @@ const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="edge"
 "#;
 
 fn mobee(dir: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mobee")).args(args).current_dir(dir).env("NO_COLOR", "1").output().expect("mobee starts")
+    Command::new(env!("CARGO_BIN_EXE_mobee"))
+        .args(args)
+        .current_dir(dir)
+        .env("NO_COLOR", "1")
+        .output()
+        .expect("mobee starts")
 }
 
 /// A folder with a good behavior, in which one text of one file is replaced.
@@ -66,7 +71,12 @@ fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
     let cases: &[(&str, &str, &str, &[&str])] = &[
         ("behavior.toml", "period_ms = 20", "period = 20", &["behavior.toml:6", "period", "did you mean `period_ms`"]),
         ("behavior.toml", "period_ms = 20", "period_ms = \"20 ms\"", &["behavior.toml:6", "invalid type", "help"]),
-        ("behavior.toml", "period_ms = 20", "period_ms = -20", &["behavior.toml:6", "out of range", "give 1 to 1000 ms"]),
+        (
+            "behavior.toml",
+            "period_ms = 20",
+            "period_ms = -20",
+            &["behavior.toml:6", "out of range", "give 1 to 1000 ms"],
+        ),
         ("behavior.toml", "history = 500", "history = 500, margin = 3", &["behavior.toml:6", "margin_mm"]),
         ("behavior.toml", "controller = { period_ms = 20, history = 500 }", "", &["controller", "help"]),
         ("behavior.toml", "robot.xml", "robots.xml", &["behavior.toml:5", "there is no file", "help"]),
@@ -78,7 +88,12 @@ fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
         ("behavior.toml", "speed = 0.5", "speed = 5.0", &["behavior.toml:10", "speed"]),
         ("behavior.toml", "[robot.agent]", "[robot.agent", &["behavior.toml:8", "help"]),
         ("robot.xml", "radius=\"0.03\"", "radius=\"0.0e3x\"", &["robot.xml:3:27", "0.0e3x", "help"]),
-        ("robot.xml", "minPos=\"-30\" maxPos=\"60\" home", "minPos=\"60\" maxPos=\"-30\" home", &["robot.xml:4", "help"]),
+        (
+            "robot.xml",
+            "minPos=\"-30\" maxPos=\"60\" home",
+            "minPos=\"60\" maxPos=\"-30\" home",
+            &["robot.xml:4", "help"],
+        ),
         ("robot.xml", "</joint>", "", &["robot.xml:", "help"]),
         ("world.xml", "radius=\"0.1\"", "radius=\"0\"", &["world.xml:2", "help"]),
         ("world.xml", "px=\"3\"", "px=\"0.2\" pz=\"0.2\"", &["at home", "nearer than the margin", "help"]),

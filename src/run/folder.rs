@@ -22,7 +22,10 @@ impl Folder {
             ));
         }
         std::fs::create_dir_all(&path).map_err(|e| {
-            ConfigError::plain(format!("can't make the folder {}: {e}", path.display()), "give an --out that can be written")
+            ConfigError::plain(
+                format!("can't make the folder {}: {e}", path.display()),
+                "give an --out that can be written",
+            )
         })?;
         Ok(Folder(path))
     }
@@ -45,7 +48,10 @@ impl Folder {
 }
 
 fn unused(name: &str) -> PathBuf {
-    #[expect(clippy::disallowed_methods, reason = "the folder's name tells people when the run was; nothing depends on it")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the folder's name tells people when the run was; nothing depends on it"
+    )]
     let now = std::time::SystemTime::now();
     let stamp = stamp(now.duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs()));
     let base = Path::new("runs").join(format!("{name}-{stamp}"));

@@ -35,7 +35,14 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
     println!("\n{}", folder.path().display());
     row("ended", done.end.reason.to_string());
     row("simulated", format!("{:.1} s ({:.1} min)", done.end.ended_at.secs(), done.end.ended_at.secs() / 60.0));
-    row("wall clock", format!("{:.1} s, {:.0} times real time", done.wall.as_secs_f64(), summary["real_time_factor"].as_f64().unwrap_or(0.0)));
+    row(
+        "wall clock",
+        format!(
+            "{:.1} s, {:.0} times real time",
+            done.wall.as_secs_f64(),
+            summary["real_time_factor"].as_f64().unwrap_or(0.0)
+        ),
+    );
     for (name, value) in summary["counters"].as_object().into_iter().flatten().filter(|(_, v)| v.is_number()) {
         row(&name.replace('_', " "), value.to_string());
     }
@@ -50,6 +57,8 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
         row("attention", c.clone());
     }
     let path = folder.path().display();
-    println!("\n  mobee check {path}      verify the journal and the invariants\n  mobee view {path}       open the recording");
+    println!(
+        "\n  mobee check {path}      verify the journal and the invariants\n  mobee view {path}       open the recording"
+    );
     Ok(())
 }
