@@ -101,8 +101,11 @@ fn below(object: &Object) -> [f32; 3] {
     let depths = object.shapes.iter().map(|p| {
         let place = p.pose.translation.vector;
         let reach = match p.shape {
+            Shape::Sphere { radius } => radius,
             Shape::Box { size } => 0.5 * (p.pose.rotation.inverse() * down).abs().dot(&size),
-            other => other.bounding_radius(),
+            Shape::Cylinder { radius, height } | Shape::Capsule { radius, height } => {
+                radius + 0.5 * height * (p.pose.rotation * Vector3::y()).dot(&down).abs()
+            }
         };
         (place, down.dot(&place) + reach)
     });

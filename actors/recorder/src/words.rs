@@ -1,6 +1,6 @@
 //! Events in words, for the log: where it belongs, how grave it is, and one sentence.
 
-use mobee_contract::{Cause, EdgeState, Event, Note, Outcome, Status};
+use mobee_contract::{Cause, EdgeState, Event, Hold, Note, Outcome, Status};
 
 /// How grave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +37,9 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         ),
         Event::Enabled { robot, .. } => (robot, Debug, "filter open".to_owned()),
         Event::Disabled { robot, cause, .. } => (robot, Warn, format!("filter closed: {}", why(cause))),
+        Event::State { robot, status: Status::Holding(Hold::ShuttingDown) } => {
+            (robot, Info, format!("holds: {}", Hold::ShuttingDown))
+        }
         Event::State { robot, status: Status::Holding(reason) } => (robot, Error, format!("holds: {reason}")),
         Event::State { .. } | Event::SafePose { .. } | Event::Command { .. } | Event::Streamed { .. } => return None,
         Event::SafePoseMoved { robot, id, .. } => {
