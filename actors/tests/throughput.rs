@@ -7,7 +7,7 @@ use std::time::Duration;
 
 #[test]
 fn ten_simulated_minutes_lose_no_reading() {
-    let poses = vec![[30.0, 20.0, 10.0], [-30.0, -20.0, -10.0]].repeat(200);
+    let poses = [[30.0, 20.0, 10.0], [-30.0, -20.0, -10.0]].repeat(200);
     let limit = Duration::from_secs(600);
     let ran = Trial { poses, speed: 0.2, limit, ..Trial::default() }.run();
     assert!(matches!(ran.end.reason, Reason::Time | Reason::Done));
