@@ -4,10 +4,11 @@ use super::*;
 use crate::controller::Controller;
 use crate::driver::Port;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut};
-use mobee_contract::{Axis, Board, Sample};
+use mobee_contract::{Axis, Board, Sample, Target};
 use mobee_model::{Contact, ShapeId};
 use proptest::prelude::*;
 use std::collections::VecDeque;
+use std::time::Duration;
 
 const STEP: u64 = 10_000_000;
 
