@@ -98,7 +98,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 fn figures(name: &str, log: &Mutex<Vec<Duration>>) -> f64 {
     let mut all: Vec<f64> = log.lock().expect("no panic").iter().map(Duration::as_secs_f64).collect();
     all.sort_by(f64::total_cmp);
-    let at = |share: f64| all.get(((all.len().saturating_sub(1)) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN);
+    let at = |share: f64| {
+        all.get(((all.len().saturating_sub(1)) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
+    };
     println!(
         "{name:26} n {:5}  p50 {:.4} ms  p99 {:.4} ms  max {:.4} ms",
         all.len(),
