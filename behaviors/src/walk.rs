@@ -245,8 +245,8 @@ impl Walker {
         Intent::MoveTo(Target { motors, q, speed })
     }
 
-    /// Tells the plan if it is news: the rest of the plan that was told before is none.
-    fn show(&mut self, path: Vec<u32>) {
+    /// Tells the plan if it is news (empty: there is none any more); the rest of the plan that was told before is no news.
+    pub fn show(&mut self, path: Vec<u32>) {
         if !(path.len() > 1 && self.plan.ends_with(&path)) && self.plan != path {
             self.notes.push(Note::Plan { path: path.clone() });
         }

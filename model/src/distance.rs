@@ -38,7 +38,7 @@ pub struct Proximity {
 /// Measured (`tests/distance_pairs.rs`: balls, capsules, cylinders, boxes, a 1 mm plate of 1 x 1.5 m, a post and a coin, each
 /// against each, bracketed from both sides): apart, the error is below 1e-12 m without cylinders and below 1e-6 m with them
 /// (GJK alone: 4e-6 m); overlapping, no direction was found that parts a pair by a shorter way than the depth less
-/// 1e-10 m. Where cores touch, cylinders are told apart to about 1e-7 m.
+/// 1e-8 m. Where cores touch, cylinders are told apart to about 1e-7 m.
 pub fn distance(a: &Shape, world_from_a: &Isometry3<f64>, b: &Shape, world_from_b: &Isometry3<f64>) -> Proximity {
     let (a, b) = (Form::new(a), Form::new(b));
     distance_within(&a, world_from_a, &b, world_from_b, f64::INFINITY).unwrap_or(Proximity {

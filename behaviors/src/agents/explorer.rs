@@ -184,6 +184,7 @@ impl Explorer {
     }
 
     fn summary(&mut self, at: Option<u32>, text: &str) -> Summary {
+        self.walker.show(Vec::new());
         let map = &self.walker.map;
         let reach = at.map(|at| map.reach(at)).unwrap_or_default();
         let lost: Vec<u32> = map.vertices().map(|(id, _)| id).filter(|id| !reach.contains_key(id)).collect();

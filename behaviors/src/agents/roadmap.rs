@@ -137,7 +137,8 @@ impl RoadmapAgent {
         (tour.next, tour.under_way) = (tour.next + 1, false);
     }
 
-    fn summary(&self, text: &str) -> Intent {
+    fn summary(&mut self, text: &str) -> Intent {
+        self.walker.show(Vec::new());
         let progress = self.walker.progress();
         let edges = self.walker.map.edges();
         let removed = edges.iter().filter(|(.., e)| e.state == EdgeState::Removed).count();
