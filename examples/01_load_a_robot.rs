@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
-    let robot = Arc::new(load_robot(&configs.join("robots/icub.xml"))?.value);
-    let world = load_world(&configs.join("worlds/explore.xml"))?.value;
+    let robot = Arc::new(load_robot(configs.join("robots/icub.xml"))?.value);
+    let world = load_world(configs.join("worlds/explore.xml"))?.value;
     println!("{} has {} motors in {} parts", robot.name, robot.motors.len(), robot.parts.len());
 
     // a pose is a position per motor, in rad, in the order of `robot.motors`
@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = Scene::new(vec![(robot.clone(), Isometry3::identity())], world)?;
     for elbow_deg in [20.0_f64, 60.0, 100.0] {
         pose[elbow] = elbow_deg.to_radians();
-        let hand = robot.marker("r_hand").ok_or("no r_hand")?;
+        let hand = robot.markers.iter().position(|m| m.name == "r_hand").ok_or("no r_hand")?;
         let at = robot.markers_at(&pose)[hand].position();
         print!("elbow {elbow_deg:5.1} deg: hand at ({:.3}, {:.3}, {:.3}) m", at.x, at.y, at.z);
         match scene.clearance(&[&pose], 0.2) {

@@ -5,7 +5,11 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 fn mobee(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mobee")).args(args).current_dir(env!("CARGO_MANIFEST_DIR")).output().expect("mobee starts")
+    Command::new(env!("CARGO_BIN_EXE_mobee"))
+        .args(args)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("mobee starts")
 }
 
 /// Runs a behavior into `out` and returns its summary.

@@ -92,6 +92,11 @@ impl Taps {
         Ok(Taps(Arc::new(Inner { pipes, memory: None })))
     }
 
+    /// The names of the sinks.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.0.pipes.iter().map(Pipe::name)
+    }
+
     /// Tells an event.
     pub fn event(&self, at: Time, event: Event) {
         self.tell(at, &Entry::Event(Arc::new(event)));

@@ -9,7 +9,7 @@ use std::ops::Range;
 pub struct ConfigError {
     message: String,
     help: String,
-    place: Option<(NamedSource<String>, Range<usize>)>,
+    place: Option<Box<(NamedSource<String>, Range<usize>)>>,
 }
 
 impl ConfigError {
@@ -30,7 +30,7 @@ impl ConfigError {
         ConfigError {
             message: message.into(),
             help: help.into(),
-            place: Some((NamedSource::new(name, text.to_owned()), span)),
+            place: Some(Box::new((NamedSource::new(name, text.to_owned()), span))),
         }
     }
 
@@ -46,7 +46,7 @@ impl ConfigError {
 
     /// Line and column (from 1) of the place, if there is one.
     pub fn line_column(&self) -> Option<(usize, usize)> {
-        let (source, span) = self.place.as_ref()?;
+        let (source, span) = self.place.as_deref()?;
         let before = source.inner().get(..span.start)?;
         let line = before.matches('\n').count() + 1;
         let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
@@ -68,11 +68,11 @@ impl Diagnostic for ConfigError {
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.place.as_ref().map(|(s, _)| s as &dyn SourceCode)
+        self.place.as_deref().map(|(s, _)| s as &dyn SourceCode)
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let (_, span) = self.place.as_ref()?;
+        let (_, span) = self.place.as_deref()?;
         Some(Box::new(std::iter::once(LabeledSpan::new(Some("here".into()), span.start, span.len().max(1)))))
     }
 }

@@ -127,8 +127,7 @@ fn several_robots_keep_apart() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let mut recorder = recorder(&path);
-    let robots =
-        vec![(robot("left"), Isometry3::identity()), (robot("right"), Isometry3::from(Vector3::y() * 1.5).into())];
+    let robots = vec![(robot("left"), Isometry3::identity()), (robot("right"), Isometry3::from(Vector3::y() * 1.5))];
     let scene = Arc::new(Scene::new(robots, vec![]).unwrap());
     recorder.write(Time::ZERO, &Entry::Scene(Arc::clone(&scene))).unwrap();
     for step in 0..100_u64 {

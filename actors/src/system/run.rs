@@ -110,6 +110,7 @@ async fn conduct(
     let hub = wire(setup, &boards, clock.clone());
     let controller = begin(tree::controller(&hub, &plugs), safety.as_ref()).await?;
     let agents = begin(tree::agents(&hub, &makers), None).await?;
+    let taps = begin(tree::taps(&hub), None).await?;
 
     let limit = limit.map(|l| Time::ZERO + l);
     let mut told = Time::ZERO;
@@ -162,6 +163,7 @@ async fn conduct(
     come_to_rest(&hub).await;
     let _ = ractor::call!(agents, GroupMsg::Stop);
     let _ = ractor::call!(controller, GroupMsg::Stop);
+    let _ = ractor::call!(taps, GroupMsg::Stop);
     hub.robots.iter().for_each(|w| settle_ledger(&hub, w));
     for wires in &hub.robots {
         [&wires.to_history, &wires.to_reflex, &wires.to_supervise].into_iter().for_each(|s| hub.tell(s.link()));

@@ -6,12 +6,16 @@
 //! └── <robot>                   rest-for-one: driver, history, supervise, reflex
 //! agents                        one-for-one, each with its own budget
 //! └── <robot>/agents/agent
+//! taps                          one-for-one: what watches over the threads of journal and recorder
+//! ├── journal
+//! └── recorder
 //! ```
 
 use crate::shell::{
     AgentActor, DriverActor, HistoryActor, Maker, ModelActor, ReflexActor, SuperviseActor, SuperviseMsg,
 };
 use crate::supervision::{Child, Group, Intensity, Restart, Strategy};
+use crate::tap::TapActor;
 use crate::wiring::{Hub, Plug, Wires};
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;
@@ -42,6 +46,14 @@ fn group(name: &str, strategy: Strategy, hub: &Arc<Hub>) -> Group {
     Group::new(name.to_string(), strategy, intensity, hub.clock.clone(), hub.taps.clone())
         .on_restart(move |_, _| restarted.counts.lock().restarts += 1)
         .on_give_up(move || gave_up.counts.lock().gave_up += 1)
+}
+
+/// Those who watch over the sinks, and open one anew if it fails. Their deaths harm nobody.
+pub fn taps(hub: &Arc<Hub>) -> Group {
+    hub.taps.names().fold(group("taps", Strategy::OneForOne, hub), |root, name| {
+        let (taps, clock, sink) = (hub.taps.clone(), hub.clock.clone(), name.to_owned());
+        root.child(child(name.to_owned(), || TapActor, move || (taps.clone(), clock.clone(), sink.clone())))
+    })
 }
 
 /// The safety chain of all robots.
