@@ -9,7 +9,7 @@
 //! * [`Agent`] is written by people who plan; it sees a [`View`] and answers with an [`Intent`].
 //! * [`Driver`] is written by people who own a robot; it takes [`Command`]s and gives [`Sample`]s.
 //! * [`Refusal`] is a normal answer, [`DriverFault`] recoverable trouble; a bug is a panic, for the supervisor.
-//! * [`Event`] is what a run leaves behind, told to every [`Tap`] (journal, recorder).
+//! * [`Event`] is what a run leaves behind, told to every [`Sink`] (journal, recorder).
 //!
 //! Units: radians, metres, seconds, f64. Times are [`Time`], nanoseconds since the run began.
 
