@@ -25,7 +25,9 @@ const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="edge"
   <bodypart name="base">
     <link z="0.2" radius="0.03">
       <motor name="M_first" minPos="-30" maxPos="60" home="0">
-        <joint z="1" minPos="-30" maxPos="60"><link x="0.3" radius="0.02"/></joint>
+        <joint z="1" minPos="-30" maxPos="60"><link x="0.3" radius="0.02">
+          <motor name="M_second" minPos="-30" maxPos="30"><joint z="1"><link x="0.2" radius="0.02"/></joint></motor>
+        </link></joint>
       </motor>
     </link>
   </bodypart>
@@ -96,7 +98,7 @@ fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
         ),
         ("robot.xml", "</joint>", "", &["robot.xml:", "help"]),
         ("world.xml", "radius=\"0.1\"", "radius=\"0\"", &["world.xml:2", "help"]),
-        ("world.xml", "px=\"3\"", "px=\"0.2\" pz=\"0.2\"", &["at home", "nearer than the margin", "help"]),
+        ("world.xml", "px=\"3\"", "px=\"0.45\" pz=\"0.2\"", &["at home", "nearer than the margin", "help"]),
     ];
     for (file, from, to, expected) in cases {
         let dir = folder(file, from, to);

@@ -237,7 +237,7 @@ fn i1_a_stream_told_after_its_token_ended_is_judged_by_when_it_was_written() {
 #[test]
 fn i1_tokens_only_grow_and_the_driver_only_stops() {
     broken("I1", with(&enabled(1), &[disabled(1)]).into_iter().take(5).collect(), None, "only grow");
-    let bad = command(Writer::Driver, 6, "mode", &[]);
+    let bad = command(Writer::Driver, 6, "reference", &[]);
     broken("I1", with(&disabled(6), std::slice::from_ref(&bad)), Some(&bad), "only stop");
 }
 
