@@ -60,9 +60,7 @@ impl Driver for TimedDriver {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let secs = std::env::args().find_map(|a| a.parse::<f64>().ok()).unwrap_or(60.0);
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml");
-    // random moves, unchecked and fast: they meet something every other second
-    let agent = r#"robot.icub.agent={ kind = "random", motors = ["torso", "right_arm"], count = 100000, speed = 0.5 }"#;
-    let set = ["clock=real".to_owned(), format!("for_s={secs:?}"), agent.to_owned()];
+    let set = ["clock=real".to_owned(), format!("for_s={secs:?}"), "robot.icub.agent.speed=0.4".to_owned()];
     let (config, source) = Config::load(&file, &set)?;
     let mut composition = compose(config, &source)?;
     let (reflex, bare) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Mutex::new(Vec::new())));
