@@ -10,10 +10,22 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-model", &[]),
     ("mobee-contract", &["mobee-model"]),
     ("mobee-behaviors", &["mobee-contract", "mobee-model"]),
-    ("mobee-drivers", &["mobee-contract", "mobee-model"]),
+    ("mobee-yarp", &[]),
+    ("mobee-drivers", &["mobee-contract", "mobee-model", "mobee-yarp"]),
     ("mobee-actors", &["mobee-contract", "mobee-model", "mobee-behaviors"]),
     ("mobee-recorder", &["mobee-contract", "mobee-model"]),
-    ("mobee", &["mobee-model", "mobee-contract", "mobee-behaviors", "mobee-drivers", "mobee-actors", "mobee-recorder"]),
+    (
+        "mobee",
+        &[
+            "mobee-model",
+            "mobee-contract",
+            "mobee-behaviors",
+            "mobee-drivers",
+            "mobee-yarp",
+            "mobee-actors",
+            "mobee-recorder",
+        ],
+    ),
 ];
 
 #[test]

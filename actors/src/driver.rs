@@ -67,6 +67,7 @@ impl Port {
             }
             Command::Direct { q } if q.len() != self.rules.axes.len() => Err(format!("{} set-points", q.len())),
             Command::Direct { q } => q.iter().enumerate().try_for_each(|(i, q)| within(i, *q)),
+            Command::Velocity { .. } => Err("velocities are not passed yet".into()),
             Command::Stop { .. } | Command::Reference { .. } | Command::Mode { .. } => Ok(()),
         }
     }
@@ -90,7 +91,9 @@ impl Port {
             Command::Reference { motors, speed, .. } => {
                 ("reference", Vec::new(), motors.iter().copied().zip(speed.iter().copied()).collect())
             }
-            Command::Mode { .. } | Command::Direct { .. } => ("mode", Vec::new(), Vec::new()),
+            Command::Mode { .. } | Command::Direct { .. } | Command::Velocity { .. } => {
+                ("mode", Vec::new(), Vec::new())
+            }
         };
         told.push(Event::Command { robot: self.rules.robot.clone(), token, writer, kind: kind.into(), q, speed });
         told

@@ -9,7 +9,7 @@ use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, SuperviseMsg};
 use crate::stream::Stream;
 use crate::system::{Counts, Cues};
 use crate::tap::Taps;
-use mobee_contract::{Event, Hardware, Pose, Snapshot, Status, Time};
+use mobee_contract::{Event, Hardware, Latest, Snapshot};
 use mobee_model::{Contact, Pair, Scene};
 use ractor::{ActorRef, Message};
 use std::sync::atomic::AtomicU64;
@@ -50,21 +50,6 @@ impl<M: Message> Line<M> {
         let actor = self.0.lock().clone();
         actor.is_some_and(|a| a.send_message(message).is_ok())
     }
-}
-
-/// What a robot's readers may know at any time.
-#[derive(Clone, Debug)]
-pub struct Latest {
-    /// When the reading was taken.
-    pub at: Time,
-    /// The pose, rad.
-    pub q: Pose,
-    /// The contacts that an agent may learn from.
-    pub contacts: Arc<[Contact]>,
-    /// The filter's state.
-    pub status: Status,
-    /// Whether the filter takes commits: at rest with every outcome given.
-    pub ready: bool,
 }
 
 /// One robot's wires.

@@ -1,6 +1,6 @@
 //! The agent contract: how a planner is asked, and what it may answer.
 
-use crate::{Axis, CommitId, MotionEnd, Pose, Refusal, Target, Time};
+use crate::{Axis, CommitId, MotionEnd, Pose, Refusal, Setpoints, Target, Time};
 use mobee_model::{Contact, Scene};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -65,6 +65,9 @@ pub trait Agent: Send {
 pub enum Intent {
     /// Move there; in mid-motion: change the open motion's target.
     MoveTo(Target),
+    /// Follow set-points. The first opens a motion, each of the next continues it, and when they go quiet the robot
+    /// brakes and the motion ends where it then rests.
+    Stream(Setpoints),
     /// Brake; the motion then ends as failed.
     Stop,
     /// Ask again after this time.
@@ -150,6 +153,8 @@ pub struct Commit {
     pub agent: Arc<str>,
     /// Where to.
     pub target: Target,
+    /// Speeds of the target's motors, rad/s, each going at its own as a YARP board's do; `None`: all arrive together.
+    pub speeds: Option<Vec<f64>>,
 }
 
 /// The answer to a commit.

@@ -42,6 +42,8 @@ pub enum ControlMode {
     Position,
     /// Position set-points followed directly.
     PositionDirect,
+    /// Velocity set-points, each good for a short time only.
+    Velocity,
 }
 
 /// A position move of one, some or all motors. All lists have the length of `motors`.
@@ -71,6 +73,14 @@ pub enum Command {
         /// Positions of all motors, rad. Recorded readings may be streamed: one that exceeds a limit by no more than
         /// the noise of an encoder (0.1 deg) is taken for the limit.
         q: Vec<f64>,
+    },
+    /// Velocities to go at from now on, within the limits of position, until the next command or the board's own
+    /// watchdog. Puts its motors into [`ControlMode::Velocity`] first.
+    Velocity {
+        /// Indices of the motors.
+        motors: Vec<usize>,
+        /// Velocities, rad/s.
+        speed: Vec<f64>,
     },
     /// Brakes these motors (all if empty) to a standstill at their greatest deceleration.
     Stop {

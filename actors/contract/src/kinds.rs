@@ -1,6 +1,6 @@
 //! Kinds: agents and drivers registered by name where they are defined, so that a config file can name them.
 
-use crate::{Agent, Driver, DriverFault};
+use crate::{Agent, Answer, Driver, DriverFault};
 use mobee_model::Robot;
 use schemars::Schema;
 use serde::de::DeserializeOwned;
@@ -58,6 +58,13 @@ pub trait Hardware: Send + Sync {
     /// # Errors
     /// [`DriverFault::Lost`] if the board can't be reached now; asking again later may help.
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault>;
+
+    /// Passes a request to a part's board in the board's own words (a YARP bottle in binary form), and its answer back,
+    /// so that a proxy can be transparent. `None`: the board has no words of its own. Never used for motion: that is
+    /// the driver's alone.
+    fn ask(&self, _part: &str, _words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
+        None
+    }
 }
 
 /// A kind of driver.

@@ -18,6 +18,7 @@ mod board;
 mod event;
 mod kinds;
 mod motion;
+mod service;
 mod time;
 
 pub use agent::*;
@@ -25,6 +26,7 @@ pub use board::*;
 pub use event::*;
 pub use kinds::*;
 pub use motion::*;
+pub use service::*;
 pub use time::*;
 
 use std::sync::Arc;

@@ -56,6 +56,25 @@ impl Target {
     }
 }
 
+/// Set-points of a stream, for some motors; the others stay.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setpoints {
+    /// Indices into `Robot::motors`, each at most once.
+    pub motors: Vec<usize>,
+    /// What each of them is to do.
+    pub values: Values,
+}
+
+/// What the numbers of [`Setpoints`] are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Values {
+    /// Positions to be at, rad (YARP's position direct).
+    Position(Vec<f64>),
+    /// Velocities to go at, rad/s (YARP's velocity move).
+    Velocity(Vec<f64>),
+}
+
 /// How an agent's motion ended. An agent never hears "rolled back": that word is the controller's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -139,7 +139,7 @@ impl Planning {
                     self.ask_after(myself, PAUSE);
                 }
             },
-            Intent::Stop => self.ask_after(myself, PAUSE),
+            Intent::Stop | Intent::Stream(_) => self.ask_after(myself, PAUSE),
             Intent::Wait(time) => self.ask_after(myself, time.max(Duration::from_millis(1))),
             Intent::Done(summary) => {
                 self.done = true;
@@ -160,13 +160,13 @@ impl Planning {
             Some(Intent::Stop) => {
                 self.wires.supervise.send(SuperviseMsg::Stop(self.wires.agent_name.clone()));
             }
-            Some(Intent::Wait(_) | Intent::Done(_)) | None => {}
+            Some(Intent::Stream(_) | Intent::Wait(_) | Intent::Done(_)) | None => {}
         }
     }
 
     async fn commit(&mut self, target: Target) -> Option<Verdict> {
         let (reply, verdict) = ractor::concurrency::oneshot();
-        let commit = Commit { agent: self.wires.agent_name.clone(), target };
+        let commit = Commit { agent: self.wires.agent_name.clone(), target, speeds: None };
         self.wires.supervise.send(SuperviseMsg::Commit(commit, reply.into()));
         verdict.await.ok()
     }

@@ -253,7 +253,7 @@ impl Cell {
         match op {
             Op::Commit(q, own) => {
                 let agent: Arc<str> = if own { "a" } else { "b" }.into();
-                let commit = Commit { agent, target: Target { motors: vec![0], q: vec![q], speed: 0.5 } };
+                let commit = Commit { agent, target: Target { motors: vec![0], q: vec![q], speed: 0.5 }, speeds: None };
                 let out = self.supervise.on(SuperviseIn::Commit(commit), self.now);
                 self.supervise_out(out);
             }
@@ -318,7 +318,7 @@ fn commits_that_do_not_fit_are_refused_with_their_code() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     let mut code = |motors: Vec<usize>, q: Vec<f64>, speed: f64| {
-        let commit = Commit { agent: "a".into(), target: Target { motors, q, speed } };
+        let commit = Commit { agent: "a".into(), target: Target { motors, q, speed }, speeds: None };
         match cell.supervise.on(SuperviseIn::Commit(commit), cell.now).first() {
             Some(SuperviseOut::Verdict(Err(refusal))) => refusal.code(),
             _ => "accepted",

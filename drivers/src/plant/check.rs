@@ -58,6 +58,7 @@ pub fn check(plant: &Plant, command: &Command) -> Result<Checked, String> {
     match command {
         Command::Move(m) => check_move(plant, m).map(Checked::Move),
         Command::Direct { q } => check_direct(plant, q).map(Checked::Direct),
+        Command::Velocity { .. } => Err("this board takes no velocities".into()),
         Command::Stop { motors } => indices(plant, motors).map(Checked::Stop),
         Command::Mode { motors, mode } => Ok(Checked::Mode(indices(plant, motors)?, *mode)),
         Command::Reference { motors, speed, acceleration } => {

@@ -1,0 +1,84 @@
+//! What programs outside the safety chain may do with a running system: YARP's port filter, the world's RPC, a panel.
+//!
+//! A service sees robots only through their filtered interface (paper, fig. 3): it commits, as any agent does.
+
+use crate::{Board, Commit, CommitId, Event, MotionEnd, Pose, Refusal, Setpoints, Status, Time, Verdict};
+use mobee_model::{Contact, Edit, Robot, Scene};
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+
+/// An answer that comes later.
+pub type Answer<T> = Pin<Box<dyn Future<Output = T> + Send>>;
+
+/// What a robot's readers may know at any time.
+#[derive(Clone, Debug)]
+pub struct Latest {
+    /// When the reading was taken.
+    pub at: Time,
+    /// The pose, rad.
+    pub q: Pose,
+    /// The contacts that an agent may learn from.
+    pub contacts: Arc<[Contact]>,
+    /// The filter's state.
+    pub status: Status,
+    /// Whether the filter takes commits: at rest with every outcome given.
+    pub ready: bool,
+}
+
+/// One robot through its filtered interface.
+pub trait Filtered: Send + Sync {
+    /// Its name in the run.
+    fn name(&self) -> &str;
+    /// Its index among the robots of the scene.
+    fn index(&self) -> usize;
+    /// Its board.
+    fn board(&self) -> &Board;
+    /// Its newest reading and state.
+    fn latest(&self) -> Latest;
+    /// Commits a motion: a new transaction at rest, an amendment in mid-motion.
+    fn commit(&self, commit: Commit) -> Answer<Verdict>;
+    /// Streams set-points: the first opens a transaction, each of the next amends it, and when they go quiet the robot
+    /// brakes and the transaction ends where it then rests.
+    fn stream(&self, agent: Arc<str>, setpoints: Setpoints) -> Answer<Verdict>;
+    /// Brakes the agent's motion; it then ends as failed.
+    fn stop(&self, agent: Arc<str>);
+    /// How an accepted motion ended; `None` while it is under way. Ends older than the newest hundred are `Failed`.
+    fn end_of(&self, id: CommitId) -> Option<MotionEnd>;
+    /// Lets the built-in agent make motions, or (at the end of its present one) makes it pause for another.
+    ///
+    /// # Errors
+    /// [`Refusal::NotReady`] if the robot has no agent of its own.
+    fn let_agent_act(&self, act: bool) -> Result<(), Refusal>;
+    /// Tries a failed way back again.
+    fn recover(&self);
+    /// Passes a question to a part's board in its own words; see [`crate::Hardware::ask`].
+    fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, crate::DriverFault>>>;
+}
+
+/// Robots and world of a running system.
+pub trait Running: Send + Sync {
+    /// The time of the run.
+    fn now(&self) -> Time;
+    /// The robots, in the scene's order.
+    fn robots(&self) -> &[Arc<dyn Filtered>];
+    /// The robots' models, in the same order.
+    fn models(&self) -> Vec<Arc<Robot>>;
+    /// Robots and world now.
+    fn scene(&self) -> Arc<Scene>;
+    /// Changes the world; answered when the change is in force.
+    fn edit(&self, edit: Edit) -> Answer<Result<(), String>>;
+    /// Tells the taps.
+    fn tell(&self, event: Event);
+}
+
+/// Something that runs beside the safety chain, on a thread of its own, until the run ends.
+pub trait Service: Send {
+    /// Its name, for warnings.
+    fn name(&self) -> String;
+    /// Serves until `until` is ready, then leaves in order. Called within a tokio runtime with network and timers.
+    ///
+    /// # Errors
+    /// Why it can't serve, as a sentence with its remedy.
+    fn serve(self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>>;
+}
