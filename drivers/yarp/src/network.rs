@@ -1,0 +1,156 @@
+//! A YARP network: where its name server is, what dialect it speaks, and what our ports do in it.
+
+use crate::auth::{self, Key};
+use crate::config::{self, ConfigError};
+use crate::{Dialect, NameError};
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::time::Duration;
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+
+/// How long we wait for an answer where the original waits for ever.
+pub const TIMEOUT: Duration = Duration::from_secs(5);
+
+/// The handle of a YARP network; cheap to clone, holds no connection.
+#[derive(Clone, Debug)]
+pub struct Network {
+    host: String,
+    port: u16,
+    dialect: Dialect,
+    timeout: Duration,
+    bind: IpAddr,
+    advertise: Option<String>,
+    prefix: String,
+    namespace: String,
+    auth: Option<Key>,
+}
+
+impl Network {
+    /// The network whose name server is at this address; reads no file and no environment variable.
+    pub fn at(server: SocketAddr) -> Network {
+        Network::of(server.ip().to_string(), server.port())
+    }
+
+    /// The network whose name server is at this host (a name or an address) and number.
+    pub fn of(host: impl Into<String>, port: u16) -> Network {
+        Network {
+            host: host.into(),
+            port,
+            dialect: Dialect::default(),
+            timeout: TIMEOUT,
+            bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
+            advertise: None,
+            prefix: String::new(),
+            namespace: "/root".into(),
+            auth: None,
+        }
+    }
+
+    /// The network that the user's YARP configuration names (spec section 2): `yarp.conf`, namespaces and `YARP_...`.
+    ///
+    /// # Errors
+    /// No file, or one that can't be understood; the error names it and the remedy.
+    pub fn from_env() -> Result<Network, ConfigError> {
+        config::network(&config::Env::real())
+    }
+
+    /// With this dialect; the wire does not tell which one the others speak (spec section 1).
+    pub fn with_dialect(self, dialect: Dialect) -> Network {
+        Network { dialect, ..self }
+    }
+
+    /// With this limit for connecting and for every answer.
+    pub fn with_timeout(self, timeout: Duration) -> Network {
+        Network { timeout, ..self }
+    }
+
+    /// With ports that listen on this address; the default is loopback only, `0.0.0.0` opens them to the network (YARP
+    /// has no encryption).
+    pub fn with_bind(self, bind: IpAddr) -> Network {
+        Network { bind, ..self }
+    }
+
+    /// With ports registered under this host instead of the one they listen on.
+    pub fn with_host(self, host: impl Into<String>) -> Network {
+        Network { advertise: Some(host.into()), ..self }
+    }
+
+    /// With this text before every name that is opened (`YARP_PORT_PREFIX`).
+    pub fn with_prefix(self, prefix: impl Into<String>) -> Network {
+        Network { prefix: prefix.into(), ..self }
+    }
+
+    /// With this namespace, which is the name server's own port name.
+    pub fn with_namespace(self, namespace: impl Into<String>) -> Network {
+        Network { namespace: namespace.into(), ..self }
+    }
+
+    /// With the handshake of `auth.conf` on every TCP connection (spec section 18).
+    pub fn with_auth(self, auth: Option<Key>) -> Network {
+        Network { auth, ..self }
+    }
+
+    /// The name server's host and port number.
+    pub fn server(&self) -> (&str, u16) {
+        (&self.host, self.port)
+    }
+
+    /// The dialect spoken.
+    pub fn dialect(&self) -> Dialect {
+        self.dialect
+    }
+
+    /// The limit for connecting and for every answer.
+    pub fn timeout(&self) -> Duration {
+        self.timeout
+    }
+
+    /// The address that ports listen on.
+    pub fn bind(&self) -> IpAddr {
+        self.bind
+    }
+
+    /// The host that ports register: `...` ("as you see me", spec section 3.1) where they listen on all addresses.
+    pub fn host(&self) -> String {
+        match &self.advertise {
+            Some(host) => host.clone(),
+            None if self.bind.is_unspecified() => "...".into(),
+            None => self.bind.to_string(),
+        }
+    }
+
+    /// The namespace, `/root` unless configured.
+    pub fn namespace(&self) -> &str {
+        &self.namespace
+    }
+
+    /// The key of `auth.conf`, if there is one.
+    pub fn auth(&self) -> Option<&Key> {
+        self.auth.as_ref()
+    }
+
+    /// The name under which a port named `name` is opened: with the prefix, if it is rooted.
+    pub fn full_name(&self, name: &str) -> String {
+        if name.starts_with('/') { format!("{}{name}", self.prefix) } else { name.into() }
+    }
+
+    /// Connects to a port, within the time limit, and authenticates if this network does; every outgoing TCP connection
+    /// begins here.
+    ///
+    /// # Errors
+    /// Refused, unreachable, not within the limit, or the other side has another key.
+    pub async fn connect_tcp(&self, host: &str, port: u16) -> io::Result<TcpStream> {
+        let late = || io::Error::new(io::ErrorKind::TimedOut, format!("no connection within {:?}", self.timeout));
+        let mut stream = timeout(self.timeout, TcpStream::connect((host, port))).await.map_err(|_| late())??;
+        stream.set_nodelay(true)?;
+        if let Some(key) = &self.auth {
+            auth::connect(&mut stream, key).await?;
+        }
+        Ok(stream)
+    }
+
+    pub(crate) fn name_error(&self, why: impl ToString) -> NameError {
+        NameError::Unreachable { server: format!("{}:{}", self.host, self.port), why: why.to_string() }
+    }
+}
