@@ -1,12 +1,16 @@
 //! YARP in pure Rust: bottles, ports, carriers, the name server and control boards, without libYARP.
 
 pub mod auth;
+mod bottle;
 pub mod config;
 mod contact;
 pub mod name;
 mod network;
+pub mod payload;
+pub mod text;
 mod value;
 
+pub use bottle::{DecodeError, Limits};
 pub use config::ConfigError;
 pub use contact::Contact;
 pub use name::NameError;

@@ -1,0 +1,251 @@
+//! From bytes to a bottle. The bytes may come from anyone: every length is checked before memory is taken for it.
+
+use super::Limits;
+use super::tag::{DICT, Kind, LIST};
+use crate::{Bottle, Dialect, Text, Value, Vocab};
+
+/// Bytes that are no bottle.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// They end too early.
+    #[error("the message ends at byte {at}, where {needed} more bytes belong; was it cut off?")]
+    Short {
+        /// Where the bytes run out.
+        at: usize,
+        /// How many more belong there at least.
+        needed: usize,
+    },
+    /// The first word is not that of a list.
+    #[error("no bottle: word {word} at byte {at} where a list begins (256 and the tag of its elements)")]
+    NoList {
+        /// What stands there.
+        word: i32,
+        /// Where.
+        at: usize,
+    },
+    /// An element of no known type.
+    #[error("unknown tag {tag} at byte {at}; if the other side is of the other YARP (3 or 4), set the dialect")]
+    UnknownTag {
+        /// What stands there.
+        tag: i32,
+        /// Where.
+        at: usize,
+    },
+    /// A length or a count that can't be.
+    #[error("length {length} at byte {at} is not between 0 and {limit}")]
+    Length {
+        /// What stands there.
+        length: i64,
+        /// Where.
+        at: usize,
+        /// The most that is taken.
+        limit: usize,
+    },
+    /// Too many lists in lists.
+    #[error("more than {limit} lists in lists at byte {at}")]
+    TooDeep {
+        /// Where.
+        at: usize,
+        /// The most that is taken.
+        limit: usize,
+    },
+    /// The bottle ends before the bytes do.
+    #[error("{extra} bytes behind the end of the message at byte {at}")]
+    Trailing {
+        /// Where the bottle ends.
+        at: usize,
+        /// How many follow.
+        extra: usize,
+    },
+    /// A bottle, but not of the shape asked for.
+    #[error("not {what}: {why}")]
+    Shape {
+        /// What was asked for.
+        what: &'static str,
+        /// What is wrong.
+        why: String,
+    },
+}
+
+impl Bottle {
+    /// The bottle that these bytes are, all of them.
+    ///
+    /// # Errors
+    /// If they are no bottle, or one beyond [`Limits::DEFAULT`].
+    pub fn decode(bytes: &[u8], dialect: Dialect) -> Result<Bottle, DecodeError> {
+        Bottle::decode_within(bytes, dialect, Limits::DEFAULT)
+    }
+
+    /// As [`Bottle::decode`], with limits of one's own.
+    ///
+    /// # Errors
+    /// If they are no bottle, or one beyond the limits.
+    pub fn decode_within(bytes: &[u8], dialect: Dialect, limits: Limits) -> Result<Bottle, DecodeError> {
+        let mut input = Input::new(bytes, dialect, limits)?;
+        let bottle = input.bottle()?;
+        input.end()?;
+        Ok(bottle)
+    }
+
+    /// The bottle that these bytes begin with and its length in bytes, or `None` if more bytes are needed (a reply comes
+    /// without its length, spec section 6).
+    ///
+    /// # Errors
+    /// If no bytes to come can make it a bottle within [`Limits::DEFAULT`].
+    pub fn decode_prefix(bytes: &[u8], dialect: Dialect) -> Result<Option<(Bottle, usize)>, DecodeError> {
+        Bottle::decode_prefix_within(bytes, dialect, Limits::DEFAULT)
+    }
+
+    /// As [`Bottle::decode_prefix`], with limits of one's own.
+    ///
+    /// # Errors
+    /// If no bytes to come can make it a bottle within the limits.
+    pub fn decode_prefix_within(
+        bytes: &[u8],
+        dialect: Dialect,
+        limits: Limits,
+    ) -> Result<Option<(Bottle, usize)>, DecodeError> {
+        let whole = bytes.len() > limits.max_bytes;
+        let mut input = Input::new(bytes.get(..limits.max_bytes).unwrap_or(bytes), dialect, limits)?;
+        match input.bottle() {
+            Ok(bottle) => Ok(Some((bottle, input.at))),
+            Err(DecodeError::Short { .. }) if !whole => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+}
+
+/// A place in bytes being read.
+pub(crate) struct Input<'a> {
+    bytes: &'a [u8],
+    /// How far they are read.
+    pub at: usize,
+    dialect: Dialect,
+    limits: Limits,
+    depth: usize,
+    elements: usize,
+}
+
+impl<'a> Input<'a> {
+    pub fn new(bytes: &'a [u8], dialect: Dialect, limits: Limits) -> Result<Input<'a>, DecodeError> {
+        if bytes.len() > limits.max_bytes {
+            return Err(DecodeError::Length { length: wide(bytes.len()), at: 0, limit: limits.max_bytes });
+        }
+        Ok(Input { bytes, at: 0, dialect, limits, depth: 0, elements: 0 })
+    }
+
+    pub fn take(&mut self, n: usize) -> Result<&'a [u8], DecodeError> {
+        let rest = self.bytes.get(self.at..).unwrap_or_default();
+        let Some(taken) = rest.get(..n) else {
+            return Err(DecodeError::Short { at: self.bytes.len(), needed: n - rest.len() });
+        };
+        self.at += n;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], DecodeError> {
+        let mut array = [0; N];
+        array.copy_from_slice(self.take(N)?);
+        Ok(array)
+    }
+
+    pub fn word(&mut self) -> Result<i32, DecodeError> {
+        Ok(i32::from_le_bytes(self.array()?))
+    }
+
+    /// A length, at most `limit`.
+    pub fn length(&mut self, limit: usize) -> Result<usize, DecodeError> {
+        let at = self.at;
+        let word = self.word()?;
+        match usize::try_from(word) {
+            Ok(length) if length <= limit => Ok(length),
+            _ => Err(DecodeError::Length { length: word.into(), at, limit }),
+        }
+    }
+
+    pub fn end(&self) -> Result<(), DecodeError> {
+        match self.bytes.len() - self.at {
+            0 => Ok(()),
+            extra => Err(DecodeError::Trailing { at: self.at, extra }),
+        }
+    }
+
+    /// A list that stands by itself: its word, its count, its elements.
+    pub fn bottle(&mut self) -> Result<Bottle, DecodeError> {
+        let at = self.at;
+        match self.word()? {
+            DICT => Err(DecodeError::NoList { word: DICT, at }),
+            word if word & LIST != 0 && word >> 9 == 0 => self.list(word, at),
+            word => Err(DecodeError::NoList { word, at }),
+        }
+    }
+
+    fn list(&mut self, word: i32, at: usize) -> Result<Bottle, DecodeError> {
+        if self.depth > self.limits.max_depth {
+            return Err(DecodeError::TooDeep { at, limit: self.limits.max_depth });
+        }
+        let shared = match word & (LIST - 1) {
+            0 => None,
+            tag => Some(Kind::of_tag(tag, self.dialect).ok_or(DecodeError::UnknownTag { tag, at })?),
+        };
+        let count = self.length(self.limits.max_elements - self.elements)?;
+        self.elements += count;
+        // the bytes that so many take at least must be there before memory is taken for them
+        let least = count.saturating_mul(shared.map_or(4, Kind::least));
+        let rest = self.bytes.len() - self.at;
+        if least > rest {
+            return Err(DecodeError::Short { at: self.bytes.len(), needed: least - rest });
+        }
+        self.depth += 1;
+        let mut values = Vec::with_capacity(count);
+        for _ in 0..count {
+            values.push(match shared {
+                Some(kind) => self.scalar(kind)?,
+                None => self.tagged()?,
+            });
+        }
+        self.depth -= 1;
+        Ok(Bottle(values))
+    }
+
+    fn tagged(&mut self) -> Result<Value, DecodeError> {
+        let at = self.at;
+        let tag = self.word()?;
+        if tag == DICT {
+            // what follows stands by itself again, with a word of its own
+            if self.depth > self.limits.max_depth {
+                return Err(DecodeError::TooDeep { at, limit: self.limits.max_depth });
+            }
+            return Ok(Value::Dict(self.bottle()?));
+        }
+        if tag & LIST != 0 && tag >> 9 == 0 {
+            return Ok(Value::List(self.list(tag, at)?));
+        }
+        let kind = Kind::of_tag(tag, self.dialect).ok_or(DecodeError::UnknownTag { tag, at })?;
+        self.scalar(kind)
+    }
+
+    fn scalar(&mut self, kind: Kind) -> Result<Value, DecodeError> {
+        Ok(match kind {
+            Kind::Int8 => Value::Int8(i8::from_le_bytes(self.array()?)),
+            Kind::Int16 => Value::Int16(i16::from_le_bytes(self.array()?)),
+            Kind::Int32 => Value::Int32(i32::from_le_bytes(self.array()?)),
+            Kind::Int64 => Value::Int64(i64::from_le_bytes(self.array()?)),
+            Kind::Float32 => Value::Float32(f32::from_le_bytes(self.array()?)),
+            Kind::Float64 => Value::Float64(f64::from_le_bytes(self.array()?)),
+            Kind::Vocab => Value::Vocab(Vocab(u32::from_le_bytes(self.array()?))),
+            Kind::Vocab64 => Value::Vocab64(u64::from_le_bytes(self.array()?)),
+            Kind::String => Value::String(Text(self.bytes()?)),
+            Kind::Blob => Value::Blob(self.bytes()?),
+        })
+    }
+
+    fn bytes(&mut self) -> Result<Vec<u8>, DecodeError> {
+        let length = self.length(self.limits.max_bytes)?;
+        Ok(self.take(length)?.to_vec())
+    }
+}
+
+fn wide(n: usize) -> i64 {
+    i64::try_from(n).unwrap_or(i64::MAX)
+}

@@ -1,0 +1,95 @@
+//! Messages of several lines: a line that ends in a backslash, or in an open quote, parenthesis or brace, goes on.
+
+use super::TextError;
+
+/// Where the reading of a text stands: what is open.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Open {
+    quoted: bool,
+    escaped: bool,
+    round: i64,
+    curly: i64,
+}
+
+impl Open {
+    /// Takes the next byte; true if it stands for itself, being escaped.
+    pub fn take(&mut self, byte: u8) -> bool {
+        if self.escaped {
+            self.escaped = false;
+            return true;
+        }
+        match byte {
+            b'\\' => self.escaped = true,
+            b'"' => self.quoted = !self.quoted,
+            _ if self.quoted => {}
+            b'(' => self.round += 1,
+            b')' => self.round -= 1,
+            b'{' => self.curly += 1,
+            b'}' => self.curly -= 1,
+            _ => {}
+        }
+        false
+    }
+
+    /// Does the next byte stand for itself?
+    pub fn escaped(&self) -> bool {
+        self.escaped
+    }
+
+    /// Is nothing open?
+    pub fn closed(&self) -> bool {
+        !self.quoted && self.round == 0 && self.curly == 0
+    }
+}
+
+/// Is the message over at the end of this line?
+pub fn is_complete(line: &[u8]) -> bool {
+    let mut open = Open::default();
+    for byte in line {
+        open.take(*byte);
+    }
+    open.closed() && line.last() != Some(&b'\\')
+}
+
+/// Joins lines to messages, without reading any byte twice.
+#[derive(Clone, Debug, Default)]
+pub struct Lines {
+    text: Vec<u8>,
+    open: Open,
+    going_on: bool,
+}
+
+impl Lines {
+    /// Takes a line, without its line end. Gives the message when it is complete.
+    ///
+    /// # Errors
+    /// If the message gets longer than `limit` bytes; what there was is dropped.
+    pub fn push(&mut self, line: &[u8], limit: usize) -> Result<Option<Vec<u8>>, TextError> {
+        if self.text.len() + line.len() >= limit {
+            *self = Lines::default();
+            return Err(TextError::TooLong { limit });
+        }
+        if self.going_on {
+            self.text.push(b'\n');
+            self.open.take(b'\n');
+        }
+        let (line, joined) = match line {
+            [rest @ .., b'\\'] => (rest, true),
+            _ => (line, false),
+        };
+        for byte in line {
+            self.open.take(*byte);
+        }
+        self.text.extend_from_slice(line);
+        if !joined && self.open.closed() {
+            return Ok(Some(std::mem::take(self).text));
+        }
+        self.going_on = !joined;
+        Ok(None)
+    }
+
+    /// Has a message begun that is not complete?
+    pub fn is_open(&self) -> bool {
+        self.going_on || !self.text.is_empty()
+    }
+}
