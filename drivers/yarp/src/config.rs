@@ -54,7 +54,10 @@ pub enum ConfigError {
 }
 
 /// Where configuration comes from: the process's environment, or a test's own.
-pub struct Env<'a>(Box<dyn Fn(&str) -> Option<String> + 'a>);
+pub struct Env<'a>(Box<Variables<'a>>);
+
+/// The value of each variable that is set.
+type Variables<'a> = dyn Fn(&str) -> Option<String> + 'a;
 
 impl<'a> Env<'a> {
     /// The process's environment variables.

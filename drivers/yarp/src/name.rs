@@ -1,6 +1,8 @@
 //! Names: the client of a name server, and the name server itself (spec section 3).
 
 mod client;
+mod table;
 pub mod text;
 
 pub use client::NameError;
+pub use table::{Answer, Counts, Link, Outcome, Table};

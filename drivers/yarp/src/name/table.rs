@@ -1,0 +1,293 @@
+//! What a name server knows and how it answers: pure, with no socket and no clock (spec sections 3.1 and 3.3).
+
+mod answer;
+mod numbers;
+mod subscriptions;
+
+pub use answer::Answer;
+pub use subscriptions::Link;
+
+use super::text::{registration, sayable};
+use crate::{Bottle, Contact, Dialect, Value};
+use numbers::Numbers;
+use std::collections::BTreeMap;
+use subscriptions::Subscriptions;
+
+/// The most properties of one port, and the most bytes that all its properties have together.
+const MOST_PROPERTIES: (usize, usize) = (32, 8192);
+/// The most topics.
+const MOST_TOPICS: usize = 256;
+
+/// What happened since the server began.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Registrations made.
+    pub registered: u64,
+    /// Registrations that took a name from another address. YARP allows this silently; it is how two programs get to
+    /// fight over one port, or how a restarted one takes its place back.
+    pub replaced: u64,
+    /// Requests refused because something was full or could not be said.
+    pub refused: u64,
+}
+
+/// The answer to one request, and the persistent connections to look after now.
+#[derive(Debug)]
+pub struct Outcome {
+    /// What to answer.
+    pub answer: Answer,
+    /// Connections whose ends are both registered, to be made if they are not there.
+    pub links: Vec<Link>,
+}
+
+/// The ports of a network, their properties, and the persistent connections.
+#[derive(Debug)]
+pub struct Table {
+    ports: BTreeMap<String, Entry>,
+    numbers: Numbers,
+    subscriptions: Subscriptions,
+    topics: Vec<String>,
+    most: usize,
+    counts: Counts,
+}
+
+#[derive(Debug)]
+struct Entry {
+    contact: Contact,
+    properties: BTreeMap<String, Vec<String>>,
+    /// Listed, but not to be changed by anybody: the server itself.
+    fixed: bool,
+}
+
+impl Table {
+    /// A table in which only the server stands (its name is the namespace), for at most `most` ports. Port numbers are
+    /// given from the server's own plus 2.
+    pub fn new(server: Contact, most: usize) -> Table {
+        let mut table = Table {
+            numbers: Numbers::new(server.port),
+            ports: BTreeMap::new(),
+            subscriptions: Subscriptions::default(),
+            topics: Vec::new(),
+            most,
+            counts: Counts::default(),
+        };
+        for contact in [server, Contact::new("fallback", "mcast", "224.2.1.1", 10000)] {
+            table.ports.insert(contact.name.clone(), Entry { contact, properties: BTreeMap::new(), fixed: true });
+        }
+        table
+    }
+
+    /// What happened so far.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// The port of this name.
+    pub fn query(&self, name: &str) -> Option<&Contact> {
+        self.ports.get(&bare(name)).map(|e| &e.contact)
+    }
+
+    /// All ports, in the order of their names.
+    pub fn ports(&self) -> impl Iterator<Item = &Contact> {
+        self.ports.values().map(|e| &e.contact)
+    }
+
+    /// Answers one request, said as words by a peer at this host (an address).
+    pub fn answer(&mut self, words: &[String], peer: &str) -> Outcome {
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        let mut links = Vec::new();
+        let answer = match words.as_slice() {
+            ["bot", "query", rest @ ..] => Answer::Bottle(answer::port(self.query(rest.first().unwrap_or(&"")))),
+            ["bot", "list", rest @ ..] => Answer::ports(self.list(rest.first().copied())),
+            ["bot", "set", name, key, values @ ..] => {
+                self.set(name, key, values);
+                Answer::Bottle(self.values(name, key))
+            }
+            ["bot", "get", name, key, ..] => Answer::Bottle(self.values(name, key)),
+            ["bot", "help", ..] => Answer::Bottle(Bottle::of(answer::HELP.iter().skip(1).copied())),
+            ["bot", rest @ ..] | rest => self.plain(rest, peer, &mut links),
+        };
+        Outcome { answer, links }
+    }
+
+    /// Answers in the plain form.
+    fn plain(&mut self, words: &[&str], peer: &str, links: &mut Vec<Link>) -> Answer {
+        match words {
+            ["register", name, rest @ ..] => Answer::registration(self.register(name, rest, peer).as_ref()),
+            ["query", name, ..] => Answer::registration(self.query(name)),
+            ["unregister", name, ..] => {
+                self.unregister(&bare(name));
+                Answer::end()
+            }
+            ["list", rest @ ..] => {
+                Answer::Lines(self.list(rest.first().copied()).into_iter().map(registration).collect())
+            }
+            ["set", name, key, values @ ..] => {
+                self.set(name, key, values);
+                self.property(name, key)
+            }
+            ["set" | "get", name] => self.property(name, ""),
+            ["get", name, key, ..] => self.property(name, key),
+            ["check", name, key, rest @ ..] => self.check(name, key, rest.first().unwrap_or(&"")),
+            ["route", rest @ ..] => {
+                let (a, b) = (rest.first().unwrap_or(&""), rest.get(1).unwrap_or(&""));
+                Answer::Lines(vec![format!("port {a} route {b} = tcp:/{b}")])
+            }
+            ["gc", ..] => Answer::Lines(vec!["garbage collection done.".into()]),
+            ["help", ..] => Answer::Lines(answer::HELP.iter().map(|l| l.to_string()).collect()),
+            ["announce", rest @ ..] => {
+                let present = !matches!(rest.get(1), Some(&("0" | "-1")));
+                if let (Some(name), true) = (rest.first(), present) {
+                    *links = self.due(&bare(name));
+                }
+                Answer::done(true)
+            }
+            ["subscribe", src, dest, rest @ ..] => {
+                let added = self.subscriptions.add(src, dest, rest.first().copied().unwrap_or_default());
+                let src = bare(src);
+                *links = self.due(&src).into_iter().filter(|l| l.is(&src, &bare(dest))).collect();
+                self.counts.refused += u64::from(!added);
+                Answer::done(added)
+            }
+            ["subscribe", rest @ ..] => Answer::Bottle(self.subscriptions.listed(rest.first().copied())),
+            ["unsubscribe", rest @ ..] => {
+                let word = |i| bare(rest.get(i).copied().unwrap_or_default());
+                self.subscriptions.remove(&word(0), &word(1));
+                Answer::done(true)
+            }
+            ["topic", name, ..] => {
+                let known = self.topics.iter().any(|t| t == name);
+                let room = self.topics.len() < MOST_TOPICS && sayable(name);
+                if !known && room {
+                    self.topics.push(name.to_string());
+                }
+                Answer::done(known || room)
+            }
+            ["topic"] => Answer::Bottle(Bottle::of(self.topics.iter().map(String::as_str))),
+            ["untopic", rest @ ..] => {
+                self.topics.retain(|t| Some(&t.as_str()) != rest.first());
+                Answer::done(true)
+            }
+            ["type", ..] => Answer::done(false),
+            _ => Answer::end(),
+        }
+    }
+
+    /// Registers a port; `None` if that can't be. The words are carrier, host and number, any of them `...`.
+    fn register(&mut self, name: &str, words: &[&str], peer: &str) -> Option<Contact> {
+        let choose = |i: usize| words.get(i).copied().filter(|w| *w != "...");
+        let carrier = choose(0).unwrap_or("tcp");
+        let host = choose(1).unwrap_or(peer);
+        let given = match choose(2).and_then(|w| w.parse::<i64>().ok()).unwrap_or(0) {
+            number @ 0..=65535 => number as u16,
+            _ => return self.refuse(),
+        };
+        let fixed = self.ports.get(name).is_some_and(|e| e.fixed);
+        let words_ok = [name, carrier, host].into_iter().all(sayable) && carrier.len() <= 100 && host.len() <= 260;
+        if fixed || !words_ok || (self.ports.len() >= self.most && !self.ports.contains_key(name)) {
+            return self.refuse();
+        }
+        let before = self.ports.get(name).map(|e| e.contact.clone());
+        self.unregister(name);
+        let name = match name {
+            "..." => self.numbers.name(),
+            n if n.starts_with('=') => format!("{}{n}", self.numbers.name()),
+            n => n.to_string(),
+        };
+        let host = match (carrier, choose(1)) {
+            ("mcast", None) => self.numbers.group(),
+            _ => host.to_string(),
+        };
+        let Some(port) = (if given == 0 { self.numbers.port(&name) } else { Some(given) }) else {
+            return self.refuse();
+        };
+        let contact = Contact::new(&name, carrier, &host, port);
+        self.counts.registered += 1;
+        self.counts.replaced += u64::from(before.is_some_and(|b| (b.host, b.port) != (host, port)));
+        self.ports.insert(name, Entry { contact: contact.clone(), properties: BTreeMap::new(), fixed: false });
+        Some(contact)
+    }
+
+    fn refuse(&mut self) -> Option<Contact> {
+        self.counts.refused += 1;
+        None
+    }
+
+    fn unregister(&mut self, name: &str) {
+        if self.ports.get(name).is_some_and(|e| !e.fixed) {
+            self.numbers.free(self.ports.remove(name).map(|e| e.contact));
+            self.subscriptions.gone(name);
+        }
+    }
+
+    /// The ports whose names begin with these whole components.
+    fn list(&self, prefix: Option<&str>) -> Vec<&Contact> {
+        let within = |name: &str, prefix: &str| {
+            name.strip_prefix(prefix)
+                .is_some_and(|rest| rest.is_empty() || rest.starts_with('/') || prefix.ends_with('/'))
+        };
+        self.ports().filter(|c| prefix.is_none_or(|p| within(&c.name, p))).collect()
+    }
+
+    /// Replaces a property; nothing happens to an unknown port, or beyond the limits.
+    fn set(&mut self, name: &str, key: &str, values: &[&str]) {
+        let Some(entry) = self.ports.get_mut(&bare(name)) else { return };
+        let size = |k: &String, v: &Vec<String>| k.len() + v.iter().map(|v| v.len() + 1).sum::<usize>();
+        let others: usize = entry.properties.iter().filter(|(k, _)| *k != key).map(|(k, v)| size(k, v)).sum();
+        let mut values: Vec<String> = values.iter().map(|v| v.to_string()).collect();
+        values.sort();
+        let count = entry.properties.len() + usize::from(!entry.properties.contains_key(key));
+        if count > MOST_PROPERTIES.0 || others + size(&key.to_string(), &values) > MOST_PROPERTIES.1 {
+            self.counts.refused += 1;
+        } else if values.is_empty() {
+            entry.properties.remove(key);
+        } else {
+            entry.properties.insert(key.to_string(), values);
+        }
+    }
+
+    fn get(&self, name: &str, key: &str) -> Option<&[String]> {
+        let entry = self.ports.get(&bare(name))?;
+        Some(entry.properties.get(key).map(Vec::as_slice).unwrap_or_default())
+    }
+
+    fn property(&self, name: &str, key: &str) -> Answer {
+        let Some(values) = self.get(name, key) else { return Answer::end() };
+        let values: String = values.iter().map(|v| format!(" {v}")).collect();
+        Answer::Lines(vec![format!("port {} property {key} ={values}", bare(name))])
+    }
+
+    fn values(&self, name: &str, key: &str) -> Bottle {
+        let value = |text: &String| match Bottle::parse(text, Dialect::V3) {
+            Ok(Bottle(mut values)) if values.len() == 1 => values.swap_remove(0),
+            _ => Value::from(text.as_str()),
+        };
+        Bottle(self.get(name, key).unwrap_or_default().iter().map(value).collect())
+    }
+
+    fn check(&self, name: &str, key: &str, value: &str) -> Answer {
+        let Some(values) = self.get(name, key) else { return Answer::end() };
+        let present = values.iter().any(|v| v == value);
+        Answer::Lines(vec![format!("port {} property {key} value {value} present {present}", bare(name))])
+    }
+
+    /// The persistent connections of a port whose both ends are registered now.
+    fn due(&self, name: &str) -> Vec<Link> {
+        self.subscriptions.of(name).filter(|l| [&l.src, &l.dest].iter().all(|end| self.query(end).is_some())).collect()
+    }
+}
+
+/// A name without carrier and network choice: `/x` of `tcp://x` and `/net=127/x`.
+fn bare(name: &str) -> String {
+    let name = if name.starts_with('/') { name.to_string() } else { Contact::parse(name).name };
+    match name
+        .strip_prefix("/net=")
+        .or_else(|| name.strip_prefix("/NET="))
+        .and_then(|rest| rest.find('/').map(|i| &rest[i..]))
+    {
+        Some(rest) => rest.to_string(),
+        None => name,
+    }
+}
+
+#[cfg(test)]
+mod tests;
