@@ -15,4 +15,5 @@ pub use config::ConfigError;
 pub use contact::Contact;
 pub use name::NameError;
 pub use network::{Network, TIMEOUT};
+pub use payload::{Field, Image, JointData, PixelCode, Stamp};
 pub use value::*;

@@ -1,0 +1,175 @@
+//! The extended state of a board, which the port `stateExt:o` sends (spec section 14).
+
+use super::{shape, vector};
+use crate::bottle::tag::Kind;
+use crate::{Bottle, DecodeError, Dialect, Value, Vocab};
+
+/// One thing known of all joints, in the board's order, and whether it is really known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field<T = f64> {
+    /// One value for each joint, also where the board does not know it.
+    pub values: Vec<T>,
+    /// Does the board vouch for them?
+    pub valid: bool,
+}
+
+impl<T> Field<T> {
+    /// Values that are known.
+    pub fn known(values: Vec<T>) -> Field<T> {
+        Field { values, valid: true }
+    }
+
+    /// So many values that are not known.
+    pub fn unknown(axes: usize) -> Field<T>
+    where
+        T: Clone + Default,
+    {
+        Field { values: vec![T::default(); axes], valid: false }
+    }
+
+    /// The values, if they are known.
+    pub fn valid(&self) -> Option<&[T]> {
+        self.valid.then_some(self.values.as_slice())
+    }
+}
+
+impl<T> Default for Field<T> {
+    fn default() -> Field<T> {
+        Field { values: Vec::new(), valid: false }
+    }
+}
+
+/// All that a board says of its joints. Units are the board's: degrees and seconds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct JointData {
+    /// Joint positions.
+    pub position: Field,
+    /// Joint speeds.
+    pub velocity: Field,
+    /// Joint accelerations.
+    pub acceleration: Field,
+    /// Motor positions.
+    pub motor_position: Field,
+    /// Motor speeds.
+    pub motor_velocity: Field,
+    /// Motor accelerations.
+    pub motor_acceleration: Field,
+    /// Torques.
+    pub torque: Field,
+    /// Duty cycles (single precision on the wire in 4.x).
+    pub pwm: Field,
+    /// Currents.
+    pub current: Field,
+    /// Control modes, as integers that are vocabs.
+    pub control_modes: Field<i32>,
+    /// Interaction modes, as integers that are vocabs.
+    pub interaction_modes: Field<i32>,
+    /// Temperatures (4.x only, single precision on the wire; 3.x does not send them).
+    pub temperature: Field,
+}
+
+const WHAT: &str = "joint data";
+const OK: Vocab = Vocab::new("ok");
+const FAIL: Vocab = Vocab::new("fail");
+
+impl JointData {
+    /// How many joints.
+    pub fn axes(&self) -> usize {
+        self.position.values.len()
+    }
+
+    fn floats(&self) -> [&Field; 9] {
+        [
+            &self.position,
+            &self.velocity,
+            &self.acceleration,
+            &self.motor_position,
+            &self.motor_velocity,
+            &self.motor_acceleration,
+            &self.torque,
+            &self.pwm,
+            &self.current,
+        ]
+    }
+
+    /// The bytes of the message: 22 elements in 3.x, 24 in 4.x.
+    pub fn encode(&self, dialect: Dialect) -> Vec<u8> {
+        let v4 = dialect == Dialect::V4;
+        let mut out = Vec::with_capacity(400 + 100 * self.axes());
+        vector::put_head(0, if v4 { 24 } else { 22 }, &mut out);
+        for (i, field) in self.floats().into_iter().enumerate() {
+            match v4 && i == 7 {
+                true => vector::put_f32(&field.values, dialect, &mut out),
+                false => vector::put_f64(&field.values, dialect, &mut out),
+            }
+            put_flag(field.valid, &mut out);
+        }
+        for field in [&self.control_modes, &self.interaction_modes] {
+            vector::put_i32(&field.values, &mut out);
+            put_flag(field.valid, &mut out);
+        }
+        if v4 {
+            vector::put_f32(&self.temperature.values, dialect, &mut out);
+            put_flag(self.temperature.valid, &mut out);
+        }
+        out
+    }
+
+    /// The state that these bytes are.
+    ///
+    /// # Errors
+    /// If they are no bottle of so many fields, each with its flag.
+    pub fn decode(bytes: &[u8], dialect: Dialect) -> Result<JointData, DecodeError> {
+        JointData::from_bottle(&Bottle::decode(bytes, dialect)?)
+    }
+
+    /// The state that a bottle means; its length says of which YARP it is.
+    ///
+    /// # Errors
+    /// As [`JointData::decode`].
+    pub fn from_bottle(bottle: &Bottle) -> Result<JointData, DecodeError> {
+        if bottle.len() != 22 && bottle.len() != 24 {
+            return Err(shape(WHAT, format!("it has {} elements, not 22 (YARP 3) or 24 (YARP 4)", bottle.len())));
+        }
+        let mut fields = bottle.0.chunks_exact(2);
+        let mut next = || match fields.next() {
+            Some([Value::List(values), Value::Vocab(flag)]) => Ok((values, *flag == OK)),
+            _ => Err(shape(WHAT, "its elements are not lists, each with its flag")),
+        };
+        let mut float = || next().and_then(|(values, valid)| Ok(Field { values: vector::from_bottle(values)?, valid }));
+        let mut data = JointData {
+            position: float()?,
+            velocity: float()?,
+            acceleration: float()?,
+            motor_position: float()?,
+            motor_velocity: float()?,
+            motor_acceleration: float()?,
+            torque: float()?,
+            pwm: float()?,
+            current: float()?,
+            ..JointData::default()
+        };
+        let mut modes =
+            || next().and_then(|(values, valid)| Ok(Field { values: vector::i32_from_bottle(values)?, valid }));
+        data.control_modes = modes()?;
+        data.interaction_modes = modes()?;
+        if bottle.len() == 24 {
+            let (values, valid) = next()?;
+            data.temperature = Field { values: vector::from_bottle(values)?, valid };
+        }
+        Ok(data)
+    }
+
+    /// As a bottle, for its text.
+    ///
+    /// # Errors
+    /// If there are more joints than a message may have.
+    pub fn to_bottle(&self, dialect: Dialect) -> Result<Bottle, DecodeError> {
+        Bottle::decode(&self.encode(dialect), dialect)
+    }
+}
+
+fn put_flag(valid: bool, out: &mut Vec<u8>) {
+    out.extend(Kind::Vocab.tag(Dialect::V3).to_le_bytes());
+    out.extend(if valid { OK } else { FAIL }.0.to_le_bytes());
+}
