@@ -6,6 +6,9 @@ pub(crate) mod tag;
 
 pub use decode::DecodeError;
 
+#[cfg(test)]
+mod tests;
+
 /// What is read at most from anyone. Everything is checked before memory is taken for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
