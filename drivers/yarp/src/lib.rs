@@ -1,6 +1,7 @@
 //! YARP in pure Rust: bottles, ports, carriers, the name server and control boards, without libYARP.
 
 pub mod auth;
+pub mod board;
 mod bottle;
 pub mod config;
 mod contact;

@@ -1,0 +1,22 @@
+//! Control boards: the words of their ports (pure), the server and the client of one board.
+//!
+//! ```text
+//! Bottle ──Ask::parse──> Ask ──fits──> a device's business          (rpc:i, spec section 12)
+//! Bottle ──Shadow::answer──> Bottle                                 (every reading, from a board's state alone)
+//! (head, body) ──Streamed::parse──> Streamed                        (command:i, spec section 13)
+//! ```
+//!
+//! Everything here is in degrees and in the board's own joint order.
+
+mod ask;
+mod joints;
+pub mod reply;
+mod shadow;
+mod streamed;
+mod words;
+
+pub use ask::{Ask, Get, Reading, Set};
+pub use joints::Joints;
+pub use shadow::{JointKind, Shadow, ShadowAxis};
+pub use streamed::Streamed;
+pub use words::mode;

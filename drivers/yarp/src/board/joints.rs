@@ -1,0 +1,175 @@
+//! Which joints a request is about, as its code and its first arguments say.
+
+use crate::{Bottle, Value, Vocab};
+
+/// Most joints a board may have; longer lists are refused before anything is done with them.
+pub(super) const MOST_JOINTS: usize = 1024;
+
+/// One joint, all or some, counted from 0.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Joints {
+    /// One joint.
+    One(usize),
+    /// All of the board, in order.
+    All,
+    /// Some, in the order given.
+    Group(Vec<usize>),
+}
+
+impl Joints {
+    /// The joints of a board with so many axes; `None` if one is not among them, or the group names one twice.
+    pub fn on(&self, axes: usize) -> Option<Vec<usize>> {
+        match self {
+            Joints::One(j) => (*j < axes).then(|| vec![*j]),
+            Joints::All => Some((0..axes).collect()),
+            Joints::Group(group) => {
+                let mut seen = vec![false; axes];
+                for j in group {
+                    let slot = seen.get_mut(*j)?;
+                    if std::mem::replace(slot, true) {
+                        return None;
+                    }
+                }
+                Some(group.clone())
+            }
+        }
+    }
+
+    /// How the arguments of these joints begin: nothing, `j`, or `n (J)`.
+    pub(super) fn write(&self, to: &mut Vec<Value>) {
+        match self {
+            Joints::One(j) => to.push(int(*j)),
+            Joints::All => {}
+            Joints::Group(group) => {
+                to.push(int(group.len()));
+                to.push(Value::List(Bottle(group.iter().map(|j| int(*j)).collect())));
+            }
+        }
+    }
+
+    /// Reads `j`, nothing, or `n (J)`, and what follows it.
+    pub(super) fn read(shape: Shape, words: &[Value]) -> Option<(Joints, &[Value])> {
+        match shape {
+            Shape::All => Some((Joints::All, words)),
+            Shape::One => {
+                let (first, rest) = words.split_first()?;
+                Some((Joints::One(index(first)?), rest))
+            }
+            Shape::Group => {
+                let (count, rest) = words.split_first()?;
+                let (list, rest) = rest.split_first()?;
+                let list = &list.as_list()?.0;
+                if list.len() > MOST_JOINTS || index(count)? != list.len() {
+                    return None;
+                }
+                Some((Joints::Group(list.iter().map(index).collect::<Option<_>>()?), rest))
+            }
+        }
+    }
+
+    /// How many values go with them; `None` if that is the board's matter.
+    pub(super) fn count(&self) -> Option<usize> {
+        match self {
+            Joints::One(_) => Some(1),
+            Joints::All => None,
+            Joints::Group(group) => Some(group.len()),
+        }
+    }
+
+    pub(super) fn shape(&self) -> Shape {
+        match self {
+            Joints::One(_) => Shape::One,
+            Joints::All => Shape::All,
+            Joints::Group(_) => Shape::Group,
+        }
+    }
+}
+
+/// What the last letter of a code says.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shape {
+    One,
+    All,
+    Group,
+}
+
+impl Shape {
+    /// The three-letter family of a code and whom it is for: `pos`, `poss`, `posg`.
+    pub(super) fn of(code: Vocab) -> Option<(Vocab, Shape)> {
+        let [a, b, c, last] = code.0.to_le_bytes();
+        let family = Vocab(u32::from_le_bytes([a, b, c, 0]));
+        match last {
+            _ if c == 0 => None,
+            0 => Some((family, Shape::One)),
+            b's' => Some((family, Shape::All)),
+            b'g' => Some((family, Shape::Group)),
+            _ => None,
+        }
+    }
+
+    /// The code of a family for this shape.
+    pub(super) fn code(self, family: Vocab) -> Vocab {
+        let last = match self {
+            Shape::One => 0,
+            Shape::All => b's',
+            Shape::Group => b'g',
+        };
+        Vocab(family.0 | u32::from(last) << 24)
+    }
+
+    /// The shape by position in a table of codes (one, all, group).
+    pub(super) fn among(code: Vocab, codes: [Vocab; 3]) -> Option<Shape> {
+        let shapes = [Shape::One, Shape::All, Shape::Group];
+        codes.iter().zip(shapes).find(|(c, _)| **c == code).map(|(_, s)| s)
+    }
+
+    /// The code of this shape in such a table.
+    pub(super) fn pick(self, [one, all, group]: [Vocab; 3]) -> Vocab {
+        match self {
+            Shape::One => one,
+            Shape::All => all,
+            Shape::Group => group,
+        }
+    }
+}
+
+/// A joint number or count. Floats are taken when they are whole; a vocab is none, though it could be read as one.
+pub(super) fn index(value: &Value) -> Option<usize> {
+    if matches!(value, Value::Vocab(_)) {
+        return None;
+    }
+    usize::try_from(value.as_i64()?).ok()
+}
+
+/// An index as the wire has it.
+pub(super) fn int(n: usize) -> Value {
+    Value::Int32(i32::try_from(n).unwrap_or(i32::MAX))
+}
+
+/// The numbers of a list.
+pub(super) fn numbers(value: &Value) -> Option<Vec<f64>> {
+    let list = &value.as_list()?.0;
+    if list.len() > MOST_JOINTS {
+        return None;
+    }
+    list.iter().map(Value::as_f64).collect()
+}
+
+/// The vocabs of a list.
+pub(super) fn vocabs(value: &Value) -> Option<Vec<Vocab>> {
+    let list = &value.as_list()?.0;
+    if list.len() > MOST_JOINTS {
+        return None;
+    }
+    list.iter().map(Value::as_vocab).collect()
+}
+
+/// A list of f64.
+pub(super) fn floats(values: &[f64]) -> Value {
+    Value::List(Bottle(values.iter().map(|v| Value::Float64(*v)).collect()))
+}
+
+/// A list of vocabs.
+pub(super) fn vocab_list(values: &[Vocab]) -> Value {
+    Value::List(Bottle(values.iter().map(|v| Value::Vocab(*v)).collect()))
+}

@@ -1,0 +1,33 @@
+//! The short replies of a board (spec section 12.1).
+
+use super::words;
+use crate::{Bottle, Value, Vocab};
+
+fn word(vocab: Vocab) -> Bottle {
+    Bottle(vec![Value::Vocab(vocab)])
+}
+
+/// `([ok])`: a recognized and successful `[set]`.
+pub fn ok() -> Bottle {
+    word(words::OK)
+}
+
+/// `([fail])`: failure of any kind, an unknown request included.
+pub fn fail() -> Bottle {
+    word(words::FAIL)
+}
+
+/// `([nak])`: a request of fewer than two elements.
+pub fn nak() -> Bottle {
+    word(words::NAK)
+}
+
+/// What is said to a request that nobody knows: `[nak]` if it has fewer than two elements, else `[fail]`.
+pub fn unknown(request: &Bottle) -> Bottle {
+    if request.0.len() < 2 { nak() } else { fail() }
+}
+
+/// Whether a reply is the `([ok])` of a successful `[set]`.
+pub fn is_ok(reply: &Bottle) -> bool {
+    *reply == ok()
+}
