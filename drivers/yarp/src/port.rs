@@ -1,0 +1,115 @@
+//! Ports on tokio: a listener per port, a task per connection, everything bounded (spec sections 4 to 8, 17, 18).
+//!
+//! ```text
+//!   others --> listener --> input task ---> inbox (Reader) | handler (RpcServer)
+//!                  \-- admin [add] ---> output task <--- Writer::write
+//! ```
+//! A [`Reader`] takes data, a [`Writer`] publishes it, an [`RpcServer`] answers requests; all three answer
+//! administrative commands. An [`RpcClient`] and a [`Sender`] talk to one known port and have no port of their own.
+
+mod client;
+mod core;
+mod dial;
+mod inbox;
+mod input;
+mod link;
+mod message;
+mod output;
+mod reader;
+mod rpc;
+mod sender;
+mod slot;
+mod writer;
+
+pub use client::{CallError, RpcClient};
+pub use inbox::Queue;
+pub use message::{Message, Payload, PayloadError};
+pub use reader::Reader;
+pub use rpc::{Handler, RpcServer};
+pub use sender::{SendError, Sender};
+pub use slot::Delivery;
+pub use writer::Writer;
+
+use crate::NameError;
+use std::{io, time::Duration};
+
+/// How a port behaves; the defaults suit a robot on a local network.
+#[derive(Clone, Debug)]
+pub struct PortOptions {
+    /// Port number to listen on; 0 lets the system choose.
+    pub number: u16,
+    /// Most connections at a time; more are closed at once.
+    pub connections: usize,
+    /// How long a connection may take to say who it is (the original waits for ever).
+    pub handshake: Duration,
+    /// How long a message may take from its first byte to its last.
+    pub message: Duration,
+    /// How long a write may be stuck before the connection is closed.
+    pub write: Duration,
+    /// How long an output waits for an acknowledgement.
+    pub ack: Duration,
+    /// Longest message, bytes.
+    pub max_message: usize,
+    /// Most user properties that others may set on the port.
+    pub properties: usize,
+}
+
+impl Default for PortOptions {
+    fn default() -> Self {
+        PortOptions {
+            number: 0,
+            connections: 256,
+            handshake: Duration::from_secs(5),
+            message: Duration::from_secs(30),
+            write: Duration::from_secs(5),
+            ack: Duration::from_secs(5),
+            max_message: 64 << 20,
+            properties: 256,
+        }
+    }
+}
+
+/// Why a port could not be opened or connected.
+#[derive(Debug, thiserror::Error)]
+pub enum PortError {
+    /// The name is none for a port.
+    #[error("\"{0}\" is no port name: it must begin with / and hold no blanks")]
+    BadName(String),
+    /// No socket.
+    #[error("can't listen for port {name} on {address}: {source}")]
+    Listen {
+        /// The port.
+        name: String,
+        /// Where it should have listened.
+        address: String,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The name server could not be asked, or refused.
+    #[error(transparent)]
+    Name(#[from] NameError),
+    /// The name server does not know the other side.
+    #[error("no port {0} is known to the name server; is it running, and is its name spelled so?")]
+    Unknown(String),
+    /// The other side can't be reached or does not speak the protocol.
+    #[error("can't connect to {to}: {why}")]
+    Connect {
+        /// The other side.
+        to: String,
+        /// What went wrong.
+        why: String,
+    },
+    /// The other side refused an administrative command.
+    #[error("port {port} answered: {answer}")]
+    Refused {
+        /// The port asked.
+        port: String,
+        /// Its answer.
+        answer: String,
+    },
+}
+
+/// Locks a mutex whose data stays good when a holder panicked: every change under these locks is one step.
+fn lock<T>(mutex: &std::sync::Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}

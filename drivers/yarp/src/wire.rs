@@ -1,0 +1,18 @@
+//! The bytes of connections as pure functions over slices: nothing here reads a socket or waits, so that all of it
+//! can be tested and fuzzed directly.
+//!
+//! Every parser takes what has arrived so far and answers `Ok(None)` while that is no whole item, so a length that a
+//! peer merely claims never allocates anything.
+
+pub mod admin;
+pub mod carrier;
+pub mod command;
+pub mod names;
+pub mod datagram;
+pub mod frame;
+pub mod handshake;
+pub mod line;
+
+pub use carrier::{Carrier, UnknownCarrier};
+pub use command::{Command, Verb};
+

@@ -1,0 +1,164 @@
+//! Messages on text carriers (spec section 5.2): a line with the key, and a line of bottle text that goes on while a
+//! quote or bracket is open or a line ends in a backslash.
+
+use super::command::Command;
+
+/// A message longer than allowed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the peer sent a text message of more than {0} bytes without an end; raise PortOptions::max_message if that is meant")]
+pub struct LineError(pub usize);
+
+/// A message as text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Line {
+    /// What is asked.
+    pub command: Command,
+    /// The payload without its end of line; empty if the command has none.
+    pub payload: Vec<u8>,
+    /// How many bytes the message took.
+    pub end: usize,
+}
+
+/// Looks for the end of a message in bytes that arrive bit by bit; each byte is looked at once.
+#[derive(Clone, Debug, Default)]
+pub struct Scanner {
+    seen: usize,
+    head: Option<(Command, usize)>,
+    body: Body,
+}
+
+/// What is open in a line of bottle text.
+#[derive(Clone, Copy, Debug, Default)]
+struct Body {
+    depth: u32,
+    quoted: bool,
+    escaped: bool,
+}
+
+impl Body {
+    /// Takes one byte; `true` if the text ends with it.
+    fn step(&mut self, byte: u8) -> bool {
+        match byte {
+            b'\n' if self.escaped || self.quoted || self.depth > 0 => self.escaped = false,
+            b'\n' => return true,
+            b'\r' if self.escaped => {}
+            _ if self.escaped => self.escaped = false,
+            b'\\' => self.escaped = true,
+            b'"' => self.quoted = !self.quoted,
+            b'(' | b'{' if !self.quoted => self.depth += 1,
+            b')' | b'}' if !self.quoted => self.depth = self.depth.saturating_sub(1),
+            _ => {}
+        }
+        false
+    }
+}
+
+impl Scanner {
+    /// Reads the message at the start of `bytes`, which must begin with what was given before. After a message the
+    /// scanner begins anew.
+    pub fn parse(&mut self, bytes: &[u8], max: usize) -> Result<Option<Line>, LineError> {
+        while let Some(byte) = bytes.get(self.seen) {
+            self.seen += 1;
+            if self.seen > max {
+                return Err(LineError(max));
+            }
+            let ended = if self.head.is_some() { self.body.step(*byte) } else { *byte == b'\n' };
+            if !ended {
+                continue;
+            }
+            match self.head.take() {
+                None => {
+                    let command = Command::parse(trimmed(bytes.get(..self.seen).unwrap_or_default()));
+                    if command.has_payload() {
+                        self.head = Some((command, self.seen));
+                        continue;
+                    }
+                    let end = self.seen;
+                    *self = Scanner::default();
+                    return Ok(Some(Line { command, payload: Vec::new(), end }));
+                }
+                Some((command, start)) => {
+                    let payload = joined(trimmed(bytes.get(start..self.seen).unwrap_or_default()));
+                    let end = self.seen;
+                    *self = Scanner::default();
+                    return Ok(Some(Line { command, payload, end }));
+                }
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// Whether bottle text is complete, or goes on in the next line.
+pub fn is_complete(text: &[u8]) -> bool {
+    let mut body = Body::default();
+    for byte in text {
+        body.step(*byte);
+    }
+    body.step(b'\n')
+}
+
+/// Finds the end of one line of bottle text (a reply): how many bytes it takes, end of line included.
+pub fn reply_end(bytes: &[u8]) -> Option<usize> {
+    let mut body = Body::default();
+    bytes.iter().position(|byte| body.step(*byte)).map(|end| end + 1)
+}
+
+/// A message with the key `d`, `D` or `a`.
+pub fn encode(key: u8, envelope: Option<&str>, text: &[u8]) -> Vec<u8> {
+    let mut out = vec![key];
+    if let Some(envelope) = envelope {
+        out.push(b' ');
+        out.extend_from_slice(envelope.as_bytes());
+    }
+    out.extend_from_slice(b"\r\n");
+    out.extend_from_slice(text);
+    out.extend_from_slice(b"\r\n");
+    out
+}
+
+/// A line without its end.
+pub fn trimmed(line: &[u8]) -> &[u8] {
+    let line = line.strip_suffix(b"\n").unwrap_or(line);
+    line.strip_suffix(b"\r").unwrap_or(line)
+}
+
+/// Lines joined by single line feeds.
+fn joined(text: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(text.len());
+    for (i, line) in text.split(|b| *b == b'\n').enumerate() {
+        if i > 0 {
+            out.push(b'\n');
+        }
+        out.extend_from_slice(line.strip_suffix(b"\r").unwrap_or(line));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::Verb;
+
+    fn read(text: &str) -> Option<Line> {
+        let (mut scanner, mut last) = (Scanner::default(), None);
+        for cut in 0..=text.len() {
+            last = scanner.parse(&text.as_bytes()[..cut], 1000).unwrap();
+            if last.is_some() {
+                break;
+            }
+        }
+        last
+    }
+
+    #[test]
+    fn lines_end_where_nothing_is_open() {
+        let line = read("d 7 12.5\r\nhello (1\r\n2) \"a\nb\" c\\\r\nd\r\nrest").unwrap();
+        assert_eq!(line.command.envelope.as_deref(), Some("7 12.5"));
+        assert_eq!(line.payload, b"hello (1\n2) \"a\nb\" c\\\nd");
+        assert_eq!(read("*\n").unwrap().command.verb, Verb::Describe);
+        assert_eq!(read("d\r\n(open\r\n"), None);
+        assert!(Scanner::default().parse(&[b'x'; 2000], 1000).is_err());
+        assert_eq!(reply_end(b"(a\r\nb)\r\nc"), Some(8));
+    }
+}
