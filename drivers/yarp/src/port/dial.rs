@@ -1,0 +1,63 @@
+//! Connecting to other ports: finding them, and saying who we are.
+
+use super::link::Link;
+use super::{PortError, PortOptions};
+use crate::wire::{Carrier, handshake};
+use crate::{Contact, Network};
+use std::net::SocketAddr;
+use tokio::net::UdpSocket;
+use tokio::time::timeout;
+
+/// A connection after its handshake.
+pub(crate) enum Line {
+    Stream(Link),
+    /// The socket is connected to the reader's. The address is that of the reader's TCP listener.
+    Datagrams(UdpSocket, Contact),
+}
+
+/// Completes a contact that is known by name only.
+pub(crate) async fn find(network: &Network, contact: &Contact) -> Result<Contact, PortError> {
+    if contact.port != 0 && !contact.host.is_empty() {
+        return Ok(contact.clone());
+    }
+    network.query(&contact.name).await?.ok_or_else(|| PortError::Unknown(contact.name.clone()))
+}
+
+/// Connects to a port that was found and says who we are.
+pub(crate) async fn dial(
+    network: &Network,
+    options: &PortOptions,
+    to: &Contact,
+    carrier: Carrier,
+    own_name: &str,
+) -> Result<Line, PortError> {
+    let failed = |why: String| PortError::Connect { to: label(to), why };
+    let stream = network.connect_tcp(&to.host, to.port).await.map_err(|e| failed(e.to_string()))?;
+    let addresses = stream.local_addr().and_then(|local| Ok((local, stream.peer_addr()?)));
+    let mut link = Link::new(stream, options);
+    link.write(&[&handshake::encode(carrier, own_name)]).await.map_err(|e| failed(e.to_string()))?;
+    let reply = link.take(|bytes| handshake::parse_reply(carrier, bytes));
+    let number = timeout(options.handshake, reply)
+        .await
+        .map_err(|_| failed(format!("no answer to the handshake within {:?}", options.handshake)))?
+        .map_err(|e| failed(e.to_string()))?;
+    if carrier != Carrier::Udp {
+        return Ok(Line::Stream(link));
+    }
+    // The reader expects datagrams from the number that the TCP connection had (spec section 18).
+    drop(link);
+    let socket = async {
+        let (local, peer) = addresses?;
+        let socket = UdpSocket::bind(local).await?;
+        let number = u16::try_from(number).map_err(std::io::Error::other)?;
+        socket.connect(SocketAddr::new(peer.ip(), number)).await?;
+        Ok::<_, std::io::Error>(socket)
+    };
+    let socket = socket.await.map_err(|e| failed(format!("no datagram socket: {e}")))?;
+    Ok(Line::Datagrams(socket, to.clone()))
+}
+
+/// The name if known, else the address.
+fn label(to: &Contact) -> String {
+    if to.name.is_empty() { to.to_string() } else { format!("{} at {}:{}", to.name, to.host, to.port) }
+}

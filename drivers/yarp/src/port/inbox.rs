@@ -1,0 +1,110 @@
+//! Messages that wait for a reader.
+
+use super::{Message, lock};
+use std::collections::VecDeque;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use tokio::sync::Notify;
+
+/// What a reader keeps of what comes faster than it is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Queue {
+    /// The newest message only; older ones are dropped and counted.
+    Newest,
+    /// Up to so many (at least 1), then senders wait: their acknowledgements come late. Datagrams can't wait and are
+    /// dropped and counted.
+    Bounded(usize),
+}
+
+pub(crate) struct Inbox {
+    queue: Queue,
+    state: Mutex<State>,
+    /// Rings for the reader.
+    bell: Notify,
+    /// Rings for senders that wait for room.
+    room: Notify,
+    dropped: AtomicU64,
+}
+
+#[derive(Default)]
+struct State {
+    messages: VecDeque<Message>,
+    closed: bool,
+}
+
+impl Inbox {
+    pub fn new(queue: Queue) -> Inbox {
+        let (state, bell, room) = (Mutex::default(), Notify::new(), Notify::new());
+        Inbox { queue, state, bell, room, dropped: AtomicU64::new(0) }
+    }
+
+    /// Puts a message in; gives it back if there is no room now.
+    fn put(&self, message: Message) -> Option<Message> {
+        let mut state = lock(&self.state);
+        match self.queue {
+            _ if state.closed => return None,
+            Queue::Newest => {
+                if !state.messages.is_empty() {
+                    self.dropped.fetch_add(1, Ordering::Relaxed);
+                }
+                state.messages.clear();
+            }
+            Queue::Bounded(most) if state.messages.len() >= most.max(1) => return Some(message),
+            Queue::Bounded(_) => {}
+        }
+        state.messages.push_back(message);
+        self.bell.notify_one();
+        None
+    }
+
+    /// Puts a message in, waiting for room.
+    pub async fn push(&self, message: Message) {
+        let mut back = self.put(message);
+        while let Some(message) = back {
+            self.room.notified().await;
+            back = self.put(message);
+        }
+    }
+
+    /// Puts a message in, or drops it.
+    pub fn offer(&self, message: Message) {
+        if self.put(message).is_some() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Takes the oldest message; `None` when closed and empty.
+    pub async fn take(&self) -> Option<Message> {
+        loop {
+            let rings = self.bell.notified();
+            if let Some(end) = self.try_take() {
+                return end;
+            }
+            rings.await;
+        }
+    }
+
+    /// Takes the oldest message if there is one (`Some(None)`: closed and empty).
+    pub fn try_take(&self) -> Option<Option<Message>> {
+        let mut state = lock(&self.state);
+        match state.messages.pop_front() {
+            Some(message) => {
+                self.room.notify_one();
+                Some(Some(message))
+            }
+            None if state.closed => Some(None),
+            None => None,
+        }
+    }
+
+    /// Takes no more messages; wakes everybody.
+    pub fn close(&self) {
+        lock(&self.state).closed = true;
+        self.bell.notify_one();
+        self.room.notify_waiters();
+    }
+
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+}

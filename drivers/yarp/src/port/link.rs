@@ -1,0 +1,145 @@
+//! A TCP connection with what has arrived of the next message, and limits on everything.
+
+use super::PortOptions;
+use crate::wire::{Carrier, Command, FrameError, LineError, frame, line};
+use bytes::{Bytes, BytesMut};
+use std::{io, time::Duration};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+
+/// Why a connection ended.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum LinkError {
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    #[error("the peer closed the connection")]
+    Closed,
+    #[error("nothing came for {0:?} while {1} was expected")]
+    Late(Duration, &'static str),
+    #[error("{0}")]
+    Frame(#[from] FrameError),
+    #[error("{0}")]
+    Line(#[from] LineError),
+    #[error("{0}")]
+    Handshake(#[from] crate::wire::handshake::HandshakeError),
+}
+
+/// A message as it came over a link.
+#[derive(Debug)]
+pub(crate) struct Incoming {
+    pub command: Command,
+    pub payload: Bytes,
+}
+
+pub(crate) struct Link {
+    stream: TcpStream,
+    buffer: BytesMut,
+    scanner: line::Scanner,
+    write_limit: Duration,
+}
+
+/// The least that is read at a time.
+const STEP: usize = 4096;
+
+impl Link {
+    pub fn new(stream: TcpStream, options: &PortOptions) -> Link {
+        Link { stream, buffer: BytesMut::new(), scanner: line::Scanner::default(), write_limit: options.write }
+    }
+
+    pub fn stream(&self) -> &TcpStream {
+        &self.stream
+    }
+
+    pub fn stream_mut(&mut self) -> &mut TcpStream {
+        &mut self.stream
+    }
+
+    /// Reads on; the buffer at most doubles, whatever the peer claims to send. Cancel safe.
+    pub async fn fill(&mut self) -> Result<(), LinkError> {
+        self.buffer.reserve(STEP.max(self.buffer.len()));
+        match self.stream.read_buf(&mut self.buffer).await? {
+            0 => Err(LinkError::Closed),
+            _ => Ok(()),
+        }
+    }
+
+    /// Reads until `parse` has an item. Cancel safe: what has arrived stays.
+    pub async fn take<T, E: Into<LinkError>>(
+        &mut self,
+        mut parse: impl FnMut(&[u8]) -> Result<Option<(T, usize)>, E>,
+    ) -> Result<T, LinkError> {
+        loop {
+            if let Some((item, used)) = parse(&self.buffer).map_err(Into::into)? {
+                let _ = self.buffer.split_to(used.min(self.buffer.len()));
+                return Ok(item);
+            }
+            self.fill().await?;
+        }
+    }
+
+    /// The next message, which must be whole `limit` after its first byte; it may begin any time. Cancel safe.
+    pub async fn message(&mut self, carrier: Carrier, max: usize, limit: Duration) -> Result<Incoming, LinkError> {
+        if self.buffer.is_empty() {
+            self.buffer = BytesMut::new();
+            self.fill().await?;
+        }
+        timeout(limit, self.whole_message(carrier, max)).await.map_err(|_| LinkError::Late(limit, "the rest of a message"))?
+    }
+
+    async fn whole_message(&mut self, carrier: Carrier, max: usize) -> Result<Incoming, LinkError> {
+        loop {
+            if carrier.is_text() {
+                if let Some(line) = self.scanner.parse(&self.buffer, max)? {
+                    let _ = self.buffer.split_to(line.end.min(self.buffer.len()));
+                    return Ok(Incoming { command: line.command, payload: line.payload.into() });
+                }
+            } else if let Some(found) = frame::parse(&self.buffer, max)? {
+                let mut bytes = self.buffer.split_to(found.end.min(self.buffer.len())).freeze();
+                let payload = bytes.split_off(found.payload.min(bytes.len()));
+                return Ok(Incoming { command: found.command, payload });
+            }
+            self.fill().await?;
+        }
+    }
+
+    /// Reads and throws away what comes, until the peer closes. Cancel safe.
+    pub async fn until_closed(&mut self) -> LinkError {
+        loop {
+            self.buffer.clear();
+            if let Err(error) = self.fill().await {
+                return error;
+            }
+        }
+    }
+
+    /// Writes pieces one after the other; a peer that reads nothing for a while is given up.
+    pub async fn write(&mut self, pieces: &[&[u8]]) -> Result<(), LinkError> {
+        let total: usize = pieces.iter().map(|piece| piece.len()).sum();
+        let joined;
+        let mut single = [[].as_slice()];
+        let pieces = if total <= 1 << 14 {
+            joined = pieces.concat();
+            single[0] = &joined;
+            &single[..]
+        } else {
+            pieces
+        };
+        for piece in pieces {
+            let mut rest = *piece;
+            while !rest.is_empty() {
+                let stuck = |_| LinkError::Late(self.write_limit, "the peer to read");
+                match timeout(self.write_limit, self.stream.write(rest)).await.map_err(stuck)?? {
+                    0 => return Err(LinkError::Closed),
+                    n => rest = rest.get(n..).unwrap_or_default(),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Says that nothing more is written.
+    pub async fn shutdown(&mut self) {
+        let _ = timeout(self.write_limit, self.stream.shutdown()).await;
+    }
+}

@@ -1,0 +1,103 @@
+//! A message as owners of ports see it.
+
+use crate::{Bottle, DecodeError, Dialect, TextError};
+use bytes::Bytes;
+
+/// The content of a message. Connections carry it in binary or as text; which one decides only how it is written.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Payload {
+    /// Bytes of a binary carrier: a bottle or another object (spec section 11), in some dialect.
+    Binary(Bytes),
+    /// Bottle text of a text carrier.
+    Text(Vec<u8>),
+    /// A bottle not yet written.
+    Bottle(Bottle),
+}
+
+/// A payload that is no bottle.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PayloadError {
+    /// Malformed bytes.
+    #[error(transparent)]
+    Binary(#[from] DecodeError),
+    /// Malformed text.
+    #[error(transparent)]
+    Text(#[from] TextError),
+}
+
+impl Payload {
+    /// The content as a bottle.
+    ///
+    /// # Errors
+    /// The content is no bottle; the error says where.
+    pub fn bottle(&self, dialect: Dialect) -> Result<Bottle, PayloadError> {
+        Ok(match self {
+            Payload::Binary(bytes) => Bottle::decode(bytes, dialect)?,
+            Payload::Text(text) => Bottle::parse(text, dialect)?,
+            Payload::Bottle(bottle) => bottle.clone(),
+        })
+    }
+
+    /// The bytes for a binary carrier.
+    ///
+    /// # Errors
+    /// The content is text that is no bottle.
+    pub fn binary(&self, dialect: Dialect) -> Result<Bytes, PayloadError> {
+        Ok(match self {
+            Payload::Binary(bytes) => bytes.clone(),
+            Payload::Text(text) => Bottle::parse(text, dialect)?.encode(dialect).into(),
+            Payload::Bottle(bottle) => bottle.encode(dialect).into(),
+        })
+    }
+
+    /// The line for a text carrier.
+    ///
+    /// # Errors
+    /// The content is bytes that are no bottle.
+    pub fn text(&self, dialect: Dialect) -> Result<Vec<u8>, PayloadError> {
+        Ok(match self {
+            Payload::Binary(bytes) => Bottle::decode(bytes, dialect)?.to_text(),
+            Payload::Text(text) => text.clone(),
+            Payload::Bottle(bottle) => bottle.to_text(),
+        })
+    }
+}
+
+impl From<Bottle> for Payload {
+    fn from(bottle: Bottle) -> Payload {
+        Payload::Bottle(bottle)
+    }
+}
+
+impl From<&Bottle> for Payload {
+    fn from(bottle: &Bottle) -> Payload {
+        Payload::Bottle(bottle.clone())
+    }
+}
+
+impl From<Bytes> for Payload {
+    fn from(bytes: Bytes) -> Payload {
+        Payload::Binary(bytes)
+    }
+}
+
+impl From<Vec<u8>> for Payload {
+    fn from(bytes: Vec<u8>) -> Payload {
+        Payload::Binary(bytes.into())
+    }
+}
+
+/// A message as it came.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Message {
+    /// The content.
+    pub payload: Payload,
+    /// The envelope, usually a stamp (`COUNT TIME`) as text.
+    pub envelope: Option<String>,
+    /// The sender's name without modifiers.
+    pub from: String,
+    /// Which connection it came on: unique within the process.
+    pub connection: u64,
+    /// Whether the sender waits for a reply (`d` instead of `D`).
+    pub wants_reply: bool,
+}
