@@ -8,8 +8,10 @@ mod contact;
 pub mod name;
 mod network;
 pub mod payload;
+mod port;
 pub mod text;
 mod value;
+pub mod wire;
 
 pub use bottle::{DecodeError, Limits};
 pub use config::ConfigError;
@@ -17,4 +19,7 @@ pub use contact::Contact;
 pub use name::NameError;
 pub use network::{Network, TIMEOUT};
 pub use payload::{Field, Image, JointData, PixelCode, Stamp};
+pub use port::*;
+pub use text::TextError;
 pub use value::*;
+pub use wire::Carrier;

@@ -12,6 +12,7 @@ mod core;
 mod dial;
 mod inbox;
 mod input;
+mod keeper;
 mod link;
 mod message;
 mod output;
@@ -21,7 +22,7 @@ mod sender;
 mod slot;
 mod writer;
 
-pub use client::{CallError, RpcClient};
+pub use client::{CallError, RpcClient, connect, disconnect};
 pub use inbox::Queue;
 pub use message::{Message, Payload, PayloadError};
 pub use reader::Reader;

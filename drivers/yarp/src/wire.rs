@@ -7,12 +7,13 @@
 pub mod admin;
 pub mod carrier;
 pub mod command;
-pub mod names;
 pub mod datagram;
 pub mod frame;
 pub mod handshake;
 pub mod line;
+pub mod names;
 
 pub use carrier::{Carrier, UnknownCarrier};
 pub use command::{Command, Verb};
-
+pub use frame::FrameError;
+pub use line::LineError;

@@ -23,6 +23,8 @@ pub(crate) enum LinkError {
     Line(#[from] LineError),
     #[error("{0}")]
     Handshake(#[from] crate::wire::handshake::HandshakeError),
+    #[error("the reply is no bottle: {0}")]
+    Reply(crate::DecodeError),
 }
 
 /// A message as it came over a link.
@@ -38,6 +40,9 @@ pub(crate) struct Link {
     scanner: line::Scanner,
     write_limit: Duration,
 }
+
+/// The longest reply as text, bytes.
+const MAX_LINE: usize = 4 << 20;
 
 /// The least that is read at a time.
 const STEP: usize = 4096;
@@ -84,7 +89,9 @@ impl Link {
             self.buffer = BytesMut::new();
             self.fill().await?;
         }
-        timeout(limit, self.whole_message(carrier, max)).await.map_err(|_| LinkError::Late(limit, "the rest of a message"))?
+        timeout(limit, self.whole_message(carrier, max))
+            .await
+            .map_err(|_| LinkError::Late(limit, "the rest of a message"))?
     }
 
     async fn whole_message(&mut self, carrier: Carrier, max: usize) -> Result<Incoming, LinkError> {
@@ -101,6 +108,23 @@ impl Link {
             }
             self.fill().await?;
         }
+    }
+
+    /// Reads lines until one is `<ACK>`; others are thrown away.
+    pub async fn ack_line(&mut self) -> Result<(), LinkError> {
+        while self.line().await? != b"<ACK>" {}
+        Ok(())
+    }
+
+    /// Reads one line of bottle text, continuation lines included, without its end.
+    pub async fn line(&mut self) -> Result<Vec<u8>, LinkError> {
+        self.take(|bytes| {
+            if bytes.len() > MAX_LINE {
+                return Err(LineError(MAX_LINE));
+            }
+            Ok(line::reply_end(bytes).map(|end| (line::trimmed(bytes.get(..end).unwrap_or_default()).to_vec(), end)))
+        })
+        .await
     }
 
     /// Reads and throws away what comes, until the peer closes. Cancel safe.

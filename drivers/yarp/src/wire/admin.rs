@@ -144,7 +144,9 @@ fn property(view: &View, command: &Bottle) -> Answer {
     let key = command.0.get(2).and_then(Value::as_text).map(|t| t.into_owned());
     if word(1) == Some(Vocab::new("get")) {
         return Answer::Reply(match key {
-            None => Bottle(view.properties.iter().map(|(k, v)| list(vec![Value::String(k.clone()), v.clone()])).collect()),
+            None => {
+                Bottle(view.properties.iter().map(|(k, v)| list(vec![Value::String(k.clone()), v.clone()])).collect())
+            }
             Some(key) if key == view.name => process(view),
             Some(key) if view.outputs.iter().chain(&view.inputs).any(|peer| peer.name == key) => {
                 Bottle(vec![list(vec![string("sched"), list(Vec::new())]), list(vec![string("qos"), list(Vec::new())])])
@@ -165,9 +167,7 @@ fn property(view: &View, command: &Bottle) -> Answer {
 
 /// What `[prop] [get]` tells about the process; scheduling is the default of the system.
 fn process(view: &View) -> Bottle {
-    let number = |key: &str, n: i64| {
-        list(vec![string(key), i32::try_from(n).map_or(Value::Int64(n), Value::Int32)])
-    };
+    let number = |key: &str, n: i64| list(vec![string(key), i32::try_from(n).map_or(Value::Int64(n), Value::Int32)]);
     let pid = i64::from(std::process::id());
     let program = std::env::args().next().unwrap_or_default();
     let program = program.rsplit('/').next().unwrap_or_default();

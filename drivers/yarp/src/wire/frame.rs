@@ -9,7 +9,9 @@ pub enum FrameError {
     #[error("the peer sent no message index (expected YARP number 10); the connection can't be followed any more")]
     Index,
     /// A message longer than allowed.
-    #[error("the peer announced a message of {0} bytes, more than the limit of {1}; raise PortOptions::max_message if that is meant")]
+    #[error(
+        "the peer announced a message of {0} bytes, more than the limit of {1}; raise PortOptions::max_message if that is meant"
+    )]
     TooLong(u64, usize),
     /// The blocks don't hold a command.
     #[error("the message's command is malformed")]
@@ -44,7 +46,11 @@ pub fn numbered(number: i32) -> [u8; 8] {
 /// How many bytes the message at the start of `bytes` takes in all, once its index has arrived.
 pub fn length(bytes: &[u8], max: usize) -> Result<Option<usize>, FrameError> {
     let Some((first, rest)) = bytes.split_first_chunk::<8>() else {
-        return if b"YA".starts_with(bytes.get(..2.min(bytes.len())).unwrap_or_default()) { Ok(None) } else { Err(FrameError::Index) };
+        return if b"YA".starts_with(bytes.get(..2.min(bytes.len())).unwrap_or_default()) {
+            Ok(None)
+        } else {
+            Err(FrameError::Index)
+        };
     };
     if number(first) != Some(10) {
         return Err(FrameError::Index);

@@ -1,6 +1,6 @@
 //! The first bytes of a connection (spec section 4): which carrier, and who speaks.
 
-use super::{carrier::Carrier, names::MAX_NAME, frame};
+use super::{carrier::Carrier, frame, names::MAX_NAME};
 
 /// The number of the binary carriers' family.
 const FAMILY: i32 = 7777;

@@ -5,7 +5,9 @@ use super::command::Command;
 
 /// A message longer than allowed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the peer sent a text message of more than {0} bytes without an end; raise PortOptions::max_message if that is meant")]
+#[error(
+    "the peer sent a text message of more than {0} bytes without an end; raise PortOptions::max_message if that is meant"
+)]
 pub struct LineError(pub usize);
 
 /// A message as text.
@@ -87,15 +89,6 @@ impl Scanner {
         }
         Ok(None)
     }
-}
-
-/// Whether bottle text is complete, or goes on in the next line.
-pub fn is_complete(text: &[u8]) -> bool {
-    let mut body = Body::default();
-    for byte in text {
-        body.step(*byte);
-    }
-    body.step(b'\n')
 }
 
 /// Finds the end of one line of bottle text (a reply): how many bytes it takes, end of line included.

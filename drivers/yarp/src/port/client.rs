@@ -1,0 +1,267 @@
+//! Asking other ports: requests to their owners, and administrative commands.
+
+use super::dial::{Line, find};
+use super::keeper::Keeper;
+use super::link::{Link, LinkError};
+use super::{PayloadError, PortError, PortOptions, output};
+use crate::wire::{frame, line};
+use crate::{Bottle, Carrier, Contact, Dialect, Network, Value, Vocab};
+use std::time::Duration;
+use tokio::time::timeout;
+
+/// Why a request got no reply.
+#[derive(Debug, thiserror::Error)]
+pub enum CallError {
+    /// No connection, and none could be made.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// The connection broke; whether the request was done is not known.
+    #[error("the connection to {to} broke before a reply: {why}")]
+    Broken {
+        /// The port.
+        to: String,
+        /// What went wrong.
+        why: String,
+    },
+    /// No reply in time; the connection is given up, since a late reply would be taken for the next one.
+    #[error("no reply from {to} within {after:?}")]
+    Late {
+        /// The port.
+        to: String,
+        /// How long was waited.
+        after: Duration,
+    },
+    /// The other side acknowledged and replied nothing.
+    #[error("{0} acknowledged without a reply; it is no RPC port, or does not know the request")]
+    NoReply(String),
+    /// Reply or request that is no bottle.
+    #[error(transparent)]
+    Payload(#[from] PayloadError),
+}
+
+/// A client of one RPC port, without a port of its own. One request at a time.
+pub struct RpcClient {
+    keeper: Keeper,
+    limit: Duration,
+}
+
+impl RpcClient {
+    /// Connects to a port by its name or URI, as `own_name`.
+    ///
+    /// # Errors
+    /// It is unknown or not reachable.
+    pub async fn connect(
+        network: &Network,
+        own_name: &str,
+        to: &str,
+        carrier: Carrier,
+    ) -> Result<RpcClient, PortError> {
+        RpcClient::connect_to(network, own_name, Contact::parse(to), carrier, PortOptions::default()).await
+    }
+
+    /// Connects to a port whose address may be known already, with options.
+    ///
+    /// # Errors
+    /// It is unknown or not reachable, or the carrier has no replies.
+    pub async fn connect_to(
+        network: &Network,
+        own_name: &str,
+        to: Contact,
+        carrier: Carrier,
+        options: PortOptions,
+    ) -> Result<RpcClient, PortError> {
+        if carrier == Carrier::Udp {
+            let why = "udp has no replies; use tcp".to_owned();
+            return Err(PortError::Connect { to: to.to_string(), why });
+        }
+        let limit = network.timeout();
+        Ok(RpcClient { keeper: Keeper::connect(network, own_name, to, carrier, options).await?, limit })
+    }
+
+    /// A client that need not be connected yet and connects anew after every loss: with pauses between attempts that
+    /// grow up to 2 s. While it pauses, calls fail at once. No request is sent twice.
+    pub fn keep(network: &Network, own_name: &str, to: &str, carrier: Carrier) -> RpcClient {
+        let mut keeper = Keeper::idle(network, own_name, Contact::parse(to), carrier, PortOptions::default());
+        keeper.keep();
+        RpcClient { keeper, limit: network.timeout() }
+    }
+
+    /// With this limit for every reply; the default is the network's.
+    pub fn with_timeout(self, limit: Duration) -> RpcClient {
+        RpcClient { limit, ..self }
+    }
+
+    /// Whether there is a connection, as far as is known without calling.
+    pub fn is_connected(&self) -> bool {
+        self.keeper.is_connected()
+    }
+
+    /// Waits until a lost connection may be tried again; at once if there is one.
+    pub async fn pause(&mut self) {
+        self.keeper.pause().await;
+    }
+
+    /// Sends a request and waits for the reply.
+    ///
+    /// # Errors
+    /// See [`CallError`]; after a broken or late one the connection is gone.
+    pub async fn call(&mut self, request: &Bottle) -> Result<Bottle, CallError> {
+        self.ask(b'd', request).await
+    }
+
+    /// Sends an administrative command (spec section 7) and waits for the reply.
+    ///
+    /// # Errors
+    /// See [`CallError`].
+    pub async fn admin(&mut self, command: &Bottle) -> Result<Bottle, CallError> {
+        self.ask(b'a', command).await
+    }
+
+    /// Sends a request given as the bytes of a bottle, and gives the reply's bytes as they came.
+    ///
+    /// # Errors
+    /// See [`CallError`].
+    pub async fn call_raw(&mut self, request: &[u8]) -> Result<Vec<u8>, CallError> {
+        let dialect = self.keeper.network.dialect();
+        if self.keeper.carrier.is_text() {
+            let request = Bottle::decode(request, dialect).map_err(PayloadError::from)?;
+            return Ok(self.call(&request).await?.encode(dialect));
+        }
+        Ok(self.exchange(b'd', request).await?.0)
+    }
+
+    /// Asks the port to describe itself (`*`); the answer is text for people. Text carriers only.
+    ///
+    /// # Errors
+    /// See [`CallError`].
+    pub async fn describe(&mut self) -> Result<String, CallError> {
+        let mut line = self.keeper.take().await?;
+        let work = async {
+            let Line::Stream(link) = &mut line else { return Err(LinkError::Closed) };
+            link.write(&[b"*\r\n"]).await?;
+            let mut out = Vec::new();
+            loop {
+                match link.line().await?.as_slice() {
+                    b"<ACK>" => return Ok(out),
+                    line if out.len() < 1 << 20 => {
+                        out.extend_from_slice(line);
+                        out.push(b'\n');
+                    }
+                    _ => {}
+                }
+            }
+        };
+        let ended = timeout(self.limit, work).await;
+        let out = self.judged(ended)?;
+        self.keeper.put(line);
+        Ok(String::from_utf8_lossy(&out).into_owned())
+    }
+
+    async fn ask(&mut self, key: u8, request: &Bottle) -> Result<Bottle, CallError> {
+        let dialect = self.keeper.network.dialect();
+        let text = self.keeper.carrier.is_text();
+        let payload = if text { request.to_text() } else { request.encode(dialect) };
+        let (bytes, reply) = self.exchange(key, &payload).await?;
+        match reply {
+            Some(reply) => Ok(reply),
+            None => Ok(Bottle::parse(bytes, dialect).map_err(PayloadError::from)?),
+        }
+    }
+
+    /// Sends a payload and gives the reply's bytes, with the bottle on binary carriers.
+    async fn exchange(&mut self, key: u8, payload: &[u8]) -> Result<(Vec<u8>, Option<Bottle>), CallError> {
+        let mut line = self.keeper.take().await?;
+        let (carrier, dialect) = (self.keeper.carrier, self.keeper.network.dialect());
+        let work = async {
+            let Line::Stream(link) = &mut line else { return Err(LinkError::Closed) };
+            if carrier.is_text() {
+                link.write(&[&line::encode(key, None, payload)]).await?;
+                let reply = link.line().await?;
+                if reply == b"<ACK>" {
+                    return Ok(None);
+                }
+                output::acknowledged(link, carrier, &self.keeper.options).await?;
+                return Ok(Some((reply, None)));
+            }
+            link.write(&[&frame::encode(key, None, payload.len()), payload]).await?;
+            let reply = reply(link, carrier, dialect).await?;
+            if reply.is_some() {
+                output::acknowledged(link, carrier, &self.keeper.options).await?;
+            }
+            Ok(reply)
+        };
+        let ended = timeout(self.limit, work).await;
+        let reply = self.judged(ended)?;
+        self.keeper.put(line);
+        reply.ok_or_else(|| CallError::NoReply(self.keeper.to().to_string()))
+    }
+
+    fn judged<T>(&self, ended: Result<Result<T, LinkError>, tokio::time::error::Elapsed>) -> Result<T, CallError> {
+        let to = || self.keeper.to().to_string();
+        match ended {
+            Ok(Ok(done)) => Ok(done),
+            Ok(Err(error)) => Err(CallError::Broken { to: to(), why: error.to_string() }),
+            Err(_) => Err(CallError::Late { to: to(), after: self.limit }),
+        }
+    }
+
+    /// Ends the connection in order.
+    pub async fn close(mut self) {
+        if let Some(Line::Stream(mut link)) = self.keeper.take_last() {
+            let _ = output::leave(&mut link, self.keeper.carrier, &self.keeper.options).await;
+        }
+    }
+}
+
+/// Reads a reply, which has no length: bottles end by themselves. `None`: an acknowledgement came in its place.
+async fn reply(
+    link: &mut Link,
+    carrier: Carrier,
+    dialect: Dialect,
+) -> Result<Option<(Vec<u8>, Option<Bottle>)>, LinkError> {
+    link.take(|bytes| {
+        if carrier == Carrier::Tcp && bytes.starts_with(b"YA") {
+            return Ok(frame::parse_ack(bytes)?.map(|used| (None, used)));
+        }
+        match Bottle::decode_prefix(bytes, dialect) {
+            Ok(found) => Ok(found
+                .map(|(bottle, used)| (Some((bytes.get(..used).unwrap_or_default().to_vec(), Some(bottle))), used))),
+            Err(error) => Err(LinkError::Reply(error)),
+        }
+    })
+    .await
+}
+
+/// Connects two ports as a third program (spec section 8): asks `source` to send to `target`.
+///
+/// # Errors
+/// One of them is unknown or not reachable, or the source refuses.
+pub async fn connect(network: &Network, source: &str, target: &str, carrier: Carrier) -> Result<(), PortError> {
+    let from = find(network, &Contact::parse(source)).await?;
+    let to = Contact { carrier: carrier.name().into(), ..Contact::parse(target) };
+    find(network, &Contact { host: String::new(), port: 0, ..to.clone() }).await?;
+    let add = Bottle(vec![Value::Vocab(Vocab::new("add")), to.to_string().into()]);
+    tell(network, from, &add).await
+}
+
+/// Ends a connection as a third program.
+///
+/// # Errors
+/// The source is unknown or not reachable, or there is no such connection.
+pub async fn disconnect(network: &Network, source: &str, target: &str) -> Result<(), PortError> {
+    let from = find(network, &Contact::parse(source)).await?;
+    tell(network, from, &Bottle(vec![Value::Vocab(Vocab::new("del")), target.into()])).await
+}
+
+async fn tell(network: &Network, port: Contact, command: &Bottle) -> Result<(), PortError> {
+    let name = port.name.clone();
+    let options = PortOptions::default();
+    let mut client = RpcClient::connect_to(network, "admin", port, Carrier::TextAck, options).await?;
+    let failed = |why: String| PortError::Connect { to: name.clone(), why };
+    let reply = client.admin(command).await.map_err(|e| failed(e.to_string()))?;
+    client.close().await;
+    match reply.0.first().and_then(Value::as_i64) {
+        Some(0) => Ok(()),
+        _ => Err(PortError::Refused { port: name, answer: reply.to_string() }),
+    }
+}

@@ -1,0 +1,181 @@
+//! One connection from another port or program.
+
+use super::core::{Core, Sink};
+use super::link::{Incoming, Link, LinkError};
+use super::{Message, Payload};
+use crate::wire::admin::{self, Peer, Removed};
+use crate::wire::datagram::{Assembler, MAX_DATAGRAM};
+use crate::wire::handshake::{self, HandshakeError, Hello};
+use crate::wire::{Carrier, Verb, frame};
+use crate::{Contact, auth};
+use bytes::Bytes;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use tokio::net::{TcpStream, UdpSocket};
+use tokio::time::timeout;
+
+/// Serves a connection until it ends. Nothing that the other side does ends more than this.
+pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream) {
+    let served = async {
+        if let Err(error) = connection(&core, stream).await
+            && !matches!(error, LinkError::Closed)
+        {
+            tracing::debug!(port = core.name, %error, "connection ended");
+        }
+    };
+    tokio::select! {
+        () = served => {}
+        () = core.closed() => {}
+    }
+}
+
+async fn connection(core: &Arc<Core>, stream: TcpStream) -> Result<(), LinkError> {
+    stream.set_nodelay(true)?;
+    let mut link = Link::new(stream, &core.options);
+    if let Some(key) = core.network.auth() {
+        auth::accept(link.stream_mut(), key).await?;
+    }
+    let limit = core.options.handshake;
+    let hello = timeout(limit, link.take(handshake::parse)).await.map_err(|_| LinkError::Late(limit, "a handshake"))?;
+    let hello = match hello {
+        Err(LinkError::Handshake(HandshakeError::Unknown(_))) => return not_found(core, link).await,
+        other => other?,
+    };
+    let peer = Peer { name: hello.bare().to_owned(), carrier: hello.carrier };
+    if hello.carrier == Carrier::Udp {
+        return datagrams(core, link, &hello, peer).await;
+    }
+    let admitted = core.admit(peer);
+    link.write(&[&handshake::reply(&hello, core.contact.port)]).await?;
+    let conversation = async {
+        loop {
+            let incoming = link.message(hello.carrier, core.options.max_message, core.options.message).await?;
+            if respond(core, &mut link, &hello, admitted.id, incoming).await? {
+                return Ok(());
+            }
+        }
+    };
+    tokio::select! {
+        end = conversation => return end,
+        () = admitted.end.notified() => {}
+    }
+    // Removed from this side: like the original, acknowledge what may be outstanding.
+    link.write(&[hello.carrier.ack()]).await
+}
+
+/// Tells a stranger how to begin. Reads what it still sends, since closing on unread bytes would lose the text.
+async fn not_found(core: &Core, mut link: Link) -> Result<(), LinkError> {
+    link.write(&[handshake::NOT_FOUND.as_bytes()]).await?;
+    link.shutdown().await;
+    let _ = timeout(core.options.handshake / 10, link.until_closed()).await;
+    Ok(())
+}
+
+/// Does what a message asks; `true`: the connection ends.
+async fn respond(
+    core: &Arc<Core>,
+    link: &mut Link,
+    hello: &Hello,
+    id: u64,
+    incoming: Incoming,
+) -> Result<bool, LinkError> {
+    let Incoming { command, payload } = incoming;
+    let (text, dialect) = (hello.carrier.is_text(), core.network.dialect());
+    let payload = if text { Payload::Text(payload.into()) } else { Payload::Binary(payload) };
+    let mut reply: Option<Payload> = None;
+    let mut lines = String::new();
+    let mut quits = false;
+    match command.verb {
+        Verb::Data(wants_reply) => {
+            let from = hello.bare().to_owned();
+            let message = Message { payload, envelope: command.envelope, from, connection: id, wants_reply };
+            match &core.sink {
+                Sink::Inbox(inbox) => inbox.push(message).await,
+                Sink::Handler(handler) => reply = handler.call(message).await.filter(|_| wants_reply),
+                Sink::Nothing => {}
+            }
+        }
+        // What can't be read is an unknown command.
+        Verb::Admin => reply = Some(core.admin(&payload.bottle(dialect).unwrap_or_default()).await.into()),
+        Verb::Quit => quits = true,
+        Verb::Describe => lines = admin::describe(&core.view()),
+        Verb::Help => lines = admin::KEYS.to_owned(),
+        Verb::Unknown => lines = admin::NOT_UNDERSTOOD.to_owned(),
+        Verb::AddOutput(name) => {
+            let how = core.try_add(&Contact::parse(&name)).await;
+            lines = said(&admin::added(&core.name, &name, how));
+        }
+        Verb::RemoveOutput(name) => {
+            let how = if core.remove_output(&name).await { Removed::Output } else { Removed::None };
+            lines = said(&admin::removed(&core.name, &name, how));
+        }
+        Verb::RemoveInput(name) => {
+            let how = if core.remove_input(&name) { Removed::Input } else { Removed::None };
+            lines = said(&admin::removed(&core.name, &name, how));
+        }
+    }
+    let ack = hello.carrier.ack();
+    match reply {
+        Some(reply) if text => {
+            let reply = reply.text(dialect).unwrap_or_else(|error| unreadable(core, &error).into());
+            link.write(&[&reply, b"\r\n", ack]).await?;
+        }
+        Some(reply) => {
+            let reply = reply.binary(dialect).unwrap_or_else(|error| {
+                unreadable(core, &error);
+                Bytes::new()
+            });
+            link.write(&[&reply, ack]).await?;
+        }
+        None if text => link.write(&[lines.as_bytes(), ack]).await?,
+        None => link.write(&[ack]).await?,
+    }
+    Ok(quits)
+}
+
+/// A handler's reply that can't be written on this carrier.
+fn unreadable(core: &Core, error: &super::PayloadError) -> &'static [u8] {
+    tracing::warn!(port = core.name, %error, "the reply has no form for this carrier");
+    b""
+}
+
+/// The sentence of an administrative reply.
+fn said(reply: &crate::Bottle) -> String {
+    reply.0.get(1).and_then(|value| value.as_text()).map(|text| text.into_owned()).unwrap_or_default()
+}
+
+/// A sender of datagrams (spec section 18). It comes from where its TCP connection came from, and nobody else is heard.
+async fn datagrams(core: &Arc<Core>, mut link: Link, hello: &Hello, peer: Peer) -> Result<(), LinkError> {
+    let (local, remote) = (link.stream().local_addr()?, link.stream().peer_addr()?);
+    let socket = UdpSocket::bind(SocketAddr::new(local.ip(), 0)).await?;
+    socket.connect(remote).await?;
+    let admitted = core.admit(peer);
+    link.write(&[&handshake::reply(hello, socket.local_addr()?.port())]).await?;
+    drop(link);
+    let mut assembler = Assembler::default();
+    let mut buffer = vec![0; MAX_DATAGRAM + 1];
+    loop {
+        let received = tokio::select! {
+            received = socket.recv(&mut buffer) => received,
+            () = admitted.end.notified() => return Ok(()),
+        };
+        // An error here only says that an earlier datagram of ours was refused; we send none.
+        let Ok(length) = received else {
+            tokio::task::yield_now().await;
+            continue;
+        };
+        let datagram = buffer.get(..length).unwrap_or_default();
+        let Some(bytes) = assembler.take(datagram, core.options.max_message) else { continue };
+        let Ok(Some(found)) = frame::parse(&bytes, core.options.max_message) else { continue };
+        let Verb::Data(_) = found.command.verb else { continue };
+        let payload = Payload::Binary(Bytes::from(bytes).split_off(found.payload));
+        let from = hello.bare().to_owned();
+        let envelope = found.command.envelope;
+        let message = Message { payload, envelope, from, connection: admitted.id, wants_reply: false };
+        match &core.sink {
+            Sink::Inbox(inbox) => inbox.offer(message),
+            Sink::Handler(handler) => drop(handler.call(message).await),
+            Sink::Nothing => {}
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! A connection to one known port without a port of our own, reconnected when asked.
+
+use super::dial::{self, Line};
+use super::{PortError, PortOptions};
+use crate::{Carrier, Contact, Network};
+use std::pin::Pin;
+use std::time::Duration;
+use tokio::time::{Sleep, sleep};
+
+const FIRST: Duration = Duration::from_millis(50);
+const LONGEST: Duration = Duration::from_secs(2);
+
+/// Holds the connection. Who uses it takes it out and puts it back when all went well, so that work given up in the
+/// middle never leaves a connection out of step.
+pub(crate) struct Keeper {
+    pub network: Network,
+    pub options: PortOptions,
+    pub carrier: Carrier,
+    to: Contact,
+    own_name: String,
+    keep: bool,
+    line: Option<Line>,
+    delay: Duration,
+    pause: Option<Pin<Box<Sleep>>>,
+}
+
+impl Keeper {
+    pub async fn connect(
+        network: &Network,
+        own_name: &str,
+        to: Contact,
+        carrier: Carrier,
+        options: PortOptions,
+    ) -> Result<Keeper, PortError> {
+        let mut keeper = Keeper::idle(network, own_name, to, carrier, options);
+        keeper.line = Some(keeper.dial().await?);
+        Ok(keeper)
+    }
+
+    /// Without a connection yet.
+    pub fn idle(network: &Network, own_name: &str, to: Contact, carrier: Carrier, options: PortOptions) -> Keeper {
+        let own_name = network.full_name(own_name);
+        let (network, keep, line, delay, pause) = (network.clone(), false, None, FIRST, None);
+        Keeper { network, options, carrier, to, own_name, keep, line, delay, pause }
+    }
+
+    pub fn keep(&mut self) {
+        self.keep = true;
+    }
+
+    pub fn to(&self) -> &Contact {
+        &self.to
+    }
+
+    pub fn is_connected(&self) -> bool {
+        self.line.is_some()
+    }
+
+    async fn dial(&self) -> Result<Line, PortError> {
+        let found = dial::find(&self.network, &self.to).await?;
+        dial::dial(&self.network, &self.options, &found, self.carrier, &self.own_name).await
+    }
+
+    /// The connection. A lost one is made anew if asked to [`keep`](Keeper::keep) it, but not before a pause that grows
+    /// from failure to failure.
+    pub async fn take(&mut self) -> Result<Line, PortError> {
+        if let Some(line) = self.line.take() {
+            return Ok(line);
+        }
+        if !self.keep {
+            return Err(self.lost("the connection was lost"));
+        }
+        if self.pause.as_ref().is_some_and(|pause| !pause.is_elapsed()) {
+            return Err(self.lost("the connection was lost; waiting before the next attempt"));
+        }
+        self.pause = Some(Box::pin(sleep(self.delay)));
+        self.delay = (self.delay * 2).min(LONGEST);
+        self.dial().await
+    }
+
+    /// Waits until it is time to try again, if there is need.
+    pub async fn pause(&mut self) {
+        if let (None, Some(pause)) = (&self.line, &mut self.pause) {
+            pause.as_mut().await;
+        }
+    }
+
+    /// Gives the connection back after success.
+    pub fn put(&mut self, line: Line) {
+        self.line = Some(line);
+        self.delay = FIRST;
+    }
+
+    pub fn take_last(&mut self) -> Option<Line> {
+        self.line.take()
+    }
+
+    fn lost(&self, why: &str) -> PortError {
+        PortError::Connect { to: self.to.to_string(), why: why.to_owned() }
+    }
+}

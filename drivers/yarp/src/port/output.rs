@@ -1,0 +1,148 @@
+//! One connection to another port.
+
+use super::PortOptions;
+use super::core::Core;
+use super::dial::{self, Line};
+use super::link::{Link, LinkError};
+use super::slot::{Packet, Slot};
+use crate::wire::{Carrier, datagram, frame, line};
+use crate::{Contact, Dialect};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use tokio::time::timeout;
+
+/// What an output needs to work.
+pub(crate) struct Job {
+    pub core: Arc<Core>,
+    pub id: u64,
+    pub to: Contact,
+    pub carrier: Carrier,
+    pub slot: Arc<Slot>,
+}
+
+/// Sends what the slot holds until it is told to quit or the other side is gone. After a stuck acknowledgement it
+/// connects anew once; a second one without success between ends it.
+pub(crate) async fn run(job: Job, mut line: Line) {
+    let Job { core, to, carrier, slot, .. } = &job;
+    let mut retry = true;
+    let end = loop {
+        match serve(core, *carrier, slot, &mut line, &mut retry).await {
+            Err(LinkError::Late(..)) if retry => {
+                retry = false;
+                core.dropped.fetch_add(1, Ordering::Relaxed);
+                let again = async {
+                    let to = dial::find(&core.network, &Contact { host: String::new(), port: 0, ..to.clone() }).await?;
+                    dial::dial(&core.network, &core.options, &to, *carrier, &core.name).await
+                };
+                match again.await {
+                    Ok(again) => line = again,
+                    Err(error) => break Err(error.to_string()),
+                }
+            }
+            Err(error) => break Err(error.to_string()),
+            Ok(()) => break Ok(()),
+        }
+    };
+    match end {
+        Ok(()) => quit(core, *carrier, line, to).await,
+        Err(error) => tracing::debug!(port = core.name, to = to.name, error, "output ended"),
+    }
+    slot.close();
+    core.forget_output(job.id);
+}
+
+/// Sends until told to quit.
+async fn serve(core: &Core, carrier: Carrier, slot: &Slot, line: &mut Line, retry: &mut bool) -> Result<(), LinkError> {
+    let dialect = core.network.dialect();
+    loop {
+        let packet = match line {
+            Line::Stream(link) => tokio::select! {
+                packet = slot.take() => packet,
+                error = link.until_closed() => return Err(error),
+            },
+            Line::Datagrams(..) => slot.take().await,
+        };
+        let Some(packet) = packet else { return Ok(()) };
+        if !send(line, carrier, b'D', &packet, dialect, &core.options).await? {
+            core.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        *retry = true;
+    }
+}
+
+/// Sends one message and waits for its acknowledgement; `false`: it has no form for this carrier.
+pub(crate) async fn send(
+    line: &mut Line,
+    carrier: Carrier,
+    key: u8,
+    packet: &Packet,
+    dialect: Dialect,
+    options: &PortOptions,
+) -> Result<bool, LinkError> {
+    let envelope = packet.envelope.as_deref();
+    match line {
+        Line::Stream(link) if carrier.is_text() => {
+            let Some(text) = packet.text(dialect) else { return Ok(false) };
+            link.write(&[&line::encode(key, envelope, text)]).await?;
+            acknowledged(link, carrier, options).await?;
+        }
+        Line::Stream(link) => {
+            let Some(bytes) = packet.binary(dialect) else { return Ok(false) };
+            link.write(&[&frame::encode(key, envelope, bytes.len()), bytes]).await?;
+            acknowledged(link, carrier, options).await?;
+        }
+        Line::Datagrams(socket, _) => {
+            let Some(bytes) = packet.binary(dialect) else { return Ok(false) };
+            let message = [&frame::encode(key, envelope, bytes.len()), bytes].concat();
+            for piece in datagram::split(&message) {
+                // Nobody listening shows as an error of a later send: datagrams get lost, that is their nature.
+                let _ = timeout(options.write, socket.send(&piece)).await;
+            }
+        }
+    }
+    Ok(true)
+}
+
+/// Waits for an acknowledgement, if the carrier has them.
+pub(crate) async fn acknowledged(link: &mut Link, carrier: Carrier, options: &PortOptions) -> Result<(), LinkError> {
+    let late = |_| LinkError::Late(options.ack, "an acknowledgement");
+    match carrier {
+        Carrier::Tcp => {
+            let ack = link.take(|bytes| Ok::<_, LinkError>(frame::parse_ack(bytes)?.map(|used| ((), used))));
+            timeout(options.ack, ack).await.map_err(late)?
+        }
+        Carrier::TextAck => timeout(options.ack, link.ack_line()).await.map_err(late)?,
+        _ => Ok(()),
+    }
+}
+
+/// Ends a connection in order.
+pub(crate) async fn quit(core: &Core, carrier: Carrier, line: Line, to: &Contact) {
+    let end = async {
+        match line {
+            Line::Stream(mut link) => leave(&mut link, carrier, &core.options).await,
+            Line::Datagrams(_, reader) => leave_datagrams(core, &reader).await,
+        }
+    };
+    if let Err(error) = end.await {
+        tracing::debug!(port = core.name, to = to.name, %error, "no orderly end of an output");
+    }
+}
+
+/// Says quit and waits for the acknowledgement.
+pub(crate) async fn leave(link: &mut Link, carrier: Carrier, options: &PortOptions) -> Result<(), LinkError> {
+    let quit = if carrier.is_text() { b"q\r\n".to_vec() } else { frame::quit() };
+    link.write(&[&quit]).await?;
+    acknowledged(link, carrier, options).await?;
+    link.shutdown().await;
+    Ok(())
+}
+
+/// Tells a reader of datagrams out of band that no more will come.
+async fn leave_datagrams(core: &Core, reader: &Contact) -> Result<(), LinkError> {
+    let stream = core.network.connect_tcp(&reader.host, reader.port).await?;
+    let mut link = Link::new(stream, &core.options);
+    link.write(&[format!("CONNECT admin\r\n~{}\r\nq\r\n", core.name).as_bytes()]).await?;
+    let _ = timeout(core.options.ack, link.until_closed()).await;
+    Ok(())
+}

@@ -1,0 +1,81 @@
+//! Ports that take data.
+
+use super::core::{Handle, Sink};
+use super::inbox::{Inbox, Queue};
+use super::{Message, PortError, PortOptions, client};
+use crate::{Carrier, Contact, Network};
+use std::sync::Arc;
+
+/// A port that takes data from whoever connects to it.
+pub struct Reader {
+    handle: Handle,
+    inbox: Arc<Inbox>,
+}
+
+impl Reader {
+    /// Opens a port: listens, registers its name, announces it.
+    ///
+    /// # Errors
+    /// A bad name, no socket, or no name server.
+    pub async fn open(network: &Network, name: &str, queue: Queue) -> Result<Reader, PortError> {
+        Reader::open_with(network, name, queue, PortOptions::default()).await
+    }
+
+    /// Opens a port with options.
+    ///
+    /// # Errors
+    /// A bad name, no socket, or no name server.
+    pub async fn open_with(
+        network: &Network,
+        name: &str,
+        queue: Queue,
+        options: PortOptions,
+    ) -> Result<Reader, PortError> {
+        let inbox = Arc::new(Inbox::new(queue));
+        let handle = Handle::open(network, name, Sink::Inbox(inbox.clone()), None, options).await?;
+        Ok(Reader { handle, inbox })
+    }
+
+    /// The next message; `None` when the port is closed. Cancel safe.
+    pub async fn recv(&mut self) -> Option<Message> {
+        self.inbox.take().await
+    }
+
+    /// The next message if there is one now.
+    pub fn try_recv(&mut self) -> Option<Message> {
+        self.inbox.try_take().flatten()
+    }
+
+    /// Asks the port `source` to send its data here (`[add]`, spec section 8).
+    ///
+    /// # Errors
+    /// The other port is unknown or not reachable, or it refuses.
+    pub async fn connect_from(&mut self, source: &str, carrier: Carrier) -> Result<(), PortError> {
+        client::connect(&self.handle.core.network, source, self.name(), carrier).await
+    }
+
+    /// The port's name, as registered.
+    pub fn name(&self) -> &str {
+        &self.handle.core.name
+    }
+
+    /// Where the port listens.
+    pub fn contact(&self) -> &Contact {
+        &self.handle.core.contact
+    }
+
+    /// Who is connected to this port.
+    pub fn peers(&self) -> Vec<String> {
+        self.handle.core.view().inputs.into_iter().map(|peer| peer.name).collect()
+    }
+
+    /// How many messages were dropped because newer ones came before they were taken.
+    pub fn dropped(&self) -> u64 {
+        self.inbox.dropped()
+    }
+
+    /// Ends all connections and unregisters.
+    pub async fn close(self) {
+        self.handle.close().await;
+    }
+}

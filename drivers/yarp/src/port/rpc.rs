@@ -1,0 +1,67 @@
+//! Ports that answer requests.
+
+use super::core::{Handle, Sink};
+use super::{Message, Payload, PortError, PortOptions};
+use crate::{Contact, Network};
+use std::pin::Pin;
+use std::sync::Arc;
+
+/// Who answers the requests that come to an [`RpcServer`]. Each connection's requests come one after the other;
+/// different connections come at the same time.
+pub trait Handler: Send + Sync + 'static {
+    /// Answers a request. `None` acknowledges without a reply, which leaves an RPC client without one: answer always.
+    /// Data whose sender wants no reply comes here too. The future is dropped when the port closes or the connection is
+    /// removed, and runs to its end if the other side merely goes away.
+    fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>>;
+
+    /// A connection ended.
+    fn gone(&self, _connection: u64) {}
+}
+
+/// A port that answers requests.
+pub struct RpcServer {
+    handle: Handle,
+}
+
+impl RpcServer {
+    /// Opens a port: listens, registers its name, announces it.
+    ///
+    /// # Errors
+    /// A bad name, no socket, or no name server.
+    pub async fn open(network: &Network, name: &str, handler: Arc<dyn Handler>) -> Result<RpcServer, PortError> {
+        RpcServer::open_with(network, name, handler, PortOptions::default()).await
+    }
+
+    /// Opens a port with options.
+    ///
+    /// # Errors
+    /// A bad name, no socket, or no name server.
+    pub async fn open_with(
+        network: &Network,
+        name: &str,
+        handler: Arc<dyn Handler>,
+        options: PortOptions,
+    ) -> Result<RpcServer, PortError> {
+        Ok(RpcServer { handle: Handle::open(network, name, Sink::Handler(handler), None, options).await? })
+    }
+
+    /// The port's name, as registered.
+    pub fn name(&self) -> &str {
+        &self.handle.core.name
+    }
+
+    /// Where the port listens.
+    pub fn contact(&self) -> &Contact {
+        &self.handle.core.contact
+    }
+
+    /// Who is connected.
+    pub fn peers(&self) -> Vec<String> {
+        self.handle.core.view().inputs.into_iter().map(|peer| peer.name).collect()
+    }
+
+    /// Ends all connections and unregisters.
+    pub async fn close(self) {
+        self.handle.close().await;
+    }
+}

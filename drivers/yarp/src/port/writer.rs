@@ -1,0 +1,86 @@
+//! Ports that publish data.
+
+use super::core::{Handle, Sink};
+use super::slot::{Delivery, Packet};
+use super::{Payload, PortError, PortOptions};
+use crate::{Carrier, Contact, Network};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// A port that publishes data to whoever it is connected to. It listens too, since others connect it by asking it.
+pub struct Writer {
+    handle: Handle,
+}
+
+impl Writer {
+    /// Opens a port: listens, registers its name, announces it.
+    ///
+    /// # Errors
+    /// A bad name, no socket, or no name server.
+    pub async fn open(network: &Network, name: &str, delivery: Delivery) -> Result<Writer, PortError> {
+        Writer::open_with(network, name, delivery, PortOptions::default()).await
+    }
+
+    /// Opens a port with options.
+    ///
+    /// # Errors
+    /// A bad name, no socket, or no name server.
+    pub async fn open_with(
+        network: &Network,
+        name: &str,
+        delivery: Delivery,
+        options: PortOptions,
+    ) -> Result<Writer, PortError> {
+        Ok(Writer { handle: Handle::open(network, name, Sink::Nothing, Some(delivery), options).await? })
+    }
+
+    /// Publishes a message. Never waits: every connection has its own queue and task.
+    pub fn write(&self, payload: impl Into<Payload>, envelope: Option<String>) {
+        self.handle.core.publish(Arc::new(Packet::new(payload.into(), envelope)));
+    }
+
+    /// Waits until every connection has sent (and had acknowledged) what was written before.
+    pub async fn drained(&self) {
+        self.handle.core.drained().await;
+    }
+
+    /// Connects to a port by its name or URI.
+    ///
+    /// # Errors
+    /// It is unknown or not reachable.
+    pub async fn connect(&self, to: &str, carrier: Carrier) -> Result<(), PortError> {
+        let contact = Contact { carrier: carrier.name().into(), ..Contact::parse(to) };
+        self.handle.core.add(&contact).await
+    }
+
+    /// Ends the connection to a port; `false` if there is none.
+    pub async fn disconnect(&self, to: &str) -> bool {
+        self.handle.core.remove_output(to).await
+    }
+
+    /// The port's name, as registered.
+    pub fn name(&self) -> &str {
+        &self.handle.core.name
+    }
+
+    /// Where the port listens.
+    pub fn contact(&self) -> &Contact {
+        &self.handle.core.contact
+    }
+
+    /// Who this port is connected to.
+    pub fn peers(&self) -> Vec<String> {
+        self.handle.core.view().outputs.into_iter().map(|peer| peer.name).collect()
+    }
+
+    /// How many messages were dropped for single connections because newer ones came first, or because they can't be
+    /// written on the connection's carrier.
+    pub fn dropped(&self) -> u64 {
+        self.handle.core.dropped.load(Ordering::Relaxed)
+    }
+
+    /// Ends all connections in order and unregisters.
+    pub async fn close(self) {
+        self.handle.close().await;
+    }
+}
