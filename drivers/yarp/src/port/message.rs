@@ -1,6 +1,6 @@
 //! A message as owners of ports see it.
 
-use crate::{Bottle, DecodeError, Dialect, TextError};
+use crate::{Bottle, DecodeError, Dialect, Stamp, TextError};
 use bytes::Bytes;
 
 /// The content of a message. Connections carry it in binary or as text; which one decides only how it is written.
@@ -92,7 +92,7 @@ impl From<Vec<u8>> for Payload {
 pub struct Message {
     /// The content.
     pub payload: Payload,
-    /// The envelope, usually a stamp (`COUNT TIME`) as text.
+    /// The envelope, usually a [`Stamp`] as text.
     pub envelope: Option<String>,
     /// The sender's name without modifiers.
     pub from: String,
@@ -100,4 +100,11 @@ pub struct Message {
     pub connection: u64,
     /// Whether the sender waits for a reply (`d` instead of `D`).
     pub wants_reply: bool,
+}
+
+impl Message {
+    /// The envelope as a stamp, if it is one.
+    pub fn stamp(&self) -> Option<Stamp> {
+        self.envelope.as_deref().and_then(Stamp::from_envelope)
+    }
 }
