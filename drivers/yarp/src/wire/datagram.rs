@@ -96,7 +96,8 @@ mod tests {
         let mut broken = split(&short).next().unwrap();
         broken[12] ^= 1;
         assert_eq!(assembler.take(&broken, 1 << 20), None);
-        assert_eq!(assembler.take(&split(&short).next().unwrap(), 1 << 20), Some(short));
+        let piece = split(&short).next().unwrap();
+        assert_eq!(assembler.take(&piece, 1 << 20), Some(short.clone()));
         assert!(assembler.lost() > 0);
     }
 }
