@@ -6,7 +6,7 @@ use crate::{Dialect, NameError};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
-use tokio::net::TcpStream;
+use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::timeout;
 
 /// How long we wait for an answer where the original waits for ever.
@@ -153,4 +153,19 @@ impl Network {
     pub(crate) fn name_error(&self, why: impl ToString) -> NameError {
         NameError::Unreachable { server: format!("{}:{}", self.host, self.port), why: why.to_string() }
     }
+}
+
+/// This computer, as seen from itself.
+pub(crate) const LOOPBACK: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
+
+/// The address that this computer has toward another one (or toward the world); loopback if it has none. Nothing is
+/// sent to find out.
+pub async fn local_address(toward: Option<(&str, u16)>) -> IpAddr {
+    let toward = toward.unwrap_or(("192.0.2.1", 9));
+    let look = async {
+        let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).await?;
+        socket.connect(toward).await?;
+        socket.local_addr()
+    };
+    look.await.map_or(LOOPBACK, |a: SocketAddr| a.ip())
 }

@@ -5,10 +5,8 @@ use mobee_yarp::{Bottle, Dialect, Stamp, Value, Vocab};
 use std::path::PathBuf;
 
 fn folder() -> PathBuf {
-    std::env::var_os("YARP_VECTORS").map_or_else(
-        || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/yarp-vectors"),
-        PathBuf::from,
-    )
+    std::env::var_os("YARP_VECTORS")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/yarp-vectors"), PathBuf::from)
 }
 
 fn bytes(hex: &str) -> Vec<u8> {

@@ -56,6 +56,5 @@ pub mod mode {
     pub const COMPLIANT: Vocab = Vocab::new("comp");
 
     /// The control modes that may be set.
-    pub const SETTABLE: [Vocab; 9] =
-        [IDLE, FORCE_IDLE, POSITION, DIRECT, VELOCITY, MIXED, TORQUE, CURRENT, PWM];
+    pub const SETTABLE: [Vocab; 9] = [IDLE, FORCE_IDLE, POSITION, DIRECT, VELOCITY, MIXED, TORQUE, CURRENT, PWM];
 }

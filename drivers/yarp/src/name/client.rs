@@ -113,7 +113,7 @@ impl Network {
         let mut stream = self.connect_tcp(host, port).await.map_err(|e| self.name_error(e))?;
         let answer = async {
             stream.write_all(request.as_bytes()).await?;
-            answer(&mut stream, words.first() == Some(&"bot")).await
+            answer(&mut stream, one_line(words)).await
         };
         let late = || self.name_error(format!("no answer within {:?}", self.timeout()));
         match timeout(self.timeout(), answer).await.map_err(|_| late())? {
@@ -128,6 +128,11 @@ impl Network {
         let got = got.chars().filter(|c| !c.is_control()).take(100).collect();
         NameError::NotUnderstood { server: format!("{host}:{port}"), got }
     }
+}
+
+/// Whether the answer is one line without a terminator.
+fn one_line(words: &[&str]) -> bool {
+    matches!(words, ["bot", ..] | ["subscribe" | "topic"] | ["subscribe", _])
 }
 
 /// The lines up to the one that ends an answer; that one is left out if it is the terminator.

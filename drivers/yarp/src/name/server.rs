@@ -1,0 +1,191 @@
+//! The embedded name server: the table behind a socket (spec section 3).
+
+mod persist;
+mod session;
+
+use super::table::{Counts, Table};
+use crate::auth::Key;
+use crate::{Contact, Dialect, Network, TIMEOUT, network};
+use std::io;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{mpsc, watch};
+use tokio::task::{JoinHandle, JoinSet};
+
+/// How a name server behaves; the defaults are the original's, on loopback only.
+#[derive(Clone, Debug)]
+pub struct ServerOptions {
+    /// Its own port name.
+    pub namespace: String,
+    /// Whether it may listen on other addresses than loopback. Whoever reaches it can take over any port's name.
+    pub public: bool,
+    /// The host that it registers itself under, if not the one it listens on.
+    pub host: Option<String>,
+    /// The most ports registered at a time.
+    pub max_ports: usize,
+    /// The most connections at a time; more are closed at once.
+    pub max_connections: usize,
+    /// How long a handshake may take, and every step of making a persistent connection.
+    pub timeout: Duration,
+    /// How long a connection may say nothing before it is closed.
+    pub idle: Duration,
+    /// The dialect of bottles on binary carriers; it matters only for floats, which name servers don't use.
+    pub dialect: Dialect,
+    /// The handshake of `auth.conf` on every connection.
+    pub auth: Option<Key>,
+}
+
+impl Default for ServerOptions {
+    fn default() -> ServerOptions {
+        ServerOptions {
+            namespace: "/root".into(),
+            public: false,
+            host: None,
+            max_ports: 4096,
+            max_connections: 512,
+            timeout: TIMEOUT,
+            idle: Duration::from_secs(300),
+            dialect: Dialect::default(),
+            auth: None,
+        }
+    }
+}
+
+/// A name server that runs until it is closed or dropped.
+#[derive(Debug)]
+pub struct NameServer {
+    shared: Arc<Shared>,
+    address: SocketAddr,
+    stop: watch::Sender<bool>,
+    task: JoinHandle<()>,
+}
+
+/// What all connections have in common.
+#[derive(Debug)]
+struct Shared {
+    table: Mutex<Table>,
+    contact: Contact,
+    options: ServerOptions,
+    links: mpsc::Sender<super::Link>,
+}
+
+impl Shared {
+    /// The table; a panic elsewhere can't have left it half changed in a way that matters.
+    fn table(&self) -> MutexGuard<'_, Table> {
+        self.table.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+}
+
+impl NameServer {
+    /// Listens on this address (number 0: any free one) and serves in the background of the current runtime.
+    ///
+    /// # Errors
+    /// The address can't be had, or is not loopback and [`ServerOptions::public`] was not said.
+    pub async fn bind(address: SocketAddr, options: ServerOptions) -> io::Result<NameServer> {
+        if !address.ip().is_loopback() && !options.public {
+            let why = format!(
+                "a name server on {} could be reached from other computers, and YARP has no encryption: \
+                 say so on purpose (`public`), or use 127.0.0.1",
+                address.ip()
+            );
+            return Err(io::Error::new(io::ErrorKind::PermissionDenied, why));
+        }
+        let listener = TcpListener::bind(address).await?;
+        let address = listener.local_addr()?;
+        let host = match &options.host {
+            Some(host) => host.clone(),
+            None if address.ip().is_unspecified() => network::local_address(None).await.to_string(),
+            None => address.ip().to_string(),
+        };
+        let contact = Contact::new(&options.namespace, "tcp", &host, address.port());
+        let near =
+            if address.ip().is_unspecified() { SocketAddr::new(network::LOOPBACK, address.port()) } else { address };
+        let network = Network::at(near).with_timeout(options.timeout).with_auth(options.auth.clone());
+        let (links, wanted) = mpsc::channel(persist::MOST_WAITING);
+        let table = Mutex::new(Table::new(contact.clone(), options.max_ports));
+        let shared = Arc::new(Shared { table, contact, options, links });
+        let (stop, stopped) = watch::channel(false);
+        let task = tokio::spawn(serve(listener, shared.clone(), network, wanted, stopped));
+        Ok(NameServer { shared, address, stop, task })
+    }
+
+    /// The address that it listens on.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Where it is registered in its own table.
+    pub fn contact(&self) -> &Contact {
+        &self.shared.contact
+    }
+
+    /// The handle of its network, as seen from this computer.
+    pub fn network(&self) -> Network {
+        let ip = if self.address.ip().is_unspecified() { network::LOOPBACK } else { self.address.ip() };
+        let options = &self.shared.options;
+        Network::at(SocketAddr::new(ip, self.address.port()))
+            .with_auth(options.auth.clone())
+            .with_namespace(options.namespace.clone())
+            .with_dialect(options.dialect)
+    }
+
+    /// All registrations, in the order of their names.
+    pub fn ports(&self) -> Vec<Contact> {
+        self.shared.table().ports().cloned().collect()
+    }
+
+    /// What happened since it began.
+    pub fn counts(&self) -> Counts {
+        self.shared.table().counts()
+    }
+
+    /// Ends all connections and frees the address.
+    pub async fn close(mut self) {
+        self.stop.send_replace(true);
+        let _ = (&mut self.task).await;
+    }
+}
+
+impl Drop for NameServer {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// Accepts connections until told to stop; leaving this function ends them all.
+async fn serve(
+    listener: TcpListener,
+    shared: Arc<Shared>,
+    network: Network,
+    wanted: mpsc::Receiver<super::Link>,
+    mut stopped: watch::Receiver<bool>,
+) {
+    let mut sessions = JoinSet::new();
+    let mut persistent = JoinSet::new();
+    persistent.spawn(persist::keep(network, wanted));
+    loop {
+        tokio::select! {
+            _ = stopped.changed() => return,
+            Some(_) = sessions.join_next() => {}
+            accepted = listener.accept() => match accepted {
+                Ok((stream, peer)) if sessions.len() < shared.options.max_connections => {
+                    sessions.spawn(session(stream, peer, shared.clone()));
+                }
+                Ok((_, peer)) => tracing::warn!("name server: too many connections, so {peer} was closed at once"),
+                // out of file descriptors, or the peer was gone at once: nothing to do but to try again
+                Err(e) => {
+                    tracing::warn!("name server: {e}");
+                    tokio::time::sleep(Duration::from_millis(10)).await;
+                }
+            },
+        }
+    }
+}
+
+async fn session(stream: TcpStream, peer: SocketAddr, shared: Arc<Shared>) {
+    if let Err(e) = session::run(stream, peer, &shared).await {
+        tracing::debug!("name server: connection of {peer}: {e}");
+    }
+}

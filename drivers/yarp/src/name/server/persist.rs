@@ -1,0 +1,36 @@
+//! Makes the persistent connections: the server plays the third program of spec section 8.
+
+use crate::name::Link;
+use crate::{Network, remote};
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+
+/// The most connections waiting to be made; more are left to the next announcement.
+pub(super) const MOST_WAITING: usize = 1024;
+/// The most made at the same time, so that a port which hangs does not hold up the others.
+const AT_ONCE: usize = 16;
+
+/// Makes connections as they are wanted.
+pub(super) async fn keep(network: Network, mut wanted: mpsc::Receiver<Link>) {
+    let mut making = JoinSet::new();
+    while let Some(link) = wanted.recv().await {
+        while making.len() >= AT_ONCE {
+            making.join_next().await;
+        }
+        while making.try_join_next().is_some() {}
+        making.spawn(make(network.clone(), link));
+    }
+}
+
+async fn make(network: Network, Link { src, dest }: Link) {
+    let made = async {
+        if remote::connection(&network, &src, &dest).await?.is_none() {
+            remote::connect(&network, &src, &dest, None).await?;
+        }
+        Ok::<(), remote::RemoteError>(())
+    };
+    match made.await {
+        Ok(()) => tracing::debug!("name server: persistent connection from {src} to {dest} is there"),
+        Err(e) => tracing::warn!("name server: persistent connection from {src} to {dest}: {e}"),
+    }
+}

@@ -1,0 +1,184 @@
+//! One connection to the name server: the plain form, or a port's carriers (spec sections 3.1 and 3.4).
+
+use super::Shared;
+use crate::name::text::{LONGEST_LINE, REQUEST};
+use crate::wire::{Carrier, Verb, admin, frame, handshake, line};
+use crate::{Bottle, Dialect, Value, auth};
+use std::io;
+use std::net::SocketAddr;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+
+/// What a peer has sent and we have not yet read.
+struct Incoming {
+    stream: TcpStream,
+    bytes: Vec<u8>,
+}
+
+impl Incoming {
+    /// Waits for more bytes; `false` at the end of the stream.
+    async fn more(&mut self, limit: std::time::Duration) -> io::Result<bool> {
+        let late = |_| io::Error::new(io::ErrorKind::TimedOut, "it said nothing for too long");
+        let mut chunk = [0; 4096];
+        let n = timeout(limit, self.stream.read(&mut chunk)).await.map_err(late)??;
+        self.bytes.extend_from_slice(chunk.get(..n).unwrap_or_default());
+        Ok(n > 0)
+    }
+
+    async fn send(&mut self, bytes: &[u8], limit: std::time::Duration) -> io::Result<()> {
+        let late = |_| io::Error::new(io::ErrorKind::TimedOut, "it does not read its answer");
+        timeout(limit, self.stream.write_all(bytes)).await.map_err(late)?
+    }
+}
+
+/// Serves a connection to its end.
+pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared) -> io::Result<()> {
+    let peer = peer.ip().to_canonical().to_string();
+    stream.set_nodelay(true)?;
+    if let Some(key) = &shared.options.auth {
+        auth::accept(&mut stream, key).await?;
+    }
+    let limit = shared.options.timeout;
+    let mut incoming = Incoming { stream, bytes: Vec::new() };
+    while incoming.bytes.len() < 8 {
+        if !incoming.more(limit).await? {
+            return Ok(());
+        }
+    }
+    if incoming.bytes.starts_with(handshake::NAME_SERVER) {
+        return plain(incoming, &peer, shared).await;
+    }
+    let hello = loop {
+        match handshake::parse(&incoming.bytes) {
+            Ok(Some((hello, used))) => {
+                incoming.bytes.drain(..used);
+                break hello;
+            }
+            Ok(None) if incoming.more(limit).await? => {}
+            Ok(None) => return Ok(()),
+            Err(e) => {
+                let text = format!("* Error. Protocol not found.\r\n* This is a YARP name server: {e}.\r\n");
+                return incoming.send(text.as_bytes(), limit).await;
+            }
+        }
+    };
+    if hello.carrier == Carrier::Udp {
+        return Ok(());
+    }
+    incoming.send(&handshake::reply(&hello, shared.contact.port), limit).await?;
+    carrier(incoming, &hello, &peer, shared).await
+}
+
+/// The plain form: a line, an answer, and so on.
+async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared) -> io::Result<()> {
+    loop {
+        let Some(end) = incoming.bytes.iter().position(|b| *b == b'\n') else {
+            if incoming.bytes.len() > LONGEST_LINE {
+                return Err(io::Error::new(io::ErrorKind::InvalidData, "a line without end"));
+            }
+            if !incoming.more(shared.options.idle).await? {
+                return Ok(());
+            }
+            continue;
+        };
+        let line: Vec<u8> = incoming.bytes.drain(..=end).collect();
+        let request = line.strip_prefix(REQUEST.as_bytes()).unwrap_or(&line);
+        let answer = answer(&parse(request), peer, shared).text();
+        incoming.send(&answer, shared.options.timeout).await?;
+    }
+}
+
+/// A port's carrier: data messages are requests, administrative ones are those of any port.
+async fn carrier(mut incoming: Incoming, hello: &handshake::Hello, peer: &str, shared: &Shared) -> io::Result<()> {
+    let (carrier, dialect) = (hello.carrier, shared.options.dialect);
+    let wrong = |e: &dyn std::fmt::Display| io::Error::new(io::ErrorKind::InvalidData, e.to_string());
+    let mut scanner = line::Scanner::default();
+    loop {
+        let message = if carrier.is_text() {
+            let found = scanner.parse(&incoming.bytes, LONGEST_LINE).map_err(|e| wrong(&e))?;
+            found.map(|l| (l.command.verb, parse(&l.payload), l.end))
+        } else {
+            match frame::parse(&incoming.bytes, LONGEST_LINE).map_err(|e| wrong(&e))? {
+                None => None,
+                Some(f) => {
+                    let payload = incoming.bytes.get(f.payload..f.end).unwrap_or_default();
+                    // a payload that is no bottle is dropped and acknowledged, as the original does
+                    Some((f.command.verb, Bottle::decode(payload, dialect).unwrap_or_default(), f.end))
+                }
+            }
+        };
+        let Some((verb, payload, end)) = message else {
+            if !incoming.more(shared.options.idle).await? {
+                return Ok(());
+            }
+            continue;
+        };
+        incoming.bytes.drain(..end);
+        let mut reply = reply(&verb, &payload, hello, peer, shared);
+        reply.extend_from_slice(carrier.ack());
+        incoming.send(&reply, shared.options.timeout).await?;
+        if verb == Verb::Quit {
+            return Ok(());
+        }
+    }
+}
+
+/// The reply to one message, without its acknowledgement.
+fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &str, shared: &Shared) -> Vec<u8> {
+    let text = hello.carrier.is_text();
+    let view = || admin::View {
+        name: shared.contact.name.clone(),
+        address: shared.contact.to_string(),
+        is_input: true,
+        is_rpc: true,
+        inputs: vec![admin::Peer { name: hello.bare().into(), carrier: hello.carrier }],
+        ..admin::View::default()
+    };
+    match verb {
+        Verb::Data(wanted) => {
+            let answer = answer(payload, peer, shared);
+            match (wanted, text) {
+                (false, _) => Vec::new(),
+                (true, true) => answer.text(),
+                (true, false) => answer.binary(shared.options.dialect),
+            }
+        }
+        Verb::Admin => {
+            let view = view();
+            let reply = match admin::answer(&view, payload) {
+                admin::Answer::Reply(reply) => reply,
+                admin::Answer::Add { given, .. } => admin::added(&view.name, &given, admin::Added::NoOutputs),
+                admin::Answer::Remove(name) => admin::removed(&view.name, &name, admin::Removed::None),
+                admin::Answer::Set(..) => admin::ok(),
+            };
+            if text { [reply.to_text(), b"\r\n".to_vec()].concat() } else { reply.encode(shared.options.dialect) }
+        }
+        Verb::Describe if text => admin::describe(&view()).into_bytes(),
+        Verb::Help if text => admin::KEYS.into(),
+        Verb::Quit => Vec::new(),
+        _ if text => admin::NOT_UNDERSTOOD.into(),
+        _ => Vec::new(),
+    }
+}
+
+/// A line as a bottle; one that is none is answered like an unknown command.
+fn parse(line: &[u8]) -> Bottle {
+    Bottle::parse(line, Dialect::V3).unwrap_or_default()
+}
+
+/// Asks the table, and passes on the persistent connections that are due.
+fn answer(request: &Bottle, peer: &str, shared: &Shared) -> crate::name::Answer {
+    let word = |v: &Value| v.as_text().map_or_else(|| v.to_string(), |t| t.into_owned());
+    let mut words: Vec<String> = request.iter().map(word).collect();
+    if words.first().is_some_and(|w| w == "NAME_SERVER") {
+        words.remove(0);
+    }
+    let outcome = shared.table().answer(&words, peer);
+    for link in outcome.links {
+        if let Err(e) = shared.links.try_send(link) {
+            tracing::warn!("name server: a persistent connection is left to the next announcement: {e}");
+        }
+    }
+    outcome.answer
+}
