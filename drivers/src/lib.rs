@@ -32,13 +32,18 @@ mod braking;
 pub mod conformance;
 mod encoders;
 mod faults;
+pub mod force_field;
 pub mod path;
 mod plant;
+mod services;
 mod settings;
 mod sim;
+mod words;
+pub mod world_rpc;
 
 pub use braking::{StoppingPath, stopping_path};
 pub use faults::{Fault, FaultId, SimFaults};
 pub use plant::Plant;
+pub use services::{RobotPorts, YarpServices, YarpSettings};
 pub use settings::SimSettings;
 pub use sim::{SimDriver, SimHardware};

@@ -33,4 +33,4 @@ pub use robot::*;
 pub use scene::*;
 pub use urdf::{UrdfOptions, load_urdf, parse_urdf};
 pub use watch::{Counters, Watch};
-pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot};
+pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

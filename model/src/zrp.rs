@@ -19,7 +19,7 @@ use crate::error::{FileError, Loaded, Source};
 use crate::{Object, Robot};
 use std::path::Path;
 
-pub use write::write_robot;
+pub use write::{write_robot, write_world};
 
 /// Files above this size are refused, bytes.
 const MAX_BYTES: u64 = 16 << 20;

@@ -3,6 +3,10 @@
 //! All parts with their motors and constraints come first, then the tree; there a part or motor is entered again by
 //! name. So the order of parts, motors, nodes and markers survives whatever their nesting.
 
+mod world;
+
+pub use world::write_world;
+
 use super::geometry;
 use crate::{Marker, Node, NodeKind, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};

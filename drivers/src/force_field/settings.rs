@@ -1,0 +1,84 @@
+//! The force-field controller's settings: what the original kept in `P.ini`.
+
+use mobee_contract::KindError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Settings of a part's force-field controller, as in the original's `.ini` files: lists with one number per joint, in
+/// the order of the part's board; accelerations in deg/s^2, the others per degree or second.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ForceFieldSettings {
+    /// Share of the computed velocity that is commanded; joints of weight 0 are not moved.
+    pub weight: Vec<f64>,
+    /// Strength of the attractor near it, 1/s^2.
+    pub spring_const: Vec<f64>,
+    /// Damping while something pushes, 1/s.
+    pub damping_const: Vec<f64>,
+    /// How far from a limit its push begins, deg.
+    pub limit_const: Vec<f64>,
+    /// How quickly a force over the network reaches its greatest effect.
+    pub rpc_force_const: Vec<f64>,
+    /// The greatest pull of the attractor.
+    pub max_spring_force: Vec<f64>,
+    /// The push at a limit.
+    pub max_limit_force: Vec<f64>,
+    /// The greatest push of the constraints.
+    pub max_constraint_force: Vec<f64>,
+    /// The greatest effect of a force over the network.
+    pub max_rpc_force: Vec<f64>,
+    /// The value of a constraint at which its push begins; at least 20.
+    #[serde(default)]
+    pub constraint_len: f64,
+}
+
+impl ForceFieldSettings {
+    fn lists(&self) -> [(&'static str, &Vec<f64>); 9] {
+        [
+            ("weight", &self.weight),
+            ("spring_const", &self.spring_const),
+            ("damping_const", &self.damping_const),
+            ("limit_const", &self.limit_const),
+            ("rpc_force_const", &self.rpc_force_const),
+            ("max_spring_force", &self.max_spring_force),
+            ("max_limit_force", &self.max_limit_force),
+            ("max_constraint_force", &self.max_constraint_force),
+            ("max_rpc_force", &self.max_rpc_force),
+        ]
+    }
+
+    /// Checks every number; `path` is where the settings stand.
+    ///
+    /// # Errors
+    /// The first that makes no sense, with what would.
+    pub fn validate(&self, path: &str) -> Result<(), KindError> {
+        let n = self.weight.len();
+        for (name, list) in self.lists() {
+            let path = format!("{path}.{name}");
+            if list.len() != n {
+                let what = format!("there are {} numbers here and {n} in `weight`", list.len());
+                return Err(KindError::new(path, what, "give one number per joint of the part"));
+            }
+            if let Some(wrong) = list.iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
+                return Err(KindError::new(path, format!("{wrong} is no usable value"), "give numbers of 0 or more"));
+            }
+        }
+        if let Some(wrong) = self.weight.iter().find(|w| **w > 1.0) {
+            let what = format!("a weight of {wrong} would add to every motion");
+            return Err(KindError::new(format!("{path}.weight"), what, "give weights from 0 to 1"));
+        }
+        if !self.constraint_len.is_finite() {
+            let path = format!("{path}.constraint_len");
+            return Err(KindError::new(path, "this is not a finite number", "give a number of 20 or more, or none"));
+        }
+        Ok(())
+    }
+
+    /// Whether every list has one number per joint.
+    pub(super) fn check_joints(&self, n: usize) -> Result<(), String> {
+        match self.lists().iter().find(|(_, list)| list.len() != n) {
+            Some((name, list)) => Err(format!("`{name}` has {} numbers for {n} joints", list.len())),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! The settings of MoBeE's YARP ports: table `[yarp]` of a configuration.
+
+use crate::force_field::ForceFieldSettings;
+use mobee_contract::KindError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// Settings of MoBeE's own YARP ports. All have defaults.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct YarpSettings {
+    /// What the names of MoBeE's ports begin with.
+    pub prefix: String,
+    /// Address of the name server, such as `127.0.0.1:10000`. Without it: what YARP's own files and environment say, and
+    /// `127.0.0.1:10000` if they say nothing.
+    pub name_server: Option<SocketAddr>,
+    /// Whether to start a name server in this process, at that address, if none answers there.
+    pub start_name_server: bool,
+    /// Whether ports may be reached from other computers. YARP has neither passwords nor encryption: who reaches a port
+    /// moves the robot.
+    pub allow_open_network: bool,
+    /// Which YARP is spoken: `3` or `4`. The two can't be told apart on the wire.
+    pub dialect: u8,
+    /// Whether to open the port filter: a board for each part through which any YARP program moves the robot safely.
+    pub filter: bool,
+    /// Time between two messages of the state ports, ms.
+    pub period_ms: f64,
+    /// Robots under other names than the prefix and their own, or with some parts only; by the robot's name in the run.
+    pub robots: BTreeMap<String, RobotPorts>,
+    /// Whether to open the world's RPC, `/MoBeE/world`.
+    pub world: bool,
+    /// The folder of the world RPC's `save` and `load`. Without it both are refused.
+    pub save_folder: Option<PathBuf>,
+    /// Whether to open the ports of the parts (`/MoBeE/right_arm/rpc` and so on) and of the robots.
+    pub parts: bool,
+    /// The force-field controller of a part, by the part's name. A part without it takes no `cmd:i`.
+    pub force_field: BTreeMap<String, ForceFieldSettings>,
+}
+
+/// How one robot's filtered boards are named.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct RobotPorts {
+    /// What stands before the part's name: `/icub` serves the boards under the robot's own names (its real boards must
+    /// then have others). Default: the prefix and the robot's name, `/MoBeE/icub`.
+    pub prefix: Option<String>,
+    /// The parts to serve; default: all.
+    pub parts: Option<Vec<String>>,
+}
+
+impl Default for YarpSettings {
+    fn default() -> YarpSettings {
+        YarpSettings {
+            prefix: "/MoBeE".into(),
+            name_server: None,
+            start_name_server: true,
+            allow_open_network: false,
+            dialect: 3,
+            filter: true,
+            period_ms: 10.0,
+            robots: BTreeMap::new(),
+            world: true,
+            save_folder: None,
+            parts: true,
+            force_field: BTreeMap::new(),
+        }
+    }
+}
+
+impl YarpSettings {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first one that makes no sense, with what would.
+    pub fn validate(&self) -> Result<(), KindError> {
+        check_name("prefix", &self.prefix)?;
+        if !matches!(self.dialect, 3 | 4) {
+            let what = format!("there is no YARP dialect {}", self.dialect);
+            return Err(KindError::new("dialect", what, "write 3, or 4 if all your YARP programs are of version 4"));
+        }
+        // written so that not-a-number fails
+        if !(self.period_ms >= 1.0 && self.period_ms <= 1000.0) {
+            let what = format!("{} is no usable time between two messages", self.period_ms);
+            return Err(KindError::new("period_ms", what, "give a number from 1 to 1000"));
+        }
+        if let Some(address) = self.name_server.filter(|a| !a.ip().is_loopback() && !self.allow_open_network) {
+            let what = format!("{address} is on another computer, and only this one may be used");
+            return Err(KindError::new(
+                "name_server",
+                what,
+                "set allow_open_network = true if that network is yours alone",
+            ));
+        }
+        for (robot, ports) in &self.robots {
+            if let Some(prefix) = &ports.prefix {
+                check_name(&format!("robots.{robot}.prefix"), prefix)?;
+            }
+        }
+        self.force_field.iter().try_for_each(|(part, f)| f.validate(&format!("force_field.{part}")))
+    }
+
+    /// The beginning of the names of a robot's filtered boards.
+    pub(crate) fn robot_prefix(&self, robot: &str) -> String {
+        let own = self.robots.get(robot).and_then(|r| r.prefix.clone());
+        own.unwrap_or_else(|| format!("{}/{robot}", self.prefix))
+    }
+
+    /// Whether a part of a robot has a filtered board.
+    pub(crate) fn serves(&self, robot: &str, part: &str) -> bool {
+        let chosen = self.robots.get(robot).and_then(|r| r.parts.as_ref());
+        self.filter && chosen.is_none_or(|parts| parts.iter().any(|p| p == part))
+    }
+}
+
+fn check_name(path: &str, name: &str) -> Result<(), KindError> {
+    let fine = |c: char| c.is_ascii_graphic() && !matches!(c, '"' | '(' | ')' | '\\');
+    if name.len() <= 200 && name.len() > 1 && name.starts_with('/') && !name.ends_with('/') && name.chars().all(fine) {
+        return Ok(());
+    }
+    Err(KindError::new(path, format!("\"{name}\" can't begin a port's name"), "write something like /MoBeE"))
+}

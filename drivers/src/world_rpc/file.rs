@@ -1,0 +1,65 @@
+//! `save` and `load`: worlds in files of one folder, never outside it.
+
+use super::{Answered, WorldView};
+use crate::words::{self, line};
+use mobee_model::{Edit, Object, Scene, write_world};
+use mobee_yarp::Value;
+use std::collections::BTreeSet;
+
+/// A file to be written or read. Names are bare: letters, digits, `_`, `-` and `.`, not beginning with a dot, at most 100.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Errand {
+    /// Write the text to the file, all or nothing.
+    Save {
+        /// Its bare name.
+        file: String,
+        /// What to write.
+        text: String,
+    },
+    /// Read the file as a world and give it to [`super::WorldRpc::loaded`].
+    Load {
+        /// Its bare name.
+        file: String,
+    },
+}
+
+pub(super) fn save(arguments: &[Value], view: &WorldView) -> Answered {
+    with_file(arguments, |file| {
+        let text = write_world(view.scene.objects().map(|(_, o)| o.as_ref()));
+        Errand::Save { file, text }
+    })
+}
+
+pub(super) fn load(arguments: &[Value]) -> Answered {
+    with_file(arguments, |file| Errand::Load { file })
+}
+
+fn with_file(arguments: &[Value], errand: impl FnOnce(String) -> Errand) -> Answered {
+    match words::name(arguments.first()).as_deref().and_then(bare) {
+        Some(file) => Answered { errand: Some(errand(file)), ..Answered::default() },
+        None => Answered::says(line("Give the bare name of a file: letters, digits, '_', '-' and '.', no folders.")),
+    }
+}
+
+/// A name without a way out of its folder; `.xml` is added where it is missing.
+fn bare(name: &str) -> Option<String> {
+    let fine = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
+    let good = !name.is_empty() && name.len() <= 100 && !name.starts_with('.') && name.chars().all(fine);
+    good.then(|| if name.ends_with(".xml") { name.to_owned() } else { format!("{name}.xml") })
+}
+
+/// The edits that make a world of these objects: all others go, but persistent ones stay where they are, unless the file
+/// names them too: then they go to where it says.
+pub(super) fn replace(objects: Vec<Object>, scene: &Scene) -> Vec<Edit> {
+    let stays: BTreeSet<&str> = scene.objects().filter(|(_, o)| o.persistent).map(|(_, o)| o.name.as_str()).collect();
+    let mut edits = vec![Edit::Clear];
+    for object in objects {
+        if stays.contains(object.name.as_str()) {
+            edits.push(Edit::Move { name: object.name.clone(), pose: object.pose });
+            edits.push(Edit::Class { name: object.name, class: object.class });
+        } else {
+            edits.push(Edit::Add(object));
+        }
+    }
+    edits
+}

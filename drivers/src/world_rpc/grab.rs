@@ -1,0 +1,88 @@
+//! `grab`: objects that follow a marker until they are released.
+//!
+//! An obstacle in the hand touches the hand: make it a target or a ghost (`def`) before it is grabbed, or the reflex acts.
+
+use super::WorldView;
+use crate::words::{self, string};
+use mobee_model::{Edit, Object};
+use mobee_yarp::Value;
+use nalgebra::Isometry3;
+use std::collections::BTreeMap;
+
+/// An object nearer to its place than this (m, rad) is left there, so that a robot at rest makes no edits.
+const NEAR: (f64, f64) = (0.000_5, 0.005);
+
+/// What is grabbed, by object.
+#[derive(Default)]
+pub(super) struct Grabs(BTreeMap<String, Grab>);
+
+struct Grab {
+    robot: usize,
+    node: usize,
+    node_from_object: Isometry3<f64>,
+}
+
+impl Grabs {
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub(super) fn release(&mut self, object: &str) {
+        self.0.remove(object);
+    }
+
+    pub(super) fn grab(&mut self, object: &Object, rest: &[Value], view: &WorldView) -> Vec<Value> {
+        let robot_name = words::name(rest.first()).unwrap_or_default();
+        let Some(robot) = view.scene.robots().iter().position(|r| r.name == robot_name) else {
+            return vec![string("Robot not found.")];
+        };
+        let marker = words::name(rest.get(1)).unwrap_or_default();
+        let node = view.scene.robots().get(robot).and_then(|r| r.marker(&marker)).map(|m| m.node);
+        let frame = node.and_then(|node| Some((node, world_from_node(robot, node, view)?)));
+        let sentence = match frame {
+            Some((node, frame)) => {
+                let grab = Grab { robot, node, node_from_object: frame.inverse() * object.pose };
+                self.0.insert(object.name.clone(), grab);
+                "Marker found, grabbing object."
+            }
+            None => {
+                self.0.remove(&object.name);
+                "Marker not found, releasing object."
+            }
+        };
+        vec![string("Robot found."), string(sentence)]
+    }
+
+    /// Grabbed objects that were put elsewhere follow from there.
+    pub(super) fn regrip(&mut self, edits: &[Edit], view: &WorldView) {
+        for edit in edits {
+            if let Edit::Move { name, pose } = edit
+                && let Some(grab) = self.0.get_mut(name)
+                && let Some(frame) = world_from_node(grab.robot, grab.node, view)
+            {
+                grab.node_from_object = frame.inverse() * pose;
+            }
+        }
+    }
+
+    pub(super) fn follow(&mut self, view: &WorldView) -> Vec<Edit> {
+        self.0.retain(|name, _| view.scene.object(name).is_some());
+        let edit = |(name, grab): (&String, &Grab)| {
+            let (_, object) = view.scene.object(name)?;
+            let pose = world_from_node(grab.robot, grab.node, view)? * grab.node_from_object;
+            let off = (pose.translation.vector - object.pose.translation.vector).norm();
+            let turned = pose.rotation.angle_to(&object.pose.rotation);
+            // not-a-number moves nothing
+            (off > NEAR.0 || turned > NEAR.1).then(|| Edit::Move { name: name.clone(), pose })
+        };
+        self.0.iter().filter_map(edit).collect()
+    }
+}
+
+/// The frame of a robot's node in the world; `None` if there is no such robot or node.
+fn world_from_node(robot: usize, node: usize, view: &WorldView) -> Option<Isometry3<f64>> {
+    let model = view.scene.robots().get(robot)?;
+    let mut frames = Vec::with_capacity(model.nodes.len());
+    model.forward_from(&view.scene.base(robot), view.poses.get(robot).map_or(&[], |q| q), &mut frames);
+    frames.get(node).copied()
+}

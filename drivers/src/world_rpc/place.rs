@@ -1,0 +1,46 @@
+//! Poses as the RPC's numbers say them.
+
+use mobee_yarp::Value;
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+/// The pose moved to a position, its rotation kept.
+pub(super) fn at(pose: &Isometry3<f64>, [x, y, z]: [f64; 3]) -> Isometry3<f64> {
+    Isometry3::from_parts(Vector3::new(x, y, z).into(), pose.rotation)
+}
+
+/// The pose with the rotation Rx Ry Rz of three angles in degrees.
+pub(super) fn turned(pose: &Isometry3<f64>, degrees: [f64; 3]) -> Isometry3<f64> {
+    let [rx, ry, rz] = degrees.map(f64::to_radians);
+    let turn = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+    let rotation = turn(Vector3::x_axis(), rx) * turn(Vector3::y_axis(), ry) * turn(Vector3::z_axis(), rz);
+    Isometry3::from_parts(pose.translation, rotation)
+}
+
+/// The pose with this rotation matrix, given row by row; `None` if it is no rotation.
+pub(super) fn with_matrix(pose: &Isometry3<f64>, rows: [f64; 9]) -> Option<Isometry3<f64>> {
+    let matrix = Matrix3::from_row_slice(&rows);
+    let skew = (matrix * matrix.transpose() - Matrix3::identity()).abs().max();
+    // written so that not-a-number fails; people type three digits
+    let rotates = skew < 0.01 && matrix.determinant() > 0.0;
+    rotates.then(|| {
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&matrix));
+        Isometry3::from_parts(pose.translation, rotation)
+    })
+}
+
+/// The pose as 16 doubles, column by column, as the original gave it.
+pub(super) fn column_major(pose: &Isometry3<f64>) -> Vec<Value> {
+    pose.to_homogeneous().iter().map(|x| Value::Float64(*x)).collect()
+}
+
+/// A pose from the iCub simulator's numbers: position in its frame, and angles in degrees about fixed axes. The
+/// simulator's cylinders lie along another axis than ours.
+pub(super) fn from_simulator(name: &str, [px, py, pz, rx, ry, rz]: [f64; 6]) -> Isometry3<f64> {
+    let turn = |axis, degrees: f64| UnitQuaternion::from_axis_angle(&axis, degrees.to_radians());
+    let mut rotation = turn(Vector3::y_axis(), -rx) * (turn(Vector3::z_axis(), ry) * turn(Vector3::x_axis(), -rz));
+    let kind = name.split(|c: char| c.is_ascii_digit()).next().unwrap_or_default();
+    if kind == "cyl" || kind == "scyl" {
+        rotation *= turn(Vector3::z_axis(), 90.0);
+    }
+    Isometry3::from_parts(Vector3::new(-(pz + 0.026), -px, py - 0.5976).into(), rotation)
+}
