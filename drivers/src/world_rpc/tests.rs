@@ -230,7 +230,7 @@ fn bottles_of_wrong_shape_get_a_sentence() {
         Bottle(vec![string("mk"), string("sph"), Value::Float64(0.1)]),
         Bottle(vec![string("grab"), string("sph1")]),
         Bottle(vec![string("def"), string("sph1"), Value::Blob(vec![0; 9])]),
-        Bottle(vec![Value::Dict(vec![])]),
+        Bottle(vec![Value::Dict(Bottle(vec![]))]),
         typed("rot sph1 1 1 1 1 1 1 1 1 1"),
         typed("set sph1 1 2 nan"),
         typed("set sph1 1 2 3 4"),
