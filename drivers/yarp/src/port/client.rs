@@ -206,10 +206,8 @@ impl RpcClient {
     }
 
     /// Ends the connection in order.
-    pub async fn close(mut self) {
-        if let Some(Line::Stream(mut link)) = self.keeper.take_last() {
-            let _ = output::leave(&mut link, self.keeper.carrier, &self.keeper.options).await;
-        }
+    pub async fn close(self) {
+        self.keeper.close().await;
     }
 }
 

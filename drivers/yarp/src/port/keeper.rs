@@ -1,7 +1,7 @@
 //! A connection to one known port without a port of our own, reconnected when asked.
 
 use super::dial::{self, Line};
-use super::{PortError, PortOptions};
+use super::{PortError, PortOptions, output};
 use crate::{Carrier, Contact, Network};
 use std::pin::Pin;
 use std::time::Duration;
@@ -91,8 +91,13 @@ impl Keeper {
         self.delay = FIRST;
     }
 
-    pub fn take_last(&mut self) -> Option<Line> {
-        self.line.take()
+    /// Ends the connection in order.
+    pub async fn close(self) {
+        if let Some(line) = self.line
+            && let Err(error) = output::leave(&self.network, &self.options, &self.own_name, self.carrier, line).await
+        {
+            tracing::debug!(to = %self.to, %error, "no orderly end of a connection");
+        }
     }
 
     fn lost(&self, why: &str) -> PortError {

@@ -6,7 +6,7 @@ use super::dial::{self, Line};
 use super::link::{Link, LinkError};
 use super::slot::{Packet, Slot};
 use crate::wire::{Carrier, datagram, frame, line};
-use crate::{Contact, Dialect};
+use crate::{Contact, Dialect, Network};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use tokio::time::timeout;
@@ -44,7 +44,11 @@ pub(crate) async fn run(job: Job, mut line: Line) {
         }
     };
     match end {
-        Ok(()) => quit(core, *carrier, line, to).await,
+        Ok(()) => {
+            if let Err(error) = leave(&core.network, &core.options, &core.name, *carrier, line).await {
+                tracing::debug!(port = core.name, to = to.name, %error, "no orderly end of an output");
+            }
+        }
         Err(error) => tracing::debug!(port = core.name, to = to.name, error, "output ended"),
     }
     slot.close();
@@ -97,6 +101,7 @@ pub(crate) async fn send(
             for piece in datagram::split(&message) {
                 // Nobody listening shows as an error of a later send: datagrams get lost, that is their nature.
                 let _ = timeout(options.write, socket.send(&piece)).await;
+                tokio::task::yield_now().await;
             }
         }
     }
@@ -117,20 +122,21 @@ pub(crate) async fn acknowledged(link: &mut Link, carrier: Carrier, options: &Po
 }
 
 /// Ends a connection in order.
-pub(crate) async fn quit(core: &Core, carrier: Carrier, line: Line, to: &Contact) {
-    let end = async {
-        match line {
-            Line::Stream(mut link) => leave(&mut link, carrier, &core.options).await,
-            Line::Datagrams(_, reader) => leave_datagrams(core, &reader).await,
-        }
-    };
-    if let Err(error) = end.await {
-        tracing::debug!(port = core.name, to = to.name, %error, "no orderly end of an output");
+pub(crate) async fn leave(
+    network: &Network,
+    options: &PortOptions,
+    own_name: &str,
+    carrier: Carrier,
+    line: Line,
+) -> Result<(), LinkError> {
+    match line {
+        Line::Stream(mut link) => leave_stream(&mut link, carrier, options).await,
+        Line::Datagrams(_, reader) => leave_datagrams(network, options, own_name, &reader).await,
     }
 }
 
 /// Says quit and waits for the acknowledgement.
-pub(crate) async fn leave(link: &mut Link, carrier: Carrier, options: &PortOptions) -> Result<(), LinkError> {
+async fn leave_stream(link: &mut Link, carrier: Carrier, options: &PortOptions) -> Result<(), LinkError> {
     let quit = if carrier.is_text() { b"q\r\n".to_vec() } else { frame::quit() };
     link.write(&[&quit]).await?;
     acknowledged(link, carrier, options).await?;
@@ -139,10 +145,15 @@ pub(crate) async fn leave(link: &mut Link, carrier: Carrier, options: &PortOptio
 }
 
 /// Tells a reader of datagrams out of band that no more will come.
-async fn leave_datagrams(core: &Core, reader: &Contact) -> Result<(), LinkError> {
-    let stream = core.network.connect_tcp(&reader.host, reader.port).await?;
-    let mut link = Link::new(stream, &core.options);
-    link.write(&[format!("CONNECT admin\r\n~{}\r\nq\r\n", core.name).as_bytes()]).await?;
-    let _ = timeout(core.options.ack, link.until_closed()).await;
+async fn leave_datagrams(
+    network: &Network,
+    options: &PortOptions,
+    own_name: &str,
+    reader: &Contact,
+) -> Result<(), LinkError> {
+    let stream = network.connect_tcp(&reader.host, reader.port).await?;
+    let mut link = Link::new(stream, options);
+    link.write(&[format!("CONNECT admin\r\n~{own_name}\r\nq\r\n").as_bytes()]).await?;
+    let _ = timeout(options.ack, link.until_closed()).await;
     Ok(())
 }

@@ -1,6 +1,5 @@
 //! One-way output to a known port.
 
-use super::dial::Line;
 use super::keeper::Keeper;
 use super::slot::Packet;
 use super::{Payload, PortError, PortOptions, output};
@@ -79,15 +78,18 @@ impl Sender {
         }
     }
 
+    /// Waits until a lost connection may be tried again; at once if there is one.
+    pub async fn pause(&mut self) {
+        self.keeper.pause().await;
+    }
+
     /// Whether there is a connection, as far as is known without sending.
     pub fn is_connected(&self) -> bool {
         self.keeper.is_connected()
     }
 
     /// Ends the connection in order.
-    pub async fn close(mut self) {
-        if let Some(Line::Stream(mut link)) = self.keeper.take_last() {
-            let _ = output::leave(&mut link, self.keeper.carrier, &self.keeper.options).await;
-        }
+    pub async fn close(self) {
+        self.keeper.close().await;
     }
 }
