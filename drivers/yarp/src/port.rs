@@ -22,7 +22,7 @@ mod sender;
 mod slot;
 mod writer;
 
-pub use client::{CallError, RpcClient, connect, disconnect};
+pub use client::{CallError, RpcClient};
 pub use inbox::Queue;
 pub use message::{Message, Payload, PayloadError};
 pub use reader::Reader;
@@ -31,7 +31,7 @@ pub use sender::{SendError, Sender};
 pub use slot::Delivery;
 pub use writer::Writer;
 
-use crate::NameError;
+use crate::{NameError, remote::RemoteError};
 use std::{io, time::Duration};
 
 /// How a port behaves; the defaults suit a robot on a local network.
@@ -100,14 +100,9 @@ pub enum PortError {
         /// What went wrong.
         why: String,
     },
-    /// The other side refused an administrative command.
-    #[error("port {port} answered: {answer}")]
-    Refused {
-        /// The port asked.
-        port: String,
-        /// Its answer.
-        answer: String,
-    },
+    /// The other side did not do what it was asked.
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
 }
 
 /// Locks a mutex whose data stays good when a holder panicked: every change under these locks is one step.

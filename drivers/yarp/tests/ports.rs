@@ -3,7 +3,7 @@
 mod common;
 
 use common::names;
-use mobee_yarp::{Bottle, Carrier, Delivery, Handler, Message, Network, Payload, Queue, Reader, RpcClient, RpcServer};
+use mobee_yarp::{Bottle, Carrier, Delivery, Handler, Message, Payload, Queue, Reader, RpcClient, RpcServer};
 use mobee_yarp::{CallError, Dialect, Sender, Stamp, Value, Vocab, Writer};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ fn content(message: &Message) -> Bottle {
 
 #[tokio::test]
 async fn a_reader_gets_what_a_writer_writes_over_every_carrier() {
-    let network = names().await;
+    let (_names, network) = names().await;
     for carrier in Carrier::ALL {
         let mut reader = Reader::open(&network, &format!("/reader/{carrier}"), Queue::Bounded(10)).await.unwrap();
         let writer = Writer::open(&network, &format!("/writer/{carrier}"), Delivery::Strict(10)).await.unwrap();
@@ -59,7 +59,7 @@ async fn a_reader_gets_what_a_writer_writes_over_every_carrier() {
 
 #[tokio::test]
 async fn long_messages_arrive_whole_over_every_carrier() {
-    let network = names().await;
+    let (_names, network) = names().await;
     // datagrams that come faster than they are read get lost, so not longer than the system holds
     let numbers = Bottle((0..15_000).map(|i| Value::Float64(f64::from(i) / 7.0)).collect());
     for carrier in Carrier::ALL {
@@ -83,7 +83,7 @@ impl Handler for Echo {
 
 #[tokio::test]
 async fn requests_are_answered_over_every_carrier_with_replies() {
-    let network = names().await;
+    let (_names, network) = names().await;
     let server = RpcServer::open(&network, "/echo", Arc::new(Echo)).await.unwrap();
     for carrier in [Carrier::Tcp, Carrier::FastTcp, Carrier::Text, Carrier::TextAck] {
         let mut client = RpcClient::connect(&network, "/me", "/echo", carrier).await.unwrap();
@@ -105,7 +105,7 @@ async fn requests_are_answered_over_every_carrier_with_replies() {
 
 #[tokio::test]
 async fn the_newest_message_replaces_an_unsent_one_and_slow_readers_hold_up_nobody() {
-    let network = names().await;
+    let (_names, network) = names().await;
     let mut fast = Reader::open(&network, "/fast", Queue::Newest).await.unwrap();
     let slow = Reader::open(&network, "/slow", Queue::Bounded(1)).await.unwrap();
     let writer = Writer::open(&network, "/writer", Delivery::Newest).await.unwrap();
@@ -123,7 +123,7 @@ async fn the_newest_message_replaces_an_unsent_one_and_slow_readers_hold_up_nobo
 
 #[tokio::test]
 async fn a_writer_is_connected_by_asking_it_and_says_no_to_what_it_does_not_know() {
-    let network = names().await;
+    let (_names, network) = names().await;
     let mut reader = Reader::open(&network, "/reader", Queue::Newest).await.unwrap();
     let writer = Writer::open(&network, "/writer", Delivery::Newest).await.unwrap();
     reader.connect_from("/writer", Carrier::FastTcp).await.unwrap();
@@ -149,7 +149,7 @@ async fn a_writer_is_connected_by_asking_it_and_says_no_to_what_it_does_not_know
 
 #[tokio::test]
 async fn lost_connections_come_back_by_themselves() {
-    let network = names().await;
+    let (_names, network) = names().await;
     let mut client = RpcClient::keep(&network, "/me", "/echo", Carrier::Tcp);
     let mut sender = Sender::keep(&network, "/out", "/reader", Carrier::Tcp);
     assert!(client.call(&greeting(0)).await.is_err());
@@ -188,7 +188,7 @@ async fn a_late_reply_is_never_taken_for_the_next_one() {
             })
         }
     }
-    let network: Network = names().await;
+    let (_names, network) = names().await;
     let _server = RpcServer::open(&network, "/slow", Arc::new(Slow)).await.unwrap();
     let client = RpcClient::keep(&network, "/me", "/slow", Carrier::Tcp);
     let mut client = client.with_timeout(Duration::from_millis(200));

@@ -1,11 +1,11 @@
 //! Asking other ports: requests to their owners, and administrative commands.
 
-use super::dial::{Line, find};
+use super::dial::Line;
 use super::keeper::Keeper;
 use super::link::{Link, LinkError};
 use super::{PayloadError, PortError, PortOptions, output};
 use crate::wire::{frame, line};
-use crate::{Bottle, Carrier, Contact, Dialect, Network, Value, Vocab};
+use crate::{Bottle, Carrier, Contact, Dialect, Network};
 use std::time::Duration;
 use tokio::time::timeout;
 
@@ -228,38 +228,4 @@ async fn reply(
         }
     })
     .await
-}
-
-/// Connects two ports as a third program (spec section 8): asks `source` to send to `target`.
-///
-/// # Errors
-/// One of them is unknown or not reachable, or the source refuses.
-pub async fn connect(network: &Network, source: &str, target: &str, carrier: Carrier) -> Result<(), PortError> {
-    let from = find(network, &Contact::parse(source)).await?;
-    let to = Contact { carrier: carrier.name().into(), ..Contact::parse(target) };
-    find(network, &Contact { host: String::new(), port: 0, ..to.clone() }).await?;
-    let add = Bottle(vec![Value::Vocab(Vocab::new("add")), to.to_string().into()]);
-    tell(network, from, &add).await
-}
-
-/// Ends a connection as a third program.
-///
-/// # Errors
-/// The source is unknown or not reachable, or there is no such connection.
-pub async fn disconnect(network: &Network, source: &str, target: &str) -> Result<(), PortError> {
-    let from = find(network, &Contact::parse(source)).await?;
-    tell(network, from, &Bottle(vec![Value::Vocab(Vocab::new("del")), target.into()])).await
-}
-
-async fn tell(network: &Network, port: Contact, command: &Bottle) -> Result<(), PortError> {
-    let name = port.name.clone();
-    let options = PortOptions::default();
-    let mut client = RpcClient::connect_to(network, "admin", port, Carrier::TextAck, options).await?;
-    let failed = |why: String| PortError::Connect { to: name.clone(), why };
-    let reply = client.admin(command).await.map_err(|e| failed(e.to_string()))?;
-    client.close().await;
-    match reply.0.first().and_then(Value::as_i64) {
-        Some(0) => Ok(()),
-        _ => Err(PortError::Refused { port: name, answer: reply.to_string() }),
-    }
 }

@@ -2,8 +2,8 @@
 
 use super::core::{Handle, Sink};
 use super::inbox::{Inbox, Queue};
-use super::{Message, PortError, PortOptions, client};
-use crate::{Carrier, Contact, Network};
+use super::{Message, PortError, PortOptions};
+use crate::{Carrier, Contact, Network, remote};
 use std::sync::Arc;
 
 /// A port that takes data from whoever connects to it.
@@ -51,7 +51,8 @@ impl Reader {
     /// # Errors
     /// The other port is unknown or not reachable, or it refuses.
     pub async fn connect_from(&mut self, source: &str, carrier: Carrier) -> Result<(), PortError> {
-        client::connect(&self.handle.core.network, source, self.name(), carrier).await
+        remote::connect(&self.handle.core.network, source, self.name(), Some(carrier.name())).await?;
+        Ok(())
     }
 
     /// The port's name, as registered.
