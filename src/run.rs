@@ -82,7 +82,9 @@ pub fn run(
     let journal = Journal::create(folder.path(), &json!({ "build": build })).map_err(Report::msg)?;
     let taps = taps(&config, folder, &journal, build)?;
     let kind = config.clock_kind();
-    let setup = Setup { scene, robots, seed: config.seed, clock: kind, taps: taps.clone(), config: values, script };
+    let services = Vec::new();
+    let setup =
+        Setup { scene, robots, seed: config.seed, clock: kind, taps: taps.clone(), config: values, script, services };
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares the run's clock with the wall's")]
     let started = std::time::Instant::now();
     let end = mobee_actors::system::run(setup, controls, config.for_s.map(Duration::from_secs_f64), progress);

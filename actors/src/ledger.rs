@@ -1,7 +1,8 @@
 //! The ledger: what must survive the death of any actor of a robot's controller.
 
 use crate::history::HistoryCore;
-use mobee_contract::{Cause, CommitId, Pose, Status, Time};
+use mobee_contract::{Cause, CommitId, MotionEnd, Pose, Status, Time};
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// An open transaction.
@@ -30,6 +31,9 @@ impl Open {
     }
 }
 
+/// How many ends of motions are remembered.
+const ENDS: usize = 100;
+
 /// The state that outlives the actors.
 #[derive(Debug)]
 pub struct Book {
@@ -45,6 +49,28 @@ pub struct Book {
     pub died: Option<String>,
     /// The safe pose last taken: kept as long as fresh readings confirm it, so that rollbacks do not drift.
     pub safe: Option<Pose>,
+    /// How the newest motions ended, oldest first.
+    ends: VecDeque<(CommitId, MotionEnd)>,
+}
+
+impl Book {
+    /// Closes the open transaction and remembers how it ended, in one step: nobody sees it neither open nor ended.
+    pub fn close(&mut self, id: CommitId, end: MotionEnd) {
+        self.open = None;
+        if self.ends.len() >= ENDS {
+            self.ends.pop_front();
+        }
+        self.ends.push_back((id, end));
+    }
+
+    /// How a motion ended; `None` while it is under way. Those too old to be remembered, and any that never was, failed.
+    pub fn end_of(&self, id: CommitId) -> Option<MotionEnd> {
+        if self.open.as_ref().is_some_and(|open| open.id == id) {
+            return None;
+        }
+        let ended = self.ends.iter().rev().find(|(i, _)| *i == id);
+        Some(ended.map_or(MotionEnd::Failed, |(_, end)| *end))
+    }
 }
 
 /// A robot's ledger. Cheap to clone; all clones are one.
@@ -55,7 +81,15 @@ impl Ledger {
     /// An empty ledger with a history of this length.
     pub fn new(history: usize) -> Ledger {
         let history = HistoryCore::new(history);
-        let book = Book { open: None, last_id: 0, status: Status::Starting, history, died: None, safe: None };
+        let book = Book {
+            open: None,
+            last_id: 0,
+            status: Status::Starting,
+            history,
+            died: None,
+            safe: None,
+            ends: VecDeque::new(),
+        };
         Ledger(Arc::new(Mutex::new(book)))
     }
 

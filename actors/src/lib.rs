@@ -1,5 +1,6 @@
 //! Who runs: supervision, driver, history, supervise, reflex, model, agent and journal as supervised actors.
 
+pub mod access;
 pub mod check;
 pub mod clock;
 pub mod controller;

@@ -17,6 +17,7 @@
 mod check;
 mod commit;
 mod end;
+mod stream;
 
 use crate::controller::Rules;
 use crate::gate::Gate;
@@ -24,7 +25,7 @@ use crate::ledger::{Book, Ledger};
 use crate::pulse::Pulse;
 use crate::reflex::{Motion, Word};
 use mobee_contract::{
-    Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Outcome, Pose, Status, Time, Verdict, Writer,
+    Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Outcome, Pose, Setpoints, Status, Time, Verdict, Writer,
 };
 use std::sync::Arc;
 
@@ -33,6 +34,8 @@ use std::sync::Arc;
 pub enum SuperviseIn<'a> {
     /// An agent commits. Answered by [`SuperviseOut::Verdict`].
     Commit(Commit),
+    /// An agent streams set-points. Answered by [`SuperviseOut::Verdict`].
+    Stream(Arc<str>, Setpoints),
     /// The agent wants its motion to brake.
     Stop(Arc<str>),
     /// The agent died.
@@ -160,11 +163,11 @@ impl SuperviseCore {
             SuperviseIn::Commit(commit) => {
                 let agent = commit.agent.clone();
                 let verdict = self.commit(commit, now, &mut out);
-                if let Err(refusal) = &verdict {
-                    let (robot, agent, refusal) = (self.rules.robot.clone(), agent.to_string(), refusal.clone());
-                    out.push(SuperviseOut::Event(Event::Refused { robot, agent, refusal }));
-                }
-                out.insert(0, SuperviseOut::Verdict(verdict));
+                self.answer(&agent, verdict, &mut out);
+            }
+            SuperviseIn::Stream(agent, setpoints) => {
+                let verdict = self.stream(&agent, setpoints, now, &mut out);
+                self.answer(&agent, verdict, &mut out);
             }
             SuperviseIn::Stop(agent) => {
                 if self.is_moving() && self.owner().is_some_and(|a| a == agent) {
@@ -208,6 +211,15 @@ impl SuperviseCore {
             }
         }
         out
+    }
+
+    /// Puts the verdict first, and tells of a refusal.
+    fn answer(&self, agent: &str, verdict: Verdict, out: &mut Vec<SuperviseOut>) {
+        if let Err(refusal) = &verdict {
+            let (robot, agent, refusal) = (self.rules.robot.clone(), agent.to_string(), refusal.clone());
+            out.push(SuperviseOut::Event(Event::Refused { robot, agent, refusal }));
+        }
+        out.insert(0, SuperviseOut::Verdict(verdict));
     }
 
     fn is_moving(&self) -> bool {

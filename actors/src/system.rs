@@ -3,6 +3,7 @@
 mod counts;
 mod cues;
 mod run;
+mod services;
 mod tree;
 
 pub use counts::Counts;
@@ -13,7 +14,7 @@ use crate::clock::ClockKind;
 use crate::controller::Controller;
 use crate::supervision::Health;
 use crate::tap::Taps;
-use mobee_contract::{Agent, Hardware, Snapshot, Time};
+use mobee_contract::{Agent, Hardware, Service, Snapshot, Time};
 use mobee_model::{Edit, Scene};
 use std::fmt;
 use std::sync::Arc;
@@ -37,6 +38,9 @@ pub struct Setup {
     pub config: serde_json::Value,
     /// Edits of the world that wait for their moment.
     pub script: Vec<ScriptStep>,
+    /// What runs beside the safety chain, on a thread of its own and in real time only. While there are any, the run does
+    /// not end because all agents are done: somebody else may still want to move the robots.
+    pub services: Vec<Box<dyn Service>>,
 }
 
 /// One robot of a [`Setup`].
@@ -148,6 +152,9 @@ pub enum RunError {
         /// Why.
         fault: String,
     },
+    /// Services talk to the world outside, which has no virtual time.
+    #[error("{0} services can't run in virtual time; set clock = \"real\", or run without them")]
+    VirtualServices(usize),
     /// The system gives no thread, timer or poller, or an actor could not be started.
     #[error("the system could not be started: {0}")]
     Start(String),

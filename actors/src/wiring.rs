@@ -12,7 +12,7 @@ use crate::tap::Taps;
 use mobee_contract::{Event, Hardware, Latest, Snapshot};
 use mobee_model::{Contact, Pair, Scene};
 use ractor::{ActorRef, Message};
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A latest value. A panic of its writer leaves it readable.
@@ -85,6 +85,8 @@ pub struct Wires {
     pub snapshot: Cell<Option<Snapshot>>,
     /// The name of the agent's actor.
     pub agent_name: Arc<str>,
+    /// Whether the agent may make motions, or makes way for another.
+    pub agent_acts: AtomicBool,
 }
 
 /// What all robots share.

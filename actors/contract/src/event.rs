@@ -206,7 +206,7 @@ pub enum Event {
         token: u64,
         /// Who wrote it.
         writer: Writer,
-        /// `move`, `stop`, `mode` or `reference`.
+        /// `move`, `velocity`, `stop`, `mode` or `reference`.
         kind: String,
         /// Targets per motor index, rad, if any.
         q: Vec<(usize, f64)>,
@@ -314,6 +314,13 @@ pub enum Event {
         robot: String,
         /// What it says.
         summary: Summary,
+    },
+    /// The built-in agent was let act again, or makes way for another one.
+    AgentActs {
+        /// Robot.
+        robot: String,
+        /// Whether it may make motions.
+        acts: bool,
     },
     /// An actor died.
     Died {

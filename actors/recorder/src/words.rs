@@ -78,6 +78,9 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         }
         Event::Note { robot, note } => return note_line(robot, note),
         Event::Done { robot, summary } => (robot, Info, format!("done: {}", summary.text)),
+        Event::AgentActs { robot, acts } => {
+            (robot, Info, if *acts { "its own agent acts again" } else { "its own agent makes way" }.to_owned())
+        }
         Event::Died { actor, reason } => ("system", Error, format!("{actor} died: {reason}")),
         Event::Restarted { actor, restarts } => ("system", Warn, format!("{actor} restarted ({restarts})")),
         Event::GaveUp { group } => ("system", Error, format!("{group} stays down: restarted too often")),

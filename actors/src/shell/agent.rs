@@ -6,6 +6,7 @@ use crate::wiring::{Hub, Wires};
 use mobee_contract::{Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, Target, Verdict, View};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// How long to wait before asking again whether the filter takes commits.
@@ -121,7 +122,7 @@ impl Planning {
 
     async fn ask(&mut self, myself: &ActorRef<AgentMsg>) {
         self.asked += 1;
-        if !self.wires.latest.lock().ready {
+        if !(self.wires.agent_acts.load(Ordering::SeqCst) && self.wires.latest.lock().ready) {
             return self.ask_after(myself, PAUSE);
         }
         let intent = self.agent.next(self.last.take(), &self.view());

@@ -5,7 +5,7 @@ use crate::reflex::Word;
 use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg};
 use crate::supervise::{SuperviseCore, SuperviseIn, SuperviseOut};
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{Cause, Commit, Event, Status, Verdict};
+use mobee_contract::{Cause, Commit, Event, Setpoints, Status, Verdict};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -20,6 +20,8 @@ pub enum SuperviseMsg {
     Pulses,
     /// An agent commits.
     Commit(Commit, RpcReplyPort<Verdict>),
+    /// An agent streams set-points.
+    Stream(Arc<str>, Setpoints, RpcReplyPort<Verdict>),
     /// The agent wants its motion to brake.
     Stop(Arc<str>),
     /// The agent died.
@@ -84,6 +86,10 @@ impl Actor for SuperviseActor {
             SuperviseMsg::Commit(commit, reply) => {
                 supervise.reply = Some(reply);
                 supervise.on(SuperviseIn::Commit(commit));
+            }
+            SuperviseMsg::Stream(agent, setpoints, reply) => {
+                supervise.reply = Some(reply);
+                supervise.on(SuperviseIn::Stream(agent, setpoints));
             }
             SuperviseMsg::Stop(agent) => supervise.on(SuperviseIn::Stop(agent)),
             SuperviseMsg::AgentDied(agent) => supervise.on(SuperviseIn::AgentDied(agent)),

@@ -1,7 +1,7 @@
 //! What a commit must satisfy before anything else is asked (I5).
 
 use crate::controller::Rules;
-use mobee_contract::{Refusal, Target};
+use mobee_contract::{Commit, Refusal, Target};
 
 /// Whether the target fits the board.
 ///
@@ -36,6 +36,25 @@ pub fn check(target: &Target, rules: &Rules) -> Result<(), Refusal> {
                 min_deg: axis.min.to_degrees(),
                 max_deg: axis.max.to_degrees(),
             });
+        }
+    }
+    Ok(())
+}
+
+/// Whether the commit's own speeds, if it has any, fit its target.
+///
+/// # Errors
+/// The first that does not.
+pub fn check_speeds(commit: &Commit, rules: &Rules) -> Result<(), Refusal> {
+    let Some(speeds) = &commit.speeds else { return Ok(()) };
+    let motors = &commit.target.motors;
+    if speeds.len() != motors.len() {
+        return Err(Refusal::Malformed { what: format!("{} motors with {} speeds", motors.len(), speeds.len()) });
+    }
+    for (motor, speed) in motors.iter().zip(speeds) {
+        if !(speed.is_finite() && *speed > 0.0) {
+            let name = rules.axes.get(*motor).map_or("?", |a| a.name.as_str());
+            return Err(Refusal::Malformed { what: format!("a speed of {speed} rad/s for motor {name}") });
         }
     }
     Ok(())

@@ -1,16 +1,20 @@
 //! Algorithm 5: a command arrives, and is refused, accepted as a new transaction, or joins the open one.
 
-use super::check::check;
+use super::check::{check, check_speeds};
 use super::{Closing, SuperviseCore, SuperviseOut};
 use crate::controller::distance;
 use crate::ledger::Open;
-use mobee_contract::{Command, Commit, CommitId, Event, Hold, Pose, Refusal, Status, Target, Time, Verdict, Writer};
+use mobee_contract::{
+    Axis, Command, Commit, CommitId, Event, Hold, Move, Pose, Refusal, Status, Target, Time, Verdict, Writer,
+};
+use std::sync::Arc;
 use std::time::Duration;
 
 impl SuperviseCore {
     /// Algorithm 5: a command arrives.
     pub(super) fn commit(&mut self, commit: Commit, now: Time, out: &mut Vec<SuperviseOut>) -> Verdict {
         check(&commit.target, &self.rules)?;
+        check_speeds(&commit, &self.rules)?;
         if self.shutdown {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
         }
@@ -66,41 +70,46 @@ impl SuperviseCore {
         out: &mut Vec<SuperviseOut>,
     ) -> Verdict {
         let escape = safe.is_none();
-        let target = self.limited(commit.target, escape);
-        let whole = target.pose(&here);
-        let (due, secs) = self.due(&target, &here, now);
-        let id = {
-            let mut book = self.ledger.book();
-            book.last_id += 1;
-            let id = CommitId(book.last_id);
-            let (agent, target) = (commit.agent.clone(), whole.clone());
-            book.open = Some(Open { id, agent, target, safe, since: now, due, cause: None });
-            id
-        };
-        self.retry = None;
-        self.done_since = None;
-        self.course = Some((now, distance(&whole, &here), secs));
+        let course = self.course(&commit, &here, escape);
+        let target = commit.target.pose(&here);
+        let due = now + course.patience();
+        let id = self.open(commit.agent.clone(), target.clone(), safe, due, now);
+        self.course = Some((now, distance(&target, &here), course.secs));
         let (robot, agent) = (self.rules.robot.clone(), commit.agent.to_string());
-        out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target: whole, escape }));
+        out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target, escape }));
         self.enter(if escape { Status::Escaping } else { Status::Moving }, out);
-        out.push(SuperviseOut::Command(
-            self.token,
-            Writer::Agent,
-            Command::Move(target.in_step(&here, &self.rules.axes)),
-        ));
+        out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Move(course.command)));
         Ok(id)
     }
 
-    /// A command in mid-motion changes the open transaction: same id, same safe pose.
+    /// Enters a transaction into the ledger.
+    pub(super) fn open(
+        &mut self,
+        agent: Arc<str>,
+        target: Pose,
+        safe: Option<(Time, Pose)>,
+        due: Time,
+        now: Time,
+    ) -> CommitId {
+        self.retry = None;
+        self.done_since = None;
+        self.with_book(|book| {
+            book.last_id += 1;
+            let id = CommitId(book.last_id);
+            book.open = Some(Open { id, agent, target, safe, since: now, due, cause: None });
+            id
+        })
+    }
+
+    /// A command in mid-motion changes the open transaction: same id, same safe pose. Motors that it does not name keep
+    /// the targets they have.
     fn amend(&mut self, commit: Commit, here: Pose, now: Time, out: &mut Vec<SuperviseOut>) -> Verdict {
         if self.gate.token() != self.token {
             return Err(Refusal::Closed);
         }
         let escape = self.status == Status::Escaping;
-        let target = self.limited(commit.target, escape);
-        let whole = target.pose(&here);
-        let (due, secs) = self.due(&target, &here, now);
-        let id = {
+        let course = self.course(&commit, &here, escape);
+        let (id, target) = {
             let mut book = self.ledger.book();
             let Some(open) = book.open.as_mut() else {
                 return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() });
@@ -108,34 +117,62 @@ impl SuperviseCore {
             if open.agent != commit.agent {
                 return Err(Refusal::Busy);
             }
-            open.target = whole.clone();
+            open.target = commit.target.pose(&open.target);
             open.since = now;
-            open.due = due;
-            open.id
+            let due = now + course.patience();
+            // motors that go on as they were may need longer
+            let all = commit.target.motors.len() == here.len();
+            open.due = if all { due } else { due.max(open.due) };
+            (open.id, open.target.clone())
         };
         self.done_since = None;
-        self.course = Some((now, distance(&whole, &here), secs));
-        out.push(SuperviseOut::Event(Event::Amended { robot: self.rules.robot.clone(), id, target: whole }));
+        self.course = Some((now, distance(&target, &here), course.secs));
+        out.push(SuperviseOut::Event(Event::Amended { robot: self.rules.robot.clone(), id, target }));
         // from a moving start the motors can't be kept in step exactly; the board replans each from where it is
-        let command = Command::Move(target.in_step(&here, &self.rules.axes));
-        out.push(SuperviseOut::Command(self.token, Writer::Agent, command));
+        out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Move(course.command)));
         Ok(id)
     }
 
-    fn limited(&self, target: Target, escape: bool) -> Target {
-        let speed = if escape { target.speed.min(self.rules.escape_speed) } else { target.speed };
-        Target { speed, ..target }
-    }
-
-    /// When the motion must have ended, and how long it should take: at a mean speed of half the greatest.
-    fn due(&self, target: &Target, here: &Pose, now: Time) -> (Time, f64) {
-        let ways = target.motors.iter().zip(&target.q).filter_map(|(m, q)| {
-            let (axis, here) = (self.rules.axes.get(*m)?, here.get(*m)?);
+    /// How a commit is driven from `here`: in step, or each motor at its own speed, never above what its axis can do.
+    fn course(&self, commit: &Commit, here: &Pose, escape: bool) -> Course {
+        let share = if escape { self.rules.escape_speed.min(commit.target.speed) } else { commit.target.speed };
+        let target = Target { speed: share, ..commit.target.clone() };
+        let axes = target.motors.iter().map(|m| self.rules.axes.get(*m));
+        let own: Option<Vec<f64>> = commit.speeds.as_ref().map(|speeds| {
+            let capped = |(v, axis): (&f64, Option<&Axis>)| v.min(axis.map_or(0.0, |a| a.max_speed * share));
+            speeds.iter().zip(axes).map(capped).collect()
+        });
+        let mut secs = 0.0;
+        for (i, (m, q)) in target.motors.iter().zip(&target.q).enumerate() {
+            let (Some(axis), Some(here)) = (self.rules.axes.get(*m), here.get(*m)) else { continue };
+            let speed = own.as_ref().and_then(|v| v.get(i)).copied().unwrap_or(share * axis.max_speed);
             let way = (q - here).abs();
             let push = (way / axis.max_acceleration.max(1e-6)).sqrt();
-            Some(2.0 * way / (target.speed * axis.max_speed).max(1e-6) + 2.0 * push)
-        });
-        let secs = ways.fold(0.0, f64::max) + self.rules.latency.as_secs_f64();
-        (now + Duration::from_secs_f64((2.0 * secs + 1.0).min(1e6)), secs)
+            // at a mean speed of half the greatest
+            secs = f64::max(secs, 2.0 * way / speed.max(1e-6) + 2.0 * push);
+        }
+        let secs = secs + self.rules.latency.as_secs_f64();
+        let command = match own {
+            None => target.in_step(here, &self.rules.axes),
+            Some(speed) => {
+                let push = |m: &usize| self.rules.axes.get(*m).map_or(0.0, |a| a.max_acceleration);
+                let acceleration = Some(target.motors.iter().map(push).collect());
+                Move { motors: target.motors, q: target.q, relative: false, speed: Some(speed), acceleration }
+            }
+        };
+        Course { command, secs }
+    }
+}
+
+/// How a commit is driven, and how long that should take.
+struct Course {
+    command: Move,
+    secs: f64,
+}
+
+impl Course {
+    /// After which time it must have ended.
+    fn patience(&self) -> Duration {
+        Duration::from_secs_f64((2.0 * self.secs + 1.0).min(1e6))
     }
 }

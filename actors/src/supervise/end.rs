@@ -72,7 +72,7 @@ impl SuperviseCore {
 
     /// Gives the open transaction its one outcome (I2): as told, or as the newest reading shows.
     pub(super) fn end(&mut self, told: Option<Outcome>, out: &mut Vec<SuperviseOut>) {
-        let open = self.with_book(|book| book.open.take());
+        let open = self.with_book(|book| book.open.clone());
         let Some(open) = open else { return };
         let recorded = || self.with_book(|b| b.history.newest().map(|r| r.q.clone()));
         let newest = self.newest.as_ref().map(|(_, q, ..)| q.clone());
@@ -88,6 +88,7 @@ impl SuperviseCore {
         });
         let end = if outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed };
         let cause = open.cause.filter(|_| outcome != Outcome::Committed);
+        self.with_book(|book| book.close(open.id, end));
         let robot = self.rules.robot.clone();
         out.push(SuperviseOut::Event(Event::Outcome { robot, id: open.id, outcome, q, safe, cause }));
         out.push(SuperviseOut::Ended(open.agent, open.id, end));

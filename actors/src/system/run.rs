@@ -1,6 +1,8 @@
 //! A run from its first event to its end.
 
+use super::services::Services;
 use super::{Control, Counts, Cues, Progress, Reason, RunEnd, RunError, Setup, tree};
+use crate::access::Access;
 use crate::clock::{Clock, ClockKind, runtime};
 use crate::controller::{Rules, distance};
 use crate::gate::Gate;
@@ -9,12 +11,12 @@ use crate::shell::{AgentMsg, Maker, ModelMsg, SuperviseMsg};
 use crate::stream::Stream;
 use crate::supervision::{Group, GroupMsg};
 use crate::wiring::{Cell, Hub, Line, Plug, Wires};
-use mobee_contract::{Board, Event, Latest, Outcome, Status, Time};
+use mobee_contract::{Board, Event, Latest, MotionEnd, Outcome, Status, Time};
 use mobee_model::Contact;
 use ractor::ActorRef;
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
@@ -65,6 +67,9 @@ pub fn run_under(
         return Err(RunError::Robots { scene: in_scene, setup: in_setup });
     }
     let kind = setup.clock;
+    if kind == ClockKind::Virtual && !setup.services.is_empty() {
+        return Err(RunError::VirtualServices(setup.services.len()));
+    }
     let main = runtime(kind).map_err(start)?;
     if kind == ClockKind::Virtual {
         return main.block_on(conduct((setup, faults), boards, None, controls, limit, progress));
@@ -95,7 +100,7 @@ async fn begin(group: Group, on: Option<&tokio::runtime::Handle>) -> Result<Acto
 }
 
 async fn conduct(
-    (setup, faults): (Setup, Vec<(Time, Control)>),
+    (mut setup, faults): (Setup, Vec<(Time, Control)>),
     boards: Vec<Board>,
     safety: Option<tokio::runtime::Handle>,
     mut controls: mpsc::Receiver<Control>,
@@ -107,10 +112,14 @@ async fn conduct(
     let makers: Vec<Option<Maker>> = setup.robots.iter().map(|r| r.agent.clone().map(Maker)).collect();
     let acting = makers.iter().filter(|m| m.is_some()).count();
     let mut faults: VecDeque<(Time, Control)> = faults.into();
+    let services = std::mem::take(&mut setup.services);
+    let has_agent: Vec<bool> = makers.iter().map(Option::is_some).collect();
     let hub = wire(setup, &boards, clock.clone());
     let controller = begin(tree::controller(&hub, &plugs), safety.as_ref()).await?;
     let agents = begin(tree::agents(&hub, &makers), None).await?;
     let taps = begin(tree::taps(&hub), None).await?;
+    let access = || Access::new(&hub, &boards, &plugs, &has_agent);
+    let mut services = Services::start(services, &hub, access).map_err(|e| RunError::Start(e.to_string()))?;
 
     let limit = limit.map(|l| Time::ZERO + l);
     let mut told = Time::ZERO;
@@ -153,13 +162,20 @@ async fn conduct(
         if counts.gave_up > 0 {
             break Reason::GaveUp;
         }
-        if acting > 0 && counts.done.len() >= acting && hub.robots.iter().all(|w| w.latest.lock().ready) {
+        if services.is_none()
+            && acting > 0
+            && counts.done.len() >= acting
+            && hub.robots.iter().all(|w| w.latest.lock().ready)
+        {
             break Reason::Done;
         }
         if limit.is_some_and(|l| now >= l) {
             break Reason::Time;
         }
     };
+    if let Some(services) = services.take() {
+        services.leave(&hub).await;
+    }
     come_to_rest(&hub).await;
     let _ = ractor::call!(agents, GroupMsg::Stop);
     let _ = ractor::call!(controller, GroupMsg::Stop);
@@ -204,6 +220,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock) -> Arc<Hub> {
             agent: Line::default(),
             snapshot: Cell::new(None),
             agent_name: format!("{}/agent", robot.name).into(),
+            agent_acts: AtomicBool::new(true),
         })
     });
     let hub = Arc::new(Hub {
@@ -305,8 +322,8 @@ async fn abandon(hub: &Hub) {
 /// What a controller that stayed down left open is settled by its newest recorded pose.
 fn settle_ledger(hub: &Hub, wires: &Wires) {
     let (open, newest) = {
-        let mut book = wires.ledger.book();
-        (book.open.take(), book.history.newest().map(|r| r.q.clone()))
+        let book = wires.ledger.book();
+        (book.open.clone(), book.history.newest().map(|r| r.q.clone()))
     };
     let Some(open) = open else { return };
     let q = newest.unwrap_or_else(|| open.target.clone());
@@ -319,6 +336,8 @@ fn settle_ledger(hub: &Hub, wires: &Wires) {
     } else {
         Outcome::Faulted
     };
+    let end = if outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed };
+    wires.ledger.book().close(open.id, end);
     let (robot, cause) = (wires.rules.robot.clone(), open.cause.filter(|_| outcome != Outcome::Committed));
     hub.tell(Event::Outcome { robot, id: open.id, outcome, q, safe, cause });
 }

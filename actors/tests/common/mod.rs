@@ -169,6 +169,7 @@ impl Trial {
             taps: taps.clone(),
             config: serde_json::Value::Null,
             script: self.script,
+            services: Vec::new(),
         };
         let faults = self.controls.into_iter().map(|(at, c)| (Time::ZERO + at, c)).collect();
         let (_keep, controls) = tokio::sync::mpsc::channel(1);

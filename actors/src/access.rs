@@ -1,0 +1,170 @@
+//! What a service may do with the running system: robots through their filtered interfaces, and the world.
+
+use crate::shell::{ModelMsg, SuperviseMsg};
+use crate::wiring::{Cell, Hub, Plug, Wires};
+use mobee_contract::{
+    Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Latest, MotionEnd, Refusal, Running, Setpoints,
+    Time, Verdict,
+};
+use mobee_model::{Edit, Robot, Scene};
+use ractor::RpcReplyPort;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// How many names of agents are remembered per robot and service, for the service's death.
+const NAMES: usize = 64;
+
+/// One service's access to everything.
+pub struct Access {
+    hub: Arc<Hub>,
+    filters: Vec<Arc<Filter>>,
+    robots: Vec<Arc<dyn Filtered>>,
+}
+
+impl Access {
+    /// Access to all robots of the hub; boards and plugs are given in the robots' order.
+    pub fn new(hub: &Arc<Hub>, boards: &[Board], plugs: &[Plug], has_agent: &[bool]) -> Access {
+        let parts = hub.robots.iter().zip(boards).zip(plugs).zip(has_agent);
+        let filters: Vec<Arc<Filter>> = parts
+            .map(|(((wires, board), plug), has_agent)| {
+                Arc::new(Filter {
+                    hub: hub.clone(),
+                    wires: wires.clone(),
+                    board: board.clone(),
+                    plug: plug.clone(),
+                    has_agent: *has_agent,
+                    names: Cell::default(),
+                })
+            })
+            .collect();
+        let robots = filters.iter().map(|f| f.clone() as Arc<dyn Filtered>).collect();
+        Access { hub: hub.clone(), filters, robots }
+    }
+
+    /// The service has gone: what its agents have under way is stopped as after an agent's death (I18).
+    pub fn orphan(&self) {
+        for filter in &self.filters {
+            for name in filter.names.lock().drain(..) {
+                filter.wires.supervise.send(SuperviseMsg::AgentDied(name));
+            }
+        }
+    }
+}
+
+impl Running for Access {
+    fn now(&self) -> Time {
+        self.hub.clock.now()
+    }
+
+    fn robots(&self) -> &[Arc<dyn Filtered>] {
+        &self.robots
+    }
+
+    fn models(&self) -> Vec<Arc<Robot>> {
+        self.hub.scene.lock().robots().to_vec()
+    }
+
+    fn scene(&self) -> Arc<Scene> {
+        self.hub.scene.lock().clone()
+    }
+
+    fn edit(&self, edit: Edit) -> Answer<Result<(), String>> {
+        let (reply, done) = ractor::concurrency::oneshot();
+        self.hub.model.send(ModelMsg::Edit(edit, Some(reply.into())));
+        Box::pin(async move { done.await.unwrap_or_else(|_| Err("the model is being restarted; try again".into())) })
+    }
+
+    fn tell(&self, event: Event) {
+        self.hub.tell(event);
+    }
+}
+
+/// One robot's filtered interface, as one service uses it.
+#[derive(Debug)]
+struct Filter {
+    hub: Arc<Hub>,
+    wires: Arc<Wires>,
+    board: Board,
+    plug: Plug,
+    has_agent: bool,
+    /// The agents that the service commits for.
+    names: Cell<VecDeque<Arc<str>>>,
+}
+
+impl Filter {
+    /// Sends what an agent of the service wants, and waits for the verdict.
+    fn ask(&self, agent: &Arc<str>, message: impl FnOnce(RpcReplyPort<Verdict>) -> SuperviseMsg) -> Answer<Verdict> {
+        if *agent == self.wires.agent_name {
+            let what = format!("{agent} is the name of the robot's own agent");
+            return Box::pin(async { Err(Refusal::Malformed { what }) });
+        }
+        {
+            let mut names = self.names.lock();
+            if names.back() != Some(agent) {
+                names.retain(|n| n != agent);
+                if names.len() >= NAMES {
+                    names.pop_front();
+                }
+                names.push_back(agent.clone());
+            }
+        }
+        let (reply, verdict) = ractor::concurrency::oneshot();
+        self.wires.supervise.send(message(reply.into()));
+        let missing = || Refusal::NotReady { missing: "a part of the controller that is being restarted".into() };
+        Box::pin(async move { verdict.await.unwrap_or_else(|_| Err(missing())) })
+    }
+}
+
+impl Filtered for Filter {
+    fn name(&self) -> &str {
+        &self.wires.rules.robot
+    }
+
+    fn index(&self) -> usize {
+        self.wires.robot
+    }
+
+    fn board(&self) -> &Board {
+        &self.board
+    }
+
+    fn latest(&self) -> Latest {
+        self.wires.latest.lock().clone()
+    }
+
+    fn commit(&self, commit: Commit) -> Answer<Verdict> {
+        let agent = commit.agent.clone();
+        self.ask(&agent, |reply| SuperviseMsg::Commit(commit, reply))
+    }
+
+    fn stream(&self, agent: Arc<str>, setpoints: Setpoints) -> Answer<Verdict> {
+        self.ask(&agent.clone(), |reply| SuperviseMsg::Stream(agent, setpoints, reply))
+    }
+
+    fn stop(&self, agent: Arc<str>) {
+        self.wires.supervise.send(SuperviseMsg::Stop(agent));
+    }
+
+    fn end_of(&self, id: CommitId) -> Option<MotionEnd> {
+        self.wires.ledger.book().end_of(id)
+    }
+
+    fn let_agent_act(&self, act: bool) -> Result<(), Refusal> {
+        if !self.has_agent {
+            return Err(Refusal::NotReady { missing: "an agent of the robot's own".into() });
+        }
+        if self.wires.agent_acts.swap(act, Ordering::SeqCst) != act {
+            self.hub.tell(Event::AgentActs { robot: self.wires.rules.robot.clone(), acts: act });
+        }
+        Ok(())
+    }
+
+    fn recover(&self) {
+        self.wires.supervise.send(SuperviseMsg::Recover);
+    }
+
+    fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
+        self.plug.0.ask(part, words)
+    }
+}
