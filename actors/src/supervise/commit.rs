@@ -73,7 +73,7 @@ impl SuperviseCore {
         let course = self.course(&commit, &here, escape);
         let target = commit.target.pose(&here);
         let due = now + course.patience();
-        let id = self.open(commit.agent.clone(), target.clone(), safe, due, now);
+        let id = self.open(commit.agent.clone(), target.clone(), safe, (due, now), out);
         self.course = Some((now, distance(&target, &here), course.secs));
         let (robot, agent) = (self.rules.robot.clone(), commit.agent.to_string());
         out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target, escape }));
@@ -88,11 +88,13 @@ impl SuperviseCore {
         agent: Arc<str>,
         target: Pose,
         safe: Option<(Time, Pose)>,
-        due: Time,
-        now: Time,
+        (due, now): (Time, Time),
+        out: &mut Vec<SuperviseOut>,
     ) -> CommitId {
         self.retry = None;
         self.done_since = None;
+        // the reading that opened the filter may have been the newest: it lets the robot move as the next will
+        out.extend(self.newest.as_ref().map(|(at, ..)| SuperviseOut::Lease(*at + self.rules.fresh)));
         self.with_book(|book| {
             book.last_id += 1;
             let id = CommitId(book.last_id);

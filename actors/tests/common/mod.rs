@@ -12,6 +12,7 @@ use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, parse_rob
 use nalgebra::Isometry3;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::mpsc::Sender;
 
 pub const ARM: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="arm">
   <bodypart name="arm">
@@ -92,6 +93,7 @@ pub struct Trial {
     pub speed: f64,
     pub pause: Duration,
     pub history: usize,
+    pub period_s: f64,
     pub seed: u64,
     pub script: Vec<ScriptStep>,
     pub limit: Duration,
@@ -107,6 +109,7 @@ impl Default for Trial {
             speed: 0.3,
             pause: Duration::ZERO,
             history: 3000,
+            period_s: 0.02,
             seed: 1,
             script: Vec::new(),
             limit: Duration::from_secs(120),
@@ -145,6 +148,16 @@ impl Trial {
     }
 
     pub fn run_with(self, prepare: impl FnOnce(&SimFaults)) -> Ran {
+        self.run_all(prepare, |_| Vec::new())
+    }
+
+    /// With services that get a line to the run, to stop it.
+    pub fn run_all(
+        self,
+        prepare: impl FnOnce(&SimFaults),
+        services: impl FnOnce(Sender<Control>) -> Vec<Box<dyn Service>>,
+    ) -> Ran {
+        let (tell, controls) = tokio::sync::mpsc::channel(4);
         let robot = arm();
         let hardware =
             SimHardware::new(&SimSettings::default(), &Context { robot: robot.clone(), seed: self.seed }).unwrap();
@@ -161,7 +174,7 @@ impl Trial {
             robots: vec![RobotSetup {
                 name: "arm".into(),
                 hardware: Arc::new(hardware.clone()),
-                controller: Controller { history: self.history, ..Controller::default() },
+                controller: Controller { history: self.history, period_s: self.period_s, ..Controller::default() },
                 agent: Some(Arc::new(agent)),
             }],
             seed: self.seed,
@@ -169,11 +182,11 @@ impl Trial {
             taps: taps.clone(),
             config: serde_json::Value::Null,
             script: self.script,
-            services: Vec::new(),
+            services: services(tell.clone()),
         };
         let faults = self.controls.into_iter().map(|(at, c)| (Time::ZERO + at, c)).collect();
-        let (_keep, controls) = tokio::sync::mpsc::channel(1);
         let end = run_under(setup, faults, controls, Some(self.limit), |_| ()).unwrap();
+        drop(tell);
         taps.finish(end.ended_at, Event::Ended { reason: end.reason.to_string() });
         Ran { end, told, hardware }
     }
