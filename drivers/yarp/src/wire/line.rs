@@ -116,14 +116,21 @@ pub fn trimmed(line: &[u8]) -> &[u8] {
     line.strip_suffix(b"\r").unwrap_or(line)
 }
 
-/// Lines joined by single line feeds.
+/// Lines joined by single line feeds; one that ends in a backslash is joined without both.
 fn joined(text: &[u8]) -> Vec<u8> {
     let mut out = Vec::with_capacity(text.len());
-    for (i, line) in text.split(|b| *b == b'\n').enumerate() {
-        if i > 0 {
+    let mut lines = text.split(|b| *b == b'\n').peekable();
+    while let Some(line) = lines.next() {
+        let line = line.strip_suffix(b"\r").unwrap_or(line);
+        let more = lines.peek().is_some();
+        let escapes = line.iter().rev().take_while(|b| **b == b'\\').count() % 2 == 1;
+        match line {
+            [line @ .., b'\\'] if more && escapes => out.extend_from_slice(line),
+            _ => out.extend_from_slice(line),
+        }
+        if more && !escapes {
             out.push(b'\n');
         }
-        out.extend_from_slice(line.strip_suffix(b"\r").unwrap_or(line));
     }
     out
 }
@@ -148,7 +155,7 @@ mod tests {
     fn lines_end_where_nothing_is_open() {
         let line = read("d 7 12.5\r\nhello (1\r\n2) \"a\nb\" c\\\r\nd\r\nrest").unwrap();
         assert_eq!(line.command.envelope.as_deref(), Some("7 12.5"));
-        assert_eq!(line.payload, b"hello (1\n2) \"a\nb\" c\\\nd");
+        assert_eq!(line.payload, b"hello (1\n2) \"a\nb\" cd");
         assert_eq!(read("*\n").unwrap().command.verb, Verb::Describe);
         assert_eq!(read("d\r\n(open\r\n"), None);
         assert!(Scanner::default().parse(&[b'x'; 2000], 1000).is_err());
