@@ -3,7 +3,8 @@
 use super::dial::Line;
 use super::keeper::Keeper;
 use super::link::{Link, LinkError};
-use super::{PayloadError, PortError, PortOptions, output};
+use super::slot::Packet;
+use super::{Payload, PayloadError, PortError, PortOptions, output};
 use crate::wire::{frame, line};
 use crate::{Bottle, Carrier, Contact, Dialect, Network};
 use std::time::Duration;
@@ -107,6 +108,21 @@ impl RpcClient {
     /// See [`CallError`]; after a broken or late one the connection is gone.
     pub async fn call(&mut self, request: &Bottle) -> Result<Bottle, CallError> {
         self.ask(b'd', request).await
+    }
+
+    /// Sends a request that needs no reply, and waits for its acknowledgement, if the carrier has one.
+    ///
+    /// # Errors
+    /// See [`CallError`].
+    pub async fn tell(&mut self, request: impl Into<Payload>) -> Result<(), CallError> {
+        let packet = Packet::new(request.into(), None);
+        let mut line = self.keeper.take().await?;
+        let (carrier, dialect) = (self.keeper.carrier, self.keeper.network.dialect());
+        let work = output::send(&mut line, carrier, b'D', &packet, dialect, &self.keeper.options);
+        let ended = timeout(self.limit, work).await;
+        self.judged(ended)?;
+        self.keeper.put(line);
+        Ok(())
     }
 
     /// Sends an administrative command (spec section 7) and waits for the reply.
