@@ -3,7 +3,8 @@
 use crate::config::{Config, ConfigError, EditStep, Source, When, nearest};
 use mobee_actors::controller::Controller;
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
-use mobee_contract::{Context, Hardware, KindError, agent_kinds, driver_kinds};
+use mobee_contract::{Context, Hardware, KindError, Service, agent_kinds, driver_kinds};
+use mobee_drivers::YarpServices;
 use mobee_model::{Edit, Object, Robot, Scene, load_robot, load_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -22,6 +23,8 @@ pub struct Composition {
     pub robots: Vec<RobotSetup>,
     /// What happens to the world.
     pub script: Vec<ScriptStep>,
+    /// What runs beside the safety chain.
+    pub services: Vec<Box<dyn Service>>,
     /// What deserves attention but does not forbid to run.
     pub warnings: Vec<String>,
 }
@@ -72,7 +75,8 @@ pub fn compose(config: Config, source: &Source) -> Result<Composition, miette::R
     }
     home_is_free(&config, source, &scene)?;
     let script = script(&config, source, &scene)?;
-    Ok(Composition { config, file: source.path.clone(), scene, robots, script, warnings })
+    let services = services(&config, source)?;
+    Ok(Composition { config, file: source.path.clone(), scene, robots, script, services, warnings })
 }
 
 fn must_exist(source: &Source, at: &str, path: &Path, what: &str) -> Result<(), ConfigError> {
@@ -132,6 +136,13 @@ fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result
     let (name, settings) = kind(source, at, value, &names)?;
     let found = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds");
     (found.build)(&settings, context).map_err(|e| place(source, at, &e))
+}
+
+fn services(config: &Config, source: &Source) -> Result<Vec<Box<dyn Service>>, ConfigError> {
+    let Some(mut yarp) = config.yarp.clone() else { return Ok(Vec::new()) };
+    yarp.save_folder = yarp.save_folder.map(|folder| Config::beside(source, &folder));
+    let ports = YarpServices::new(yarp).map_err(|e| place(source, "yarp", &e))?;
+    Ok(vec![Box::new(ports)])
 }
 
 fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<AgentMaker, ConfigError> {

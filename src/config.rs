@@ -44,6 +44,9 @@ pub struct Config {
     /// The recording.
     #[serde(default)]
     pub record: Record,
+    /// MoBeE's own YARP ports: the port filter, the world's RPC. Absent: none are opened.
+    #[serde(default)]
+    pub yarp: Option<mobee_drivers::YarpSettings>,
 }
 
 /// How time passes.
@@ -248,6 +251,15 @@ impl Config {
                 Err(source.error(path, format!("{x} {unit} is out of range"), format!("give {low} to {high} {unit}")))
             }
         };
+        let yarp_robot = self.robot.iter().position(|r| r.driver["kind"] == "yarp");
+        let real_only = yarp_robot.map(|i| format!("robot[{i}].driver")).or(self.yarp.as_ref().map(|_| "yarp".into()));
+        if let Some(at) = real_only.filter(|_| self.clock == Clock::Virtual) {
+            return Err(source.error(
+                &at,
+                "YARP runs by the wall clock, and this behavior's clock is virtual",
+                "set clock = \"real\"",
+            ));
+        }
         if self.name.contains(['/', '\\']) || self.name.starts_with('.') {
             return Err(source.error(
                 "name",

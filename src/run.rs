@@ -72,7 +72,7 @@ pub fn run(
     controls: mpsc::Receiver<Control>,
     progress: impl FnMut(&Progress),
 ) -> Result<Done, Report> {
-    let Composition { config, file, scene, robots, script, .. } = composition;
+    let Composition { config, file, scene, robots, script, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
     let resolved = Resolved { file, config: values.clone() };
@@ -82,7 +82,6 @@ pub fn run(
     let journal = Journal::create(folder.path(), &json!({ "build": build })).map_err(Report::msg)?;
     let taps = taps(&config, folder, &journal, build)?;
     let kind = config.clock_kind();
-    let services = Vec::new();
     let setup =
         Setup { scene, robots, seed: config.seed, clock: kind, taps: taps.clone(), config: values, script, services };
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares the run's clock with the wall's")]
