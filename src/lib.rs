@@ -17,3 +17,4 @@ pub mod model_eval;
 pub mod model_info;
 pub mod run;
 pub mod view;
+pub mod yarp;

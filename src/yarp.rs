@@ -1,0 +1,243 @@
+//! `mobee yarp`: the commands of the `yarp` program that a YARP user's fingers know, without libYARP.
+//!
+//! Data goes to standard output as the original prints it; what the original logs (`[INFO]`, `[ERROR]`) goes to
+//! standard error, so that output can be piped. Exit codes are the original's too: 0 done, 1 not done.
+
+mod input;
+mod names;
+mod ports;
+mod server;
+
+use clap::{Args, Subcommand};
+use mobee_yarp::config::Env;
+use mobee_yarp::{Carrier, ConfigError, Network, local_address};
+use std::fmt::Display;
+use std::net::IpAddr;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// The arguments of `mobee yarp`.
+#[derive(Args)]
+pub struct YarpArgs {
+    /// The name server, instead of the one in yarp.conf.
+    #[arg(long, global = true, value_name = "HOST:PORT")]
+    server: Option<String>,
+    /// The address of this computer to listen on; loopback unless the name server is on another computer.
+    #[arg(long, global = true, value_name = "ADDRESS")]
+    ip: Option<IpAddr>,
+    /// How long to wait for any answer.
+    #[arg(long, global = true, value_name = "SECONDS", default_value_t = 5.0)]
+    timeout: f64,
+    #[command(subcommand)]
+    command: YarpCommand,
+}
+
+#[derive(Subcommand)]
+enum YarpCommand {
+    /// Run a name server until Ctrl-C (on loopback only, unless --public).
+    Server(server::ServerArgs),
+    /// List the registered ports.
+    List {
+        /// Only ports whose names begin with this.
+        prefix: Option<String>,
+    },
+    /// Say something to the name server, such as `query /port` or `help`.
+    Name {
+        /// The request.
+        #[arg(required = true)]
+        words: Vec<String>,
+    },
+    /// Report where the name server is running.
+    Where,
+    /// Get live information about a port.
+    Ping {
+        /// The port.
+        port: String,
+    },
+    /// Check if a port, or a connection between two, is alive: exit code 0, else 1.
+    Exists {
+        /// The port, or the one that sends.
+        port: String,
+        /// The one that receives.
+        to: Option<String>,
+    },
+    /// Read from the network and print to standard output, until Ctrl-C.
+    Read {
+        /// The name of the port to open (`...`: any).
+        port: String,
+        /// A port to read from, and `envelope` to show stamps, and `trim [LENGTH]` to cut lines.
+        words: Vec<String>,
+        /// tcp, fast_tcp, text, text_ack or udp.
+        #[arg(long, default_value = "tcp")]
+        carrier: Carrier,
+    },
+    /// Write the lines of standard input to the network.
+    Write {
+        /// The name of the port to open (`...`: any).
+        port: String,
+        /// Ports to write to (also as udp://port), and `verbatim` to send lines as they are.
+        words: Vec<String>,
+        /// tcp, fast_tcp, text, text_ack or udp.
+        #[arg(long, default_value = "tcp")]
+        carrier: Carrier,
+        /// Wait for a connection before sending each line.
+        #[arg(long)]
+        wait_connect: bool,
+    },
+    /// Send the lines of standard input as commands to a port, and print its replies.
+    Rpc {
+        /// The port.
+        port: String,
+        /// Our own name.
+        #[arg(default_value = "anon_rpc")]
+        name: String,
+        /// tcp, fast_tcp, text or text_ack.
+        #[arg(long, default_value = "tcp")]
+        carrier: Carrier,
+        /// Speak to the port's administrative interface (`[help]`).
+        #[arg(long)]
+        admin: bool,
+    },
+    /// Connect two ports; without ports, list the persistent connections.
+    Connect {
+        /// The port that sends.
+        from: Option<String>,
+        /// The port that receives (also as udp://port).
+        to: Option<String>,
+        /// The carrier, as a word.
+        #[arg(conflicts_with = "option")]
+        word: Option<Carrier>,
+        /// tcp, fast_tcp, text, text_ack or udp.
+        #[arg(id = "option", long = "carrier", value_name = "CARRIER")]
+        carrier: Option<Carrier>,
+        #[command(flatten)]
+        persist: Persist,
+    },
+    /// End the connection between two ports.
+    Disconnect {
+        /// The port that sends.
+        from: String,
+        /// The port that receives.
+        to: String,
+        /// Forget a persistent connection instead.
+        #[arg(long)]
+        persist: bool,
+    },
+    /// Remove ports from the name server that do not answer.
+    Clean,
+}
+
+#[derive(Args)]
+#[group(multiple = false)]
+struct Persist {
+    /// Let the name server connect them whenever both are there.
+    #[arg(long)]
+    persist: bool,
+    /// The same, until the port that sends is closed.
+    #[arg(long)]
+    persist_from: bool,
+    /// The same, until the port that receives is closed.
+    #[arg(long)]
+    persist_to: bool,
+}
+
+impl Persist {
+    /// The mode for the name server; `None` without persistence.
+    fn mode(&self) -> Option<&'static str> {
+        match self {
+            Persist { persist: true, .. } => Some(""),
+            Persist { persist_from: true, .. } => Some("from"),
+            Persist { persist_to: true, .. } => Some("to"),
+            _ => None,
+        }
+    }
+}
+
+/// Why a command ends unsuccessfully: a sentence with the remedy, or nothing where the exit code says it all.
+type Failure = Option<String>;
+
+/// Turns any error into a sentence.
+fn because(e: impl Display) -> Failure {
+    Some(e.to_string())
+}
+
+/// A line of the log, as the original prints it.
+fn info(line: impl Display) {
+    eprintln!("[INFO] {line}");
+}
+
+/// Carries out `mobee yarp ...`.
+pub fn command(args: YarpArgs) -> ExitCode {
+    let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(e) => return failed(because(format!("no asynchronous runtime: {e}"))),
+    };
+    let ended = runtime.block_on(dispatch(args));
+    // a thread may still wait for standard input
+    runtime.shutdown_background();
+    ended.map_or_else(failed, |()| ExitCode::SUCCESS)
+}
+
+fn failed(why: Failure) -> ExitCode {
+    if let Some(why) = why {
+        eprintln!("[ERROR] {why}");
+    }
+    ExitCode::FAILURE
+}
+
+async fn dispatch(args: YarpArgs) -> Result<(), Failure> {
+    if let YarpCommand::Server(server) = args.command {
+        return server::serve(server, args.server, args.ip).await;
+    }
+    let network = network(&args).await?;
+    match args.command {
+        YarpCommand::Server(_) => Ok(()),
+        YarpCommand::List { prefix } => names::list(&network, prefix.as_deref().unwrap_or_default()).await,
+        YarpCommand::Name { words } => names::say(&network, &words).await,
+        YarpCommand::Where => names::whereabouts(&network).await,
+        YarpCommand::Ping { port } => names::ping(&network, &port).await,
+        YarpCommand::Exists { port, to } => names::exists(&network, &port, to.as_deref()).await,
+        YarpCommand::Read { port, words, carrier } => ports::read(&network, &port, &words, carrier).await,
+        YarpCommand::Write { port, words, carrier, wait_connect } => {
+            ports::write(&network, &port, &words, carrier, wait_connect).await
+        }
+        YarpCommand::Rpc { port, name, carrier, admin } => ports::rpc(&network, &port, &name, carrier, admin).await,
+        YarpCommand::Connect { from, to, word, carrier, persist } => match (from, to) {
+            (Some(from), Some(to)) => names::connect(&network, &from, &to, carrier.or(word), persist.mode()).await,
+            (from, _) => names::subscriptions(&network, from.as_deref()).await,
+        },
+        YarpCommand::Disconnect { from, to, persist } => names::disconnect(&network, &from, &to, persist).await,
+        YarpCommand::Clean => names::clean(&network).await,
+    }
+}
+
+/// The network of the arguments and the user's configuration.
+async fn network(args: &YarpArgs) -> Result<Network, Failure> {
+    let env = Env::real();
+    let network = match &args.server {
+        Some(address) => {
+            let (host, port) = address_of(address)?;
+            env.apply(Network::of(host, port)).map_err(because)?
+        }
+        None => Network::from_env().map_err(|e| match e {
+            ConfigError::Missing(_) => because(format!("{e}")),
+            e => because(e),
+        })?,
+    };
+    let (host, port) = network.server();
+    let away = !(host == "localhost" || host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback()));
+    let bind = match args.ip {
+        Some(ip) => ip,
+        // others have to reach the ports that we open
+        None if away && network.bind().is_loopback() => local_address(Some((host, port))).await,
+        None => network.bind(),
+    };
+    let limit = Duration::try_from_secs_f64(args.timeout).ok().filter(|t| !t.is_zero());
+    let limit = limit.ok_or_else(|| because("--timeout takes seconds above 0"))?;
+    Ok(network.with_bind(bind).with_timeout(limit))
+}
+
+fn address_of(text: &str) -> Result<(&str, u16), Failure> {
+    let parts = text.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?)));
+    parts.ok_or_else(|| because(format!("--server {text}: HOST:PORT was expected, such as 127.0.0.1:10000")))
+}

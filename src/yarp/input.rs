@@ -1,0 +1,53 @@
+//! Standard input as lines, and the wish to end.
+
+use std::io::BufRead;
+use tokio::sync::mpsc;
+
+/// The lines of standard input, read by a thread of their own so that nothing else waits for them.
+pub(super) struct Lines(mpsc::Receiver<Vec<u8>>);
+
+impl Lines {
+    /// Begins to read.
+    pub(super) fn new() -> Lines {
+        let (send, lines) = mpsc::channel(1);
+        std::thread::spawn(move || {
+            for line in std::io::stdin().lock().split(b'\n') {
+                let Ok(mut line) = line else { return };
+                if line.last() == Some(&b'\r') {
+                    line.pop();
+                }
+                if send.blocking_send(line).is_err() {
+                    return;
+                }
+            }
+        });
+        Lines(lines)
+    }
+
+    /// The next line; `None` at the end of the input.
+    pub(super) async fn next(&mut self) -> Option<Vec<u8>> {
+        self.0.recv().await
+    }
+}
+
+/// Ctrl-C, or the end that `timeout` and service managers ask for.
+pub(super) struct Interrupt(Option<[tokio::signal::unix::Signal; 2]>);
+
+impl Interrupt {
+    /// Listens from now on.
+    pub(super) fn new() -> Interrupt {
+        use tokio::signal::unix::{SignalKind, signal};
+        let both = signal(SignalKind::interrupt()).and_then(|i| Ok([i, signal(SignalKind::terminate())?]));
+        Interrupt(both.ok())
+    }
+
+    /// Waits for it.
+    pub(super) async fn wait(&mut self) {
+        match &mut self.0 {
+            Some([interrupt, terminate]) => {
+                tokio::select! { _ = interrupt.recv() => {}, _ = terminate.recv() => {} }
+            }
+            None => std::future::pending().await,
+        }
+    }
+}

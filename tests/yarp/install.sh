@@ -1,0 +1,82 @@
+#!/usr/bin/env bash
+# Builds the real YARP 3.5.0 that our YARP is tested against, once, under $MOBEE_YARP (default
+# ~/.cache/mobee/yarp-3.5.0): bin/yarp, bin/yarpserver, bin/yarpdev, lib/, share/yarp. About 4 minutes on two idle cores.
+#
+# Exit code 0: it is there - or it can't be had, and the last line says why ("skipped: ...").
+# Any other: the download was damaged or the build itself failed; the log is named.
+set -euo pipefail
+
+version=3.5.0
+sha256=7a8f78e1b6d3477fcd5e73fd5839ebf6971c3c0f5d3208d3ec0ee2b0c44507b9
+packages="swig libace-dev libtinyxml2-dev libsqlite3-dev libedit-dev libeigen3-dev python3-dev cmake ninja-build g++"
+targets="yarpserver yarp yarpdev yarp_controlBoard_nws_yarp yarp_fakeMotionControl yarp_fakeFrameGrabber
+    yarp_frameGrabber_nws_yarp yarp_remote_controlboard"
+home=${MOBEE_YARP:-$HOME/.cache/mobee/yarp-$version}
+
+skip() { echo "skipped: $*; the tests against the real YARP will be skipped too"; exit 0; }
+fail() { echo "failed: $*" >&2; exit 1; }
+
+if [ -x "$home/bin/yarpserver" ] && [ -x "$home/bin/yarp" ] && [ -x "$home/bin/yarpdev" ]; then
+    echo "the real YARP is in $home"
+    exit 0
+fi
+
+mkdir -p "$home"
+exec 9>"$home/.lock"
+flock 9  # two runs at the same time: the second one finds the work done
+[ -x "$home/bin/yarpserver" ] && [ -x "$home/bin/yarpdev" ] && { echo "the real YARP is in $home"; exit 0; }
+log=$home/install.log
+: > "$log"
+
+# What the system needs
+missing=""
+for package in $packages; do
+    dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing+=" $package"
+done
+if [ -n "$missing" ]; then
+    command -v apt-get > /dev/null || skip "these packages are missing, and there is no apt-get:$missing"
+    sudo=""
+    [ "$(id -u)" = 0 ] || sudo="sudo -n"
+    $sudo apt-get update >> "$log" 2>&1 || skip "apt-get update failed (see $log)"
+    # shellcheck disable=SC2086
+    DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y --no-install-recommends $missing >> "$log" 2>&1 ||
+        skip "apt-get can't install$missing (see $log)"
+fi
+python=$(command -v python3) || skip "there is no python3"
+
+# The source distribution, by pip, which checks its hash. pip then asks the package to prepare itself, which fails without
+# its build tools (with them it would build CMake first); the unpacked source stays because of --no-clean.
+source=$home/source
+if [ ! -f "$source/CMakeLists.txt" ]; then
+    rm -rf "$home/pip" "$source" && mkdir -p "$home/pip"
+    echo "yarp-middleware==$version --hash=sha256:$sha256" > "$home/pip/requirements.txt"
+    TMPDIR=$home/pip "$python" -m pip download --no-clean --no-deps --no-build-isolation --require-hashes \
+        --no-binary yarp-middleware --dest "$home/pip" --requirement "$home/pip/requirements.txt" >> "$log" 2>&1 || true
+    ! grep -q "DO NOT MATCH THE HASHES" "$log" || fail "the downloaded source has another checksum than $sha256 (see $log)"
+    found=$(find "$home/pip" -maxdepth 3 -name CMakeLists.txt -path '*/yarp-middleware_*/*' | head -n 1)
+    [ -n "$found" ] || skip "the package registry gives no source of yarp-middleware $version (see $log)"
+    mv "$(dirname "$found")" "$source"
+    rm -rf "$home/pip"
+fi
+
+# YCM, which YARP's build needs
+"$python" -m pip install --quiet --target "$home/ycm" ycm-cmake-modules >> "$log" 2>&1 ||
+    skip "the package registry has no ycm-cmake-modules (see $log)"
+
+# The build: the commands, the file-based plug-ins that the tests use, and nothing else
+build=$home/build
+cmake -S "$source" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_POLICY_VERSION_MINIMUM=3.5 \
+    -DBUILD_SHARED_LIBS=ON -DSKIP_ACE=ON -DCMAKE_PREFIX_PATH="$home/ycm/ycm_cmake_modules" \
+    -DYARP_COMPILE_GUIS=OFF -DYARP_COMPILE_TESTS=OFF -DYARP_COMPILE_BINDINGS=OFF \
+    -DENABLE_yarpmod_fakeMotionControl=ON -DENABLE_yarpmod_fakeFrameGrabber=ON \
+    -DCMAKE_CXX_FLAGS="-O1 -include utility -include iterator -include cstdint" >> "$log" 2>&1 ||
+    fail "YARP's CMake does (see $log)"
+# shellcheck disable=SC2086
+cmake --build "$build" --target $targets >> "$log" 2>&1 || fail "YARP does not build (see $log)"
+
+for part in lib share bin; do
+    rm -rf "${home:?}/$part"
+    ln -s "build/$part" "$home/$part"
+done
+"$home/bin/yarp" version >> "$log" 2>&1 || fail "the built yarp does not run (see $log)"
+echo "built the real YARP $version into $home"
