@@ -146,8 +146,11 @@ impl Table {
                 let src = bare(src);
                 *links = self.due(&src).into_iter().filter(|l| l.is(&src, &bare(dest))).collect();
                 // one that goes with its end does not wait for it either
-                let absent = [&src, &bare(dest)].into_iter().filter(|end| self.query(end).is_none());
-                absent.cloned().collect::<Vec<_>>().iter().for_each(|end| self.subscriptions.gone(end));
+                for end in [src, bare(dest)] {
+                    if self.query(&end).is_none() {
+                        self.subscriptions.gone(&end);
+                    }
+                }
                 self.counts.refused += u64::from(!added);
                 Answer::done(added)
             }
