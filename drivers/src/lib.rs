@@ -32,6 +32,7 @@ mod braking;
 pub mod conformance;
 mod encoders;
 mod faults;
+pub mod filter;
 pub mod force_field;
 pub mod path;
 mod plant;

@@ -1,0 +1,431 @@
+//! The port filter: a part's control board that any YARP program commands as if it were the robot's own, and safely.
+//!
+//! The core is pure: it decides what becomes of a request, and is told what came of it.
+//!
+//! | Request | While open | While closed |
+//! |---|---|---|
+//! | `[get] X ...` of the list in `reads.rs` | to the board, the reply byte for byte; a simulated robot's from its state | `[fail]` |
+//! | `[set]` `pos* rel*` | a commit: absolute, finite, within limits, at the joint's reference speed | `[fail]` |
+//! | `[set] [vmos]`, `command:i` with `vmo* dpo*` | a stream, which ends when it goes quiet | `[fail]`, dropped |
+//! | `[set]` `sto*` | brakes; of some moving joints only: holds these where they are | `[fail]` |
+//! | `[set]` `vel* acc*` | to the board, and kept for this part's moves | `[fail]` |
+//! | `[set] [icmd]` with `pos posd vel mix`, `[set] [intm]` with `stif` | kept and shown; the driver sets the real ones | `[fail]` |
+//! | fewer than two words | `[nak]` | `[fail]` |
+//! | all else: limits, encoders, torque, PWM, PID, calibration, amplifiers, other modes, the unknown | `[fail]` | `[fail]` |
+//!
+//! A reply is the board's own but where the filter knows better: `[don]` is 0 while a motion's outcome is open, and modes
+//! and references are the client's where it has set them. A connection whose motion failed gets `[fail]` once, whatever
+//! it asks, so that a slow one can't take a rolled-back motion for a finished one; a `[fail]` that it got while the filter
+//! was closed counts. A stream has no replies: one that failed is not heard until it was silent for half a second, or its
+//! client's RPC connection has got the `[fail]`.
+
+mod lines;
+mod patch;
+mod reads;
+#[cfg(test)]
+mod tests;
+
+use lines::Lines;
+use mobee_contract::{Board, Commit, CommitId, Hold, MotionEnd, Setpoints, Status, Target, Time, Values, Verdict};
+use mobee_model::Robot;
+use mobee_yarp::board::{Ask, Get, Joints, Set, Shadow, ShadowAxis, Streamed, mode, reply};
+use mobee_yarp::{Bottle, Stamp, Vocab};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// A target this near beyond a limit is taken for the limit, deg.
+const ROUNDING: f64 = 1e-3;
+/// A slower reference speed is no motion, deg/s.
+const SLOWEST: f64 = 1e-3;
+
+/// What the core sees of the robot as a request comes in.
+pub struct Seen<'a> {
+    /// The time.
+    pub now: Time,
+    /// The filter's state.
+    pub status: Status,
+    /// The robot's whole pose, rad.
+    pub q: &'a [f64],
+    /// How a motion ended.
+    pub end_of: &'a dyn Fn(CommitId) -> Option<MotionEnd>,
+}
+
+/// Whether no agent's command passes in this state.
+pub fn closed(status: Status) -> bool {
+    !matches!(status, Status::Rest | Status::Moving | Status::Escaping | Status::Holding(Hold::InContact))
+}
+
+/// What becomes of a request.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// This is the reply.
+    Reply(Bottle),
+    /// The request goes to the board as it is; its reply to [`FilterCore::asked`], or if it has no words of its own,
+    /// [`FilterCore::answer`] does.
+    Ask,
+    /// To be committed; the verdict to [`FilterCore::accepted`].
+    Commit(Commit),
+    /// To be streamed; the verdict to [`FilterCore::accepted`].
+    Stream(Setpoints),
+    /// Brake, then reply `[ok]`.
+    Stop,
+}
+
+/// A client's connection to one of the boards.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Client<'a> {
+    /// The part, an index into the robot's.
+    pub part: usize,
+    /// The connection.
+    pub connection: u64,
+    /// The name it gave.
+    pub from: &'a str,
+    /// Whether it waits for a reply. One that does not never learns anything.
+    pub listens: bool,
+}
+
+/// One part's board as the filter keeps it.
+struct PartBoard {
+    motors: Range<usize>,
+    shadow: Shadow,
+    /// Whether the client has set mode, reference speed, reference acceleration of each joint.
+    set: Vec<[bool; 3]>,
+    answers: Stamp,
+}
+
+/// The core of one robot's filter.
+pub struct FilterCore {
+    agent: Arc<str>,
+    parts: Vec<PartBoard>,
+    lines: Lines,
+    sensed: Option<Time>,
+}
+
+impl FilterCore {
+    /// A filter for all parts of a robot, standing at `q` (rad).
+    pub fn new(name: &str, robot: &Robot, board: &Board, q: &[f64]) -> FilterCore {
+        let axis = |(i, axis): (usize, &mobee_contract::Axis)| {
+            let q = q.get(i).copied().unwrap_or_default().to_degrees();
+            let (min, max) = (axis.min.to_degrees(), axis.max.to_degrees());
+            ShadowAxis::at_rest(axis.name.clone(), min, max, axis.max_speed.to_degrees(), q)
+        };
+        let axes: Vec<ShadowAxis> = board.axes.iter().enumerate().map(axis).collect();
+        let part = |part: &mobee_model::Part| {
+            let own = axes.get(part.motors.clone()).unwrap_or_default().to_vec();
+            PartBoard {
+                motors: part.motors.clone(),
+                set: vec![[false; 3]; own.len()],
+                shadow: Shadow { axes: own },
+                answers: Stamp::default(),
+            }
+        };
+        FilterCore {
+            agent: format!("{name}/filter").into(),
+            parts: robot.parts.iter().map(part).collect(),
+            lines: Lines::default(),
+            sensed: None,
+        }
+    }
+
+    /// The name that its motions go by.
+    pub fn agent(&self) -> Arc<str> {
+        self.agent.clone()
+    }
+
+    /// The reference speeds and accelerations that a real board has (deg/s, deg/s^2), read once at the start.
+    pub fn learn(&mut self, part: usize, speeds: &[f64], accelerations: &[f64]) {
+        let Some(part) = self.parts.get_mut(part) else { return };
+        for (axis, speed) in part.shadow.axes.iter_mut().zip(speeds) {
+            axis.ref_speed = *speed;
+        }
+        for (axis, acceleration) in part.shadow.axes.iter_mut().zip(accelerations) {
+            axis.ref_acc = *acceleration;
+        }
+    }
+
+    /// A request came.
+    pub fn request(&mut self, client: &Client, request: &Bottle, seen: &Seen) -> Step {
+        self.lines.hear(client, seen);
+        if closed(seen.status) || self.lines.failed(client) {
+            return Step::Reply(self.fail(client));
+        }
+        let Some(axes) = self.parts.get(client.part).map(|p| p.shadow.axes.len()) else {
+            return Step::Reply(reply::fail());
+        };
+        if request.0.len() < 2 {
+            return Step::Reply(reply::nak());
+        }
+        if reads::allowed(request) {
+            return Step::Ask;
+        }
+        match Ask::parse(request).filter(|ask| ask.fits(axes)) {
+            Some(Ask::Set(set)) => self.set(client, &set, seen).unwrap_or_else(|| Step::Reply(reply::fail())),
+            _ => Step::Reply(reply::fail()),
+        }
+    }
+
+    /// A command of `command:i` came; `None`: nothing is to be done.
+    pub fn streamed(&mut self, client: &Client, head: &Bottle, body: &[f64], seen: &Seen) -> Option<Step> {
+        self.lines.hear(client, seen);
+        if closed(seen.status) || self.lines.deaf(client, seen.now) {
+            return None;
+        }
+        let axes = self.parts.get(client.part)?.shadow.axes.len();
+        match Streamed::parse(head, body, axes)? {
+            Streamed::Velocity(joints, values) => self.velocities(client, &joints, &values),
+            Streamed::Direct(joints, values) => self.directs(client, &joints, &values),
+            Streamed::Move(values) => self.moves(client, &Joints::All, &values, seen),
+        }
+    }
+
+    fn set(&mut self, client: &Client, set: &Set, seen: &Seen) -> Option<Step> {
+        match set {
+            Set::Move { joints, values, relative } => {
+                let mut values = values.clone();
+                if *relative {
+                    let part = self.parts.get(client.part)?;
+                    for (value, joint) in values.iter_mut().zip(joints.on(part.shadow.axes.len())?) {
+                        *value += seen.q.get(part.motors.start + joint)?.to_degrees();
+                    }
+                }
+                self.moves(client, joints, &values, seen)
+            }
+            Set::Velocity(values) => self.velocities(client, &Joints::All, values),
+            Set::Stop(joints) => self.stop(client, joints, seen),
+            // forwarded; remembered when the board has said yes
+            Set::Speed(_, values) | Set::Acceleration(_, values) => {
+                values.iter().all(|v| v.is_finite()).then_some(Step::Ask)
+            }
+            Set::Mode(joints, modes) => {
+                let known = [mode::POSITION, mode::DIRECT, mode::VELOCITY, mode::MIXED];
+                modes.iter().all(|m| known.contains(m)).then_some(())?;
+                self.keep(client.part, joints, 0, modes, |axis, mode: &Vocab| axis.mode = *mode)
+            }
+            Set::Interaction(_, modes) => modes.iter().all(|m| *m == mode::STIFF).then(|| Step::Reply(reply::ok())),
+            Set::Limits(..) | Set::SpeedLimits(..) | Set::ResetEncoders(_) | Set::Encoders(..) => None,
+        }
+    }
+
+    fn moves(&mut self, client: &Client, joints: &Joints, values: &[f64], _: &Seen) -> Option<Step> {
+        let part = self.parts.get(client.part)?;
+        let (mut motors, mut q, mut speeds) = (Vec::new(), Vec::new(), Vec::new());
+        for (joint, value) in joints.on(part.shadow.axes.len())?.into_iter().zip(values) {
+            let axis = part.shadow.axes.get(joint)?;
+            // written so that not-a-number fails
+            if !(*value >= axis.min - ROUNDING && *value <= axis.max + ROUNDING) {
+                return None;
+            }
+            let speed = axis.ref_speed.abs().min(axis.max_speed);
+            if !(speed >= SLOWEST) {
+                return None;
+            }
+            motors.push(part.motors.start + joint);
+            q.push(value.clamp(axis.min, axis.max).to_radians());
+            speeds.push(speed.to_radians());
+        }
+        let target = Target { motors, q, speed: 1.0 };
+        Some(Step::Commit(Commit { agent: self.agent(), target, speeds: Some(speeds) }))
+    }
+
+    fn velocities(&mut self, client: &Client, joints: &Joints, values: &[f64]) -> Option<Step> {
+        self.setpoints(client, joints, values, |axis, value| {
+            value.is_finite().then(|| value.clamp(-axis.max_speed, axis.max_speed))
+        })
+        .map(|(motors, values)| Step::Stream(Setpoints { motors, values: Values::Velocity(values) }))
+    }
+
+    fn directs(&mut self, client: &Client, joints: &Joints, values: &[f64]) -> Option<Step> {
+        self.setpoints(client, joints, values, |axis, value| {
+            let within = value >= axis.min - ROUNDING && value <= axis.max + ROUNDING;
+            within.then(|| value.clamp(axis.min, axis.max))
+        })
+        .map(|(motors, values)| Step::Stream(Setpoints { motors, values: Values::Position(values) }))
+    }
+
+    fn setpoints(
+        &self,
+        client: &Client,
+        joints: &Joints,
+        values: &[f64],
+        check: impl Fn(&ShadowAxis, f64) -> Option<f64>,
+    ) -> Option<(Vec<usize>, Vec<f64>)> {
+        let part = self.parts.get(client.part)?;
+        let joints = joints.on(part.shadow.axes.len())?;
+        let checked: Option<Vec<f64>> = joints
+            .iter()
+            .zip(values)
+            .map(|(j, value)| Some(check(part.shadow.axes.get(*j)?, *value)?.to_radians()))
+            .collect();
+        Some((joints.iter().map(|j| part.motors.start + j).collect(), checked?))
+    }
+
+    /// Stops some joints. When no other joint moves the motion is given up; else these joints hold where they are.
+    fn stop(&mut self, client: &Client, joints: &Joints, seen: &Seen) -> Option<Step> {
+        let part = self.parts.get(client.part)?;
+        let asked: Vec<usize> = joints.on(part.shadow.axes.len())?.into_iter().map(|j| part.motors.start + j).collect();
+        let moving = self.lines.moving(seen);
+        if moving.iter().all(|m| !asked.contains(m)) {
+            return Some(Step::Reply(reply::ok()));
+        }
+        if moving.iter().all(|m| asked.contains(m)) {
+            self.lines.stopped(seen);
+            return Some(Step::Stop);
+        }
+        let motors: Vec<usize> = asked.into_iter().filter(|m| moving.contains(m)).collect();
+        let axis = |m: &usize| part.shadow.axes.get(m - part.motors.start);
+        let q: Option<Vec<f64>> = motors
+            .iter()
+            .map(|m| Some(seen.q.get(*m)?.clamp(axis(m)?.min.to_radians(), axis(m)?.max.to_radians())))
+            .collect();
+        let speeds: Option<Vec<f64>> = motors.iter().map(|m| Some(axis(m)?.max_speed.to_radians())).collect();
+        let target = Target { motors, q: q?, speed: 1.0 };
+        Some(Step::Commit(Commit { agent: self.agent(), target, speeds: Some(speeds?) }))
+    }
+
+    /// Keeps a setting of some joints.
+    fn keep<T>(
+        &mut self,
+        part: usize,
+        joints: &Joints,
+        which: usize,
+        values: &[T],
+        put: impl Fn(&mut ShadowAxis, &T),
+    ) -> Option<Step> {
+        let part = self.parts.get_mut(part)?;
+        for (joint, value) in joints.on(part.shadow.axes.len())?.into_iter().zip(values) {
+            put(part.shadow.axes.get_mut(joint)?, value);
+            *part.set.get_mut(joint)?.get_mut(which)? = true;
+        }
+        Some(Step::Reply(reply::ok()))
+    }
+
+    /// The verdict on a commit or a stream: the reply.
+    pub fn accepted(&mut self, client: &Client, step: &Step, verdict: &Verdict, seen: &Seen) -> Bottle {
+        if let Ok(id) = verdict {
+            let motors = match step {
+                Step::Commit(commit) => commit.target.motors.as_slice(),
+                Step::Stream(setpoints) => setpoints.motors.as_slice(),
+                _ => &[],
+            };
+            self.lines.moves(client, *id, motors);
+            self.show(client.part, step);
+        }
+        if closed(seen.status) {
+            return self.fail(client);
+        }
+        if verdict.is_ok() { reply::ok() } else { reply::fail() }
+    }
+
+    /// Shows a motion's set-points as the board's own.
+    fn show(&mut self, part: usize, step: &Step) {
+        let Some(part) = self.parts.get_mut(part) else { return };
+        let start = part.motors.start;
+        let mut each = |motors: &[usize], values: &[f64], put: fn(&mut ShadowAxis, f64)| {
+            for (motor, value) in motors.iter().zip(values) {
+                if let Some(axis) = motor.checked_sub(start).and_then(|j| part.shadow.axes.get_mut(j)) {
+                    put(axis, value.to_degrees());
+                }
+            }
+        };
+        match step {
+            Step::Commit(c) => each(&c.target.motors, &c.target.q, |axis, v| axis.target = v),
+            Step::Stream(Setpoints { motors, values: Values::Velocity(v) }) => {
+                each(motors, v, |axis, v| axis.vel_ref = v);
+            }
+            Step::Stream(Setpoints { motors, values: Values::Position(v) }) => {
+                each(motors, v, |axis, v| axis.direct_ref = v);
+            }
+            _ => {}
+        }
+    }
+
+    /// A board with words of its own replied: what the client gets. `None`: the reply as it came.
+    pub fn asked(
+        &mut self,
+        client: &Client,
+        request: &Bottle,
+        replied: Option<&Bottle>,
+        seen: &Seen,
+    ) -> Option<Bottle> {
+        self.lines.hear(client, seen);
+        if closed(seen.status) || self.lines.failed(client) {
+            return Some(self.fail(client));
+        }
+        let Some(replied) = replied else { return Some(reply::fail()) };
+        if reply::is_ok(replied) {
+            self.remember(client.part, request);
+        }
+        let part = self.parts.get(client.part)?;
+        let Some(Ask::Get(get)) = Ask::parse(request) else { return None };
+        patch::patched(&get, replied, part, &self.lines.moving(seen))
+    }
+
+    /// The answer to what would be asked of the board, from what is known, for a robot whose board has no words.
+    pub fn answer(&mut self, client: &Client, request: &Bottle, seen: &Seen) -> Bottle {
+        self.lines.hear(client, seen);
+        if closed(seen.status) || self.lines.failed(client) {
+            return self.fail(client);
+        }
+        if let Some(Ask::Set(Set::Speed(..) | Set::Acceleration(..))) = Ask::parse(request) {
+            self.remember(client.part, request);
+            return reply::ok();
+        }
+        let moving = self.lines.moving(seen);
+        let Some(part) = self.parts.get_mut(client.part) else { return reply::fail() };
+        part.answers = part.answers.next(seen.now.secs());
+        let Some(answer) = part.shadow.answer(request, part.answers) else { return reply::fail() };
+        match Ask::parse(request) {
+            Some(Ask::Get(get @ Get::Done(_))) => patch::patched(&get, &answer, part, &moving).unwrap_or(answer),
+            _ => answer,
+        }
+    }
+
+    /// Keeps reference speeds and accelerations that a board has taken.
+    fn remember(&mut self, part: usize, request: &Bottle) {
+        match Ask::parse(request) {
+            Some(Ask::Set(Set::Speed(joints, values))) => {
+                self.keep(part, &joints, 1, &values, |axis, v| axis.ref_speed = *v);
+            }
+            Some(Ask::Set(Set::Acceleration(joints, values))) => {
+                self.keep(part, &joints, 2, &values, |axis, v| axis.ref_acc = *v);
+            }
+            _ => {}
+        }
+    }
+
+    /// A new reading of the whole robot.
+    pub fn sense(&mut self, at: Time, q: &[f64], status: Status) {
+        let secs = self.sensed.map(|last| at.since(last).as_secs_f64());
+        self.sensed = Some(at);
+        let under_way = !matches!(status, Status::Rest | Status::Holding(_) | Status::Starting);
+        for part in &mut self.parts {
+            for (axis, q) in part.shadow.axes.iter_mut().zip(q.get(part.motors.clone()).unwrap_or_default()) {
+                let q = q.to_degrees();
+                let speed = match secs {
+                    Some(secs) if secs > 1e-4 => (q - axis.q) / secs,
+                    _ => axis.speed,
+                };
+                (axis.q, axis.speed) = (q, speed);
+                axis.done = !under_way || speed.abs() < 0.5;
+            }
+        }
+    }
+
+    /// A part's board as it is shown, with the modes that the client has set.
+    pub fn shadow(&self, part: usize) -> Option<&Shadow> {
+        self.parts.get(part).map(|p| &p.shadow)
+    }
+
+    /// A connection ended.
+    pub fn gone(&mut self, connection: u64) {
+        self.lines.gone(connection);
+    }
+
+    /// `[fail]`, of which the client learns if it listens.
+    fn fail(&mut self, client: &Client) -> Bottle {
+        if client.listens {
+            self.lines.told(client);
+        }
+        reply::fail()
+    }
+}

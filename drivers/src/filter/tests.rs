@@ -1,0 +1,329 @@
+use super::*;
+use mobee_contract::Axis;
+use mobee_model::Part;
+use mobee_yarp::{Value, Vocab};
+use proptest::prelude::*;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
+/// A robot of two parts (2 and 1 motors) behind a filter, with motions whose end the test decides.
+struct Bench {
+    core: FilterCore,
+    status: Status,
+    now: Time,
+    q: Vec<f64>,
+    ends: RefCell<BTreeMap<u64, MotionEnd>>,
+    next: u64,
+    /// Requests that reached the board.
+    asked: Vec<Bottle>,
+    stopped: usize,
+}
+
+impl Bench {
+    fn new() -> Bench {
+        let axis = |name: &str| Axis {
+            name: name.into(),
+            min: (-90.0_f64).to_radians(),
+            max: 90.0_f64.to_radians(),
+            max_speed: 50.0_f64.to_radians(),
+            max_acceleration: 1.0,
+        };
+        let part = |name: &str, motors| Part { name: name.into(), motors, root_node: None, clauses: vec![] };
+        let robot = Robot {
+            name: "toy".into(),
+            parts: vec![part("arm", 0..2), part("head", 2..3)],
+            motors: vec![],
+            nodes: vec![],
+            markers: vec![],
+            pairs: Default::default(),
+        };
+        let axes = vec![axis("a"), axis("b"), axis("c")];
+        let period = std::time::Duration::from_millis(10);
+        let board = Board { axes, period, latency: period, position_direct: true };
+        let q = vec![0.1, 0.2, 0.3];
+        Bench {
+            core: FilterCore::new("toy", &robot, &board, &q),
+            status: Status::Rest,
+            now: Time::from_secs(1.0),
+            q,
+            ends: RefCell::default(),
+            next: 1,
+            asked: vec![],
+            stopped: 0,
+        }
+    }
+
+    fn seen<T>(&mut self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
+        let ends = self.ends.borrow();
+        let end_of = |id: CommitId| ends.get(&id.0).copied();
+        let seen = Seen { now: self.now, status: self.status, q: &self.q, end_of: &end_of };
+        f(&mut self.core, &seen)
+    }
+
+    /// What the shell does with a request on a connection.
+    fn rpc(&mut self, connection: u64, request: &Bottle) -> Bottle {
+        let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
+        let step = self.seen(|core, seen| core.request(&client, request, seen));
+        match &step {
+            Step::Reply(reply) => reply.clone(),
+            Step::Ask => {
+                self.asked.push(request.clone());
+                self.seen(|core, seen| core.answer(&client, request, seen))
+            }
+            Step::Stop => {
+                self.stopped += 1;
+                reply::ok()
+            }
+            Step::Commit(_) | Step::Stream(_) => {
+                let verdict = Ok(CommitId(self.next));
+                self.status = Status::Moving;
+                self.seen(|core, seen| core.accepted(&client, &step, &verdict, seen))
+            }
+        }
+    }
+
+    fn say(&mut self, connection: u64, text: &str) -> String {
+        self.rpc(connection, &bottle(text)).to_string()
+    }
+
+    fn step(&mut self, text: &str) -> Step {
+        let client = Client { part: 0, connection: 99, from: "anon", listens: true };
+        self.seen(|core, seen| core.request(&client, &bottle(text), seen))
+    }
+
+    fn stream(&mut self, connection: u64, head: &str, body: &[f64]) -> Option<Step> {
+        let client = Client { part: 0, connection, from: "/me/command:o", listens: false };
+        let step = self.seen(|core, seen| core.streamed(&client, &bottle(head), body, seen));
+        if let Some(step) = &step {
+            let verdict = Ok(CommitId(self.next));
+            self.status = Status::Moving;
+            self.seen(|core, seen| core.accepted(&client, step, &verdict, seen));
+        }
+        step
+    }
+
+    fn end(&mut self, end: MotionEnd) {
+        self.ends.borrow_mut().insert(self.next, end);
+        self.next += 1;
+        self.status = Status::Rest;
+    }
+}
+
+fn bottle(text: &str) -> Bottle {
+    Bottle::parse(text, Default::default()).unwrap()
+}
+
+#[test]
+fn a_move_is_a_commit_at_the_clients_own_speed() {
+    let mut b = Bench::new();
+    assert_eq!(b.say(1, "[set] [vel] 1 20.0"), "[ok]");
+    let Step::Commit(commit) = b.step("[set] [posg] 2 (0 1) (10.0 -90.0)") else { panic!("no commit") };
+    assert_eq!(&*commit.agent, "toy/filter");
+    assert_eq!(commit.target.motors, [0, 1]);
+    assert!((commit.target.q[0].to_degrees() - 10.0).abs() < 1e-9);
+    assert!((commit.speeds.unwrap()[1].to_degrees() - 20.0).abs() < 1e-9);
+    let Step::Commit(commit) = b.step("set rel 1 -5") else { panic!("no commit") };
+    assert!((commit.target.q[0] - (0.2 - 5.0_f64.to_radians())).abs() < 1e-12, "relative to where the joint is");
+}
+
+#[test]
+fn reads_pass_and_what_could_harm_does_not() {
+    let mut b = Bench::new();
+    assert_eq!(b.step("[get] [encs]"), Step::Ask);
+    assert_eq!(b.step("get axes"), Step::Ask);
+    assert_eq!(b.step("[get] [pid] [pids] [pos]"), Step::Ask);
+    let fail = Step::Reply(reply::fail());
+    for text in [
+        "[get] [bogu]",
+        "[set] [pos] 0 95.0",
+        "[set] [pos] 0 nan",
+        "[set] [pos] 2 0.0",
+        "[set] [poss] (1.0)",
+        "[set] [vmo] 0 1.0",
+        "[set] [llim] 0 -500 500",
+        "[set] [ere] 0",
+        "[set] [icmd] [cmod] 0 [torq]",
+        "[set] [icmd] [cmod] 0 [idl]",
+        "[set] [intm] [mode] 0 [comp]",
+        "[set] [torq] [ref] 0 1.5",
+        "[set] [pid] [pid] [pos] 0 (1 2 3)",
+        "[set] [adi] 0",
+        "[set] [vel] 0 inf",
+        "[cald] 0",
+        "[calj] 0 1 2 3 4",
+        "[park] 1",
+        "set get",
+    ] {
+        assert_eq!(b.step(text), fail, "{text}");
+    }
+    assert_eq!(b.step("[help]"), Step::Reply(reply::nak()));
+    assert_eq!(b.step(""), Step::Reply(reply::nak()));
+}
+
+#[test]
+fn while_closed_every_rpc_fails() {
+    let mut b = Bench::new();
+    for status in
+        [Status::Stopping, Status::Retreating, Status::Settling, Status::Starting, Status::Holding(Hold::Stale)]
+    {
+        b.status = status;
+        for text in ["[get] [prot]", "[get] [encs]", "[get] [don] 0", "[set] [stos]", "[set] [pos] 0 1.0", "[help]", ""]
+        {
+            assert_eq!(b.say(1, text), "[fail]", "{status:?} {text}");
+        }
+    }
+    b.status = Status::Holding(Hold::InContact);
+    assert_eq!(b.say(1, "[set] [pos] 0 1.0"), "[ok]", "an escape");
+}
+
+#[test]
+fn a_slow_poller_learns_of_the_rollback() {
+    let mut b = Bench::new();
+    assert_eq!(b.say(1, "[set] [pos] 0 10.0"), "[ok]");
+    assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 0"), "its outcome is open");
+    b.end(MotionEnd::Failed);
+    assert!(b.say(2, "[get] [don] 0").starts_with("[is] [don] 1"), "another connection has nothing to learn");
+    assert_eq!(b.say(1, "[get] [don] 0"), "[fail]");
+    assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 1"));
+    // one that polled in time has learned already
+    b.say(1, "[set] [pos] 0 10.0");
+    b.status = Status::Retreating;
+    assert_eq!(b.say(1, "[get] [don] 0"), "[fail]");
+    b.end(MotionEnd::Failed);
+    assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 1"));
+    // and a motion that reached its end needs no telling
+    b.say(1, "[set] [pos] 0 10.0");
+    b.end(MotionEnd::Reached);
+    assert!(b.say(1, "[get] [dons]").starts_with("[is] [dons] 1"));
+}
+
+#[test]
+fn joints_that_nobody_moved_are_done() {
+    let mut b = Bench::new();
+    b.say(1, "[set] [pos] 0 10.0");
+    assert!(b.say(1, "[get] [don] 1").starts_with("[is] [don] 1"));
+    assert!(b.say(1, "[get] [dons]").starts_with("[is] [dons] 0"));
+}
+
+#[test]
+fn a_stop_is_no_failure() {
+    let mut b = Bench::new();
+    assert_eq!(b.say(1, "[set] [sto] 0"), "[ok]");
+    assert_eq!(b.stopped, 0, "nothing moves");
+    b.say(1, "[set] [pos] 0 10.0");
+    b.say(1, "[set] [pos] 1 10.0");
+    let Step::Commit(commit) = b.step("[set] [sto] 0") else { panic!("joint 1 goes on") };
+    assert_eq!((commit.target.motors, commit.target.q), (vec![0], vec![0.1]));
+    assert_eq!(b.say(1, "[set] [stos]"), "[ok]");
+    assert_eq!(b.stopped, 1);
+    b.end(MotionEnd::Failed);
+    assert!(b.say(1, "[get] [dons]").starts_with("[is] [dons] 1"));
+}
+
+#[test]
+fn a_failed_stream_is_not_heard_until_its_client_knows_or_was_silent() {
+    let mut b = Bench::new();
+    assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_some());
+    assert!(b.say(1, "[get] [axes]").starts_with("[is]"));
+    assert!(b.stream(7, "[dpo] 1", &[5.0]).is_some());
+    b.end(MotionEnd::Failed);
+    b.now = b.now + std::time::Duration::from_millis(20);
+    assert_eq!(b.stream(7, "[vmos]", &[1.0, 1.0]), None);
+    assert_eq!(b.say(1, "[get] [axes]"), "[fail]", "the client's RPC connection learns");
+    assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_some());
+    b.end(MotionEnd::Failed);
+    assert_eq!(b.stream(7, "[vmos]", &[1.0, 1.0]), None);
+    b.now = b.now + std::time::Duration::from_secs(1);
+    assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_some(), "after a silence");
+    assert_eq!(b.stream(7, "[vmos]", &[1.0]), None, "too short");
+    assert_eq!(b.stream(7, "[dpos]", &[1.0, 91.0]), None, "beyond a limit");
+    assert_eq!(b.stream(7, "[dtqs]", &[1.0, 1.0]), None, "torque");
+    b.status = Status::Stopping;
+    assert_eq!(b.stream(7, "[vmos]", &[1.0, 1.0]), None, "closed");
+}
+
+#[test]
+fn settings_are_shown_as_the_client_made_them() {
+    let mut b = Bench::new();
+    b.say(1, "[set] [icmd] [cmod] 0 [vel]");
+    b.say(1, "[set] [acc] 1 7.5");
+    assert!(b.say(1, "[get] [icmd] [cmds]").starts_with("[is] [cmds] ([vel] [pos])"));
+    assert!(b.say(1, "[get] [acc] 1").starts_with("[is] [acc] 7.5"));
+    // a board with words of its own: its reply but for what the client has set, and only where the board is well
+    let client = Client { part: 0, connection: 1, from: "/me/rpc:o", listens: true };
+    let mut pass = |ask: &str, reply: &str| {
+        let (ask, reply) = (bottle(ask), bottle(reply));
+        b.seen(|core, seen| core.asked(&client, &ask, Some(&reply), seen)).map(|r| r.to_string())
+    };
+    assert_eq!(
+        pass("[get] [icmd] [cmod] 0", "[is] 0 [pos] [tsta] 1 2.5 [ok]").unwrap(),
+        "[is] 0 [vel] [tsta] 1 2.5 [ok]"
+    );
+    assert_eq!(pass("[get] [icmd] [cmod] 0", "[is] 0 [hwfa] [tsta] 1 2.5 [ok]"), None);
+    assert_eq!(pass("[get] [icmd] [cmod] 1", "[is] 1 [posd] [tsta] 1 2.5 [ok]"), None);
+    assert_eq!(pass("[get] [encs]", "[is] [encs] (1.0 2.0) [tsta] 1 2.5 [ok]"), None);
+    let changed = pass("[get] [accs]", "[is] [accs] (1.0 2.0) [tsta] 1 2.5 [ok]").unwrap();
+    assert_eq!(changed, "[is] [accs] (1.0 7.5) [tsta] 1 2.5 [ok]");
+}
+
+fn any_request() -> impl Strategy<Value = Bottle> {
+    let codes = vec![
+        "get", "set", "pos", "poss", "posg", "rel", "vel", "vels", "acc", "don", "dons", "sto", "stos", "vmos", "icmd",
+        "cmod", "cmds", "torq", "intm", "mode", "llim", "ere", "enc", "encs", "prot", "axes", "cald", "park", "pid",
+        "adi", "torq", "zz",
+    ];
+    let word = prop::sample::select(codes).prop_map(|w| Value::Vocab(Vocab::new(w)));
+    let leaf = prop_oneof![
+        6 => word,
+        3 => (0..3_i32).prop_map(Value::Int32),
+        2 => (-100.0..100.0_f64).prop_map(Value::Float64),
+        1 => any::<f64>().prop_map(Value::Float64),
+    ];
+    let list = prop::collection::vec(leaf.clone(), 0..4).prop_map(|v| Value::List(Bottle(v)));
+    prop::collection::vec(prop_oneof![4 => leaf, 1 => list], 0..6).prop_map(Bottle)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever is asked, in whatever order: while closed every reply is `[fail]`; a connection whose motion failed gets
+    /// exactly one `[fail]` before it is well; nothing but the list of questions and references reaches the board; and
+    /// no commit leaves the limits.
+    #[test]
+    fn the_filter_keeps_its_promises(events in prop::collection::vec((0..8_u8, 1..3_u64, any_request()), 1..60)) {
+        let mut b = Bench::new();
+        let probe = bottle("[get] [encs]");
+        for (event, connection, request) in events {
+            match event {
+                0 => b.status = Status::Retreating,
+                1 if b.status == Status::Moving => {
+                    b.end(MotionEnd::Failed);
+                    // only the first answer to each connection may be the failure
+                    let first = b.rpc(connection, &probe);
+                    prop_assert!(first == reply::fail() || first.0.len() > 1);
+                    prop_assert!(b.rpc(connection, &probe).0.len() > 1);
+                }
+                1 => b.end(MotionEnd::Failed),
+                2 => b.end(MotionEnd::Reached),
+                _ => {
+                    let shut = closed(b.status);
+                    let before = b.asked.len();
+                    let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
+                    if !shut && let Step::Commit(c) = b.seen(|core, seen| core.request(&client, &request, seen)) {
+                        prop_assert!(c.target.q.iter().all(|q| q.to_degrees().abs() <= 90.0 + 1e-9));
+                        prop_assert!(c.speeds.unwrap().iter().all(|s| *s > 0.0 && s.to_degrees() <= 50.0 + 1e-9));
+                    }
+                    let reply = b.rpc(connection, &request);
+                    if shut {
+                        prop_assert_eq!(&reply, &reply::fail());
+                        prop_assert_eq!(b.asked.len(), before);
+                    }
+                }
+            }
+        }
+        for asked in &b.asked {
+            let references = matches!(Ask::parse(asked), Some(Ask::Set(Set::Speed(..) | Set::Acceleration(..))));
+            prop_assert!(reads::allowed(asked) || references, "{}", asked);
+        }
+    }
+}
