@@ -51,6 +51,9 @@ pub struct PortOptions {
     pub ack: Duration,
     /// Longest message, bytes.
     pub max_message: usize,
+    /// How often a port asks the name server for its own name, to register again if that was forgotten in a restart
+    /// (spec section 17).
+    pub renew: Duration,
     /// Most user properties that others may set on the port.
     pub properties: usize,
 }
@@ -65,6 +68,7 @@ impl Default for PortOptions {
             write: Duration::from_secs(5),
             ack: Duration::from_secs(5),
             max_message: 64 << 20,
+            renew: Duration::from_secs(5),
             properties: 256,
         }
     }

@@ -4,7 +4,7 @@ mod common;
 
 use common::names;
 use mobee_yarp::{Bottle, Carrier, Delivery, Handler, Message, Payload, Queue, Reader, RpcClient, RpcServer};
-use mobee_yarp::{CallError, Dialect, Sender, Stamp, Value, Vocab, Writer};
+use mobee_yarp::{CallError, Dialect, NameServer, PortOptions, Sender, ServerOptions, Stamp, Value, Vocab, Writer};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -196,4 +196,34 @@ async fn a_late_reply_is_never_taken_for_the_next_one() {
     assert!(!client.is_connected());
     client.pause().await;
     assert_eq!(soon(client.call(&greeting(2))).await.unwrap(), greeting(2));
+}
+
+#[tokio::test]
+async fn ports_register_again_when_the_name_server_forgot_them() {
+    let (first, network) = names().await;
+    let options = PortOptions { renew: Duration::from_millis(50), ..PortOptions::default() };
+    let reader = Reader::open_with(&network, "/reader", Queue::Newest, options).await.unwrap();
+    let contact = network.query("/reader").await.unwrap();
+    let address = first.address();
+    first.close().await;
+    let again = soon(async {
+        loop {
+            if let Ok(server) = NameServer::bind(address, ServerOptions::default()).await {
+                return server;
+            }
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    soon(async {
+        while network.query("/reader").await.unwrap() != contact {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    // Who takes the name keeps it, also when the first owner leaves.
+    network.register("/reader", "127.0.0.1", 9).await.unwrap();
+    reader.close().await;
+    assert_eq!(network.query("/reader").await.unwrap().map(|it| it.port), Some(9));
+    again.close().await;
 }

@@ -300,6 +300,7 @@ impl Drop for Handle {
 
 async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
     let mut inputs = JoinSet::new();
+    let renewal = tokio::spawn(renew(core.clone()));
     let closed = core.closed();
     tokio::pin!(closed);
     loop {
@@ -319,6 +320,7 @@ async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
         }
     }
     drop(listener);
+    renewal.abort();
     let outputs = std::mem::take(&mut lock(&core.state).outputs);
     let mut ends = JoinSet::new();
     for output in outputs {
@@ -332,7 +334,36 @@ async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
     if let Sink::Inbox(inbox) = &core.sink {
         inbox.close();
     }
-    if let Err(error) = core.network.unregister(&core.name).await {
+    // Who has taken the name in the meantime keeps it.
+    let unregistered = match core.network.query(&core.name).await {
+        Ok(Some(found)) if found.port == core.contact.port => core.network.unregister(&core.name).await,
+        Ok(_) => Ok(()),
+        Err(error) => Err(error),
+    };
+    if let Err(error) = unregistered {
         tracing::debug!(port = core.name, %error, "not unregistered");
+    }
+}
+
+/// Registers the port again when a restarted name server has forgotten it. A name that meanwhile belongs to another
+/// port stays with that.
+async fn renew(core: Arc<Core>) {
+    let mut lost = false;
+    loop {
+        sleep(core.options.renew).await;
+        match core.network.query(&core.name).await {
+            Ok(None) => {
+                let (host, number) = (core.network.host(), core.contact.port);
+                if core.network.register(&core.name, &host, number).await.is_ok() {
+                    let _ = core.network.announce(&core.name).await;
+                    tracing::info!(port = core.name, "registered again: the name server had forgotten the port");
+                }
+            }
+            Ok(Some(found)) if found.port != core.contact.port && !lost => {
+                lost = true;
+                tracing::warn!(port = core.name, to = %found, "another program has taken the port's name");
+            }
+            Ok(Some(_)) | Err(_) => {}
+        }
     }
 }

@@ -159,11 +159,7 @@ async fn datagrams(core: &Arc<Core>, mut link: Link, hello: &Hello, peer: Peer) 
             received = socket.recv(&mut buffer) => received,
             () = admitted.end.notified() => return Ok(()),
         };
-        // An error here only says that an earlier datagram of ours was refused; we send none.
-        let Ok(length) = received else {
-            tokio::task::yield_now().await;
-            continue;
-        };
+        let length = received?;
         let datagram = buffer.get(..length).unwrap_or_default();
         let Some(bytes) = assembler.take(datagram, core.options.max_message) else { continue };
         let Ok(Some(found)) = frame::parse(&bytes, core.options.max_message) else { continue };
