@@ -184,6 +184,8 @@ impl Table {
         let carrier = choose(0).unwrap_or("tcp");
         let host = choose(1).unwrap_or(peer);
         let given = match choose(2).and_then(|w| w.parse::<i64>().ok()).unwrap_or(0) {
+            // ports with a type say -1 for the number that they leave to us
+            -1 => 0,
             number @ 0..=65535 => number as u16,
             _ => return self.refuse(),
         };

@@ -26,6 +26,11 @@ fn a_name_keeps_its_number_and_others_get_the_next() {
 }
 
 #[test]
+fn a_port_with_a_type_leaves_the_number_to_us_by_minus_one() {
+    assert_eq!(number(&mut table(), "register /a ... ... -1 yarp/vector"), 10002);
+}
+
+#[test]
 fn taking_a_name_over_is_silent_but_counted() {
     let mut t = table();
     say(&mut t, "register /a tcp 127.0.0.1 5000");
