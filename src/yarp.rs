@@ -60,6 +60,9 @@ enum YarpCommand {
         port: String,
         /// The one that receives.
         to: Option<String>,
+        /// Wait for it this long.
+        #[arg(long, value_name = "SECONDS")]
+        wait: Option<f64>,
     },
     /// Read from the network and print to standard output, until Ctrl-C.
     Read {
@@ -196,7 +199,11 @@ async fn dispatch(args: YarpArgs) -> Result<(), Failure> {
         YarpCommand::Name { words } => names::say(&network, &words).await,
         YarpCommand::Where => names::whereabouts(&network).await,
         YarpCommand::Ping { port } => names::ping(&network, &port).await,
-        YarpCommand::Exists { port, to } => names::exists(&network, &port, to.as_deref()).await,
+        YarpCommand::Exists { port, to, wait: None } => names::exists(&network, &port, to.as_deref()).await,
+        YarpCommand::Exists { port, to, wait: Some(limit) } => {
+            let waited = tokio::time::timeout(seconds(limit, "--wait")?, names::wait(&network, &port, to.as_deref()));
+            waited.await.map_err(|_| None)
+        }
         YarpCommand::Read { port, words, carrier } => ports::read(&network, &port, &words, carrier).await,
         YarpCommand::Write { port, words, carrier, wait_connect } => {
             ports::write(&network, &port, &words, carrier, wait_connect).await
@@ -232,9 +239,12 @@ async fn network(args: &YarpArgs) -> Result<Network, Failure> {
         None if away && network.bind().is_loopback() => local_address(Some((host, port))).await,
         None => network.bind(),
     };
-    let limit = Duration::try_from_secs_f64(args.timeout).ok().filter(|t| !t.is_zero());
-    let limit = limit.ok_or_else(|| because("--timeout takes seconds above 0"))?;
-    Ok(network.with_bind(bind).with_timeout(limit))
+    Ok(network.with_bind(bind).with_timeout(seconds(args.timeout, "--timeout")?))
+}
+
+fn seconds(number: f64, option: &str) -> Result<Duration, Failure> {
+    let limit = Duration::try_from_secs_f64(number).ok().filter(|t| !t.is_zero());
+    limit.ok_or_else(|| because(format!("{option} takes seconds above 0")))
 }
 
 fn address_of(text: &str) -> Result<(&str, u16), Failure> {

@@ -6,12 +6,8 @@ mod common;
 use common::{RealYarp, Run, network};
 
 /// Right of the ball, left of it (the straight way leads through it), below it, left of it.
-const POSES: [&str; 4] = [
-    "(-20 75 0 60 10 -15 5)",
-    "(-45 35 35 95 15 -25 -5)",
-    "(0 55 10 60 20 -10 -5)",
-    "(-45 35 35 95 15 -25 -5)",
-];
+const POSES: [&str; 4] =
+    ["(-20 75 0 60 10 -15 5)", "(-45 35 35 95 15 -25 -5)", "(0 55 10 60 20 -10 -5)", "(-45 35 35 95 15 -25 -5)"];
 
 fn reach(carrier: &str) {
     let Some(real) = RealYarp::find() else { return };

@@ -3,6 +3,10 @@
 use super::{Failure, because, info};
 use mobee_yarp::remote::{self, RemoteError};
 use mobee_yarp::{Bottle, Carrier, Contact, Network};
+use std::time::Duration;
+
+/// How long to rest between looks for a port that is not yet there.
+const AGAIN: Duration = Duration::from_millis(50);
 
 /// `list`: the registered ports.
 pub(super) async fn list(network: &Network, prefix: &str) -> Result<(), Failure> {
@@ -63,6 +67,20 @@ pub(super) async fn exists(network: &Network, port: &str, to: Option<&str>) -> R
         },
     };
     if there { Ok(()) } else { Err(None) }
+}
+
+/// `exists --wait`: returns when it does. No name server is no reason to give up: it may come too.
+pub(super) async fn wait(network: &Network, port: &str, to: Option<&str>) {
+    loop {
+        let there = match to {
+            None => remote::exists(network, port).await.unwrap_or(false),
+            Some(to) => matches!(remote::connection(network, port, to).await, Ok(Some(_))),
+        };
+        if there {
+            return;
+        }
+        tokio::time::sleep(AGAIN).await;
+    }
 }
 
 /// `connect`: at once, or by the name server whenever both are there.

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Builds the real YARP 3.5.0 that our YARP is tested against, once, under $MOBEE_YARP (default
-# ~/.cache/mobee/yarp-3.5.0): bin/yarp, bin/yarpserver, bin/yarpdev, lib/, share/yarp. About 4 minutes on two idle cores.
+# ~/.cache/mobee/yarp-3.5.0): build/bin/{yarp,yarpserver,yarpdev}, build/share/yarp, and our C++ test programs in
+# programs/. About 4 minutes on two idle cores.
 #
 # Exit code 0: it is there - or it can't be had, and the last line says why ("skipped: ...").
 # Any other: the download was damaged or the build itself failed; the log is named.
@@ -12,20 +13,33 @@ packages="swig libace-dev libtinyxml2-dev libsqlite3-dev libedit-dev libeigen3-d
 targets="yarpserver yarp yarpdev yarp_controlBoard_nws_yarp yarp_fakeMotionControl yarp_fakeFrameGrabber
     yarp_frameGrabber_nws_yarp yarp_remote_controlboard"
 home=${MOBEE_YARP:-$HOME/.cache/mobee/yarp-$version}
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 skip() { echo "skipped: $*; the tests against the real YARP will be skipped too"; exit 0; }
 fail() { echo "failed: $*" >&2; exit 1; }
 
-if [ -x "$home/bin/yarpserver" ] && [ -x "$home/bin/yarp" ] && [ -x "$home/bin/yarpdev" ]; then
-    echo "the real YARP is in $home"
-    exit 0
-fi
-
-mkdir -p "$home"
+mkdir -p "$home/programs"
 exec 9>"$home/.lock"
 flock 9  # two runs at the same time: the second one finds the work done
-[ -x "$home/bin/yarpserver" ] && [ -x "$home/bin/yarpdev" ] && { echo "the real YARP is in $home"; exit 0; }
 log=$home/install.log
+
+# The C++ programs beside this script, on the built library; cheap, and done anew when one of them changes.
+programs() {
+    local stamp
+    stamp=$(cat "$here/CMakeLists.txt" "$here"/*.cpp | sha256sum | cut -d' ' -f1)
+    if [ "$(cat "$home/programs/.stamp" 2>/dev/null)" != "$stamp" ]; then
+        cmake -S "$here" -B "$home/programs/build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DYARP_DIR="$home/build" \
+            -DCMAKE_PREFIX_PATH="$home/ycm/ycm_cmake_modules" -DCMAKE_RUNTIME_OUTPUT_DIRECTORY="$home/programs" \
+            >> "$log" 2>&1 || fail "CMake refuses the test programs (see $log)"
+        cmake --build "$home/programs/build" >> "$log" 2>&1 || fail "the test programs do not build (see $log)"
+        echo "$stamp" > "$home/programs/.stamp"
+    fi
+    echo "the real YARP is in $home"
+    exit 0
+}
+
+whole() { [ -f "$home/.built" ] && [ -x "$home/build/bin/yarpserver" ] && [ -x "$home/build/bin/yarpdev" ]; }
+whole && programs
 : > "$log"
 
 # What the system needs
@@ -74,9 +88,6 @@ cmake -S "$source" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_POLIC
 # shellcheck disable=SC2086
 cmake --build "$build" --target $targets >> "$log" 2>&1 || fail "YARP does not build (see $log)"
 
-for part in lib share bin; do
-    rm -rf "${home:?}/$part"
-    ln -s "build/$part" "$home/$part"
-done
-"$home/bin/yarp" version >> "$log" 2>&1 || fail "the built yarp does not run (see $log)"
-echo "built the real YARP $version into $home"
+"$build/bin/yarp" version >> "$log" 2>&1 || fail "the built yarp does not run (see $log)"
+touch "$home/.built"
+programs
