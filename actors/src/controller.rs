@@ -1,6 +1,6 @@
 //! A controller's settings, and what they mean for a given board.
 
-use mobee_contract::{Axis, Board};
+use mobee_contract::{Axis, Board, Pose};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
@@ -25,6 +25,9 @@ pub struct Controller {
     /// Greatest share of full speed for an escape from a hold: so slow that it can be stopped within a millimetre.
     #[serde(default = "escape_speed")]
     pub escape_speed: f64,
+    /// A stream of set-points that is quiet for so long, seconds, has ended: the robot brakes, and rests where it is.
+    #[serde(default = "stream_quiet")]
+    pub stream_quiet_s: f64,
 }
 
 fn margin() -> f64 {
@@ -40,6 +43,10 @@ fn escape_speed() -> f64 {
     0.02
 }
 
+fn stream_quiet() -> f64 {
+    0.1
+}
+
 impl Default for Controller {
     fn default() -> Controller {
         Controller {
@@ -49,6 +56,7 @@ impl Default for Controller {
             tolerance_deg: tolerance(),
             rest_speed_deg: rest_speed(),
             escape_speed: escape_speed(),
+            stream_quiet_s: stream_quiet(),
         }
     }
 }
@@ -85,6 +93,8 @@ pub struct Rules {
     pub rest_speed: f64,
     /// Greatest share of full speed for an escape.
     pub escape_speed: f64,
+    /// For how long a stream may be quiet.
+    pub stream_quiet: Duration,
 }
 
 impl Rules {
@@ -103,6 +113,7 @@ impl Rules {
             tolerance: controller.tolerance_deg.to_radians(),
             rest_speed: controller.rest_speed_deg.to_radians(),
             escape_speed: controller.escape_speed,
+            stream_quiet: Duration::from_secs_f64(controller.stream_quiet_s.clamp(1e-2, 1e2)),
         }
     }
 
@@ -118,4 +129,9 @@ pub fn distance(a: &[f64], b: &[f64]) -> f64 {
         return f64::INFINITY;
     }
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// Readings near a limit may lie beyond it by the noise; commands never do (I5).
+pub fn clamped(q: &[f64], rules: &Rules) -> Pose {
+    q.iter().zip(rules.axes.iter()).map(|(q, axis)| q.clamp(axis.min.min(axis.max), axis.max.max(axis.min))).collect()
 }

@@ -12,7 +12,8 @@ struct Streaming {
     writer: Writer,
     count: u64,
     span: (Time, Time),
-    last: Vec<f64>,
+    /// The last positions; a stream of velocities has none.
+    last: Option<Vec<f64>>,
     greatest_step: f64,
 }
 
@@ -67,17 +68,31 @@ impl Port {
             }
             Command::Direct { q } if q.len() != self.rules.axes.len() => Err(format!("{} set-points", q.len())),
             Command::Direct { q } => q.iter().enumerate().try_for_each(|(i, q)| within(i, *q)),
-            Command::Velocity { .. } => Err("velocities are not passed yet".into()),
+            Command::Velocity { motors, speed } if motors.is_empty() || motors.len() != speed.len() => {
+                Err(format!("{} velocities for {} motors", speed.len(), motors.len()))
+            }
+            Command::Velocity { motors, speed } => motors.iter().zip(speed).try_for_each(|(i, v)| self.slow(*i, *v)),
             Command::Stop { .. } | Command::Reference { .. } | Command::Mode { .. } => Ok(()),
+        }
+    }
+
+    fn slow(&self, motor: usize, v: f64) -> Result<(), String> {
+        match self.rules.axes.get(motor) {
+            None => Err(format!("there is no motor {motor}")),
+            // a comparison that is false for what is no number
+            Some(axis) if v.abs() <= axis.max_speed * (1.0 + 1e-9) => Ok(()),
+            Some(axis) => Err(format!("{} is asked to go at {v} rad/s", axis.name)),
         }
     }
 
     /// What to tell of a command that the driver took.
     pub fn took(&mut self, token: u64, writer: Writer, command: &Command, now: Time) -> Vec<Event> {
-        if let Command::Direct { q } = command {
-            let ended = self.streaming.as_ref().is_some_and(|s| s.token != token || s.writer != writer);
+        if let Command::Direct { .. } | Command::Velocity { .. } = command {
+            let velocity = matches!(command, Command::Velocity { .. });
+            let goes_on = |s: &Streaming| s.token == token && s.writer == writer && s.last.is_none() == velocity;
+            let ended = self.streaming.as_ref().is_some_and(|s| !goes_on(s));
             let told = if ended { self.end_stream() } else { None };
-            self.stream(token, writer, q, now);
+            self.stream(token, writer, command, now);
             return told.into_iter().collect();
         }
         let mut told: Vec<Event> = self.end_stream().into_iter().collect();
@@ -99,24 +114,32 @@ impl Port {
         told
     }
 
-    fn stream(&mut self, token: u64, writer: Writer, q: &[f64], now: Time) {
-        match &mut self.streaming {
-            Some(s) => {
-                let secs = now.since(s.span.1).as_secs_f64();
-                let motors = self.rules.axes.iter().zip(q.iter().zip(&s.last));
-                let step = motors.map(|(axis, (a, b))| (a - b).abs() / (axis.max_speed * secs).max(1e-12));
-                s.greatest_step = step.fold(s.greatest_step, f64::max);
-                s.count += 1;
-                s.span.1 = now;
-                s.last.clear();
-                s.last.extend_from_slice(q);
+    fn stream(&mut self, token: u64, writer: Writer, command: &Command, now: Time) {
+        let stream = self.streaming.get_or_insert_with(|| Streaming {
+            token,
+            writer,
+            count: 0,
+            span: (now, now),
+            last: None,
+            greatest_step: 0.0,
+        });
+        let axes = &self.rules.axes;
+        let step = match command {
+            Command::Direct { q } => {
+                let secs = now.since(stream.span.1).as_secs_f64();
+                let last = stream.last.replace(q.clone()).unwrap_or_else(|| q.clone());
+                let motors = axes.iter().zip(q.iter().zip(&last));
+                motors.map(|(axis, (a, b))| (a - b).abs() / (axis.max_speed * secs).max(1e-12)).fold(0.0, f64::max)
             }
-            None => {
-                let last = q.to_vec();
-                self.streaming =
-                    Some(Streaming { token, writer, count: 1, span: (now, now), last, greatest_step: 0.0 });
+            Command::Velocity { motors, speed } => {
+                let share = |(m, v): (&usize, &f64)| axes.get(*m).map_or(0.0, |axis| v.abs() / axis.max_speed);
+                motors.iter().zip(speed).map(share).fold(0.0, f64::max)
             }
-        }
+            _ => 0.0,
+        };
+        stream.greatest_step = stream.greatest_step.max(step);
+        stream.count += 1;
+        stream.span.1 = now;
     }
 
     /// Ends the stream of set-points, if there is one.

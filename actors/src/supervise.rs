@@ -113,6 +113,10 @@ pub struct SuperviseCore {
     retry: Option<Motion>,
     /// A commit's start: when it was accepted, from where, and how long it should take.
     course: Option<(Time, f64, f64)>,
+    /// The stream of set-points that the open transaction is.
+    stream: Option<stream::Streaming>,
+    /// Whether some motors are perhaps in another control mode than that of position moves.
+    modes: bool,
     shutdown: bool,
 }
 
@@ -134,6 +138,8 @@ impl SuperviseCore {
             done_since: None,
             retry: None,
             course: None,
+            stream: None,
+            modes: open,
             shutdown: false,
         };
         let mut out = Vec::new();
@@ -239,6 +245,7 @@ impl SuperviseCore {
 
     /// Closes the filter and stops the robot.
     fn close(&mut self, cause: Cause, out: &mut Vec<SuperviseOut>) {
+        self.stream = None;
         self.token = self.gate.close();
         let (robot, token) = (self.rules.robot.clone(), self.token);
         out.push(SuperviseOut::Event(Event::Disabled { robot, token, cause }));
@@ -293,6 +300,7 @@ impl SuperviseCore {
             return; // somebody closed it anew since
         }
         self.token = token;
+        self.stream = None;
         if self.is_moving() {
             self.give_cause(cause);
             self.closing = Closing::Reflex;
@@ -312,8 +320,12 @@ impl SuperviseCore {
             Word::Retreating => self.enter(Status::Retreating, out),
             Word::Settling => self.enter(Status::Settling, out),
             // the outcome is measured at the next reading, which is the one that the reflex judged by
-            Word::Back | Word::Stopped => self.closing = Closing::Settle(Time::ZERO),
+            Word::Back | Word::Stopped => {
+                self.modes = false;
+                self.closing = Closing::Settle(Time::ZERO);
+            }
             Word::GaveUp(hold) => {
+                self.modes = false;
                 self.retry = self.retry.take().or(self.motion()).filter(|m| m.safe.is_some());
                 self.end(Some(Outcome::Faulted), out);
                 self.closing = if hold == Hold::Stale { Closing::Settle(now) } else { Closing::No };

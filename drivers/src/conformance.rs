@@ -34,6 +34,7 @@ mod readings;
 mod refusals;
 mod streams;
 mod trial;
+mod velocities;
 
 use mobee_contract::{Driver, Time};
 
@@ -61,7 +62,14 @@ pub struct Promise {
 
 /// All promises.
 pub fn suite() -> Vec<Promise> {
-    let lists = [readings::PROMISES, refusals::PROMISES, motions::PROMISES, streams::PROMISES, leases::PROMISES];
+    let lists = [
+        readings::PROMISES,
+        refusals::PROMISES,
+        motions::PROMISES,
+        streams::PROMISES,
+        velocities::PROMISES,
+        leases::PROMISES,
+    ];
     lists.concat()
 }
 

@@ -4,14 +4,17 @@
 //! trapezoidal   accelerate, cruise, decelerate: pieces of constant acceleration
 //! minimum_jerk  one polynomial of degree five
 //! brake         one piece at the greatest deceleration
+//! cruise        go at a velocity for a while, then brake (velocity move)
 //! follow        catch up with a moving set-point, stay on it, then stop there (position-direct)
 //! ```
 //! A path has a bounded speed and acceleration, starts from any position and speed without a jump in either, and ends at rest.
 
+mod cruise;
 mod follow;
 mod pieces;
 mod quintic;
 
+pub use cruise::cruise;
 pub use follow::{Leg, follow};
 pub use pieces::{Pieces, brake, trapezoid};
 pub use quintic::Quintic;

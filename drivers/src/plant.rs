@@ -185,7 +185,12 @@ impl Plant {
                     with(m, &mut |motor, axis| motor.set_point(at, to, axis));
                 }
             }
-            Checked::Direct(_) => {}
+            Checked::Velocity(speeds) if leased => {
+                for (m, v) in speeds {
+                    with(m, &mut |motor, axis| motor.run(at, v, axis));
+                }
+            }
+            Checked::Direct(_) | Checked::Velocity(_) => {}
             Checked::Stop(motors) => {
                 for m in motors {
                     with(m, &mut |motor, axis| motor.brake(at, greatest(axis)));

@@ -78,6 +78,8 @@ enum Defect {
     Mute,
     Unit,
     Stale,
+    Standing,
+    Fast,
 }
 
 /// A driver with a planted defect.
@@ -130,6 +132,8 @@ impl Driver for Broken {
             (Command::Stop { .. }, Defect::Stop) => return Ok(()),
             (Command::Stop { motors }, Defect::StopsAll) => motors.clear(),
             (Command::Direct { .. }, Defect::Mute) => return Ok(()),
+            (Command::Velocity { .. }, Defect::Standing) => return Ok(()),
+            (Command::Velocity { speed, .. }, Defect::Fast) => speed.iter_mut().for_each(|v| *v *= 1.3),
             _ => {}
         }
         self.inner.command(now, &command)
@@ -185,7 +189,7 @@ fn the_suite_notices_every_planted_defect() {
     }
     let defects = defects![
         Lease, Limits, NotFinite, AlwaysDone, DoneEarly, Relative, Stop, StopsAll, References, Sequence, Modes, Halves,
-        Repeats, Restart, Mute, Unit, Stale
+        Repeats, Restart, Mute, Unit, Stale, Standing, Fast
     ];
     for (name, wrap) in defects {
         let seen = failures(&SimSettings::default(), wrap);

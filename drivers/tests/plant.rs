@@ -36,12 +36,14 @@ fn acts() -> impl Strategy<Value = Vec<(u64, Act)>> {
         });
     let direct = prop::collection::vec(q(), MOTORS).prop_map(|q| Act::Give(Command::Direct { q }));
     let near = (q(), 0.0..0.1f64).prop_map(|(q, d)| Act::Give(Command::Direct { q: vec![q.min(1.4) + d; MOTORS] }));
+    let velocity =
+        (0..MOTORS, -2.0..2.0f64).prop_map(|(m, v)| Act::Give(Command::Velocity { motors: vec![m], speed: vec![v] }));
     let stop =
         (0..=MOTORS).prop_map(|m| Act::Give(Command::Stop { motors: if m < MOTORS { vec![m] } else { vec![] } }));
     let mode = prop_oneof![Just(ControlMode::PositionDirect), Just(ControlMode::Position), Just(ControlMode::Idle)]
         .prop_map(|mode| Act::Give(Command::Mode { motors: vec![], mode }));
     let lease = (0u64..400).prop_map(Act::Lease);
-    let act = prop_oneof![4 => motion, 3 => direct, 3 => near, 1 => stop, 2 => mode, 3 => lease];
+    let act = prop_oneof![4 => motion, 4 => velocity, 3 => direct, 3 => near, 1 => stop, 2 => mode, 3 => lease];
     prop::collection::vec((prop_oneof![Just(20u64), 0u64..600], act), 1..40)
 }
 

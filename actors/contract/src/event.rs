@@ -224,7 +224,7 @@ pub enum Event {
         /// Why.
         reason: String,
     },
-    /// A stream of set-points ended.
+    /// A stream of set-points, of positions or of velocities, ended.
     Streamed {
         /// Robot.
         robot: String,
@@ -236,7 +236,8 @@ pub enum Event {
         count: u64,
         /// When the first and the last were written.
         span: (Time, Time),
-        /// Greatest step of a motor between two set-points, as a share of what its greatest speed allows in the time.
+        /// Greatest step of a motor between two set-points, as a share of what its greatest speed allows in the time;
+        /// for velocities the greatest share of a motor's greatest speed.
         greatest_step: f64,
         /// Whether every value was finite and within limits.
         within_limits: bool,

@@ -201,6 +201,16 @@ pub enum Refusal {
         /// The motor's name.
         motor: String,
     },
+    /// A set-point too far from the one before.
+    #[error("motor {motor}: a set-point {by_deg:.3} deg away, {most_deg:.3} deg is the most it can follow at once")]
+    Jump {
+        /// The motor's name.
+        motor: String,
+        /// How far away.
+        by_deg: f64,
+        /// How far it may be.
+        most_deg: f64,
+    },
     /// A share of the greatest speed outside (0, 1].
     #[error("speed {speed} is not a share of the greatest speed, above 0 and up to 1")]
     Speed {
@@ -231,6 +241,7 @@ impl Refusal {
             Refusal::Busy => "busy",
             Refusal::Limits { .. } => "limits",
             Refusal::NotFinite { .. } => "not_finite",
+            Refusal::Jump { .. } => "jump",
             Refusal::Speed { .. } => "speed",
             Refusal::Malformed { .. } => "malformed",
             Refusal::State { .. } => "state",
@@ -248,6 +259,7 @@ impl Refusal {
             Refusal::Busy => "wait until the motion has ended, or stop its agent",
             Refusal::Limits { .. } => "choose a position within the limits",
             Refusal::NotFinite { .. } => "check the planner for a division by zero",
+            Refusal::Jump { .. } => "begin the stream where the robot is, and step no farther than its motors are fast",
             Refusal::Speed { .. } => "give a speed above 0 and up to 1",
             Refusal::Malformed { .. } => "name each motor once, with one position each",
             Refusal::State { .. } => "start the agent without the old state",

@@ -1,6 +1,6 @@
 //! The way back: the recorded poses backwards at the recorded rate (Algorithm 6).
 
-use crate::controller::{Rules, distance};
+use crate::controller::{Rules, clamped, distance};
 use crate::history::Recorded;
 use mobee_contract::{Command, ControlMode, Pose, Sample, Target, Time};
 use std::time::Duration;
@@ -154,11 +154,6 @@ impl Retreat {
         let target = Target { motors: (0..self.written.len()).collect(), q: self.written.to_vec(), speed };
         Some(Command::Move(target.in_step(&sample.q, &rules.axes)))
     }
-}
-
-/// Readings near a limit may lie beyond it by the noise; commands never do (I5).
-fn clamped(q: &[f64], rules: &Rules) -> Pose {
-    q.iter().zip(rules.axes.iter()).map(|(q, axis)| q.clamp(axis.min.min(axis.max), axis.max.max(axis.min))).collect()
 }
 
 /// The points at which the path turns by more than [`THIN`].

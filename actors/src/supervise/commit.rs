@@ -15,6 +15,26 @@ impl SuperviseCore {
     pub(super) fn commit(&mut self, commit: Commit, now: Time, out: &mut Vec<SuperviseOut>) -> Verdict {
         check(&commit.target, &self.rules)?;
         check_speeds(&commit, &self.rules)?;
+        match self.admit(now)? {
+            Way::Join { here } => self.amend(commit, here, now, out),
+            Way::Begin { here, at, q, speed } => {
+                let safe = self.take_safe(at, &q, speed, now, out);
+                self.accept(commit, Some(safe), here, now, out)
+            }
+            Way::Escape { here, .. } => {
+                let Some(token) = self.gate.open(self.token) else { return Err(Refusal::Closed) };
+                self.token = token;
+                out.push(SuperviseOut::Event(Event::Enabled { robot: self.rules.robot.clone(), token }));
+                self.accept(commit, None, here, now, out)
+            }
+        }
+    }
+
+    /// What a command that fits would be now.
+    ///
+    /// # Errors
+    /// Why none is taken now.
+    pub(super) fn admit(&self, now: Time) -> Result<Way, Refusal> {
         if self.shutdown {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
         }
@@ -30,25 +50,30 @@ impl SuperviseCore {
             Status::Starting => not_ready("the robot to come to rest"),
             Status::Stopping | Status::Retreating | Status::Settling => Err(Refusal::Closed),
             Status::Holding(reason) if self.closing != Closing::No => Err(Refusal::Holding { reason }),
-            Status::Moving | Status::Escaping => self.amend(commit, here, now, out),
-            Status::Rest if self.gate.token() != self.token => Err(Refusal::Closed),
-            Status::Rest => {
-                let Some((at, q, speed)) = self.rest.clone().filter(|(at, ..)| now <= *at + self.rules.fresh) else {
-                    return not_ready("the robot to come to rest");
-                };
-                let safe = self.safe_pose(&q);
-                let (robot, age) = (self.rules.robot.clone(), now.since(at).as_secs_f64());
-                out.push(SuperviseOut::Event(Event::SafePose { robot, q: safe.clone(), age, speed, free: true }));
-                self.accept(commit, Some((at, safe)), here, now, out)
-            }
+            Status::Rest | Status::Moving | Status::Escaping if self.gate.token() != self.token => Err(Refusal::Closed),
+            Status::Moving | Status::Escaping => Ok(Way::Join { here }),
+            Status::Rest => match self.rest.clone().filter(|(at, ..)| now <= *at + self.rules.fresh) {
+                Some((at, q, speed)) => Ok(Way::Begin { here, at, q, speed }),
+                None => not_ready("the robot to come to rest"),
+            },
             Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
-            Status::Holding(_) => {
-                let Some(token) = self.gate.open(self.token) else { return Err(Refusal::Closed) };
-                self.token = token;
-                out.push(SuperviseOut::Event(Event::Enabled { robot: self.rules.robot.clone(), token }));
-                self.accept(commit, None, here, now, out)
-            }
+            Status::Holding(reason) => Ok(Way::Escape { here, reason }),
         }
+    }
+
+    /// Takes the safe pose of a new transaction from a reading at rest.
+    pub(super) fn take_safe(
+        &self,
+        at: Time,
+        q: &Pose,
+        speed: f64,
+        now: Time,
+        out: &mut Vec<SuperviseOut>,
+    ) -> (Time, Pose) {
+        let safe = self.safe_pose(q);
+        let (robot, age) = (self.rules.robot.clone(), now.since(at).as_secs_f64());
+        out.push(SuperviseOut::Event(Event::SafePose { robot, q: safe.clone(), age, speed, free: true }));
+        (at, safe)
     }
 
     /// The safe pose for a robot that rests at `q`: the last one if the reading confirms it, so that many rollbacks to
@@ -106,8 +131,11 @@ impl SuperviseCore {
     /// A command in mid-motion changes the open transaction: same id, same safe pose. Motors that it does not name keep
     /// the targets they have.
     fn amend(&mut self, commit: Commit, here: Pose, now: Time, out: &mut Vec<SuperviseOut>) -> Verdict {
-        if self.gate.token() != self.token {
-            return Err(Refusal::Closed);
+        let open = self.with_book(|b| b.open.as_ref().map(|o| o.agent.clone()));
+        match open {
+            None => return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() }),
+            Some(owner) if owner != commit.agent => return Err(Refusal::Busy),
+            Some(_) => self.leave_stream(&commit.target.motors, now, out),
         }
         let escape = self.status == Status::Escaping;
         let course = self.course(&commit, &here, escape);
@@ -116,15 +144,13 @@ impl SuperviseCore {
             let Some(open) = book.open.as_mut() else {
                 return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() });
             };
-            if open.agent != commit.agent {
-                return Err(Refusal::Busy);
-            }
             open.target = commit.target.pose(&open.target);
             open.since = now;
             let due = now + course.patience();
             // motors that go on as they were may need longer
             let all = commit.target.motors.len() == here.len();
-            open.due = if all { due } else { due.max(open.due) };
+            let only = all || open.due == Time(u64::MAX);
+            open.due = if only { due } else { due.max(open.due) };
             (open.id, open.target.clone())
         };
         self.done_since = None;
@@ -164,6 +190,33 @@ impl SuperviseCore {
         };
         Course { command, secs }
     }
+}
+
+/// What a command that fits would be.
+pub(super) enum Way {
+    /// It joins the open transaction.
+    Join {
+        /// The newest reading.
+        here: Pose,
+    },
+    /// It begins one.
+    Begin {
+        /// The newest reading.
+        here: Pose,
+        /// The newest reading at rest: when, where, how fast.
+        at: Time,
+        /// See above.
+        q: Pose,
+        /// See above.
+        speed: f64,
+    },
+    /// It is an escape from a hold.
+    Escape {
+        /// The newest reading.
+        here: Pose,
+        /// Why the robot holds.
+        reason: Hold,
+    },
 }
 
 /// How a commit is driven, and how long that should take.

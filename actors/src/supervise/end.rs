@@ -5,7 +5,7 @@ use crate::controller::distance;
 use crate::gate::Gate;
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
-use mobee_contract::{Cause, Event, Hold, MotionEnd, Outcome, Status, Time};
+use mobee_contract::{Cause, Event, Hold, MotionEnd, Outcome, Status, Time, Writer};
 use std::time::Duration;
 
 /// How long the board may say "done" away from the target.
@@ -47,6 +47,7 @@ impl SuperviseCore {
     /// The robot rests: the open transaction, if any, gets the outcome that the pose shows; then open, or hold.
     fn settle(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
         self.end(None, out);
+        self.restore_modes(Writer::Reflex, out);
         self.closing = Closing::No;
         let hold = match self.status {
             _ if self.shutdown => Some(Hold::ShuttingDown),
@@ -96,6 +97,9 @@ impl SuperviseCore {
 
     /// A motion is under way: has it ended, or gone wrong?
     fn moving(&mut self, pulse: &Pulse, at_rest: bool, out: &mut Vec<SuperviseOut>) {
+        if self.stream.is_some() && !self.streaming(pulse, at_rest, out) {
+            return;
+        }
         let at = pulse.sample.at;
         let q = &pulse.sample.q;
         let (target, since, due) = match self.with_book(|b| b.open.as_ref().map(|o| (o.target.clone(), o.since, o.due)))
@@ -123,6 +127,7 @@ impl SuperviseCore {
     /// The robot rests at its target.
     fn done(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
         let escaped = self.status == Status::Escaping;
+        self.restore_modes(Writer::Agent, out);
         self.end(Some(Outcome::Committed), out);
         if escaped && !pulse.free {
             self.close(Cause::Contact(pulse.contacts.to_vec()), out);
@@ -142,7 +147,7 @@ impl SuperviseCore {
 
     /// A motion that outlasts the history takes its safe pose along: all that was recorded in it was free, else the
     /// reflex would have ended it.
-    fn keep_in_history(&mut self, out: &mut Vec<SuperviseOut>) {
+    pub(super) fn keep_in_history(&mut self, out: &mut Vec<SuperviseOut>) {
         let moved = self.with_book(|book| {
             let open = book.open.as_mut()?;
             let (at, _) = open.safe.as_ref()?;

@@ -1,11 +1,348 @@
-//! Streams of set-points as transactions.
+//! Streams of set-points as transactions: YARP's position direct and velocity move.
+//!
+//! ```text
+//! Rest ──first set-point──> Moving ──quiet for `stream_quiet`──> brakes ──at rest──> Rest   Committed where it rests
+//!                            └^ each next amends                 └── contact at any time: rolled back as any motion
+//! ```
+//!
+//! What is written never jumps: a set-point of position that is farther than its axis can go in [`AHEAD`] is refused, and
+//! one that is nearer is gone to at the axis' own speed. Velocities are lowered to what the axis can do, and to what can
+//! still be braked before a limit. Streams are refused while the robot holds: an escape is a commit.
 
+use super::check::check_setpoints;
+use super::commit::Way;
 use super::{SuperviseCore, SuperviseOut};
-use mobee_contract::{Refusal, Setpoints, Time, Verdict};
+use crate::controller::{Rules, clamped};
+use crate::pulse::Pulse;
+use crate::reflex::{FROZEN, FROZEN_WAY};
+use mobee_contract::{
+    Axis, Cause, Command, CommitId, ControlMode, Event, Hold, Pose, Refusal, Setpoints, Status, Time, Values, Verdict,
+    Writer,
+};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How far ahead of the robot a set-point of position may be, in time at its axis' greatest speed.
+const AHEAD: Duration = Duration::from_millis(100);
+/// Share of an axis' greatest speed that a written set-point may ask for.
+const SHARE: f64 = 0.95;
+/// How long the robot may take to come to rest after the last set-point.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A stream under way.
+#[derive(Debug)]
+pub(super) struct Streaming {
+    velocity: bool,
+    /// Which motors it has named; a stream of positions holds all.
+    motors: Vec<bool>,
+    /// The newest set-point of every motor: rad, or rad/s.
+    asked: Vec<f64>,
+    /// What was last written, and when.
+    written: Vec<f64>,
+    wrote: Time,
+    /// Whether what was asked has not been written yet.
+    pending: bool,
+    /// When the last set-point came.
+    heard: Time,
+    /// Since when the robot brakes.
+    braking: Option<Time>,
+    /// Since when the readings are equal bit for bit, and how far the set-points have moved since, rad.
+    mark: (Time, f64),
+    /// The last reading.
+    seen: Time,
+}
+
+impl Streaming {
+    fn new(velocity: bool, here: &Pose, rules: &Rules, now: Time) -> Streaming {
+        let n = here.len();
+        let rest = if velocity { vec![0.0; n] } else { clamped(here, rules).to_vec() };
+        Streaming {
+            velocity,
+            motors: vec![!velocity; n],
+            asked: rest.clone(),
+            written: rest,
+            wrote: now - rules.period,
+            pending: false,
+            heard: now,
+            braking: None,
+            mark: (now, 0.0),
+            seen: now,
+        }
+    }
+
+    /// The motors it has named.
+    fn named(&self) -> Vec<usize> {
+        self.motors.iter().enumerate().filter(|(_, named)| **named).map(|(m, _)| m).collect()
+    }
+
+    /// Takes in what was checked.
+    ///
+    /// # Errors
+    /// A position too far ahead; nothing is changed then.
+    fn take(&mut self, setpoints: &Setpoints, rules: &Rules, now: Time) -> Result<(), Refusal> {
+        let (Values::Position(values) | Values::Velocity(values)) = &setpoints.values;
+        if !self.velocity {
+            for (m, q) in setpoints.motors.iter().zip(values) {
+                let (Some(axis), Some(written)) = (rules.axes.get(*m), self.written.get(*m)) else { continue };
+                let (by, most) = ((q - written).abs(), axis.max_speed * AHEAD.as_secs_f64() + rules.tolerance);
+                if by > most {
+                    let (by_deg, most_deg) = (by.to_degrees(), most.to_degrees());
+                    return Err(Refusal::Jump { motor: axis.name.clone(), by_deg, most_deg });
+                }
+            }
+        }
+        for (m, value) in setpoints.motors.iter().zip(values) {
+            let (Some(axis), Some(asked), Some(named)) =
+                (rules.axes.get(*m), self.asked.get_mut(*m), self.motors.get_mut(*m))
+            else {
+                continue;
+            };
+            *named = true;
+            *asked = if self.velocity { value.clamp(-axis.max_speed, axis.max_speed) } else { *value };
+        }
+        self.heard = now;
+        self.pending = true;
+        Ok(())
+    }
+
+    /// The next command, if there is one and it is time for it.
+    fn write(&mut self, here: &[f64], rules: &Rules, now: Time) -> Option<Command> {
+        let elapsed = now.since(self.wrote).as_secs_f64();
+        let period = rules.period.as_secs_f64();
+        // half a sample early rather than a whole one late
+        let due = elapsed >= 0.75 * period;
+        if self.velocity {
+            let motors = rules.axes.iter().zip(&self.asked).zip(here);
+            let allowed: Vec<f64> = motors.map(|((axis, v), q)| before_limit(axis, *q, *v, rules)).collect();
+            let brakes = allowed.iter().zip(&self.written).any(|(v, w)| v.abs() < w.abs() - 1e-9);
+            if !(brakes || self.pending && due) {
+                return None;
+            }
+            self.written = allowed;
+            let motors = self.named();
+            let speed = motors.iter().filter_map(|m| self.written.get(*m)).copied().collect();
+            (self.wrote, self.pending) = (now, false);
+            return Some(Command::Velocity { motors, speed });
+        }
+        if !(self.pending && due) {
+            return None;
+        }
+        let step = elapsed.min(1.5 * period);
+        let mut way = 0.0;
+        self.pending = false;
+        for ((axis, asked), written) in rules.axes.iter().zip(&self.asked).zip(&mut self.written) {
+            let most = SHARE * axis.max_speed * step;
+            let by = (asked - *written).clamp(-most, most);
+            way = f64::max(way, by.abs());
+            *written = if by == asked - *written { *asked } else { *written + by };
+            self.pending |= *written != *asked;
+        }
+        self.mark.1 += way;
+        self.wrote = now;
+        Some(Command::Direct { q: self.written.clone() })
+    }
+}
+
+/// The velocity towards which a motor at `q` may be driven: it must still be able to brake before its limit, even if
+/// the next command comes late.
+fn before_limit(axis: &Axis, q: f64, v: f64, rules: &Rules) -> f64 {
+    let room = if v > 0.0 { axis.max - q } else { q - axis.min } - rules.tolerance;
+    let (a, late) = (axis.max_acceleration, rules.reaction().as_secs_f64());
+    if room <= 0.0 || a <= 0.0 {
+        return 0.0;
+    }
+    // v late + v^2 / (2 a) = room
+    let most = a * ((late * late + 2.0 * room / a).sqrt() - late);
+    v.clamp(-most, most)
+}
 
 impl SuperviseCore {
-    /// Set-points arrive.
-    pub(super) fn stream(&mut self, _: &str, _: Setpoints, _: Time, _: &mut Vec<SuperviseOut>) -> Verdict {
-        Err(Refusal::NotReady { missing: "streams".into() })
+    /// Set-points arrive: they open a transaction, or amend the open stream.
+    pub(super) fn stream(
+        &mut self,
+        agent: &Arc<str>,
+        setpoints: Setpoints,
+        now: Time,
+        out: &mut Vec<SuperviseOut>,
+    ) -> Verdict {
+        check_setpoints(&setpoints, &self.rules)?;
+        match self.admit(now)? {
+            Way::Escape { reason, .. } => Err(Refusal::Holding { reason }),
+            Way::Join { .. } if self.status == Status::Escaping => Err(Refusal::Holding { reason: Hold::InContact }),
+            Way::Join { here } => self.join_stream(agent, &setpoints, &here, now, out),
+            Way::Begin { here, at, q, speed } => {
+                let rules = self.rules.clone();
+                let mut stream = Streaming::new(is_velocity(&setpoints), &here, &rules, now);
+                stream.take(&setpoints, &rules, now)?;
+                let safe = self.take_safe(at, &q, speed, now, out);
+                let target: Pose = if stream.velocity { here.clone() } else { stream.asked.as_slice().into() };
+                let id = self.open(agent.clone(), target.clone(), Some(safe), (Time(u64::MAX), now), out);
+                let (robot, agent) = (rules.robot.clone(), agent.to_string());
+                out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target, escape: false }));
+                self.enter(Status::Moving, out);
+                self.begin_stream(stream, &here, now, out);
+                Ok(id)
+            }
+        }
     }
+
+    fn begin_stream(&mut self, stream: Streaming, here: &Pose, now: Time, out: &mut Vec<SuperviseOut>) {
+        let (motors, mode) = match stream.velocity {
+            true => (stream.named(), ControlMode::Velocity),
+            false => (Vec::new(), ControlMode::PositionDirect),
+        };
+        self.modes = true;
+        out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Mode { motors, mode }));
+        self.stream = Some(stream);
+        self.write_stream(here, now, out);
+    }
+
+    fn join_stream(
+        &mut self,
+        agent: &Arc<str>,
+        setpoints: &Setpoints,
+        here: &Pose,
+        now: Time,
+        out: &mut Vec<SuperviseOut>,
+    ) -> Verdict {
+        let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
+        let (id, owner) = match self.with_book(|b| b.open.as_ref().map(|o| (o.id, o.agent.clone()))) {
+            Some(open) => open,
+            None => return not_ready("the outcome of the last motion"),
+        };
+        if owner != *agent {
+            return Err(Refusal::Busy);
+        }
+        let (rules, velocity) = (self.rules.clone(), is_velocity(setpoints));
+        let Some(stream) = &mut self.stream else {
+            if !velocity {
+                return not_ready("the end of the move under way");
+            }
+            // these motors leave the move; the others go on
+            let mut stream = Streaming::new(true, here, &rules, now);
+            stream.take(setpoints, &rules, now)?;
+            self.begin_stream(stream, here, now, out);
+            return Ok(id);
+        };
+        if stream.braking.is_some() {
+            return not_ready("the robot to come to rest");
+        }
+        if stream.velocity != velocity {
+            return not_ready("the end of the present stream");
+        }
+        let new: Vec<usize> =
+            setpoints.motors.iter().copied().filter(|m| stream.motors.get(*m) == Some(&false)).collect();
+        stream.take(setpoints, &rules, now)?;
+        let asked: Option<Pose> = (!velocity).then(|| stream.asked.as_slice().into());
+        if !new.is_empty() {
+            let mode = Command::Mode { motors: new, mode: ControlMode::Velocity };
+            out.push(SuperviseOut::Command(self.token, Writer::Agent, mode));
+        }
+        self.with_book(|book| {
+            if let (Some(open), Some(asked)) = (book.open.as_mut(), asked) {
+                open.target = asked;
+            }
+        });
+        self.write_stream(here, now, out);
+        Ok(id)
+    }
+
+    fn write_stream(&mut self, here: &[f64], now: Time, out: &mut Vec<SuperviseOut>) {
+        let written = self.stream.as_mut().and_then(|s| s.write(here, &self.rules, now));
+        out.extend(written.map(|c| SuperviseOut::Command(self.token, Writer::Agent, c)));
+    }
+
+    /// A commit takes some motors over from the stream, and ends it: the others stay where the stream has brought them.
+    pub(super) fn leave_stream(&mut self, motors: &[usize], now: Time, out: &mut Vec<SuperviseOut>) {
+        let Some(mut stream) = self.stream.take() else { return };
+        if !stream.velocity {
+            let written: Pose = stream.written.as_slice().into();
+            self.with_book(|b| b.open.iter_mut().for_each(|o| o.target = written.clone()));
+            return;
+        }
+        for m in motors {
+            if let Some(named) = stream.motors.get_mut(*m) {
+                *named = false;
+            }
+        }
+        let rest = stream.named();
+        if !rest.is_empty() {
+            stream.braking.get_or_insert(now);
+            out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Stop { motors: rest }));
+            self.stream = Some(stream);
+        }
+    }
+
+    /// A reading during a stream: go on, brake, or see that it has come to rest. Returns whether the stream is over and
+    /// the motion is to be judged as any other.
+    pub(super) fn streaming(&mut self, pulse: &Pulse, at_rest: bool, out: &mut Vec<SuperviseOut>) -> bool {
+        let rules = self.rules.clone();
+        let (at, q) = (pulse.sample.at, &pulse.sample.q);
+        let Some(stream) = &mut self.stream else { return true };
+        if stream.mark.0 != pulse.unchanged {
+            stream.mark = (pulse.unchanged, 0.0);
+        } else if stream.velocity && stream.braking.is_none() {
+            let fastest = stream.written.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+            stream.mark.1 += fastest * at.since(stream.seen).as_secs_f64();
+        }
+        stream.seen = at;
+        if at.since(stream.mark.0) >= FROZEN && stream.mark.1 > FROZEN_WAY {
+            self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), at, out);
+            return false;
+        }
+        match stream.braking {
+            None if at >= stream.heard + rules.stream_quiet => {
+                stream.braking = Some(at);
+                let motors = if stream.velocity { stream.named() } else { Vec::new() };
+                out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Stop { motors }));
+            }
+            None => self.write_stream(q, at, out),
+            Some(since) => {
+                let done = stream.motors.iter().zip(&pulse.sample.done).all(|(named, done)| !named || *done);
+                if at >= since + rules.reaction() && at_rest && done {
+                    self.end_stream(q, since, at, out);
+                    return true;
+                }
+                if at >= since + PATIENCE {
+                    self.roll_back(Cause::TargetMissed, at, out);
+                    return false;
+                }
+            }
+        }
+        self.keep_in_history(out);
+        false
+    }
+
+    /// The robot rests: where it does is the stream's target.
+    fn end_stream(&mut self, q: &Pose, since: Time, at: Time, out: &mut Vec<SuperviseOut>) {
+        let Some(stream) = self.stream.take() else { return };
+        let rested: Option<(CommitId, Pose)> = self.with_book(|book| {
+            let open = book.open.as_mut()?;
+            let now = |(m, old): (usize, &f64)| {
+                if stream.motors.get(m) == Some(&true) { q.get(m) } else { None }.copied().unwrap_or(*old)
+            };
+            open.target = open.target.iter().enumerate().map(now).collect();
+            open.since = since;
+            // motors that a commit moves may still be on their way
+            open.due = if open.due == Time(u64::MAX) { at + PATIENCE } else { open.due.max(at + PATIENCE) };
+            Some((open.id, open.target.clone()))
+        });
+        if let Some((id, target)) = rested {
+            out.push(SuperviseOut::Event(Event::Amended { robot: self.rules.robot.clone(), id, target }));
+        }
+        self.course = None;
+        self.restore_modes(Writer::Agent, out);
+    }
+
+    /// Motors that a stream has taken out of the mode of position moves are put back.
+    pub(super) fn restore_modes(&mut self, writer: Writer, out: &mut Vec<SuperviseOut>) {
+        if std::mem::take(&mut self.modes) {
+            let mode = Command::Mode { motors: Vec::new(), mode: ControlMode::Position };
+            out.push(SuperviseOut::Command(self.token, writer, mode));
+        }
+    }
+}
+
+fn is_velocity(setpoints: &Setpoints) -> bool {
+    matches!(setpoints.values, Values::Velocity(_))
 }

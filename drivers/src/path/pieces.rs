@@ -100,6 +100,11 @@ impl Pieces {
         self.last.t
     }
 
+    /// The state after the last piece.
+    pub(super) fn last(&self) -> State {
+        self.last.state
+    }
+
     /// Position at the end.
     pub fn end(&self) -> f64 {
         self.last.state.q

@@ -28,6 +28,8 @@ pub enum Checked {
     Move(Vec<Way>),
     /// A set-point for every motor.
     Direct(Vec<f64>),
+    /// Velocities of these.
+    Velocity(Vec<(usize, f64)>),
     /// Brake these.
     Stop(Vec<usize>),
     /// Reference speed and acceleration of these.
@@ -39,7 +41,7 @@ pub enum Checked {
 impl Checked {
     /// Whether it starts a motion.
     pub fn moves(&self) -> bool {
-        matches!(self, Checked::Move(_) | Checked::Direct(_))
+        matches!(self, Checked::Move(_) | Checked::Direct(_) | Checked::Velocity(_))
     }
 
     /// The motors whose motion it changes.
@@ -47,6 +49,7 @@ impl Checked {
         match self {
             Checked::Move(ways) => ways.iter().map(|w| w.motor).collect(),
             Checked::Direct(q) => (0..q.len()).collect(),
+            Checked::Velocity(speeds) => speeds.iter().map(|(m, _)| *m).collect(),
             Checked::Stop(motors) | Checked::Mode(motors, _) => motors.clone(),
             Checked::Reference(_) => Vec::new(),
         }
@@ -58,7 +61,7 @@ pub fn check(plant: &Plant, command: &Command) -> Result<Checked, String> {
     match command {
         Command::Move(m) => check_move(plant, m).map(Checked::Move),
         Command::Direct { q } => check_direct(plant, q).map(Checked::Direct),
-        Command::Velocity { .. } => Err("this board takes no velocities".into()),
+        Command::Velocity { motors, speed } => check_velocity(plant, motors, speed).map(Checked::Velocity),
         Command::Stop { motors } => indices(plant, motors).map(Checked::Stop),
         Command::Mode { motors, mode } => Ok(Checked::Mode(indices(plant, motors)?, *mode)),
         Command::Reference { motors, speed, acceleration } => {
@@ -100,6 +103,7 @@ fn check_direct(plant: &Plant, q: &[f64]) -> Result<Vec<f64>, String> {
         let (motors, mode) = match command {
             Checked::Mode(motors, mode) => (motors.clone(), *mode),
             Checked::Move(_) => (command.disturbs(), ControlMode::Position),
+            Checked::Velocity(_) => (command.disturbs(), ControlMode::Velocity),
             _ => continue,
         };
         for m in motors {
@@ -114,6 +118,20 @@ fn check_direct(plant: &Plant, q: &[f64]) -> Result<Vec<f64>, String> {
         }
     }
     plant.axes.iter().zip(q).map(|(axis, q)| within(axis, *q, ENCODER_NOISE)).collect()
+}
+
+/// Velocities; what exceeds an axis is lowered to what it can do, as boards do.
+fn check_velocity(plant: &Plant, motors: &[usize], speed: &[f64]) -> Result<Vec<(usize, f64)>, String> {
+    let axes = named(plant, motors)?;
+    same_length(motors.len(), speed.len(), "velocities")?;
+    let each = motors.iter().zip(speed).zip(axes);
+    each.map(|((motor, v), axis)| {
+        if !v.is_finite() {
+            return Err(format!("motor {}: the velocity is not a finite number", axis.name));
+        }
+        Ok((*motor, v.clamp(-axis.max_speed, axis.max_speed)))
+    })
+    .collect()
 }
 
 /// The position within the axis' limits, if it exceeds them by no more than `tolerance`.

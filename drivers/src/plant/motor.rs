@@ -1,6 +1,6 @@
 //! One motor: its control mode, its references, and the path it is on.
 
-use crate::path::{Bounds, Leg, Path, Profile, State, brake, follow};
+use crate::path::{Bounds, Leg, Path, Profile, State, brake, cruise, follow};
 use mobee_contract::{Axis, ControlMode, Time};
 
 /// The least reference a motor takes, as a share of its greatest. Lower ones are raised to it: a motor that has next to nothing to do in a move of
@@ -10,6 +10,9 @@ const LEAST_REFERENCE: f64 = 1.0 / 5000.0;
 const STREAM_GAP: f64 = 0.1;
 /// Shortest interval (s) between set-points of a stream that is believed.
 const SHORTEST_INTERVAL: f64 = 1e-3;
+
+/// How long (s) a motor goes on at a velocity that is not given again; then it brakes, as real boards do.
+const WATCHDOG: f64 = 0.1;
 
 /// One motor of the plant.
 #[derive(Clone, Debug)]
@@ -88,6 +91,19 @@ impl Motor {
             self.take(at, Path::Rest(to));
         } else {
             self.take(at, Path::Pieces(Box::new(follow(state, leg, [axis.min, axis.max], greatest))));
+        }
+    }
+
+    /// Goes at a velocity that came at `at`, until the next command or the watchdog, and never into a limit.
+    pub fn run(&mut self, at: Time, v: f64, axis: &Axis) {
+        let greatest = super::greatest(axis);
+        self.switch(at, ControlMode::Velocity, greatest);
+        self.leg = None;
+        let state = self.state(at);
+        if v == 0.0 && state.v == 0.0 {
+            self.take(at, Path::Rest(state.q));
+        } else {
+            self.take(at, Path::Pieces(Box::new(cruise(state, v, WATCHDOG, [axis.min, axis.max], greatest))));
         }
     }
 

@@ -1,0 +1,109 @@
+//! Promises about velocities.
+
+use super::trial::{DEG, NEAR, Trial, at, see};
+use super::{Bench, Promise};
+use mobee_contract::{Command, ControlMode, Sample, Time};
+use std::time::Duration;
+
+pub const PROMISES: &[Promise] = &[
+    Promise { name: "a velocity is kept by its motor alone, and ends soon after it is no longer given", check: kept },
+    Promise { name: "a velocity passes no limit", check: limit },
+    Promise { name: "velocities that do not fit, or have no lease, are refused", check: refused },
+    Promise { name: "a move takes over from a velocity", check: move_after },
+];
+
+/// How often velocities are given.
+const TICK: Duration = Duration::from_millis(20);
+/// A velocity that is not given again ends within this time.
+const WATCHDOG: Duration = Duration::from_millis(500);
+
+/// Gives a velocity again and again for so long; the readings.
+fn drive(t: &mut Trial, motor: usize, speed: f64, time: Duration) -> Result<Vec<Sample>, String> {
+    let (mut next, end) = (t.now(), t.now() + time);
+    let mut all = Vec::new();
+    while t.now() < end {
+        if t.now() >= next {
+            t.give(Command::Velocity { motors: vec![motor], speed: vec![speed] })?;
+            next = next + TICK;
+        }
+        all.extend(t.step()?);
+    }
+    Ok(all)
+}
+
+/// The motor's velocity for the suite, towards where it has room.
+fn speed(t: &Trial, m: usize) -> f64 {
+    let to = at(&t.away(&[m]), m);
+    (0.5 * t.reference(m).0).copysign(to - at(&t.last.q, m))
+}
+
+fn kept(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let m = t.motors()?.first().copied().unwrap_or_default();
+    let (home, v) = (t.last.q.clone(), speed(&t, m));
+    let begun = drive(&mut t, m, v, Duration::from_millis(400) + t.board.latency)?;
+    let wrong = |(i, mode): (usize, &ControlMode)| (*mode == ControlMode::Velocity) != (i == m);
+    see(!t.driver.modes().iter().enumerate().any(wrong), || "not its motor alone is in velocity mode".into())?;
+    let held = drive(&mut t, m, v, Duration::from_millis(500))?;
+    see(begun.iter().chain(&held).any(|s| s.done.get(m) == Some(&false)), || "it was never under way".into())?;
+    let (Some(first), Some(last)) = (held.first(), held.last()) else { return Err("no readings".into()) };
+    let got = (at(&last.q, m) - at(&first.q, m)) / last.at.since(first.at).as_secs_f64();
+    see((got - v).abs() <= 0.1 * v.abs() + NEAR / 0.4, || format!("{:.2} deg/s instead of {:.2}", got / DEG, v / DEG))?;
+    let quiet = at(&t.last.q, m);
+    t.until_done()?;
+    let most = v.abs() * (t.board.latency + t.board.period + WATCHDOG).as_secs_f64() + NEAR;
+    let way = (at(&t.last.q, m) - quiet).abs();
+    see(way <= most, || format!("it went on for {:.2} deg, at most {:.2}", way / DEG, most / DEG))?;
+    let rest = t.last.q.clone();
+    t.settle(30)?;
+    t.rests_at(&rest)?;
+    let stray = (0..home.len()).find(|i| *i != m && (at(&rest, *i) - at(&home, *i)).abs() > NEAR);
+    see(stray.is_none(), || format!("motor {stray:?} moved too"))
+}
+
+fn limit(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let m = t.motors()?.first().copied().unwrap_or_default();
+    let Some(axis) = t.board.axes.get(m).cloned() else { return Ok(()) };
+    for (q, sign) in [(axis.max - 1.5 * DEG, 1.0), (axis.min + 1.5 * DEG, -1.0)] {
+        let mut near = t.last.q.to_vec();
+        near.iter_mut().skip(m).take(1).for_each(|slot| *slot = q);
+        t.give(Command::Move(t.to(&[m], &near)))?;
+        t.until_done()?;
+        let v = sign * t.reference(m).0;
+        let seen = drive(&mut t, m, v, Duration::from_secs(1) + t.board.latency)?;
+        let passed = seen.iter().find(|s| at(&s.q, m) > axis.max + NEAR || at(&s.q, m) < axis.min - NEAR);
+        see(passed.is_none(), || format!("it was at {:.3} deg", passed.map_or(f64::NAN, |s| at(&s.q, m) / DEG)))?;
+        t.until_done()?;
+    }
+    Ok(())
+}
+
+fn refused(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let (m, n) = (t.motors()?.first().copied().unwrap_or_default(), t.last.q.len());
+    let name = t.board.axes.get(m).map(|a| a.name.clone()).unwrap_or_default();
+    let v = speed(&t, m);
+    t.refused(Command::Velocity { motors: vec![m], speed: vec![f64::NAN] }, &name)?;
+    for (motors, speed) in [(vec![], vec![]), (vec![n], vec![v]), (vec![m, m], vec![v, v]), (vec![m], vec![v, v])] {
+        t.refused(Command::Velocity { motors, speed }, "")?;
+    }
+    t.keeps_lease = false;
+    let now = t.now();
+    t.driver.lease(now, Time::ZERO);
+    t.refused(Command::Velocity { motors: vec![m], speed: vec![v] }, "")
+}
+
+fn move_after(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    let m = t.motors()?.first().copied().unwrap_or_default();
+    let (home, v) = (t.last.q.to_vec(), speed(&t, m));
+    drive(&mut t, m, v, Duration::from_millis(300) + t.board.latency)?;
+    // readings at a limit may lie beyond it by their noise
+    let inside = |(q, a): (&f64, &mobee_contract::Axis)| q.clamp(a.min, a.max);
+    let back: Vec<f64> = home.iter().zip(&t.board.axes).map(inside).collect();
+    t.give(Command::Move(t.to(&[m], &back)))?;
+    t.until_done()?;
+    t.rests_at(&home)?;
+    t.until_mode(ControlMode::Position)
+}
