@@ -40,7 +40,8 @@ pub trait Agent: Send {
     /// (Algorithm 3), and is `None` at the start and after a wait or a stop.
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent;
 
-    /// A new view arrived in mid-motion (an object moved or changed): keep going, or change the plan.
+    /// A new view arrived in mid-motion (an object moved or changed): keep going, or change the plan. While the motion is
+    /// a stream it is asked every control period, for the next set-point.
     fn revise(&mut self, _view: &View) -> Option<Intent> {
         None
     }
@@ -66,7 +67,7 @@ pub enum Intent {
     /// Move there; in mid-motion: change the open motion's target.
     MoveTo(Target),
     /// Follow set-points. The first opens a motion, each of the next continues it, and when they go quiet the robot
-    /// brakes and the motion ends where it then rests.
+    /// brakes and the motion ends where it then rests. Refused while the robot holds: escapes are moves.
     Stream(Setpoints),
     /// Brake; the motion then ends as failed.
     Stop,

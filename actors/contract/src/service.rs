@@ -39,7 +39,9 @@ pub trait Filtered: Send + Sync {
     /// Commits a motion: a new transaction at rest, an amendment in mid-motion.
     fn commit(&self, commit: Commit) -> Answer<Verdict>;
     /// Streams set-points: the first opens a transaction, each of the next amends it, and when they go quiet the robot
-    /// brakes and the transaction ends where it then rests.
+    /// brakes and the transaction ends where it then rests. Positions that jump farther than a motor can follow are
+    /// refused; velocities are lowered to what a motor can do, and to what still brakes before its limit. Refused with
+    /// [`Refusal::Holding`] while the robot holds: an escape is a commit.
     fn stream(&self, agent: Arc<str>, setpoints: Setpoints) -> Answer<Verdict>;
     /// Brakes the agent's motion; it then ends as failed.
     fn stop(&self, agent: Arc<str>);

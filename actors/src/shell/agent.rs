@@ -3,7 +3,7 @@
 use crate::controller::RELEASE;
 use crate::shell::SuperviseMsg;
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, Target, Verdict, View};
+use mobee_contract::{Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, Setpoints, Target, Verdict, View};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -34,6 +34,8 @@ pub enum AgentMsg {
     Ended(CommitId, MotionEnd),
     /// The world has changed.
     Revise,
+    /// It is time for the next set-point of the motion that is a stream.
+    SetPoint(CommitId),
     /// Make no more motions: the run ends.
     Rest,
 }
@@ -49,6 +51,8 @@ pub struct Planning {
     last: Option<MotionEnd>,
     asked: u64,
     done: bool,
+    /// Whether the motion under way is a stream.
+    streams: bool,
 }
 
 impl Actor for AgentActor {
@@ -66,7 +70,7 @@ impl Actor for AgentActor {
             agent.import(snapshot).map_err(|e| e.to_string())?;
         }
         wires.agent.connect(myself.clone());
-        let planning = Planning { hub, wires, agent, moving: None, last: None, asked: 0, done: false };
+        let planning = Planning { hub, wires, agent, moving: None, last: None, asked: 0, done: false, streams: false };
         planning.ask_after(&myself, Duration::ZERO);
         Ok(planning)
     }
@@ -83,13 +87,21 @@ impl Actor for AgentActor {
             }
             AgentMsg::Ended(id, end) if planning.moving == Some(id) => {
                 planning.moving = None;
+                planning.streams = false;
                 planning.last = Some(end);
                 *planning.wires.snapshot.lock() = Some(planning.agent.export());
                 if !planning.done {
                     planning.ask(&myself).await;
                 }
             }
-            AgentMsg::Revise if planning.moving.is_some() => planning.revise().await,
+            AgentMsg::Revise if planning.moving.is_some() => planning.revise(&myself).await,
+            AgentMsg::SetPoint(id) if planning.moving == Some(id) && !planning.done => {
+                // an agent that makes way lets its stream go quiet
+                if planning.wires.agent_acts.load(Ordering::SeqCst) {
+                    planning.revise(&myself).await;
+                }
+                planning.set_point_after(&myself, id);
+            }
             AgentMsg::Rest => planning.done = true,
             _ => {}
         }
@@ -128,19 +140,15 @@ impl Planning {
         let intent = self.agent.next(self.last.take(), &self.view());
         self.tell_notes();
         match intent {
-            Intent::MoveTo(target) => match self.commit(target).await {
-                Some(Ok(id)) => self.moving = Some(id),
-                // not the target's fault: the robot or the filter is not ready for it
-                Some(Err(Refusal::Closed | Refusal::Busy | Refusal::NotReady { .. } | Refusal::Holding { .. }))
-                | None => {
-                    self.ask_after(myself, PAUSE);
-                }
-                Some(Err(_)) => {
-                    self.last = Some(MotionEnd::Failed);
-                    self.ask_after(myself, PAUSE);
-                }
-            },
-            Intent::Stop | Intent::Stream(_) => self.ask_after(myself, PAUSE),
+            Intent::MoveTo(target) => {
+                let verdict = self.commit(target).await;
+                self.begin(verdict, myself);
+            }
+            Intent::Stream(setpoints) => {
+                let verdict = self.stream(setpoints, myself).await;
+                self.begin(verdict, myself);
+            }
+            Intent::Stop => self.ask_after(myself, PAUSE),
             Intent::Wait(time) => self.ask_after(myself, time.max(Duration::from_millis(1))),
             Intent::Done(summary) => {
                 self.done = true;
@@ -150,7 +158,21 @@ impl Planning {
         }
     }
 
-    async fn revise(&mut self) {
+    /// A motion was asked for: it is under way, or the planner is asked again.
+    fn begin(&mut self, verdict: Option<Verdict>, myself: &ActorRef<AgentMsg>) {
+        match verdict {
+            Some(Ok(id)) => {
+                self.moving = Some(id);
+                return;
+            }
+            // not the target's fault: the robot or the filter is not ready for it
+            Some(Err(Refusal::Closed | Refusal::Busy | Refusal::NotReady { .. } | Refusal::Holding { .. })) | None => {}
+            Some(Err(_)) => self.last = Some(MotionEnd::Failed),
+        }
+        self.ask_after(myself, PAUSE);
+    }
+
+    async fn revise(&mut self, myself: &ActorRef<AgentMsg>) {
         let intent = self.agent.revise(&self.view());
         self.tell_notes();
         match intent {
@@ -158,11 +180,30 @@ impl Planning {
                 // refused: the motion goes on as it was, and its end will be told
                 let _ = self.commit(target).await;
             }
+            Some(Intent::Stream(setpoints)) => {
+                let _ = self.stream(setpoints, myself).await;
+            }
             Some(Intent::Stop) => {
                 self.wires.supervise.send(SuperviseMsg::Stop(self.wires.agent_name.clone()));
             }
-            Some(Intent::Stream(_) | Intent::Wait(_) | Intent::Done(_)) | None => {}
+            Some(Intent::Wait(_) | Intent::Done(_)) | None => {}
         }
+    }
+
+    async fn stream(&mut self, setpoints: Setpoints, myself: &ActorRef<AgentMsg>) -> Option<Verdict> {
+        let (reply, verdict) = ractor::concurrency::oneshot();
+        self.wires.supervise.send(SuperviseMsg::Stream(self.wires.agent_name.clone(), setpoints, reply.into()));
+        let verdict = verdict.await.ok();
+        if let (Some(Ok(id)), false) = (&verdict, self.streams) {
+            self.streams = true;
+            self.set_point_after(myself, *id);
+        }
+        verdict
+    }
+
+    /// Asks for the next set-point after a control period.
+    fn set_point_after(&self, myself: &ActorRef<AgentMsg>, id: CommitId) {
+        myself.send_after(self.wires.rules.period, move || AgentMsg::SetPoint(id));
     }
 
     async fn commit(&mut self, target: Target) -> Option<Verdict> {

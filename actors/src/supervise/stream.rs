@@ -293,10 +293,14 @@ impl SuperviseCore {
         match stream.braking {
             None if at >= stream.heard + rules.stream_quiet => {
                 stream.braking = Some(at);
-                let motors = if stream.velocity { stream.named() } else { Vec::new() };
-                out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Stop { motors }));
+                // positions end at the last of them, where the board holds by itself
+                if stream.velocity {
+                    let motors = stream.named();
+                    out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Stop { motors }));
+                }
             }
             None => self.write_stream(q, at, out),
+            Some(_) if !stream.velocity && stream.pending => self.write_stream(q, at, out),
             Some(since) => {
                 let done = stream.motors.iter().zip(&pulse.sample.done).all(|(named, done)| !named || *done);
                 if at >= since + rules.reaction() && at_rest && done {

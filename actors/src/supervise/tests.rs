@@ -4,7 +4,7 @@ use super::*;
 use crate::controller::Controller;
 use crate::driver::Port;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut};
-use mobee_contract::{Axis, Board, Sample, Target};
+use mobee_contract::{Axis, Board, ControlMode, Refusal, Sample, Target, Values};
 use mobee_model::{Contact, ShapeId};
 use proptest::prelude::*;
 use std::collections::VecDeque;
@@ -22,6 +22,11 @@ fn rules() -> Arc<Rules> {
 #[derive(Clone, Debug)]
 enum Op {
     Commit(f64, bool),
+    /// A set-point of position, so far from where the motor is, or a velocity.
+    Position(f64, bool),
+    Velocity(f64, bool),
+    /// So many set-points of a velocity, one per two readings.
+    Stream(f64, u8),
     /// So many readings.
     Samples(u8),
     /// Time without readings.
@@ -40,6 +45,9 @@ enum Op {
 fn op() -> impl Strategy<Value = Op> {
     prop_oneof![
         4 => (-2.5_f64..2.5, any::<bool>()).prop_map(|(q, own)| Op::Commit(q, own)),
+        2 => (-0.3_f64..0.3, any::<bool>()).prop_map(|(q, own)| Op::Position(q, own)),
+        2 => (-3.0_f64..3.0, any::<bool>()).prop_map(|(v, own)| Op::Velocity(v, own)),
+        3 => (-3.0_f64..3.0, 1_u8..60).prop_map(|(v, n)| Op::Stream(v, n)),
         6 => (1_u8..60).prop_map(Op::Samples),
         1 => (1_u8..30).prop_map(Op::Silence),
         2 => prop::option::of(-2.0_f64..2.0).prop_map(Op::Wall),
@@ -78,6 +86,11 @@ struct Cell {
     q: f64,
     goal: f64,
     speed: f64,
+    /// The velocity at which it goes, and until when.
+    running: Option<(f64, Time)>,
+    mode: ControlMode,
+    /// The last set-point of supervise: token, position, time.
+    written: Option<(u64, f64, Time)>,
     wall: Option<f64>,
     commits: u64,
     outcomes: Vec<CommitId>,
@@ -102,6 +115,9 @@ impl Cell {
             q: 0.0,
             goal: 0.0,
             speed: 0.0,
+            running: None,
+            mode: ControlMode::Position,
+            written: None,
             wall: None,
             commits: 0,
             outcomes: Vec::new(),
@@ -119,7 +135,17 @@ impl Cell {
     fn supervise_out(&mut self, outputs: Vec<SuperviseOut>) {
         for output in outputs {
             match output {
-                SuperviseOut::Command(token, writer, command) => self.driver.push_back((token, writer, command)),
+                SuperviseOut::Command(token, writer, command) => {
+                    let q = if let Command::Direct { q } = &command { Some((token, q[0], self.now)) } else { None };
+                    if let (Some((before, old, at)), Some((token, q, now))) = (self.written, q)
+                        && before == token
+                    {
+                        let most = 1.7 * now.since(at).as_secs_f64();
+                        assert!((q - old).abs() <= most + 1e-9, "I5: a step from {old} to {q}, {most} is allowed");
+                    }
+                    self.written = q;
+                    self.driver.push_back((token, writer, command));
+                }
                 SuperviseOut::RollBack { token, motion, again } => {
                     self.to_reflex.push_back(ToReflex::RollBack(token, motion, again));
                 }
@@ -159,18 +185,28 @@ impl Cell {
                     "I1: an agent's command passed a closed filter"
                 );
                 self.port.took(token, writer, &command, self.now);
+                let runs = self.running.take();
                 match command {
                     Command::Move(m) => {
+                        self.mode = ControlMode::Position;
                         self.goal = m.q[0];
                         self.speed = m.speed.map_or(1.0, |s| s[0]);
                     }
                     Command::Direct { q } => {
-                        assert_eq!(writer, Writer::Reflex);
+                        assert_eq!(self.mode, ControlMode::PositionDirect, "a set-point in the wrong mode");
                         self.goal = q[0];
                         self.speed = 1.7;
                     }
+                    Command::Velocity { speed, .. } => {
+                        assert_eq!(self.mode, ControlMode::Velocity, "a velocity in the wrong mode");
+                        self.running = Some((speed[0], self.now + Duration::from_millis(100)));
+                    }
                     Command::Stop { .. } => self.goal = self.q,
-                    _ => {}
+                    Command::Mode { mode, .. } if mode != self.mode => {
+                        self.mode = mode;
+                        self.goal = self.q;
+                    }
+                    _ => self.running = runs,
                 }
             }
             1 => match self.to_reflex.pop_front() {
@@ -209,10 +245,19 @@ impl Cell {
 
     fn sample(&mut self) {
         self.now = Time(self.now.0 + STEP);
+        if let Some((v, until)) = self.running {
+            if self.now <= until {
+                self.goal = self.q + v * 0.01;
+                self.speed = 1.7;
+            } else {
+                (self.running, self.goal) = (None, self.q);
+            }
+        }
         let way = (self.goal - self.q).clamp(-self.speed * 0.01, self.speed * 0.01);
         self.q += way;
+        assert!(self.q.abs() <= 3.0 + 1e-9, "I5: past the limit, at {}", self.q);
         self.seq += 1;
-        let done = vec![self.q == self.goal];
+        let done = vec![self.q == self.goal && self.running.is_none()];
         let sample = Sample { seq: self.seq, at: self.now, q: vec![self.q].into(), done };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
         self.ledger.book().history.push(&mut pulse);
@@ -249,8 +294,30 @@ impl Cell {
         }
     }
 
+    fn stream(&mut self, own: bool, values: Values) -> Verdict {
+        let agent: Arc<str> = if own { "a" } else { "b" }.into();
+        let setpoints = Setpoints { motors: vec![0], values };
+        let out = self.supervise.on(SuperviseIn::Stream(agent, setpoints), self.now);
+        let verdict = match out.first() {
+            Some(SuperviseOut::Verdict(verdict)) => verdict.clone(),
+            other => panic!("no verdict but {other:?}"),
+        };
+        self.supervise_out(out);
+        verdict
+    }
+
     fn apply(&mut self, op: Op) {
         match op {
+            Op::Position(by, own) => {
+                let _ = self.stream(own, Values::Position(vec![self.q + by]));
+            }
+            Op::Velocity(v, own) => {
+                let _ = self.stream(own, Values::Velocity(vec![v]));
+            }
+            Op::Stream(v, n) => (0..n).for_each(|_| {
+                let _ = self.stream(true, Values::Velocity(vec![v]));
+                self.apply(Op::Samples(2));
+            }),
             Op::Commit(q, own) => {
                 let agent: Arc<str> = if own { "a" } else { "b" }.into();
                 let commit = Commit { agent, target: Target { motors: vec![0], q: vec![q], speed: 0.5 }, speeds: None };
@@ -333,4 +400,46 @@ fn commits_that_do_not_fit_are_refused_with_their_code() {
     assert_eq!(code(vec![0], vec![0.1], f64::NAN), "speed");
     assert_eq!(code(vec![0], vec![0.1], 0.0), "speed");
     assert_eq!(code(vec![0], vec![0.1], 0.5), "accepted");
+}
+
+#[test]
+fn set_points_that_do_not_fit_are_refused_with_their_code() {
+    let mut cell = Cell::new();
+    let mut code = |cell: &mut Cell, values: Values| cell.stream(true, values).map_err(|e| e.code());
+    assert_eq!(code(&mut cell, Values::Velocity(vec![0.1])), Err("not_ready"));
+    cell.apply(Op::Samples(30));
+    assert_eq!(code(&mut cell, Values::Velocity(vec![f64::NAN])), Err("not_finite"));
+    assert_eq!(code(&mut cell, Values::Velocity(vec![0.1, 0.1])), Err("malformed"));
+    assert_eq!(code(&mut cell, Values::Position(vec![f64::INFINITY])), Err("not_finite"));
+    assert_eq!(code(&mut cell, Values::Position(vec![3.1])), Err("limits"));
+    assert_eq!(code(&mut cell, Values::Position(vec![1.0])), Err("jump"));
+    assert_eq!(cell.commits, 0);
+    assert_eq!(code(&mut cell, Values::Position(vec![0.1])), Ok(CommitId(1)));
+    assert_eq!(code(&mut cell, Values::Position(vec![0.12])), Ok(CommitId(1)));
+    assert_eq!(code(&mut cell, Values::Velocity(vec![0.1])), Err("not_ready"));
+    assert_eq!(cell.stream(false, Values::Position(vec![0.12])), Err(Refusal::Busy));
+    // quiet: it ends where it was brought
+    cell.apply(Op::Samples(100));
+    assert_eq!(cell.outcomes, [CommitId(1)]);
+    assert!((cell.q - 0.12).abs() < 1e-6, "{}", cell.q);
+    assert_eq!(cell.mode, ControlMode::Position);
+}
+
+#[test]
+fn a_stream_is_refused_while_the_robot_holds_and_gives_way_to_a_move() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Stream(1.0, 20));
+    let before = cell.q;
+    assert!(before > 0.3, "{before}");
+    // a move in mid-stream joins the transaction
+    cell.apply(Op::Commit(0.1, true));
+    cell.apply(Op::Samples(200));
+    assert_eq!((cell.commits, cell.outcomes.len()), (1, 1));
+    assert!((cell.q - 0.1).abs() < 1e-6, "{}", cell.q);
+    cell.apply(Op::Wall(Some(cell.q)));
+    cell.apply(Op::Samples(30));
+    assert_eq!(cell.supervise.status(), Status::Holding(Hold::InContact));
+    let refused = cell.stream(true, Values::Velocity(vec![0.1]));
+    assert_eq!(refused, Err(Refusal::Holding { reason: Hold::InContact }));
 }

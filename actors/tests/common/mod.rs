@@ -4,7 +4,7 @@
 use mobee_actors::check::{Violation, check_events};
 use mobee_actors::clock::ClockKind;
 use mobee_actors::controller::Controller;
-use mobee_actors::system::{Control, RobotSetup, RunEnd, ScriptStep, Setup, run_under};
+use mobee_actors::system::{AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, Setup, run_under};
 use mobee_actors::tap::{Collected, Taps};
 use mobee_contract::*;
 use mobee_drivers::{SimFaults, SimHardware, SimSettings};
@@ -99,6 +99,8 @@ pub struct Trial {
     pub limit: Duration,
     pub controls: Vec<(Duration, Control)>,
     pub clock: ClockKind,
+    /// Instead of the one that goes through the poses.
+    pub agent: Option<AgentMaker>,
 }
 
 impl Default for Trial {
@@ -115,6 +117,7 @@ impl Default for Trial {
             limit: Duration::from_secs(120),
             controls: Vec::new(),
             clock: ClockKind::Virtual,
+            agent: None,
         }
     }
 }
@@ -175,7 +178,7 @@ impl Trial {
                 name: "arm".into(),
                 hardware: Arc::new(hardware.clone()),
                 controller: Controller { history: self.history, period_s: self.period_s, ..Controller::default() },
-                agent: Some(Arc::new(agent)),
+                agent: Some(self.agent.unwrap_or(Arc::new(agent))),
             }],
             seed: self.seed,
             clock: self.clock,

@@ -19,7 +19,7 @@ const WATCHDOG: Duration = Duration::from_millis(500);
 
 /// Gives a velocity again and again for so long; the readings.
 fn drive(t: &mut Trial, motor: usize, speed: f64, time: Duration) -> Result<Vec<Sample>, String> {
-    let (mut next, end) = (t.now(), t.now() + time);
+    let (mut next, end) = (t.now(), t.now() + t.board.latency + time);
     let mut all = Vec::new();
     while t.now() < end {
         if t.now() >= next {
@@ -41,7 +41,7 @@ fn kept(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = Trial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let (home, v) = (t.last.q.clone(), speed(&t, m));
-    let begun = drive(&mut t, m, v, Duration::from_millis(400) + t.board.latency)?;
+    let begun = drive(&mut t, m, v, Duration::from_millis(400))?;
     let wrong = |(i, mode): (usize, &ControlMode)| (*mode == ControlMode::Velocity) != (i == m);
     see(!t.driver.modes().iter().enumerate().any(wrong), || "not its motor alone is in velocity mode".into())?;
     let held = drive(&mut t, m, v, Duration::from_millis(500))?;
@@ -71,7 +71,7 @@ fn limit(bench: &mut dyn Bench) -> Result<(), String> {
         t.give(Command::Move(t.to(&[m], &near)))?;
         t.until_done()?;
         let v = sign * t.reference(m).0;
-        let seen = drive(&mut t, m, v, Duration::from_secs(1) + t.board.latency)?;
+        let seen = drive(&mut t, m, v, Duration::from_secs(1))?;
         let passed = seen.iter().find(|s| at(&s.q, m) > axis.max + NEAR || at(&s.q, m) < axis.min - NEAR);
         see(passed.is_none(), || format!("it was at {:.3} deg", passed.map_or(f64::NAN, |s| at(&s.q, m) / DEG)))?;
         t.until_done()?;
@@ -98,7 +98,7 @@ fn move_after(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = Trial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let (home, v) = (t.last.q.to_vec(), speed(&t, m));
-    drive(&mut t, m, v, Duration::from_millis(300) + t.board.latency)?;
+    drive(&mut t, m, v, Duration::from_millis(300))?;
     // readings at a limit may lie beyond it by their noise
     let inside = |(q, a): (&f64, &mobee_contract::Axis)| q.clamp(a.min, a.max);
     let back: Vec<f64> = home.iter().zip(&t.board.axes).map(inside).collect();
