@@ -405,7 +405,7 @@ fn commits_that_do_not_fit_are_refused_with_their_code() {
 #[test]
 fn set_points_that_do_not_fit_are_refused_with_their_code() {
     let mut cell = Cell::new();
-    let mut code = |cell: &mut Cell, values: Values| cell.stream(true, values).map_err(|e| e.code());
+    let code = |cell: &mut Cell, values: Values| cell.stream(true, values).map_err(|e| e.code());
     assert_eq!(code(&mut cell, Values::Velocity(vec![0.1])), Err("not_ready"));
     cell.apply(Op::Samples(30));
     assert_eq!(code(&mut cell, Values::Velocity(vec![f64::NAN])), Err("not_finite"));
