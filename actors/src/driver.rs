@@ -115,7 +115,7 @@ impl Port {
     }
 
     fn stream(&mut self, token: u64, writer: Writer, command: &Command, now: Time) {
-        let stream = self.streaming.get_or_insert_with(|| Streaming {
+        let stream = self.streaming.get_or_insert(Streaming {
             token,
             writer,
             count: 0,

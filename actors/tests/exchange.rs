@@ -4,7 +4,7 @@ mod common;
 
 use common::{Ran, Trial};
 use mobee_actors::clock::ClockKind;
-use mobee_actors::system::Control;
+use mobee_actors::system::{Control, Reason};
 use mobee_contract::*;
 use std::sync::Arc;
 use std::time::Duration;
@@ -177,4 +177,31 @@ fn the_motion_of_a_service_that_panics_is_taken_back() {
     };
     assert!(events.iter().any(rolled), "{}", ran.lines());
     assert_eq!(ran.violations(), vec![]);
+}
+
+/// A service that never leaves.
+struct Stays;
+
+impl Service for Stays {
+    fn name(&self) -> String {
+        "stays".into()
+    }
+    fn serve(self: Box<Self>, _: Arc<dyn Running>, _: Answer<()>) -> Answer<Result<(), String>> {
+        Box::pin(std::future::pending())
+    }
+}
+
+#[test]
+fn a_service_that_does_not_leave_is_left_behind() {
+    let limit = Duration::from_millis(300);
+    let trial = Trial { clock: ClockKind::Real, period_s: 0.1, limit, ..Trial::default() };
+    let ran = trial.run_all(|_| (), |_| vec![Box::new(Stays)]);
+    assert_eq!(ran.end.reason, Reason::Time);
+    assert_eq!(ran.violations(), vec![]);
+}
+
+#[test]
+#[should_panic(expected = "VirtualServices(1)")]
+fn services_are_refused_in_virtual_time() {
+    Trial::default().run_all(|_| (), |_| vec![Box::new(Stays)]);
 }

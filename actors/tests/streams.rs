@@ -16,6 +16,8 @@ struct Streams {
     from: Pose,
     at: usize,
     ends: Vec<MotionEnd>,
+    /// After so many set-points it goes on with a move.
+    moves: Option<(usize, Target)>,
 }
 
 impl Agent for Streams {
@@ -36,6 +38,9 @@ impl Agent for Streams {
             return None;
         }
         self.at += 1;
+        if let Some((k, target)) = self.moves.as_ref().filter(|(k, _)| self.at >= *k) {
+            return (self.at == *k).then(|| Intent::MoveTo(target.clone()));
+        }
         Some(Intent::Stream((self.next)(self.at - 1, &self.from)))
     }
     fn export(&self) -> Snapshot {
@@ -47,9 +52,19 @@ impl Agent for Streams {
 }
 
 fn streams(times: usize, count: usize, next: fn(usize, &[f64]) -> Setpoints) -> Option<AgentMaker> {
+    streams_and_moves(times, count, next, None)
+}
+
+fn streams_and_moves(
+    times: usize,
+    count: usize,
+    next: fn(usize, &[f64]) -> Setpoints,
+    moves: Option<(usize, Target)>,
+) -> Option<AgentMaker> {
     let make = move || {
         let from: Pose = Vec::new().into();
-        Ok(Box::new(Streams { times, count, next, from, at: 0, ends: Vec::new() }) as Box<dyn Agent>)
+        Ok(Box::new(Streams { times, count, next, from, at: 0, ends: Vec::new(), moves: moves.clone() })
+            as Box<dyn Agent>)
     };
     Some(Arc::new(make))
 }
@@ -163,6 +178,20 @@ fn killing_any_actor_in_a_stream_leaves_one_outcome_and_nothing_moving() {
         let ran = Trial { agent: streams(1, 200, velocity), controls, limit, ..Trial::default() }.run();
         assert_eq!(ran.violations(), [], "{actor}: {}", ran.lines());
         assert!(ran.hardware.speeds(ran.end.ended_at).iter().all(|v| *v == 0.0), "{actor}");
-        assert!(ran.outcomes().len() >= 1, "{actor}: {}", ran.lines());
+        assert!(!ran.outcomes().is_empty(), "{actor}: {}", ran.lines());
+    }
+}
+
+#[test]
+fn a_move_in_mid_stream_joins_its_transaction_and_may_take_long() {
+    for next in [velocity as fn(usize, &[f64]) -> Setpoints, position] {
+        // 60 degrees at 2 deg/s or so
+        let target = Target { motors: vec![1], q: vec![60f64.to_radians()], speed: 0.05 };
+        let ran = Trial { agent: streams_and_moves(1, 100, next, Some((30, target))), ..Trial::default() }.run();
+        assert_eq!(ran.outcomes(), [Outcome::Committed], "{}", ran.lines());
+        assert_eq!(ran.violations(), [], "{}", ran.lines());
+        let q = ran.hardware.positions(ran.end.ended_at);
+        assert!((q[1].to_degrees() - 60.0).abs() < 0.2, "{q:?}");
+        assert!(q[0].to_degrees() > 5.0 || q[2].to_degrees() > 5.0, "{q:?}");
     }
 }

@@ -1,7 +1,8 @@
 //! I5: every value that leaves the filter is finite, within its motor's limits, and not faster than the motor may be.
 //!
 //! A commit's whole pose holds readings of the motors that it does not name; encoder noise may take those beyond a limit by
-//! up to the tolerance.
+//! up to the tolerance. Streams, of positions and of velocities, are told at their end with the greatest share of a motor's
+//! speed that they asked for.
 
 use super::{Found, Invariant};
 use crate::journal::{Line, NOT_FINITE};

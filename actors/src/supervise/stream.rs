@@ -302,8 +302,13 @@ impl SuperviseCore {
             None => self.write_stream(q, at, out),
             Some(_) if !stream.velocity && stream.pending => self.write_stream(q, at, out),
             Some(since) => {
-                let done = stream.motors.iter().zip(&pulse.sample.done).all(|(named, done)| !named || *done);
-                if at >= since + rules.reaction() && at_rest && done {
+                let all_done = |of: bool| {
+                    let motors = stream.motors.iter().zip(&pulse.sample.done);
+                    motors.filter(|(named, _)| **named == of).all(|(_, done)| *done)
+                };
+                // motors that a commit moves may well go on
+                let (done, others_move) = (all_done(true), !all_done(false));
+                if at >= since + rules.reaction() && done && (at_rest || others_move) {
                     self.end_stream(q, since, at, out);
                     return true;
                 }
@@ -320,21 +325,22 @@ impl SuperviseCore {
     /// The robot rests: where it does is the stream's target.
     fn end_stream(&mut self, q: &Pose, since: Time, at: Time, out: &mut Vec<SuperviseOut>) {
         let Some(stream) = self.stream.take() else { return };
-        let rested: Option<(CommitId, Pose)> = self.with_book(|book| {
+        let rested: Option<(CommitId, Pose, bool)> = self.with_book(|book| {
             let open = book.open.as_mut()?;
             let now = |(m, old): (usize, &f64)| {
                 if stream.motors.get(m) == Some(&true) { q.get(m) } else { None }.copied().unwrap_or(*old)
             };
             open.target = open.target.iter().enumerate().map(now).collect();
             open.since = since;
+            let alone = open.due == Time(u64::MAX);
             // motors that a commit moves may still be on their way
-            open.due = if open.due == Time(u64::MAX) { at + PATIENCE } else { open.due.max(at + PATIENCE) };
-            Some((open.id, open.target.clone()))
+            open.due = if alone { at + PATIENCE } else { open.due.max(at + PATIENCE) };
+            Some((open.id, open.target.clone(), alone))
         });
-        if let Some((id, target)) = rested {
+        if let Some((id, target, alone)) = rested {
+            self.course = self.course.filter(|_| !alone);
             out.push(SuperviseOut::Event(Event::Amended { robot: self.rules.robot.clone(), id, target }));
         }
-        self.course = None;
         self.restore_modes(Writer::Agent, out);
     }
 
