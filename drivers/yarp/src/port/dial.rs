@@ -44,11 +44,15 @@ pub(crate) async fn dial(
     if carrier != Carrier::Udp {
         return Ok(Line::Stream(link));
     }
-    // The reader expects datagrams from the number that the TCP connection had (spec section 18).
+    // The reader may expect datagrams from the number that the TCP connection had (spec section 18). But 3.5 built
+    // without ACE, on the same computer, has taken just that number for its own socket, and takes any.
     drop(link);
     let socket = async {
         let (local, peer) = addresses?;
-        let socket = UdpSocket::bind(local).await?;
+        let socket = match UdpSocket::bind(local).await {
+            Ok(socket) => socket,
+            Err(_) => UdpSocket::bind(SocketAddr::new(local.ip(), 0)).await?,
+        };
         let number = u16::try_from(number).map_err(std::io::Error::other)?;
         socket.connect(SocketAddr::new(peer.ip(), number)).await?;
         Ok::<_, std::io::Error>(socket)

@@ -144,25 +144,31 @@ fn said(reply: &crate::Bottle) -> String {
     reply.0.get(1).and_then(|value| value.as_text()).map(|text| text.into_owned()).unwrap_or_default()
 }
 
-/// A sender of datagrams (spec section 18). It comes from where its TCP connection came from, and nobody else is heard.
+/// A sender of datagrams (spec section 18). It comes from the host where its TCP connection came from: from the same
+/// port number, says the specification, but 3.5 built without ACE takes any. So the first good datagram from that host
+/// tells the number, and from then on nobody else is heard.
 async fn datagrams(core: &Arc<Core>, mut link: Link, hello: &Hello, peer: Peer) -> Result<(), LinkError> {
     let (local, remote) = (link.stream().local_addr()?, link.stream().peer_addr()?);
     let socket = UdpSocket::bind(SocketAddr::new(local.ip(), 0)).await?;
-    socket.connect(remote).await?;
     let admitted = core.admit(peer);
     link.write(&[&handshake::reply(hello, socket.local_addr()?.port())]).await?;
     drop(link);
+    let mut sender: Option<SocketAddr> = None;
     let mut assembler = Assembler::default();
     let mut buffer = vec![0; MAX_DATAGRAM + 1];
     loop {
         let received = tokio::select! {
-            received = socket.recv(&mut buffer) => received,
+            received = socket.recv_from(&mut buffer) => received,
             () = admitted.end.notified() => return Ok(()),
         };
-        let length = received?;
+        let (length, from) = received?;
+        if from.ip() != remote.ip() || sender.is_some_and(|sender| sender != from) {
+            continue;
+        }
         let datagram = buffer.get(..length).unwrap_or_default();
         let Some(bytes) = assembler.take(datagram, core.options.max_message) else { continue };
         let Ok(Some(found)) = frame::parse(&bytes, core.options.max_message) else { continue };
+        sender = Some(from);
         let Verb::Data(_) = found.command.verb else { continue };
         let payload = Payload::Binary(Bytes::from(bytes).split_off(found.payload));
         let from = hello.bare().to_owned();
