@@ -7,6 +7,7 @@
 //! configs/behaviors/explore.toml ──config──> Config ──compose──> Setup ──run──> runs/explore-TIME/
 //! ```
 
+pub mod agent;
 pub mod check;
 pub mod compose;
 pub mod config;

@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{Clock, ConfigError};
-use mobee::{check, inspect, kinds, model_convert, model_eval, model_info, run, view, yarp};
+use mobee::{agent, check, inspect, kinds, model_convert, model_eval, model_info, run, view, yarp};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -55,6 +55,8 @@ enum Command {
         /// Show this kind in full.
         name: Option<String>,
     },
+    /// Run the agent of a behavior alone, against the filtered control boards of a system that runs elsewhere.
+    Agent(agent::AgentArgs),
     /// Speak YARP: a name server, and the tools to look at ports, read, write and connect them.
     Yarp(yarp::YarpArgs),
 }
@@ -179,6 +181,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             print!("{}", kinds::listing(name.as_deref())?);
             Ok(ExitCode::SUCCESS)
         }
+        Command::Agent(args) => agent::command(args),
         Command::Yarp(args) => Ok(yarp::command(args)),
     }
 }

@@ -1,0 +1,344 @@
+//! A robot's body as the agent in another process has it: the filtered control boards of its parts, spoken to by RPC alone.
+//!
+//! A motion is told to every part that has a share in it. The first part's command opens the transaction, those of the
+//! others join it, and `[don]` is 0 until the transaction has its outcome. If that was no success, each part's connection
+//! says `[fail]` once.
+
+use mobee_contract::{Axis, MotionEnd, Move, Target};
+use mobee_model::{Part, Robot};
+use mobee_yarp::{Bottle, CallError, Carrier, Network, PortError, RpcClient, Value, Vocab};
+use std::ops::Range;
+use std::time::Duration;
+
+/// How often the boards are asked whether a motion has ended.
+const POLL: Duration = Duration::from_millis(20);
+/// How long to rest before a closed or lost board is asked again.
+const AGAIN: Duration = Duration::from_millis(50);
+/// Motors whose way is shorter, deg, have no share in a motion.
+const SHARE_DEG: f64 = 1e-3;
+/// The least reference speed, deg/s.
+const LEAST_DEG: f64 = 0.01;
+/// The peak speed of a minimum-jerk motion over its mean speed, and of its acceleration over way and time squared.
+const PEAKS: (f64, f64) = (1.875, 5.774);
+
+/// Why the body can't be used.
+#[derive(Debug, thiserror::Error)]
+pub enum BodyError {
+    /// A port is not there.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// A board does not answer.
+    #[error(transparent)]
+    Call(#[from] CallError),
+    /// A board says something else than this version of the protocol.
+    #[error("{port} answers {said} to {asked}")]
+    Answer {
+        /// The board's port.
+        port: String,
+        /// What was asked.
+        asked: String,
+        /// What it said.
+        said: String,
+    },
+    /// A board of another part.
+    #[error("{port} has {axes} axes, the part {part} of the model {motors} motors")]
+    Axes {
+        /// The board's port.
+        port: String,
+        /// Its axes.
+        axes: i64,
+        /// The part.
+        part: String,
+        /// The model's motors.
+        motors: usize,
+    },
+}
+
+/// What came of a command.
+enum Said {
+    Ok(Bottle),
+    /// `[fail]`: closed, refused, or a motion that failed.
+    Fail,
+}
+
+struct Board {
+    port: String,
+    motors: Range<usize>,
+    rpc: RpcClient,
+}
+
+impl Board {
+    async fn say(&mut self, request: &Bottle) -> Result<Said, BodyError> {
+        let said = self.rpc.call(request).await?;
+        match said.0.last().and_then(Value::as_vocab) {
+            Some(v) if v == Vocab::new("ok") => Ok(Said::Ok(said)),
+            _ if said.get(0).and_then(Value::as_vocab) == Some(Vocab::new("fail")) => Ok(Said::Fail),
+            _ => Err(BodyError::Answer { port: self.port.clone(), asked: request.to_string(), said: said.to_string() }),
+        }
+    }
+
+    /// Asks until the board is open and there: a closed one says `[fail]`, a lost one is connected to anew.
+    async fn reading(&mut self, request: &Bottle) -> Result<Bottle, BodyError> {
+        let mut waited = Duration::ZERO;
+        loop {
+            match self.say(request).await {
+                Ok(Said::Ok(said)) => return Ok(said),
+                Err(e @ (BodyError::Answer { .. } | BodyError::Axes { .. })) => return Err(e),
+                Ok(Said::Fail) => {}
+                Err(e) if waited.is_zero() => eprintln!("waiting: {e}"),
+                Err(_) => {}
+            }
+            waited += AGAIN;
+            tokio::time::sleep(AGAIN).await;
+        }
+    }
+}
+
+/// The body.
+pub struct Body {
+    boards: Vec<Board>,
+    axes: Vec<Axis>,
+    tolerance: f64,
+}
+
+fn words(words: &[&str]) -> Bottle {
+    words.iter().map(|w| Value::Vocab(Vocab::new(w))).collect()
+}
+
+/// A command to a group of joints: `[set] [posg] n (J) (V)`.
+fn group(code: &str, joints: &[usize], values: &[f64]) -> Bottle {
+    let list: Bottle = joints.iter().map(|j| Value::Int32(i32::try_from(*j).unwrap_or(i32::MAX))).collect();
+    let count = i32::try_from(joints.len()).unwrap_or(i32::MAX);
+    let mut said = words(&["set", code]);
+    said.push(Value::Int32(count)).push(Value::List(list));
+    said.push(Value::List(values.iter().copied().map(Value::Float64).collect()));
+    said
+}
+
+impl Body {
+    /// Connects to the boards `PREFIX/<part>/rpc:i`, and learns their limits.
+    ///
+    /// # Errors
+    /// A board that is not there, or not that of the part.
+    pub async fn connect(
+        network: &Network,
+        prefix: &str,
+        robot: &Robot,
+        axes: &[Axis],
+        tolerance: f64,
+    ) -> Result<Body, BodyError> {
+        let mut boards = Vec::new();
+        for Part { name, motors, .. } in robot.parts.iter().filter(|p| !p.motors.is_empty()) {
+            let port = format!("{prefix}/{name}/rpc:i");
+            let own = format!("{prefix}/{name}/agent{}/rpc:o", std::process::id());
+            // the first connection must come about; later ones are made anew
+            drop(RpcClient::connect(network, &own, &port, Carrier::Tcp).await?);
+            let mut board =
+                Board { rpc: RpcClient::keep(network, &own, &port, Carrier::Tcp), port, motors: motors.clone() };
+            let said = board.reading(&words(&["get", "axes"])).await?;
+            let axes = said.get(2).and_then(Value::as_i64).unwrap_or(-1);
+            if usize::try_from(axes) != Ok(motors.len()) {
+                let (port, part) = (board.port, name.clone());
+                return Err(BodyError::Axes { port, axes, part, motors: motors.len() });
+            }
+            boards.push(board);
+        }
+        let mut body = Body { boards, axes: axes.to_vec(), tolerance };
+        body.learn().await?;
+        Ok(body)
+    }
+
+    /// The boards' own limits count, as far as they tell them.
+    async fn learn(&mut self) -> Result<(), BodyError> {
+        for board in &mut self.boards {
+            for (joint, motor) in board.motors.clone().enumerate() {
+                let Some(axis) = self.axes.get_mut(motor) else { continue };
+                let mut pair = [None, None];
+                for (code, slot) in ["llim", "vlim"].iter().zip(&mut pair) {
+                    let mut request = words(&["get", code]);
+                    request.push(Value::Int32(i32::try_from(joint).unwrap_or(i32::MAX)));
+                    let said = board.reading(&request).await?;
+                    let at = |i: usize| said.get(i).and_then(Value::as_f64).filter(|v| v.is_finite());
+                    *slot = at(2).zip(at(3)).map(|(a, b)| (a.to_radians(), b.to_radians()));
+                }
+                let [limits, speeds] = pair;
+                if let Some((min, max)) = limits.filter(|(min, max)| min < max) {
+                    (axis.min, axis.max) = (min, max);
+                }
+                if let Some((_, max)) = speeds.filter(|(_, max)| *max > 0.0) {
+                    axis.max_speed = max;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The motors' limits.
+    pub fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
+    /// The robot's pose, rad, as soon as all boards give it: all are open then, and know that we know of any failure.
+    ///
+    /// # Errors
+    /// A board that answers nonsense.
+    pub async fn pose(&mut self) -> Result<Vec<f64>, BodyError> {
+        let mut q = vec![0.0; self.axes.len()];
+        let request = words(&["get", "encs"]);
+        for board in &mut self.boards {
+            let said = board.reading(&request).await?;
+            let read = said.get(2).and_then(Value::as_list).and_then(Bottle::numbers);
+            let slots = q.get_mut(board.motors.clone());
+            match read.zip(slots).filter(|(read, slots)| read.len() == slots.len()) {
+                Some((read, slots)) => slots.iter_mut().zip(&read).for_each(|(slot, deg)| *slot = deg.to_radians()),
+                None => {
+                    let (port, asked) = (board.port.clone(), request.to_string());
+                    return Err(BodyError::Answer { port, asked, said: said.to_string() });
+                }
+            }
+        }
+        Ok(q)
+    }
+
+    /// Brakes everything.
+    ///
+    /// # Errors
+    /// A board that does not answer.
+    pub async fn stop(&mut self) -> Result<(), BodyError> {
+        for board in &mut self.boards {
+            board.say(&words(&["set", "stos"])).await?;
+        }
+        Ok(())
+    }
+
+    /// Drives to a target, all motors arriving together, and waits for the end (WAITFORMOTION). `None`: it was not begun,
+    /// since the filter was not ready for it.
+    ///
+    /// # Errors
+    /// A board that answers nonsense. One that is lost in mid-motion is a motion that failed.
+    pub async fn drive(&mut self, target: &Target, from: &[f64]) -> Result<Option<MotionEnd>, BodyError> {
+        let within = |(m, q): (&usize, &f64)| self.axes.get(*m).is_some_and(|a| *q >= a.min && *q <= a.max);
+        if target.motors.len() != target.q.len() || !target.motors.iter().zip(&target.q).all(within) {
+            return Ok(Some(MotionEnd::Failed));
+        }
+        let (motion, secs) = in_step(target, from, &self.axes);
+        let shares: Vec<(usize, Vec<usize>, Vec<f64>, Vec<f64>)> = self.shares(&motion);
+        let speeds = shares.iter().map(|(b, joints, _, v)| (*b, group("velg", joints, v)));
+        let goals = shares.iter().map(|(b, joints, q, _)| (*b, group("posg", joints, q)));
+        let commands: Vec<(usize, Bottle)> = speeds.chain(goals).collect();
+        for (k, (b, command)) in commands.iter().enumerate() {
+            let Some(board) = self.boards.get_mut(*b) else { continue };
+            match board.say(command).await {
+                Ok(Said::Ok(_)) => {}
+                // not one motor has been told to move
+                Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) if k <= shares.len() => return Ok(None),
+                Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => {
+                    let _ = self.stop().await;
+                    return Ok(Some(MotionEnd::Failed));
+                }
+                Err(e) => return Err(e),
+            }
+        }
+        let patience = Duration::from_secs_f64((3.0 * secs + 30.0).min(1e6));
+        let involved: Vec<usize> = shares.iter().map(|(b, ..)| *b).collect();
+        match tokio::time::timeout(patience, self.wait(&involved)).await {
+            Ok(Ok(true)) => {}
+            Ok(Ok(false)) => return Ok(Some(MotionEnd::Failed)),
+            Ok(Err(e)) => return Err(e),
+            Err(_) => {
+                let _ = self.stop().await;
+                return Ok(Some(MotionEnd::Failed));
+            }
+        }
+        let there = self.pose().await?;
+        let near = |(m, q): (&usize, &f64)| there.get(*m).is_some_and(|at| (at - q).abs() <= self.tolerance);
+        let reached = target.motors.iter().zip(&target.q).all(near);
+        Ok(Some(if reached { MotionEnd::Reached } else { MotionEnd::Failed }))
+    }
+
+    /// Waits until these boards say that the motion is done: `false` if one says that it failed, or is lost.
+    async fn wait(&mut self, boards: &[usize]) -> Result<bool, BodyError> {
+        let request = words(&["get", "dons"]);
+        for b in boards {
+            let Some(board) = self.boards.get_mut(*b) else { continue };
+            loop {
+                match board.say(&request).await {
+                    Ok(Said::Ok(said)) if said.get(2).and_then(Value::as_i64) == Some(1) => break,
+                    Ok(Said::Ok(_)) => {}
+                    Ok(Said::Fail) | Err(BodyError::Call(_) | BodyError::Port(_)) => return Ok(false),
+                    Err(e) => return Err(e),
+                }
+                tokio::time::sleep(POLL).await;
+            }
+        }
+        Ok(true)
+    }
+
+    /// Each board's share in a motion: joints, positions in deg, speeds in deg/s.
+    fn shares(&self, motion: &Move) -> Vec<(usize, Vec<usize>, Vec<f64>, Vec<f64>)> {
+        let speeds = motion.speed.as_deref().unwrap_or_default();
+        let of = |(b, board): (usize, &Board)| {
+            let (mut joints, mut q, mut v) = (Vec::new(), Vec::new(), Vec::new());
+            for ((motor, to), speed) in motion.motors.iter().zip(&motion.q).zip(speeds) {
+                if board.motors.contains(motor) {
+                    joints.push(motor - board.motors.start);
+                    q.push(to.to_degrees());
+                    v.push(speed.to_degrees().max(LEAST_DEG));
+                }
+            }
+            (!joints.is_empty()).then_some((b, joints, q, v))
+        };
+        self.boards.iter().enumerate().filter_map(of).collect()
+    }
+}
+
+/// The motors that have a way to go, at speeds at which they arrive together, and the seconds that it takes. A client sets
+/// no accelerations, so the speeds are low enough for every motor's greatest acceleration not to matter.
+fn in_step(target: &Target, from: &[f64], axes: &[Axis]) -> (Move, f64) {
+    let mut motion = Move { motors: Vec::new(), q: Vec::new(), relative: false, speed: None, acceleration: None };
+    let (mut ways, mut secs) = (Vec::new(), 0.0);
+    for (m, q) in target.motors.iter().zip(&target.q) {
+        let (Some(axis), Some(here)) = (axes.get(*m), from.get(*m)) else { continue };
+        let way = (q - here).abs();
+        if way.to_degrees() < SHARE_DEG {
+            continue;
+        }
+        motion.motors.push(*m);
+        motion.q.push(*q);
+        ways.push(way);
+        let by_speed = PEAKS.0 * way / (target.speed.clamp(1e-3, 1.0) * axis.max_speed).max(1e-9);
+        let by_acceleration = (PEAKS.1 * way / axis.max_acceleration.max(1e-9)).sqrt();
+        secs = f64::max(secs, by_speed.max(by_acceleration));
+    }
+    motion.speed = Some(ways.iter().map(|way| PEAKS.0 * way / secs.max(1e-9)).collect());
+    (motion, secs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn motors_arrive_together_and_keep_their_limits() {
+        let axis = |v: f64, a: f64| Axis { name: "m".into(), min: -3.0, max: 3.0, max_speed: v, max_acceleration: a };
+        let axes = [axis(1.0, 2.0), axis(0.5, 1.0), axis(1.0, 1.0)];
+        let target = Target { motors: vec![0, 1, 2], q: vec![1.0, -0.4, 0.2], speed: 0.5 };
+        let (motion, secs) = in_step(&target, &[0.0, 0.0, 0.2], &axes);
+        // the third has no way to go
+        assert_eq!((motion.motors.as_slice(), motion.q.as_slice()), (&[0, 1][..], &[1.0, -0.4][..]));
+        let speed = motion.speed.unwrap();
+        assert!((speed[0] / speed[1] - 1.0 / 0.4).abs() < 1e-9, "{speed:?}");
+        assert!(speed[0] <= 0.5 + 1e-9 && speed[1] <= 0.25 + 1e-9, "{speed:?}");
+        assert!(secs >= PEAKS.0 / 0.5 - 1e-9, "{secs}");
+        let near = Target { motors: vec![0], q: vec![0.01], speed: 1.0 };
+        let (motion, secs) = in_step(&near, &[0.0; 3], &axes);
+        // a short way is bound by the acceleration
+        assert!((secs - (PEAKS.1 * 0.01_f64 / 2.0).sqrt()).abs() < 1e-9 && motion.speed.unwrap()[0] < 1.0);
+    }
+
+    #[test]
+    fn commands_are_those_of_the_protocol() {
+        assert_eq!(group("posg", &[0, 2], &[1.5, -2.0]).to_string(), "[set] [posg] 2 (0 2) (1.5 -2.0)");
+        assert_eq!(words(&["get", "dons"]).to_string(), "[get] [dons]");
+    }
+}
