@@ -28,6 +28,7 @@
 //! # Ok::<(), mobee_contract::DriverFault>(())
 //! ```
 
+mod board_sim;
 mod braking;
 pub mod conformance;
 mod encoders;
@@ -41,10 +42,13 @@ mod settings;
 mod sim;
 mod words;
 pub mod world_rpc;
+mod yarp;
 
+pub use board_sim::{SimBoard, SimClock};
 pub use braking::{StoppingPath, stopping_path};
 pub use faults::{Fault, FaultId, SimFaults};
 pub use plant::Plant;
 pub use services::{RobotPorts, YarpServices, YarpSettings};
 pub use settings::SimSettings;
 pub use sim::{SimDriver, SimHardware};
+pub use yarp::{PartSettings, YarpDriver, YarpDriverSettings, YarpHardware};

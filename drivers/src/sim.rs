@@ -102,6 +102,13 @@ impl SimHardware {
         board.advance(now);
         board.plant.speeds().collect()
     }
+
+    /// Per motor whether it really rests, and nothing that is on its way will move it.
+    pub fn done(&self, now: Time) -> Vec<bool> {
+        let mut board = lock(&self.board);
+        board.advance(now);
+        board.plant.done()
+    }
 }
 
 impl Hardware for SimHardware {

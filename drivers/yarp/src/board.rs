@@ -10,13 +10,20 @@
 
 mod ask;
 mod joints;
+mod registered;
+mod remote;
 pub mod reply;
+mod server;
 mod shadow;
 mod streamed;
 mod words;
 
 pub use ask::{Ask, Get, Reading, Set};
 pub use joints::Joints;
+pub use remote::{AxisFacts, Link, RemoteBoard, RemoteOptions, RemoteState};
+pub use server::{BoardServer, Device, Reply};
 pub use shadow::{JointKind, Shadow, ShadowAxis};
 pub use streamed::Streamed;
 pub use words::mode;
+
+use registered::keep_registered;

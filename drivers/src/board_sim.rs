@@ -1,0 +1,332 @@
+//! A part of a simulated robot as a YARP control board sees it: what stands behind the ports of `mobee sim`.
+//!
+//! ```text
+//! rpc:i, command:i ──> SimBoard ──Command──> the simulated board of one part (SimHardware)
+//! state:o, stateExt:o <── Shadow <── its readings
+//! ```
+//! It behaves as boards do: it moves as it is told without a lease of anybody's, in the mode it is in, at the reference speeds it was given.
+
+use crate::{SimHardware, SimSettings};
+use mobee_contract::{Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Time};
+use mobee_yarp::board::{Ask, Device, Joints, Reply, Set, Shadow, ShadowAxis, Streamed, mode, reply};
+use mobee_yarp::{Bottle, Dialect, JointData, Message, Stamp, Vocab};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// How long a simulated board may move on without a word, on its own clock: as long as it likes.
+const FOR_EVER: Duration = Duration::from_secs(1 << 30);
+
+/// One part of a simulated robot as a control board.
+pub struct SimBoard {
+    part: String,
+    state: Mutex<State>,
+    clock: SimClock,
+}
+
+/// The clock of a simulation in real time.
+#[derive(Clone, Copy, Debug)]
+pub struct SimClock {
+    begun: Instant,
+    speed: f64,
+    wall: f64,
+}
+
+impl SimClock {
+    /// A clock that begins now and runs `speed` times as fast as the wall's, which shows `wall` (seconds since 1970) now.
+    #[expect(clippy::disallowed_methods, reason = "a simulation for other processes runs in real time")]
+    pub fn start(speed: f64, wall: f64) -> SimClock {
+        SimClock { begun: Instant::now(), speed, wall }
+    }
+
+    fn now(&self) -> Time {
+        Time::from_secs(self.begun.elapsed().as_secs_f64() * self.speed)
+    }
+
+    /// The time of day when the simulation's own clock showed this.
+    fn wall(&self, at: Time) -> f64 {
+        self.wall + at.secs() / self.speed
+    }
+}
+
+struct State {
+    hardware: SimHardware,
+    driver: Box<dyn Driver>,
+    shadow: Shadow,
+    last: Option<Sample>,
+    answers: Stamp,
+    states: Stamp,
+}
+
+impl SimBoard {
+    /// The boards of all parts of a robot, under the settings of the driver kind `sim`.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn all(settings: &SimSettings, context: &Context, clock: SimClock) -> Result<Vec<SimBoard>, KindError> {
+        settings.validate()?;
+        let (axes, start) = (settings.axes(&context.robot), settings.start(&context.robot)?);
+        let mut boards = Vec::new();
+        for (i, part) in context.robot.parts.iter().enumerate() {
+            let (Some(axes), Some(start)) = (axes.get(part.motors.clone()), start.get(part.motors.clone())) else {
+                continue;
+            };
+            if axes.is_empty() {
+                continue;
+            }
+            let seed = context.seed.wrapping_add(i as u64);
+            let hardware = SimHardware::with_axes(axes.to_vec(), start, settings, seed);
+            let lost = |e: DriverFault| KindError::new("", e.to_string(), "");
+            boards.push(SimBoard::new(&part.name, hardware, clock).map_err(lost)?);
+        }
+        Ok(boards)
+    }
+
+    /// A simulated board under the name of a part.
+    ///
+    /// # Errors
+    /// A board that has been given a fault already.
+    pub fn new(part: &str, hardware: SimHardware, clock: SimClock) -> Result<SimBoard, DriverFault> {
+        let driver = hardware.connect()?;
+        let q = hardware.positions(clock.now());
+        let axis = |(a, q): (&mobee_contract::Axis, &f64)| {
+            let [min, max, speed, q] = [a.min, a.max, a.max_speed, *q].map(f64::to_degrees);
+            ShadowAxis { ref_acc: a.max_acceleration.to_degrees(), ..ShadowAxis::at_rest(&a.name, min, max, speed, q) }
+        };
+        let shadow = Shadow { axes: driver.board().axes.iter().zip(&q).map(axis).collect() };
+        let state = State {
+            hardware,
+            driver,
+            shadow,
+            last: None,
+            answers: Stamp::default(),
+            states: Stamp::default(),
+        };
+        Ok(SimBoard { part: part.to_owned(), state: Mutex::new(state), clock })
+    }
+
+    /// The part's name.
+    pub fn part(&self) -> &str {
+        &self.part
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn answer(&self, request: &Bottle) -> Bottle {
+        let now = self.clock.now();
+        let mut state = self.lock();
+        state.look(now);
+        let stamp = state.answers;
+        if let Some(answer) = state.shadow.answer(request, stamp) {
+            if answer.len() > 1 {
+                state.answers = stamp.next(self.clock.wall(now));
+            }
+            return answer;
+        }
+        let axes = state.shadow.axes.len();
+        match Ask::parse(request) {
+            Some(ask @ Ask::Set(_)) if !ask.fits(axes) => reply::fail(),
+            Some(Ask::Set(set)) => match state.set(now, &set) {
+                Some(()) => reply::ok(),
+                None => reply::fail(),
+            },
+            _ => reply::unknown(request),
+        }
+    }
+}
+
+impl Device for SimBoard {
+    fn rpc(&self, request: Message) -> Reply {
+        let answer = match request.payload.bottle(Dialect::V3) {
+            Ok(bottle) => self.answer(&bottle),
+            Err(_) => reply::fail(),
+        };
+        Box::pin(std::future::ready(answer.into()))
+    }
+
+    fn command(&self, from: &str, _connection: u64, head: Bottle, body: Vec<f64>) {
+        let now = self.clock.now();
+        let mut state = self.lock();
+        state.look(now);
+        let done = Streamed::parse(&head, &body, state.shadow.axes.len()).and_then(|s| state.stream(now, &s));
+        if done.is_none() {
+            tracing::debug!(part = self.part, from, head = %head, "a streamed command was refused");
+        }
+    }
+
+    fn state(&self) -> Option<(Stamp, JointData)> {
+        let now = self.clock.now();
+        let mut state = self.lock();
+        state.look(now);
+        // the stamp tells when the encoders were read, not when that was published
+        let read = state.last.as_ref().map_or(now, |s| s.at);
+        let stamp = state.states.next(self.clock.wall(read));
+        state.states = stamp;
+        Some((stamp, state.shadow.joint_data()))
+    }
+}
+
+impl State {
+    /// Brings the shadow up to date.
+    fn look(&mut self, now: Time) {
+        self.driver.lease(now, now + FOR_EVER);
+        if let Ok(Some(sample)) = self.driver.sample(now) {
+            self.last = Some(sample);
+        }
+        let speeds = self.hardware.speeds(now);
+        let done = self.hardware.done(now);
+        let modes = self.driver.modes();
+        let q = self.last.as_ref().map(|s| s.q.clone());
+        for (i, axis) in self.shadow.axes.iter_mut().enumerate() {
+            if let Some(q) = q.as_ref().and_then(|q| q.get(i)) {
+                axis.q = q.to_degrees();
+            }
+            axis.speed = speeds.get(i).copied().unwrap_or_default().to_degrees();
+            axis.done = done.get(i).copied().unwrap_or_default();
+            axis.mode = modes.get(i).map_or(mode::UNKNOWN, |m| word(*m));
+        }
+    }
+
+    fn give(&mut self, now: Time, command: &Command) -> Option<()> {
+        self.driver.command(now, command).ok()
+    }
+
+    /// Whether all these joints are in this mode.
+    fn are_in(&self, joints: &[usize], mode: Vocab) -> bool {
+        joints.iter().all(|j| self.shadow.axes.get(*j).is_some_and(|a| a.mode == mode))
+    }
+
+    fn note(&mut self, joints: &[usize], values: &[f64], slot: fn(&mut ShadowAxis) -> &mut f64) {
+        for (j, v) in joints.iter().zip(values) {
+            if let Some(axis) = self.shadow.axes.get_mut(*j) {
+                *slot(axis) = *v;
+            }
+        }
+    }
+
+    /// Carries out an order that fits the board; `None`: it fails.
+    fn set(&mut self, now: Time, set: &Set) -> Option<()> {
+        let axes = self.shadow.axes.len();
+        match set {
+            Set::Move { joints, values, relative } => self.go(now, &joints.on(axes)?, values, *relative),
+            Set::Velocity(values) => self.velocity(now, &Joints::All.on(axes)?, values),
+            Set::Stop(joints) => {
+                let joints = joints.on(axes)?;
+                self.give(now, &Command::Stop { motors: joints.clone() })?;
+                let q: Vec<f64> = joints.iter().filter_map(|j| self.shadow.axes.get(*j)).map(|a| a.q).collect();
+                self.note(&joints, &q, |a| &mut a.target);
+                self.note(&joints, &vec![0.0; joints.len()], |a| &mut a.vel_ref);
+                Some(())
+            }
+            Set::Speed(joints, values) => self.refer(now, &joints.on(axes)?, values, |a| &mut a.ref_speed),
+            Set::Acceleration(joints, values) => self.refer(now, &joints.on(axes)?, values, |a| &mut a.ref_acc),
+            Set::Mode(joints, modes) => {
+                let known: Vec<ControlMode> = modes.iter().map(|m| control(*m)).collect::<Option<_>>()?;
+                for (j, mode) in joints.on(axes)?.into_iter().zip(known) {
+                    self.give(now, &Command::Mode { motors: vec![j], mode })?;
+                    // set-points begin where the joint is
+                    let axis = self.shadow.axes.get_mut(j)?;
+                    axis.direct_ref = axis.q;
+                }
+                Some(())
+            }
+            Set::Interaction(joints, modes) => {
+                if !modes.iter().all(|m| [mode::STIFF, mode::COMPLIANT].contains(m)) {
+                    return None;
+                }
+                for (j, mode) in joints.on(axes)?.into_iter().zip(modes) {
+                    self.shadow.axes.get_mut(j)?.interaction = *mode;
+                }
+                Some(())
+            }
+            // encoders and limits of a simulation are what they are
+            Set::Limits(..) | Set::SpeedLimits(..) | Set::ResetEncoders(_) | Set::Encoders(..) => None,
+        }
+    }
+
+    fn stream(&mut self, now: Time, command: &Streamed) -> Option<()> {
+        let axes = self.shadow.axes.len();
+        match command {
+            Streamed::Move(values) => self.go(now, &Joints::All.on(axes)?, values, false),
+            Streamed::Velocity(joints, values) => self.velocity(now, &joints.on(axes)?, values),
+            Streamed::Direct(joints, values) => {
+                let all = Joints::All.on(axes)?;
+                if !self.are_in(&all, mode::DIRECT) {
+                    return None;
+                }
+                let mut q: Vec<f64> = self.shadow.axes.iter().map(|a| a.direct_ref).collect();
+                for (j, v) in joints.on(axes)?.into_iter().zip(values) {
+                    *q.get_mut(j)? = *v;
+                }
+                self.give(now, &Command::Direct { q: q.iter().map(|d| d.to_radians()).collect() })?;
+                self.note(&all, &q, |a| &mut a.direct_ref);
+                Some(())
+            }
+        }
+    }
+
+    fn go(&mut self, now: Time, joints: &[usize], values: &[f64], relative: bool) -> Option<()> {
+        if !self.are_in(joints, mode::POSITION) {
+            return None;
+        }
+        let q = values.iter().map(|v| v.to_radians()).collect();
+        let command = Move { motors: joints.to_vec(), q, relative, speed: None, acceleration: None };
+        self.give(now, &Command::Move(command))?;
+        let base = |j: &usize| self.shadow.axes.get(*j).filter(|_| relative).map_or(0.0, |a| a.q);
+        let targets: Vec<f64> = joints.iter().zip(values).map(|(j, v)| base(j) + v).collect();
+        self.note(joints, &targets, |a| &mut a.target);
+        Some(())
+    }
+
+    fn velocity(&mut self, now: Time, joints: &[usize], values: &[f64]) -> Option<()> {
+        if !self.are_in(joints, mode::VELOCITY) {
+            return None;
+        }
+        let speed = values.iter().map(|v| v.to_radians()).collect();
+        self.give(now, &Command::Velocity { motors: joints.to_vec(), speed })?;
+        self.note(joints, values, |a| &mut a.vel_ref);
+        Some(())
+    }
+
+    fn refer(
+        &mut self,
+        now: Time,
+        joints: &[usize],
+        values: &[f64],
+        slot: fn(&mut ShadowAxis) -> &mut f64,
+    ) -> Option<()> {
+        let before = self.shadow.clone();
+        // boards take the amount: a negative speed means the same
+        self.note(joints, &values.iter().map(|v| v.abs()).collect::<Vec<f64>>(), slot);
+        let of = |get: fn(&ShadowAxis) -> f64| {
+            joints.iter().filter_map(|j| self.shadow.axes.get(*j)).map(|a| get(a).to_radians()).collect()
+        };
+        let (speed, acceleration) = (of(|a| a.ref_speed), of(|a| a.ref_acc));
+        let given = self.give(now, &Command::Reference { motors: joints.to_vec(), speed, acceleration });
+        if given.is_none() {
+            self.shadow = before;
+        }
+        given
+    }
+}
+
+fn word(of: ControlMode) -> Vocab {
+    match of {
+        ControlMode::Idle => mode::IDLE,
+        ControlMode::Position => mode::POSITION,
+        ControlMode::PositionDirect => mode::DIRECT,
+        ControlMode::Velocity => mode::VELOCITY,
+    }
+}
+
+fn control(word: Vocab) -> Option<ControlMode> {
+    match word {
+        mode::IDLE | mode::FORCE_IDLE => Some(ControlMode::Idle),
+        mode::POSITION => Some(ControlMode::Position),
+        mode::DIRECT => Some(ControlMode::PositionDirect),
+        mode::VELOCITY => Some(ControlMode::Velocity),
+        _ => None,
+    }
+}

@@ -1,0 +1,189 @@
+//! A robot behind YARP: its control boards as one board, in radians and the model's order of motors.
+//!
+//! ```text
+//! drivers (one per life of a driver actor)          the network thread, which outlives them
+//!   command ──checked──> a bounded queue per board ──> Hand ──> RemoteBoard ──> the robot
+//!   lease ─────────────> watched there: at its end everything stops
+//!   sample <───────────── Cell: newest of all boards <── Arrivals <── state streams
+//! ```
+//! * Every new connection to a board begins with a stop; nothing that was told before it counts any more (F11).
+//! * A board that falls silent gives no readings; one that is gone is [`mobee_contract::DriverFault::Lost`] until it is back.
+//! * While another program holds our port names, nothing is written, and the fault says so (F13).
+//! * Degrees and joint order of YARP exist here and nowhere else.
+
+mod cell;
+mod check;
+mod clock;
+mod driver;
+mod hand;
+mod layout;
+mod motion;
+mod settings;
+mod thread;
+
+pub use driver::YarpDriver;
+pub use settings::{PartSettings, YarpDriverSettings};
+
+use cell::{Cell, Trouble};
+use driver::Reach;
+use layout::Layout;
+use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware, KindError};
+use mobee_model::Robot;
+use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
+use serde_json::Value as Json;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::oneshot;
+
+inventory::submit! {
+    DriverKind {
+        name: "yarp",
+        doc: "A real robot, or a simulator in another process, behind YARP control boards: one board per part, over any YARP network, in real time. \
+              Motions are position moves with a speed of their own for every joint; the retreat streams position-direct set-points. States come from \
+              `stateExt:o` or `state:o`. It stops the robot at the end of its lease, and before anything else when a board has come back.",
+        schema: || schemars::schema_for!(YarpDriverSettings),
+        build: |settings, context| Ok(Arc::new(YarpHardware::build(settings, context)?)),
+    }
+}
+
+/// A robot behind YARP. Its thread begins with the first connection and lives as long as this does, whatever happens to drivers.
+pub struct YarpHardware {
+    settings: YarpDriverSettings,
+    robot: String,
+    layout: Arc<Layout>,
+    network: Option<Network>,
+    started: Mutex<Option<Started>>,
+}
+
+/// What there is once the thread runs.
+struct Started {
+    reach: Reach,
+    questions: thread::Questions,
+    thread: thread::Running,
+}
+
+impl YarpHardware {
+    /// From the settings in a config file.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn build(settings: &Json, context: &Context) -> Result<YarpHardware, KindError> {
+        let settings: YarpDriverSettings = mobee_contract::settings(settings)?;
+        YarpHardware::new(&settings, &context.robot)
+    }
+
+    /// The boards of this robot. Nothing is opened or asked before the first connection: a file can be checked while another program
+    /// drives its robot.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn new(settings: &YarpDriverSettings, robot: &Robot) -> Result<YarpHardware, KindError> {
+        settings.validate()?;
+        Ok(YarpHardware {
+            network: settings.server.as_deref().map(at).transpose()?,
+            layout: Arc::new(Layout::new(settings, robot)?),
+            settings: settings.clone(),
+            robot: robot.name.clone(),
+            started: Mutex::new(None),
+        })
+    }
+
+    /// The same on a network that is known already.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn on(
+        network: &Network,
+        settings: &YarpDriverSettings,
+        robot: &Robot,
+    ) -> Result<YarpHardware, KindError> {
+        let mut hardware = YarpHardware::new(settings, robot)?;
+        hardware.network = Some(network.clone());
+        Ok(hardware)
+    }
+
+    fn start(&self) -> Result<Started, DriverFault> {
+        let network = match &self.network {
+            Some(network) => network.clone(),
+            None => Network::from_env().map_err(|e| DriverFault::Hardware(e.to_string()))?,
+        };
+        let network = match self.settings.listen.as_deref().map(str::parse) {
+            Some(Ok(address)) => network.with_bind(address),
+            _ => network,
+        };
+        let cell = Arc::new(Cell::new(&self.layout));
+        thread::start(&network, &self.settings, &self.robot, self.layout.clone(), cell)
+            .map_err(|e| DriverFault::Hardware(format!("no thread for the robot's network: {e}")))
+    }
+
+    fn started(&self) -> MutexGuard<'_, Option<Started>> {
+        self.started.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Hardware for YarpHardware {
+    fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
+        let reach = {
+            let mut started = self.started();
+            match &*started {
+                Some(running) => running.reach.clone(),
+                None => started.insert(self.start()?).reach.clone(),
+            }
+        };
+        let known_before = reach.cell.lock().board.is_some();
+        // the first connection waits for the boards; later ones must not keep a running system waiting
+        let patience = if known_before { Duration::ZERO } else { self.settings.patience() };
+        let inner = reach.cell.wait(patience);
+        match (inner.trouble(), &inner.board) {
+            (Some(Trouble::Forbidden(why)), _) => Err(DriverFault::Hardware(why.clone())),
+            (Some(Trouble::Lost(_)), Some(_)) if known_before => Err(DriverFault::Lost),
+            (Some(Trouble::Lost(why)), _) => Err(DriverFault::Hardware(format!("it can't be reached: {why}"))),
+            (None, Some(board)) if inner.joined.is_some() => {
+                Ok(Box::new(YarpDriver::new(reach.clone(), board.clone())))
+            }
+            (None, _) => Err(DriverFault::Hardware("it sends no states".into())),
+        }
+    }
+
+    fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
+        let refused = |why: &str| {
+            let fault = DriverFault::Refused(why.to_owned());
+            Some(Box::pin(std::future::ready(Err(fault))) as Answer<_>)
+        };
+        let Some(board) = self.layout.patches.iter().position(|p| p.part == part) else {
+            return refused("there is no such part");
+        };
+        let asked = Bottle::decode(&words, Dialect::V3).ok();
+        let verb = asked.as_ref().and_then(|b| b.get(0)).and_then(Value::as_vocab);
+        if verb != Some(Vocab::new("get")) {
+            return refused("only questions are passed on");
+        }
+        let started = self.started();
+        let Some(questions) = started.as_ref().and_then(|s| s.questions.get(board)) else {
+            return refused("the boards have not been reached yet");
+        };
+        let (reply, answer) = oneshot::channel();
+        if questions.try_send((words, reply)).is_err() {
+            return refused("too many questions wait for the board");
+        }
+        Some(Box::pin(async move { answer.await.unwrap_or(Err(DriverFault::Lost)) }))
+    }
+}
+
+impl Drop for YarpHardware {
+    /// Stops the boards, and waits for that.
+    fn drop(&mut self) {
+        if let Some(started) = self.started().take() {
+            started.thread.end();
+        }
+    }
+}
+
+/// The network of a name server given as `HOST:PORT`.
+fn at(server: &str) -> Result<Network, KindError> {
+    let help = "give the name server as HOST:PORT, such as 127.0.0.1:10000";
+    let bad = || KindError::new("server", format!("`{server}` is no address"), help);
+    let (host, port) = server.rsplit_once(':').ok_or_else(bad)?;
+    let port: u16 = port.parse().map_err(|_| bad())?;
+    if host.is_empty() { Err(bad()) } else { Ok(Network::of(host, port)) }
+}

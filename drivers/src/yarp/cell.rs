@@ -1,0 +1,275 @@
+//! What drivers and the network thread share: the newest of everything, behind one lock held for moments only.
+
+use super::layout::Layout;
+use super::motion::Motions;
+use mobee_contract::{Axis, Board, ControlMode, Pose};
+use mobee_yarp::Vocab;
+use mobee_yarp::board::{AxisFacts, mode};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// Everything shared.
+#[derive(Debug)]
+pub struct Cell {
+    inner: Mutex<Inner>,
+    changed: Condvar,
+    /// The beginning of the seconds that readings are told in.
+    pub base: Instant,
+}
+
+/// What is known now.
+#[derive(Debug)]
+pub struct Inner {
+    /// The boards.
+    pub boards: Vec<Known>,
+    /// What the robot can do; known once all boards have been reached, and the same ever after.
+    pub board: Option<Board>,
+    /// Why the robot can't be used at all.
+    pub misfit: Option<Trouble>,
+    /// The newest reading of all boards together.
+    pub joined: Option<Joined>,
+    /// Whether it was not fetched yet.
+    pub unread: bool,
+    /// Per motor, the mode it will be in when all that is on its way has arrived.
+    pub expected: Vec<ControlMode>,
+    /// Per motor, the ticket of the last order that changes its mode, until it was carried out.
+    pub switching: Vec<Option<u64>>,
+}
+
+/// One board.
+#[derive(Debug)]
+pub struct Known {
+    /// Why it can't be used; `None`: it can.
+    pub trouble: Option<Trouble>,
+    /// What it says of its axes.
+    pub facts: Option<Arc<[AxisFacts]>>,
+    /// Positions, deg.
+    pub q: Vec<f64>,
+    /// When they were read, s.
+    pub read_at: f64,
+    /// Whether they are newer than the joined reading.
+    pub fresh: bool,
+    /// States lost until now, and until the joined reading.
+    pub lost: (u64, u64),
+    /// Control modes as last reported.
+    pub modes: Vec<Vocab>,
+    /// Interaction modes as last reported.
+    pub interactions: Vec<Vocab>,
+    /// Its motions.
+    pub motions: Motions,
+}
+
+/// Why a board can't be used.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Trouble {
+    /// It does not answer.
+    Lost(String),
+    /// It must not be used.
+    Forbidden(String),
+}
+
+/// A reading of the whole robot.
+#[derive(Clone, Debug)]
+pub struct Joined {
+    /// Counts readings, lost ones too.
+    pub seq: u64,
+    /// When the oldest of its parts was read, s.
+    pub at: f64,
+    /// Positions, rad.
+    pub q: Pose,
+    /// Motion done.
+    pub done: Vec<bool>,
+}
+
+impl Cell {
+    /// Nothing is known yet.
+    pub fn new(layout: &Layout) -> Cell {
+        let known = |p: &super::layout::Patch| Known {
+            trouble: Some(Trouble::Lost("not reached yet".into())),
+            facts: None,
+            q: vec![0.0; p.motors.len()],
+            read_at: 0.0,
+            fresh: false,
+            lost: (0, 0),
+            modes: vec![mode::UNKNOWN; p.motors.len()],
+            interactions: vec![mode::UNKNOWN; p.motors.len()],
+            motions: Motions::new(p.motors.len()),
+        };
+        let inner = Inner {
+            boards: layout.patches.iter().map(known).collect(),
+            board: None,
+            misfit: None,
+            joined: None,
+            unread: false,
+            expected: vec![ControlMode::Position; layout.motors()],
+            switching: vec![None; layout.motors()],
+        };
+        Cell { inner: Mutex::new(inner), changed: Condvar::new(), base: instant() }
+    }
+
+    /// A look inside. Robots don't break because a program crashed while it looked.
+    pub fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells those who wait that something changed.
+    pub fn ring(&self) {
+        self.changed.notify_all();
+    }
+
+    /// Waits until all boards can be used and a reading is there, or the time is up.
+    pub fn wait(&self, patience: Duration) -> MutexGuard<'_, Inner> {
+        let waits = |inner: &mut Inner| !inner.is_ready();
+        let waited = self.changed.wait_timeout_while(self.lock(), patience, waits);
+        waited.unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    /// Limits of a board's joints, deg.
+    pub fn limits(&self, layout: &Layout, board: usize) -> Vec<(f64, f64)> {
+        let inner = self.lock();
+        let (Some(patch), Some(board)) = (layout.patches.get(board), &inner.board) else { return Vec::new() };
+        let axes = board.axes.iter().skip(patch.motors.start).take(patch.motors.len());
+        axes.map(|a| (a.min.to_degrees(), a.max.to_degrees())).collect()
+    }
+
+    /// Seconds since the base.
+    pub fn secs(&self, at: Instant) -> f64 {
+        at.saturating_duration_since(self.base).as_secs_f64()
+    }
+}
+
+impl Inner {
+    /// Whether drivers can work.
+    pub fn is_ready(&self) -> bool {
+        self.board.is_some() && self.joined.is_some() && self.trouble().is_none()
+    }
+
+    /// The first board that can't be used.
+    pub fn trouble(&self) -> Option<&Trouble> {
+        let all = || self.boards.iter().filter_map(|b| b.trouble.as_ref());
+        let forbidden = || all().find(|t| matches!(t, Trouble::Forbidden(_)));
+        self.misfit.as_ref().or_else(forbidden).or_else(|| all().next())
+    }
+
+    /// The first motor that reports a fault of its hardware.
+    pub fn fault(&self, layout: &Layout) -> Option<String> {
+        let faulty = |(patch, board): (&super::layout::Patch, &Known)| {
+            let joint = board.modes.iter().position(|m| *m == mode::HARDWARE_FAULT)?;
+            let name = layout.names.get(patch.motors.start + joint)?;
+            Some(format!("motor {name} (joint {joint} of {}) has a hardware fault", patch.port))
+        };
+        layout.patches.iter().zip(&self.boards).find_map(faulty)
+    }
+
+    /// Makes a reading of the newest states, once every board has sent a new one.
+    pub fn join(&mut self, layout: &Layout) {
+        if self.board.is_none() || !self.boards.iter().all(|b| b.fresh && b.trouble.is_none()) {
+            return;
+        }
+        let mut q = layout.home.clone();
+        let mut done = vec![true; q.len()];
+        let mut lost = 0;
+        for (patch, board) in layout.patches.iter().zip(&mut self.boards) {
+            let slots = q.iter_mut().zip(&mut done).skip(patch.motors.start).take(patch.motors.len());
+            for ((slot, rests), (deg, over)) in slots.zip(board.q.iter().zip(board.motions.done())) {
+                (*slot, *rests) = (deg.to_radians(), over);
+            }
+            lost = lost.max(board.lost.0.saturating_sub(board.lost.1));
+            board.lost.1 = board.lost.0;
+            board.fresh = false;
+        }
+        let at = self.boards.iter().map(|b| b.read_at).fold(f64::INFINITY, f64::min);
+        let seq = self.joined.as_ref().map_or(0, |j| j.seq + 1 + lost);
+        self.joined = Some(Joined { seq, at, q: q.into(), done });
+        self.unread = true;
+        for (patch, board) in layout.patches.iter().zip(&self.boards) {
+            for (motor, word) in patch.motors.clone().zip(&board.modes) {
+                if let (Some(expected), Some(None)) = (self.expected.get_mut(motor), self.switching.get(motor)) {
+                    *expected = from_word(*word);
+                }
+            }
+        }
+    }
+
+    /// Control modes as the boards last reported them; motors without a board are in the mode they were told.
+    pub fn modes(&self, layout: &Layout) -> Vec<ControlMode> {
+        let mut modes = self.expected.clone();
+        for (patch, board) in layout.patches.iter().zip(&self.boards) {
+            for (slot, word) in modes.iter_mut().skip(patch.motors.start).zip(&board.modes) {
+                *slot = from_word(*word);
+            }
+        }
+        modes
+    }
+
+    /// An order was carried out or dropped: the modes of its motors are now what the board reports.
+    pub fn switched(&mut self, motors: impl Iterator<Item = usize>, ticket: u64) {
+        for m in motors {
+            if let Some(slot) = self.switching.get_mut(m).filter(|s| **s == Some(ticket)) {
+                *slot = None;
+            }
+        }
+    }
+}
+
+/// The board's description of itself, once all facts are known. Names and the narrower limits count.
+///
+/// # Errors
+/// A board whose axes don't fit the model.
+pub fn describe(layout: &Layout, boards: &[Known], settings: &super::YarpDriverSettings) -> Result<Option<Board>, String> {
+    let fastest = settings.max_speed_deg_per_s.to_radians();
+    let unbounded = |m: usize| Axis {
+        name: layout.names.get(m).cloned().unwrap_or_default(),
+        min: layout.limits.get(m).map_or(0.0, |l| l.0),
+        max: layout.limits.get(m).map_or(0.0, |l| l.1),
+        max_speed: fastest,
+        max_acceleration: settings.max_acceleration_deg_per_s2.to_radians(),
+    };
+    let mut axes: Vec<Axis> = (0..layout.motors()).map(unbounded).collect();
+    for (patch, board) in layout.patches.iter().zip(boards) {
+        let Some(facts) = &board.facts else { return Ok(None) };
+        let (port, want, have) = (&patch.port, patch.motors.len(), facts.len());
+        if have < want {
+            return Err(format!("{port} has {have} axes, but part {} of the model has {want} motors", patch.part));
+        }
+        for (axis, fact) in axes.iter_mut().skip(patch.motors.start).take(want).zip(facts.iter()) {
+            if let Some((min, max)) = fact.limits {
+                (axis.min, axis.max) = (axis.min.max(min.to_radians()), axis.max.min(max.to_radians()));
+            }
+            if axis.min >= axis.max {
+                return Err(format!("the limits of {} at {port} and in the model have nothing in common", axis.name));
+            }
+            axis.max_speed = fact.max_speed.map_or(fastest, |v| v.to_radians().min(fastest));
+        }
+    }
+    let (period, latency) = (settings.period(), settings.latency());
+    Ok(Some(Board { axes, period, latency, position_direct: settings.position_direct }))
+}
+
+/// A control mode from the board's word.
+pub fn from_word(word: Vocab) -> ControlMode {
+    match word {
+        mode::POSITION => ControlMode::Position,
+        mode::DIRECT => ControlMode::PositionDirect,
+        mode::VELOCITY => ControlMode::Velocity,
+        _ => ControlMode::Idle,
+    }
+}
+
+/// The board's word for a control mode.
+pub fn word(of: ControlMode) -> Vocab {
+    match of {
+        ControlMode::Idle => mode::IDLE,
+        ControlMode::Position => mode::POSITION,
+        ControlMode::PositionDirect => mode::DIRECT,
+        ControlMode::Velocity => mode::VELOCITY,
+    }
+}
+
+/// The monotonic clock that arrivals are told on. A robot behind a network lives in real time; the run's own time comes in
+/// with every call of the driver contract.
+#[expect(clippy::disallowed_methods, reason = "arrivals and leases of a real network are told on its own monotonic clock")]
+pub fn instant() -> Instant {
+    Instant::now()
+}

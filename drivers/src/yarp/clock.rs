@@ -1,0 +1,108 @@
+//! When a state was read, from the board's stamp and the time of its arrival.
+//!
+//! Arrivals jitter, stamps don't, but the board's clock is not ours. The shortest way a state took so far tells the offset between the
+//! two; a state that seems to have taken much longer than that says that the offset is no longer true (a clock was set, or
+//! runs at another rate, as a simulator's does).
+
+/// Longest delay that is believed; beyond it the arrival counts.
+const LONGEST: f64 = 0.030;
+/// States after which the shortest way is looked for afresh, so that a slowly drifting clock is followed.
+const WINDOW: u32 = 500;
+
+/// The clock of one board as its states tell it. Times in seconds on our own monotonic clock.
+#[derive(Clone, Debug, Default)]
+pub struct Arrivals {
+    offset: Option<f64>,
+    /// The shortest way within the present window.
+    shortest: Option<f64>,
+    seen: u32,
+    last: f64,
+}
+
+impl Arrivals {
+    /// When the state was read that arrived at `arrival` with this stamp; always later than the one before, never after its arrival.
+    pub fn read_at(&mut self, arrival: f64, stamp: Option<f64>) -> f64 {
+        let at = match stamp.filter(|s| s.is_finite()) {
+            Some(stamp) => self.stamped(arrival, stamp),
+            None => arrival,
+        };
+        let at = at.max(self.last + 1e-6).min(arrival.max(self.last + 1e-6));
+        self.last = at;
+        at
+    }
+
+    fn stamped(&mut self, arrival: f64, stamp: f64) -> f64 {
+        let way = arrival - stamp;
+        self.shortest = Some(self.shortest.map_or(way, |s| s.min(way)));
+        self.seen += 1;
+        let offset = match self.offset {
+            Some(offset) if way >= offset && way - offset <= LONGEST => offset,
+            _ => {
+                (self.shortest, self.seen) = (Some(way), 0);
+                way
+            }
+        };
+        self.offset = Some(offset);
+        if self.seen >= WINDOW {
+            (self.offset, self.shortest, self.seen) = (self.shortest, None, 0);
+        }
+        stamp + offset
+    }
+
+    /// Forgets the board's clock: it is another one now.
+    pub fn reset(&mut self) {
+        *self = Arrivals { last: self.last, ..Arrivals::default() };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jitter_of_arrivals_is_taken_out() {
+        let mut arrivals = Arrivals::default();
+        let jitter = [0.002, 0.0, 0.008, 0.001, 0.004, 0.0, 0.009, 0.003];
+        let mut read = Vec::new();
+        for i in 0..80 {
+            let t = 0.02 * f64::from(i);
+            read.push(arrivals.read_at(100.0 + t + jitter[i as usize % 8], Some(1.79e9 + t)));
+        }
+        for pair in read[8..].windows(2) {
+            assert!((pair[1] - pair[0] - 0.02).abs() < 1e-4, "{pair:?}");
+        }
+    }
+
+    #[test]
+    fn a_state_is_never_older_than_the_bound_nor_newer_than_its_arrival() {
+        let mut arrivals = Arrivals::default();
+        let mut last = f64::NEG_INFINITY;
+        // a simulator at half speed, then a clock that is set forward, then none
+        for i in 0..400 {
+            let t = 0.02 * f64::from(i);
+            let stamp = match i {
+                0..200 => Some(0.5 * t),
+                200..300 => Some(1e6 + t),
+                _ => None,
+            };
+            let at = arrivals.read_at(t, stamp);
+            assert!(at > last && at <= t + 1e-6 * f64::from(i + 1) && t - at <= LONGEST + 1e-9, "{i}: {at} of {t}");
+            last = at;
+        }
+        assert!((last - 0.02 * 399.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_slow_drift_is_followed() {
+        let mut arrivals = Arrivals::default();
+        let mut at = 0.0;
+        let mut t = 0.0;
+        for i in 0..5000 {
+            t = 0.02 * f64::from(i);
+            at = arrivals.read_at(t, Some(1.0001 * t));
+        }
+        assert!((t - at).abs() < 0.001, "{}", t - at);
+        arrivals.reset();
+        assert_eq!(arrivals.read_at(t + 1.0, Some(3.0)), t + 1.0);
+    }
+}

@@ -1,0 +1,229 @@
+//! The driver: checks, marks, queues, and never waits.
+
+use super::cell::{Cell, Inner, Trouble, instant};
+use super::check::{Checked, Known};
+use super::hand::{Do, Halt, Order};
+use super::layout::Layout;
+use super::motion::End;
+use mobee_contract::{Board, Command, ControlMode, Driver, DriverFault, Sample, Time};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{mpsc, watch};
+use tokio::time::Instant;
+
+/// What a driver needs to reach the network thread.
+#[derive(Clone, Debug)]
+pub struct Reach {
+    /// Which motor is where.
+    pub layout: Arc<Layout>,
+    /// What is known.
+    pub cell: Arc<Cell>,
+    /// A queue per board.
+    pub orders: Vec<mpsc::Sender<Order>>,
+    /// Everything stops.
+    pub halt: watch::Sender<Arc<Halt>>,
+    /// Until when the robot may move.
+    pub lease: watch::Sender<Option<Instant>>,
+}
+
+/// A connection to a robot behind YARP.
+#[derive(Debug)]
+pub struct YarpDriver {
+    reach: Reach,
+    board: Board,
+    /// The run's time at the base of the readings' seconds.
+    base: Option<f64>,
+    last: Time,
+    leased: Option<Time>,
+}
+
+impl YarpDriver {
+    /// A driver of boards that have been reached.
+    pub fn new(reach: Reach, board: Board) -> YarpDriver {
+        YarpDriver { reach, board, base: None, last: Time::ZERO, leased: None }
+    }
+
+    /// The run's time of a reading. The two clocks run alike; the smallest delay seen between them tells their offset.
+    fn time_of(&mut self, at: f64, now: Time) -> Time {
+        let base = now.secs() - self.reach.cell.secs(instant());
+        let base = self.base.map_or(base, |b| b.max(base));
+        self.base = Some(base);
+        let read = Time::from_secs((at + base).max(0.0)).min(now);
+        self.last = if read > self.last { read } else { (self.last + Duration::from_nanos(1)).min(now) };
+        self.last
+    }
+
+    /// By the run's time, and by the clock of the watch: what it has ended it does not see begin again.
+    fn is_leased(&self, now: Time) -> bool {
+        let watched = *self.reach.lease.borrow();
+        self.leased.is_some_and(|until| until > now) && watched.is_some_and(|until| until > instant())
+    }
+}
+
+impl Driver for YarpDriver {
+    fn board(&self) -> &Board {
+        &self.board
+    }
+
+    fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault> {
+        let reach = self.reach.clone();
+        let mut inner = reach.cell.lock();
+        usable(&inner, &reach.layout)?;
+        let q = inner.joined.as_ref().map(|j| j.q.clone()).ok_or(DriverFault::Lost)?;
+        let driven: Vec<bool> = (0..reach.layout.motors()).map(|m| reach.layout.joint(m).is_some()).collect();
+        let known = Known { axes: &self.board.axes, driven: &driven, q: &q, modes: &inner.expected };
+        let checked = known.check(command).map_err(DriverFault::Refused)?;
+        if checked.moves() && !self.is_leased(now) {
+            return Err(DriverFault::Refused("there is no lease to move under".into()));
+        }
+        if matches!(&checked, Checked::Stop(motors) if motors.is_empty()) {
+            reach.stop_all(&mut inner);
+            return Ok(());
+        }
+        reach.queue(&mut inner, checked)
+    }
+
+    fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault> {
+        let cell = self.reach.cell.clone();
+        let mut inner = cell.lock();
+        usable(&inner, &self.reach.layout)?;
+        if !std::mem::take(&mut inner.unread) {
+            return Ok(None);
+        }
+        let Some(joined) = inner.joined.clone() else { return Ok(None) };
+        drop(inner);
+        let at = self.time_of(joined.at, now);
+        Ok(Some(Sample { seq: joined.seq, at, q: joined.q, done: joined.done }))
+    }
+
+    fn next_sample(&self, now: Time) -> Time {
+        if self.reach.cell.lock().unread {
+            return now;
+        }
+        let due = self.last + self.board.period + self.board.period / 10;
+        // what is overdue is looked for several times a period
+        if due > now { due } else { now + self.board.period / 5 }
+    }
+
+    fn lease(&mut self, now: Time, until: Time) {
+        let leased = until > now;
+        let end = leased.then(|| instant() + until.since(now));
+        self.leased = leased.then_some(until);
+        self.reach.lease.send_if_modified(|lease| {
+            let changed = *lease != end;
+            *lease = end;
+            changed
+        });
+    }
+
+    fn modes(&self) -> Vec<ControlMode> {
+        self.reach.cell.lock().modes(&self.reach.layout)
+    }
+}
+
+/// Whether all boards can be used.
+fn usable(inner: &Inner, layout: &Layout) -> Result<(), DriverFault> {
+    match inner.trouble() {
+        Some(Trouble::Lost(_)) => Err(DriverFault::Lost),
+        Some(Trouble::Forbidden(why)) => Err(DriverFault::Hardware(why.clone())),
+        None => inner.fault(layout).map_or(Ok(()), |fault| Err(DriverFault::Hardware(fault))),
+    }
+}
+
+impl Reach {
+    /// Stops all boards before anything else; motions that wait in their queues are dropped.
+    pub fn stop_all(&self, inner: &mut Inner) {
+        let all = |b: &mut super::cell::Known| {
+            let joints: Vec<usize> = (0..b.q.len()).collect();
+            b.motions.order(&joints, End::Seen)
+        };
+        let tickets: Vec<u64> = inner.boards.iter_mut().map(all).collect();
+        self.halt.send_modify(|halt| *halt = Arc::new(Halt { epoch: halt.epoch + 1, tickets }));
+    }
+
+    /// Queues a command with every board it concerns: with all or with none.
+    fn queue(&self, inner: &mut Inner, checked: Checked) -> Result<(), DriverFault> {
+        let epoch = self.halt.borrow().epoch;
+        let orders = split(&self.layout, &checked);
+        let reserve = |(board, _): &(usize, Do)| {
+            self.orders.get(*board).and_then(|q| q.try_reserve().ok()).ok_or_else(|| {
+                DriverFault::Refused("too many commands wait for the board".into())
+            })
+        };
+        let permits: Vec<_> = orders.iter().map(reserve).collect::<Result<_, _>>()?;
+        let switched = match &checked {
+            Checked::Move(motors, ..) => Some((motors.clone(), ControlMode::Position)),
+            Checked::Velocity(motors, _) => Some((motors.clone(), ControlMode::Velocity)),
+            Checked::Mode(motors, mode) => Some((motors.clone(), *mode)),
+            _ => None,
+        };
+        for (permit, (board, what)) in permits.into_iter().zip(orders) {
+            let (joints, end) = what.disturbs();
+            let Some(known) = inner.boards.get_mut(board) else { continue };
+            let ticket = known.motions.order(&joints, end);
+            let first = self.layout.patches.get(board).map_or(0, |p| p.motors.start);
+            if switched.is_some() {
+                for j in &joints {
+                    if let Some(slot) = inner.switching.get_mut(first + j) {
+                        *slot = Some(ticket);
+                    }
+                }
+            }
+            permit.send(Order { epoch, ticket, what });
+        }
+        if let Some((motors, mode)) = switched {
+            for m in motors {
+                if let Some(slot) = inner.expected.get_mut(m) {
+                    *slot = mode;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A command as its boards are told it: joints and degrees.
+fn split(layout: &Layout, checked: &Checked) -> Vec<(usize, Do)> {
+    let nothing = |motors: &[usize]| vec![0.0; motors.len()];
+    let second = |motors: &[usize], values: &Option<Vec<f64>>| {
+        values.as_ref().map(|v| layout.split(motors, v)).unwrap_or_default()
+    };
+    let of = |all: &[(usize, Vec<usize>, Vec<f64>)], board: usize| {
+        all.iter().find(|(b, ..)| *b == board).map(|(_, _, v)| v.clone())
+    };
+    match checked {
+        Checked::Move(motors, q, speed, acceleration) => {
+            let (speed, acceleration) = (second(motors, speed), second(motors, acceleration));
+            let to = layout.split(motors, q).into_iter();
+            to.map(|(b, joints, to)| {
+                (b, Do::Move { joints, to, speed: of(&speed, b), acceleration: of(&acceleration, b) })
+            })
+            .collect()
+        }
+        Checked::Direct(q) => {
+            let all: Vec<usize> = (0..q.len()).collect();
+            layout.split(&all, q).into_iter().map(|(b, joints, to)| (b, Do::Direct { joints, to })).collect()
+        }
+        Checked::Velocity(motors, speed) => {
+            let split = layout.split(motors, speed).into_iter();
+            split.map(|(b, joints, speed)| (b, Do::Velocity { joints, speed })).collect()
+        }
+        Checked::Stop(motors) => {
+            let split = layout.split(motors, &nothing(motors)).into_iter();
+            split.map(|(b, joints, _)| (b, Do::Stop { joints })).collect()
+        }
+        Checked::Reference(motors, speed, acceleration) => {
+            let acceleration = layout.split(motors, acceleration);
+            let split = layout.split(motors, speed).into_iter();
+            split
+                .map(|(b, joints, speed)| {
+                    (b, Do::Reference { joints, speed, acceleration: of(&acceleration, b).unwrap_or_default() })
+                })
+                .collect()
+        }
+        Checked::Mode(motors, mode) => {
+            let split = layout.split(motors, &nothing(motors)).into_iter();
+            split.map(|(b, joints, _)| (b, Do::Mode { joints, mode: *mode })).collect()
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! The hand at one board: carries out what drivers queued, one order after the other, and stops before all else.
+
+mod modes;
+mod speed;
+
+use super::cell::Cell;
+use super::layout::{Layout, Patch};
+use super::motion::End;
+use mobee_contract::ControlMode;
+use mobee_yarp::board::{Ask, Get, Joints, Link, RemoteBoard, Set, Streamed, reply};
+use speed::Speeds;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{mpsc, watch};
+use tokio::time::{MissedTickBehavior, interval};
+
+/// How often a motion's end is asked for.
+const ASKING: Duration = Duration::from_millis(10);
+/// How often velocities are said again: real boards stop a joint that hears nothing for 0.1 s.
+const REFRESH: Duration = Duration::from_millis(40);
+/// A board that takes a speed of nothing for no speed at all gets at least this, deg/s.
+const SLOWEST: f64 = 0.01;
+
+/// Everything stops: orders of earlier epochs that would move something are dropped.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Halt {
+    /// Counts halts.
+    pub epoch: u64,
+    /// The newest ticket of each board when the halt was called.
+    pub tickets: Vec<u64>,
+}
+
+/// An order for one board.
+#[derive(Clone, Debug)]
+pub struct Order {
+    /// The epoch it was given in.
+    pub epoch: u64,
+    /// Its name among the board's motions.
+    pub ticket: u64,
+    /// What to do.
+    pub what: Do,
+}
+
+/// What one board is told: joints, degrees. Lists have the length of `joints`.
+#[derive(Clone, Debug)]
+pub enum Do {
+    /// A position move.
+    Move {
+        joints: Vec<usize>,
+        to: Vec<f64>,
+        speed: Option<Vec<f64>>,
+        acceleration: Option<Vec<f64>>,
+    },
+    /// Set-points.
+    Direct { joints: Vec<usize>, to: Vec<f64> },
+    /// Velocities, said again and again until something else is told.
+    Velocity { joints: Vec<usize>, speed: Vec<f64> },
+    /// Stop these.
+    Stop { joints: Vec<usize> },
+    /// Reference speeds and accelerations.
+    Reference { joints: Vec<usize>, speed: Vec<f64>, acceleration: Vec<f64> },
+    /// A control mode.
+    Mode { joints: Vec<usize>, mode: ControlMode },
+}
+
+impl Do {
+    /// The joints whose motion it changes, and how the end of that is known.
+    pub fn disturbs(&self) -> (Vec<usize>, End) {
+        match self {
+            Do::Move { joints, .. } => (joints.clone(), End::Told),
+            Do::Direct { joints, .. } | Do::Velocity { joints, .. } | Do::Stop { joints } | Do::Mode { joints, .. } => {
+                (joints.clone(), End::Seen)
+            }
+            Do::Reference { .. } => (Vec::new(), End::Seen),
+        }
+    }
+
+    fn moves(&self) -> bool {
+        matches!(self, Do::Move { .. } | Do::Direct { .. } | Do::Velocity { .. })
+    }
+}
+
+/// The hand at one board.
+pub struct Hand {
+    pub cell: Arc<Cell>,
+    pub layout: Arc<Layout>,
+    /// The board's index.
+    pub index: usize,
+    pub board: Arc<RemoteBoard>,
+    pub halt: watch::Receiver<Arc<Halt>>,
+    pub orders: mpsc::Receiver<Order>,
+    /// How late the board may act, s; velocities keep so far from limits.
+    pub latency: f64,
+    handled: u64,
+    speeds: Speeds,
+}
+
+impl Hand {
+    pub fn new(
+        (cell, layout): (Arc<Cell>, Arc<Layout>),
+        index: usize,
+        board: Arc<RemoteBoard>,
+        halt: watch::Receiver<Arc<Halt>>,
+        orders: mpsc::Receiver<Order>,
+        latency: f64,
+    ) -> Hand {
+        Hand { cell, layout, index, board, halt, orders, latency, handled: 0, speeds: Speeds::default() }
+    }
+
+    /// Works until it is told to end; stops the board then.
+    pub async fn work(mut self, mut end: watch::Receiver<bool>) {
+        let mut link = self.board.link();
+        let mut asking = interval(ASKING);
+        let mut refresh = interval(REFRESH);
+        asking.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        refresh.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        link.mark_changed();
+        loop {
+            tokio::select! {
+                biased;
+                _ = end.changed() => break,
+                _ = self.halt.changed() => self.halt_if_told().await,
+                _ = link.changed() => {
+                    let now = link.borrow_and_update().clone();
+                    self.linked(now).await;
+                }
+                order = self.orders.recv() => {
+                    let Some(order) = order else { break };
+                    self.carry_out(order).await;
+                }
+                _ = refresh.tick(), if !self.speeds.is_empty() => self.say_speeds(),
+                _ = asking.tick() => self.ask_done().await,
+            }
+        }
+        self.stop_all().await;
+    }
+
+    fn patch(&self) -> Option<&Patch> {
+        self.layout.patches.get(self.index)
+    }
+
+    fn motors(&self, joints: &[usize]) -> Vec<usize> {
+        let first = self.patch().map_or(0, |p| p.motors.start);
+        joints.iter().map(|j| first + j).collect()
+    }
+
+    /// A new life of the board begins with a stop, whatever it was doing; only then may drivers use it.
+    async fn linked(&mut self, link: Link) {
+        use super::cell::Trouble;
+        let port = self.board.port().to_owned();
+        let trouble = match link {
+            Link::Down(why) => Some(Trouble::Lost(format!("{port}: {why}"))),
+            Link::Taken(why) => Some(Trouble::Forbidden(format!("{port}: {why}"))),
+            Link::Up(_) => {
+                self.speeds.clear();
+                while let Ok(order) = self.orders.try_recv() {
+                    self.finish(&order);
+                }
+                match self.stop_all().await {
+                    true => {
+                        self.learn_modes().await;
+                        None
+                    }
+                    false => Some(Trouble::Lost(format!("{port}: it does not stop when told"))),
+                }
+            }
+        };
+        let mut inner = self.cell.lock();
+        if let Some(known) = inner.boards.get_mut(self.index) {
+            known.motions.forget();
+            known.fresh = false;
+            known.trouble = trouble;
+        }
+        drop(inner);
+        self.cell.ring();
+    }
+
+    /// Does what a halt demands, if there is a new one.
+    async fn halt_if_told(&mut self) {
+        let halt = self.halt.borrow_and_update().clone();
+        if halt.epoch == self.handled {
+            return;
+        }
+        self.handled = halt.epoch;
+        self.stop_all().await;
+        let ticket = halt.tickets.get(self.index).copied().unwrap_or_default();
+        let now = self.cell.secs(super::cell::instant());
+        if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
+            known.motions.given(ticket, now);
+        }
+    }
+
+    /// Stops all joints; whether the board says that it did.
+    async fn stop_all(&mut self) -> bool {
+        self.speeds.clear();
+        self.board.hush();
+        for _ in 0..3 {
+            match self.board.order(&Ask::Set(Set::Stop(Joints::All))).await {
+                Ok(true) => return true,
+                Ok(false) => tracing::warn!(board = self.board.port(), "the board answers [fail] to stop"),
+                Err(error) => {
+                    tracing::warn!(board = self.board.port(), error = error.to_string(), "the board can't be stopped");
+                    return false;
+                }
+            }
+        }
+        false
+    }
+
+    async fn carry_out(&mut self, order: Order) {
+        self.halt_if_told().await;
+        let dropped = order.epoch < self.handled && order.what.moves();
+        if !dropped && let Err(why) = self.attempt(&order).await {
+            tracing::warn!(board = self.board.port(), why, "an order was not carried out");
+        }
+        self.finish(&order);
+    }
+
+    /// The order has been given, or never will be.
+    fn finish(&self, order: &Order) {
+        let (joints, _) = order.what.disturbs();
+        let now = self.cell.secs(super::cell::instant());
+        let mut inner = self.cell.lock();
+        inner.switched(self.motors(&joints).into_iter(), order.ticket);
+        if let Some(known) = inner.boards.get_mut(self.index) {
+            known.motions.given(order.ticket, now);
+        }
+    }
+
+    async fn attempt(&mut self, order: &Order) -> Result<(), String> {
+        let (joints, _) = order.what.disturbs();
+        self.speeds.forget(&joints);
+        match &order.what {
+            Do::Move { joints, to, speed, acceleration } => {
+                self.bring(joints, ControlMode::Position, Some(order.epoch)).await?;
+                self.refer(joints, speed.as_deref(), acceleration.as_deref()).await?;
+                self.interrupted(order.epoch).await?;
+                let group = Joints::Group(joints.clone());
+                self.set(Set::Move { joints: group, values: to.clone(), relative: false }).await
+            }
+            Do::Direct { joints, to } => {
+                if !self.are_in(joints, ControlMode::PositionDirect) {
+                    return Err("it is not in the mode for set-points".into());
+                }
+                self.board.stream(Streamed::Direct(Joints::Group(joints.clone()), to.clone()));
+                Ok(())
+            }
+            Do::Velocity { joints, speed } => {
+                self.bring(joints, ControlMode::Velocity, Some(order.epoch)).await?;
+                self.interrupted(order.epoch).await?;
+                self.speeds.set(joints, speed);
+                self.say_speeds();
+                Ok(())
+            }
+            Do::Stop { joints } => self.set(Set::Stop(Joints::Group(joints.clone()))).await,
+            Do::Reference { joints, speed, acceleration } => {
+                self.refer(joints, Some(speed), Some(acceleration)).await
+            }
+            Do::Mode { joints, mode } => self.bring(joints, *mode, None).await,
+        }
+    }
+
+    /// Sets references. A board without accelerations of its own to set is no reason not to move.
+    async fn refer(&self, joints: &[usize], speed: Option<&[f64]>, acc: Option<&[f64]>) -> Result<(), String> {
+        let group = || Joints::Group(joints.to_vec());
+        let some = |v: &[f64]| v.iter().map(|v| v.max(SLOWEST)).collect::<Vec<f64>>();
+        if let Some(speed) = speed {
+            self.set(Set::Speed(group(), some(speed))).await?;
+        }
+        if let Some(acc) = acc
+            && let Err(why) = self.set(Set::Acceleration(group(), some(acc))).await
+        {
+            tracing::debug!(board = self.board.port(), why, "no accelerations");
+        }
+        Ok(())
+    }
+
+    async fn set(&self, set: Set) -> Result<(), String> {
+        match self.board.order(&Ask::Set(set.clone())).await {
+            Ok(true) => Ok(()),
+            Ok(false) => Err(format!("the board answers [fail] to {}", Ask::Set(set).bottle())),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    /// Handles a halt that came in the meantime; an error if it ends what is under way.
+    async fn interrupted(&mut self, epoch: u64) -> Result<(), String> {
+        self.halt_if_told().await;
+        if epoch < self.handled { Err("a stop came first".into()) } else { Ok(()) }
+    }
+
+    fn say_speeds(&mut self) {
+        let limits = self.cell.limits(&self.layout, self.index);
+        let now = self.cell.secs(super::cell::instant());
+        let mut inner = self.cell.lock();
+        let Some(known) = inner.boards.get_mut(self.index) else { return };
+        let Some((joints, speeds)) = self.speeds.say(&known.q, &limits, self.latency) else { return };
+        let moving: Vec<usize> = joints.iter().zip(&speeds).filter(|(_, v)| **v != 0.0).map(|(j, _)| *j).collect();
+        if !moving.is_empty() {
+            let ticket = known.motions.order(&moving, End::Seen);
+            known.motions.given(ticket, now);
+        }
+        drop(inner);
+        self.board.stream(Streamed::Velocity(Joints::Group(joints), speeds));
+    }
+
+    /// Asks for the end of motions that only the board knows.
+    async fn ask_done(&mut self) {
+        let asked = self.cell.lock().boards.get(self.index).and_then(|b| b.motions.ask());
+        let Some((joints, ticket)) = asked else { return };
+        let group = Joints::Group(joints.clone());
+        let Ok(answer) = self.board.ask(&Ask::Get(Get::Done(group))).await else { return };
+        let mut inner = self.cell.lock();
+        let Some(known) = inner.boards.get_mut(self.index) else { return };
+        match answer.get(2).and_then(mobee_yarp::Value::as_i64) {
+            Some(done) => known.motions.answered(&joints, ticket, done != 0),
+            None if answer == reply::fail() => known.motions.board_cannot_tell(),
+            None => {}
+        }
+    }
+}

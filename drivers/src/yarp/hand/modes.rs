@@ -1,0 +1,101 @@
+//! Switching modes: told, then read back until it is so.
+
+use super::super::cell::word;
+use super::Hand;
+use mobee_contract::ControlMode;
+use mobee_yarp::board::{Ask, Get, Joints, Set, mode};
+use mobee_yarp::{Bottle, Value, Vocab};
+use std::time::Duration;
+use tokio::time::sleep;
+
+/// How long a switch may take, and how often it is looked whether it has happened.
+const PATIENCE: Duration = Duration::from_secs(2);
+const LOOK: Duration = Duration::from_millis(5);
+
+impl Hand {
+    /// Whether these joints report this mode.
+    pub(super) fn are_in(&self, joints: &[usize], mode: ControlMode) -> bool {
+        self.not_in(joints, word(mode)).is_empty()
+    }
+
+    fn not_in(&self, joints: &[usize], mode: Vocab) -> Vec<usize> {
+        let inner = self.cell.lock();
+        let known = inner.boards.get(self.index);
+        let other = |j: &usize| known.is_none_or(|k| k.modes.get(*j) != Some(&mode));
+        joints.iter().copied().filter(other).collect()
+    }
+
+    fn compliant(&self, joints: &[usize]) -> Vec<usize> {
+        let inner = self.cell.lock();
+        let known = inner.boards.get(self.index);
+        let soft = |j: &usize| known.is_some_and(|k| k.interactions.get(*j) == Some(&mode::COMPLIANT));
+        joints.iter().copied().filter(soft).collect()
+    }
+
+    /// Brings joints into a mode and waits until the board reports it. Joints that are to be moved to positions are made stiff first: a
+    /// compliant one does not go where it is told. A halt in the meantime is obeyed; with an `epoch` it ends the attempt.
+    pub(super) async fn bring(
+        &mut self,
+        joints: &[usize],
+        to: ControlMode,
+        epoch: Option<u64>,
+    ) -> Result<(), String> {
+        if matches!(to, ControlMode::Position | ControlMode::PositionDirect) {
+            let soft = self.compliant(joints);
+            if !soft.is_empty() {
+                let stiff = vec![mode::STIFF; soft.len()];
+                self.set(Set::Interaction(Joints::Group(soft.clone()), stiff)).await?;
+                self.until(epoch, "becomes stiff", |hand| hand.compliant(&soft)).await?;
+            }
+        }
+        let word = word(to);
+        let others = self.not_in(joints, word);
+        if others.is_empty() {
+            return Ok(());
+        }
+        self.set(Set::Mode(Joints::Group(others.clone()), vec![word; others.len()])).await?;
+        self.until(epoch, "takes its mode", |hand| hand.not_in(&others, word)).await
+    }
+
+    /// Waits until no joint is left.
+    async fn until(
+        &mut self,
+        epoch: Option<u64>,
+        what: &str,
+        left: impl Fn(&Hand) -> Vec<usize>,
+    ) -> Result<(), String> {
+        let rounds = PATIENCE.as_millis() / LOOK.as_millis();
+        for round in 0..rounds {
+            match epoch {
+                Some(epoch) => self.interrupted(epoch).await?,
+                None => self.halt_if_told().await,
+            }
+            if left(self).is_empty() {
+                return Ok(());
+            }
+            // a board whose states say nothing of modes is asked
+            if round % 4 == 3 {
+                self.learn_modes().await;
+            }
+            sleep(LOOK).await;
+        }
+        Err(format!("no sign within {PATIENCE:?} that joint {:?} {what}", left(self)))
+    }
+
+    /// Reads all modes by asking for them.
+    pub(super) async fn learn_modes(&self) {
+        let vocabs = |answer: &Bottle, nth: usize| -> Option<Vec<Vocab>> {
+            answer.get(nth)?.as_list()?.0.iter().map(Value::as_vocab).collect()
+        };
+        let modes = self.board.ask(&Ask::Get(Get::Modes(Joints::All))).await;
+        let interactions = self.board.ask(&Ask::Get(Get::Interactions(Joints::All))).await;
+        let mut inner = self.cell.lock();
+        let Some(known) = inner.boards.get_mut(self.index) else { return };
+        if let Some(modes) = modes.ok().and_then(|a| vocabs(&a, 2)) {
+            known.modes.iter_mut().zip(modes).for_each(|(slot, m)| *slot = m);
+        }
+        if let Some(interactions) = interactions.ok().and_then(|a| vocabs(&a, 0)) {
+            known.interactions.iter_mut().zip(interactions).for_each(|(slot, m)| *slot = m);
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! Velocities that are being said again and again, lowered where a limit of position is near.
+
+use std::collections::BTreeMap;
+
+/// How hard joints are believed to brake, deg/s^2: only for keeping clear of limits.
+const BRAKING: f64 = 100.0;
+
+/// The velocities of one board, deg/s by joint.
+#[derive(Clone, Debug, Default)]
+pub struct Speeds(BTreeMap<usize, f64>);
+
+impl Speeds {
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    pub fn forget(&mut self, joints: &[usize]) {
+        for j in joints {
+            self.0.remove(j);
+        }
+    }
+
+    pub fn set(&mut self, joints: &[usize], speeds: &[f64]) {
+        self.0.extend(joints.iter().copied().zip(speeds.iter().copied()));
+    }
+
+    /// What to say now to a board at `q` that acts within `latency` seconds; `None` if nothing.
+    pub fn say(&self, q: &[f64], limits: &[(f64, f64)], latency: f64) -> Option<(Vec<usize>, Vec<f64>)> {
+        if self.0.is_empty() {
+            return None;
+        }
+        let one = |(j, v): (&usize, &f64)| match (q.get(*j), limits.get(*j)) {
+            (Some(q), Some((min, max))) => (*j, lowered(*v, *q, *min, *max, latency)),
+            _ => (*j, 0.0),
+        };
+        Some(self.0.iter().map(one).unzip())
+    }
+}
+
+/// The speed from which the joint still comes to rest before its limit, after it has gone on for the latency.
+fn lowered(v: f64, q: f64, min: f64, max: f64, latency: f64) -> f64 {
+    let room = if v > 0.0 { max - q } else { q - min };
+    // v * latency + v^2 / (2 a) <= room
+    let late = BRAKING * latency;
+    let most = (late * late + 2.0 * BRAKING * room.max(0.0)).sqrt() - late;
+    v.clamp(-most, most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_joint_comes_to_rest_before_its_limit() {
+        let mut speeds = Speeds::default();
+        speeds.set(&[0], &[60.0]);
+        let (mut q, mut v, dt) = (0.0, 0.0f64, 0.001);
+        let mut told = std::collections::VecDeque::from(vec![0.0; 60]);
+        for _ in 0..20_000 {
+            let (_, say) = speeds.say(&[q], &[(-10.0, 10.0)], 0.06).unwrap();
+            told.push_back(say[0]);
+            let want = told.pop_front().unwrap();
+            v += (want - v).clamp(-200.0 * dt, 200.0 * dt);
+            q += v * dt;
+            assert!(q <= 10.05, "{q}");
+        }
+        assert!(q > 9.0 && v.abs() < 0.1, "{q} {v}");
+        speeds.set(&[1], &[-5.0]);
+        let (joints, say) = speeds.say(&[10.0, -20.0], &[(-10.0, 10.0), (-10.0, 10.0)], 0.06).unwrap();
+        assert_eq!((joints, say), (vec![0, 1], vec![0.0, 0.0]), "beyond its limit it does not go farther");
+        speeds.forget(&[0, 1]);
+        assert!(speeds.say(&[], &[], 0.0).is_none());
+    }
+}

@@ -1,0 +1,138 @@
+//! Which motor is which joint of which board: the one place where degrees meet radians.
+
+use super::YarpDriverSettings;
+use mobee_contract::KindError;
+use mobee_model::Robot;
+use std::ops::Range;
+
+/// A board among the robot's motors. Joint `j` of the board is motor `motors.start + j`: the model counts the motors of a
+/// part as its board does (so the torso's yaw comes first, though it is the last of the chain).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Patch {
+    /// The part's name.
+    pub part: String,
+    /// The first part of the board's port names.
+    pub port: String,
+    /// Its motors.
+    pub motors: Range<usize>,
+}
+
+/// All boards of a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    /// The boards, in the order of the settings.
+    pub patches: Vec<Patch>,
+    /// Where all motors are at home, rad; those without a board stay there.
+    pub home: Vec<f64>,
+    /// The motors' names.
+    pub names: Vec<String>,
+    /// The model's limits, rad.
+    pub limits: Vec<(f64, f64)>,
+}
+
+impl Layout {
+    /// The boards of the settings on the robot's parts.
+    ///
+    /// # Errors
+    /// A part the robot does not have, or that is named twice.
+    pub fn new(settings: &YarpDriverSettings, robot: &Robot) -> Result<Layout, KindError> {
+        let mut patches: Vec<Patch> = Vec::new();
+        for (i, p) in settings.parts.iter().enumerate() {
+            let Some(part) = robot.parts.iter().find(|known| known.name == p.part) else {
+                let names: Vec<&str> = robot.parts.iter().map(|p| p.name.as_str()).collect();
+                let what = format!("robot {} has no part {}", robot.name, p.part);
+                return Err(KindError::new(format!("parts[{i}].part"), what, format!("its parts: {}", names.join(", "))));
+            };
+            if patches.iter().any(|known| known.part == p.part || known.port == p.port) {
+                let what = format!("{} at {} is there already", p.part, p.port);
+                return Err(KindError::new(format!("parts[{i}]"), what, "give every part one board of its own"));
+            }
+            patches.push(Patch { part: p.part.clone(), port: p.port.clone(), motors: part.motors.clone() });
+        }
+        Ok(Layout {
+            patches,
+            home: robot.motors.iter().map(|m| m.home).collect(),
+            names: robot.motors.iter().map(|m| m.name.clone()).collect(),
+            limits: robot.motors.iter().map(|m| (m.min, m.max)).collect(),
+        })
+    }
+
+    /// How many motors the robot has.
+    pub fn motors(&self) -> usize {
+        self.names.len()
+    }
+
+    /// Board and joint of a motor.
+    pub fn joint(&self, motor: usize) -> Option<(usize, usize)> {
+        let on = |p: &Patch| p.motors.contains(&motor);
+        let board = self.patches.iter().position(on)?;
+        Some((board, motor - self.patches.get(board)?.motors.start))
+    }
+
+    /// The values of some motors sorted by board: for each board that has any of them, its joints and their values in degrees.
+    /// Motors without a board are left out.
+    pub fn split(&self, motors: &[usize], values: &[f64]) -> Vec<(usize, Vec<usize>, Vec<f64>)> {
+        let mut split: Vec<(usize, Vec<usize>, Vec<f64>)> = Vec::new();
+        for (m, v) in motors.iter().zip(values) {
+            let Some((board, joint)) = self.joint(*m) else { continue };
+            match split.iter_mut().find(|(b, ..)| *b == board) {
+                Some((_, joints, degrees)) => {
+                    joints.push(joint);
+                    degrees.push(v.to_degrees());
+                }
+                None => split.push((board, vec![joint], vec![v.to_degrees()])),
+            }
+        }
+        split
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn robot() -> Robot {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/robots/icub.xml");
+        mobee_model::load_robot(std::path::Path::new(path)).unwrap().value
+    }
+
+    #[test]
+    fn the_torso_is_commanded_in_board_order() {
+        let robot = robot();
+        let layout = Layout::new(&YarpDriverSettings::of([("right_arm", "/r"), ("torso", "/t")]), &robot).unwrap();
+        let motor = |name: &str| robot.motors.iter().position(|m| m.name == name).unwrap();
+        for (joint, name) in ["torso_yaw", "torso_roll", "torso_pitch"].iter().enumerate() {
+            assert_eq!(layout.joint(motor(name)), Some((1, joint)));
+        }
+        assert_eq!(layout.joint(motor("neck_pitch")), None, "a part without a board");
+        let motors = [motor("torso_pitch"), motor("r_elbow"), motor("torso_yaw"), motor("neck_pitch")];
+        let q = [0.1f64, 0.2, 0.3, 0.4];
+        let split = layout.split(&motors, &q);
+        assert_eq!(split.len(), 2);
+        assert_eq!((split[0].0, &split[0].1), (1, &vec![2, 0]));
+        assert!((split[0].2[0] - 0.1f64.to_degrees()).abs() < 1e-12);
+        assert_eq!((split[1].0, &split[1].1), (0, &vec![3]));
+    }
+
+    #[test]
+    fn every_motor_comes_back_from_its_board() {
+        let robot = robot();
+        let ports: Vec<(String, String)> =
+            robot.parts.iter().map(|p| (p.name.clone(), format!("/icub/{}", p.name))).collect();
+        let settings = YarpDriverSettings::of(ports.iter().map(|(a, b)| (a.as_str(), b.as_str())));
+        let layout = Layout::new(&settings, &robot).unwrap();
+        for m in 0..robot.motors.len() {
+            let (board, joint) = layout.joint(m).unwrap();
+            assert_eq!(layout.patches[board].motors.start + joint, m);
+        }
+    }
+
+    #[test]
+    fn unknown_and_double_parts_are_named() {
+        let robot = robot();
+        let tail = Layout::new(&YarpDriverSettings::of([("tail", "/t")]), &robot).unwrap_err();
+        assert!(tail.what.contains("tail") && tail.help.contains("torso"), "{tail:?}");
+        let twice = YarpDriverSettings::of([("torso", "/t"), ("torso", "/u")]);
+        assert_eq!(Layout::new(&twice, &robot).unwrap_err().path, "parts[1]");
+    }
+}

@@ -1,0 +1,238 @@
+//! Motion done, joint by joint: what was told, what the board says of it, what the encoders say.
+//!
+//! ```text
+//! order ──> Ordered ──given──> Moving ──board says done, then a state──> Rest
+//!                        └───> Settling ──encoders rest for a while────> Rest
+//! ```
+//! Position moves end when the board says so. Stops, set-points and velocities have no end that a board would tell: there, and
+//! where a board does not answer the question, the encoders count.
+
+use std::collections::VecDeque;
+
+/// How long encoders must rest, s.
+const WHILE: f64 = 0.1;
+/// By how much encoders at rest may differ within that time, deg: their noise.
+const NOISE: f64 = 0.08;
+/// Most states that are kept for this.
+const MOST: usize = 256;
+
+/// How the end of a motion is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// The board says.
+    Told,
+    /// The encoders rest.
+    Seen,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Doing {
+    Rest,
+    /// Told to the board, or on its way there.
+    Busy {
+        end: End,
+        ticket: u64,
+        /// When the board had it.
+        given: Option<f64>,
+        /// The board said that it is done.
+        arrived: bool,
+    },
+}
+
+/// The motions of one board. Times in seconds, positions in degrees.
+#[derive(Clone, Debug)]
+pub struct Motions {
+    joints: Vec<Doing>,
+    window: VecDeque<(f64, Vec<f64>)>,
+    board_tells: bool,
+    tickets: u64,
+}
+
+impl Motions {
+    /// A board of so many joints at rest.
+    pub fn new(axes: usize) -> Motions {
+        Motions { joints: vec![Doing::Rest; axes], window: VecDeque::new(), board_tells: true, tickets: 0 }
+    }
+
+    /// These joints are told something; the ticket names it.
+    pub fn order(&mut self, joints: &[usize], end: End) -> u64 {
+        self.tickets += 1;
+        let end = if self.board_tells { end } else { End::Seen };
+        for j in joints {
+            if let Some(slot) = self.joints.get_mut(*j) {
+                *slot = Doing::Busy { end, ticket: self.tickets, given: None, arrived: false };
+            }
+        }
+        self.tickets
+    }
+
+    /// Everything told up to this ticket has reached the board, or never will.
+    pub fn given(&mut self, upto: u64, now: f64) {
+        for slot in &mut self.joints {
+            if let Doing::Busy { ticket, given, .. } = slot
+                && *ticket <= upto
+                && given.is_none()
+            {
+                *given = Some(now);
+            }
+        }
+    }
+
+    /// The joints whose end only the board knows, to be asked for now, and the ticket for its answer.
+    pub fn ask(&self) -> Option<(Vec<usize>, u64)> {
+        let waits = |(j, doing): (usize, &Doing)| match doing {
+            Doing::Busy { end: End::Told, given: Some(_), arrived: false, .. } => Some(j),
+            _ => None,
+        };
+        let joints: Vec<usize> = self.joints.iter().enumerate().filter_map(waits).collect();
+        (!joints.is_empty()).then_some((joints, self.tickets))
+    }
+
+    /// The board's answer for all of these joints.
+    pub fn answered(&mut self, joints: &[usize], upto: u64, done: bool) {
+        for j in joints {
+            if let Some(Doing::Busy { ticket, given: Some(_), arrived, .. }) = self.joints.get_mut(*j)
+                && *ticket <= upto
+            {
+                *arrived = done;
+            }
+        }
+    }
+
+    /// The board does not know when its motions are done.
+    pub fn board_cannot_tell(&mut self) {
+        self.board_tells = false;
+        for slot in &mut self.joints {
+            if let Doing::Busy { end, .. } = slot {
+                *end = End::Seen;
+            }
+        }
+    }
+
+    /// A state of the board.
+    pub fn read(&mut self, at: f64, q: &[f64]) {
+        self.window.push_back((at, q.to_vec()));
+        // one state older than the window is kept, so that the window is covered
+        while self.window.len() > MOST || self.window.get(1).is_some_and(|(t, _)| *t <= at - WHILE) {
+            self.window.pop_front();
+        }
+        let covered = self.window.front().is_some_and(|(t, _)| *t <= at - WHILE);
+        for (j, slot) in self.joints.iter_mut().enumerate() {
+            let Doing::Busy { end, given: Some(given), arrived, .. } = *slot else { continue };
+            let over = match end {
+                End::Told => arrived,
+                End::Seen => covered && at >= given + WHILE && rests(&self.window, j),
+            };
+            if over {
+                *slot = Doing::Rest;
+            }
+        }
+    }
+
+    /// The states before were of another life of the board.
+    pub fn forget(&mut self) {
+        self.window.clear();
+    }
+
+    /// Motion done, per joint.
+    pub fn done(&self) -> impl Iterator<Item = bool> + '_ {
+        self.joints.iter().map(|d| *d == Doing::Rest)
+    }
+
+    /// Whether any motion is under way.
+    pub fn is_busy(&self) -> bool {
+        self.joints.iter().any(|d| *d != Doing::Rest)
+    }
+}
+
+fn rests(window: &VecDeque<(f64, Vec<f64>)>, joint: usize) -> bool {
+    let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+    for (_, q) in window {
+        let v = q.get(joint).copied().unwrap_or(f64::NAN);
+        if !v.is_finite() {
+            return false;
+        }
+        (least, most) = (least.min(v), most.max(v));
+    }
+    most - least <= NOISE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn done(m: &Motions) -> Vec<bool> {
+        m.done().collect()
+    }
+
+    #[test]
+    fn a_move_is_done_when_the_board_said_so_and_a_state_came_after() {
+        let mut m = Motions::new(2);
+        let ticket = m.order(&[1], End::Told);
+        assert_eq!((done(&m), m.ask()), (vec![true, false], None), "the board has not got it yet");
+        m.given(ticket, 1.0);
+        let (joints, upto) = m.ask().unwrap();
+        assert_eq!(joints, [1]);
+        m.answered(&joints, upto, false);
+        m.read(1.02, &[0.0, 0.0]);
+        assert!(m.is_busy());
+        m.answered(&joints, upto, true);
+        assert!(m.is_busy(), "no state yet");
+        m.read(1.04, &[0.0, 5.0]);
+        assert_eq!(done(&m), [true, true]);
+    }
+
+    #[test]
+    fn an_answer_to_an_older_question_ends_nothing_newer() {
+        let mut m = Motions::new(1);
+        let first = m.order(&[0], End::Told);
+        m.given(first, 0.0);
+        let (joints, upto) = m.ask().unwrap();
+        let second = m.order(&[0], End::Told);
+        m.given(second, 0.1);
+        m.answered(&joints, upto, true);
+        m.read(0.2, &[1.0]);
+        assert!(m.is_busy());
+    }
+
+    #[test]
+    fn set_points_end_when_the_encoders_rest() {
+        let mut m = Motions::new(1);
+        let mut at = 0.0;
+        for i in 0..50 {
+            at = 0.02 * f64::from(i);
+            let ticket = m.order(&[0], End::Seen);
+            m.given(ticket, at);
+            m.read(at, &[f64::from(i)]);
+            assert!(m.is_busy());
+        }
+        let mut states = 0;
+        while m.is_busy() {
+            at += 0.02;
+            states += 1;
+            m.read(at, &[49.0]);
+            assert!(states < 20);
+        }
+        assert!((5..=7).contains(&states), "{states}");
+    }
+
+    #[test]
+    fn what_never_reached_the_board_stays_busy_and_a_silent_board_is_watched() {
+        let mut m = Motions::new(1);
+        m.order(&[0], End::Told);
+        for i in 0..100 {
+            m.read(0.02 * f64::from(i), &[0.0]);
+        }
+        assert!(m.is_busy());
+        m.given(1, 2.0);
+        m.board_cannot_tell();
+        assert_eq!(m.ask(), None);
+        for i in 100..110 {
+            m.read(0.02 * f64::from(i), &[0.0]);
+        }
+        assert!(!m.is_busy());
+        m.order(&[0], End::Told);
+        m.given(2, 2.2);
+        assert_eq!(m.ask(), None, "it is not asked again");
+    }
+}

@@ -1,0 +1,206 @@
+//! The settings of a robot behind YARP.
+
+use mobee_contract::KindError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Settings of a robot behind YARP: which control boards it has, and how they are spoken to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct YarpDriverSettings {
+    /// The control boards, one per part of the robot model. Motors of parts without a board rest at home and take no commands.
+    pub parts: Vec<PartSettings>,
+    /// Address of the name server, `HOST:PORT`; without it that of YARP's own configuration (`yarp.conf`).
+    #[serde(default)]
+    pub server: Option<String>,
+    /// The first part of our own port names; `/MoBeE/ROBOT/driver` if not given.
+    #[serde(default)]
+    pub name: Option<String>,
+    /// The address of this machine that our ports listen on; this machine alone (127.0.0.1) if not given. YARP has no encryption:
+    /// whoever reaches these ports can send wrong states.
+    #[serde(default)]
+    pub listen: Option<String>,
+    /// How states and streamed commands travel: `fast_tcp`, `tcp` or `udp`.
+    #[serde(default = "carrier")]
+    pub carrier: String,
+    /// The dialect of the robot's network: `3.x` (iCub software to this day) or `4.x`.
+    #[serde(default = "dialect")]
+    pub dialect: String,
+    /// Time between two states of a board, ms.
+    #[serde(default = "period_ms")]
+    pub period_ms: f64,
+    /// Greatest time from a command to its effect as far as it is known, the way through the network included, ms.
+    #[serde(default = "latency_ms")]
+    pub latency_ms: f64,
+    /// A board whose state is older than this is stale, ms.
+    #[serde(default = "stale_ms")]
+    pub stale_ms: f64,
+    /// How long to wait for an answer, ms.
+    #[serde(default = "timeout_ms")]
+    pub timeout_ms: f64,
+    /// How long to wait for all boards at the beginning, s.
+    #[serde(default = "connect_s")]
+    pub connect_s: f64,
+    /// Greatest speed of every motor, deg/s, where the board allows no less.
+    #[serde(default = "max_speed")]
+    pub max_speed_deg_per_s: f64,
+    /// Greatest acceleration of every motor, deg/s^2. Also its braking.
+    #[serde(default = "max_acceleration")]
+    pub max_acceleration_deg_per_s2: f64,
+    /// Whether the boards take position-direct set-points; the retreat streams them, else it uses thinned way-points.
+    #[serde(default = "yes")]
+    pub position_direct: bool,
+}
+
+/// One control board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PartSettings {
+    /// The part's name in the robot model, such as `torso`.
+    pub part: String,
+    /// The first part of the board's port names, such as `/icub/torso`.
+    pub port: String,
+}
+
+fn carrier() -> String {
+    "fast_tcp".into()
+}
+fn dialect() -> String {
+    "3.x".into()
+}
+fn period_ms() -> f64 {
+    20.0
+}
+fn latency_ms() -> f64 {
+    60.0
+}
+fn stale_ms() -> f64 {
+    200.0
+}
+fn timeout_ms() -> f64 {
+    500.0
+}
+fn connect_s() -> f64 {
+    5.0
+}
+fn max_speed() -> f64 {
+    50.0
+}
+fn max_acceleration() -> f64 {
+    200.0
+}
+fn yes() -> bool {
+    true
+}
+
+impl YarpDriverSettings {
+    /// These boards under default settings.
+    pub fn of<'a>(parts: impl IntoIterator<Item = (&'a str, &'a str)>) -> YarpDriverSettings {
+        let part = |(part, port): (&str, &str)| PartSettings { part: part.into(), port: port.into() };
+        YarpDriverSettings {
+            parts: parts.into_iter().map(part).collect(),
+            server: None,
+            name: None,
+            listen: None,
+            carrier: carrier(),
+            dialect: dialect(),
+            period_ms: period_ms(),
+            latency_ms: latency_ms(),
+            stale_ms: stale_ms(),
+            timeout_ms: timeout_ms(),
+            connect_s: connect_s(),
+            max_speed_deg_per_s: max_speed(),
+            max_acceleration_deg_per_s2: max_acceleration(),
+            position_direct: true,
+        }
+    }
+
+    /// Checks every setting that needs no robot.
+    ///
+    /// # Errors
+    /// The first one that makes no sense, with what would.
+    pub fn validate(&self) -> Result<(), KindError> {
+        let ranges = [
+            ("period_ms", self.period_ms, 1.0, 1000.0),
+            ("latency_ms", self.latency_ms, 0.0, 10_000.0),
+            ("stale_ms", self.stale_ms, 2.0 * self.period_ms, 10_000.0),
+            ("timeout_ms", self.timeout_ms, 10.0, 60_000.0),
+            ("connect_s", self.connect_s, 0.0, 600.0),
+            ("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 10_000.0),
+            ("max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e6),
+        ];
+        for (name, value, least, most) in ranges {
+            // written so that not-a-number fails
+            if !(value >= least && value <= most) {
+                let what = format!("{value} is no usable value here");
+                return Err(KindError::new(name, what, format!("give a number from {least} to {most}")));
+            }
+        }
+        if self.parts.is_empty() {
+            let help = "name at least one board: parts = [{ part = \"torso\", port = \"/icub/torso\" }]";
+            return Err(KindError::new("parts", "the robot has no board", help));
+        }
+        for (i, p) in self.parts.iter().enumerate() {
+            rooted(&format!("parts[{i}].port"), &p.port)?;
+        }
+        if let Some(name) = &self.name {
+            rooted("name", name)?;
+        }
+        if let Some(listen) = &self.listen
+            && listen.parse::<std::net::IpAddr>().is_err()
+        {
+            let help = "give this machine's address in the robot's network, such as 10.0.0.12, or 0.0.0.0 for all";
+            return Err(KindError::new("listen", format!("`{listen}` is no address"), help));
+        }
+        if !["fast_tcp", "tcp", "udp"].contains(&self.carrier.as_str()) {
+            let what = format!("a robot's states can't travel by `{}`", self.carrier);
+            return Err(KindError::new("carrier", what, "choose fast_tcp, tcp or udp"));
+        }
+        if self.dialect == "4.x" {
+            let what = "the control boards of YARP 4 answer other questions, which are not built in yet";
+            return Err(KindError::new("dialect", what, "run the robot's boards under YARP 3, or bridge them"));
+        }
+        if self.dialect != "3.x" {
+            return Err(KindError::new("dialect", format!("there is no dialect `{}`", self.dialect), "choose 3.x"));
+        }
+        Ok(())
+    }
+
+    /// Time between two states.
+    pub fn period(&self) -> Duration {
+        millis(self.period_ms)
+    }
+
+    /// Time from a command to its effect.
+    pub fn latency(&self) -> Duration {
+        millis(self.latency_ms)
+    }
+
+    /// Age at which a state is stale.
+    pub fn stale(&self) -> Duration {
+        millis(self.stale_ms)
+    }
+
+    /// Time to wait for an answer.
+    pub fn timeout(&self) -> Duration {
+        millis(self.timeout_ms)
+    }
+
+    /// Time to wait for all boards at the beginning.
+    pub fn patience(&self) -> Duration {
+        millis(1e3 * self.connect_s)
+    }
+}
+
+fn millis(ms: f64) -> Duration {
+    Duration::try_from_secs_f64(1e-3 * ms).unwrap_or_default()
+}
+
+fn rooted(path: &str, name: &str) -> Result<(), KindError> {
+    if name.starts_with('/') && name.len() > 1 && !name.ends_with('/') && !name.contains(char::is_whitespace) {
+        return Ok(());
+    }
+    let help = "port names begin with a slash, end without one and contain no blanks: /icub/torso";
+    Err(KindError::new(path, format!("`{name}` is no name for ports"), help))
+}

@@ -1,0 +1,118 @@
+//! The life of a connection: reached, watched, lost, and reached again.
+
+use super::{Link, Shared, facts, stream};
+use crate::board::registered::{Roll, call};
+use crate::board::server::roll_call;
+use crate::board::{Ask, Get};
+use crate::Contact;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Shortest and longest pause between two attempts.
+const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
+
+/// Reaches the board, watches it, and begins anew when it is lost. Never ends.
+pub(super) async fn run(shared: Arc<Shared>) {
+    let (mut pause, mut generation) = (BACK_OFF.0, 0);
+    let mut stream = None;
+    loop {
+        match reach(&shared, &mut stream).await {
+            Ok(()) => {
+                pause = BACK_OFF.0;
+                generation += 1;
+                tracing::info!(board = shared.port, "connected");
+                shared.link.send_replace(Link::Up(generation));
+                let why = watch(&shared, &mut stream).await;
+                tracing::warn!(board = shared.port, why = ?why, "lost");
+                shared.link.send_replace(why);
+            }
+            Err(why) => {
+                shared.link.send_if_modified(|link| {
+                    let changed = *link != why;
+                    *link = why;
+                    changed
+                });
+            }
+        }
+        tokio::time::sleep(pause).await;
+        pause = (pause * 2).min(BACK_OFF.1);
+        // what rang while nobody was connected says nothing about the next connection
+        let _ = tokio::time::timeout(Duration::ZERO, shared.trouble.notified()).await;
+    }
+}
+
+async fn reach(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) -> Result<(), Link> {
+    if stream.is_none() {
+        let name = shared.network.full_name(&stream::name(shared));
+        if let Ok(Some(other)) = shared.network.query(&name).await
+            && crate::remote::exists(&shared.network, &name).await.unwrap_or(false)
+        {
+            return Err(taken(&other));
+        }
+        *stream = Some(stream::Stream::open(shared.clone()).await.map_err(|e| Link::Down(super::in_words(&e)))?);
+    }
+    let Some(stream) = stream else { return Err(Link::Down("no port for states".into())) };
+    if let Roll::Taken(other) = call(&shared.network, stream.contact()).await {
+        return Err(taken(&other));
+    }
+    shared.control.lock().await.pause().await;
+    let axes = facts::ask(shared).await.map_err(Link::Down)?;
+    let known = shared.facts.borrow().clone();
+    match known {
+        Some(known) if known != axes => {
+            let why = "the board has other axes or limits than before; start anew to use it";
+            return Err(Link::Down(why.into()));
+        }
+        Some(_) => {}
+        None => {
+            shared.facts.send_replace(Some(axes.clone()));
+        }
+    }
+    stream.begin(shared, axes.len()).await.map_err(Link::Down)
+}
+
+/// Stays until the connection is lost; says why.
+async fn watch(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) -> Link {
+    let mut names = roll_call();
+    let mut look = tokio::time::interval(shared.options.stale.max(Duration::from_millis(20)));
+    look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let axes = shared.facts.borrow().as_ref().map_or(0, |f| f.len());
+    let mut quiet = 0u32;
+    loop {
+        tokio::select! {
+            () = shared.trouble.notified() => return Link::Down("a request got no answer".into()),
+            _ = look.tick() => {
+                let age = shared.state.borrow().as_ref().map(|s| s.arrived.elapsed());
+                if age.is_some_and(|a| a < shared.options.stale) {
+                    quiet = 0;
+                    continue;
+                }
+                // the states have stopped: is the board there? Then ask for them again, less and less often
+                if let Err(e) = shared.ask(&Ask::Get(Get::Axes).bottle()).await {
+                    return Link::Down(e.to_string());
+                }
+                quiet += 1;
+                if let Some(stream) = stream.as_mut()
+                    && quiet.is_power_of_two()
+                    && let Err(why) = stream.begin(shared, axes).await
+                {
+                    tracing::debug!(board = shared.port, why, "no states");
+                }
+            }
+            _ = names.tick() => {
+                if let Some(stream) = stream.as_ref()
+                    && let Roll::Taken(other) = call(&shared.network, stream.contact()).await
+                {
+                    return taken(&other);
+                }
+            }
+        }
+    }
+}
+
+fn taken(other: &Contact) -> Link {
+    let Contact { name, host, port, .. } = other;
+    Link::Taken(format!(
+        "another program holds the port name {name} (at {host}:{port}): two would write to one robot; end it, or choose another name"
+    ))
+}

@@ -1,0 +1,103 @@
+//! The port that a board's states come to.
+
+use super::{RemoteState, Shared, arrival};
+use crate::payload::vector;
+use crate::{Contact, Field, JointData, Message, PortError, Queue, Reader, Stamp};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio::time::timeout;
+
+/// Largest gap between two counts that is taken for lost states; beyond it the board began to count anew.
+const GREATEST_GAP: u32 = 100_000;
+
+/// The name of the port.
+pub(super) fn name(shared: &Shared) -> String {
+    format!("{}/state:i", shared.options.local)
+}
+
+/// The open port, read by a task of its own.
+pub(super) struct Stream {
+    contact: Contact,
+    axes: mpsc::Sender<usize>,
+    task: JoinHandle<()>,
+}
+
+impl Stream {
+    /// Opens the port.
+    pub async fn open(shared: Arc<Shared>) -> Result<Stream, PortError> {
+        let reader = Reader::open(&shared.network, &name(&shared), Queue::Bounded(64)).await?;
+        let contact = reader.contact().clone();
+        let (axes, told) = mpsc::channel(1);
+        let task = tokio::spawn(read(shared, reader, told));
+        Ok(Stream { contact, axes, task })
+    }
+
+    /// Where it is registered.
+    pub fn contact(&self) -> &Contact {
+        &self.contact
+    }
+
+    /// Asks the board for its states: the extended ones, else the plain ones.
+    pub async fn begin(&mut self, shared: &Shared, axes: usize) -> Result<(), String> {
+        let _ = self.axes.try_send(axes);
+        let mut why = String::new();
+        for port in ["stateExt:o", "state:o"] {
+            let source = format!("{}/{port}", shared.port);
+            let carrier = shared.options.carrier.name();
+            let asked = crate::remote::connect(&shared.network, &source, &self.contact.name, Some(carrier));
+            match timeout(shared.options.timeout * 4, asked).await {
+                Ok(Ok(_)) => return Ok(()),
+                Ok(Err(e)) => why = e.to_string(),
+                Err(_) => why = format!("{source} does not answer"),
+            }
+        }
+        Err(format!("no states: {why}"))
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+async fn read(shared: Arc<Shared>, mut reader: Reader, mut told: mpsc::Receiver<usize>) {
+    let (mut axes, mut seq) = (None, 0);
+    let mut last: Option<Stamp> = None;
+    while let Some(message) = reader.recv().await {
+        let arrived = arrival();
+        while let Ok(n) = told.try_recv() {
+            axes = Some(n);
+        }
+        let Some(joints) = axes.and_then(|n| joints(&shared, &message, n)) else {
+            tracing::debug!(board = shared.port, from = message.from, "a state that makes no sense");
+            continue;
+        };
+        let stamp = message.envelope.as_deref().and_then(Stamp::from_envelope);
+        let gap = match (last, stamp) {
+            (Some(before), Some(now)) => now.count.wrapping_sub(before.count).wrapping_sub(1),
+            _ => 0,
+        };
+        let gap = if gap < GREATEST_GAP { u64::from(gap) } else { 0 };
+        shared.lost.fetch_add(gap, Ordering::Relaxed);
+        seq += 1 + gap;
+        last = stamp;
+        shared.state.send_replace(Some(Arc::new(RemoteState { seq, stamp, arrived, joints })));
+    }
+}
+
+/// The state in a message, whichever port it came from; `None` unless it is finite and has one value per axis.
+fn joints(shared: &Shared, message: &Message, axes: usize) -> Option<JointData> {
+    let bottle = message.payload.bottle(shared.network.dialect()).ok()?;
+    let joints = match JointData::from_bottle(&bottle) {
+        Ok(joints) => joints,
+        Err(_) => {
+            let position = Field::known(vector::from_bottle(&bottle).ok()?);
+            JointData { position, ..JointData::default() }
+        }
+    };
+    let fits = joints.position.valid && joints.position.values.len() == axes;
+    (fits && joints.position.values.iter().all(|q| q.is_finite())).then_some(joints)
+}

@@ -1,0 +1,189 @@
+//! The four ports of a control board, before any device (spec sections 12 to 14).
+
+use super::words;
+use crate::payload::{pair, vector};
+use crate::{
+    Bottle, Delivery, Handler, JointData, Message, Network, Payload, PortError, RpcServer, Stamp, Value, Vocab, Writer,
+};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::task::JoinHandle;
+use tokio::time::MissedTickBehavior;
+
+/// An answer that comes later.
+pub type Reply = Pin<Box<dyn Future<Output = Payload> + Send>>;
+
+/// What stands behind the ports: a robot, a simulation, a filter.
+pub trait Device: Send + Sync + 'static {
+    /// Answers a request. There is always an answer; `[fail]` if unsure.
+    fn rpc(&self, request: Message) -> Reply;
+
+    /// One streaming command: head and body as they came, nothing checked but their being a head and numbers
+    /// ([`super::Streamed::parse`] does the rest). Expects no answer and must not wait.
+    fn command(&self, from: &str, connection: u64, head: Bottle, body: Vec<f64>);
+
+    /// The state now, in degrees, with its stamp; `None`: publish nothing this period.
+    fn state(&self) -> Option<(Stamp, JointData)>;
+
+    /// A connection of a client ended.
+    fn gone(&self, _connection: u64) {}
+}
+
+/// How often it is looked whether the name server still knows the ports.
+const ROLL_CALL: Duration = Duration::from_secs(2);
+
+/// A control board that others see: `PREFIX/rpc:i`, `command:i`, `state:o` and `stateExt:o`.
+pub struct BoardServer {
+    rpc: RpcServer,
+    command: RpcServer,
+    state: Arc<Writer>,
+    extended: Arc<Writer>,
+    tasks: [JoinHandle<()>; 2],
+}
+
+impl BoardServer {
+    /// Opens the four ports and publishes the device's state every period, as long as anybody is connected. Names that the name
+    /// server forgot (it was restarted) are registered again.
+    ///
+    /// # Errors
+    /// A port that can't be opened; those opened before are closed again.
+    pub async fn open(
+        network: &Network,
+        prefix: &str,
+        device: Arc<dyn Device>,
+        period: Duration,
+    ) -> Result<BoardServer, PortError> {
+        let name = |port: &str| format!("{prefix}/{port}");
+        let (asking, streaming) = (Arc::new(Asking(device.clone())), Streaming(device.clone(), network.clone()));
+        let rpc = RpcServer::open(network, &name("rpc:i"), asking).await?;
+        let command = RpcServer::open(network, &name("command:i"), Arc::new(streaming)).await?;
+        let state = Arc::new(Writer::open(network, &name("state:o"), Delivery::Newest).await?);
+        let extended = Arc::new(Writer::open(network, &name("stateExt:o"), Delivery::Newest).await?);
+        let contacts = [rpc.contact(), command.contact(), state.contact(), extended.contact()].map(Clone::clone);
+        let publishing = publish(network.clone(), device, state.clone(), extended.clone(), period);
+        let tasks = [tokio::spawn(publishing), tokio::spawn(super::keep_registered(network.clone(), contacts.to_vec()))];
+        Ok(BoardServer { rpc, command, state, extended, tasks })
+    }
+
+    /// The name of its RPC port.
+    pub fn name(&self) -> &str {
+        self.rpc.name()
+    }
+
+    /// Who is connected to its RPC and streaming ports.
+    pub fn clients(&self) -> Vec<String> {
+        let mut all = self.rpc.peers();
+        all.extend(self.command.peers());
+        all
+    }
+
+    /// Closes the ports and unregisters them.
+    pub async fn close(mut self) {
+        for task in &mut self.tasks {
+            task.abort();
+            let _ = task.await;
+        }
+        self.rpc.close().await;
+        self.command.close().await;
+        for writer in [self.state, self.extended] {
+            if let Some(writer) = Arc::into_inner(writer) {
+                writer.close().await;
+            }
+        }
+    }
+}
+
+/// The time between two roll calls.
+pub(super) fn roll_call() -> tokio::time::Interval {
+    let mut ticks = tokio::time::interval(ROLL_CALL);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    ticks
+}
+
+struct Asking(Arc<dyn Device>);
+
+impl Handler for Asking {
+    fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
+        let answer = self.0.rpc(request);
+        Box::pin(async move { Some(answer.await) })
+    }
+
+    fn gone(&self, connection: u64) {
+        self.0.gone(connection);
+    }
+}
+
+struct Streaming(Arc<dyn Device>, Network);
+
+impl Handler for Streaming {
+    fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
+        let bottle = request.payload.bottle(self.1.dialect());
+        match bottle.map_err(|e| e.to_string()).and_then(|b| pair::from_bottle(&b).map_err(|e| e.to_string())) {
+            Ok((head, body)) => self.0.command(&request.from, request.connection, head, body),
+            Err(error) => tracing::debug!(from = request.from, error, "a streamed command is malformed"),
+        }
+        Box::pin(std::future::ready(None))
+    }
+
+    fn gone(&self, connection: u64) {
+        self.0.gone(connection);
+    }
+}
+
+async fn publish(
+    network: Network,
+    device: Arc<dyn Device>,
+    state: Arc<Writer>,
+    extended: Arc<Writer>,
+    period: Duration,
+) {
+    let mut ticks = tokio::time::interval(period.max(Duration::from_micros(100)));
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    loop {
+        ticks.tick().await;
+        let (plain, rich) = (!state.peers().is_empty(), !extended.peers().is_empty());
+        if !(plain || rich) {
+            continue;
+        }
+        let Some((stamp, joints)) = device.state() else { continue };
+        let dialect = network.dialect();
+        if plain {
+            state.write(vector::encode(&joints.position.values, dialect), Some(stamp.envelope()));
+        }
+        if rich {
+            extended.write(joints.encode(dialect), Some(stamp.envelope()));
+        }
+    }
+}
+
+impl super::Shadow {
+    /// The shadow as a board publishes it.
+    pub fn joint_data(&self) -> JointData {
+        use crate::Field;
+        let known = |of: fn(&super::ShadowAxis) -> f64| Field::known(self.axes.iter().map(of).collect());
+        let words = |of: fn(&super::ShadowAxis) -> Vocab| {
+            Field::known(self.axes.iter().map(|a| i32::from_le_bytes(of(a).0.to_le_bytes())).collect())
+        };
+        let none = || Field::unknown(self.axes.len());
+        JointData {
+            position: known(|a| a.q),
+            velocity: known(|a| a.speed),
+            acceleration: known(|a| a.acc),
+            motor_position: none(),
+            motor_velocity: none(),
+            motor_acceleration: none(),
+            torque: none(),
+            pwm: none(),
+            current: none(),
+            control_modes: words(|a| a.mode),
+            interaction_modes: words(|a| a.interaction),
+            temperature: none(),
+        }
+    }
+}
+
+/// Whether a reply ends with `[ok]`, as every reply with values does.
+pub(super) fn ends_well(reply: &Bottle) -> bool {
+    reply.0.last() == Some(&Value::Vocab(words::OK))
+}
