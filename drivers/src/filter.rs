@@ -19,11 +19,14 @@
 //! was closed counts. A stream has no replies: one that failed is not heard until it was silent for half a second, or its
 //! client's RPC connection has got the `[fail]`.
 
+mod device;
 mod lines;
 mod patch;
 mod reads;
 #[cfg(test)]
 mod tests;
+
+pub(crate) use device::Boards;
 
 use lines::Lines;
 use mobee_contract::{Board, Commit, CommitId, Hold, MotionEnd, Setpoints, Status, Target, Time, Values, Verdict};

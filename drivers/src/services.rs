@@ -1,11 +1,27 @@
-//! MoBeE's own YARP ports as one service: port filter, world RPC, part ports.
+//! MoBeE's own YARP ports as one service.
+//!
+//! ```text
+//! /MoBeE/<robot>/<part>/{rpc:i,command:i,state:o,stateExt:o}   the port filter: a safe board for any YARP program
+//! /MoBeE/world                                                 objects around the robots
+//! /MoBeE/<part>/{rpc,cmd:i,state:o}                            markers and frames; the force-field controller
+//! /MoBeE/<robot>/{rpc,collisions:o,observation:o}              state, exchange of agents, contacts
+//! ```
 
+mod network;
+mod parts;
 mod settings;
+mod world;
 
 pub use settings::{RobotPorts, YarpSettings};
 
+use crate::filter::Boards;
 use mobee_contract::{Answer, KindError, Running, Service};
+use mobee_yarp::{Contact, NameServer, Network, RpcServer};
+use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
 
 /// MoBeE's YARP ports, to be served beside the safety chain of a run.
 pub struct YarpServices {
@@ -33,10 +49,89 @@ impl Service for YarpServices {
         "yarp".into()
     }
 
-    fn serve(self: Box<Self>, _running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
+    fn serve(self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
-            until.await;
-            Ok(())
+            let (network, server) = network::open(&self.settings).await?;
+            let mut open = Open::new(server);
+            let result = open.all(&self.settings, &network, &running).await;
+            if result.is_ok() {
+                until.await;
+            }
+            open.close().await;
+            result
         })
+    }
+}
+
+/// What is open, to be closed in order.
+struct Open {
+    server: Option<NameServer>,
+    boards: Vec<Boards>,
+    world: Option<RpcServer>,
+    robots: Vec<JoinHandle<()>>,
+    tasks: Vec<JoinHandle<()>>,
+    leave: watch::Sender<bool>,
+}
+
+impl Open {
+    fn new(server: Option<NameServer>) -> Open {
+        let leave = watch::Sender::new(false);
+        Open { server, boards: Vec::new(), world: None, robots: Vec::new(), tasks: Vec::new(), leave }
+    }
+
+    async fn all(
+        &mut self,
+        settings: &YarpSettings,
+        network: &Network,
+        running: &Arc<dyn Running>,
+    ) -> Result<(), String> {
+        let period = Duration::try_from_secs_f64(settings.period_ms * 1e-3).unwrap_or(Duration::from_millis(10));
+        let models = running.models();
+        let mut contacts: Vec<Contact> = Vec::new();
+        let mut taken = BTreeSet::new();
+        for (filtered, model) in running.robots().iter().zip(&models) {
+            let name = filtered.name();
+            let prefix = |part: &mobee_model::Part| {
+                settings.serves(name, &part.name).then(|| format!("{}/{}", settings.robot_prefix(name), part.name))
+            };
+            let prefixes: Vec<_> = model.parts.iter().map(prefix).collect();
+            let boards = Boards::open(network, running, filtered, model, &prefixes, period).await;
+            self.boards.push(boards.map_err(|e| e.to_string())?);
+            if settings.parts {
+                let ports = parts::RobotPorts::open(network, running, filtered, model, settings, &mut taken).await?;
+                contacts.extend(ports.contacts());
+                self.robots.push(tokio::spawn(ports.serve(self.leave.subscribe())));
+            }
+        }
+        if settings.world {
+            let name = format!("{}/world", settings.prefix);
+            let folder = settings.save_folder.clone();
+            let opened = world::WorldService::open(network, &name, running.clone(), folder).await;
+            let (service, server) = opened.map_err(|e| e.to_string())?;
+            contacts.push(server.contact().clone());
+            self.world = Some(server);
+            self.tasks.push(tokio::spawn(service.follow()));
+        }
+        self.tasks.push(tokio::spawn(network::keep_registered(network.clone(), contacts)));
+        Ok(())
+    }
+
+    async fn close(self) {
+        for task in &self.tasks {
+            task.abort();
+        }
+        self.leave.send_replace(true);
+        for robot in self.robots {
+            let _ = robot.await;
+        }
+        for boards in self.boards {
+            boards.close().await;
+        }
+        if let Some(world) = self.world {
+            world.close().await;
+        }
+        if let Some(server) = self.server {
+            server.close().await;
+        }
     }
 }

@@ -1,0 +1,270 @@
+//! The filter's shell: a control board in front of each part of a robot.
+
+use super::{Client, FilterCore, Seen, Step};
+use mobee_contract::{CommitId, Filtered, Refusal, Running, Time, Verdict};
+use mobee_model::Robot;
+use mobee_yarp::board::{BoardServer, Device, Reply, Shadow, reply};
+use mobee_yarp::{Bottle, Field, JointData, Message, Network, Payload, PortError, Stamp, Value};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+
+/// How long a robot that is about to be ready is waited for.
+const PATIENCE: Duration = Duration::from_millis(300);
+/// Streamed commands that wait to be given on; more are dropped, as a later one says it anew.
+const WAITING: usize = 64;
+
+/// The filtered boards of one robot, open until closed or dropped.
+pub(crate) struct Boards {
+    servers: Vec<BoardServer>,
+    tasks: Vec<JoinHandle<()>>,
+}
+
+impl Boards {
+    /// Opens a board for every part that has a prefix.
+    ///
+    /// # Errors
+    /// A port that can't be opened; those opened before are closed again.
+    pub(crate) async fn open(
+        network: &Network,
+        running: &Arc<dyn Running>,
+        filtered: &Arc<dyn Filtered>,
+        model: &Robot,
+        prefixes: &[Option<String>],
+        period: Duration,
+    ) -> Result<Boards, PortError> {
+        let core = FilterCore::new(filtered.name(), model, filtered.board(), &filtered.latest().q);
+        let robot = Arc::new(RobotFilter {
+            filtered: filtered.clone(),
+            running: running.clone(),
+            core: Mutex::new(core),
+            network: network.clone(),
+        });
+        let mut boards = Boards { servers: Vec::new(), tasks: Vec::new() };
+        for ((index, part), prefix) in model.parts.iter().enumerate().zip(prefixes) {
+            let Some(prefix) = prefix else { continue };
+            let (jobs, waiting) = mpsc::channel(WAITING);
+            let part = Arc::new(PartFilter { robot: robot.clone(), index, name: part.name.clone() });
+            let device = Arc::new(PartDevice { part: part.clone(), jobs, published: Mutex::default() });
+            match BoardServer::open(network, prefix, device, period).await {
+                Ok(server) => boards.servers.push(server),
+                Err(error) => {
+                    boards.close().await;
+                    return Err(error);
+                }
+            }
+            boards.tasks.push(tokio::spawn(part.clone().give_on(waiting)));
+            boards.tasks.push(tokio::spawn(part.learn()));
+        }
+        Ok(boards)
+    }
+
+    /// Closes the ports.
+    pub(crate) async fn close(self) {
+        for task in &self.tasks {
+            task.abort();
+        }
+        for server in self.servers {
+            server.close().await;
+        }
+    }
+}
+
+/// One robot's filter: the core and what it is about.
+struct RobotFilter {
+    filtered: Arc<dyn Filtered>,
+    running: Arc<dyn Running>,
+    core: Mutex<FilterCore>,
+    network: Network,
+}
+
+impl RobotFilter {
+    /// Asks the core, with what is now seen of the robot.
+    fn with<T>(&self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
+        let latest = self.filtered.latest();
+        let end_of = |id: CommitId| self.filtered.end_of(id);
+        let seen = Seen { now: self.running.now(), status: latest.status, q: &latest.q, end_of: &end_of };
+        let mut core = self.core.lock().unwrap_or_else(PoisonError::into_inner);
+        core.sense(latest.at, &latest.q, latest.status);
+        f(&mut core, &seen)
+    }
+}
+
+/// One part of it.
+struct PartFilter {
+    robot: Arc<RobotFilter>,
+    index: usize,
+    name: String,
+}
+
+impl PartFilter {
+    async fn rpc(self: Arc<Self>, message: Message) -> Payload {
+        let dialect = self.robot.network.dialect();
+        let client = Client {
+            part: self.index,
+            connection: message.connection,
+            from: &message.from,
+            listens: message.wants_reply,
+        };
+        // what is no bottle is answered as what is unknown
+        let request = message.payload.bottle(dialect).unwrap_or_else(|_| Bottle::of(["", ""]));
+        let step = self.robot.with(|core, seen| core.request(&client, &request, seen));
+        match &step {
+            Step::Reply(reply) => reply.into(),
+            Step::Ask => self.ask(&client, &message, &request).await,
+            Step::Commit(_) | Step::Stream(_) | Step::Stop => self.act(&client, &step).await.into(),
+        }
+    }
+
+    /// Passes a question on, and its answer back.
+    async fn ask(&self, client: &Client<'_>, message: &Message, request: &Bottle) -> Payload {
+        let dialect = self.robot.network.dialect();
+        let words = message.payload.binary(dialect).map(|b| b.to_vec()).unwrap_or_default();
+        let Some(answer) = self.robot.filtered.ask(&self.name, words) else {
+            return self.robot.with(|core, seen| core.answer(client, request, seen)).into();
+        };
+        let replied = tokio::time::timeout(self.robot.network.timeout(), answer).await;
+        let bytes = replied.ok().and_then(Result::ok);
+        let bottle = bytes.as_ref().and_then(|b| Bottle::decode(b, dialect).ok());
+        let known_better = self.robot.with(|core, seen| core.asked(client, request, bottle.as_ref(), seen));
+        match (known_better, bytes) {
+            (Some(reply), _) => reply.into(),
+            (None, Some(bytes)) => bytes.into(),
+            (None, None) => reply::fail().into(),
+        }
+    }
+
+    /// Moves or stops the robot: the reply.
+    async fn act(&self, client: &Client<'_>, step: &Step) -> Bottle {
+        let filtered = &self.robot.filtered;
+        let agent = self.robot.with(|core, _| core.agent());
+        let verdict: Verdict = match step {
+            Step::Commit(commit) => self.patiently(|| filtered.commit(commit.clone())).await,
+            Step::Stream(setpoints) => self.patiently(|| filtered.stream(agent.clone(), setpoints.clone())).await,
+            Step::Stop => {
+                filtered.stop(agent);
+                return reply::ok();
+            }
+            Step::Reply(_) | Step::Ask => return reply::fail(),
+        };
+        if let Err(refusal) = &verdict {
+            tracing::debug!(part = self.name, from = client.from, %refusal, "a motion was refused");
+        }
+        self.robot.with(|core, seen| core.accepted(client, step, &verdict, seen))
+    }
+
+    /// Tries again for a moment while the robot is not ready: it may only just have come to rest.
+    async fn patiently(&self, mut attempt: impl FnMut() -> mobee_contract::Answer<Verdict>) -> Verdict {
+        let until = tokio::time::Instant::now() + PATIENCE;
+        loop {
+            let verdict = attempt().await;
+            let soon = matches!(verdict, Err(Refusal::NotReady { .. })) && tokio::time::Instant::now() < until;
+            if !soon || super::closed(self.robot.filtered.latest().status) {
+                return verdict;
+            }
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    }
+
+    /// Gives streamed commands on, in order.
+    async fn give_on(self: Arc<Self>, mut waiting: mpsc::Receiver<Job>) {
+        while let Some(job) = waiting.recv().await {
+            let client = Client { part: self.index, connection: job.connection, from: &job.from, listens: false };
+            self.act(&client, &job.step).await;
+        }
+    }
+
+    /// Reads the reference speeds that the real board has, as soon as it answers.
+    async fn learn(self: Arc<Self>) {
+        let dialect = self.robot.network.dialect();
+        let read = |code: &'static str| {
+            let words = Bottle::of([mobee_yarp::Vocab::new("get"), mobee_yarp::Vocab::new(code)]).encode(dialect);
+            self.robot.filtered.ask(&self.name, words)
+        };
+        loop {
+            let (Some(speeds), Some(accelerations)) = (read("vels"), read("accs")) else { return };
+            if let (Ok(speeds), Ok(accelerations)) = (speeds.await, accelerations.await) {
+                let values = |bytes: &[u8]| {
+                    let reply = Bottle::decode(bytes, dialect).ok()?;
+                    reply.get(2).and_then(Value::as_list).and_then(Bottle::numbers)
+                };
+                let (speeds, accelerations) = (values(&speeds), values(&accelerations));
+                self.robot.with(|core, _| {
+                    core.learn(self.index, &speeds.unwrap_or_default(), &accelerations.unwrap_or_default());
+                });
+                return;
+            }
+            tokio::time::sleep(Duration::from_secs(1)).await;
+        }
+    }
+}
+
+/// A streamed command on its way.
+struct Job {
+    connection: u64,
+    from: String,
+    step: Step,
+}
+
+/// What stands behind a part's four ports.
+struct PartDevice {
+    part: Arc<PartFilter>,
+    jobs: mpsc::Sender<Job>,
+    published: Mutex<(Stamp, Option<Time>)>,
+}
+
+impl Device for PartDevice {
+    fn rpc(&self, request: Message) -> Reply {
+        Box::pin(self.part.clone().rpc(request))
+    }
+
+    fn command(&self, from: &str, connection: u64, head: Bottle, body: Vec<f64>) {
+        let client = Client { part: self.part.index, connection, from, listens: false };
+        let step = self.part.robot.with(|core, seen| core.streamed(&client, &head, &body, seen));
+        if let Some(step) = step
+            && self.jobs.try_send(Job { connection, from: from.to_owned(), step }).is_err()
+        {
+            tracing::debug!(part = self.part.name, from, "a streamed command was dropped: they come too quickly");
+        }
+    }
+
+    fn state(&self) -> Option<(Stamp, JointData)> {
+        let at = self.part.robot.filtered.latest().at;
+        let mut published = self.published.lock().unwrap_or_else(PoisonError::into_inner);
+        // no new reading, no message: a client then sees that the robot is silent
+        if published.1.replace(at) == Some(at) {
+            return None;
+        }
+        published.0 = published.0.next(at.secs());
+        let data = self.part.robot.with(|core, _| core.shadow(self.part.index).map(joint_data))?;
+        Some((published.0, data))
+    }
+
+    fn gone(&self, connection: u64) {
+        self.part.robot.with(|core, _| core.gone(connection));
+    }
+}
+
+/// What is known of the joints, and which fields are not.
+fn joint_data(shadow: &Shadow) -> JointData {
+    let n = shadow.axes.len();
+    let known = |of: fn(&mobee_yarp::board::ShadowAxis) -> f64| Field::known(shadow.axes.iter().map(of).collect());
+    let words = |of: fn(&mobee_yarp::board::ShadowAxis) -> mobee_yarp::Vocab| {
+        Field::known(shadow.axes.iter().map(|a| of(a).0 as i32).collect())
+    };
+    JointData {
+        position: known(|a| a.q),
+        velocity: known(|a| a.speed),
+        acceleration: Field::unknown(n),
+        motor_position: Field::unknown(n),
+        motor_velocity: Field::unknown(n),
+        motor_acceleration: Field::unknown(n),
+        torque: Field::unknown(n),
+        pwm: Field::unknown(n),
+        current: Field::unknown(n),
+        control_modes: words(|a| a.mode),
+        interaction_modes: words(|a| a.interaction),
+        temperature: Field::unknown(n),
+    }
+}

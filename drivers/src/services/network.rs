@@ -1,0 +1,84 @@
+//! Finding the YARP network, or making one.
+
+use super::YarpSettings;
+use mobee_yarp::config::{self, Env};
+use mobee_yarp::{Contact, Dialect, NameServer, Network, ServerOptions};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
+use std::time::Duration;
+
+/// Where a name server is looked for if nothing says where.
+const DEFAULT: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 10000);
+/// How long an answer of the name server is waited for.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// The network that the settings and YARP's own configuration name, and the name server of our own if it needed one.
+///
+/// # Errors
+/// A sentence with the remedy.
+pub(super) async fn open(settings: &YarpSettings) -> Result<(Network, Option<NameServer>), String> {
+    let network = find(settings)?;
+    let probe = network.clone().with_timeout(PATIENCE);
+    let Err(error) = probe.query(network.namespace()).await else { return Ok((network, None)) };
+    let (host, port) = network.server();
+    if !settings.start_name_server {
+        return Err(format!(
+            "the name server at {host}:{port} does not answer ({error}); start one (`mobee yarp server`), or set \
+             start_name_server = true"
+        ));
+    }
+    let wrong = |e: &dyn std::fmt::Display| {
+        format!("no name server answers at {host}:{port}, and none can be started there: {e}; set name_server")
+    };
+    let address = (host, port).to_socket_addrs().map_err(|e| wrong(&e))?.next();
+    let address = address.ok_or_else(|| wrong(&"the name has no address"))?;
+    let options = ServerOptions {
+        namespace: network.namespace().to_owned(),
+        public: settings.allow_open_network,
+        dialect: network.dialect(),
+        auth: network.auth().cloned(),
+        ..ServerOptions::default()
+    };
+    let server = NameServer::bind(address, options).await.map_err(|e| wrong(&e))?;
+    tracing::info!(address = %server.address(), "started a YARP name server");
+    Ok((network, Some(server)))
+}
+
+fn find(settings: &YarpSettings) -> Result<Network, String> {
+    let env = Env::real();
+    let network = match settings.name_server {
+        Some(address) => env.apply(Network::at(address)),
+        None => match config::network(&env) {
+            Err(config::ConfigError::Missing(_) | config::ConfigError::NoHome) => env.apply(Network::at(DEFAULT)),
+            found => found,
+        },
+    };
+    let network = network.map_err(|e| e.to_string())?;
+    let dialect = if settings.dialect == 4 { Dialect::V4 } else { Dialect::V3 };
+    let network = network.with_dialect(dialect);
+    if settings.allow_open_network {
+        return Ok(network.with_bind(IpAddr::V4(Ipv4Addr::UNSPECIFIED)));
+    }
+    let (host, port) = network.server();
+    if host != "localhost" && !host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback()) {
+        return Err(format!(
+            "YARP's configuration names the name server {host}:{port} on another computer, and only this one may be \
+             used; set allow_open_network = true if that network is yours alone, or name_server = \"127.0.0.1:10000\""
+        ));
+    }
+    Ok(network.with_bind(IpAddr::V4(Ipv4Addr::LOCALHOST)))
+}
+
+/// Registers ports anew that the name server has forgotten, as after its restart; for ever.
+pub(super) async fn keep_registered(network: Network, ports: Vec<Contact>) {
+    loop {
+        tokio::time::sleep(Duration::from_secs(2)).await;
+        for port in &ports {
+            if let Ok(None) = network.query(&port.name).await
+                && network.register(&port.name, &port.host, port.port).await.is_ok()
+            {
+                let _ = network.announce(&port.name).await;
+                tracing::info!(name = port.name, "registered again");
+            }
+        }
+    }
+}

@@ -1,0 +1,257 @@
+//! The ports of a robot's parts and of the robot itself, and the force-field controllers behind them.
+//!
+//! Collisions and observations go out at `/MoBeE/<robot>/collisions:o` and `observation:o`: they are the robot's, like its
+//! filtered boards, and the original had no names for them.
+
+use super::YarpSettings;
+use crate::force_field::{ForceField, Wish};
+use crate::observation;
+use crate::part_rpc::{self, PartView};
+use crate::robot_rpc;
+use mobee_contract::{CommitId, Filtered, MotionEnd, Refusal, Running, Setpoints, Time, Values};
+use mobee_model::Robot;
+use mobee_yarp::{
+    Bottle, Delivery, Handler, Message, Network, Payload, PortError, Queue, Reader, RpcServer, Stamp, Writer,
+};
+use std::collections::BTreeSet;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Time between two messages, and between two cycles of the force field.
+const PERIOD: Duration = Duration::from_millis(20);
+
+/// One robot's ports.
+pub(super) struct RobotPorts {
+    robot: Arc<Known>,
+    servers: Vec<RpcServer>,
+    parts: Vec<PartPorts>,
+    collisions: Writer,
+    observation: Writer,
+}
+
+/// What all of them speak of.
+struct Known {
+    running: Arc<dyn Running>,
+    filtered: Arc<dyn Filtered>,
+    model: Arc<Robot>,
+    network: Network,
+    /// Velocities commanded to each motor, deg/s.
+    commanded: Mutex<Vec<f64>>,
+}
+
+struct PartPorts {
+    part: usize,
+    state: Writer,
+    control: Option<(ForceField, Reader)>,
+}
+
+impl RobotPorts {
+    /// Opens them all. `taken` are the names of parts that an earlier robot has.
+    ///
+    /// # Errors
+    /// A sentence with the remedy.
+    pub(super) async fn open(
+        network: &Network,
+        running: &Arc<dyn Running>,
+        filtered: &Arc<dyn Filtered>,
+        model: &Arc<Robot>,
+        settings: &YarpSettings,
+        taken: &mut BTreeSet<String>,
+    ) -> Result<RobotPorts, String> {
+        let wrong = |e: PortError| e.to_string();
+        let robot = Arc::new(Known {
+            running: running.clone(),
+            filtered: filtered.clone(),
+            model: model.clone(),
+            network: network.clone(),
+            commanded: Mutex::new(vec![0.0; model.motors.len()]),
+        });
+        let own = format!("{}/{}", settings.prefix, filtered.name());
+        let handler = Arc::new(Asked(robot.clone(), Whom::Robot));
+        let mut servers = vec![RpcServer::open(network, &format!("{own}/rpc"), handler).await.map_err(wrong)?];
+        let writer = async |name: String| Writer::open(network, &name, Delivery::Newest).await.map_err(wrong);
+        let (collisions, observed) =
+            (writer(format!("{own}/collisions:o")).await?, writer(format!("{own}/observation:o")).await?);
+        let mut parts = Vec::new();
+        for (index, part) in model.parts.iter().enumerate() {
+            let first = taken.insert(part.name.clone());
+            let prefix =
+                if first { format!("{}/{}", settings.prefix, part.name) } else { format!("{own}/{}", part.name) };
+            let handler = Arc::new(Asked(robot.clone(), Whom::Part(index)));
+            servers.push(RpcServer::open(network, &format!("{prefix}/rpc"), handler).await.map_err(wrong)?);
+            let state = writer(format!("{prefix}/state:o")).await?;
+            let control = match settings.force_field.get(&part.name).filter(|_| first) {
+                None => None,
+                Some(constants) => {
+                    let q = degrees(filtered.latest().q.get(part.motors.clone()).unwrap_or_default());
+                    let field = ForceField::new(constants.clone(), part, &filtered.board().axes, &q).map_err(|e| {
+                        format!("the force field of part {}: {e}; correct it in [yarp.force_field]", part.name)
+                    })?;
+                    let name = format!("{prefix}/cmd:i");
+                    Some((field, Reader::open(network, &name, Queue::Bounded(16)).await.map_err(wrong)?))
+                }
+            };
+            parts.push(PartPorts { part: index, state, control });
+        }
+        Ok(RobotPorts { robot, servers, parts, collisions, observation: observed })
+    }
+
+    /// Where the ports listen.
+    pub(super) fn contacts(&self) -> Vec<mobee_yarp::Contact> {
+        let writers =
+            self.parts.iter().map(|p| p.state.contact()).chain([self.collisions.contact(), self.observation.contact()]);
+        let readers = self.parts.iter().filter_map(|p| p.control.as_ref().map(|(_, r)| r.contact()));
+        self.servers.iter().map(RpcServer::contact).chain(writers).chain(readers).cloned().collect()
+    }
+
+    /// Publishes and steers until told to leave, then closes the ports.
+    pub(super) async fn serve(mut self, mut leave: tokio::sync::watch::Receiver<bool>) {
+        let mut ticks = tokio::time::interval(PERIOD);
+        ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+        let mut steering = Steering::new(&self.robot);
+        let mut stamp = Stamp::default();
+        loop {
+            tokio::select! {
+                _ = leave.wait_for(|leave| *leave) => break,
+                _ = ticks.tick() => {}
+            }
+            let latest = self.robot.filtered.latest();
+            stamp = stamp.next(latest.at.secs());
+            for ports in &self.parts {
+                ports
+                    .state
+                    .write(self.robot.view(ports.part, &latest.q, &[], part_rpc::shares), Some(stamp.envelope()));
+            }
+            let scene = self.robot.running.scene();
+            let contacts = observation::collisions(self.robot.filtered.index(), &latest.contacts, &scene);
+            self.collisions.write(contacts, Some(stamp.envelope()));
+            self.observation.write(observation::observation(&self.robot.model, &latest), Some(stamp.envelope()));
+            steering.cycle(&self.robot, &mut self.parts).await;
+        }
+        for server in self.servers {
+            server.close().await;
+        }
+        for ports in self.parts {
+            ports.state.close().await;
+            if let Some((_, reader)) = ports.control {
+                reader.close().await;
+            }
+        }
+        self.collisions.close().await;
+        self.observation.close().await;
+    }
+}
+
+/// The force fields of a robot as one agent.
+struct Steering {
+    agent: Arc<str>,
+    last: Option<Time>,
+    open: Option<CommitId>,
+}
+
+impl Steering {
+    fn new(robot: &Known) -> Steering {
+        Steering { agent: format!("{}/force_field", robot.filtered.name()).into(), last: None, open: None }
+    }
+
+    async fn cycle(&mut self, robot: &Known, parts: &mut [PartPorts]) {
+        let latest = robot.filtered.latest();
+        let secs = self.last.map(|last| latest.at.since(last).as_secs_f64());
+        if self.last.replace(latest.at) == Some(latest.at) {
+            return;
+        }
+        let failed = self.open.is_some_and(|id| robot.filtered.end_of(id) == Some(MotionEnd::Failed));
+        let mut setpoints = (Vec::new(), Vec::new());
+        let mut all = vec![0.0; robot.model.motors.len()];
+        for ports in parts.iter_mut() {
+            let Some((field, commands)) = &mut ports.control else { continue };
+            let motors = robot.model.parts.get(ports.part).map(|p| p.motors.clone()).unwrap_or_default();
+            let q = degrees(latest.q.get(motors.clone()).unwrap_or_default());
+            if failed {
+                field.settle(&q);
+            }
+            while let Some(message) = commands.try_recv() {
+                let wish = message.payload.bottle(robot.network.dialect()).ok().and_then(|b| Wish::parse(&b));
+                let done = match wish {
+                    Some(wish) => field.wish(&wish, &robot.model, ports.part, &latest.q),
+                    None => Err("it is none of qatt, qfor, opsp".into()),
+                };
+                if let Err(error) = done {
+                    tracing::debug!(from = message.from, error, "a command for the force field was not understood");
+                }
+            }
+            let Some(velocities) = field.step(&q, secs.unwrap_or_default()) else { continue };
+            for joint in field.joints() {
+                if let Some(v) = velocities.get(joint) {
+                    let motor = motors.start + joint;
+                    let most = robot.filtered.board().axes.get(motor).map_or(0.0, |a| a.max_speed);
+                    let v = v.to_radians().clamp(-most, most);
+                    setpoints.0.push(motor);
+                    setpoints.1.push(v);
+                    if let Some(slot) = all.get_mut(motor) {
+                        *slot = v.to_degrees();
+                    }
+                }
+            }
+        }
+        *robot.commanded.lock().unwrap_or_else(PoisonError::into_inner) = all;
+        if setpoints.0.is_empty() {
+            return;
+        }
+        let setpoints = Setpoints { motors: setpoints.0, values: Values::Velocity(setpoints.1) };
+        match robot.filtered.stream(self.agent.clone(), setpoints).await {
+            Ok(id) => self.open = Some(id),
+            // somebody else moves the robot: the attractor stays, for later
+            Err(Refusal::Busy | Refusal::NotReady { .. }) => {}
+            Err(_) => {
+                for ports in parts {
+                    let motors = robot.model.parts.get(ports.part).map(|p| p.motors.clone()).unwrap_or_default();
+                    if let Some((field, _)) = &mut ports.control {
+                        field.settle(&degrees(latest.q.get(motors).unwrap_or_default()));
+                    }
+                }
+            }
+        }
+        if failed && self.open.is_some_and(|id| robot.filtered.end_of(id).is_some()) {
+            self.open = None;
+        }
+    }
+}
+
+/// Whose RPC it is.
+enum Whom {
+    Robot,
+    Part(usize),
+}
+
+struct Asked(Arc<Known>, Whom);
+
+impl Handler for Asked {
+    fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
+        let robot = &self.0;
+        let request = request.payload.bottle(robot.network.dialect()).unwrap_or_default();
+        let latest = robot.filtered.latest();
+        let reply = match self.1 {
+            Whom::Robot => robot_rpc::answer(&request, robot.filtered.as_ref()),
+            Whom::Part(part) => {
+                let commanded = robot.commanded.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                robot.view(part, &latest.q, &commanded, |view| part_rpc::answer(&request, view))
+            }
+        };
+        Box::pin(std::future::ready(Some(reply.into())))
+    }
+}
+
+impl Known {
+    fn view(&self, part: usize, q: &[f64], commanded: &[f64], f: impl FnOnce(&PartView) -> Bottle) -> Bottle {
+        let motors = self.model.parts.get(part).map(|p| p.motors.clone()).unwrap_or_default();
+        let base = self.running.scene().base(self.filtered.index());
+        let commanded = commanded.get(motors).unwrap_or_default();
+        f(&PartView { robot: &self.model, part, base, q, commanded })
+    }
+}
+
+fn degrees(q: &[f64]) -> Vec<f64> {
+    q.iter().map(|q| q.to_degrees()).collect()
+}
