@@ -139,13 +139,13 @@ impl Link {
 
     /// Writes pieces one after the other; a peer that reads nothing for a while is given up.
     pub async fn write(&mut self, pieces: &[&[u8]]) -> Result<(), LinkError> {
-        let total: usize = pieces.iter().map(|piece| piece.len()).sum();
-        let joined;
-        let mut single = [[].as_slice()];
-        let pieces = if total <= 1 << 14 {
+        // Short ones go together, so that they leave in one packet.
+        let joined: Vec<u8>;
+        let together;
+        let pieces = if pieces.iter().map(|piece| piece.len()).sum::<usize>() <= 1 << 14 {
             joined = pieces.concat();
-            single[0] = &joined;
-            &single[..]
+            together = [joined.as_slice()];
+            &together
         } else {
             pieces
         };
