@@ -79,6 +79,7 @@ fi
 
 # The build: the commands, the file-based plug-ins that the tests use, and nothing else
 build=$home/build
+grep -qsxF "CMAKE_HOME_DIRECTORY:INTERNAL=$source" "$build/CMakeCache.txt" || rm -rf "$build"
 cmake -S "$source" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_POLICY_VERSION_MINIMUM=3.5 \
     -DBUILD_SHARED_LIBS=ON -DSKIP_ACE=ON -DCMAKE_PREFIX_PATH="$home/ycm/ycm_cmake_modules" \
     -DYARP_COMPILE_GUIS=OFF -DYARP_COMPILE_TESTS=OFF -DYARP_COMPILE_BINDINGS=OFF \

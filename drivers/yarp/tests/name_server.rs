@@ -1,7 +1,8 @@
 //! The name server's exchanges, as captured from the real one: our server answers them byte for byte, our client says
 //! and understands them. A vector that no case covers fails the test.
 
-use mobee_yarp::{Contact, NameServer, Network, ServerOptions};
+use mobee_yarp::auth::Key;
+use mobee_yarp::{Bottle, Contact, Delivery, NameServer, Network, Queue, Reader, ServerOptions, Writer, remote};
 use serde_json::Value;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -233,4 +234,87 @@ async fn our_client_says_and_understands_what_real_ones_do() {
         let requests: Vec<String> = task.await.unwrap().iter().map(|r| r.trim_end().to_string()).collect();
         assert_eq!(requests, said, "{name}");
     }
+}
+
+#[tokio::test]
+async fn persistent_connections_are_made_whichever_end_comes_first() {
+    for reader_first in [true, false] {
+        let server = server().await;
+        let network = server.network().with_timeout(LIMIT);
+        network.ask(&["subscribe", "/w", "fast_tcp://r"]).await.unwrap();
+        let (writer, mut reader);
+        if reader_first {
+            reader = Reader::open(&network, "/r", Queue::Bounded(10)).await.unwrap();
+            writer = Writer::open(&network, "/w", Delivery::Strict(10)).await.unwrap();
+        } else {
+            writer = Writer::open(&network, "/w", Delivery::Strict(10)).await.unwrap();
+            reader = Reader::open(&network, "/r", Queue::Bounded(10)).await.unwrap();
+        }
+        let made = async {
+            while writer.peers().is_empty() {
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+        };
+        timeout(LIMIT, made).await.unwrap();
+        assert_eq!(remote::connection(&network, "/w", "/r").await.unwrap().unwrap().carrier, "fast_tcp");
+        writer.write(Bottle::of([7]), None);
+        assert!(timeout(LIMIT, reader.recv()).await.unwrap().is_some());
+        writer.close().await;
+        reader.close().await;
+        server.close().await;
+    }
+}
+
+#[tokio::test]
+async fn only_who_knows_the_key_is_served() {
+    let address = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+    let options = ServerOptions { auth: Some(Key::new("secret")), ..ServerOptions::default() };
+    let server = NameServer::bind(address, options).await.unwrap();
+    let network = server.network();
+    network.register("/a", "127.0.0.1", 5000).await.unwrap();
+    let mut reader = Reader::open(&network, "/r", Queue::Newest).await.unwrap();
+    let writer = Writer::open(&network, "/w", Delivery::Strict(10)).await.unwrap();
+    remote::connect(&network, "/w", "/r", None).await.unwrap();
+    writer.write(Bottle::of([7]), None);
+    assert!(timeout(LIMIT, reader.recv()).await.unwrap().is_some());
+    let keyless = network.clone().with_auth(None).query("/a").await.unwrap_err().to_string();
+    assert!(keyless.contains("auth.conf"), "{keyless}");
+    let wrong = network.clone().with_auth(Some(Key::new("other"))).query("/a").await.unwrap_err().to_string();
+    assert!(wrong.contains("key"), "{wrong}");
+}
+
+#[tokio::test]
+async fn too_many_connections_are_closed_and_the_others_go_on() {
+    let options = ServerOptions { max_connections: 3, ..ServerOptions::default() };
+    let server = NameServer::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), options).await.unwrap();
+    let mut held = Vec::new();
+    for _ in 0..3 {
+        let mut stream = TcpStream::connect(server.address()).await.unwrap();
+        stream.write_all(b"NAME_SERVER query /root\n").await.unwrap();
+        assert!(stream.read_u8().await.is_ok());
+        held.push(stream);
+    }
+    let mut fourth = TcpStream::connect(server.address()).await.unwrap();
+    assert_eq!(timeout(LIMIT, fourth.read(&mut [0; 8])).await.unwrap().unwrap_or(0), 0);
+    held.clear();
+    // the places are free again as soon as the server has seen the ends
+    let network = server.network();
+    let asked = async { while network.query("/root").await.is_err() {} };
+    timeout(LIMIT, asked).await.unwrap();
+}
+
+#[tokio::test]
+async fn a_server_is_for_this_computer_unless_told_otherwise() {
+    let anywhere = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
+    let refused = NameServer::bind(anywhere, ServerOptions::default()).await.unwrap_err().to_string();
+    assert!(refused.contains("no encryption"), "{refused}");
+    let options = ServerOptions { public: true, host: Some("robot".into()), ..ServerOptions::default() };
+    let server = NameServer::bind(anywhere, options).await.unwrap();
+    let network = server.network();
+    assert_eq!(network.query("/root").await.unwrap().unwrap().host, "robot");
+    // a host of "..." is the one that the server sees
+    assert_eq!(network.register("/a", "...", 5000).await.unwrap().host, "127.0.0.1");
+    let address = server.address();
+    server.close().await;
+    assert!(TcpListener::bind(address).await.is_ok(), "the address is free again");
 }

@@ -116,10 +116,8 @@ impl RemoteBoard {
             options,
         });
         let (commands, queue) = mpsc::channel(WAITING);
-        let tasks = vec![
-            tokio::spawn(session::run(shared.clone())),
-            tokio::spawn(send_all(shared.clone(), sender, queue)),
-        ];
+        let tasks =
+            vec![tokio::spawn(session::run(shared.clone())), tokio::spawn(send_all(shared.clone(), sender, queue))];
         RemoteBoard { shared, tasks, commands }
     }
 
@@ -227,7 +225,10 @@ async fn send_all(shared: Arc<Shared>, mut sender: Sender, mut queue: mpsc::Rece
 }
 
 /// The time of an arrival.
-#[expect(clippy::disallowed_methods, reason = "arrivals are told on the machine's own monotonic clock; callers make their time of it")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "arrivals are told on the machine's own monotonic clock; callers make their time of it"
+)]
 fn arrival() -> Instant {
     Instant::now()
 }

@@ -62,7 +62,8 @@ impl BoardServer {
         let extended = Arc::new(Writer::open(network, &name("stateExt:o"), Delivery::Newest).await?);
         let contacts = [rpc.contact(), command.contact(), state.contact(), extended.contact()].map(Clone::clone);
         let publishing = publish(network.clone(), device, state.clone(), extended.clone(), period);
-        let tasks = [tokio::spawn(publishing), tokio::spawn(super::keep_registered(network.clone(), contacts.to_vec()))];
+        let tasks =
+            [tokio::spawn(publishing), tokio::spawn(super::keep_registered(network.clone(), contacts.to_vec()))];
         Ok(BoardServer { rpc, command, state, extended, tasks })
     }
 

@@ -125,7 +125,10 @@ impl Network {
 
     fn not_understood(&self, got: &str) -> NameError {
         let (host, port) = self.server();
-        let got = got.chars().filter(|c| !c.is_control()).take(100).collect();
+        let got = match got.contains('\u{fffd}') {
+            true => "bytes that are no text; has it an auth.conf that is missing here?".into(),
+            false => got.chars().filter(|c| !c.is_control()).take(100).collect(),
+        };
         NameError::NotUnderstood { server: format!("{host}:{port}"), got }
     }
 }

@@ -1,11 +1,12 @@
 //! Our ports and the real YARP's, over every carrier, by the real name server and by ours: writing and reading, requests,
-//! connecting by a third program, persistent connections, looking at ports. Prints the matrix; a cell that fails fails
+//! connecting by a third program, persistent connections, looking at ports; the last rows with `auth.conf`. Prints the matrix; a cell that fails fails
 //! the test. Skipped, and said so, where the real YARP is not installed (`tests/yarp/install.sh` installs it).
 
 mod ours;
 mod program;
 mod real;
 
+use mobee_yarp::auth::Key;
 use mobee_yarp::{Carrier, NameServer, Network, ServerOptions};
 use program::{Program, Tools};
 use std::fmt::Display;
@@ -90,6 +91,14 @@ async fn our_ports_and_the_real_ones_understand_each_other() {
         let server = NameServer::bind(tools.address(), ServerOptions::default()).await.unwrap();
         let network = server.network().with_timeout(LIMIT);
         matrix.extend(rows(&tools, &network, "our names").await);
+        server.close().await;
+    }
+    {
+        let tools = tools.network(free_number()).with_key("secret");
+        let options = ServerOptions { auth: Some(Key::new("secret")), ..ServerOptions::default() };
+        let server = NameServer::bind(tools.address(), options).await.unwrap();
+        let network = server.network().with_timeout(LIMIT);
+        matrix.extend(rows(&tools, &network, "auth.conf").await);
         server.close().await;
     }
     let width = COLUMNS.map(|c| c.len().max(5));

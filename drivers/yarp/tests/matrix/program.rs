@@ -29,6 +29,12 @@ impl Tools {
         Tools { home: self.home.clone(), dir, number }
     }
 
+    /// With the key that all programs of the network have to know.
+    pub fn with_key(self, key: &str) -> Tools {
+        std::fs::write(self.dir.path().join("auth.conf"), format!("[AUTH]\nkey {key}\n")).unwrap();
+        self
+    }
+
     pub fn number(&self) -> u16 {
         self.number
     }

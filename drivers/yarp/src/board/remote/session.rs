@@ -1,10 +1,10 @@
 //! The life of a connection: reached, watched, lost, and reached again.
 
 use super::{Link, Shared, facts, stream};
+use crate::Contact;
 use crate::board::registered::{Roll, call};
 use crate::board::server::roll_call;
 use crate::board::{Ask, Get};
-use crate::Contact;
 use std::sync::Arc;
 use std::time::Duration;
 
