@@ -14,6 +14,7 @@ mod inbox;
 mod input;
 mod keeper;
 mod link;
+mod listen;
 mod message;
 mod output;
 mod reader;
@@ -51,6 +52,9 @@ pub struct PortOptions {
     pub ack: Duration,
     /// Longest message, bytes.
     pub max_message: usize,
+    /// Room for what has arrived of unfinished messages on all connections together, bytes. Messages up to 1 MiB don't
+    /// count; a connection that needs more than there is left is closed.
+    pub max_buffered: usize,
     /// How often a port asks the name server for its own name, to register again if that was forgotten in a restart
     /// (spec section 17).
     pub renew: Duration,
@@ -68,6 +72,7 @@ impl Default for PortOptions {
             write: Duration::from_secs(5),
             ack: Duration::from_secs(5),
             max_message: 64 << 20,
+            max_buffered: 256 << 20,
             renew: Duration::from_secs(5),
             properties: 256,
         }

@@ -225,3 +225,36 @@ async fn connections_that_say_nothing_are_tolerated() {
     sender.send(Bottle(vec![Value::Int32(1)]), None).await.unwrap();
     assert!(soon(reader.recv()).await.is_some());
 }
+
+#[tokio::test]
+async fn unfinished_messages_share_a_bounded_room() {
+    let (_names, network) = names().await;
+    let patient = Duration::from_secs(3600);
+    let options = PortOptions { max_buffered: 24 << 20, message: patient, write: patient, ..PortOptions::default() };
+    let server = RpcServer::open_with(&network, "/echo", Arc::new(Echo), options).await.unwrap();
+    let mut good = RpcClient::connect(&network, "/good", "/echo", Carrier::Tcp).await.unwrap();
+    let part = vec![0; 3 << 20];
+    let mut held = Vec::new();
+    for i in 0..20 {
+        let mut stream = greeted(server.contact(), &format!("/part{i}")).await;
+        let _ = stream.write_all(&frame::encode(b'd', None, 60 << 20)).await;
+        let _ = stream.write_all(&part).await;
+        held.push(stream);
+    }
+    // Nothing but the lack of room ends them here, and there is room for twelve at most.
+    soon(async {
+        while server.peers().len() > 13 {
+            served(&mut good).await;
+        }
+    })
+    .await;
+    drop(held);
+    soon(async {
+        while server.peers().len() > 1 {
+            served(&mut good).await;
+        }
+    })
+    .await;
+    let long = Bottle(vec![Value::Blob(vec![7; 5 << 20])]);
+    assert_eq!(soon(good.call(&long)).await.unwrap(), long, "the room is free again");
+}

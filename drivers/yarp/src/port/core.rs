@@ -1,20 +1,18 @@
-//! What all ports have in common: a listener, connections, administration, an orderly end.
+//! What all ports have in common: lists of connections, and what administrative commands do to them.
 
 use super::dial::Line;
 use super::inbox::Inbox;
 use super::slot::{Delivery, Packet, Slot};
-use super::{Handler, PortError, PortOptions, dial, input, lock, output};
+use super::{Handler, PortError, PortOptions, dial, lock, output};
+use crate::wire::Carrier;
 use crate::wire::admin::{self, Added, Answer, Peer, Removed, View};
-use crate::wire::{Carrier, names};
 use crate::{Bottle, Contact, Network, Text, Value};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
-use tokio::net::TcpListener;
-use tokio::sync::{Notify, watch};
+use tokio::sync::{Notify, Semaphore, watch};
 use tokio::task::{JoinHandle, JoinSet};
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 
 /// What happens with data that comes in.
 pub(crate) enum Sink {
@@ -29,6 +27,8 @@ pub(crate) struct Core {
     pub contact: Contact,
     pub network: Network,
     pub options: PortOptions,
+    /// Room for messages that have arrived in part, KiB.
+    pub budget: Arc<Semaphore>,
     pub sink: Sink,
     /// How outputs are served; `None`: this port has none.
     delivery: Option<Delivery>,
@@ -60,6 +60,27 @@ struct Out {
 static NEXT: AtomicU64 = AtomicU64::new(1);
 
 impl Core {
+    pub fn new(
+        network: &Network,
+        contact: Contact,
+        sink: Sink,
+        delivery: Option<Delivery>,
+        options: PortOptions,
+    ) -> Core {
+        Core {
+            name: contact.name.clone(),
+            contact,
+            network: network.clone(),
+            budget: Arc::new(Semaphore::new(options.max_buffered >> 10)),
+            options,
+            sink,
+            delivery,
+            state: Mutex::default(),
+            dropped: Arc::default(),
+            closing: watch::Sender::new(false),
+        }
+    }
+
     /// The port as administrative commands see it.
     pub fn view(&self) -> View {
         let state = lock(&self.state);
@@ -217,6 +238,22 @@ impl Core {
         lock(&self.state).outputs.retain(|output| output.id != id);
     }
 
+    /// Ends all outputs, each in order and within limits.
+    pub async fn end_outputs(self: &Arc<Self>) {
+        let outputs = std::mem::take(&mut lock(&self.state).outputs);
+        let mut ends = JoinSet::new();
+        for output in outputs {
+            let core = self.clone();
+            ends.spawn(async move { core.end(output).await });
+        }
+        while ends.join_next().await.is_some() {}
+    }
+
+    /// Tells everybody that the port ends.
+    pub fn begin_closing(&self) {
+        self.closing.send_replace(true);
+    }
+
     /// Waits for the port's end.
     pub async fn closed(&self) {
         let _ = self.closing.subscribe().wait_for(|closing| *closing).await;
@@ -235,135 +272,6 @@ impl Drop for Admitted {
         lock(&self.core.state).inputs.remove(&self.id);
         if let Sink::Handler(handler) = &self.core.sink {
             handler.gone(self.id);
-        }
-    }
-}
-
-/// An open port. Dropping it closes it in the background.
-pub(crate) struct Handle {
-    pub core: Arc<Core>,
-    listener: Option<JoinHandle<()>>,
-}
-
-impl Handle {
-    pub async fn open(
-        network: &Network,
-        name: &str,
-        sink: Sink,
-        delivery: Option<Delivery>,
-        options: PortOptions,
-    ) -> Result<Handle, PortError> {
-        let name = network.full_name(name);
-        if !names::is_rooted(&name) && name != "..." {
-            return Err(PortError::BadName(name));
-        }
-        let address = (network.bind(), options.number);
-        let listen =
-            |source| PortError::Listen { name: name.clone(), address: format!("{}:{}", address.0, address.1), source };
-        let listener = TcpListener::bind(address).await.map_err(listen)?;
-        let number = listener.local_addr().map_err(listen)?.port();
-        let contact = network.register(&name, &network.host(), number).await?;
-        let core = Arc::new(Core {
-            name: contact.name.clone(),
-            contact,
-            network: network.clone(),
-            options,
-            sink,
-            delivery,
-            state: Mutex::default(),
-            dropped: Arc::default(),
-            closing: watch::Sender::new(false),
-        });
-        let listener = Some(tokio::spawn(listen_loop(core.clone(), listener)));
-        let handle = Handle { core, listener };
-        // Persistent connections are a courtesy of the name server; without them the port is open all the same.
-        if let Err(error) = network.announce(&handle.core.name).await {
-            tracing::debug!(port = handle.core.name, %error, "not announced");
-        }
-        Ok(handle)
-    }
-
-    /// Ends connections in order and unregisters.
-    pub async fn close(mut self) {
-        self.core.closing.send_replace(true);
-        if let Some(listener) = self.listener.take() {
-            let _ = listener.await;
-        }
-    }
-}
-
-impl Drop for Handle {
-    fn drop(&mut self) {
-        self.core.closing.send_replace(true);
-    }
-}
-
-async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
-    let mut inputs = JoinSet::new();
-    let renewal = tokio::spawn(renew(core.clone()));
-    let closed = core.closed();
-    tokio::pin!(closed);
-    loop {
-        tokio::select! {
-            () = &mut closed => break,
-            Some(_) = inputs.join_next() => {}
-            accepted = listener.accept() => match accepted {
-                Ok((stream, _)) if inputs.len() < core.options.connections => {
-                    inputs.spawn(input::serve(core.clone(), stream));
-                }
-                Ok((_, peer)) => tracing::debug!(port = core.name, %peer, "connection limit reached"),
-                Err(error) => {
-                    tracing::debug!(port = core.name, %error, "can't accept");
-                    sleep(Duration::from_millis(50)).await;
-                }
-            }
-        }
-    }
-    drop(listener);
-    renewal.abort();
-    let outputs = std::mem::take(&mut lock(&core.state).outputs);
-    let mut ends = JoinSet::new();
-    for output in outputs {
-        let core = core.clone();
-        ends.spawn(async move { core.end(output).await });
-    }
-    while ends.join_next().await.is_some() {}
-    // Inputs end by themselves when they see the port closing.
-    let _ = timeout(core.options.write, async { while inputs.join_next().await.is_some() {} }).await;
-    inputs.shutdown().await;
-    if let Sink::Inbox(inbox) = &core.sink {
-        inbox.close();
-    }
-    // Who has taken the name in the meantime keeps it.
-    let unregistered = match core.network.query(&core.name).await {
-        Ok(Some(found)) if found.port == core.contact.port => core.network.unregister(&core.name).await,
-        Ok(_) => Ok(()),
-        Err(error) => Err(error),
-    };
-    if let Err(error) = unregistered {
-        tracing::debug!(port = core.name, %error, "not unregistered");
-    }
-}
-
-/// Registers the port again when a restarted name server has forgotten it. A name that meanwhile belongs to another
-/// port stays with that.
-async fn renew(core: Arc<Core>) {
-    let mut lost = false;
-    loop {
-        sleep(core.options.renew).await;
-        match core.network.query(&core.name).await {
-            Ok(None) => {
-                let (host, number) = (core.network.host(), core.contact.port);
-                if core.network.register(&core.name, &host, number).await.is_ok() {
-                    let _ = core.network.announce(&core.name).await;
-                    tracing::info!(port = core.name, "registered again: the name server had forgotten the port");
-                }
-            }
-            Ok(Some(found)) if found.port != core.contact.port && !lost => {
-                lost = true;
-                tracing::warn!(port = core.name, to = %found, "another program has taken the port's name");
-            }
-            Ok(Some(_)) | Err(_) => {}
         }
     }
 }

@@ -31,7 +31,7 @@ pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream) {
 
 async fn connection(core: &Arc<Core>, stream: TcpStream) -> Result<(), LinkError> {
     stream.set_nodelay(true)?;
-    let mut link = Link::new(stream, &core.options);
+    let mut link = Link::new(stream, &core.options).within(&core.budget);
     if let Some(key) = core.network.auth() {
         auth::accept(link.stream_mut(), key).await?;
     }
@@ -144,6 +144,9 @@ fn said(reply: &crate::Bottle) -> String {
     reply.0.get(1).and_then(|value| value.as_text()).map(|text| text.into_owned()).unwrap_or_default()
 }
 
+/// The longest message in datagrams, bytes; much shorter ones get lost already.
+const LONGEST_BY_DATAGRAMS: usize = 8 << 20;
+
 /// A sender of datagrams (spec section 18). It comes from the host where its TCP connection came from: from the same
 /// port number, says the specification, but 3.5 built without ACE takes any. So the first good datagram from that host
 /// tells the number, and from then on nobody else is heard.
@@ -156,6 +159,7 @@ async fn datagrams(core: &Arc<Core>, mut link: Link, hello: &Hello, peer: Peer) 
     let mut sender: Option<SocketAddr> = None;
     let mut assembler = Assembler::default();
     let mut buffer = vec![0; MAX_DATAGRAM + 1];
+    let longest = core.options.max_message.min(LONGEST_BY_DATAGRAMS);
     loop {
         let received = tokio::select! {
             received = socket.recv_from(&mut buffer) => received,
@@ -166,7 +170,7 @@ async fn datagrams(core: &Arc<Core>, mut link: Link, hello: &Hello, peer: Peer) 
             continue;
         }
         let datagram = buffer.get(..length).unwrap_or_default();
-        let Some(bytes) = assembler.take(datagram, core.options.max_message) else { continue };
+        let Some(bytes) = assembler.take(datagram, longest) else { continue };
         let Ok(Some(found)) = frame::parse(&bytes, core.options.max_message) else { continue };
         sender = Some(from);
         let Verb::Data(_) = found.command.verb else { continue };

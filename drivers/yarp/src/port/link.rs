@@ -3,9 +3,11 @@
 use super::PortOptions;
 use crate::wire::{Carrier, Command, FrameError, LineError, frame, line};
 use bytes::{Bytes, BytesMut};
+use std::sync::Arc;
 use std::{io, time::Duration};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
 /// Why a connection ended.
@@ -23,6 +25,8 @@ pub(crate) enum LinkError {
     Line(#[from] LineError),
     #[error("{0}")]
     Handshake(#[from] crate::wire::handshake::HandshakeError),
+    #[error("too many unfinished long messages on this port; raise PortOptions::max_buffered if that is meant")]
+    Crowded,
     #[error("the reply is no bottle: {0}")]
     Reply(crate::DecodeError),
 }
@@ -39,7 +43,13 @@ pub(crate) struct Link {
     buffer: BytesMut,
     scanner: line::Scanner,
     write_limit: Duration,
+    /// Room for long messages, shared with other connections of the port, and what of it is taken.
+    budget: Option<Arc<Semaphore>>,
+    taken: Option<OwnedSemaphorePermit>,
 }
+
+/// How much of a message is not counted against the budget, KiB.
+const FREE: usize = 1024;
 
 /// The longest reply as text, bytes.
 const MAX_LINE: usize = 4 << 20;
@@ -49,7 +59,13 @@ const STEP: usize = 4096;
 
 impl Link {
     pub fn new(stream: TcpStream, options: &PortOptions) -> Link {
-        Link { stream, buffer: BytesMut::new(), scanner: line::Scanner::default(), write_limit: options.write }
+        let (buffer, scanner, write_limit) = (BytesMut::new(), line::Scanner::default(), options.write);
+        Link { stream, buffer, scanner, write_limit, budget: None, taken: None }
+    }
+
+    /// With this room (KiB) for long messages, shared with others.
+    pub fn within(self, budget: &Arc<Semaphore>) -> Link {
+        Link { budget: Some(budget.clone()), ..self }
     }
 
     pub fn stream(&self) -> &TcpStream {
@@ -65,8 +81,25 @@ impl Link {
         self.buffer.reserve(STEP.max(self.buffer.len()));
         match self.stream.read_buf(&mut self.buffer).await? {
             0 => Err(LinkError::Closed),
-            _ => Ok(()),
+            _ => self.account(),
         }
+    }
+
+    /// Takes room for what has arrived beyond the free part.
+    fn account(&mut self) -> Result<(), LinkError> {
+        let Some(budget) = &self.budget else { return Ok(()) };
+        let (size, taken) = (self.buffer.len() >> 10, self.taken.as_ref().map_or(0, OwnedSemaphorePermit::num_permits));
+        if size <= FREE + taken {
+            return Ok(());
+        }
+        // Twice what is needed, like the buffer itself; so this is done seldom.
+        let more = u32::try_from(size).map_err(|_| LinkError::Crowded)?;
+        let more = budget.clone().try_acquire_many_owned(more).map_err(|_| LinkError::Crowded)?;
+        match &mut self.taken {
+            Some(taken) => taken.merge(more),
+            taken => *taken = Some(more),
+        }
+        Ok(())
     }
 
     /// Reads until `parse` has an item. Cancel safe: what has arrived stays.
@@ -87,6 +120,7 @@ impl Link {
     pub async fn message(&mut self, carrier: Carrier, max: usize, limit: Duration) -> Result<Incoming, LinkError> {
         if self.buffer.is_empty() {
             self.buffer = BytesMut::new();
+            self.taken = None;
             self.fill().await?;
         }
         timeout(limit, self.whole_message(carrier, max))

@@ -1,7 +1,8 @@
 //! Ports that take data.
 
-use super::core::{Handle, Sink};
+use super::core::Sink;
 use super::inbox::{Inbox, Queue};
+use super::listen::Handle;
 use super::{Message, PortError, PortOptions};
 use crate::{Carrier, Contact, Network, remote};
 use std::sync::Arc;

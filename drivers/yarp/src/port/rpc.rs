@@ -1,6 +1,7 @@
 //! Ports that answer requests.
 
-use super::core::{Handle, Sink};
+use super::core::Sink;
+use super::listen::Handle;
 use super::{Message, Payload, PortError, PortOptions};
 use crate::{Contact, Network};
 use std::pin::Pin;

@@ -1,6 +1,7 @@
 //! Ports that publish data.
 
-use super::core::{Handle, Sink};
+use super::core::Sink;
+use super::listen::Handle;
 use super::slot::{Delivery, Packet};
 use super::{Payload, PortError, PortOptions};
 use crate::{Carrier, Contact, Network};
