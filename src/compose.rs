@@ -130,6 +130,12 @@ fn place(source: &Source, at: &str, e: &KindError) -> ConfigError {
     source.error(&path, e.what.clone(), help)
 }
 
+/// The kind of a driver and its settings.
+pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(String, Value), ConfigError> {
+    let names: Vec<&'static str> = driver_kinds().iter().map(|k| k.name).collect();
+    kind(source, at, value, &names)
+}
+
 fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result<Arc<dyn Hardware>, ConfigError> {
     let kinds = driver_kinds();
     let names: Vec<&'static str> = kinds.iter().map(|k| k.name).collect();
@@ -217,6 +223,10 @@ fn margin_warning(
     hardware: &dyn Hardware,
     controller: &Controller,
 ) -> Option<String> {
+    // a real robot is not connected to before the run
+    if r.driver.get("kind").and_then(Value::as_str) == Some("yarp") {
+        return None;
+    }
     let speed = r.agent.as_ref()?.get("speed").and_then(Value::as_f64).unwrap_or(0.1);
     let board = hardware.connect().ok()?.board().clone();
     let period = std::time::Duration::from_secs_f64(controller.period_s);
@@ -225,7 +235,7 @@ fn margin_warning(
 }
 
 /// A seed for one part of the run, from the run's seed and the part's name (FNV-1a, then a final mix).
-fn derive_seed(seed: u64, part: &str) -> u64 {
+pub(crate) fn derive_seed(seed: u64, part: &str) -> u64 {
     let mut h =
         part.bytes().fold(0xcbf2_9ce4_8422_2325_u64 ^ seed, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
     h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

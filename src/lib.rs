@@ -17,5 +17,6 @@ pub mod model_convert;
 pub mod model_eval;
 pub mod model_info;
 pub mod run;
+pub mod sim;
 pub mod view;
 pub mod yarp;

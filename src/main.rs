@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{Clock, ConfigError};
-use mobee::{agent, check, inspect, kinds, model_convert, model_eval, model_info, run, view, yarp};
+use mobee::{agent, check, inspect, kinds, model_convert, model_eval, model_info, run, sim, view, yarp};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -50,6 +50,8 @@ enum Command {
         /// A run's folder, or a recording.
         run: PathBuf,
     },
+    /// Serve the simulated robots of a configuration file as YARP devices, until Ctrl-C.
+    Sim(sim::SimArgs),
     /// List what a configuration file can name, with docs and settings.
     Kinds {
         /// Show this kind in full.
@@ -175,6 +177,10 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         }
         Command::View { run } => {
             println!("{}", view::open(&run).map_err(|e: ConfigError| Report::new(e))?);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Sim(args) => {
+            sim::command(&args)?;
             Ok(ExitCode::SUCCESS)
         }
         Command::Kinds { name } => {

@@ -1,0 +1,151 @@
+//! `mobee sim`: simulated robots as YARP devices, for other programs and for our own driver in another process.
+
+use crate::compose::{derive_seed, driver_of};
+use crate::config::{Config, ConfigError, Robot};
+use miette::Report;
+use mobee_contract::Context;
+use mobee_drivers::{SimBoard, SimClock, SimSettings};
+use mobee_yarp::board::BoardServer;
+use mobee_yarp::name::{NameServer, ServerOptions};
+use mobee_yarp::Network;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How often the boards publish their state, as the iCub simulator does.
+const PERIOD: Duration = Duration::from_millis(20);
+/// Where a name server is looked for if YARP is not configured.
+const SERVER: &str = "127.0.0.1:10000";
+
+/// What `mobee sim` was told.
+#[derive(clap::Args)]
+pub struct SimArgs {
+    /// A configuration file whose robots have drivers of kind `sim`, such as configs/behaviors/explore.toml
+    file: PathBuf,
+    /// First part of the port names; `/NAMESim` for a robot called NAME if not given (one robot only).
+    #[arg(long)]
+    prefix: Option<String>,
+    /// How many times faster than real time the robots live.
+    #[arg(long, default_value_t = 1.0)]
+    speed: f64,
+    /// The name server, HOST:PORT; that of YARP's own configuration if not given. One is started if there is none on this machine.
+    #[arg(long)]
+    server: Option<String>,
+    /// Override a setting: --set robot.icub.driver.latency_ms=5
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// Serves the robots of a file until Ctrl-C.
+///
+/// # Errors
+/// Complaints about the configuration or the network, before any port is opened.
+pub fn command(args: &SimArgs) -> Result<(), Report> {
+    if !(args.speed > 0.0 && args.speed <= 1000.0) {
+        return Err(ConfigError::plain(format!("{} is no speed", args.speed), "give a number above 0, up to 1000").into());
+    }
+    let boards = boards(args)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.map_err(|e| ConfigError::plain(format!("no runtime: {e}"), "free some resources"))?;
+    runtime.block_on(serve(args, boards))
+}
+
+/// Devices by the first part of their port names.
+fn boards(args: &SimArgs) -> Result<Vec<(String, SimBoard)>, Report> {
+    let (config, source) = Config::load(&args.file, &args.set)?;
+    if args.prefix.is_some() && config.robot.len() > 1 {
+        let help = "leave --prefix out; every robot then has its own";
+        return Err(ConfigError::plain("one prefix for several robots", help).into());
+    }
+    let clock = SimClock::start(args.speed, wall());
+    let mut all = Vec::new();
+    for (i, robot) in config.robot.iter().enumerate() {
+        let prefix = args.prefix.clone().unwrap_or_else(|| format!("/{}Sim", robot.name));
+        let model = Config::beside(&source, &robot.model);
+        let model = mobee_model::load_robot(&model)?.value;
+        let seed = derive_seed(config.seed, &format!("{}/driver", robot.name));
+        let at = format!("robot[{i}].driver");
+        let settings = settings(robot, &at, &source)?;
+        let context = Context { robot: Arc::new(model), seed };
+        let boards = SimBoard::all(&settings, &context, clock)
+            .map_err(|e| source.error(&format!("{at}.{}", e.path), e.what.clone(), e.help.clone()))?;
+        all.extend(boards.into_iter().map(|b| (format!("{prefix}/{}", b.part()), b)));
+    }
+    Ok(all)
+}
+
+fn settings(robot: &Robot, at: &str, source: &crate::config::Source) -> Result<SimSettings, ConfigError> {
+    let (kind, settings) = driver_of(source, at, &robot.driver)?;
+    if kind != "sim" {
+        let what = format!("robot {} has a driver of kind `{kind}`: there is nothing to simulate", robot.name);
+        return Err(source.error(&format!("{at}.kind"), what, "give a file whose robots have drivers of kind `sim`"));
+    }
+    mobee_contract::settings(&settings).map_err(|e| source.error(&format!("{at}.{}", e.path), e.what, e.help))
+}
+
+async fn serve(args: &SimArgs, boards: Vec<(String, SimBoard)>) -> Result<(), Report> {
+    let (network, server) = network(args.server.as_deref()).await?;
+    let mut open = Vec::new();
+    for (prefix, board) in boards {
+        let opened = BoardServer::open(&network, &prefix, Arc::new(board), PERIOD).await;
+        open.push(opened.map_err(|e| ConfigError::plain(e.to_string(), "end the program that holds it, or wait"))?);
+        println!("{prefix}");
+    }
+    let (host, port) = network.server();
+    let whose = if server.is_some() { "our own" } else { "the" };
+    println!("{} boards at {whose} name server {host}:{port}; Ctrl-C ends", open.len());
+    let _ = tokio::signal::ctrl_c().await;
+    for board in open {
+        board.close().await;
+    }
+    if let Some(server) = server {
+        server.close().await;
+    }
+    Ok(())
+}
+
+/// The network to serve on, with a name server of our own if there is none on this machine.
+async fn network(server: Option<&str>) -> Result<(Network, Option<NameServer>), Report> {
+    let at = |text: &str| {
+        let (host, port) = text.rsplit_once(':')?;
+        Some(Network::of(host, port.parse().ok()?))
+    };
+    let network = match server {
+        Some(text) => at(text).ok_or_else(|| {
+            ConfigError::plain(format!("`{text}` is no address"), "give HOST:PORT, such as 127.0.0.1:10000")
+        })?,
+        // no YARP configuration: its usual place on this machine
+        None => Network::from_env().or_else(|e| at(SERVER).ok_or(e)).map_err(|e| {
+            ConfigError::plain(e.to_string(), "mend yarp.conf, or give --server HOST:PORT")
+        })?,
+    };
+    let (host, port) = network.server();
+    let address = format!("{host}:{port}");
+    match network.query("/root").await {
+        Ok(_) => Ok((network, None)),
+        Err(e) => {
+            let local = address.parse().ok().filter(|a: &std::net::SocketAddr| a.ip().is_loopback());
+            let Some(local) = local else {
+                return Err(ConfigError::plain(e.to_string(), "start it, or give --server HOST:PORT").into());
+            };
+            let own = NameServer::bind(local, ServerOptions::default()).await;
+            let own = own.map_err(|e| ConfigError::plain(format!("no name server at {address}: {e}"), "choose another"))?;
+            Ok((own.network(), Some(own)))
+        }
+    }
+}
+
+/// Seconds since 1970.
+#[expect(clippy::disallowed_methods, reason = "stamps of YARP tell the time of day")]
+fn wall() -> f64 {
+    std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
+}
+
+/// For tests: that a file can be served.
+///
+/// # Errors
+/// As for [`command`].
+pub fn ports(file: &Path) -> Result<Vec<String>, Report> {
+    let args = SimArgs { file: file.to_owned(), prefix: None, speed: 1.0, server: None, set: Vec::new() };
+    Ok(boards(&args)?.into_iter().map(|(prefix, _)| prefix).collect())
+}
