@@ -94,14 +94,7 @@ impl SimBoard {
             ShadowAxis { ref_acc: a.max_acceleration.to_degrees(), ..ShadowAxis::at_rest(&a.name, min, max, speed, q) }
         };
         let shadow = Shadow { axes: driver.board().axes.iter().zip(&q).map(axis).collect() };
-        let state = State {
-            hardware,
-            driver,
-            shadow,
-            last: None,
-            answers: Stamp::default(),
-            states: Stamp::default(),
-        };
+        let state = State { hardware, driver, shadow, last: None, answers: Stamp::default(), states: Stamp::default() };
         Ok(SimBoard { part: part.to_owned(), state: Mutex::new(state), clock })
     }
 

@@ -10,6 +10,7 @@
 mod network;
 mod parts;
 mod settings;
+mod steering;
 mod world;
 
 pub use settings::{RobotPorts, YarpSettings};

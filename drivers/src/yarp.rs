@@ -92,11 +92,7 @@ impl YarpHardware {
     ///
     /// # Errors
     /// The first setting that can't be used.
-    pub fn on(
-        network: &Network,
-        settings: &YarpDriverSettings,
-        robot: &Robot,
-    ) -> Result<YarpHardware, KindError> {
+    pub fn on(network: &Network, settings: &YarpDriverSettings, robot: &Robot) -> Result<YarpHardware, KindError> {
         let mut hardware = YarpHardware::new(settings, robot)?;
         hardware.network = Some(network.clone());
         Ok(hardware)

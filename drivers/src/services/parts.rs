@@ -4,11 +4,12 @@
 //! filtered boards, and the original had no names for them.
 
 use super::YarpSettings;
-use crate::force_field::{ForceField, Wish};
+use super::steering::Steering;
+use crate::force_field::ForceField;
 use crate::observation;
 use crate::part_rpc::{self, PartView};
 use crate::robot_rpc;
-use mobee_contract::{CommitId, Filtered, MotionEnd, Refusal, Running, Setpoints, Time, Values};
+use mobee_contract::{Filtered, Latest, Running};
 use mobee_model::Robot;
 use mobee_yarp::{
     Bottle, Delivery, Handler, Message, Network, Payload, PortError, Queue, Reader, RpcServer, Stamp, Writer,
@@ -31,19 +32,19 @@ pub(super) struct RobotPorts {
 }
 
 /// What all of them speak of.
-struct Known {
-    running: Arc<dyn Running>,
-    filtered: Arc<dyn Filtered>,
-    model: Arc<Robot>,
-    network: Network,
+pub(super) struct Known {
+    pub running: Arc<dyn Running>,
+    pub filtered: Arc<dyn Filtered>,
+    pub model: Arc<Robot>,
+    pub network: Network,
     /// Velocities commanded to each motor, deg/s.
-    commanded: Mutex<Vec<f64>>,
+    pub commanded: Mutex<Vec<f64>>,
 }
 
-struct PartPorts {
-    part: usize,
+pub(super) struct PartPorts {
+    pub part: usize,
     state: Writer,
-    control: Option<(ForceField, Reader)>,
+    pub control: Option<(ForceField, Reader)>,
 }
 
 impl RobotPorts {
@@ -105,6 +106,23 @@ impl RobotPorts {
         self.servers.iter().map(RpcServer::contact).chain(writers).chain(readers).cloned().collect()
     }
 
+    /// Tells whoever listens.
+    fn publish(&self, latest: &Latest, envelope: &str) {
+        let heard = |writer: &Writer| !writer.peers().is_empty();
+        let envelope = || Some(envelope.to_owned());
+        for ports in self.parts.iter().filter(|p| heard(&p.state)) {
+            ports.state.write(self.robot.view(ports.part, &latest.q, &[], part_rpc::shares), envelope());
+        }
+        if heard(&self.collisions) {
+            let scene = self.robot.running.scene();
+            let contacts = observation::collisions(self.robot.filtered.index(), &latest.contacts, &scene);
+            self.collisions.write(contacts, envelope());
+        }
+        if heard(&self.observation) {
+            self.observation.write(observation::observation(&self.robot.model, latest), envelope());
+        }
+    }
+
     /// Publishes and steers until told to leave, then closes the ports.
     pub(super) async fn serve(mut self, mut leave: tokio::sync::watch::Receiver<bool>) {
         let mut ticks = tokio::time::interval(PERIOD);
@@ -118,15 +136,7 @@ impl RobotPorts {
             }
             let latest = self.robot.filtered.latest();
             stamp = stamp.next(latest.at.secs());
-            for ports in &self.parts {
-                ports
-                    .state
-                    .write(self.robot.view(ports.part, &latest.q, &[], part_rpc::shares), Some(stamp.envelope()));
-            }
-            let scene = self.robot.running.scene();
-            let contacts = observation::collisions(self.robot.filtered.index(), &latest.contacts, &scene);
-            self.collisions.write(contacts, Some(stamp.envelope()));
-            self.observation.write(observation::observation(&self.robot.model, &latest), Some(stamp.envelope()));
+            self.publish(&latest, &stamp.envelope());
             steering.cycle(&self.robot, &mut self.parts).await;
         }
         for server in self.servers {
@@ -140,82 +150,6 @@ impl RobotPorts {
         }
         self.collisions.close().await;
         self.observation.close().await;
-    }
-}
-
-/// The force fields of a robot as one agent.
-struct Steering {
-    agent: Arc<str>,
-    last: Option<Time>,
-    open: Option<CommitId>,
-}
-
-impl Steering {
-    fn new(robot: &Known) -> Steering {
-        Steering { agent: format!("{}/force_field", robot.filtered.name()).into(), last: None, open: None }
-    }
-
-    async fn cycle(&mut self, robot: &Known, parts: &mut [PartPorts]) {
-        let latest = robot.filtered.latest();
-        let secs = self.last.map(|last| latest.at.since(last).as_secs_f64());
-        if self.last.replace(latest.at) == Some(latest.at) {
-            return;
-        }
-        let failed = self.open.is_some_and(|id| robot.filtered.end_of(id) == Some(MotionEnd::Failed));
-        let mut setpoints = (Vec::new(), Vec::new());
-        let mut all = vec![0.0; robot.model.motors.len()];
-        for ports in parts.iter_mut() {
-            let Some((field, commands)) = &mut ports.control else { continue };
-            let motors = robot.model.parts.get(ports.part).map(|p| p.motors.clone()).unwrap_or_default();
-            let q = degrees(latest.q.get(motors.clone()).unwrap_or_default());
-            if failed {
-                field.settle(&q);
-            }
-            while let Some(message) = commands.try_recv() {
-                let wish = message.payload.bottle(robot.network.dialect()).ok().and_then(|b| Wish::parse(&b));
-                let done = match wish {
-                    Some(wish) => field.wish(&wish, &robot.model, ports.part, &latest.q),
-                    None => Err("it is none of qatt, qfor, opsp".into()),
-                };
-                if let Err(error) = done {
-                    tracing::debug!(from = message.from, error, "a command for the force field was not understood");
-                }
-            }
-            let Some(velocities) = field.step(&q, secs.unwrap_or_default()) else { continue };
-            for joint in field.joints() {
-                if let Some(v) = velocities.get(joint) {
-                    let motor = motors.start + joint;
-                    let most = robot.filtered.board().axes.get(motor).map_or(0.0, |a| a.max_speed);
-                    let v = v.to_radians().clamp(-most, most);
-                    setpoints.0.push(motor);
-                    setpoints.1.push(v);
-                    if let Some(slot) = all.get_mut(motor) {
-                        *slot = v.to_degrees();
-                    }
-                }
-            }
-        }
-        *robot.commanded.lock().unwrap_or_else(PoisonError::into_inner) = all;
-        if setpoints.0.is_empty() {
-            return;
-        }
-        let setpoints = Setpoints { motors: setpoints.0, values: Values::Velocity(setpoints.1) };
-        match robot.filtered.stream(self.agent.clone(), setpoints).await {
-            Ok(id) => self.open = Some(id),
-            // somebody else moves the robot: the attractor stays, for later
-            Err(Refusal::Busy | Refusal::NotReady { .. }) => {}
-            Err(_) => {
-                for ports in parts {
-                    let motors = robot.model.parts.get(ports.part).map(|p| p.motors.clone()).unwrap_or_default();
-                    if let Some((field, _)) = &mut ports.control {
-                        field.settle(&degrees(latest.q.get(motors).unwrap_or_default()));
-                    }
-                }
-            }
-        }
-        if failed && self.open.is_some_and(|id| robot.filtered.end_of(id).is_some()) {
-            self.open = None;
-        }
     }
 }
 
@@ -252,6 +186,6 @@ impl Known {
     }
 }
 
-fn degrees(q: &[f64]) -> Vec<f64> {
+pub(super) fn degrees(q: &[f64]) -> Vec<f64> {
     q.iter().map(|q| q.to_degrees()).collect()
 }

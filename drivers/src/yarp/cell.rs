@@ -217,7 +217,11 @@ impl Inner {
 ///
 /// # Errors
 /// A board whose axes don't fit the model.
-pub fn describe(layout: &Layout, boards: &[Known], settings: &super::YarpDriverSettings) -> Result<Option<Board>, String> {
+pub fn describe(
+    layout: &Layout,
+    boards: &[Known],
+    settings: &super::YarpDriverSettings,
+) -> Result<Option<Board>, String> {
     let fastest = settings.max_speed_deg_per_s.to_radians();
     let unbounded = |m: usize| Axis {
         name: layout.names.get(m).cloned().unwrap_or_default(),
@@ -269,7 +273,10 @@ pub fn word(of: ControlMode) -> Vocab {
 
 /// The monotonic clock that arrivals are told on. A robot behind a network lives in real time; the run's own time comes in
 /// with every call of the driver contract.
-#[expect(clippy::disallowed_methods, reason = "arrivals and leases of a real network are told on its own monotonic clock")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "arrivals and leases of a real network are told on its own monotonic clock"
+)]
 pub fn instant() -> Instant {
     Instant::now()
 }

@@ -146,9 +146,10 @@ impl Reach {
         let epoch = self.halt.borrow().epoch;
         let orders = split(&self.layout, &checked);
         let reserve = |(board, _): &(usize, Do)| {
-            self.orders.get(*board).and_then(|q| q.try_reserve().ok()).ok_or_else(|| {
-                DriverFault::Refused("too many commands wait for the board".into())
-            })
+            self.orders
+                .get(*board)
+                .and_then(|q| q.try_reserve().ok())
+                .ok_or_else(|| DriverFault::Refused("too many commands wait for the board".into()))
         };
         let permits: Vec<_> = orders.iter().map(reserve).collect::<Result<_, _>>()?;
         let switched = match &checked {

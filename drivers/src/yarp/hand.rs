@@ -45,12 +45,7 @@ pub struct Order {
 #[derive(Clone, Debug)]
 pub enum Do {
     /// A position move.
-    Move {
-        joints: Vec<usize>,
-        to: Vec<f64>,
-        speed: Option<Vec<f64>>,
-        acceleration: Option<Vec<f64>>,
-    },
+    Move { joints: Vec<usize>, to: Vec<f64>, speed: Option<Vec<f64>>, acceleration: Option<Vec<f64>> },
     /// Set-points.
     Direct { joints: Vec<usize>, to: Vec<f64> },
     /// Velocities, said again and again until something else is told.
@@ -253,9 +248,7 @@ impl Hand {
                 Ok(())
             }
             Do::Stop { joints } => self.set(Set::Stop(Joints::Group(joints.clone()))).await,
-            Do::Reference { joints, speed, acceleration } => {
-                self.refer(joints, Some(speed), Some(acceleration)).await
-            }
+            Do::Reference { joints, speed, acceleration } => self.refer(joints, Some(speed), Some(acceleration)).await,
             Do::Mode { joints, mode } => self.bring(joints, *mode, None).await,
         }
     }

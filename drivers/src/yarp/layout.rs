@@ -41,7 +41,11 @@ impl Layout {
             let Some(part) = robot.parts.iter().find(|known| known.name == p.part) else {
                 let names: Vec<&str> = robot.parts.iter().map(|p| p.name.as_str()).collect();
                 let what = format!("robot {} has no part {}", robot.name, p.part);
-                return Err(KindError::new(format!("parts[{i}].part"), what, format!("its parts: {}", names.join(", "))));
+                return Err(KindError::new(
+                    format!("parts[{i}].part"),
+                    what,
+                    format!("its parts: {}", names.join(", ")),
+                ));
             };
             if patches.iter().any(|known| known.part == p.part || known.port == p.port) {
                 let what = format!("{} at {} is there already", p.part, p.port);

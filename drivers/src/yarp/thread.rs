@@ -92,7 +92,8 @@ pub fn start(
         let _ = ended.await;
         let _ = stopping.send(true);
         // a board that does not answer is no reason to wait for ever
-        let _ = tokio::time::timeout(3 * settings.timeout(), async { while hands.join_next().await.is_some() {} }).await;
+        let _ =
+            tokio::time::timeout(3 * settings.timeout(), async { while hands.join_next().await.is_some() {} }).await;
     };
     let thread = std::thread::Builder::new().name(format!("yarp {robot}")).spawn(move || runtime.block_on(work))?;
     Ok(super::Started { reach, questions, thread: Running { end, thread } })
@@ -128,7 +129,13 @@ async fn watch_lease(reach: Reach, mut lease: watch::Receiver<Option<Instant>>) 
 }
 
 /// Takes the states of one board as they come.
-async fn states(cell: Arc<Cell>, layout: Arc<Layout>, index: usize, board: Arc<RemoteBoard>, settings: YarpDriverSettings) {
+async fn states(
+    cell: Arc<Cell>,
+    layout: Arc<Layout>,
+    index: usize,
+    board: Arc<RemoteBoard>,
+    settings: YarpDriverSettings,
+) {
     let (mut state, mut link, mut facts) = (board.state(), board.link(), board.facts());
     let mut arrivals = Arrivals::default();
     loop {

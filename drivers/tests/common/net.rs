@@ -55,7 +55,8 @@ impl Net {
     pub fn start() -> Net {
         let robot = mobee_model::parse_robot("two.xml", ROBOT).unwrap().value;
         let clock = SimClock::start(1.0, 1.79e9);
-        let board = |p: &mobee_model::Part| Arc::new(SimBoard::new(&p.name, simulated(&robot, &p.name), clock).unwrap());
+        let board =
+            |p: &mobee_model::Part| Arc::new(SimBoard::new(&p.name, simulated(&robot, &p.name), clock).unwrap());
         let boards: Vec<Arc<SimBoard>> = robot.parts.iter().map(board).collect();
         let (acts, told) = tokio::sync::mpsc::channel(1);
         let (tell, ready) = mpsc::sync_channel(1);

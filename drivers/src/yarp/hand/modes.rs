@@ -34,12 +34,7 @@ impl Hand {
 
     /// Brings joints into a mode and waits until the board reports it. Joints that are to be moved to positions are made stiff first: a
     /// compliant one does not go where it is told. A halt in the meantime is obeyed; with an `epoch` it ends the attempt.
-    pub(super) async fn bring(
-        &mut self,
-        joints: &[usize],
-        to: ControlMode,
-        epoch: Option<u64>,
-    ) -> Result<(), String> {
+    pub(super) async fn bring(&mut self, joints: &[usize], to: ControlMode, epoch: Option<u64>) -> Result<(), String> {
         if matches!(to, ControlMode::Position | ControlMode::PositionDirect) {
             let soft = self.compliant(joints);
             if !soft.is_empty() {
