@@ -117,6 +117,7 @@ async fn publish(kind: &str, name: &str, period: f64, count: usize) -> Outcome {
 
 /// Writes from a thread of its own, since the runtime's clock ticks only once in a millisecond.
 fn write_all(writer: &Writer, kind: &str, period: f64, count: usize) -> Outcome {
+    let mut image = Image::new(PixelCode::RGB, 320, 240, &vec![0; 320 * 240 * 3])?;
     let mut next = now();
     for i in 0..count {
         pause(next - now());
@@ -124,7 +125,6 @@ fn write_all(writer: &Writer, kind: &str, period: f64, count: usize) -> Outcome 
         let head = [now(), i as f64];
         let payload = match kind {
             "image" => {
-                let mut image = Image::new(PixelCode::RGB, 320, 240, &vec![0; 320 * 240 * 3])?;
                 for (place, byte) in image.rows.iter_mut().zip(head.iter().flat_map(|x| x.to_le_bytes())) {
                     *place = byte;
                 }

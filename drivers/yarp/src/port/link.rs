@@ -57,6 +57,9 @@ const MAX_LINE: usize = 4 << 20;
 /// The least that is read at a time.
 const STEP: usize = 4096;
 
+/// The most room that is made for what a peer only announced.
+const CREDIT: usize = 256 << 10;
+
 impl Link {
     pub fn new(stream: TcpStream, options: &PortOptions) -> Link {
         let (buffer, scanner, write_limit) = (BytesMut::new(), line::Scanner::default(), options.write);
@@ -78,7 +81,13 @@ impl Link {
 
     /// Reads on; the buffer at most doubles, whatever the peer claims to send. Cancel safe.
     pub async fn fill(&mut self) -> Result<(), LinkError> {
-        self.buffer.reserve(STEP.max(self.buffer.len()));
+        self.fill_for(0).await
+    }
+
+    /// As [`Link::fill`], for so many bytes still to come: room for them is made at once, if they are no more than
+    /// [`CREDIT`], so that a picture is read without moving what there is.
+    async fn fill_for(&mut self, missing: usize) -> Result<(), LinkError> {
+        self.buffer.reserve(STEP.max(self.buffer.len()).max(missing.min(CREDIT)));
         match self.stream.read_buf(&mut self.buffer).await? {
             0 => Err(LinkError::Closed),
             _ => self.account(),
@@ -135,12 +144,16 @@ impl Link {
                     let _ = self.buffer.split_to(line.end.min(self.buffer.len()));
                     return Ok(Incoming { command: line.command, payload: line.payload.into() });
                 }
-            } else if let Some(found) = frame::parse(&self.buffer, max)? {
+                self.fill().await?;
+                continue;
+            }
+            if let Some(found) = frame::parse(&self.buffer, max)? {
                 let mut bytes = self.buffer.split_to(found.end.min(self.buffer.len())).freeze();
                 let payload = bytes.split_off(found.payload.min(bytes.len()));
                 return Ok(Incoming { command: found.command, payload });
             }
-            self.fill().await?;
+            let whole = frame::length(&self.buffer, max)?.unwrap_or_default();
+            self.fill_for(whole.saturating_sub(self.buffer.len())).await?;
         }
     }
 
