@@ -119,6 +119,13 @@ async fn our_ports_and_the_real_ones_understand_each_other() {
     assert!(failed.is_empty(), "{}", failed.join("\n"));
 }
 
+/// The first of the four cells that build on each other which has no result is the one that failed.
+fn blame(cells: &mut [Cell; 6], ended: Result<(), String>) {
+    if let (Err(e), Some(cell)) = (ended, cells.iter_mut().take(4).find(|c| c.is_none())) {
+        *cell = Some(Err(e));
+    }
+}
+
 /// Waits for a program's line, so that a failing cell can say what came instead.
 async fn line(program: &mut Program, what: &'static str, wanted: impl Fn(&str) -> bool) -> Result<String, String> {
     match timeout(LIMIT, program.line(wanted)).await {

@@ -1,7 +1,7 @@
 //! Our ports, handled by the real programs.
 
 use super::program::Tools;
-use super::{Cell, at, line, until, within};
+use super::{Cell, at, blame, line, until, within};
 use mobee_yarp::{Bottle, Carrier, Delivery, Handler, Message, Network, Payload, RpcServer, Writer};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -19,12 +19,7 @@ impl Handler for Echo {
 pub async fn row(tools: &Tools, network: &Network, base: &str, carrier: Carrier) -> [Cell; 6] {
     let mut cells: [Cell; 6] = [const { None }; 6];
     let streams = streams(tools, network, base, carrier, &mut cells).await;
-    if let Err(e) = streams {
-        // the first cell without a result is the one that failed
-        if let Some(cell) = cells.iter_mut().take(4).find(|c| c.is_none()) {
-            *cell = Some(Err(e));
-        }
-    }
+    blame(&mut cells, streams);
     cells[4] = Some(persistent(tools, network, base, carrier).await);
     cells[5] = match carrier {
         // the real client says that `text` has no replies (ours takes them)

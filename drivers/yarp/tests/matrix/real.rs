@@ -1,17 +1,14 @@
 //! The real ports, handled by us.
 
 use super::program::{Program, Tools};
-use super::{Cell, at, line, until, within};
+use super::{Cell, at, blame, line, until, within};
 use mobee_yarp::{Bottle, Carrier, Dialect, Network, Queue, Reader, RpcClient, remote};
 use std::time::Duration;
 
 pub async fn row(tools: &Tools, network: &Network, base: &str, carrier: Carrier) -> [Cell; 6] {
     let mut cells: [Cell; 6] = [const { None }; 6];
-    if let Err(e) = streams(tools, network, base, carrier, &mut cells).await {
-        if let Some(cell) = cells.iter_mut().take(4).find(|c| c.is_none()) {
-            *cell = Some(Err(e));
-        }
-    }
+    let streams = streams(tools, network, base, carrier, &mut cells).await;
+    blame(&mut cells, streams);
     cells[4] = Some(persistent(tools, network, base, carrier).await);
     cells[5] = match carrier {
         Carrier::Udp => None,

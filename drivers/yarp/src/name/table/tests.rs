@@ -80,10 +80,10 @@ fn subscriptions_are_due_when_both_ends_are_there() {
     links("register /a");
     assert_eq!(links("announce /a"), []);
     links("register /b");
-    let link = Link { src: "/a".into(), dest: "udp://b".into() };
-    assert_eq!(links("announce /b"), [link.clone()]);
+    let due = [Link { src: "/a".into(), dest: "udp://b".into() }];
+    assert_eq!(links("announce /b"), due);
     assert_eq!(links("announce /b 0"), []);
-    assert_eq!(links("subscribe /a udp://b"), [link]);
+    assert_eq!(links("subscribe /a udp://b"), due);
     links("unsubscribe /a /b");
     assert_eq!(links("announce /a"), []);
 }
