@@ -10,8 +10,8 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
-/// How long a robot that is about to be ready is waited for.
-const PATIENCE: Duration = Duration::from_millis(300);
+/// How often, and with which pauses, a robot that is about to be ready is asked again.
+const PATIENCE: (usize, Duration) = (30, Duration::from_millis(10));
 /// Streamed commands that wait to be given on; more are dropped, as a later one says it anew.
 const WAITING: usize = 64;
 
@@ -156,15 +156,16 @@ impl PartFilter {
 
     /// Tries again for a moment while the robot is not ready: it may only just have come to rest.
     async fn patiently(&self, mut attempt: impl FnMut() -> mobee_contract::Answer<Verdict>) -> Verdict {
-        let until = tokio::time::Instant::now() + PATIENCE;
-        loop {
-            let verdict = attempt().await;
-            let soon = matches!(verdict, Err(Refusal::NotReady { .. })) && tokio::time::Instant::now() < until;
+        let mut verdict = attempt().await;
+        for _ in 0..PATIENCE.0 {
+            let soon = matches!(verdict, Err(Refusal::NotReady { .. }));
             if !soon || super::closed(self.robot.filtered.latest().status) {
-                return verdict;
+                break;
             }
-            tokio::time::sleep(Duration::from_millis(10)).await;
+            tokio::time::sleep(PATIENCE.1).await;
+            verdict = attempt().await;
         }
+        verdict
     }
 
     /// Gives streamed commands on, in order.
