@@ -47,7 +47,7 @@ async fn cycle(network: &Network, round: usize) {
     assert_eq!(soon(client.call(&hello)).await.unwrap(), hello);
     let mut sender = Sender::connect(network, "/sender", "/in", carrier).await.unwrap();
     sender.send(&hello, None).await.unwrap();
-    if round % 2 == 0 {
+    if round.is_multiple_of(2) {
         sender.close().await;
         client.close().await;
         soon(writer.close()).await;
