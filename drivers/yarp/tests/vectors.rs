@@ -97,7 +97,7 @@ impl Case<'_> {
             "bottle-blob" => Bottle::new().with(vec![0u8, 1, 2, 254, 255]),
             "bottle-dict" => Bottle(vec![Value::Dict(Bottle::of([Bottle::new().with("k").with(5)]))]),
             "bottle-empty" => Bottle::new(),
-            "bottle-float-text" => Bottle::of([0.0, 100000.0, 1e100, 123456789.123456789]),
+            "bottle-float-text" => Bottle::of([0.0, 100000.0, 1e100, 123_456_789.123_456_79]),
             "bottle-float32" => Bottle::of([1.5f32]),
             "bottle-float64" => Bottle::of([-0.1]),
             "bottle-homog-float64" => Bottle::of([1.0, 2.5, -3e10]),
