@@ -29,6 +29,7 @@ use driver::Reach;
 use layout::Layout;
 use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware, KindError};
 use mobee_model::Robot;
+use mobee_yarp::board::{Ask, Set};
 use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
 use serde_json::Value as Json;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -149,10 +150,8 @@ impl Hardware for YarpHardware {
         let Some(board) = self.layout.patches.iter().position(|p| p.part == part) else {
             return refused("there is no such part");
         };
-        let asked = Bottle::decode(&words, Dialect::V3).ok();
-        let verb = asked.as_ref().and_then(|b| b.get(0)).and_then(Value::as_vocab);
-        if verb != Some(Vocab::new("get")) {
-            return refused("only questions are passed on");
+        if !Bottle::decode(&words, Dialect::V3).is_ok_and(|asked| may_pass(&asked)) {
+            return refused("only questions and references are passed on");
         }
         let started = self.started();
         let Some(questions) = started.as_ref().and_then(|s| s.questions.get(board)) else {
@@ -173,6 +172,12 @@ impl Drop for YarpHardware {
             started.thread.end();
         }
     }
+}
+
+/// Questions, and references of speed and acceleration: what moves nothing. Our own moves set their references themselves.
+fn may_pass(asked: &Bottle) -> bool {
+    let question = asked.get(0).and_then(Value::as_vocab) == Some(Vocab::new("get"));
+    question || matches!(Ask::parse(asked), Some(Ask::Set(Set::Speed(..) | Set::Acceleration(..))))
 }
 
 /// The network of a name server given as `HOST:PORT`.

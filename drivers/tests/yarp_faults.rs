@@ -141,7 +141,7 @@ fn two_programs_under_one_name_are_not_both_let_to_write() {
 }
 
 #[test]
-fn questions_of_others_are_passed_on_and_orders_are_not() {
+fn questions_and_references_of_others_are_passed_on_and_motions_are_not() {
     use mobee_yarp::{Bottle, Dialect};
     let robot = Robot::new();
     robot.hardware.connect().unwrap();
@@ -152,6 +152,8 @@ fn questions_of_others_are_passed_on_and_orders_are_not() {
     };
     let axes = Bottle::decode(&ask("arm", "[get] [axes]").unwrap(), Dialect::V3).unwrap();
     assert!(axes.to_string().starts_with("[is] [axes] 3 [tsta]"), "{axes}");
+    let ok = Bottle::decode(&ask("arm", "[set] [vel] 0 20.0").unwrap(), Dialect::V3).unwrap();
+    assert_eq!(ok.to_string(), "[ok]");
     assert!(matches!(ask("arm", "[set] [pos] 0 10.0"), Err(DriverFault::Refused(_))));
     assert!(matches!(ask("leg", "[get] [axes]"), Err(DriverFault::Refused(_))));
 }
