@@ -70,7 +70,8 @@ pub fn compose(config: Config, source: &Source) -> Result<Composition, miette::R
             tolerance_deg: r.controller.tolerance_deg,
             ..Controller::default()
         };
-        warnings.extend(margin_warning(r, &robot, hardware.as_ref(), &controller));
+        let foreign = config.yarp.as_ref().filter(|y| y.filter).map(|y| y.speed);
+        warnings.extend(margin_warning(r, &robot, hardware.as_ref(), &controller, foreign));
         robots.push(RobotSetup { name: r.name.clone(), hardware, controller, agent });
     }
     home_is_free(&config, source, &scene)?;
@@ -216,18 +217,20 @@ fn script(config: &Config, source: &Source, scene: &Scene) -> Result<Vec<ScriptS
     Ok(steps)
 }
 
-/// Whether the robot can stop within its margin at the speed its agent uses.
+/// Whether the robot can stop within its margin at the speed its agent uses, or foreign programs may.
 fn margin_warning(
     r: &crate::config::Robot,
     robot: &Robot,
     hardware: &dyn Hardware,
     controller: &Controller,
+    foreign: Option<f64>,
 ) -> Option<String> {
     // a real robot is not connected to before the run
     if r.driver.get("kind").and_then(Value::as_str) == Some("yarp") {
         return None;
     }
-    let speed = r.agent.as_ref()?.get("speed").and_then(Value::as_f64).unwrap_or(0.1);
+    let own = r.agent.as_ref().map(|a| a.get("speed").and_then(Value::as_f64).unwrap_or(0.1));
+    let speed = own.into_iter().chain(foreign).reduce(f64::max)?;
     let board = hardware.connect().ok()?.board().clone();
     let period = std::time::Duration::from_secs_f64(controller.period_s);
     let warning = mobee_drivers::stopping_path(robot, &board, period, speed).warning(controller.margin_m, robot)?;

@@ -5,9 +5,9 @@ use crate::config::{Config, ConfigError, Robot};
 use miette::Report;
 use mobee_contract::Context;
 use mobee_drivers::{SimBoard, SimClock, SimSettings};
+use mobee_yarp::Network;
 use mobee_yarp::board::BoardServer;
 use mobee_yarp::name::{NameServer, ServerOptions};
-use mobee_yarp::Network;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -42,7 +42,9 @@ pub struct SimArgs {
 /// Complaints about the configuration or the network, before any port is opened.
 pub fn command(args: &SimArgs) -> Result<(), Report> {
     if !(args.speed > 0.0 && args.speed <= 1000.0) {
-        return Err(ConfigError::plain(format!("{} is no speed", args.speed), "give a number above 0, up to 1000").into());
+        return Err(
+            ConfigError::plain(format!("{} is no speed", args.speed), "give a number above 0, up to 1000").into()
+        );
     }
     let boards = boards(args)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -115,9 +117,9 @@ async fn network(server: Option<&str>) -> Result<(Network, Option<NameServer>), 
             ConfigError::plain(format!("`{text}` is no address"), "give HOST:PORT, such as 127.0.0.1:10000")
         })?,
         // no YARP configuration: its usual place on this machine
-        None => Network::from_env().or_else(|e| at(SERVER).ok_or(e)).map_err(|e| {
-            ConfigError::plain(e.to_string(), "mend yarp.conf, or give --server HOST:PORT")
-        })?,
+        None => Network::from_env()
+            .or_else(|e| at(SERVER).ok_or(e))
+            .map_err(|e| ConfigError::plain(e.to_string(), "mend yarp.conf, or give --server HOST:PORT"))?,
     };
     let (host, port) = network.server();
     let address = format!("{host}:{port}");
@@ -129,7 +131,8 @@ async fn network(server: Option<&str>) -> Result<(Network, Option<NameServer>), 
                 return Err(ConfigError::plain(e.to_string(), "start it, or give --server HOST:PORT").into());
             };
             let own = NameServer::bind(local, ServerOptions::default()).await;
-            let own = own.map_err(|e| ConfigError::plain(format!("no name server at {address}: {e}"), "choose another"))?;
+            let own =
+                own.map_err(|e| ConfigError::plain(format!("no name server at {address}: {e}"), "choose another"))?;
             Ok((own.network(), Some(own)))
         }
     }

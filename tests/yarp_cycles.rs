@@ -38,7 +38,7 @@ fn cycles_of_connect_move_reflex_and_a_new_name_server_leave_nothing_behind() {
         let args = [
             ["--remote", "/MoBeE/icub/right_arm"],
             ["--local", "/reach"],
-            ["--speed", "60"],
+            ["--speed", "10"],
             ["--pose", "(-20 75 0 60 10 -15 5)"],
             ["--pose", "(-45 35 35 95 15 -25 -5)"],
         ];

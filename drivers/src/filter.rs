@@ -95,14 +95,17 @@ struct PartBoard {
 /// The core of one robot's filter.
 pub struct FilterCore {
     agent: Arc<str>,
+    /// The share of a motor's greatest speed that clients may use.
+    speed: f64,
     parts: Vec<PartBoard>,
     lines: Lines,
     sensed: Option<Time>,
 }
 
 impl FilterCore {
-    /// A filter for all parts of a robot, standing at `q` (rad).
-    pub fn new(name: &str, robot: &Robot, board: &Board, q: &[f64]) -> FilterCore {
+    /// A filter for all parts of a robot, standing at `q` (rad), whose clients may use this share of each motor's greatest
+    /// speed.
+    pub fn new(name: &str, robot: &Robot, board: &Board, q: &[f64], speed: f64) -> FilterCore {
         let axis = |(i, axis): (usize, &mobee_contract::Axis)| {
             let q = q.get(i).copied().unwrap_or_default().to_degrees();
             let (min, max) = (axis.min.to_degrees(), axis.max.to_degrees());
@@ -120,6 +123,7 @@ impl FilterCore {
         };
         FilterCore {
             agent: format!("{name}/filter").into(),
+            speed,
             parts: robot.parts.iter().map(part).collect(),
             lines: Lines::default(),
             sensed: None,

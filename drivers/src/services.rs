@@ -20,7 +20,6 @@ use mobee_contract::{Answer, KindError, Running, Service};
 use mobee_yarp::{Contact, NameServer, Network, RpcServer};
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
@@ -86,7 +85,6 @@ impl Open {
         network: &Network,
         running: &Arc<dyn Running>,
     ) -> Result<(), String> {
-        let period = Duration::try_from_secs_f64(settings.period_ms * 1e-3).unwrap_or(Duration::from_millis(10));
         let models = running.models();
         let mut contacts: Vec<Contact> = Vec::new();
         let mut taken = BTreeSet::new();
@@ -96,7 +94,7 @@ impl Open {
                 settings.serves(name, &part.name).then(|| format!("{}/{}", settings.robot_prefix(name), part.name))
             };
             let prefixes: Vec<_> = model.parts.iter().map(prefix).collect();
-            let boards = Boards::open(network, running, filtered, model, &prefixes, period).await;
+            let boards = Boards::open(network, running, filtered, model, &prefixes, settings).await;
             self.boards.push(boards.map_err(|e| e.to_string())?);
             if settings.parts {
                 let ports = parts::RobotPorts::open(network, running, filtered, model, settings, &mut taken).await?;

@@ -1,6 +1,7 @@
 //! The filter's shell: a control board in front of each part of a robot.
 
 use super::{Client, FilterCore, Seen, Step};
+use crate::services::YarpSettings;
 use mobee_contract::{CommitId, Filtered, Refusal, Running, Time, Verdict};
 use mobee_model::Robot;
 use mobee_yarp::board::{BoardServer, Device, Reply, Shadow, reply};
@@ -32,9 +33,10 @@ impl Boards {
         filtered: &Arc<dyn Filtered>,
         model: &Robot,
         prefixes: &[Option<String>],
-        period: Duration,
+        settings: &YarpSettings,
     ) -> Result<Boards, PortError> {
-        let core = FilterCore::new(filtered.name(), model, filtered.board(), &filtered.latest().q);
+        let period = settings.period();
+        let core = FilterCore::new(filtered.name(), model, filtered.board(), &filtered.latest().q, settings.speed);
         let robot = Arc::new(RobotFilter {
             filtered: filtered.clone(),
             running: running.clone(),

@@ -19,7 +19,7 @@ impl FilterCore {
             if !(*value >= axis.min - ROUNDING && *value <= axis.max + ROUNDING) {
                 return None;
             }
-            let speed = axis.ref_speed.abs().min(axis.max_speed);
+            let speed = axis.ref_speed.abs().min(self.speed * axis.max_speed);
             if speed.is_nan() || speed < SLOWEST {
                 return None;
             }
@@ -33,7 +33,8 @@ impl FilterCore {
 
     pub(super) fn velocities(&mut self, client: &Client, joints: &Joints, values: &[f64]) -> Option<Step> {
         self.setpoints(client, joints, values, |axis, value| {
-            value.is_finite().then(|| value.clamp(-axis.max_speed, axis.max_speed))
+            let most = self.speed * axis.max_speed;
+            value.is_finite().then(|| value.clamp(-most, most))
         })
         .map(|(motors, values)| Step::Stream(Setpoints { motors, values: Values::Velocity(values) }))
     }

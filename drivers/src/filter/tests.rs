@@ -42,7 +42,7 @@ impl Bench {
         let board = Board { axes, period, latency: period, position_direct: true };
         let q = vec![0.1, 0.2, 0.3];
         Bench {
-            core: FilterCore::new("toy", &robot, &board, &q),
+            core: FilterCore::new("toy", &robot, &board, &q, 1.0),
             status: Status::Rest,
             now: Time::from_secs(1.0),
             q,

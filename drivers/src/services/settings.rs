@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Settings of MoBeE's own YARP ports. All have defaults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -26,6 +27,9 @@ pub struct YarpSettings {
     pub dialect: u8,
     /// Whether to open the port filter: a board for each part through which any YARP program moves the robot safely.
     pub filter: bool,
+    /// The share of each motor's greatest speed that programs may use through the filter: slower than asked for is safe,
+    /// faster than the robot can stop within its margin is not. Position-direct set-points are followed as they come.
+    pub speed: f64,
     /// Time between two messages of the state ports, ms.
     pub period_ms: f64,
     /// Robots under other names than the prefix and their own, or with some parts only; by the robot's name in the run.
@@ -60,6 +64,7 @@ impl Default for YarpSettings {
             allow_open_network: false,
             dialect: 3,
             filter: true,
+            speed: 0.1,
             period_ms: 10.0,
             robots: BTreeMap::new(),
             world: true,
@@ -86,6 +91,10 @@ impl YarpSettings {
             let what = format!("{} is no usable time between two messages", self.period_ms);
             return Err(KindError::new("period_ms", what, "give a number from 1 to 1000"));
         }
+        if !(self.speed > 0.0 && self.speed <= 1.0) {
+            let what = format!("{} is no share of the greatest speed", self.speed);
+            return Err(KindError::new("speed", what, "give a number above 0 and up to 1"));
+        }
         if let Some(address) = self.name_server.filter(|a| !a.ip().is_loopback() && !self.allow_open_network) {
             let what = format!("{address} is on another computer, and only this one may be used");
             return Err(KindError::new(
@@ -100,6 +109,11 @@ impl YarpSettings {
             }
         }
         self.force_field.iter().try_for_each(|(part, f)| f.validate(&format!("force_field.{part}")))
+    }
+
+    /// Time between two messages of the state ports.
+    pub(crate) fn period(&self) -> Duration {
+        Duration::try_from_secs_f64(self.period_ms * 1e-3).unwrap_or(Duration::from_millis(10))
     }
 
     /// The beginning of the names of a robot's filtered boards.

@@ -81,7 +81,8 @@ mod tests {
 
     #[test]
     fn a_world_reads_back_as_it_was_written() {
-        let turns = [[0.0, 0.0, 0.0], [0.4, -1.2, 2.9], [std::f64::consts::PI, 0.0, 0.0], [0.0, 0.0, -1.5], [0.0, 3.1, 0.0]];
+        let turns =
+            [[0.0, 0.0, 0.0], [0.4, -1.2, 2.9], [std::f64::consts::PI, 0.0, 0.0], [0.0, 0.0, -1.5], [0.0, 3.1, 0.0]];
         for turn in turns {
             let rotation = UnitQuaternion::from_euler_angles(turn[0], turn[1], turn[2]);
             let objects = [object("a<b", rotation), object("cup \"1\"", rotation.inverse())];
