@@ -222,9 +222,9 @@ impl Body {
             return Ok(Some(MotionEnd::Failed));
         }
         let (motion, secs) = in_step(target, from, &self.axes);
-        let shares: Vec<(usize, Vec<usize>, Vec<f64>, Vec<f64>)> = self.shares(&motion);
-        let speeds = shares.iter().map(|(b, joints, _, v)| (*b, group("velg", joints, v)));
-        let goals = shares.iter().map(|(b, joints, q, _)| (*b, group("posg", joints, q)));
+        let shares = self.shares(&motion);
+        let speeds = shares.iter().map(|s| (s.board, group("velg", &s.joints, &s.speeds)));
+        let goals = shares.iter().map(|s| (s.board, group("posg", &s.joints, &s.goals)));
         let commands: Vec<(usize, Bottle)> = speeds.chain(goals).collect();
         for (k, (b, command)) in commands.iter().enumerate() {
             let Some(board) = self.boards.get_mut(*b) else { continue };
@@ -240,7 +240,7 @@ impl Body {
             }
         }
         let patience = Duration::from_secs_f64((3.0 * secs + 30.0).min(1e6));
-        let involved: Vec<usize> = shares.iter().map(|(b, ..)| *b).collect();
+        let involved: Vec<usize> = shares.iter().map(|s| s.board).collect();
         match tokio::time::timeout(patience, self.wait(&involved)).await {
             Ok(Ok(true)) => {}
             Ok(Ok(false)) => return Ok(Some(MotionEnd::Failed)),
@@ -274,22 +274,34 @@ impl Body {
         Ok(true)
     }
 
-    /// Each board's share in a motion: joints, positions in deg, speeds in deg/s.
-    fn shares(&self, motion: &Move) -> Vec<(usize, Vec<usize>, Vec<f64>, Vec<f64>)> {
+    /// Each board's share in a motion.
+    fn shares(&self, motion: &Move) -> Vec<Share> {
         let speeds = motion.speed.as_deref().unwrap_or_default();
-        let of = |(b, board): (usize, &Board)| {
-            let (mut joints, mut q, mut v) = (Vec::new(), Vec::new(), Vec::new());
+        let of = |(index, board): (usize, &Board)| {
+            let mut share = Share { board: index, joints: Vec::new(), goals: Vec::new(), speeds: Vec::new() };
             for ((motor, to), speed) in motion.motors.iter().zip(&motion.q).zip(speeds) {
                 if board.motors.contains(motor) {
-                    joints.push(motor - board.motors.start);
-                    q.push(to.to_degrees());
-                    v.push(speed.to_degrees().max(LEAST_DEG));
+                    share.joints.push(motor - board.motors.start);
+                    share.goals.push(to.to_degrees());
+                    share.speeds.push(speed.to_degrees().max(LEAST_DEG));
                 }
             }
-            (!joints.is_empty()).then_some((b, joints, q, v))
+            (!share.joints.is_empty()).then_some(share)
         };
         self.boards.iter().enumerate().filter_map(of).collect()
     }
+}
+
+/// One board's share in a motion.
+struct Share {
+    /// Which board.
+    board: usize,
+    /// Its joints that move.
+    joints: Vec<usize>,
+    /// Where to, deg.
+    goals: Vec<f64>,
+    /// How fast, deg/s.
+    speeds: Vec<f64>,
 }
 
 /// The motors that have a way to go, at speeds at which they arrive together, and the seconds that it takes. A client sets
