@@ -69,3 +69,15 @@ fn the_robot_goes_round_the_ball_and_escapes_the_block() {
     assert!(journal.contains(r#"{"state":"holding","reason":"in_contact"}"#), "the robot held");
     check(&out, &[]);
 }
+
+/// Every configuration that ships can be read, built and checked; those of real robots without reaching for them.
+#[test]
+fn every_shipped_configuration_is_ready_to_run() {
+    for folder in ["configs/behaviors", "configs/robots"] {
+        let files = std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).expect("the folder");
+        for file in files.map(|f| f.expect("an entry").path()).filter(|f| f.extension().is_some_and(|e| e == "toml")) {
+            let checked = mobee(&["check", file.to_str().expect("a readable path")]);
+            assert!(checked.status.success(), "{}: {}", file.display(), String::from_utf8_lossy(&checked.stderr));
+        }
+    }
+}
