@@ -63,7 +63,7 @@ pub struct Wires {
     pub gate: Arc<Gate>,
     /// Its ledger.
     pub ledger: Ledger,
-    /// Until when the driver may let the board move, as a [`Time`]. Only supervise renews it.
+    /// Until when the driver may let the board move, as a time of the run, ns. Only supervise renews it.
     pub lease: AtomicU64,
     /// What its readers may know.
     pub latest: Cell<Latest>,

@@ -243,7 +243,7 @@ impl Hand {
             Do::Velocity { joints, speed } => {
                 self.bring(joints, ControlMode::Velocity, Some(order.epoch)).await?;
                 self.interrupted(order.epoch).await?;
-                self.speeds.set(joints, speed);
+                self.speeds.set(joints, speed, self.cell.secs(super::cell::instant()));
                 self.say_speeds();
                 Ok(())
             }
@@ -287,7 +287,7 @@ impl Hand {
         let now = self.cell.secs(super::cell::instant());
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
-        let Some((joints, speeds)) = self.speeds.say(&known.q, &limits, self.latency) else { return };
+        let Some((joints, speeds)) = self.speeds.say(&known.q, &limits, self.latency, now) else { return };
         let moving: Vec<usize> = joints.iter().zip(&speeds).filter(|(_, v)| **v != 0.0).map(|(j, _)| *j).collect();
         if !moving.is_empty() {
             let ticket = known.motions.order(&moving, End::Seen);

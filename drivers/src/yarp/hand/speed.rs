@@ -1,13 +1,16 @@
-//! Velocities that are being said again and again, lowered where a limit of position is near.
+//! Velocities that are being said again and again while they are wanted, lowered where a limit of position is near.
 
 use std::collections::BTreeMap;
 
 /// How hard joints are believed to brake, deg/s^2: only for keeping clear of limits.
 const BRAKING: f64 = 100.0;
+/// A velocity that was not given anew for this long is over, s: as on the boards themselves, whose own watchdog does not see
+/// it because we refresh what they were told.
+const WATCHDOG: f64 = 0.1;
 
-/// The velocities of one board, deg/s by joint.
+/// The velocities of one board, deg/s by joint, and until when each holds.
 #[derive(Clone, Debug, Default)]
-pub struct Speeds(BTreeMap<usize, f64>);
+pub struct Speeds(BTreeMap<usize, (f64, f64)>);
 
 impl Speeds {
     pub fn is_empty(&self) -> bool {
@@ -24,20 +27,23 @@ impl Speeds {
         }
     }
 
-    pub fn set(&mut self, joints: &[usize], speeds: &[f64]) {
-        self.0.extend(joints.iter().copied().zip(speeds.iter().copied()));
+    pub fn set(&mut self, joints: &[usize], speeds: &[f64], now: f64) {
+        self.0.extend(joints.iter().copied().zip(speeds.iter().map(|v| (*v, now + WATCHDOG))));
     }
 
-    /// What to say now to a board at `q` that acts within `latency` seconds; `None` if nothing.
-    pub fn say(&self, q: &[f64], limits: &[(f64, f64)], latency: f64) -> Option<(Vec<usize>, Vec<f64>)> {
+    /// What to say now to a board at `q` that acts within `latency` seconds; `None` if nothing. What has gone quiet is said to
+    /// be zero, once.
+    pub fn say(&mut self, q: &[f64], limits: &[(f64, f64)], latency: f64, now: f64) -> Option<(Vec<usize>, Vec<f64>)> {
         if self.0.is_empty() {
             return None;
         }
-        let one = |(j, v): (&usize, &f64)| match (q.get(*j), limits.get(*j)) {
-            (Some(q), Some((min, max))) => (*j, lowered(*v, *q, *min, *max, latency)),
+        let one = |(j, (v, until)): (&usize, &(f64, f64))| match (q.get(*j), limits.get(*j)) {
+            (Some(q), Some((min, max))) if now <= *until => (*j, lowered(*v, *q, *min, *max, latency)),
             _ => (*j, 0.0),
         };
-        Some(self.0.iter().map(one).unzip())
+        let said = self.0.iter().map(one).unzip();
+        self.0.retain(|_, (_, until)| now <= *until);
+        Some(said)
     }
 }
 
@@ -57,11 +63,11 @@ mod tests {
     #[test]
     fn a_joint_comes_to_rest_before_its_limit() {
         let mut speeds = Speeds::default();
-        speeds.set(&[0], &[60.0]);
+        speeds.set(&[0], &[60.0], 0.0);
         let (mut q, mut v, dt) = (0.0, 0.0f64, 0.001);
         let mut told = std::collections::VecDeque::from(vec![0.0; 60]);
         for _ in 0..20_000 {
-            let (_, say) = speeds.say(&[q], &[(-10.0, 10.0)], 0.06).unwrap();
+            let (_, say) = speeds.say(&[q], &[(-10.0, 10.0)], 0.06, 0.0).unwrap();
             told.push_back(say[0]);
             let want = told.pop_front().unwrap();
             v += (want - v).clamp(-200.0 * dt, 200.0 * dt);
@@ -69,10 +75,20 @@ mod tests {
             assert!(q <= 10.01, "{q}");
         }
         assert!(q > 9.0 && v.abs() < 0.1, "{q} {v}");
-        speeds.set(&[1], &[-5.0]);
-        let (joints, say) = speeds.say(&[10.0, -20.0], &[(-10.0, 10.0), (-10.0, 10.0)], 0.06).unwrap();
+        speeds.set(&[1], &[-5.0], 0.0);
+        let (joints, say) = speeds.say(&[10.0, -20.0], &[(-10.0, 10.0), (-10.0, 10.0)], 0.06, 0.0).unwrap();
         assert_eq!((joints, say), (vec![0, 1], vec![0.0, 0.0]), "beyond its limit it does not go farther");
         speeds.forget(&[0, 1]);
-        assert!(speeds.say(&[], &[], 0.0).is_none());
+        assert!(speeds.say(&[], &[], 0.0, 0.0).is_none());
+    }
+
+    #[test]
+    fn a_velocity_that_goes_quiet_is_said_to_be_zero_once() {
+        let mut speeds = Speeds::default();
+        speeds.set(&[0], &[5.0], 1.0);
+        let mut at = |now: f64| speeds.say(&[0.0], &[(-10.0, 10.0)], 0.0, now);
+        assert_eq!(at(1.09), Some((vec![0], vec![5.0])));
+        assert_eq!(at(1.2), Some((vec![0], vec![0.0])));
+        assert_eq!(at(1.3), None);
     }
 }
