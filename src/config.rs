@@ -5,11 +5,19 @@
 //! ```
 //! Nothing is started before all of it has been read, built and checked.
 
+mod check;
+mod complaints;
 mod error;
+mod include;
+mod layer;
+pub mod show;
 mod source;
+mod spelling;
 
+pub use complaints::{Complaint, Complaints};
 pub use error::ConfigError;
 pub use source::Source;
+pub use spelling::{did_you_mean, nearest, suggestion};
 
 use mobee_actors::clock::ClockKind;
 use schemars::JsonSchema;
@@ -21,6 +29,9 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
+    /// Files whose settings come before this file's, which win over them; relative to this file.
+    #[serde(default, skip_serializing)]
+    pub include: Vec<PathBuf>,
     /// Name of the run; its folder is called after it. Default: the file's name.
     #[serde(default)]
     pub name: String,
@@ -198,24 +209,20 @@ fn sim() -> Value {
 }
 
 impl Config {
-    /// Reads a file and applies overrides, later ones over earlier ones.
+    /// Reads a file with its layers: what it includes, the environment, and overrides, later ones over earlier ones.
     ///
     /// # Errors
-    /// The first complaint, with its place and remedy.
-    pub fn load(path: &Path, overrides: &[String]) -> Result<(Config, Source), ConfigError> {
-        let mut source = Source::read(path)?;
-        for o in overrides {
-            source.set(o)?;
-        }
-        let config = Config::from_source(&source)?;
-        Ok((config, source))
+    /// Every complaint, with its place and remedy.
+    pub fn load(path: &Path, overrides: &[String]) -> Result<(Config, Source), Complaints> {
+        let source = Source::load(path, overrides)?;
+        Ok((Config::from_source(&source)?, source))
     }
 
     /// Reads the resolved configuration that a run left in its folder.
     ///
     /// # Errors
     /// If it is not what a run writes.
-    pub fn load_resolved(path: &Path) -> Result<(Config, Source), ConfigError> {
+    pub fn load_resolved(path: &Path) -> Result<(Config, Source), Complaints> {
         let foreign = |what: String| {
             ConfigError::plain(format!("{}: {what}", path.display()), "give the folder of a run, as it was written")
         };
@@ -228,99 +235,33 @@ impl Config {
     /// Understands parsed values.
     ///
     /// # Errors
-    /// The first complaint, with its place and remedy.
-    pub fn from_source(source: &Source) -> Result<Config, ConfigError> {
+    /// Every complaint, with its place and remedy.
+    pub fn from_source(source: &Source) -> Result<Config, Complaints> {
         let mut config: Config = serde_path_to_error::deserialize(&source.value).map_err(|e| {
             let message = e.inner().to_string();
             let help = did_you_mean(&message).unwrap_or_else(|| "see docs/configuration.md for every setting".into());
             source.error(&e.path().to_string(), message, help)
         })?;
-        if config.name.is_empty() {
-            config.name = source.path.file_stem().map_or("run".into(), |s| s.to_string_lossy().into_owned());
-        }
-        config.check(source)?;
-        Ok(config)
+        config.resolve(source);
+        let wrong = config.check(source);
+        wrong.none_or(config)
     }
 
-    /// What the types can't say.
-    fn check(&self, source: &Source) -> Result<(), ConfigError> {
-        let finite = |path: &str, x: f64, low: f64, high: f64, unit: &str| {
-            if x >= low && x <= high {
-                Ok(())
-            } else {
-                Err(source.error(path, format!("{x} {unit} is out of range"), format!("give {low} to {high} {unit}")))
-            }
-        };
-        let yarp_robot = self.robot.iter().position(|r| r.driver["kind"] == "yarp");
-        let real_only = yarp_robot.map(|i| format!("robot[{i}].driver")).or(self.yarp.as_ref().map(|_| "yarp".into()));
-        if let Some(at) = real_only.filter(|_| self.clock == Clock::Virtual) {
-            return Err(source.error(
-                &at,
-                "YARP runs by the wall clock, and this behavior's clock is virtual",
-                "set clock = \"real\"",
-            ));
+    /// Names the run, and makes paths that stand in included files relative to the main file.
+    fn resolve(&mut self, source: &Source) {
+        if self.name.is_empty() {
+            self.name = source.path.file_stem().map_or("run".into(), |s| s.to_string_lossy().into_owned());
         }
-        if self.name.contains(['/', '\\']) || self.name.starts_with('.') {
-            return Err(source.error(
-                "name",
-                "the name can't be part of a folder's name",
-                "use letters, digits, - and _",
-            ));
+        let relocate = |at: &str, path: &mut PathBuf| *path = source.relocated(at, path);
+        if let Some(file) = &mut self.world.file {
+            relocate("world.file", file);
         }
-        if self.robot.is_empty() {
-            return Err(source.error(
-                "robot",
-                "there is no robot",
-                "add a [[robot]] table with name, model and controller",
-            ));
+        for (i, r) in self.robot.iter_mut().enumerate() {
+            relocate(&format!("robot[{i}].model"), &mut r.model);
         }
-        if let Some(secs) = self.for_s {
-            finite("for_s", secs, 0.001, 1e7, "s")?;
+        if let Some(folder) = self.yarp.as_mut().and_then(|y| y.save_folder.as_mut()) {
+            relocate("yarp.save_folder", folder);
         }
-        finite("record.poses_hz", self.record.poses_hz, 0.1, 1000.0, "Hz")?;
-        for (i, r) in self.robot.iter().enumerate() {
-            let at = |key: &str| format!("robot[{i}].{key}");
-            if self.robot.iter().take(i).any(|other| other.name == r.name) {
-                return Err(source.error(
-                    &at("name"),
-                    format!("there are two robots `{}`", r.name),
-                    "name one of them differently",
-                ));
-            }
-            if r.name.is_empty() || !r.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
-                return Err(source.error(&at("name"), "not a robot's name", "use letters, digits, - and _"));
-            }
-            finite(&at("controller.period_ms"), r.controller.period_ms, 1.0, 1000.0, "ms")?;
-            finite(&at("controller.history"), r.controller.history as f64, 10.0, 1e7, "poses")?;
-            finite(&at("controller.margin_mm"), r.controller.margin_mm, 0.0, 500.0, "mm")?;
-            finite(&at("controller.tolerance_deg"), r.controller.tolerance_deg, 1e-3, 10.0, "deg")?;
-            for (k, x) in r.base.position_m.iter().enumerate() {
-                finite(&format!("robot[{i}].base.position_m[{k}]"), *x, -100.0, 100.0, "m")?;
-            }
-            finite(&at("base.yaw_deg"), r.base.yaw_deg, -360.0, 360.0, "deg")?;
-        }
-        for (i, s) in self.script.iter().enumerate() {
-            match &s.when {
-                When::AtS(t) => finite(&format!("script[{i}].when.at_s"), *t, 0.0, 1e7, "s")?,
-                When::AfterOutcomes { robot, .. } if !self.robot.iter().any(|r| r.name == *robot) => {
-                    let names: Vec<&str> = self.robot.iter().map(|r| r.name.as_str()).collect();
-                    return Err(source.error(
-                        &format!("script[{i}].when.after_outcomes.robot"),
-                        format!("there is no robot `{robot}`"),
-                        format!("the robots are: {}", names.join(", ")),
-                    ));
-                }
-                When::AfterOutcomes { .. } => {}
-            }
-            if s.edit.class.is_none() && s.edit.position_m.is_none() && !s.edit.remove {
-                return Err(source.error(
-                    &format!("script[{i}].edit"),
-                    "nothing happens here",
-                    "give class, position_m or remove",
-                ));
-            }
-        }
-        Ok(())
     }
 
     /// The clock, in the actors' words.
@@ -332,43 +273,4 @@ impl Config {
     pub fn beside(source: &Source, path: &Path) -> PathBuf {
         source.path.parent().map_or_else(|| path.to_owned(), |dir| dir.join(path))
     }
-}
-
-/// The nearest of the names that serde says it expected, as a remedy.
-pub fn did_you_mean(message: &str) -> Option<String> {
-    let (wrong, rest) = message
-        .strip_prefix("unknown field `")
-        .or_else(|| message.strip_prefix("unknown variant `"))?
-        .split_once('`')?;
-    let names: Vec<&str> = rest.split('`').skip(1).step_by(2).collect();
-    Some(nearest(wrong, &names).map_or_else(
-        || format!("known here: {}", names.join(", ")),
-        |n| format!("did you mean `{n}`? known here: {}", names.join(", ")),
-    ))
-}
-
-/// The name that is nearest to `wrong` in spelling, if any is near.
-pub fn nearest<'a>(wrong: &str, names: &[&'a str]) -> Option<&'a str> {
-    names
-        .iter()
-        .map(|n| (if n.starts_with(wrong) || wrong.starts_with(n) { 1 } else { distance(wrong, n) }, *n))
-        .filter(|(d, n)| *d <= 1 + n.len() / 3)
-        .min_by_key(|(d, _)| *d)
-        .map(|(_, n)| n)
-}
-
-/// Levenshtein distance.
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = i;
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let next = (diagonal + usize::from(x != *y)).min(row[j] + 1).min(row[j + 1] + 1);
-            diagonal = row[j + 1];
-            row[j + 1] = next;
-        }
-    }
-    row[b.len()]
 }

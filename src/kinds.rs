@@ -21,6 +21,17 @@ fn entries() -> Vec<Entry> {
         .collect()
 }
 
+/// The defaults of a kind's settings.
+pub fn defaults(role: &str, name: &str) -> Vec<(String, Value)> {
+    let entry = entries().into_iter().find(|e| e.role == role && e.name == name);
+    let properties = entry.and_then(|mut e| match e.schema["properties"].take() {
+        Value::Object(map) => Some(map),
+        _ => None,
+    });
+    let default = |(key, s): (String, Value)| Some((key, s.get("default").filter(|d| !d.is_null())?.clone()));
+    properties.into_iter().flatten().filter_map(default).collect()
+}
+
 /// The listing: all kinds in a line each, or one kind in full.
 ///
 /// # Errors

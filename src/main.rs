@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{Clock, ConfigError};
-use mobee::{agent, check, inspect, kinds, model_convert, model_eval, model_info, run, sim, view, yarp};
+use mobee::{agent, check, config, inspect, kinds, model_convert, model_eval, model_info, run, sim, view, yarp};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -59,6 +59,11 @@ enum Command {
     },
     /// Run the agent of a behavior alone, against the filtered control boards of a system that runs elsewhere.
     Agent(agent::AgentArgs),
+    /// Show a configuration with all its layers.
+    Config {
+        #[command(subcommand)]
+        command: ConfigCommand,
+    },
     /// Speak YARP: a name server, and the tools to look at ports, read, write and connect them.
     Yarp(yarp::YarpArgs),
 }
@@ -88,6 +93,18 @@ struct RunArgs {
     /// Print the summary as JSON, and nothing else, on standard output.
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Subcommand)]
+enum ConfigCommand {
+    /// Print the resolved file, with the origin of each value: a file's line, the environment, --set, or the default.
+    Show {
+        /// The configuration file.
+        file: PathBuf,
+        /// Override a setting: --set robot.icub.agent.vertices=30
+        #[arg(long = "set", value_name = "KEY=VALUE")]
+        set: Vec<String>,
+    },
 }
 
 #[derive(Subcommand)]
@@ -154,6 +171,10 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             run::command(&a.file, &set, a.out.as_deref(), a.json)
         }
         Command::Check { path, set, edges } => check::command(&path, &set, edges),
+        Command::Config { command: ConfigCommand::Show { file, set } } => {
+            print!("{}", config::show::text(&file, &set)?);
+            Ok(ExitCode::SUCCESS)
+        }
         Command::Model { command } => {
             match command {
                 ModelCommand::Info { robot } => print!("{}", model_info::text(&robot)?),

@@ -34,6 +34,12 @@ impl ConfigError {
         }
     }
 
+    /// The same with another remedy.
+    #[must_use]
+    pub fn with_help(self, help: impl Into<String>) -> ConfigError {
+        ConfigError { help: help.into(), ..self }
+    }
+
     /// What is wrong, in one sentence.
     pub fn message(&self) -> &str {
         &self.message
@@ -42,6 +48,11 @@ impl ConfigError {
     /// What to do about it.
     pub fn help_text(&self) -> &str {
         &self.help
+    }
+
+    /// The file's name, if there is a place.
+    pub fn file(&self) -> Option<&str> {
+        self.place.as_deref().map(|(source, _)| source.name())
     }
 
     /// Line and column (from 1) of the place, if there is one.

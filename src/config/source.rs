@@ -1,123 +1,125 @@
-//! A TOML file as plain values together with the place of each, so that every complaint can point at one.
+//! The values of a configuration as layers put them together: included files, the file, the environment, `--set`. Each knows its
+//! place, so that every complaint can point at one.
+//!
+//! ```text
+//! include = [a, b]  <  the file  <  MOBEE_SET__robot__icub__agent__vertices=30  <  --set robot.icub.agent.vertices=30
+//! ```
 
-use super::ConfigError;
-use serde_json::{Map, Value};
+use super::include::{Reader, TextFile};
+use super::layer::{Content, Node, Origin, plain};
+use super::{Complaints, ConfigError};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use toml::de::{DeTable, DeValue};
+use toml::de::DeTable;
 
-/// Where a value stands in the text, and its children.
-#[derive(Clone, Debug, Default)]
-struct Place {
-    key: Option<Range<usize>>,
-    value: Range<usize>,
-    children: BTreeMap<String, Place>,
-}
+/// What the names of variables begin with that set values; the steps of the key follow, joined by two underscores.
+const VARIABLE: &str = "MOBEE_SET__";
 
-/// A configuration file, parsed but not yet understood.
+/// A configuration, read but not yet understood.
 #[derive(Clone, Debug)]
 pub struct Source {
     /// The path as the user gave it.
     pub path: PathBuf,
-    text: String,
-    places: Place,
-    /// The file's values after all `--set` overrides.
+    /// The values after all layers.
     pub value: Value,
-    overridden: Vec<(String, String)>,
+    root: Node,
+    files: Vec<TextFile>,
 }
 
 impl Source {
-    /// Reads a file.
+    /// Reads a file, what it includes, this process's environment, and assignments as of `--set`, later ones over earlier ones.
     ///
     /// # Errors
-    /// If there is no such file, or it is not TOML.
-    pub fn read(path: &Path) -> Result<Source, ConfigError> {
-        let text = std::fs::read_to_string(path).map_err(|e| {
-            ConfigError::plain(
-                format!("can't read {}: {e}", path.display()),
-                "give the path of a configuration file; `configs/behaviors/` has some to start from",
-            )
-        })?;
-        Source::parse(path, text)
+    /// All files and assignments that can't be read.
+    pub fn load(path: &Path, assignments: &[String]) -> Result<Source, Complaints> {
+        let ours =
+            |(k, v): (std::ffi::OsString, std::ffi::OsString)| Some((k.into_string().ok()?, v.into_string().ok()?));
+        let environment = std::env::vars_os().filter_map(ours).filter(|(k, _)| k.starts_with(VARIABLE)).collect();
+        Source::layers(path, &environment, assignments)
     }
 
-    /// Parses a text that stands, or would stand, at `path`.
+    /// The same with a given environment.
     ///
     /// # Errors
-    /// If it is not TOML.
-    pub fn parse(path: &Path, text: String) -> Result<Source, ConfigError> {
-        let blank =
-            Source { path: path.to_owned(), text, places: Place::default(), value: Value::Null, overridden: vec![] };
-        let (value, places) = {
-            let table = DeTable::parse(&blank.text).map_err(|e| {
-                blank.error_at(e.span().unwrap_or(0..0), e.message().to_owned(), "mend the TOML syntax here")
-            })?;
-            let mut places = Place { key: None, value: table.span(), children: BTreeMap::new() };
-            (table_value(table.get_ref(), &mut places, &blank)?, places)
-        };
-        Ok(Source { value, places, ..blank })
+    /// As for [`Source::load`].
+    pub fn layers(
+        path: &Path,
+        environment: &BTreeMap<String, String>,
+        assignments: &[String],
+    ) -> Result<Source, Complaints> {
+        let mut reader = Reader::new(path);
+        let root = reader.main(path)?;
+        let mut source = Source { path: path.to_owned(), value: root.value(), root, files: reader.files };
+        let mut wrong = Complaints::default();
+        for (name, raw) in environment {
+            let origin = Origin::Environment(format!("{name}={raw}"));
+            let key = name.strip_prefix(VARIABLE).unwrap_or(name);
+            wrong.keep(source.assign(&key.split("__").collect::<Vec<_>>(), raw, origin));
+        }
+        for assignment in assignments {
+            wrong.keep(source.set(assignment));
+        }
+        source.value = source.root.value();
+        wrong.none_or(source)
     }
 
     /// Values that were resolved before, for a file that stands at `path`. Complaints then have no place in a text.
     pub fn resolved(path: &Path, value: Value) -> Source {
-        Source { path: path.to_owned(), text: String::new(), places: Place::default(), value, overridden: Vec::new() }
+        let root = Node::plain(value.clone(), &Origin::Resolved);
+        Source { path: path.to_owned(), value, root, files: Vec::new() }
     }
 
-    /// Overrides one value: `robot.icub.agent.vertices=30`. Array elements are named by index or by their `name`.
+    /// Overrides one value: `robot.icub.agent.vertices=30`. Elements of lists are named by index or by their `name`.
     ///
     /// # Errors
     /// If the assignment is malformed or leads through something that is no table.
     pub fn set(&mut self, assignment: &str) -> Result<(), ConfigError> {
-        let bad = |what: String| {
-            ConfigError::plain(
-                format!("--set {assignment}: {what}"),
-                "write --set a.b=value, as in --set robot.icub.agent.vertices=30",
-            )
-        };
-        let (path, raw) = assignment.split_once('=').ok_or_else(|| bad("there is no `=`".into()))?;
-        let value = match DeTable::parse(&format!("v = {raw}")) {
-            Ok(t) => t.get_ref().get("v").map_or(Ok(Value::Null), |v| plain(v.get_ref()).map_err(&bad))?,
-            Err(_) => Value::String(raw.to_owned()),
-        };
-        let mut at = &mut self.value;
-        let mut resolved = Vec::new();
-        let steps: Vec<&str> = path.trim().split('.').collect();
-        let Some((last, way)) = steps.split_last() else { return Err(bad("the key is empty".into())) };
-        for step in way {
-            at = match at {
-                Value::Object(map) => {
-                    resolved.push((*step).to_owned());
-                    map.entry(*step).or_insert_with(|| Value::Object(Map::new()))
-                }
-                Value::Array(list) => {
-                    let i = list
-                        .iter()
-                        .position(|v| v.get("name").and_then(Value::as_str) == Some(step))
-                        .or_else(|| step.parse().ok())
-                        .ok_or_else(|| bad(format!("there is no `{step}` in this list")))?;
-                    resolved.push(i.to_string());
-                    list.get_mut(i).ok_or_else(|| bad(format!("there is no element {i} in this list")))?
-                }
-                _ => return Err(bad(format!("`{step}` leads through something that is no table"))),
-            };
-        }
-        resolved.push(last.to_string());
-        match at {
-            Value::Object(map) => {
-                map.insert(last.to_string(), value);
-            }
-            _ => return Err(bad("the key leads into something that is no table".into())),
-        }
-        self.overridden.push((resolved.join("."), assignment.to_owned()));
+        let origin = Origin::Set(assignment.to_owned());
+        let (key, raw) =
+            assignment.split_once('=').ok_or_else(|| misassigned(&origin, "there is no `=`".to_owned()))?;
+        self.assign(&key.trim().split('.').collect::<Vec<_>>(), raw, origin)?;
+        self.value = self.root.value();
         Ok(())
     }
 
-    /// A complaint about the value at `path` (such as `robot[0].agent.vertices`), with its place in the file.
+    fn assign(&mut self, steps: &[&str], raw: &str, origin: Origin) -> Result<(), ConfigError> {
+        let bad = |what: String| misassigned(&origin, what);
+        if steps.iter().any(|s| s.is_empty()) {
+            return Err(bad("the key has an empty step".into()));
+        }
+        let text = format!("v = {raw}");
+        let value = match DeTable::parse(&text) {
+            Ok(t) => t.get_ref().get("v").map_or(Ok(Value::Null), |v| plain(v.get_ref())).map_err(&bad)?,
+            Err(_) => Value::String(raw.to_owned()),
+        };
+        // the way to the value as a layer of its own, merged as any other
+        let mut at = &self.root;
+        let mut elements: Vec<Option<usize>> = Vec::new();
+        let nothing = Node { origin: origin.clone(), content: Content::Table(BTreeMap::new()) };
+        for step in steps {
+            elements.push(match &at.content {
+                Content::List(list) => Some(
+                    list.iter()
+                        .position(|n| n.text("name") == Some(step))
+                        .or_else(|| step.parse().ok().filter(|i| *i < list.len()))
+                        .ok_or_else(|| bad(format!("there is no `{step}` in this list")))?,
+                ),
+                Content::Table(_) => None,
+                Content::Leaf(_) => return Err(bad(format!("`{step}` leads through something that is no table"))),
+            });
+            let index = elements.last().copied().flatten().map(|i| i.to_string());
+            at = at.child(index.as_deref().unwrap_or(step)).unwrap_or(&nothing);
+        }
+        put(&mut self.root, steps, &elements, Node::plain(value, &origin), &origin);
+        Ok(())
+    }
+
+    /// A complaint about the value at `path` (such as `robot[0].agent.vertices`), with its place in the file that set it.
     pub fn error(&self, path: &str, message: impl Into<String>, help: impl Into<String>) -> ConfigError {
         let message = message.into();
-        let mut steps: Vec<String> =
-            path.replace('[', ".").replace(']', "").split('.').filter(|s| !s.is_empty()).map(str::to_owned).collect();
+        let mut steps = steps(path);
         // serde names an unknown or missing field only in its message
         let unknown = message.strip_prefix("unknown field `").and_then(|r| r.split('`').next()).map(str::to_owned);
         if let Some(u) = &unknown
@@ -125,29 +127,122 @@ impl Source {
         {
             steps.push(u.clone());
         }
-        let joined = steps.join(".");
-        if let Some((_, assignment)) = self.overridden.iter().find(|(p, _)| joined.starts_with(p.as_str())) {
-            return ConfigError::plain(format!("--set {assignment}: {message}"), help);
+        self.complain(&steps, unknown.is_some(), message, help)
+    }
+
+    /// A complaint about a key: its caret stands at the key, not at the value.
+    pub fn key_error(&self, path: &str, message: impl Into<String>, help: impl Into<String>) -> ConfigError {
+        self.complain(&steps(path), true, message.into(), help)
+    }
+
+    fn complain(&self, steps: &[String], at_key: bool, message: String, help: impl Into<String>) -> ConfigError {
+        let node = self.nearest(steps);
+        let plain = |place: &str| ConfigError::plain(format!("{place}: {message}"), "");
+        match &node.origin {
+            Origin::Set(assignment) => plain(&format!("--set {assignment}")).with_help(help),
+            Origin::Environment(assignment) => plain(assignment).with_help(help),
+            Origin::Resolved => plain(&self.path.display().to_string()).with_help(help),
+            Origin::File { file, key, value } => {
+                let Some(file) = self.files.get(*file) else { return ConfigError::plain(message, help) };
+                let span = match key {
+                    Some(key) if at_key => key.clone(),
+                    _ => first_line(&file.text, value.clone()),
+                };
+                file.error(span, message, help)
+            }
         }
-        let mut place = &self.places;
-        for step in &steps {
-            match place.children.get(step) {
-                Some(p) => place = p,
+    }
+
+    /// The node of these steps, or of as many of them as there are.
+    fn nearest(&self, steps: &[String]) -> &Node {
+        let mut at = &self.root;
+        for step in steps {
+            match at.child(step) {
+                Some(child) => at = child,
                 None => break,
             }
         }
-        let span = match (&place.key, &unknown) {
-            (Some(key), Some(_)) => key.clone(),
-            _ => first_line(&self.text, place.value.clone()),
-        };
-        self.error_at(span, message, help)
+        at
     }
 
-    fn error_at(&self, span: Range<usize>, message: impl Into<String>, help: impl Into<String>) -> ConfigError {
-        if self.text.is_empty() {
-            return ConfigError::plain(format!("{}: {}", self.path.display(), message.into()), help);
+    /// The tree of values with their origins.
+    pub fn root(&self) -> &Node {
+        &self.root
+    }
+
+    /// An origin in a few words: `explore.toml:12`, `environment`, `--set`.
+    pub fn describe(&self, origin: &Origin) -> String {
+        match origin {
+            Origin::File { file, key, value } => self
+                .files
+                .get(*file)
+                .map_or(String::new(), |f| format!("{}:{}", f.name, f.line(key.as_ref().unwrap_or(value).start))),
+            Origin::Environment(assignment) => {
+                format!("environment {}", assignment.split('=').next().unwrap_or_default())
+            }
+            Origin::Set(_) => "--set".into(),
+            Origin::Resolved => self.path.display().to_string(),
         }
-        ConfigError::at(&self.path.display().to_string(), &self.text, span, message, help)
+    }
+
+    /// A path that stands at `at` in the configuration, as seen from the main file's folder.
+    pub fn relocated(&self, at: &str, path: &Path) -> PathBuf {
+        match &self.nearest(&steps(at)).origin {
+            Origin::File { file, .. } => self.files.get(*file).map_or(path.to_owned(), |f| f.folder.join(path)),
+            _ => path.to_owned(),
+        }
+    }
+}
+
+/// `robot[0].agent` as steps.
+fn steps(path: &str) -> Vec<String> {
+    path.replace('[', ".").replace(']', "").split('.').filter(|s| !s.is_empty()).map(str::to_owned).collect()
+}
+
+fn misassigned(origin: &Origin, what: String) -> ConfigError {
+    match origin {
+        Origin::Environment(assignment) => ConfigError::plain(
+            format!("{assignment}: {what}"),
+            "name the variable MOBEE_SET__a__b for the key a.b, as in MOBEE_SET__robot__icub__agent__vertices=30",
+        ),
+        Origin::Set(assignment) => ConfigError::plain(
+            format!("--set {assignment}: {what}"),
+            "write --set a.b=value, as in --set robot.icub.agent.vertices=30",
+        ),
+        _ => ConfigError::plain(what, ""),
+    }
+}
+
+/// Puts a value where the steps lead; elements of lists by their index.
+fn put(at: &mut Node, steps: &[&str], elements: &[Option<usize>], value: Node, origin: &Origin) {
+    let (Some((step, steps)), Some((element, elements))) = (steps.split_first(), elements.split_first()) else {
+        return;
+    };
+    let last = steps.is_empty();
+    match &mut at.content {
+        Content::Table(map) => {
+            if last {
+                let same = map.get("kind").is_none_or(|old| old.value() == value.value());
+                if *step == "kind" && !same {
+                    // another kind has other settings
+                    map.clear();
+                }
+                map.insert((*step).to_owned(), value);
+            } else {
+                let empty = || Node { origin: origin.clone(), content: Content::Table(BTreeMap::new()) };
+                put(map.entry((*step).to_owned()).or_insert_with(empty), steps, elements, value, origin);
+            }
+        }
+        Content::List(list) => {
+            if let Some(slot) = element.and_then(|i| list.get_mut(i)) {
+                if last {
+                    *slot = value;
+                } else {
+                    put(slot, steps, elements, value, origin);
+                }
+            }
+        }
+        Content::Leaf(_) => {}
     }
 }
 
@@ -155,50 +250,4 @@ impl Source {
 fn first_line(text: &str, span: Range<usize>) -> Range<usize> {
     let end = text.get(span.clone()).and_then(|t| t.find('\n')).map_or(span.end, |n| span.start + n);
     span.start..end
-}
-
-fn table_value(table: &DeTable<'_>, place: &mut Place, source: &Source) -> Result<Value, ConfigError> {
-    let mut map = Map::new();
-    for (key, value) in table.iter() {
-        let mut child = Place { key: Some(key.span()), value: value.span(), children: BTreeMap::new() };
-        map.insert(key.get_ref().to_string(), value_at(value.get_ref(), &mut child, source)?);
-        place.children.insert(key.get_ref().to_string(), child);
-    }
-    Ok(Value::Object(map))
-}
-
-fn value_at(value: &DeValue<'_>, place: &mut Place, source: &Source) -> Result<Value, ConfigError> {
-    match value {
-        DeValue::Table(t) => table_value(t, place, source),
-        DeValue::Array(list) => {
-            let mut out = Vec::new();
-            for (i, v) in list.iter().enumerate() {
-                let mut child = Place { key: None, value: v.span(), children: BTreeMap::new() };
-                out.push(value_at(v.get_ref(), &mut child, source)?);
-                place.children.insert(i.to_string(), child);
-            }
-            Ok(Value::Array(out))
-        }
-        leaf => plain(leaf).map_err(|m| source.error_at(place.value.clone(), m, "write an ordinary finite number")),
-    }
-}
-
-/// A TOML value without its place.
-fn plain(value: &DeValue<'_>) -> Result<Value, String> {
-    Ok(match value {
-        DeValue::String(s) => Value::String(s.to_string()),
-        DeValue::Boolean(b) => Value::Bool(*b),
-        DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix())
-            .map(Value::from)
-            .map_err(|_| format!("{i} is too large a number"))?,
-        DeValue::Float(f) => {
-            let x: f64 = f.as_str().parse().map_err(|_| format!("{f} is not a number"))?;
-            serde_json::Number::from_f64(x).map(Value::Number).ok_or(format!("{f} is not a finite number"))?
-        }
-        DeValue::Datetime(d) => Value::String(d.to_string()),
-        DeValue::Array(list) => Value::Array(list.iter().map(|v| plain(v.get_ref())).collect::<Result<_, _>>()?),
-        DeValue::Table(t) => Value::Object(
-            t.iter().map(|(k, v)| Ok((k.get_ref().to_string(), plain(v.get_ref())?))).collect::<Result<_, String>>()?,
-        ),
-    })
 }

@@ -1,0 +1,134 @@
+//! All complaints about a configuration at once, in the order in which they were found.
+
+use super::ConfigError;
+use miette::{Diagnostic, LabeledSpan, Severity, SourceCode};
+use mobee_model::FileError;
+use std::fmt;
+
+/// A complaint about the configuration, or about a robot's or world's file that it names.
+#[derive(Debug)]
+pub enum Complaint {
+    /// About the configuration.
+    Config(ConfigError),
+    /// About a model file.
+    Model(FileError),
+}
+
+impl Complaint {
+    fn diagnostic(&self) -> &(dyn Diagnostic + 'static) {
+        match self {
+            Complaint::Config(e) => e,
+            Complaint::Model(e) => e,
+        }
+    }
+
+    /// The file it is about, with line and column (from 1), if it has a place.
+    pub fn place(&self) -> Option<(&str, usize, usize)> {
+        match self {
+            Complaint::Config(e) => e.file().zip(e.line_column()).map(|(file, (line, column))| (file, line, column)),
+            Complaint::Model(e) => (e.line() > 0).then(|| (e.file(), e.line(), e.column())),
+        }
+    }
+}
+
+impl From<ConfigError> for Complaint {
+    fn from(e: ConfigError) -> Complaint {
+        Complaint::Config(e)
+    }
+}
+
+impl From<FileError> for Complaint {
+    fn from(e: FileError) -> Complaint {
+        Complaint::Model(e)
+    }
+}
+
+/// What is wrong, all of it. Shown as one complaint if there is one, else as a list.
+#[derive(Debug, Default)]
+pub struct Complaints(Vec<Complaint>);
+
+impl Complaints {
+    /// Adds one.
+    pub fn push(&mut self, e: impl Into<Complaint>) {
+        self.0.push(e.into());
+    }
+
+    /// Adds all of another list.
+    pub fn append(&mut self, other: Complaints) {
+        self.0.extend(other.0);
+    }
+
+    /// The good result, or `None` with the complaint kept.
+    pub fn keep<T>(&mut self, result: Result<T, impl Into<Complaints>>) -> Option<T> {
+        result.map_err(|e| self.append(e.into())).ok()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Each of them.
+    pub fn iter(&self) -> impl Iterator<Item = &Complaint> {
+        self.0.iter()
+    }
+
+    /// The value if nothing is wrong.
+    ///
+    /// # Errors
+    /// All of these complaints, if there are any.
+    pub fn none_or<T>(self, value: T) -> Result<T, Complaints> {
+        if self.0.is_empty() { Ok(value) } else { Err(self) }
+    }
+
+    fn only(&self) -> Option<&dyn Diagnostic> {
+        match self.0.as_slice() {
+            [one] => Some(one.diagnostic()),
+            _ => None,
+        }
+    }
+}
+
+impl From<ConfigError> for Complaints {
+    fn from(e: ConfigError) -> Complaints {
+        Complaints(vec![e.into()])
+    }
+}
+
+impl From<FileError> for Complaints {
+    fn from(e: FileError) -> Complaints {
+        Complaints(vec![e.into()])
+    }
+}
+
+impl fmt::Display for Complaints {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.only() {
+            Some(one) => fmt::Display::fmt(one, f),
+            None => write!(f, "{} things are wrong", self.0.len()),
+        }
+    }
+}
+
+impl std::error::Error for Complaints {}
+
+impl Diagnostic for Complaints {
+    fn severity(&self) -> Option<Severity> {
+        self.only()?.severity()
+    }
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.only()?.help()
+    }
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.only()?.source_code()
+    }
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        self.only()?.labels()
+    }
+    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
+        match self.only() {
+            Some(_) => None,
+            None => Some(Box::new(self.0.iter().map(|c| c.diagnostic() as &dyn Diagnostic))),
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! A configuration file with the files that it includes, as one tree of values: the file itself over what it includes.
+
+use super::layer::{Content, Node};
+use super::{Complaints, ConfigError};
+use serde_json::Value;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use toml::de::DeTable;
+
+/// How deep includes may nest.
+const DEEPEST: usize = 8;
+
+/// One file of a configuration.
+#[derive(Clone, Debug)]
+pub struct TextFile {
+    /// The path to say to people.
+    pub name: String,
+    /// Its folder as seen from the main file's: empty for the main file.
+    pub folder: PathBuf,
+    /// What stands in it.
+    pub text: String,
+}
+
+impl TextFile {
+    /// A complaint about a span of this file.
+    pub fn error(&self, span: Range<usize>, message: impl Into<String>, help: impl Into<String>) -> ConfigError {
+        ConfigError::at(&self.name, &self.text, span, message, help)
+    }
+
+    /// The line of a place, from 1.
+    pub fn line(&self, at: usize) -> usize {
+        self.text.get(..at).map_or(1, |before| before.matches('\n').count() + 1)
+    }
+}
+
+/// Reads a file and what it includes.
+pub struct Reader {
+    /// All files read so far.
+    pub files: Vec<TextFile>,
+    main_folder: PathBuf,
+    /// The files that are being read, the outermost first, as the disk names them.
+    open: Vec<PathBuf>,
+}
+
+impl Reader {
+    /// A reader for the file at `path`.
+    pub fn new(path: &Path) -> Reader {
+        Reader { files: Vec::new(), main_folder: path.parent().unwrap_or(Path::new("")).to_owned(), open: Vec::new() }
+    }
+
+    /// Reads a main file.
+    ///
+    /// # Errors
+    /// What can't be read or is not TOML, here and in all included files.
+    pub fn main(&mut self, path: &Path) -> Result<Node, Complaints> {
+        let text = std::fs::read_to_string(path).map_err(|e| {
+            ConfigError::plain(
+                format!("can't read {}: {e}", path.display()),
+                "give the path of a configuration file; `configs/behaviors/` has some to start from",
+            )
+        })?;
+        self.open.push(path.canonicalize().unwrap_or_else(|_| path.to_owned()));
+        self.parse(path.display().to_string(), PathBuf::new(), text)
+    }
+
+    /// Parses a text and reads what it includes.
+    ///
+    /// # Errors
+    /// As for [`Reader::main`].
+    pub fn parse(&mut self, name: String, folder: PathBuf, text: String) -> Result<Node, Complaints> {
+        let number = self.files.len();
+        self.files.push(TextFile { name, folder, text: text.clone() });
+        let mut wrong = Complaints::default();
+        let (document, errors) = DeTable::parse_recoverable(&text);
+        for e in errors {
+            let help = "mend the TOML syntax here";
+            wrong.push(self.files[number].error(e.span().unwrap_or(0..0), e.message().to_owned(), help));
+        }
+        if !wrong.is_empty() {
+            return Err(wrong);
+        }
+        let mut bad = Vec::new();
+        let mut own = Node::document(document.get_ref(), document.span(), number, &mut bad);
+        for (span, what) in bad {
+            wrong.push(self.files[number].error(span, what, "write an ordinary finite number"));
+        }
+        let below = self.included(&mut own, number, &mut wrong);
+        wrong.none_or(below.into_iter().reduce(Node::under).map_or(own.clone(), |below| below.under(own)))
+    }
+
+    /// Takes the key `include` out of a file and reads the files that it names.
+    fn included(&mut self, own: &mut Node, number: usize, wrong: &mut Complaints) -> Vec<Node> {
+        let Content::Table(map) = &mut own.content else { return Vec::new() };
+        let Some(list) = map.remove("include") else { return Vec::new() };
+        let entries = match list.content {
+            Content::List(entries) => entries,
+            _ => vec![list],
+        };
+        let mut layers = Vec::new();
+        for entry in entries {
+            let span = match &entry.origin {
+                super::layer::Origin::File { value, .. } => value.clone(),
+                _ => 0..0,
+            };
+            let Content::Leaf(Value::String(file)) = &entry.content else {
+                let help = "write include = [\"other.toml\"], with paths relative to this file";
+                wrong.push(self.files[number].error(span, "this is no path of a file", help));
+                continue;
+            };
+            match self.include(Path::new(file), number, span) {
+                Ok(node) => layers.push(node),
+                Err(e) => wrong.append(e),
+            }
+        }
+        layers
+    }
+
+    fn include(&mut self, file: &Path, by: usize, span: Range<usize>) -> Result<Node, Complaints> {
+        let from_main = self.files[by].folder.join(file);
+        let path = self.main_folder.join(&from_main);
+        let wrong = |what: String, help: &str| Complaints::from(self.files[by].error(span.clone(), what, help));
+        let real = path.canonicalize().map_err(|e| {
+            wrong(format!("can't read {}: {e}", path.display()), "give the path of a file, relative to this file")
+        })?;
+        if self.open.contains(&real) {
+            let what = format!("{} includes itself, here or by way of others", file.display());
+            return Err(wrong(what, "take this include out; an included file need not include what includes it"));
+        }
+        if self.open.len() > DEEPEST {
+            return Err(wrong(
+                format!("includes are nested more than {DEEPEST} deep"),
+                "include fewer files in a chain",
+            ));
+        }
+        let text = std::fs::read_to_string(&path).map_err(|e| {
+            wrong(format!("can't read {}: {e}", path.display()), "give the path of a text file, relative to this file")
+        })?;
+        let folder = from_main.parent().map(Path::to_owned).unwrap_or_default();
+        self.open.push(real);
+        let node = self.parse(path.display().to_string(), folder, text);
+        self.open.pop();
+        node
+    }
+}

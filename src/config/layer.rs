@@ -1,0 +1,192 @@
+//! A tree of values in which each knows where it was written, and the merging of two such trees: later wins.
+
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use toml::de::{DeTable, DeValue};
+
+/// Where a value was written.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Origin {
+    /// In a file.
+    File {
+        /// Which: an index into the source's files.
+        file: usize,
+        /// The span of its key; `None` for elements of lists.
+        key: Option<Range<usize>>,
+        /// The span of the value.
+        value: Range<usize>,
+    },
+    /// By a variable of the environment: the whole assignment.
+    Environment(String),
+    /// By `--set`: the whole assignment.
+    Set(String),
+    /// In no text: values that were resolved before.
+    Resolved,
+}
+
+/// A value with its origin.
+#[derive(Clone, Debug)]
+pub struct Node {
+    /// Where it was written.
+    pub origin: Origin,
+    /// The value.
+    pub content: Content,
+}
+
+/// What a node holds.
+#[derive(Clone, Debug)]
+pub enum Content {
+    /// A value without parts.
+    Leaf(Value),
+    /// A table.
+    Table(BTreeMap<String, Node>),
+    /// A list.
+    List(Vec<Node>),
+}
+
+/// A value that can't be used: its span and what is wrong.
+pub type Unusable = (Range<usize>, String);
+
+impl Node {
+    /// A plain value, all of one origin.
+    pub fn plain(value: Value, origin: &Origin) -> Node {
+        let content = match value {
+            Value::Object(map) => Content::Table(map.into_iter().map(|(k, v)| (k, Node::plain(v, origin))).collect()),
+            Value::Array(list) => Content::List(list.into_iter().map(|v| Node::plain(v, origin)).collect()),
+            leaf => Content::Leaf(leaf),
+        };
+        Node { origin: origin.clone(), content }
+    }
+
+    /// A parsed TOML document; numbers that can't be used are told in `bad` and left out.
+    pub fn document(table: &DeTable<'_>, span: Range<usize>, file: usize, bad: &mut Vec<Unusable>) -> Node {
+        let origin = Origin::File { file, key: None, value: span };
+        Node { origin, content: Content::Table(table_nodes(table, file, bad)) }
+    }
+
+    /// The value without origins.
+    pub fn value(&self) -> Value {
+        match &self.content {
+            Content::Leaf(value) => value.clone(),
+            Content::Table(map) => {
+                Value::Object(map.iter().map(|(k, n)| (k.clone(), n.value())).collect::<Map<_, _>>())
+            }
+            Content::List(list) => Value::Array(list.iter().map(Node::value).collect()),
+        }
+    }
+
+    /// The child of that key, or the element of that index.
+    pub fn child(&self, step: &str) -> Option<&Node> {
+        match &self.content {
+            Content::Leaf(_) => None,
+            Content::Table(map) => map.get(step),
+            Content::List(list) => list.get(step.parse::<usize>().ok()?),
+        }
+    }
+
+    /// The text under a key of this table.
+    pub fn text(&self, key: &str) -> Option<&str> {
+        match &self.child(key)?.content {
+            Content::Leaf(value) => value.as_str(),
+            _ => None,
+        }
+    }
+
+    /// This layer with a later one over it. Tables merge; a table that names another `kind` replaces the earlier one, whose
+    /// settings were for the other kind. Lists of tables that all have a `name` merge by it; other lists are replaced.
+    pub fn under(self, later: Node) -> Node {
+        let other_kind = later.text("kind").is_some_and(|k| self.text("kind").is_some_and(|old| old != k));
+        match (self.content, later.content) {
+            (Content::Table(mut map), Content::Table(over)) if !other_kind => {
+                for (key, node) in over {
+                    let merged = match map.remove(&key) {
+                        Some(old) => old.under(node),
+                        None => node,
+                    };
+                    map.insert(key, merged);
+                }
+                Node { origin: later.origin, content: Content::Table(map) }
+            }
+            (Content::List(list), Content::List(over)) if named(&list) && named(&over) => {
+                Node { origin: later.origin, content: Content::List(by_name(list, over)) }
+            }
+            (_, content) => Node { origin: later.origin, content },
+        }
+    }
+}
+
+/// Whether all elements are tables with a name.
+fn named(list: &[Node]) -> bool {
+    list.iter().all(|n| n.text("name").is_some())
+}
+
+fn by_name(list: Vec<Node>, over: Vec<Node>) -> Vec<Node> {
+    let mut merged: Vec<(Node, bool)> = list.into_iter().map(|n| (n, false)).collect();
+    for node in over {
+        // an element that has met its later self is not met again: two of one name in one list stay two
+        let old = merged.iter().position(|(old, met)| !met && old.text("name") == node.text("name"));
+        match old {
+            Some(i) => {
+                let (old, _) = merged.remove(i);
+                merged.insert(i, (old.under(node), true));
+            }
+            None => merged.push((node, true)),
+        }
+    }
+    merged.into_iter().map(|(n, _)| n).collect()
+}
+
+fn table_nodes(table: &DeTable<'_>, file: usize, bad: &mut Vec<Unusable>) -> BTreeMap<String, Node> {
+    let mut map = BTreeMap::new();
+    for (key, value) in table.iter() {
+        let origin = Origin::File { file, key: Some(key.span()), value: value.span() };
+        if let Some(content) = content(value.get_ref(), value.span(), file, bad) {
+            map.insert(key.get_ref().to_string(), Node { origin, content });
+        }
+    }
+    map
+}
+
+fn content(value: &DeValue<'_>, span: Range<usize>, file: usize, bad: &mut Vec<Unusable>) -> Option<Content> {
+    Some(match value {
+        DeValue::Table(t) => Content::Table(table_nodes(t, file, bad)),
+        DeValue::Array(list) => {
+            let element = |v: &toml::Spanned<DeValue<'_>>, bad: &mut Vec<Unusable>| {
+                let origin = Origin::File { file, key: None, value: v.span() };
+                content(v.get_ref(), v.span(), file, bad).map(|content| Node { origin, content })
+            };
+            Content::List(list.iter().filter_map(|v| element(v, bad)).collect())
+        }
+        leaf => match plain(leaf) {
+            Ok(value) => Content::Leaf(value),
+            Err(what) => {
+                bad.push((span, what));
+                return None;
+            }
+        },
+    })
+}
+
+/// A TOML value without its place.
+///
+/// # Errors
+/// What is wrong with a number.
+pub fn plain(value: &DeValue<'_>) -> Result<Value, String> {
+    Ok(match value {
+        DeValue::String(s) => Value::String(s.to_string()),
+        DeValue::Boolean(b) => Value::Bool(*b),
+        DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix())
+            .map(Value::from)
+            .map_err(|_| format!("{i} is too large a number"))?,
+        DeValue::Float(f) => {
+            let x: f64 = f.as_str().parse().map_err(|_| format!("{f} is not a number"))?;
+            serde_json::Number::from_f64(x).map(Value::Number).ok_or(format!("{f} is not a finite number"))?
+        }
+        DeValue::Datetime(d) => Value::String(d.to_string()),
+        DeValue::Array(list) => Value::Array(list.iter().map(|v| plain(v.get_ref())).collect::<Result<_, _>>()?),
+        DeValue::Table(t) => Value::Object(
+            t.iter().map(|(k, v)| Ok((k.get_ref().to_string(), plain(v.get_ref())?))).collect::<Result<_, String>>()?,
+        ),
+    })
+}
