@@ -34,7 +34,10 @@ fn cycles_of_connect_move_reflex_and_a_new_name_server_leave_nothing_behind() {
     let mut run = Run::start(&network, "configs/behaviors/filter.toml");
     let mut used = Vec::new();
     for cycle in 0..cycles {
-        run.wait_for_port("/MoBeE/icub/right_arm/rpc:i");
+        // each port registers itself anew, in its own time
+        for port in ["rpc:i", "command:i", "stateExt:o"] {
+            run.wait_for_port(&format!("/MoBeE/icub/right_arm/{port}"));
+        }
         let args = [
             ["--remote", "/MoBeE/icub/right_arm"],
             ["--local", "/reach"],

@@ -17,7 +17,7 @@ pub use settings::{RobotPorts, YarpSettings};
 
 use crate::filter::Boards;
 use mobee_contract::{Answer, KindError, Running, Service};
-use mobee_yarp::{Contact, NameServer, Network, RpcServer};
+use mobee_yarp::{NameServer, Network, RpcServer};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use tokio::sync::watch;
@@ -86,7 +86,6 @@ impl Open {
         running: &Arc<dyn Running>,
     ) -> Result<(), String> {
         let models = running.models();
-        let mut contacts: Vec<Contact> = Vec::new();
         let mut taken = BTreeSet::new();
         for (filtered, model) in running.robots().iter().zip(&models) {
             let name = filtered.name();
@@ -98,7 +97,6 @@ impl Open {
             self.boards.push(boards.map_err(|e| e.to_string())?);
             if settings.parts {
                 let ports = parts::RobotPorts::open(network, running, filtered, model, settings, &mut taken).await?;
-                contacts.extend(ports.contacts());
                 self.robots.push(tokio::spawn(ports.serve(self.leave.subscribe())));
             }
         }
@@ -107,11 +105,9 @@ impl Open {
             let folder = settings.save_folder.clone();
             let opened = world::WorldService::open(network, &name, running.clone(), folder).await;
             let (service, server) = opened.map_err(|e| e.to_string())?;
-            contacts.push(server.contact().clone());
             self.world = Some(server);
             self.tasks.push(tokio::spawn(service.follow()));
         }
-        self.tasks.push(tokio::spawn(network::keep_registered(network.clone(), contacts)));
         Ok(())
     }
 

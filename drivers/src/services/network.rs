@@ -2,7 +2,7 @@
 
 use super::YarpSettings;
 use mobee_yarp::config::{self, Env};
-use mobee_yarp::{Contact, Dialect, NameServer, Network, ServerOptions};
+use mobee_yarp::{Dialect, NameServer, Network, ServerOptions};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::time::Duration;
 
@@ -66,19 +66,4 @@ fn find(settings: &YarpSettings) -> Result<Network, String> {
         ));
     }
     Ok(network.with_bind(IpAddr::V4(Ipv4Addr::LOCALHOST)))
-}
-
-/// Registers ports anew that the name server has forgotten, as after its restart; for ever.
-pub(super) async fn keep_registered(network: Network, ports: Vec<Contact>) {
-    loop {
-        tokio::time::sleep(Duration::from_secs(2)).await;
-        for port in &ports {
-            if let Ok(None) = network.query(&port.name).await
-                && network.register(&port.name, &port.host, port.port).await.is_ok()
-            {
-                let _ = network.announce(&port.name).await;
-                tracing::info!(name = port.name, "registered again");
-            }
-        }
-    }
 }

@@ -98,14 +98,6 @@ impl RobotPorts {
         Ok(RobotPorts { robot, servers, parts, collisions, observation: observed })
     }
 
-    /// Where the ports listen.
-    pub(super) fn contacts(&self) -> Vec<mobee_yarp::Contact> {
-        let writers =
-            self.parts.iter().map(|p| p.state.contact()).chain([self.collisions.contact(), self.observation.contact()]);
-        let readers = self.parts.iter().filter_map(|p| p.control.as_ref().map(|(_, r)| r.contact()));
-        self.servers.iter().map(RpcServer::contact).chain(writers).chain(readers).cloned().collect()
-    }
-
     /// Tells whoever listens.
     fn publish(&self, latest: &Latest, envelope: &str) {
         let heard = |writer: &Writer| !writer.peers().is_empty();

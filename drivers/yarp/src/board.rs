@@ -10,7 +10,6 @@
 
 mod ask;
 mod joints;
-mod registered;
 mod remote;
 pub mod reply;
 mod server;
@@ -25,5 +24,3 @@ pub use server::{BoardServer, Device, Reply};
 pub use shadow::{JointKind, Shadow, ShadowAxis};
 pub use streamed::Streamed;
 pub use words::mode;
-
-use registered::keep_registered;

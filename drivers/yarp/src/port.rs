@@ -23,6 +23,7 @@ mod sender;
 mod slot;
 mod writer;
 
+pub(crate) use self::core::Core;
 pub use client::{CallError, RpcClient};
 pub use inbox::Queue;
 pub use message::{Message, Payload, PayloadError};
@@ -73,7 +74,7 @@ impl Default for PortOptions {
             ack: Duration::from_secs(5),
             max_message: 64 << 20,
             max_buffered: 256 << 20,
-            renew: Duration::from_secs(5),
+            renew: Duration::from_secs(2),
             properties: 256,
         }
     }

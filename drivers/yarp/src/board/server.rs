@@ -30,21 +30,17 @@ pub trait Device: Send + Sync + 'static {
     fn gone(&self, _connection: u64) {}
 }
 
-/// How often it is looked whether the name server still knows the ports.
-const ROLL_CALL: Duration = Duration::from_secs(2);
-
 /// A control board that others see: `PREFIX/rpc:i`, `command:i`, `state:o` and `stateExt:o`.
 pub struct BoardServer {
     rpc: RpcServer,
     command: RpcServer,
     state: Arc<Writer>,
     extended: Arc<Writer>,
-    tasks: [JoinHandle<()>; 2],
+    publishing: JoinHandle<()>,
 }
 
 impl BoardServer {
-    /// Opens the four ports and publishes the device's state every period, as long as anybody is connected. Names that the name
-    /// server forgot (it was restarted) are registered again.
+    /// Opens the four ports and publishes the device's state every period, as long as anybody is connected.
     ///
     /// # Errors
     /// A port that can't be opened; those opened before are closed again.
@@ -60,11 +56,8 @@ impl BoardServer {
         let command = RpcServer::open(network, &name("command:i"), Arc::new(streaming)).await?;
         let state = Arc::new(Writer::open(network, &name("state:o"), Delivery::Newest).await?);
         let extended = Arc::new(Writer::open(network, &name("stateExt:o"), Delivery::Newest).await?);
-        let contacts = [rpc.contact(), command.contact(), state.contact(), extended.contact()].map(Clone::clone);
-        let publishing = publish(network.clone(), device, state.clone(), extended.clone(), period);
-        let tasks =
-            [tokio::spawn(publishing), tokio::spawn(super::keep_registered(network.clone(), contacts.to_vec()))];
-        Ok(BoardServer { rpc, command, state, extended, tasks })
+        let publishing = tokio::spawn(publish(network.clone(), device, state.clone(), extended.clone(), period));
+        Ok(BoardServer { rpc, command, state, extended, publishing })
     }
 
     /// The name of its RPC port.
@@ -81,10 +74,8 @@ impl BoardServer {
 
     /// Closes the ports and unregisters them.
     pub async fn close(mut self) {
-        for task in &mut self.tasks {
-            task.abort();
-            let _ = task.await;
-        }
+        self.publishing.abort();
+        let _ = (&mut self.publishing).await;
         self.rpc.close().await;
         self.command.close().await;
         for writer in [self.state, self.extended] {
@@ -93,13 +84,6 @@ impl BoardServer {
             }
         }
     }
-}
-
-/// The time between two roll calls.
-pub(super) fn roll_call() -> tokio::time::Interval {
-    let mut ticks = tokio::time::interval(ROLL_CALL);
-    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    ticks
 }
 
 struct Asking(Arc<dyn Device>);

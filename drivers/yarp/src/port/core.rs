@@ -35,6 +35,8 @@ pub(crate) struct Core {
     state: Mutex<State>,
     pub dropped: Arc<AtomicU64>,
     closing: watch::Sender<bool>,
+    /// Who has our name, if the name server gives another port for it.
+    taken: watch::Sender<Option<Contact>>,
 }
 
 #[derive(Default)]
@@ -78,6 +80,42 @@ impl Core {
             state: Mutex::default(),
             dropped: Arc::default(),
             closing: watch::Sender::new(false),
+            taken: watch::Sender::new(None),
+        }
+    }
+
+    /// Asks the name server for the port's own name, and registers it again if a restarted server has forgotten it. A name
+    /// that meanwhile belongs to another port stays with that, who is returned (spec section 17).
+    pub async fn roll_call(&self) -> Option<Contact> {
+        let ours = &self.contact;
+        let taken = match self.network.query(&self.name).await {
+            Ok(Some(found)) if (&found.host, found.port) == (&ours.host, ours.port) => None,
+            Ok(None) => {
+                if self.network.register(&self.name, &ours.host, ours.port).await.is_ok() {
+                    let _ = self.network.announce(&self.name).await;
+                    tracing::info!(port = self.name, "registered again: the name server had forgotten the port");
+                }
+                None
+            }
+            Ok(taken) => taken,
+            // who does not answer says nothing new
+            Err(_) => return self.taken.borrow().clone(),
+        };
+        let news = self.taken.send_replace(taken.clone()) != taken;
+        if let Some(by) = taken.as_ref().filter(|_| news) {
+            tracing::warn!(port = self.name, %by, "another program has taken the port's name");
+        }
+        taken
+    }
+
+    /// Waits until a roll call finds the port's name with another port.
+    pub async fn name_taken(&self) -> Contact {
+        loop {
+            if let Ok(taken) = self.taken.subscribe().wait_for(Option::is_some).await
+                && let Some(by) = taken.clone()
+            {
+                return by;
+            }
         }
     }
 

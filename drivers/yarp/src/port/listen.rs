@@ -92,7 +92,9 @@ async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
     }
     // Who has taken the name in the meantime keeps it.
     let unregistered = match core.network.query(&core.name).await {
-        Ok(Some(found)) if found.port == core.contact.port => core.network.unregister(&core.name).await,
+        Ok(Some(found)) if (&found.host, found.port) == (&core.contact.host, core.contact.port) => {
+            core.network.unregister(&core.name).await
+        }
         Ok(_) => Ok(()),
         Err(error) => Err(error),
     };
@@ -101,25 +103,10 @@ async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
     }
 }
 
-/// Registers the port again when a restarted name server has forgotten it. A name that meanwhile belongs to another
-/// port stays with that.
+/// Calls the roll from time to time, so that the port stays known.
 async fn renew(core: Arc<Core>) {
-    let mut lost = false;
     loop {
         sleep(core.options.renew).await;
-        match core.network.query(&core.name).await {
-            Ok(None) => {
-                let (host, number) = (core.network.host(), core.contact.port);
-                if core.network.register(&core.name, &host, number).await.is_ok() {
-                    let _ = core.network.announce(&core.name).await;
-                    tracing::info!(port = core.name, "registered again: the name server had forgotten the port");
-                }
-            }
-            Ok(Some(found)) if found.port != core.contact.port && !lost => {
-                lost = true;
-                tracing::warn!(port = core.name, to = %found, "another program has taken the port's name");
-            }
-            Ok(Some(_)) | Err(_) => {}
-        }
+        core.roll_call().await;
     }
 }

@@ -1,6 +1,6 @@
 //! Ports that take data.
 
-use super::core::Sink;
+use super::core::{Core, Sink};
 use super::inbox::{Inbox, Queue};
 use super::listen::Handle;
 use super::{Message, PortError, PortOptions};
@@ -64,6 +64,11 @@ impl Reader {
     /// Where the port listens.
     pub fn contact(&self) -> &Contact {
         &self.handle.core.contact
+    }
+
+    /// The port itself, which lives as long as this reader is open.
+    pub(crate) fn core(&self) -> &Arc<Core> {
+        &self.handle.core
     }
 
     /// Who is connected to this port.

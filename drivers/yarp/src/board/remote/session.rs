@@ -2,8 +2,6 @@
 
 use super::{Link, Shared, facts, stream};
 use crate::Contact;
-use crate::board::registered::{Roll, call};
-use crate::board::server::roll_call;
 use crate::board::{Ask, Get};
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,12 +15,12 @@ pub(super) async fn run(shared: Arc<Shared>) {
     let mut stream = None;
     loop {
         match reach(&shared, &mut stream).await {
-            Ok(()) => {
+            Ok(stream) => {
                 pause = BACK_OFF.0;
                 generation += 1;
                 tracing::info!(board = shared.port, "connected");
                 shared.link.send_replace(Link::Up(generation));
-                let why = watch(&shared, &mut stream).await;
+                let why = watch(&shared, stream).await;
                 tracing::warn!(board = shared.port, why = ?why, "lost");
                 shared.link.send_replace(why);
             }
@@ -41,7 +39,10 @@ pub(super) async fn run(shared: Arc<Shared>) {
     }
 }
 
-async fn reach(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) -> Result<(), Link> {
+async fn reach<'a>(
+    shared: &Arc<Shared>,
+    stream: &'a mut Option<stream::Stream>,
+) -> Result<&'a mut stream::Stream, Link> {
     if stream.is_none() {
         let name = shared.network.full_name(&stream::name(shared));
         if let Ok(Some(other)) = shared.network.query(&name).await
@@ -52,7 +53,7 @@ async fn reach(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) -> Res
         *stream = Some(stream::Stream::open(shared.clone()).await.map_err(|e| Link::Down(super::in_words(&e)))?);
     }
     let Some(stream) = stream else { return Err(Link::Down("no port for states".into())) };
-    if let Roll::Taken(other) = call(&shared.network, stream.contact()).await {
+    if let Some(other) = stream.port.roll_call().await {
         return Err(taken(&other));
     }
     shared.control.lock().await.pause().await;
@@ -68,12 +69,13 @@ async fn reach(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) -> Res
             shared.facts.send_replace(Some(axes.clone()));
         }
     }
-    stream.begin(shared, axes.len()).await.map_err(Link::Down)
+    stream.begin(shared, axes.len()).await.map_err(Link::Down)?;
+    Ok(stream)
 }
 
 /// Stays until the connection is lost; says why.
-async fn watch(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) -> Link {
-    let mut names = roll_call();
+async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> Link {
+    let port = stream.port.clone();
     let mut look = tokio::time::interval(shared.options.stale.max(Duration::from_millis(20)));
     look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     let axes = shared.facts.borrow().as_ref().map_or(0, |f| f.len());
@@ -92,20 +94,13 @@ async fn watch(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) -> Lin
                     return Link::Down(e.to_string());
                 }
                 quiet += 1;
-                if let Some(stream) = stream.as_mut()
-                    && quiet.is_power_of_two()
+                if quiet.is_power_of_two()
                     && let Err(why) = stream.begin(shared, axes).await
                 {
                     tracing::debug!(board = shared.port, why, "no states");
                 }
             }
-            _ = names.tick() => {
-                if let Some(stream) = stream.as_ref()
-                    && let Roll::Taken(other) = call(&shared.network, stream.contact()).await
-                {
-                    return taken(&other);
-                }
-            }
+            other = port.name_taken() => return taken(&other),
         }
     }
 }

@@ -2,7 +2,8 @@
 
 use super::{RemoteState, Shared, arrival};
 use crate::payload::vector;
-use crate::{Contact, Field, JointData, Message, PortError, Queue, Reader, Stamp};
+use crate::port::Core;
+use crate::{Field, JointData, Message, PortError, Queue, Reader, Stamp};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use tokio::sync::mpsc;
@@ -19,7 +20,8 @@ pub(super) fn name(shared: &Shared) -> String {
 
 /// The open port, read by a task of its own.
 pub(super) struct Stream {
-    contact: Contact,
+    /// The port, for its name and whether that is still its own.
+    pub port: Arc<Core>,
     axes: mpsc::Sender<usize>,
     task: JoinHandle<()>,
 }
@@ -28,15 +30,10 @@ impl Stream {
     /// Opens the port.
     pub async fn open(shared: Arc<Shared>) -> Result<Stream, PortError> {
         let reader = Reader::open(&shared.network, &name(&shared), Queue::Bounded(64)).await?;
-        let contact = reader.contact().clone();
+        let port = reader.core().clone();
         let (axes, told) = mpsc::channel(1);
         let task = tokio::spawn(read(shared, reader, told));
-        Ok(Stream { contact, axes, task })
-    }
-
-    /// Where it is registered.
-    pub fn contact(&self) -> &Contact {
-        &self.contact
+        Ok(Stream { port, axes, task })
     }
 
     /// Asks the board for its states: the extended ones, else the plain ones.
@@ -46,7 +43,7 @@ impl Stream {
         for port in ["stateExt:o", "state:o"] {
             let source = format!("{}/{port}", shared.port);
             let carrier = shared.options.carrier.name();
-            let asked = crate::remote::connect(&shared.network, &source, &self.contact.name, Some(carrier));
+            let asked = crate::remote::connect(&shared.network, &source, &self.port.name, Some(carrier));
             match timeout(shared.options.timeout * 4, asked).await {
                 Ok(Ok(_)) => return Ok(()),
                 Ok(Err(e)) => why = e.to_string(),
