@@ -34,6 +34,7 @@ pub mod conformance;
 mod encoders;
 mod faults;
 pub mod filter;
+mod fit;
 pub mod force_field;
 pub mod observation;
 pub mod part_rpc;

@@ -1,0 +1,76 @@
+//! What every board asks of a command before it believes any of it: motors that there are, numbers that are numbers,
+//! positions within limits.
+
+use mobee_contract::Axis;
+
+/// By how much (rad) a target may lie outside its limits, for rounding between degrees and radians.
+pub(crate) const ROUNDING: f64 = 1e-9;
+/// By how much (rad) a set-point may: recorded positions carry the noise of the encoders. 0.1 deg.
+pub(crate) const ENCODER_NOISE: f64 = 0.1 * std::f64::consts::PI / 180.0;
+
+/// The axes of motors, which are named once each.
+pub(crate) fn named<'a>(axes: &'a [Axis], motors: &[usize]) -> Result<Vec<&'a Axis>, String> {
+    if motors.is_empty() {
+        return Err("the command names no motor".into());
+    }
+    let mut seen = vec![false; axes.len()];
+    let one = |m: &usize| match (axes.get(*m), seen.get_mut(*m)) {
+        (Some(axis), Some(seen)) if !*seen => {
+            *seen = true;
+            Ok(axis)
+        }
+        (Some(axis), _) => Err(format!("motor {} is named twice", axis.name)),
+        (None, _) => Err(format!("there is no motor {m}; the board has {}", axes.len())),
+    };
+    motors.iter().map(one).collect()
+}
+
+/// These motors, named once each, or all if none is named.
+pub(crate) fn named_or_all(axes: &[Axis], motors: &[usize]) -> Result<Vec<usize>, String> {
+    if motors.is_empty() {
+        return Ok((0..axes.len()).collect());
+    }
+    named(axes, motors).map(|_| motors.to_vec())
+}
+
+/// Velocities by motor; what exceeds an axis is lowered to what it can do, as boards do.
+pub(crate) fn velocities(axes: &[Axis], motors: &[usize], speed: &[f64]) -> Result<Vec<(usize, f64)>, String> {
+    let named = named(axes, motors)?;
+    same_length(motors.len(), speed.len(), "velocities")?;
+    let each = motors.iter().zip(speed).zip(named);
+    each.map(|((motor, v), axis)| match v.is_finite() {
+        true => Ok((*motor, v.clamp(-axis.max_speed, axis.max_speed))),
+        false => Err(format!("motor {}: the velocity is not a finite number", axis.name)),
+    })
+    .collect()
+}
+
+/// References of these motors: finite, from zero up.
+pub(crate) fn references<'a>(named: &[&Axis], list: &'a [f64], what: &str) -> Result<&'a [f64], String> {
+    same_length(named.len(), list.len(), &format!("values of {what}"))?;
+    for (axis, value) in named.iter().zip(list) {
+        if !(value.is_finite() && *value >= 0.0) {
+            let name = &axis.name;
+            return Err(format!("motor {name}: a reference {what} of {value} is not a finite number from zero up"));
+        }
+    }
+    Ok(list)
+}
+
+/// The position within the axis' limits, if it exceeds them by no more than `tolerance`.
+pub(crate) fn within(axis: &Axis, q: f64, tolerance: f64) -> Result<f64, String> {
+    let Axis { name, min, max, .. } = axis;
+    if !q.is_finite() {
+        return Err(format!("motor {name}: the position is not a finite number"));
+    }
+    if q < min - tolerance || q > max + tolerance {
+        let [q, min, max] = [q, *min, *max].map(f64::to_degrees);
+        return Err(format!("motor {name}: {q:.3} deg is outside its limits {min:.3} to {max:.3} deg"));
+    }
+    Ok(q.clamp(*min, *max))
+}
+
+/// A list with a value for each of the motors.
+pub(crate) fn same_length(want: usize, got: usize, what: &str) -> Result<(), String> {
+    if want == got { Ok(()) } else { Err(format!("{got} {what} for {want} motors")) }
+}
