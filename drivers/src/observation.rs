@@ -4,7 +4,7 @@
 //! before fields, then the objects of the world.
 
 use crate::words::string;
-use mobee_contract::{Latest, Status};
+use mobee_contract::Latest;
 use mobee_model::{Contact, ObjectClass, Robot, Scene, ShapeId};
 use mobee_yarp::{Bottle, Value};
 use nalgebra::Point3;
@@ -42,7 +42,7 @@ pub fn observation(robot: &Robot, latest: &Latest) -> Bottle {
     let count = i32::try_from(latest.contacts.len()).unwrap_or(i32::MAX);
     let mut all = vec![
         entry("time", Value::Float64(latest.at.secs())),
-        entry("state", string(word(latest.status))),
+        entry("state", string(latest.status.word())),
         entry("contacts", Value::Int32(count)),
     ];
     for part in &robot.parts {
@@ -51,20 +51,6 @@ pub fn observation(robot: &Robot, latest: &Latest) -> Bottle {
         all.push(Value::List(Bottle(vec![string("part"), string(&part.name), q])));
     }
     Bottle(all)
-}
-
-/// The filter's state in one word.
-pub fn word(status: Status) -> &'static str {
-    match status {
-        Status::Starting => "starting",
-        Status::Rest => "rest",
-        Status::Moving => "moving",
-        Status::Escaping => "escaping",
-        Status::Stopping => "stopping",
-        Status::Retreating => "retreating",
-        Status::Settling => "settling",
-        Status::Holding(_) => "holding",
-    }
 }
 
 fn touch((id, at): &(ShapeId, Point3<f64>), scene: &Scene) -> Vec<Value> {

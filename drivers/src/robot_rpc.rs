@@ -6,7 +6,6 @@
 //! recover       tries a failed way back again
 //! ```
 
-use crate::observation;
 use crate::words::{self, line, string};
 use mobee_contract::{Filtered, Status};
 use mobee_yarp::{Bottle, Value, Vocab};
@@ -18,7 +17,7 @@ pub fn answer(request: &Bottle, robot: &dyn Filtered) -> Bottle {
     match word(0).as_str() {
         "status" => {
             let status = robot.latest().status;
-            let mut reply = line(observation::word(status));
+            let mut reply = line(status.word());
             if let Status::Holding(reason) = status {
                 reply.0.push(string(reason.to_string()));
             }

@@ -59,6 +59,22 @@ pub enum Status {
     Holding(Hold),
 }
 
+impl Status {
+    /// The state in one word, whatever its reason.
+    pub fn word(self) -> &'static str {
+        match self {
+            Status::Starting => "starting",
+            Status::Rest => "rest",
+            Status::Moving => "moving",
+            Status::Escaping => "escaping",
+            Status::Stopping => "stopping",
+            Status::Retreating => "retreating",
+            Status::Settling => "settling",
+            Status::Holding(_) => "holding",
+        }
+    }
+}
+
 /// Who gave a command to a driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -1,6 +1,6 @@
 //! The colors, in one place, so that the legend can't tell a different story.
 
-use mobee_contract::{EdgeState, Outcome, Status};
+use mobee_contract::{EdgeState, Outcome};
 use mobee_model::{Object, ObjectClass};
 
 /// A color as `0xRRGGBBAA`.
@@ -63,20 +63,6 @@ pub(crate) const FILTER: [(&str, &str, Rgba); 8] = [
     ("holding", "holding", 0xB0186CFF),
 ];
 
-/// The value of a filter's state in its lane.
-pub(crate) fn filter(status: Status) -> &'static str {
-    match status {
-        Status::Starting => "starting",
-        Status::Rest => "rest",
-        Status::Moving => "moving",
-        Status::Escaping => "escaping",
-        Status::Stopping => "stopping",
-        Status::Retreating => "retreating",
-        Status::Settling => "settling",
-        Status::Holding(_) => "holding",
-    }
-}
-
 /// The states of a transaction: value, words, color.
 pub(crate) const TRANSACTION: [(&str, &str, Rgba); 4] = [
     ("open", "open", 0x3A5F8AFF),
@@ -97,6 +83,7 @@ pub(crate) fn outcome(outcome: Outcome) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mobee_contract::Status;
 
     #[test]
     fn every_state_has_its_entry_in_the_legend_of_its_lane() {
@@ -111,7 +98,7 @@ mod tests {
             Status::Holding(mobee_contract::Hold::InContact),
         ];
         for status in all {
-            assert_eq!(FILTER.iter().filter(|(v, ..)| *v == filter(status)).count(), 1, "{status:?}");
+            assert_eq!(FILTER.iter().filter(|(v, ..)| *v == status.word()).count(), 1, "{status:?}");
         }
         for end in [Outcome::Committed, Outcome::RolledBack, Outcome::Faulted] {
             assert_eq!(TRANSACTION.iter().filter(|(v, ..)| *v == outcome(end)).count(), 1, "{end:?}");

@@ -221,7 +221,7 @@ impl Recorder {
                 property(&self.stream, "clock", clock)?;
             }
             Event::State { robot, status } => {
-                let lane = StateChange::single(palette::filter(*status));
+                let lane = StateChange::single(status.word());
                 self.stream.log(&format!("state/{}/filter", entity(robot)), &lane)?;
             }
             Event::Commit { robot, .. } => {
