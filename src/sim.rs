@@ -5,17 +5,15 @@ use crate::config::{Config, ConfigError, Robot};
 use miette::Report;
 use mobee_contract::Context;
 use mobee_drivers::{SimBoard, SimClock, SimSettings};
-use mobee_yarp::Network;
 use mobee_yarp::board::BoardServer;
-use mobee_yarp::name::{NameServer, ServerOptions};
+use mobee_yarp::config::{self, Env};
+use mobee_yarp::{NameServer, Network};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
 /// How often the boards publish their state, as the iCub simulator does.
 const PERIOD: Duration = Duration::from_millis(20);
-/// Where a name server is looked for if YARP is not configured.
-const SERVER: &str = "127.0.0.1:10000";
 
 /// What `mobee sim` was told.
 #[derive(clap::Args)]
@@ -116,26 +114,18 @@ async fn network(server: Option<&str>) -> Result<(Network, Option<NameServer>), 
         Some(text) => at(text).ok_or_else(|| {
             ConfigError::plain(format!("`{text}` is no address"), "give HOST:PORT, such as 127.0.0.1:10000")
         })?,
-        // no YARP configuration: its usual place on this machine
-        None => Network::from_env()
-            .or_else(|e| at(SERVER).ok_or(e))
+        None => config::network_or_default(&Env::real())
             .map_err(|e| ConfigError::plain(e.to_string(), "mend yarp.conf, or give --server HOST:PORT"))?,
     };
-    let (host, port) = network.server();
-    let address = format!("{host}:{port}");
-    match network.query("/root").await {
-        Ok(_) => Ok((network, None)),
-        Err(e) => {
-            let local = address.parse().ok().filter(|a: &std::net::SocketAddr| a.ip().is_loopback());
-            let Some(local) = local else {
-                return Err(ConfigError::plain(e.to_string(), "start it, or give --server HOST:PORT").into());
-            };
-            let own = NameServer::bind(local, ServerOptions::default()).await;
-            let own =
-                own.map_err(|e| ConfigError::plain(format!("no name server at {address}: {e}"), "choose another"))?;
-            Ok((own.network(), Some(own)))
-        }
+    if network.query(network.namespace()).await.is_ok() {
+        return Ok((network, None));
     }
+    let own = NameServer::instead(&network, false).await.map_err(|e| {
+        let (host, port) = network.server();
+        let what = format!("no name server answers at {host}:{port}, and none can be started there: {e}");
+        ConfigError::plain(what, "start it, or give --server HOST:PORT")
+    })?;
+    Ok((network, Some(own)))
 }
 
 /// Seconds since 1970.

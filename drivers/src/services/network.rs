@@ -2,12 +2,10 @@
 
 use super::YarpSettings;
 use mobee_yarp::config::{self, Env};
-use mobee_yarp::{Dialect, NameServer, Network, ServerOptions};
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
+use mobee_yarp::{Dialect, NameServer, Network};
+use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
 
-/// Where a name server is looked for if nothing says where.
-const DEFAULT: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 10000);
 /// How long an answer of the name server is waited for.
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -26,19 +24,9 @@ pub(super) async fn open(settings: &YarpSettings) -> Result<(Network, Option<Nam
              start_name_server = true"
         ));
     }
-    let wrong = |e: &dyn std::fmt::Display| {
+    let server = NameServer::instead(&network, settings.allow_open_network).await.map_err(|e| {
         format!("no name server answers at {host}:{port}, and none can be started there: {e}; set name_server")
-    };
-    let address = (host, port).to_socket_addrs().map_err(|e| wrong(&e))?.next();
-    let address = address.ok_or_else(|| wrong(&"the name has no address"))?;
-    let options = ServerOptions {
-        namespace: network.namespace().to_owned(),
-        public: settings.allow_open_network,
-        dialect: network.dialect(),
-        auth: network.auth().cloned(),
-        ..ServerOptions::default()
-    };
-    let server = NameServer::bind(address, options).await.map_err(|e| wrong(&e))?;
+    })?;
     tracing::info!(address = %server.address(), "started a YARP name server");
     Ok((network, Some(server)))
 }
@@ -47,10 +35,7 @@ fn find(settings: &YarpSettings) -> Result<Network, String> {
     let env = Env::real();
     let network = match settings.name_server {
         Some(address) => env.apply(Network::at(address)),
-        None => match config::network(&env) {
-            Err(config::ConfigError::Missing(_) | config::ConfigError::NoHome) => env.apply(Network::at(DEFAULT)),
-            found => found,
-        },
+        None => config::network_or_default(&env),
     };
     let network = network.map_err(|e| e.to_string())?;
     let dialect = if settings.dialect == 4 { Dialect::V4 } else { Dialect::V3 };

@@ -164,6 +164,19 @@ pub fn network(env: &Env) -> Result<Network, ConfigError> {
     env.apply(Network::of(host, port))
 }
 
+/// The network that this environment names, or, if it names none, the usual place on this computer.
+///
+/// # Errors
+/// A file or variable that can't be understood.
+pub fn network_or_default(env: &Env) -> Result<Network, ConfigError> {
+    match network(env) {
+        Err(ConfigError::Missing(_) | ConfigError::NoHome) => {
+            env.apply(Network::of(crate::network::LOOPBACK.to_string(), env.default_port()?))
+        }
+        found => found,
+    }
+}
+
 /// The host and port number that an address file gives, in either form; else the line and what is wrong there.
 fn address(text: &str) -> Result<(String, u16), (usize, String)> {
     const FORM: &str = "`HOST PORT yarp` was expected, such as `127.0.0.1 10000 yarp`";

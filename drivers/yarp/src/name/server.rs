@@ -10,7 +10,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpStream, lookup_host};
 use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinHandle, JoinSet};
 
@@ -109,6 +109,24 @@ impl NameServer {
         let (stop, stopped) = watch::channel(false);
         let task = tokio::spawn(serve(listener, shared.clone(), network, wanted, stopped));
         Ok(NameServer { shared, address, stop, task })
+    }
+
+    /// A name server of our own for a network whose name server does not answer, at the address where that should be.
+    ///
+    /// # Errors
+    /// As [`NameServer::bind`]; or the network's host has no address.
+    pub async fn instead(network: &Network, public: bool) -> io::Result<NameServer> {
+        let (host, port) = network.server();
+        let address = lookup_host((host, port)).await?.next();
+        let address = address.ok_or_else(|| io::Error::other(format!("{host} has no address")))?;
+        let options = ServerOptions {
+            namespace: network.namespace().to_owned(),
+            public,
+            dialect: network.dialect(),
+            auth: network.auth().cloned(),
+            ..ServerOptions::default()
+        };
+        NameServer::bind(address, options).await
     }
 
     /// The address that it listens on.
