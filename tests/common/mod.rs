@@ -136,6 +136,28 @@ impl Run {
     }
 }
 
+/// A `mobee sim` in another process; ends when dropped.
+pub struct Sim(Child);
+
+/// Serves the simulated robot of a configuration under this prefix.
+pub fn sim(network: &Network, config: &str, prefix: &str, set: &[String]) -> Sim {
+    let mut command = network.command(mobee());
+    command.args(["sim", config, "--prefix", prefix]).current_dir(env!("CARGO_MANIFEST_DIR"));
+    command.args(set.iter().flat_map(|s| ["--set", s])).stdout(Stdio::null());
+    let sim = Sim(command.spawn().expect("mobee starts"));
+    let port = format!("{prefix}/torso/rpc:i");
+    let waited = network.command(mobee()).args(["yarp", "exists", "--wait", "60", &port]).status();
+    assert!(waited.expect("mobee starts").success(), "no port {port}");
+    sim
+}
+
+impl Drop for Sim {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 impl Drop for Run {
     fn drop(&mut self) {
         let _ = self.child.kill();
