@@ -7,8 +7,9 @@ use std::time::Duration;
 
 /// How many readings the speed is estimated from: the means of two halves, so that encoder noise hardly counts.
 const WINDOW: usize = 8;
-/// A pause of so many periods is a gap.
-const GAP_PERIODS: f64 = 8.0;
+/// A pause of so many periods is a gap. Fewer readings may be missing, as they are when a thread comes late: the pose
+/// before and the one after are then near each other, and the way back between them is watched like any other.
+const GAP_PERIODS: u32 = 8;
 
 /// A recorded pose.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,11 +60,13 @@ impl HistoryCore {
                 return;
             }
             let pause = at.since(last.at).as_secs_f64();
-            after_gap = pulse.sample.seq != self.seq + 1
+            let steps = pulse.sample.seq.wrapping_sub(self.seq);
+            after_gap = !(1..=u64::from(GAP_PERIODS)).contains(&steps)
                 || q.len() != last.q.len()
-                || (self.period > 0.0 && pause > GAP_PERIODS * self.period);
+                || (self.period > 0.0 && pause > f64::from(GAP_PERIODS) * self.period);
             if !after_gap {
                 // the estimated period: a running mean, as the robot's own clock has jitter
+                let pause = pause / steps as f64;
                 self.period = if self.period > 0.0 { self.period + 0.05 * (pause - self.period) } else { pause };
             }
             if after_gap || *q != *last.q {

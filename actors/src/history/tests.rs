@@ -25,11 +25,22 @@ fn the_speed_of_a_steady_motion_is_found() {
 #[test]
 fn a_path_across_a_gap_is_refused() {
     let mut history = filled(100, 20, |_| 0.0);
-    history.push(&mut pulse(25, 200, 0.0));
+    history.push(&mut pulse(29, 200, 0.0));
     assert!(history.path(Time(150_000_000)).is_err());
     assert_eq!(history.path(Time(200_000_000)).unwrap().len(), 1);
-    history.push(&mut pulse(26, 500, 0.0));
+    history.push(&mut pulse(30, 500, 0.0));
     assert!(history.path(Time(200_000_000)).is_err(), "a pause is a gap too");
+    history.mark_gap();
+    history.push(&mut pulse(31, 510, 0.0));
+    assert!(history.path(Time(500_000_000)).is_err(), "and so is what a restart leaves");
+}
+
+#[test]
+fn a_few_readings_that_a_late_thread_missed_are_no_gap() {
+    let mut history = filled(100, 20, |_| 0.0);
+    history.push(&mut pulse(26, 260, 0.0));
+    assert_eq!(history.path(Time(150_000_000)).unwrap().len(), 6);
+    assert!((history.period() - 0.01).abs() < 1e-12, "the period is that of the robot");
 }
 
 #[test]
