@@ -49,9 +49,16 @@ pub struct Seen<'a> {
     pub end_of: &'a dyn Fn(CommitId) -> Option<MotionEnd>,
 }
 
-/// Whether no agent's command passes in this state.
+/// Whether no agent's command passes in this state. A robot that stands still after a way back that failed, or with
+/// something touching it, takes escapes: nobody needs to free it.
 pub fn closed(status: Status) -> bool {
-    !matches!(status, Status::Rest | Status::Moving | Status::Escaping | Status::Holding(Hold::InContact))
+    match status {
+        Status::Rest | Status::Moving | Status::Escaping => false,
+        Status::Starting | Status::Stopping | Status::Retreating | Status::Settling => true,
+        Status::Holding(hold) => {
+            !matches!(hold, Hold::InContact | Hold::RetreatBlocked | Hold::HistoryTooShort | Hold::RetreatMissed)
+        }
+    }
 }
 
 /// What becomes of a request.
