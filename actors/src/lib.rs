@@ -15,6 +15,7 @@ pub mod shell;
 pub mod stream;
 pub mod supervise;
 pub mod supervision;
+pub mod swap;
 pub mod system;
 pub mod tap;
 pub mod wiring;

@@ -7,7 +7,7 @@ mod model;
 mod reflex;
 mod supervise;
 
-pub use agent::{AgentActor, AgentMsg, Maker};
+pub use agent::{AgentActor, AgentMsg, Maker, Offer, Slot};
 pub use driver::{DriverActor, DriverMsg};
 pub use history::{HistoryActor, HistoryMsg};
 pub use model::{ModelActor, ModelMsg};

@@ -12,6 +12,7 @@ pub use run::{run, run_under};
 
 use crate::clock::ClockKind;
 use crate::controller::Controller;
+use crate::shell::Offer;
 use crate::supervision::Health;
 use crate::tap::Taps;
 use mobee_contract::{Agent, Hardware, Service, Snapshot, Time};
@@ -68,6 +69,18 @@ pub enum Control {
     Kill(String),
     /// Try a robot's failed way back again.
     Recover(String),
+    /// Exchange a robot's agent. Answered once the new one is built and checked, or why not; see [`Event::Swap`] for what
+    /// becomes of it.
+    ///
+    /// [`Event::Swap`]: mobee_contract::Event::Swap
+    SwapAgent {
+        /// Robot.
+        robot: String,
+        /// The new agent.
+        offer: Offer,
+        /// Whether it was taken.
+        reply: tokio::sync::oneshot::Sender<Result<(), String>>,
+    },
     /// How all actors are.
     Status(tokio::sync::oneshot::Sender<Vec<Health>>),
 }

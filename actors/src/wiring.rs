@@ -5,7 +5,7 @@ use crate::controller::Rules;
 use crate::gate::Gate;
 use crate::ledger::Ledger;
 use crate::pulse::Pulse;
-use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, SuperviseMsg};
+use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, Slot, SuperviseMsg};
 use crate::stream::Stream;
 use crate::system::{Counts, Cues};
 use crate::tap::Taps;
@@ -81,8 +81,10 @@ pub struct Wires {
     pub supervise: Line<SuperviseMsg>,
     /// See above.
     pub agent: Line<AgentMsg>,
-    /// The agent's state for a successor.
+    /// The agent's newest state, for a successor.
     pub snapshot: Cell<Option<Snapshot>>,
+    /// Who makes the agent, and how far its exchange is.
+    pub slot: Cell<Slot>,
     /// The name of the agent's actor.
     pub agent_name: Arc<str>,
     /// Whether the agent may make motions, or makes way for another.

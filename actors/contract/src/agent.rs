@@ -51,6 +51,12 @@ pub trait Agent: Send {
         Vec::new()
     }
 
+    /// How long its last answer took by a virtual clock, on which thinking takes no time by itself: for the simulation of
+    /// slow planners. By a real clock the time is measured, and this is not asked for.
+    fn cost(&self) -> Duration {
+        Duration::ZERO
+    }
+
     /// Its state for a successor, versioned.
     fn export(&self) -> Snapshot;
 

@@ -1,6 +1,6 @@
 //! What a run leaves behind: the events that journal and recorder are told.
 
-use crate::{Cause, CommitId, Hold, Note, Outcome, Pose, Refusal, Summary, Time};
+use crate::{Cause, CommitId, Hold, Note, Outcome, Pose, Refusal, Summary, SwapPart, SwapStep, Time};
 use mobee_model::{Contact, Scene};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -338,6 +338,25 @@ pub enum Event {
         robot: String,
         /// Whether it may make motions.
         acts: bool,
+    },
+    /// A part of a robot is being exchanged while it runs.
+    Swap {
+        /// Robot.
+        robot: String,
+        /// Which part.
+        part: SwapPart,
+        /// How far it is.
+        #[serde(flatten)]
+        step: SwapStep,
+    },
+    /// What an agent that only looks on would have wanted; nothing of it is done.
+    Shadow {
+        /// Robot.
+        robot: String,
+        /// `move`, `stream`, `stop`, `wait` or `done`.
+        intent: String,
+        /// Targets per motor index, rad, if it is a move.
+        q: Vec<(usize, f64)>,
     },
     /// An actor died.
     Died {

@@ -19,6 +19,7 @@ mod event;
 mod kinds;
 mod motion;
 mod service;
+mod swap;
 mod time;
 
 pub use agent::*;
@@ -27,6 +28,7 @@ pub use event::*;
 pub use kinds::*;
 pub use motion::*;
 pub use service::*;
+pub use swap::*;
 pub use time::*;
 
 use std::sync::Arc;

@@ -1,6 +1,6 @@
 //! Events in words, for the log: where it belongs, how grave it is, and one sentence.
 
-use mobee_contract::{Cause, EdgeState, Event, Hold, Note, Outcome, Status};
+use mobee_contract::{Cause, EdgeState, Event, Hold, Note, Outcome, Status, SwapStep};
 
 /// How grave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,6 +81,15 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         Event::AgentActs { robot, acts } => {
             (robot, Info, if *acts { "its own agent acts again" } else { "its own agent makes way" }.to_owned())
         }
+        Event::Swap { robot, part, step } => {
+            let level = match step {
+                SwapStep::Reverted { .. } => Error,
+                SwapStep::Refused { .. } => Warn,
+                _ => Info,
+            };
+            (robot, level, format!("swap of the {part}: {step}"))
+        }
+        Event::Shadow { .. } => return None,
         Event::Died { actor, reason } => ("system", Error, format!("{actor} died: {reason}")),
         Event::Restarted { actor, restarts } => ("system", Warn, format!("{actor} restarted ({restarts})")),
         Event::GaveUp { group } => ("system", Error, format!("{group} stays down: restarted too often")),

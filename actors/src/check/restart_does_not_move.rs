@@ -2,11 +2,11 @@
 //!
 //! It is about driver, history, model, supervise and reflex, named `ROBOT/ACTOR` (or `ACTOR` alone for all robots): the death
 //! of an agent or a recorder stops no controller, and the reflex may well be on its way back then. Stops, modes and
-//! references move nothing.
+//! references move nothing. Nor does a swap: a new part takes over with no transaction open.
 
 use super::{Found, Invariant};
 use crate::journal::Line;
-use mobee_contract::{Event, Time};
+use mobee_contract::{Event, SwapStep, Time};
 use std::collections::BTreeMap;
 
 /// The actors that keep a robot safe.
@@ -24,7 +24,9 @@ impl RestartDoesNotMove {
         match self.robots.get(robot) {
             None => found.say(format!("{robot}: was moved before its first commit")),
             Some(Some((actor, at))) if late(*at) => {
-                found.say(format!("{robot}: was moved after {actor} was restarted at {at}, before a new commit"));
+                found.say(format!(
+                    "{robot}: was moved after {actor} was restarted or exchanged at {at}, before a new commit"
+                ));
             }
             Some(_) => {}
         }
@@ -40,6 +42,11 @@ impl Invariant for RestartDoesNotMove {
                 if CHAIN.contains(&name) {
                     let concerned = self.robots.iter_mut().filter(|(r, _)| robot.is_none_or(|robot| robot == *r));
                     concerned.for_each(|(_, restarted)| *restarted = Some((actor.clone(), line.at)));
+                }
+            }
+            Event::Swap { robot, part, step: SwapStep::TookOver { .. } } => {
+                if let Some(restarted) = self.robots.get_mut(robot) {
+                    *restarted = Some((format!("{robot}/{part}"), line.at));
                 }
             }
             Event::Command { robot, kind, .. } if kind == "move" => self.judge(robot, |_| true, found),

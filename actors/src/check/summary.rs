@@ -1,7 +1,7 @@
 //! A run in figures, from its journal.
 
 use crate::journal::{JournalError, read};
-use mobee_contract::{EdgeState, Event, Note, Outcome, Summary, Time};
+use mobee_contract::{EdgeState, Event, Note, Outcome, Summary, SwapStep, Time};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -53,6 +53,12 @@ pub struct RunSummary {
     pub restarts: u64,
     /// Deaths of actors.
     pub deaths: u64,
+    /// Parts that took over while the robot ran.
+    pub swaps: u64,
+    /// Of these, parts that broke on probation.
+    pub swaps_reverted: u64,
+    /// New parts that were not taken.
+    pub swaps_refused: u64,
     /// Groups that used up their restarts.
     pub gave_up: Vec<String>,
     /// Edits of the world.
@@ -123,6 +129,9 @@ impl RunSummary {
             Event::World { .. } => self.world_edits += 1,
             Event::Done { robot, summary } => self.done.push((robot, summary)),
             Event::Died { .. } => self.deaths += 1,
+            Event::Swap { step: SwapStep::TookOver { .. }, .. } => self.swaps += 1,
+            Event::Swap { step: SwapStep::Reverted { .. }, .. } => self.swaps_reverted += 1,
+            Event::Swap { step: SwapStep::Refused { .. }, .. } => self.swaps_refused += 1,
             Event::Restarted { .. } => self.restarts += 1,
             Event::GaveUp { group } => self.gave_up.push(group),
             Event::Injected { .. } => self.injected += 1,

@@ -1,10 +1,17 @@
 //! The agent's shell: asks a planner what it wants, commits it, and tells it how its motions ended.
 
+mod attempt;
+mod mind;
+
+pub use mind::{Offer, Slot};
+
 use crate::controller::RELEASE;
 use crate::shell::SuperviseMsg;
+use crate::swap::Phase;
 use crate::wiring::{Hub, Wires};
+use mind::Mind;
 use mobee_contract::{Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, Setpoints, Target, Verdict, View};
-use ractor::{Actor, ActorProcessingErr, ActorRef};
+use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -38,19 +45,28 @@ pub enum AgentMsg {
     SetPoint(CommitId),
     /// Make no more motions: the run ends.
     Rest,
+    /// Another planner is to take over.
+    Swap(Offer, RpcReplyPort<Result<(), String>>),
+    /// See how far the swap is.
+    Tick,
 }
 
 /// What it keeps.
 pub struct Planning {
     hub: Arc<Hub>,
     wires: Arc<Wires>,
-    agent: Box<dyn Agent>,
+    mind: Mind,
     /// The motion under way.
     moving: Option<CommitId>,
+    /// Whether the motion under way was one of a planner that broke: its end is told to nobody.
+    orphan: bool,
     /// How the last one ended, until the planner was told.
     last: Option<MotionEnd>,
     asked: u64,
+    /// Whether the planner has nothing more to do.
     done: bool,
+    /// Whether the run ends.
+    rests: bool,
     /// Whether the motion under way is a stream.
     streams: bool,
 }
@@ -58,19 +74,27 @@ pub struct Planning {
 impl Actor for AgentActor {
     type Msg = AgentMsg;
     type State = Planning;
-    type Arguments = (Arc<Hub>, Arc<Wires>, Maker);
+    type Arguments = (Arc<Hub>, Arc<Wires>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<AgentMsg>,
-        (hub, wires, maker): Self::Arguments,
+        (hub, wires): Self::Arguments,
     ) -> Result<Planning, ActorProcessingErr> {
-        let mut agent = (maker.0)()?;
-        if let Some(snapshot) = wires.snapshot.lock().clone() {
-            agent.import(snapshot).map_err(|e| e.to_string())?;
-        }
+        let mind = Mind::start(hub.clone(), wires.clone())?;
         wires.agent.connect(myself.clone());
-        let planning = Planning { hub, wires, agent, moving: None, last: None, asked: 0, done: false, streams: false };
+        let planning = Planning {
+            hub,
+            wires,
+            mind,
+            moving: None,
+            orphan: false,
+            last: None,
+            asked: 0,
+            done: false,
+            rests: false,
+            streams: false,
+        };
         planning.ask_after(&myself, Duration::ZERO);
         Ok(planning)
     }
@@ -83,26 +107,35 @@ impl Actor for AgentActor {
     ) -> Result<(), ActorProcessingErr> {
         match message {
             AgentMsg::Ask(n) if n == planning.asked && planning.moving.is_none() && !planning.done => {
-                planning.ask(&myself).await
+                planning.ask(&myself).await;
             }
             AgentMsg::Ended(id, end) if planning.moving == Some(id) => {
                 planning.moving = None;
                 planning.streams = false;
-                planning.last = Some(end);
-                *planning.wires.snapshot.lock() = Some(planning.agent.export());
+                planning.last = (!std::mem::take(&mut planning.orphan)).then_some(end);
                 if !planning.done {
                     planning.ask(&myself).await;
+                } else {
+                    planning.tick(&myself).await;
                 }
             }
             AgentMsg::Revise if planning.moving.is_some() => planning.revise(&myself).await,
             AgentMsg::SetPoint(id) if planning.moving == Some(id) && !planning.done => {
-                // an agent that makes way lets its stream go quiet
-                if planning.wires.agent_acts.load(Ordering::SeqCst) {
+                // an agent that makes way, for now or for good, lets its stream go quiet
+                if planning.wires.agent_acts.load(Ordering::SeqCst) && !planning.mind.is_due() {
                     planning.revise(&myself).await;
                 }
                 planning.set_point_after(&myself, id);
             }
-            AgentMsg::Rest => planning.done = true,
+            AgentMsg::Rest => (planning.done, planning.rests) = (true, true),
+            AgentMsg::Swap(offer, reply) => {
+                let offered = planning.mind.offer(offer).await;
+                if let Ok(terms) = &offered {
+                    myself.send_after(terms.shadow, || AgentMsg::Tick);
+                }
+                let _ = reply.send(offered.map(drop));
+            }
+            AgentMsg::Tick => planning.tick(&myself).await,
             _ => {}
         }
         Ok(())
@@ -132,13 +165,43 @@ impl Planning {
         }
     }
 
+    /// Time for a new planner to take over, if the old one does not come to a border by itself, or for its probation to end.
+    async fn tick(&mut self, myself: &ActorRef<AgentMsg>) {
+        self.mind.tick();
+        if self.moving.is_some() || self.rests || !self.mind.is_due() {
+            return;
+        }
+        if self.border(myself).await {
+            self.ask(myself).await;
+        } else if self.mind.is_due() {
+            myself.send_after(PAUSE, || AgentMsg::Tick);
+        }
+    }
+
+    /// No transaction is open, if the robot is ready: whether a new planner took over.
+    async fn border(&mut self, myself: &ActorRef<AgentMsg>) -> bool {
+        if self.mind.phase() == Phase::Settled || !self.wires.latest.lock().ready {
+            return false;
+        }
+        let took_over = self.mind.border(self.last, &self.view()).await;
+        if took_over {
+            self.done = false;
+            let probation = self.wires.slot.lock().core.terms().probation;
+            myself.send_after(probation, || AgentMsg::Tick);
+        }
+        took_over
+    }
+
     async fn ask(&mut self, myself: &ActorRef<AgentMsg>) {
         self.asked += 1;
+        self.border(myself).await;
         if !(self.wires.agent_acts.load(Ordering::SeqCst) && self.wires.latest.lock().ready) {
             return self.ask_after(myself, PAUSE);
         }
-        let intent = self.agent.next(self.last.take(), &self.view());
-        self.tell_notes();
+        let view = self.view();
+        let Some(intent) = self.mind.next(&mut self.last, &view).await else {
+            return self.ask_after(myself, Duration::ZERO);
+        };
         match intent {
             Intent::MoveTo(target) => {
                 let verdict = self.commit(target).await;
@@ -152,7 +215,6 @@ impl Planning {
             Intent::Wait(time) => self.ask_after(myself, time.max(Duration::from_millis(1))),
             Intent::Done(summary) => {
                 self.done = true;
-                *self.wires.snapshot.lock() = Some(self.agent.export());
                 self.hub.tell(Event::Done { robot: self.wires.rules.robot.clone(), summary });
             }
         }
@@ -173,8 +235,13 @@ impl Planning {
     }
 
     async fn revise(&mut self, myself: &ActorRef<AgentMsg>) {
-        let intent = self.agent.revise(&self.view());
-        self.tell_notes();
+        let view = self.view();
+        let Ok(intent) = self.mind.revise(&view).await else {
+            // nobody plans this motion any more: it is stopped and taken back, as after an agent's death (I18)
+            self.orphan = true;
+            self.wires.supervise.send(SuperviseMsg::AgentDied(self.wires.agent_name.clone()));
+            return;
+        };
         match intent {
             Some(Intent::MoveTo(target)) => {
                 // refused: the motion goes on as it was, and its end will be told
@@ -211,11 +278,5 @@ impl Planning {
         let commit = Commit { agent: self.wires.agent_name.clone(), target, speeds: None };
         self.wires.supervise.send(SuperviseMsg::Commit(commit, reply.into()));
         verdict.await.ok()
-    }
-
-    fn tell_notes(&mut self) {
-        for note in self.agent.notes() {
-            self.hub.tell(Event::Note { robot: self.wires.rules.robot.clone(), note });
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! What is counted while a run goes on.
 
-use mobee_contract::{Event, Outcome, Status, Summary};
+use mobee_contract::{Event, Outcome, Status, Summary, SwapPart, SwapStep};
 use std::collections::BTreeMap;
 
 /// Counters of a run, all robots together.
@@ -56,6 +56,10 @@ impl Counts {
             Event::CommandDropped { .. } => self.commands_dropped += 1,
             Event::State { robot, status } => {
                 self.status.insert(robot.clone(), *status);
+            }
+            // the new agent may have more to do
+            Event::Swap { robot, part: SwapPart::Agent, step: SwapStep::TookOver { .. } } => {
+                self.done.remove(robot);
             }
             Event::Done { robot, summary } => {
                 self.done.insert(robot.clone(), summary.clone());

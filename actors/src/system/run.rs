@@ -7,7 +7,7 @@ use crate::clock::{Clock, ClockKind, runtime};
 use crate::controller::{Rules, distance};
 use crate::gate::Gate;
 use crate::ledger::Ledger;
-use crate::shell::{AgentMsg, Maker, ModelMsg, SuperviseMsg};
+use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Slot, SuperviseMsg};
 use crate::stream::Stream;
 use crate::supervision::{Group, GroupMsg};
 use crate::wiring::{Cell, Hub, Line, Plug, Wires};
@@ -109,14 +109,13 @@ async fn conduct(
 ) -> Result<RunEnd, RunError> {
     let clock = Clock::new(setup.clock);
     let plugs: Vec<Plug> = setup.robots.iter().map(|r| Plug(r.hardware.clone())).collect();
-    let makers: Vec<Option<Maker>> = setup.robots.iter().map(|r| r.agent.clone().map(Maker)).collect();
-    let acting = makers.iter().filter(|m| m.is_some()).count();
+    let has_agent: Vec<bool> = setup.robots.iter().map(|r| r.agent.is_some()).collect();
+    let acting = has_agent.iter().filter(|has| **has).count();
     let mut faults: VecDeque<(Time, Control)> = faults.into();
     let services = std::mem::take(&mut setup.services);
-    let has_agent: Vec<bool> = makers.iter().map(Option::is_some).collect();
     let hub = wire(setup, &boards, clock.clone());
     let controller = begin(tree::controller(&hub, &plugs), safety.as_ref()).await?;
-    let agents = begin(tree::agents(&hub, &makers), None).await?;
+    let agents = begin(tree::agents(&hub), None).await?;
     let taps = begin(tree::taps(&hub), None).await?;
     let access = || Access::new(&hub, &boards, &plugs, &has_agent);
     let mut services = Services::start(services, &hub, access).map_err(|e| RunError::Start(e.to_string()))?;
@@ -143,6 +142,7 @@ async fn conduct(
                 abandon(&hub).await;
                 break Reason::Interrupted;
             }
+            Some(Control::SwapAgent { robot, offer, reply }) => swap_agent(&hub, &robot, offer, reply),
             Some(other) => obey(other, &hub, &controller, &agents).await,
             None => {}
         }
@@ -219,6 +219,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock) -> Arc<Hub> {
             supervise: Line::default(),
             agent: Line::default(),
             snapshot: Cell::new(None),
+            slot: Cell::new(Slot { maker: robot.agent.clone().map(Maker), ..Slot::default() }),
             agent_name: format!("{}/agent", robot.name).into(),
             agent_acts: AtomicBool::new(true),
         })
@@ -283,8 +284,23 @@ async fn obey(control: Control, hub: &Hub, controller: &ActorRef<GroupMsg>, agen
             }
             let _ = reply.send(all);
         }
-        Control::Stop | Control::Abort => {}
+        Control::Stop | Control::Abort | Control::SwapAgent { .. } => {}
     }
+}
+
+/// Passes an offer on, and its answer back when there is one; the run goes on meanwhile.
+fn swap_agent(hub: &Hub, robot: &str, offer: Offer, reply: oneshot::Sender<Result<(), String>>) {
+    let wires = hub.robots.iter().find(|w| w.rules.robot == robot);
+    let Some(wires) = wires.filter(|w| w.slot.lock().maker.is_some()) else {
+        let _ = reply.send(Err(format!("there is no agent of a robot {robot} here")));
+        return;
+    };
+    let (answer, answered) = ractor::concurrency::oneshot();
+    wires.agent.send(AgentMsg::Swap(offer, answer.into()));
+    tokio::spawn(async move {
+        let gone = || Err("the agent is being restarted; try again".into());
+        let _ = reply.send(answered.await.unwrap_or_else(|_| gone()));
+    });
 }
 
 /// The orderly end: no new motions, all robots at rest, every commit with its outcome (I17).

@@ -11,9 +11,7 @@
 //! └── recorder
 //! ```
 
-use crate::shell::{
-    AgentActor, DriverActor, HistoryActor, Maker, ModelActor, ReflexActor, SuperviseActor, SuperviseMsg,
-};
+use crate::shell::{AgentActor, DriverActor, HistoryActor, ModelActor, ReflexActor, SuperviseActor, SuperviseMsg};
 use crate::supervision::{Child, Group, Intensity, Restart, Strategy};
 use crate::tap::TapActor;
 use crate::wiring::{Hub, Plug, Wires};
@@ -95,14 +93,13 @@ fn robot(hub: &Arc<Hub>, wires: &Arc<Wires>, plug: &Plug) -> Group {
 }
 
 /// The agents: their deaths can't touch a controller.
-pub fn agents(hub: &Arc<Hub>, makers: &[Option<Maker>]) -> Group {
+pub fn agents(hub: &Arc<Hub>) -> Group {
     let mut root = group("agents", Strategy::OneForOne, hub);
-    for (wires, maker) in hub.robots.iter().zip(makers) {
-        let Some(maker) = maker.clone() else { continue };
+    for wires in hub.robots.iter().filter(|w| w.slot.lock().maker.is_some()) {
         let orphan = wires.clone();
         let arguments = {
             let (hub, wires) = (hub.clone(), wires.clone());
-            move || (hub.clone(), wires.clone(), maker.clone())
+            move || (hub.clone(), wires.clone())
         };
         let own = group(&format!("{}/agents", wires.rules.robot), Strategy::OneForOne, hub)
             .on_death(move |_, _| {

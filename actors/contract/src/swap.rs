@@ -1,0 +1,82 @@
+//! Exchanging a part while the robot runs: which part, and how far it is.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// A part that can be exchanged while the robot runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SwapPart {
+    /// Who plans.
+    Agent,
+    /// The settings of History, Supervise and Reflex.
+    Controller,
+    /// What drives the board.
+    Driver,
+}
+
+impl fmt::Display for SwapPart {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            SwapPart::Agent => "agent",
+            SwapPart::Controller => "controller",
+            SwapPart::Driver => "driver",
+        })
+    }
+}
+
+/// A step of a swap. Every offered swap ends in exactly one of `Refused`, `Reverted` and `Settled`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "step", rename_all = "snake_case")]
+pub enum SwapStep {
+    /// The new part is built and checked, and waits for its moment.
+    Offered {
+        /// What it is, in words.
+        what: String,
+        /// For how long it only looks on, seconds.
+        shadow: f64,
+        /// For how long it is on probation once it has taken over, seconds.
+        probation: f64,
+    },
+    /// It has taken over, at a transaction border.
+    TookOver {
+        /// From the border to the new part's being in place, seconds.
+        gap: f64,
+        /// Hash of the roadmap that was handed over, if there is one: equal before and after.
+        map: Option<String>,
+    },
+    /// It was not taken, and the old part goes on as if nothing had been.
+    Refused {
+        /// Why.
+        why: String,
+    },
+    /// It broke while on probation, and the old part is back.
+    Reverted {
+        /// Why.
+        why: String,
+    },
+    /// Its probation is over; the old part is gone.
+    Settled,
+}
+
+impl SwapStep {
+    /// Whether the swap is over with this.
+    pub fn is_last(&self) -> bool {
+        matches!(self, SwapStep::Refused { .. } | SwapStep::Reverted { .. } | SwapStep::Settled)
+    }
+}
+
+impl fmt::Display for SwapStep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SwapStep::Offered { what, shadow, .. } if *shadow > 0.0 => {
+                write!(f, "{what} is built and checked, and looks on for {shadow} s")
+            }
+            SwapStep::Offered { what, .. } => write!(f, "{what} is built and checked, and waits for the motion to end"),
+            SwapStep::TookOver { gap, .. } => write!(f, "took over within {:.3} ms, and is on probation", gap * 1e3),
+            SwapStep::Refused { why } => write!(f, "not taken, the old one goes on: {why}"),
+            SwapStep::Reverted { why } => write!(f, "the old one is back: {why}"),
+            SwapStep::Settled => f.write_str("settled: its probation is over"),
+        }
+    }
+}
