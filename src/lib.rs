@@ -11,6 +11,7 @@ pub mod agent;
 pub mod check;
 pub mod compose;
 pub mod config;
+pub mod ctl;
 pub mod inspect;
 pub mod kinds;
 pub mod model_convert;

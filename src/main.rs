@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{Clock, ConfigError};
-use mobee::{agent, check, config, inspect, kinds, model_convert, model_eval, model_info, run, sim, view, yarp};
+use mobee::{agent, check, config, ctl, inspect, kinds, model_convert, model_eval, model_info, run, sim, view, yarp};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -64,6 +64,8 @@ enum Command {
         #[command(subcommand)]
         command: ConfigCommand,
     },
+    /// Look at a running `mobee run`, exchange its parts, pause it, stop it.
+    Ctl(ctl::CtlArgs),
     /// Speak YARP: a name server, and the tools to look at ports, read, write and connect them.
     Yarp(yarp::YarpArgs),
 }
@@ -87,6 +89,9 @@ struct RunArgs {
     /// Override a setting: --set robot.icub.agent.vertices=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Where `mobee ctl` reaches a run with a real clock: ADDRESS:PORT or `off`; default: this computer alone.
+    #[arg(long, value_name = "WHERE", value_parser = ctl_at)]
+    ctl: Option<run::CtlAt>,
     /// Make no recording (the journal is always kept).
     #[arg(long)]
     no_record: bool,
@@ -133,6 +138,16 @@ enum ModelCommand {
     Convert(model_convert::ConvertArgs),
 }
 
+fn ctl_at(text: &str) -> Result<run::CtlAt, String> {
+    match text {
+        "off" => Ok(run::CtlAt::Off),
+        address => address
+            .parse()
+            .map(run::CtlAt::Address)
+            .map_err(|_| "give ADDRESS:PORT, such as 127.0.0.1:10010, or off".into()),
+    }
+}
+
 fn clock(text: &str) -> Result<Clock, String> {
     match text {
         "virtual" => Ok(Clock::Virtual),
@@ -168,7 +183,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             if a.no_record {
                 set.push("record.enabled=false".into());
             }
-            run::command(&a.file, &set, a.out.as_deref(), a.json)
+            run::command(&a.file, &set, a.out.as_deref(), a.json, a.ctl.unwrap_or_default())
         }
         Command::Check { path, set, edges } => check::command(&path, &set, edges),
         Command::Config { command: ConfigCommand::Show { file, set } } => {
@@ -209,6 +224,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Agent(args) => agent::command(args),
+        Command::Ctl(args) => ctl::command(args),
         Command::Yarp(args) => Ok(yarp::command(args)),
     }
 }

@@ -3,23 +3,29 @@
 mod folder;
 mod progress;
 mod report;
+mod switched;
 
 pub use folder::Folder;
 pub use report::summary;
 
 use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError, Resolved};
+use crate::ctl::CtlService;
 use miette::{IntoDiagnostic, Report, WrapErr};
+use mobee_actors::clock::ClockKind;
 use mobee_actors::journal::Journal;
 use mobee_actors::system::{Control, Progress, Reason, RunEnd, Setup};
 use mobee_actors::tap::{SinkSpec, Taps};
 use mobee_contract::{Event, Time};
 use mobee_recorder::Recorder;
 use serde_json::json;
+use std::net::SocketAddr;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
+use switched::Switched;
 use tokio::sync::mpsc;
 
 /// How many entries may wait for the journal's and the recorder's threads.
@@ -29,20 +35,43 @@ const QUEUE: usize = 8192;
 ///
 /// # Errors
 /// Complaints about the configuration, before anything is written or moved.
-pub fn command(file: &Path, set: &[String], out: Option<&Path>, json: bool) -> Result<ExitCode, Report> {
+pub fn command(file: &Path, set: &[String], out: Option<&Path>, json: bool, ctl: CtlAt) -> Result<ExitCode, Report> {
     let (config, source) = Config::load(file, set)?;
-    let composition = compose(config, &source)?;
+    let mut composition = compose(config, &source)?;
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }
     let folder = Folder::create(&composition.config.name, out)?;
     let bar = progress::Bar::new(&composition.config, json);
     let (controls, receiver) = mpsc::channel(16);
-    interrupt(controls)?;
-    let done = run(composition, &folder, receiver, |p| bar.show(p))?;
+    interrupt(controls.clone())?;
+    let recording = Arc::new(AtomicBool::new(true));
+    let address = match ctl {
+        CtlAt::Off => None,
+        CtlAt::Loopback => Some(CtlService::loopback()),
+        CtlAt::Address(address) => Some(address),
+    };
+    if let Some(address) = address.filter(|_| composition.config.clock_kind() == ClockKind::Real) {
+        let switch = composition.config.record.enabled.then(|| recording.clone());
+        let yarp = composition.config.yarp.as_ref().and_then(|y| y.network().ok());
+        composition.services.push(Box::new(CtlService::new(&folder, address, controls, switch, yarp)));
+    }
+    let done = run_switched(composition, &folder, receiver, &recording, |p| bar.show(p))?;
     bar.finish();
     report::print(&done, &folder, json)?;
     Ok(if in_order(&done.end) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Where a run with a real clock can be controlled by `mobee ctl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CtlAt {
+    /// On this computer, at any port that is free.
+    #[default]
+    Loopback,
+    /// At this address.
+    Address(SocketAddr),
+    /// Nowhere.
+    Off,
 }
 
 /// A run that has ended.
@@ -72,6 +101,17 @@ pub fn run(
     controls: mpsc::Receiver<Control>,
     progress: impl FnMut(&Progress),
 ) -> Result<Done, Report> {
+    run_switched(composition, folder, controls, &Arc::new(AtomicBool::new(true)), progress)
+}
+
+/// [`run`] with a switch for the recording.
+fn run_switched(
+    composition: Composition,
+    folder: &Folder,
+    controls: mpsc::Receiver<Control>,
+    recording: &Arc<AtomicBool>,
+    progress: impl FnMut(&Progress),
+) -> Result<Done, Report> {
     let Composition { config, file, scene, robots, script, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
@@ -80,7 +120,7 @@ pub fn run(
 
     let build = concat!("mobee ", env!("CARGO_PKG_VERSION"));
     let journal = Journal::create(folder.path(), &json!({ "build": build })).map_err(Report::msg)?;
-    let taps = taps(&config, folder, &journal, build)?;
+    let taps = taps(&config, folder, &journal, build, recording)?;
     let kind = config.clock_kind();
     let setup =
         Setup { scene, robots, seed: config.seed, clock: kind, taps: taps.clone(), config: values, script, services };
@@ -104,8 +144,14 @@ pub fn run(
 }
 
 /// Journal and recorder, each behind a queue and on a thread of its own.
-fn taps(config: &Config, folder: &Folder, journal: &Journal, build: &str) -> Result<Taps, Report> {
-    let journal = journal.clone();
+fn taps(
+    config: &Config,
+    folder: &Folder,
+    journal: &Journal,
+    build: &str,
+    recording: &Arc<AtomicBool>,
+) -> Result<Taps, Report> {
+    let (journal, recording) = (journal.clone(), recording.clone());
     let mut sinks = vec![SinkSpec {
         name: "journal".into(),
         essential: true,
@@ -126,7 +172,10 @@ fn taps(config: &Config, folder: &Folder, journal: &Journal, build: &str) -> Res
             essential: false,
             poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
             capacity: QUEUE,
-            open: Arc::new(move || Recorder::new(&settings).map(|r| Box::new(r) as _).map_err(|e| e.to_string())),
+            open: Arc::new(move || {
+                let recorder = Recorder::new(&settings).map_err(|e| e.to_string())?;
+                Ok(Box::new(Switched::new(recorder, recording.clone())))
+            }),
         });
     }
     Taps::spawn(config.clock_kind(), sinks).map_err(Report::msg).wrap_err("the run's folder can't be written")

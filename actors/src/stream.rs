@@ -127,6 +127,11 @@ impl<T> Stream<T> {
         Counters { sent: ring.sent, handled: ring.handled, queued: ring.queue.len() as u64, dropped: ring.dropped }
     }
 
+    /// Its name.
+    pub fn name(&self) -> String {
+        self.0.name.clone()
+    }
+
     /// The counters as the event that a run ends with.
     pub fn link(&self) -> Event {
         let Counters { sent, handled, queued, dropped } = self.counters();

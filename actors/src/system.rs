@@ -2,18 +2,19 @@
 
 mod counts;
 mod cues;
+mod report;
 mod run;
 mod services;
 mod tree;
 
 pub use counts::Counts;
 pub use cues::{Cues, ScriptStep, When};
+pub use report::{Report, RobotReport};
 pub use run::{run, run_under};
 
 use crate::clock::ClockKind;
 use crate::controller::Controller;
 use crate::shell::Offer;
-use crate::supervision::Health;
 use crate::tap::Taps;
 use mobee_contract::{Agent, Hardware, Service, Snapshot, Time};
 use mobee_model::{Edit, Scene};
@@ -39,8 +40,8 @@ pub struct Setup {
     pub config: serde_json::Value,
     /// Edits of the world that wait for their moment.
     pub script: Vec<ScriptStep>,
-    /// What runs beside the safety chain, on a thread of its own and in real time only. While there are any, the run does
-    /// not end because all agents are done: somebody else may still want to move the robots.
+    /// What runs beside the safety chain, on a thread of its own and in real time only. While one of them keeps the run
+    /// ([`Service::keeps_run`]), it does not end because all agents are done.
     pub services: Vec<Box<dyn Service>>,
 }
 
@@ -81,8 +82,8 @@ pub enum Control {
         /// Whether it was taken.
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },
-    /// How all actors are.
-    Status(tokio::sync::oneshot::Sender<Vec<Health>>),
+    /// How all is.
+    Status(tokio::sync::oneshot::Sender<Report>),
 }
 
 /// How far a run is.

@@ -52,7 +52,7 @@ pub use board_sim::{SimBoard, SimClock};
 pub use braking::{StoppingPath, stopping_path};
 pub use faults::{Fault, FaultId, SimFaults};
 pub use plant::Plant;
-pub use services::{RobotPorts, YarpServices, YarpSettings};
+pub use services::{RobotPorts, WorldService, YarpServices, YarpSettings};
 pub use settings::SimSettings;
 pub use sim::{SimDriver, SimHardware};
 pub use yarp::{PartSettings, YarpDriver, YarpDriverSettings, YarpHardware};

@@ -14,6 +14,7 @@ mod steering;
 mod world;
 
 pub use settings::{RobotPorts, YarpSettings};
+pub use world::WorldService;
 
 use crate::filter::Boards;
 use mobee_contract::{Answer, KindError, Running, Service};

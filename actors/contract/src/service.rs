@@ -78,6 +78,11 @@ pub trait Running: Send + Sync {
 pub trait Service: Send {
     /// Its name, for warnings.
     fn name(&self) -> String;
+    /// Whether the run goes on for it although all agents are done: somebody may still want to move the robots through it.
+    fn keeps_run(&self) -> bool {
+        true
+    }
+
     /// Serves until `until` is ready, then leaves in order. Called within a tokio runtime with network and timers.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! A run from its first event to its end.
 
 use super::services::Services;
-use super::{Control, Counts, Cues, Progress, Reason, RunEnd, RunError, Setup, tree};
+use super::{Control, Counts, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, tree};
 use crate::access::Access;
 use crate::clock::{Clock, ClockKind, runtime};
 use crate::controller::{Rules, distance};
@@ -113,6 +113,7 @@ async fn conduct(
     let acting = has_agent.iter().filter(|has| **has).count();
     let mut faults: VecDeque<(Time, Control)> = faults.into();
     let services = std::mem::take(&mut setup.services);
+    let is_kept = services.iter().any(|s| s.keeps_run());
     let hub = wire(setup, &boards, clock.clone());
     let controller = begin(tree::controller(&hub, &plugs), safety.as_ref()).await?;
     let agents = begin(tree::agents(&hub), None).await?;
@@ -162,11 +163,7 @@ async fn conduct(
         if counts.gave_up > 0 {
             break Reason::GaveUp;
         }
-        if services.is_none()
-            && acting > 0
-            && counts.done.len() >= acting
-            && hub.robots.iter().all(|w| w.latest.lock().ready)
-        {
+        if !is_kept && acting > 0 && counts.done.len() >= acting && hub.robots.iter().all(|w| w.latest.lock().ready) {
             break Reason::Done;
         }
         if limit.is_some_and(|l| now >= l) {
@@ -282,7 +279,7 @@ async fn obey(control: Control, hub: &Hub, controller: &ActorRef<GroupMsg>, agen
             for group in [controller, agents] {
                 all.extend(ractor::call!(group, GroupMsg::Status));
             }
-            let _ = reply.send(all);
+            let _ = reply.send(Report::of(hub, all));
         }
         Control::Stop | Control::Abort | Control::SwapAgent { .. } => {}
     }

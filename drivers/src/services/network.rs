@@ -31,7 +31,7 @@ pub(super) async fn open(settings: &YarpSettings) -> Result<(Network, Option<Nam
     Ok((network, Some(server)))
 }
 
-fn find(settings: &YarpSettings) -> Result<Network, String> {
+pub(super) fn find(settings: &YarpSettings) -> Result<Network, String> {
     let env = Env::real();
     let network = match settings.name_server {
         Some(address) => env.apply(Network::at(address)),

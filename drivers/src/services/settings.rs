@@ -111,6 +111,14 @@ impl YarpSettings {
         self.force_field.iter().try_for_each(|(part, f)| f.validate(&format!("force_field.{part}")))
     }
 
+    /// The network that these settings and YARP's own configuration name.
+    ///
+    /// # Errors
+    /// A sentence with the remedy.
+    pub fn network(&self) -> Result<mobee_yarp::Network, String> {
+        super::network::find(self)
+    }
+
     /// Time between two messages of the state ports.
     pub(crate) fn period(&self) -> Duration {
         Duration::try_from_secs_f64(self.period_ms * 1e-3).unwrap_or(Duration::from_millis(10))

@@ -4,7 +4,7 @@ use crate::words::line;
 use crate::world_rpc::{Answered, Errand, WorldRpc, WorldView};
 use mobee_contract::{Pose, Running};
 use mobee_model::{Object, load_world};
-use mobee_yarp::{Bottle, Handler, Message, Network, Payload, PortError, RpcServer};
+use mobee_yarp::{Bottle, Dialect, Handler, Message, Network, Payload, PortError, RpcServer};
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -16,15 +16,19 @@ const PERIOD: Duration = Duration::from_millis(20);
 /// Times that a request waits for another one's edits.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// The world's RPC behind its port.
-pub(super) struct WorldService {
+/// The world's RPC in a running system.
+pub struct WorldService {
     running: Arc<dyn Running>,
     folder: Option<PathBuf>,
-    network: Network,
     core: Mutex<WorldRpc>,
 }
 
 impl WorldService {
+    /// For this system; `folder` is where worlds are saved and loaded, if anywhere.
+    pub fn new(running: Arc<dyn Running>, folder: Option<PathBuf>) -> WorldService {
+        WorldService { running, folder, core: Mutex::new(WorldRpc::default()) }
+    }
+
     /// Opens the port.
     ///
     /// # Errors
@@ -35,14 +39,13 @@ impl WorldService {
         running: Arc<dyn Running>,
         folder: Option<PathBuf>,
     ) -> Result<(Arc<WorldService>, RpcServer), PortError> {
-        let core = Mutex::new(WorldRpc::default());
-        let service = Arc::new(WorldService { running, folder, network: network.clone(), core });
-        let server = RpcServer::open(network, name, Arc::new(Port(service.clone()))).await?;
+        let service = Arc::new(WorldService::new(running, folder));
+        let server = RpcServer::open(network, name, Arc::new(Port(service.clone(), network.dialect()))).await?;
         Ok((service, server))
     }
 
     /// Keeps what is grabbed with its marker; for ever.
-    pub(super) async fn follow(self: Arc<Self>) {
+    pub async fn follow(self: Arc<Self>) {
         let mut ticks = tokio::time::interval(PERIOD);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
@@ -69,7 +72,8 @@ impl WorldService {
         f(&WorldView { scene: &scene, poses: &poses })
     }
 
-    async fn answer(&self, request: Bottle) -> Bottle {
+    /// Answers one request; edits are made before the reply.
+    pub async fn answer(&self, request: Bottle) -> Bottle {
         let mut core = self.core.lock().await;
         let answered = self.view(|view| core.on(&request, view));
         let answered = match answered.errand {
@@ -123,14 +127,14 @@ fn save(folder: &Path, file: &str, text: &str) -> Result<(), String> {
 }
 
 /// What the port calls.
-struct Port(Arc<WorldService>);
+struct Port(Arc<WorldService>, Dialect);
 
 impl Handler for Port {
     fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
-        let world = self.0.clone();
+        let (world, dialect) = (self.0.clone(), self.1);
         Box::pin(async move {
             // what is no bottle is answered as what is unknown
-            let request = request.payload.bottle(world.network.dialect()).unwrap_or_default();
+            let request = request.payload.bottle(dialect).unwrap_or_default();
             Some(world.answer(request).await.into())
         })
     }

@@ -1,0 +1,115 @@
+//! `mobee ctl`: look at a running `mobee run`, exchange its parts, pause it, stop it.
+//!
+//! ```text
+//! mobee ctl ──/MoBeE/ctl (the YARP port protocol)──> a service of the run ──Control──> the system
+//! ```
+//! A run with a real clock writes the address of this port into its folder, so that it is found without a name server.
+
+mod client;
+mod find;
+mod offer;
+mod service;
+mod show;
+
+pub use service::CtlService;
+
+use clap::{Args, Subcommand};
+use miette::Report;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// The file in a run's folder that says where its control port is.
+const FILE: &str = "ctl";
+/// The control port's name.
+const PORT: &str = "/MoBeE/ctl";
+
+/// The arguments of `mobee ctl`.
+#[derive(Args)]
+pub struct CtlArgs {
+    /// The folder of the run; default: the newest one in runs/ that can be controlled.
+    #[arg(long, global = true, value_name = "DIR")]
+    run: Option<PathBuf>,
+    /// The control port by its name on the YARP network, such as /MoBeE/ctl, instead of the folder.
+    #[arg(long, global = true, value_name = "PORT", conflicts_with = "run")]
+    port: Option<String>,
+    #[command(subcommand)]
+    command: CtlCommand,
+}
+
+#[derive(Subcommand)]
+enum CtlCommand {
+    /// How each robot is, in one line; then the tree of actors with restarts, queues, rates and drops.
+    Status,
+    /// The same, live, until Ctrl-C.
+    Top,
+    /// Exchange a part of a robot by the one of another configuration file, while it runs.
+    Swap(SwapArgs),
+    /// Let the robots' own agents make no motions for now (the present ones end first).
+    Pause {
+        /// Only this robot's.
+        robot: Option<String>,
+    },
+    /// Let them make motions again.
+    Resume {
+        /// Only this robot's.
+        robot: Option<String>,
+    },
+    /// Try a failed way back again.
+    Recover {
+        /// Only this robot's.
+        robot: Option<String>,
+    },
+    /// End the run in order: motions stop, every commit has its outcome.
+    Stop {
+        /// Without waiting for rest.
+        #[arg(long)]
+        now: bool,
+    },
+    /// Say something to the world, such as `mk ssph 0.05 0.3 0 0.5`, `ls`, `rm ssph 1`, `help`.
+    World {
+        /// The request.
+        #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
+        words: Vec<String>,
+    },
+    /// Switch the recording `on` or `off`; the journal is always kept.
+    Record {
+        /// `on`, `off` or `connect`.
+        what: String,
+    },
+}
+
+#[derive(Args)]
+struct SwapArgs {
+    /// What to exchange: `agent`.
+    part: String,
+    /// The configuration file that has the new one. It may `include` the running one.
+    file: PathBuf,
+    /// Which robot; needed if there are several.
+    #[arg(long)]
+    robot: Option<String>,
+    /// Seconds that the new agent only looks on; what it would have done is in the journal.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    shadow: f64,
+    /// Seconds after it took over in which the old one returns if it breaks.
+    #[arg(long, value_name = "SECONDS", default_value_t = 10.0)]
+    probation: f64,
+    /// The longest that it may take for an answer until its probation is over, seconds.
+    #[arg(long, value_name = "SECONDS", default_value_t = 1.0)]
+    budget: f64,
+    /// Begin anew instead of taking over the old agent's state: for an agent of another kind.
+    #[arg(long)]
+    fresh: bool,
+    /// Return when it is built and checked, instead of when its probation is over.
+    #[arg(long)]
+    no_wait: bool,
+}
+
+/// Carries out `mobee ctl ...`.
+///
+/// # Errors
+/// A run that can't be found or reached, and whatever it did not accept, in its words.
+pub fn command(args: CtlArgs) -> Result<ExitCode, Report> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.map_err(|e| Report::msg(format!("no asynchronous runtime: {e}")))?;
+    runtime.block_on(client::run(args))
+}

@@ -1,0 +1,132 @@
+//! A running system in words: one line per robot, then the tree and the links.
+
+use mobee_actors::supervision::Health;
+use mobee_actors::system::{Report, RobotReport};
+use mobee_contract::{Hold, Status};
+use std::fmt::Write;
+
+/// The state of a robot in the words of a status line.
+pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
+    if gave_up {
+        return "FAULT(gave up: a part of the controller was restarted too often)".into();
+    }
+    match robot.status {
+        Status::Holding(Hold::BoardFault) => "FAULT(board)".into(),
+        Status::Holding(Hold::Stale) => format!("STALE({:.1} s)", robot.age.as_secs_f64()),
+        Status::Starting => "CLOSED(starting)".into(),
+        _ if robot.age > robot.fresh => format!("STALE({:.1} s)", robot.age.as_secs_f64()),
+        Status::Rest | Status::Moving | Status::Escaping => "ARMED".into(),
+        Status::Stopping => "CLOSED(stopping)".into(),
+        Status::Retreating | Status::Settling => "RETREATING".into(),
+        Status::Holding(reason) => format!("HOLDING({reason})"),
+    }
+}
+
+/// The lines of `mobee ctl status`. Rates are taken between `before`, an earlier report, and `now`.
+pub(super) fn lines(now: &Report, before: Option<&Report>) -> Vec<String> {
+    let mut lines = Vec::new();
+    let wide = now.robots.iter().map(|r| r.name.len()).max().unwrap_or(0);
+    for robot in &now.robots {
+        let gave_up = now.counts.gave_up > 0;
+        let mut line = format!("{:wide$}  {}  {}", robot.name, state(robot, gave_up), robot.status.word());
+        if !robot.acts {
+            line.push_str(", its agent is paused");
+        }
+        if let Some(step) = &robot.swap {
+            let _ = write!(line, "; swap of the agent: {step}");
+        }
+        lines.push(line);
+    }
+    let c = &now.counts;
+    lines.push(format!(
+        "{:.1} s: {} commits, {} committed, {} rolled back, {} faulted, {} refused, {} contacts, {} restarts",
+        now.at.secs(),
+        c.commits,
+        c.committed,
+        c.rolled_back,
+        c.faulted,
+        c.refused,
+        c.contacts,
+        c.restarts
+    ));
+    lines.push(String::new());
+    for group in &now.tree {
+        branch(group, 0, &mut lines);
+    }
+    lines.push(String::new());
+    lines.push(format!("{:28} {:>9} {:>6} {:>8}", "link", "per s", "queue", "dropped"));
+    let secs = before.map(|b| now.at.since(b.at).as_secs_f64()).filter(|s| *s > 0.0);
+    for (name, counters) in &now.links {
+        let earlier = before.and_then(|b| b.links.iter().find(|(n, _)| n == name)).map(|(_, c)| c.sent);
+        let rate = match (earlier, secs) {
+            (Some(sent), Some(secs)) => format!("{:.1}", (counters.sent.saturating_sub(sent)) as f64 / secs),
+            _ => "-".into(),
+        };
+        lines.push(format!("{name:28} {rate:>9} {:>6} {:>8}", counters.queued, counters.dropped));
+    }
+    lines
+}
+
+fn branch(health: &Health, depth: usize, lines: &mut Vec<String>) {
+    let dead = if health.alive { "" } else { "  DOWN" };
+    let restarts = match health.restarts {
+        0 => String::new(),
+        n => format!("  {n} restarts"),
+    };
+    lines.push(format!("{:indent$}{}{restarts}{dead}", "", health.name, indent = 2 * depth));
+    for child in &health.children {
+        branch(child, depth + 1, lines);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mobee_actors::stream::Counters;
+    use mobee_actors::system::Counts;
+    use mobee_contract::{SwapStep, Time};
+    use std::time::Duration;
+
+    fn robot(status: Status, age_ms: u64) -> RobotReport {
+        let (age, fresh) = (Duration::from_millis(age_ms), Duration::from_millis(100));
+        RobotReport { name: "icub".into(), status, age, fresh, acts: true, swap: None }
+    }
+
+    #[test]
+    fn one_word_says_why_a_robot_does_not_move() {
+        let says = |status, age| state(&robot(status, age), false);
+        assert_eq!(says(Status::Moving, 10), "ARMED");
+        assert_eq!(says(Status::Moving, 1500), "STALE(1.5 s)");
+        assert_eq!(says(Status::Starting, 1500), "CLOSED(starting)");
+        assert_eq!(says(Status::Settling, 10), "RETREATING");
+        assert_eq!(says(Status::Holding(Hold::RetreatBlocked), 10), "HOLDING(the way back is blocked)");
+        assert_eq!(says(Status::Holding(Hold::BoardFault), 10), "FAULT(board)");
+        assert!(state(&robot(Status::Rest, 10), true).starts_with("FAULT("));
+    }
+
+    #[test]
+    fn a_status_shows_robots_tree_and_links() {
+        let child = |name: &str, restarts, alive| Health { name: name.into(), alive, restarts, children: Vec::new() };
+        let children = vec![child("model", 0, true), child("icub/driver", 2, false)];
+        let counters = |sent| Counters { sent, handled: sent - 3, queued: 1, dropped: 2 };
+        let report = |secs: u64, sent| Report {
+            at: Time(secs * 1_000_000_000),
+            robots: vec![RobotReport { acts: false, swap: Some(SwapStep::Settled), ..robot(Status::Rest, 10) }],
+            tree: vec![Health { name: "controller".into(), alive: true, restarts: 0, children: children.clone() }],
+            links: vec![("icub/driver>history".into(), counters(sent))],
+            counts: Counts::default(),
+        };
+        let lines = lines(&report(12, 700), Some(&report(10, 500)));
+        let expected = "\
+icub  ARMED  rest, its agent is paused; swap of the agent: settled: its probation is over
+12.0 s: 0 commits, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
+
+controller
+  model
+  icub/driver  2 restarts  DOWN
+
+link                             per s  queue  dropped
+icub/driver>history              100.0      1        2";
+        assert_eq!(lines.join("\n"), expected);
+    }
+}
