@@ -19,5 +19,6 @@ pub mod model_eval;
 pub mod model_info;
 pub mod run;
 pub mod sim;
+pub mod torture;
 pub mod view;
 pub mod yarp;

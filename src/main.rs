@@ -3,7 +3,9 @@
 use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{Clock, ConfigError};
-use mobee::{agent, check, config, ctl, inspect, kinds, model_convert, model_eval, model_info, run, sim, view, yarp};
+use mobee::{
+    agent, check, config, ctl, inspect, kinds, model_convert, model_eval, model_info, run, sim, torture, view, yarp,
+};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -52,6 +54,8 @@ enum Command {
     },
     /// Serve the simulated robots of a configuration file as YARP devices, until Ctrl-C.
     Sim(sim::SimArgs),
+    /// Search for faults: run a behavior in virtual time under seeded random faults, and watch all invariants.
+    Torture(torture::TortureArgs),
     /// List what a configuration file can name, with docs and settings.
     Kinds {
         /// Show this kind in full.
@@ -219,6 +223,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             sim::command(&args)?;
             Ok(ExitCode::SUCCESS)
         }
+        Command::Torture(args) => torture::command(&args),
         Command::Kinds { name } => {
             print!("{}", kinds::listing(name.as_deref())?);
             Ok(ExitCode::SUCCESS)

@@ -8,26 +8,37 @@
 //! | I4 | safe pose is honest | taken at rest, fresh, free, with no transaction open |
 //! | I5 | limits | what leaves the filter is finite, within limits, and not too fast |
 //! | I6 | nothing vanishes | sent = handled + queued + dropped on every link |
+//! | I7 | bounded | no more wait on a link than its credit allows |
+//! | I8 | stale is not fresh | commits are accepted, and outcomes given, by fresh readings |
 //! | I9 | the retreat is watched | a contact on the way back stops it within one period |
 //! | I10 | a restart does not move | no motion from a start or restart until the next commit |
 //! | I11 | removed stays removed | no plan leads over a removed edge |
+//! | I15 | liveness | once all faults have healed, motions end, filters open, and agents go on |
+//! | I17 | ended means at rest | an outcome is given only while the robot is measured to rest |
+//! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
 //!
-//! Each is a small state machine in a file of its own, fed with one line after the other.
+//! Each is a small state machine in a file of its own, fed with one line after the other. I8 and I17 also want the poses, which a
+//! journal does not hold and a simulation has; I15 is judged where a simulation says that its faults have healed.
 
 mod closed_means_closed;
+mod fresh_readings;
 mod home_is_a_vertex;
 mod honest_safe_pose;
 mod limits;
+mod liveness;
 mod nothing_vanishes;
 mod one_outcome;
+mod orphans;
 mod removed_stays_removed;
+mod rest_at_the_end;
 mod restart_does_not_move;
 mod summary;
 mod watched_retreat;
+pub use liveness::HEALED;
 pub use summary::{RunSummary, summary};
 
 use crate::journal::{JournalError, Line, read};
-use mobee_contract::{Event, Time};
+use mobee_contract::{Event, Pose, Time};
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
@@ -99,9 +110,15 @@ pub fn check_events(events: impl IntoIterator<Item = (Time, Arc<Event>)>) -> Vec
 }
 
 /// One invariant as a state machine.
-trait Invariant {
+trait Invariant: Send {
     /// Takes the next line.
     fn on(&mut self, line: &Line, found: &mut Found<'_>);
+    /// Takes a reading of this robot's pose, where there are any.
+    fn pose(&mut self, _robot: &str, _at: Time, _q: &Pose) {}
+    /// Whether it waits for something that is still to come.
+    fn waits(&self) -> bool {
+        false
+    }
     /// The journal is over, and ended in order.
     fn end(&mut self, _found: &mut Found<'_>) {}
 }
@@ -116,7 +133,11 @@ struct Found<'a> {
 
 impl Found<'_> {
     fn say(&mut self, what: impl Into<String>) {
-        let (invariant, line, at) = (self.invariant, self.line, self.at);
+        self.say_of(self.invariant, what);
+    }
+
+    fn say_of(&mut self, invariant: &'static str, what: impl Into<String>) {
+        let (line, at) = (self.line, self.at);
         self.violations.push(Violation { invariant, line, at, what: what.into() });
     }
 }
@@ -125,6 +146,7 @@ impl Found<'_> {
 pub struct Checker {
     invariants: Vec<(&'static str, Box<dyn Invariant>)>,
     violations: Vec<Violation>,
+    robots: Vec<String>,
     last: (u64, Time),
     ended: Option<String>,
 }
@@ -138,11 +160,15 @@ impl Default for Checker {
             ("I4", Box::new(honest_safe_pose::HonestSafePose::default())),
             ("I5", Box::new(limits::Limits::default())),
             ("I6", Box::new(nothing_vanishes::NothingVanishes)),
+            ("I8", Box::new(fresh_readings::FreshReadings::default())),
             ("I9", Box::new(watched_retreat::WatchedRetreat::default())),
             ("I10", Box::new(restart_does_not_move::RestartDoesNotMove::default())),
             ("I11", Box::new(removed_stays_removed::RemovedStaysRemoved::default())),
+            ("I15", Box::new(liveness::Liveness::default())),
+            ("I17", Box::new(rest_at_the_end::RestAtTheEnd::default())),
+            ("I18", Box::new(orphans::Orphans::default())),
         ];
-        Checker { invariants, violations: Vec::new(), last: (0, Time::ZERO), ended: None }
+        Checker { invariants, violations: Vec::new(), robots: Vec::new(), last: (0, Time::ZERO), ended: None }
     }
 }
 
@@ -154,9 +180,27 @@ impl Checker {
             let violations = &mut self.violations;
             invariant.on(line, &mut Found { invariant: name, line: line.line, at: line.at, violations });
         }
-        if let Event::Ended { reason } = &line.event {
-            self.ended = Some(reason.clone());
+        match &line.event {
+            Event::Robot { robot, .. } => self.robots.push(robot.clone()),
+            Event::Ended { reason } => self.ended = Some(reason.clone()),
+            _ => {}
         }
+    }
+
+    /// Takes a reading of the pose of the robot of this index, in the order of the journal.
+    pub fn pose(&mut self, robot: usize, at: Time, q: &Pose) {
+        let Some(robot) = self.robots.get(robot) else { return };
+        self.invariants.iter_mut().for_each(|(_, invariant)| invariant.pose(robot, at, q));
+    }
+
+    /// Whether progress is still to be shown after a simulation's faults have healed (I15).
+    pub fn waits(&self) -> bool {
+        self.invariants.iter().any(|(_, invariant)| invariant.waits())
+    }
+
+    /// What was found so far.
+    pub fn violations(&self) -> &[Violation] {
+        &self.violations
     }
 
     /// Why the run ended, if in order, and everything found, by line.

@@ -71,6 +71,13 @@ impl Clock {
         tokio::time::sleep_until(self.start + at.since(Time::ZERO)).await;
     }
 
+    /// Lets time pass without anybody acting, as while a process is suspended. A real clock is left alone.
+    pub async fn suspend(&self, time: Duration) {
+        if self.kind == ClockKind::Virtual {
+            tokio::time::advance(time).await;
+        }
+    }
+
     /// Waits for so long.
     pub async fn sleep(&self, time: Duration) {
         tokio::time::sleep(time).await;

@@ -44,9 +44,13 @@ struct Ring<T> {
     doorbell: Option<Doorbell>,
     /// Whether a doorbell message is on its way: the credit of one.
     rung: bool,
+    /// How many of the next items are lost: a fault of a simulation.
+    losing: u64,
     sent: u64,
     handled: u64,
     dropped: u64,
+    /// The most items that waited at once.
+    most: u64,
 }
 
 impl<T> Ring<T> {
@@ -65,11 +69,23 @@ impl<T> Stream<T> {
             queue: VecDeque::with_capacity(capacity.min(64)),
             doorbell: None,
             rung: false,
+            losing: 0,
             sent: 0,
             handled: 0,
             dropped: 0,
+            most: 0,
         };
         Stream(Arc::new(Inner { name: name.into(), capacity, ring: Mutex::new(ring) }))
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    /// Loses the next items, and counts them as dropped: a fault of a simulation.
+    pub fn lose(&self, count: u64) {
+        self.lock().losing = count;
     }
 
     fn lock(&self) -> MutexGuard<'_, Ring<T>> {
@@ -94,11 +110,16 @@ impl<T> Stream<T> {
     pub fn push(&self, item: T) {
         let mut ring = self.lock();
         ring.sent += 1;
+        if ring.losing > 0 {
+            (ring.losing, ring.dropped) = (ring.losing - 1, ring.dropped + 1);
+            return;
+        }
         if ring.queue.len() >= self.0.capacity {
             ring.queue.pop_front();
             ring.dropped += 1;
         }
         ring.queue.push_back(item);
+        ring.most = ring.most.max(ring.queue.len() as u64);
         ring.ring();
     }
 
@@ -135,7 +156,8 @@ impl<T> Stream<T> {
     /// The counters as the event that a run ends with.
     pub fn link(&self) -> Event {
         let Counters { sent, handled, queued, dropped } = self.counters();
-        Event::Link { link: self.0.name.clone(), sent, handled, queued, dropped }
+        let (most, capacity) = (self.lock().most, self.0.capacity as u64);
+        Event::Link { link: self.0.name.clone(), sent, handled, queued, dropped, most, capacity }
     }
 }
 

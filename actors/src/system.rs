@@ -2,15 +2,19 @@
 
 mod counts;
 mod cues;
+mod inject;
 mod report;
 mod run;
 mod services;
 mod tree;
+mod trouble;
 
 pub use counts::Counts;
 pub use cues::{Cues, ScriptStep, When};
+pub use inject::{Injection, Spot};
 pub use report::{Report, RobotReport};
 pub use run::{run, run_under};
+pub use trouble::{Blow, Troubles};
 
 use crate::clock::ClockKind;
 use crate::controller::Controller;
@@ -68,6 +72,8 @@ pub enum Control {
     Edit(Edit),
     /// Kill an actor, as a fault would: `model`, `<robot>/driver`, `<robot>/agent` and so on.
     Kill(String),
+    /// Put a fault into the system, or say that all have healed. In runs of [`run_under`] with faults only.
+    Inject(Injection),
     /// Try a robot's failed way back again.
     Recover(String),
     /// Exchange a robot's agent. Answered once the new one is built and checked, or why not; see [`Event::Swap`] for what

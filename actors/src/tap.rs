@@ -47,7 +47,8 @@ pub struct Taps(Arc<Inner>);
 
 struct Inner {
     pipes: Vec<Pipe>,
-    memory: Option<Collected>,
+    /// Told in place, without a thread.
+    memory: Option<Arc<Mutex<dyn Sink>>>,
 }
 
 /// What was told to [`Taps::collect`].
@@ -65,9 +66,16 @@ impl Collected {
         let event = |(at, entry)| if let Entry::Event(event) = entry { Some((at, event)) } else { None };
         self.entries().into_iter().filter_map(event).collect()
     }
+}
 
-    fn push(&self, at: Time, entry: Entry) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push((at, entry));
+impl Sink for Collected {
+    fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push((at, entry.clone()));
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<(), String> {
+        Ok(())
     }
 }
 
@@ -80,7 +88,12 @@ impl Taps {
     /// Keeps everything in memory, at once and without threads: for tests.
     pub fn collect() -> (Taps, Collected) {
         let memory = Collected::default();
-        (Taps(Arc::new(Inner { pipes: Vec::new(), memory: Some(memory.clone()) })), memory)
+        (Taps::in_place(Arc::new(Mutex::new(memory.clone()))), memory)
+    }
+
+    /// Tells a sink at once and without a thread: for simulations. It must be quick, and can't fail.
+    pub fn in_place(sink: Arc<Mutex<dyn Sink>>) -> Taps {
+        Taps(Arc::new(Inner { pipes: Vec::new(), memory: Some(sink) }))
     }
 
     /// Opens all sinks and starts a thread for each.
@@ -107,8 +120,8 @@ impl Taps {
         for pipe in &self.0.pipes {
             pipe.push_pose(at, robot, q, contacts);
         }
-        if let Some(memory) = &self.0.memory {
-            memory.push(at, Entry::Pose { robot, q: q.clone(), contacts: contacts.clone() });
+        if self.0.memory.is_some() {
+            self.remember(at, &Entry::Pose { robot, q: q.clone(), contacts: contacts.clone() });
         }
     }
 
@@ -121,8 +134,12 @@ impl Taps {
         for pipe in &self.0.pipes {
             pipe.push(at, entry);
         }
+        self.remember(at, entry);
+    }
+
+    fn remember(&self, at: Time, entry: &Entry) {
         if let Some(memory) = &self.0.memory {
-            memory.push(at, entry.clone());
+            let _ = memory.lock().unwrap_or_else(PoisonError::into_inner).write(at, entry);
         }
     }
 
@@ -137,9 +154,7 @@ impl Taps {
     /// The other sinks end before the essential ones, so that the journal has their counters, if anything was dropped.
     pub fn finish(&self, at: Time, last: Event) -> Vec<SinkReport> {
         let last = Entry::Event(Arc::new(last));
-        if let Some(memory) = &self.0.memory {
-            memory.push(at, last.clone());
-        }
+        self.remember(at, &last);
         let (essential, others): (Vec<&Pipe>, Vec<&Pipe>) = self.0.pipes.iter().partition(|p| p.is_essential());
         let mut reports = Vec::new();
         for pipe in others {

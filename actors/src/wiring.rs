@@ -7,7 +7,7 @@ use crate::ledger::Ledger;
 use crate::pulse::Pulse;
 use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, Slot, SuperviseMsg};
 use crate::stream::Stream;
-use crate::system::{Counts, Cues};
+use crate::system::{Counts, Cues, Troubles};
 use crate::tap::Taps;
 use mobee_contract::{Event, Hardware, Latest, Snapshot};
 use mobee_model::{Contact, Pair, Scene};
@@ -110,6 +110,8 @@ pub struct Hub {
     pub counts: Cell<Counts>,
     /// Edits that wait for their moment.
     pub cues: Cell<Cues>,
+    /// What is planned for its actors, in a simulation with faults.
+    pub troubles: Option<Troubles>,
     /// An empty list of contacts, shared.
     pub none: Arc<[Contact]>,
 }

@@ -86,7 +86,7 @@ fn restarted(actor: &str) -> Event {
     Event::Restarted { actor: actor.into(), restarts: 1 }
 }
 fn link(sent: u64) -> Event {
-    Event::Link { link: "samples".into(), sent, handled: 7, queued: 1, dropped: 2 }
+    Event::Link { link: "samples".into(), sent, handled: 7, queued: 1, dropped: 2, most: 0, capacity: 0 }
 }
 
 type Run = Vec<(f64, Event)>;

@@ -34,11 +34,33 @@ pub enum Fault {
         /// Standard deviation, rad.
         sigma: f64,
     },
+    /// Only each so-manyth reading gets through (0 and 1: all of them).
+    Gappy {
+        /// Of how many one does.
+        of: u64,
+    },
+    /// Each reading is given a second time.
+    Repeated,
+    /// Readings are damaged on their way.
+    Garbage(Garbage),
     /// The board reports a fault, brakes, and takes no command.
     Hardware {
         /// What it reports.
         report: String,
     },
+}
+
+/// How a reading is damaged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Garbage {
+    /// A position is not a number.
+    NotANumber,
+    /// A position is infinite.
+    Infinite,
+    /// A position is missing.
+    Short,
+    /// There is one too many.
+    Long,
 }
 
 /// Names a fault that was started.

@@ -50,7 +50,7 @@ mod yarp;
 
 pub use board_sim::{SimBoard, SimClock};
 pub use braking::{StoppingPath, stopping_path};
-pub use faults::{Fault, FaultId, SimFaults};
+pub use faults::{Fault, FaultId, Garbage, SimFaults};
 pub use plant::Plant;
 pub use services::{RobotPorts, WorldService, YarpServices, YarpSettings};
 pub use settings::SimSettings;

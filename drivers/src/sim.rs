@@ -1,7 +1,7 @@
 //! The simulated robot as hardware: one board that outlives its drivers, and the drivers themselves.
 
 use crate::encoders::Encoders;
-use crate::faults::{Active, Fault};
+use crate::faults::{Active, Fault, Garbage};
 use crate::{Plant, SimFaults, SimSettings};
 use mobee_contract as contract;
 use mobee_contract::{Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Sample, Time};
@@ -29,6 +29,8 @@ pub struct Board {
     latency: Duration,
     /// The newest reading, until it is fetched.
     unread: Option<Sample>,
+    /// The reading that was fetched last.
+    fetched: Option<Sample>,
     pub faults: Vec<Active>,
     pub faults_made: u64,
 }
@@ -78,6 +80,7 @@ impl SimHardware {
             encoders: Encoders::new(settings, seed),
             latency: settings.latency(),
             unread: None,
+            fetched: None,
             faults: Vec::new(),
             faults_made: 0,
         };
@@ -151,7 +154,11 @@ impl Driver for SimDriver {
         if board.on(now).any(|f| f.fault == Fault::Silent) {
             return Ok(None);
         }
-        Ok(board.unread.take())
+        let gaps = board.on(now).find_map(|f| if let Fault::Gappy { of } = f.fault { Some(of) } else { None });
+        let repeated = board.on(now).any(|f| f.fault == Fault::Repeated);
+        let fresh = board.unread.take().filter(|s| gaps.is_none_or(|of| s.seq % of.max(1) == 0));
+        let second = std::mem::replace(&mut board.fetched, fresh.clone()).filter(|_| repeated);
+        Ok(fresh.or(second))
     }
 
     fn next_sample(&self, now: Time) -> Time {
@@ -228,7 +235,16 @@ impl Board {
                         *slot = self.encoders.disturb(*slot, *sigma);
                     }
                 }
-                Fault::Lost | Fault::Silent | Fault::Slow { .. } | Fault::Hardware { .. } => {}
+                Fault::Garbage(Garbage::NotANumber) => q.iter_mut().take(1).for_each(|slot| *slot = f64::NAN),
+                Fault::Garbage(Garbage::Infinite) => q.iter_mut().take(1).for_each(|slot| *slot = f64::INFINITY),
+                Fault::Garbage(Garbage::Short) => drop(q.pop()),
+                Fault::Garbage(Garbage::Long) => q.push(0.0),
+                Fault::Lost
+                | Fault::Silent
+                | Fault::Slow { .. }
+                | Fault::Gappy { .. }
+                | Fault::Repeated
+                | Fault::Hardware { .. } => {}
             }
         }
         sample.q = q.into();

@@ -399,6 +399,12 @@ pub enum Event {
         queued: u64,
         /// Thrown away, by design or by a restart.
         dropped: u64,
+        /// The most that waited at once; 0 if that was not watched.
+        #[serde(default)]
+        most: u64,
+        /// How many may wait (I7); 0 if not told.
+        #[serde(default)]
+        capacity: u64,
     },
     /// Last event: the run ended in order.
     Ended {

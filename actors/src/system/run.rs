@@ -1,7 +1,8 @@
 //! A run from its first event to its end.
 
+use super::inject::inject;
 use super::services::Services;
-use super::{Control, Counts, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, tree};
+use super::{Control, Counts, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, Troubles, tree};
 use crate::access::Access;
 use crate::clock::{Clock, ClockKind, runtime};
 use crate::controller::{Rules, distance};
@@ -114,7 +115,8 @@ async fn conduct(
     let mut faults: VecDeque<(Time, Control)> = faults.into();
     let services = std::mem::take(&mut setup.services);
     let is_kept = services.iter().any(|s| s.keeps_run());
-    let hub = wire(setup, &boards, clock.clone());
+    let troubles = (!faults.is_empty()).then(Troubles::default);
+    let hub = wire(setup, &boards, clock.clone(), troubles);
     let controller = begin(tree::controller(&hub, &plugs), safety.as_ref()).await?;
     let agents = begin(tree::agents(&hub), None).await?;
     let taps = begin(tree::taps(&hub), None).await?;
@@ -191,7 +193,7 @@ async fn conduct(
 }
 
 /// Makes the wires, and tells what is run.
-fn wire(setup: Setup, boards: &[Board], clock: Clock) -> Arc<Hub> {
+fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>) -> Arc<Hub> {
     let none: Arc<[Contact]> = Vec::new().into();
     let homes = setup.scene.home();
     let robots = setup.robots.iter().zip(boards).zip(setup.scene.robots()).enumerate();
@@ -230,6 +232,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock) -> Arc<Hub> {
         taps: setup.taps,
         counts: Cell::new(Counts::default()),
         cues: Cell::new(Cues::new(setup.script)),
+        troubles,
         none,
     });
     hub.tell(Event::Started { seed: setup.seed, clock: setup.clock.to_string(), config: setup.config });
@@ -269,6 +272,7 @@ async fn obey(control: Control, hub: &Hub, controller: &ActorRef<GroupMsg>, agen
                 hub.tell(Event::Warning { text: format!("there is no actor {name} to kill") });
             }
         }
+        Control::Inject(injection) => inject(injection, hub).await,
         Control::Recover(robot) => {
             for wires in hub.robots.iter().filter(|w| w.rules.robot == robot) {
                 wires.supervise.send(SuperviseMsg::Recover);

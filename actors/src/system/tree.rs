@@ -11,6 +11,7 @@
 //! └── recorder
 //! ```
 
+use super::trouble::Troubled;
 use crate::shell::{AgentActor, DriverActor, HistoryActor, ModelActor, ReflexActor, SuperviseActor, SuperviseMsg};
 use crate::supervision::{Child, Group, Intensity, Restart, Strategy};
 use crate::tap::TapActor;
@@ -24,15 +25,24 @@ const BUDGET: u32 = 8;
 const PERIOD: Duration = Duration::from_secs(30);
 
 /// A child that is spawned with these arguments.
-fn child<A>(name: String, actor: fn() -> A, arguments: impl Fn() -> A::Arguments + Send + Sync + 'static) -> Child
+fn child<A>(
+    hub: &Hub,
+    name: String,
+    actor: fn() -> A,
+    arguments: impl Fn() -> A::Arguments + Send + Sync + 'static,
+) -> Child
 where
     A: Actor + 'static,
     A::Arguments: Send,
 {
+    let (own, troubles) = (name.clone(), hub.troubles.clone());
     Child::new(name, move |parent: ActorCell| {
-        let arguments = arguments();
+        let (arguments, troubled) = (arguments(), troubles.clone().map(|t| Troubled::new(actor(), own.clone(), t)));
         async move {
-            let spawned = Actor::spawn_linked(None, actor(), arguments, parent).await;
+            let spawned = match troubled {
+                Some(troubled) => Actor::spawn_linked(None, troubled, arguments, parent).await,
+                None => Actor::spawn_linked(None, actor(), arguments, parent).await,
+            };
             spawned.map(|(actor, _)| actor.get_cell()).map_err(|e| e.to_string())
         }
     })
@@ -50,7 +60,7 @@ fn group(name: &str, strategy: Strategy, hub: &Arc<Hub>) -> Group {
 pub fn taps(hub: &Arc<Hub>) -> Group {
     hub.taps.names().fold(group("taps", Strategy::OneForOne, hub), |root, name| {
         let (taps, clock, sink) = (hub.taps.clone(), hub.clock.clone(), name.to_owned());
-        root.child(child(name.to_owned(), || TapActor, move || (taps.clone(), clock.clone(), sink.clone())))
+        root.child(child(hub, name.to_owned(), || TapActor, move || (taps.clone(), clock.clone(), sink.clone())))
     })
 }
 
@@ -65,7 +75,7 @@ pub fn controller(hub: &Arc<Hub>, plugs: &[Plug]) -> Group {
                 fence.fence(wires, name);
             }
         })
-        .child(child("model".into(), || ModelActor, move || model.clone()));
+        .child(child(hub, "model".into(), || ModelActor, move || model.clone()));
     for (wires, plug) in hub.robots.iter().zip(plugs) {
         root = root.child(Child::group(robot(hub, wires, plug)).restart(Restart::Temporary));
     }
@@ -86,10 +96,10 @@ fn robot(hub: &Arc<Hub>, wires: &Arc<Wires>, plug: &Plug) -> Group {
     let (fence, fenced) = (hub.clone(), wires.clone());
     group(&wires.rules.robot, Strategy::RestForOne, hub)
         .on_death(move |name, _| fence.fence(&fenced, name))
-        .child(child(name("driver"), || DriverActor, driver))
-        .child(child(name("history"), || HistoryActor, both()))
-        .child(child(name("supervise"), || SuperviseActor, both()))
-        .child(child(name("reflex"), || ReflexActor, both()))
+        .child(child(hub, name("driver"), || DriverActor, driver))
+        .child(child(hub, name("history"), || HistoryActor, both()))
+        .child(child(hub, name("supervise"), || SuperviseActor, both()))
+        .child(child(hub, name("reflex"), || ReflexActor, both()))
 }
 
 /// The agents: their deaths can't touch a controller.
@@ -105,7 +115,7 @@ pub fn agents(hub: &Arc<Hub>) -> Group {
             .on_death(move |_, _| {
                 orphan.supervise.send(SuperviseMsg::AgentDied(orphan.agent_name.clone()));
             })
-            .child(child(wires.agent_name.to_string(), || AgentActor, arguments));
+            .child(child(hub, wires.agent_name.to_string(), || AgentActor, arguments));
         root = root.child(Child::group(own).restart(Restart::Temporary));
     }
     root

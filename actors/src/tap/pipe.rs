@@ -34,7 +34,7 @@ impl SinkReport {
     /// As the event that a run ends with.
     pub fn link(&self) -> Event {
         let SinkReport { name, sent, handled, queued, dropped, .. } = self.clone();
-        Event::Link { link: name, sent, handled, queued, dropped }
+        Event::Link { link: name, sent, handled, queued, dropped, most: 0, capacity: 0 }
     }
 }
 

@@ -1,0 +1,60 @@
+//! I8: a commit is accepted, and an outcome given, only while the newest reading is fresh.
+//!
+//! Wants the poses. The end of a run may be in a hurry: what is settled after a group gave up, or while the run is brought to its
+//! end, is settled by the newest reading there is.
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::{Event, Hold, Pose, Status, Time};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+#[derive(Default)]
+pub(super) struct FreshReadings {
+    robots: BTreeMap<String, Reading>,
+    gave_up: bool,
+}
+
+#[derive(Default)]
+struct Reading {
+    fresh: Duration,
+    newest: Option<Time>,
+    ending: bool,
+}
+
+impl Invariant for FreshReadings {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        let (robot, what) = match &line.event {
+            Event::Robot { robot, fresh, .. } => {
+                let fresh = Duration::try_from_secs_f64(*fresh).unwrap_or_default();
+                self.robots.insert(robot.clone(), Reading { fresh, ..Reading::default() });
+                return;
+            }
+            Event::State { robot, status } => {
+                let reading = self.robots.entry(robot.clone()).or_default();
+                reading.ending |= *status == Status::Holding(Hold::ShuttingDown);
+                return;
+            }
+            Event::GaveUp { .. } => {
+                self.gave_up = true;
+                return;
+            }
+            Event::Commit { robot, id, .. } => (robot, format!("commit {} was accepted", id.0)),
+            Event::Outcome { robot, id, .. } => (robot, format!("the outcome of commit {} was given", id.0)),
+            _ => return,
+        };
+        let Some(reading) = self.robots.get(robot).filter(|r| !r.ending && !self.gave_up) else { return };
+        // without poses there is nothing to judge by
+        let Some(newest) = reading.newest else { return };
+        let age = line.at.since(newest);
+        if age > reading.fresh {
+            found.say(format!("{robot}: {what} by a reading {:.3} s old", age.as_secs_f64()));
+        }
+    }
+
+    fn pose(&mut self, robot: &str, at: Time, _q: &Pose) {
+        if let Some(reading) = self.robots.get_mut(robot) {
+            reading.newest = reading.newest.max(Some(at));
+        }
+    }
+}

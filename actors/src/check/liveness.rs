@@ -1,0 +1,115 @@
+//! I15: when all faults have healed, each open transaction ends, the filter is open again, and the agent asks for another motion,
+//! all within [`WITHIN`].
+//!
+//! A robot whose agent has said that it is done need not ask again; one that has no agent, or never asked, need not either. A
+//! group that used up its restarts is down for good.
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::{Event, Hold, Status, Time};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// What a simulation says, as [`Event::Injected`], when all faults have healed.
+pub const HEALED: &str = "nothing more: all faults have healed";
+/// How long progress may take.
+const WITHIN: Duration = Duration::from_secs(120);
+
+#[derive(Default)]
+pub(super) struct Liveness {
+    healed: Option<Time>,
+    gave_up: bool,
+    robots: BTreeMap<String, Robot>,
+    /// The last event before the run was brought to its end.
+    last: Time,
+}
+
+#[derive(Default)]
+struct Robot {
+    /// The commit that was open at the healing.
+    open: Option<u64>,
+    enabled: bool,
+    /// Whether the filter was open at some time since.
+    opened: bool,
+    /// The run is being brought to its end: nothing can be asked of it any more.
+    ending: bool,
+    /// Whether it has an agent that asked for motions before, and has more to do.
+    asks: bool,
+    asked_since: bool,
+}
+
+impl Robot {
+    fn lacks(&self) -> Option<&'static str> {
+        let lacks = [
+            (self.open.is_some(), "its open motion has not ended"),
+            (!self.opened, "its filter has not opened"),
+            (self.asks && !self.asked_since, "its agent has not asked for another motion"),
+        ];
+        lacks.into_iter().find(|(lacks, _)| *lacks).map(|(_, what)| what)
+    }
+}
+
+impl Invariant for Liveness {
+    fn on(&mut self, line: &Line, _found: &mut Found<'_>) {
+        let healed = self.healed.is_some();
+        if !self.robots.values().any(|r| r.ending) {
+            self.last = line.at;
+        }
+        match &line.event {
+            Event::State { robot, status: Status::Holding(Hold::ShuttingDown) } => self.of(robot).ending = true,
+            Event::Robot { robot, .. } => drop(self.robots.insert(robot.clone(), Robot::default())),
+            Event::Injected { fault } if fault == HEALED => {
+                self.healed = Some(line.at);
+                self.robots.values_mut().for_each(|r| (r.opened, r.asked_since) = (r.enabled, false));
+            }
+            // a fault after the healing: nothing can be demanded any more
+            Event::Injected { .. } => self.healed = None,
+            Event::GaveUp { .. } => self.gave_up = true,
+            Event::Enabled { robot, .. } => {
+                let robot = self.of(robot);
+                (robot.enabled, robot.opened) = (true, true);
+            }
+            Event::Disabled { robot, .. } => self.of(robot).enabled = false,
+            Event::Commit { robot, id, agent, .. } => {
+                let own = *agent == format!("{robot}/agent");
+                let robot = self.of(robot);
+                if own {
+                    (robot.asks, robot.asked_since) = (true, healed);
+                }
+                robot.open = if healed { robot.open } else { Some(id.0) };
+            }
+            Event::Refused { robot, agent, .. } if *agent == format!("{robot}/agent") => {
+                let robot = self.of(robot);
+                (robot.asks, robot.asked_since) = (true, healed);
+            }
+            Event::Outcome { robot, id, .. } => {
+                let robot = self.of(robot);
+                robot.open = robot.open.filter(|open| *open != id.0 || robot.ending);
+            }
+            Event::Done { robot, .. } => self.of(robot).asks = false,
+            _ => {}
+        }
+    }
+
+    fn waits(&self) -> bool {
+        self.healed.is_none() || self.robots.values().any(|r| r.lacks().is_some())
+    }
+
+    fn end(&mut self, found: &mut Found<'_>) {
+        let Some(healed) = self.healed.filter(|_| !self.gave_up) else { return };
+        if self.last.since(healed) < WITHIN {
+            return;
+        }
+        for (robot, state) in &self.robots {
+            if let Some(what) = state.lacks() {
+                found.say(format!("{robot}: {what}, {} s after all faults had healed", WITHIN.as_secs()));
+            }
+        }
+    }
+}
+
+impl Liveness {
+    fn of(&mut self, robot: &str) -> &mut Robot {
+        self.robots.entry(robot.to_owned()).or_default()
+    }
+}

@@ -1,0 +1,142 @@
+//! Faults that a whole-system simulation puts into a run, besides those of its hardware: see `mobee torture`.
+
+use crate::shell::{ModelMsg, SuperviseMsg};
+use crate::system::trouble::{Blow, Troubles};
+use crate::wiring::{Hub, Wires};
+use mobee_contract::{Commit, Event, Pose};
+use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
+use nalgebra::{Isometry3, Translation3};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A fault, and the moment it is healed.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Injection {
+    /// An actor's handler is struck at its `after`-th message from now on (0: the next).
+    Strike {
+        /// The actor, such as `icub/reflex` or `model`.
+        actor: String,
+        /// How many messages it handles before.
+        after: u64,
+        /// What happens then.
+        blow: Blow,
+    },
+    /// The next pulses on a link are lost, and counted as dropped.
+    Lose {
+        /// The link, such as `icub/model>reflex`.
+        link: String,
+        /// How many.
+        count: u64,
+    },
+    /// Somebody else commits to a robot, `times` times at once, and does not wait for the answers.
+    Commit {
+        /// The robot.
+        robot: String,
+        /// What is committed.
+        commit: Commit,
+        /// How often.
+        times: u64,
+    },
+    /// An obstacle appears where a body of a robot is, or will be.
+    Obstruct {
+        /// The obstacle's name.
+        object: String,
+        /// The robot.
+        robot: String,
+        /// Where.
+        spot: Spot,
+    },
+    /// The whole process is suspended: time passes, and nobody acts. In virtual time only.
+    Suspend(Duration),
+    /// All faults have healed: from now on progress is demanded (I15).
+    Heal,
+}
+
+/// A place on a robot's way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spot {
+    /// Towards the safe pose of the open motion rather than its target.
+    pub back: bool,
+    /// How far on the way there, 0 (where the robot is) to 1.
+    pub share: f64,
+    /// Which of the robot's bodies that can move, from 0 (nearest the base) to 1 (the farthest).
+    pub body: f64,
+    /// The obstacle's radius, metres.
+    pub radius: f64,
+}
+
+/// Puts a fault into the running system.
+pub(super) async fn inject(injection: Injection, hub: &Hub) {
+    match injection {
+        Injection::Strike { actor, after, blow } => {
+            hub.tell(Event::Injected { fault: format!("{blow} in {actor} after {after} messages") });
+            if let Some(troubles) = &hub.troubles {
+                troubles.plan(&actor, after, blow);
+            }
+        }
+        Injection::Lose { link, count } => {
+            hub.tell(Event::Injected { fault: format!("{count} pulses are lost on {link}") });
+            if *hub.to_model.name() == *link {
+                hub.to_model.lose(count);
+            }
+            let streams = hub.robots.iter().flat_map(|w| [&w.to_history, &w.to_reflex, &w.to_supervise]);
+            streams.filter(|s| *s.name() == *link).for_each(|s| s.lose(count));
+        }
+        Injection::Commit { robot, commit, times } => {
+            hub.tell(Event::Injected { fault: format!("{} commits to {robot}, {times} times", commit.agent) });
+            let Some(wires) = find(hub, &robot) else { return };
+            for _ in 0..times {
+                let (reply, _nobody_waits) = ractor::concurrency::oneshot();
+                wires.supervise.send(SuperviseMsg::Commit(commit.clone(), reply.into()));
+            }
+        }
+        Injection::Obstruct { object, robot, spot } => {
+            hub.tell(Event::Injected { fault: format!("{object} appears on {robot} or its way") });
+            if let Some(edit) = find(hub, &robot).map(|wires| obstacle(object, wires, spot, hub)) {
+                hub.model.send(ModelMsg::Edit(edit, None));
+            }
+        }
+        Injection::Suspend(time) => {
+            hub.tell(Event::Injected { fault: format!("suspended for {:.3} s", time.as_secs_f64()) });
+            hub.clock.suspend(time).await;
+        }
+        Injection::Heal => {
+            hub.troubles.iter().for_each(Troubles::clear);
+            hub.tell(Event::Injected { fault: crate::check::HEALED.into() });
+        }
+    }
+}
+
+fn find<'a>(hub: &'a Hub, robot: &str) -> Option<&'a Arc<Wires>> {
+    hub.robots.iter().find(|w| w.rules.robot == robot)
+}
+
+fn obstacle(name: String, wires: &Wires, spot: Spot, hub: &Hub) -> Edit {
+    let here = wires.latest.lock().q.clone();
+    let there: Option<Pose> = {
+        let book = wires.ledger.book();
+        let open = book.open.as_ref();
+        open.and_then(|o| if spot.back { o.safe.as_ref().map(|(_, q)| q.clone()) } else { Some(o.target.clone()) })
+    };
+    let there = there.unwrap_or_else(|| here.clone());
+    let q: Vec<f64> = here.iter().zip(there.iter()).map(|(a, b)| a + (b - a) * spot.share).collect();
+    let scene = hub.scene.lock().clone();
+    let mut at = Translation3::identity();
+    if let Some(robot) = scene.robots().get(wires.robot) {
+        let mut frames = Vec::new();
+        robot.forward_from(&scene.base(wires.robot), &q, &mut frames);
+        let solid = |n: &usize| robot.can_move(*n) && robot.nodes.get(*n).is_some_and(|node| !node.solids.is_empty());
+        let moving: Vec<usize> = (0..frames.len()).filter(solid).collect();
+        let which = (spot.body.clamp(0.0, 1.0) * moving.len().saturating_sub(1) as f64).round() as usize;
+        let frame = moving.get(which).and_then(|n| frames.get(*n));
+        at = frame.map_or(at, |f| f.translation);
+    }
+    Edit::Add(Object {
+        name,
+        class: ObjectClass::Obstacle,
+        persistent: false,
+        pose: Isometry3::from_parts(at, nalgebra::UnitQuaternion::identity()),
+        shapes: vec![Primitive { shape: Shape::Sphere { radius: spot.radius }, pose: Isometry3::identity() }],
+        color: None,
+    })
+}

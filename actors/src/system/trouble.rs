@@ -1,0 +1,94 @@
+//! Actors whose handlers panic or stall when a simulation says so. Used in runs with planned faults only.
+
+use crate::wiring::Cell;
+use ractor::{Actor, ActorProcessingErr, ActorRef};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What happens to a handler.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Blow {
+    /// It panics before it has done anything.
+    Panic,
+    /// It waits so long before it does anything.
+    Stall(Duration),
+}
+
+impl fmt::Display for Blow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Blow::Panic => f.write_str("a panic"),
+            Blow::Stall(time) => write!(f, "a stall of {:.3} s", time.as_secs_f64()),
+        }
+    }
+}
+
+/// What is planned for whom: per actor, after how many messages which blow.
+#[derive(Clone, Debug, Default)]
+pub struct Troubles(Arc<Cell<BTreeMap<String, Vec<(u64, Blow)>>>>);
+
+impl Troubles {
+    /// Plans a blow.
+    pub fn plan(&self, actor: &str, after: u64, blow: Blow) {
+        self.0.lock().entry(actor.to_owned()).or_default().push((after, blow));
+    }
+
+    /// Forgets what is still planned.
+    pub fn clear(&self) {
+        self.0.lock().clear();
+    }
+
+    /// This actor takes a message: what is due.
+    fn due(&self, actor: &str) -> Option<Blow> {
+        let mut all = self.0.lock();
+        let planned = all.get_mut(actor)?;
+        let due = planned.iter().position(|(after, _)| *after == 0).map(|i| planned.remove(i).1);
+        planned.iter_mut().for_each(|(after, _)| *after = after.saturating_sub(1));
+        due
+    }
+}
+
+/// An actor in the place of another, with troubles.
+pub struct Troubled<A> {
+    actor: A,
+    name: String,
+    troubles: Troubles,
+}
+
+impl<A> Troubled<A> {
+    /// In the place of `actor`.
+    pub fn new(actor: A, name: String, troubles: Troubles) -> Troubled<A> {
+        Troubled { actor, name, troubles }
+    }
+}
+
+impl<A: Actor> Actor for Troubled<A> {
+    type Msg = A::Msg;
+    type State = A::State;
+    type Arguments = A::Arguments;
+
+    async fn pre_start(
+        &self,
+        myself: ActorRef<A::Msg>,
+        arguments: A::Arguments,
+    ) -> Result<A::State, ActorProcessingErr> {
+        self.actor.pre_start(myself, arguments).await
+    }
+
+    async fn handle(
+        &self,
+        myself: ActorRef<A::Msg>,
+        message: A::Msg,
+        state: &mut A::State,
+    ) -> Result<(), ActorProcessingErr> {
+        match self.troubles.due(&self.name) {
+            // unwinds as any panic does, without a word on the terminal
+            Some(Blow::Panic) => std::panic::resume_unwind(Box::new("planted")),
+            Some(Blow::Stall(time)) => tokio::time::sleep(time).await,
+            None => {}
+        }
+        self.actor.handle(myself, message, state).await
+    }
+}

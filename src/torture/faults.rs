@@ -1,0 +1,188 @@
+//! What can go wrong: the fault list, and which of it a simulation can do.
+
+use mobee_actors::system::{Blow, Spot};
+use mobee_contract::Target;
+use mobee_drivers::Fault;
+use std::fmt;
+use std::time::Duration;
+
+/// A line of the fault list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Kind {
+    /// `F1` to `F28`.
+    pub name: &'static str,
+    /// In words.
+    pub what: &'static str,
+    /// Why a simulation can't do it; `None` if it can.
+    pub elsewhere: Option<&'static str>,
+}
+
+const PROCESS: Option<&str> = Some("needs a process of its own: see the tests of the program");
+const YARP: Option<&str> = Some("needs YARP's ports: see tests/yarp_cycles.rs and drivers/tests/yarp_faults.rs");
+const FUZZ: Option<&str> = Some("is about files and bytes: see tests/wrong_input.rs and drivers/yarp/fuzz");
+
+const fn kind(name: &'static str, what: &'static str, elsewhere: Option<&'static str>) -> Kind {
+    Kind { name, what, elsewhere }
+}
+
+/// The whole list.
+pub const KINDS: [Kind; 28] = [
+    kind("F1", "a panic in an actor, at any message", None),
+    kind("F2", "an actor is killed", None),
+    kind("F3", "an actor's handler stalls", None),
+    kind("F4", "slow flapping below the restart limit", Some("shows in hours only: run `--faults mild` for long")),
+    kind("F5", "a restart storm", None),
+    kind("F6", "pulses or readings are lost on one link", None),
+    kind("F7", "commands are delayed, readings are given twice", None),
+    kind("F8", "readings and commits that make no sense", None),
+    kind("F9", "malformed bottles", YARP),
+    kind("F10", "malformed files", FUZZ),
+    kind("F11", "the board disconnects, falls silent or reports a fault", None),
+    kind("F12", "encoders lie: frozen, stuck, off, noisy", None),
+    kind("F13", "the name server restarts, a port steals our name", YARP),
+    kind("F14", "the process is suspended", None),
+    kind("F15", "the disk is full, read-only or slow", PROCESS),
+    kind("F16", "the process is killed", PROCESS),
+    kind("F17", "a frozen viewer", PROCESS),
+    kind("F18", "floods of commits and of edits of the world", None),
+    kind("F19", "objects appear on the robot, its path, its safe pose, and go again", None),
+    kind("F20", "another agent or robot moves into the way", None),
+    kind("F21", "an agent is swapped in mid-motion", Some("is not built into the simulation yet")),
+    kind("F22", "the controller is swapped", Some("is not built into the simulation yet")),
+    kind("F23", "a motion outlasts the history", None),
+    kind("F24", "a detector sees nothing, two objects or garbage", Some("there are no detectors yet")),
+    kind("F25", "a worse value is edited into the configuration", FUZZ),
+    kind("F26", "memory, file descriptors or ports run out", PROCESS),
+    kind("F27", "signals", PROCESS),
+    kind("F28", "a machine under load", PROCESS),
+];
+
+/// A fault of a plan.
+#[derive(Clone, Debug, PartialEq)]
+pub enum What {
+    /// F1 and F3.
+    Strike {
+        /// The actor.
+        actor: String,
+        /// After how many messages.
+        after: u64,
+        /// What.
+        blow: Blow,
+    },
+    /// F2.
+    Kill(String),
+    /// F5: so many kills, 0.3 s apart.
+    Storm {
+        /// The actor.
+        actor: String,
+        /// How many.
+        kills: u32,
+    },
+    /// F6 between actors.
+    Lose {
+        /// The link.
+        link: String,
+        /// How many pulses.
+        count: u64,
+    },
+    /// F6, F7, F8, F11, F12: the board of a robot.
+    Board {
+        /// The kind it belongs to.
+        kind: &'static str,
+        /// The robot.
+        robot: usize,
+        /// What.
+        fault: Fault,
+        /// For how long.
+        lasts: Duration,
+    },
+    /// F8, F18, F20: somebody else commits.
+    Commit {
+        /// The kind it belongs to.
+        kind: &'static str,
+        /// The robot's name.
+        robot: String,
+        /// Where to.
+        target: Target,
+        /// How many times at once.
+        times: u64,
+    },
+    /// F14.
+    Suspend(Duration),
+    /// F18: so many moves of an object far away, at once.
+    Edits(u64),
+    /// F19.
+    Obstruct {
+        /// The obstacle's name.
+        object: String,
+        /// The robot's name.
+        robot: String,
+        /// Where.
+        spot: Spot,
+        /// For how long.
+        lasts: Duration,
+    },
+    /// F23: the history is so short from the start, in poses.
+    ShortHistory(usize),
+}
+
+impl What {
+    /// The kind of fault that it is.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            What::Strike { blow: Blow::Panic, .. } => "F1",
+            What::Strike { .. } => "F3",
+            What::Kill(_) => "F2",
+            What::Storm { .. } => "F5",
+            What::Lose { .. } => "F6",
+            What::Board { kind, .. } | What::Commit { kind, .. } => kind,
+            What::Suspend(_) => "F14",
+            What::Edits(_) => "F18",
+            What::Obstruct { .. } => "F19",
+            What::ShortHistory(_) => "F23",
+        }
+    }
+}
+
+impl fmt::Display for What {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: ", self.kind())?;
+        match self {
+            What::Strike { actor, after, blow } => write!(f, "{blow} in {actor} after {after} messages"),
+            What::Kill(actor) => write!(f, "{actor} is killed"),
+            What::Storm { actor, kills } => write!(f, "{actor} is killed {kills} times"),
+            What::Lose { link, count } => write!(f, "{count} pulses are lost on {link}"),
+            What::Board { robot, fault, lasts, .. } => {
+                write!(f, "the board of robot {robot} for {:.3} s: {fault:?}", lasts.as_secs_f64())
+            }
+            What::Commit { robot, target, times, .. } => write!(f, "{times} commits to {robot}: {target:?}"),
+            What::Suspend(time) => write!(f, "suspended for {:.3} s", time.as_secs_f64()),
+            What::Edits(n) => write!(f, "{n} edits of the world at once"),
+            What::Obstruct { object, robot, spot, lasts } => {
+                write!(f, "{object} is on the way of {robot} for {:.3} s: {spot:?}", lasts.as_secs_f64())
+            }
+            What::ShortHistory(poses) => write!(f, "a history of {poses} poses"),
+        }
+    }
+}
+
+/// The kinds that are meant by `F1,F8,...`; `mild` are those that a robot meets any day; none named: all that can be simulated.
+///
+/// # Errors
+/// A sentence for the first name that is unknown or can't be simulated.
+pub fn chosen(names: &str) -> Result<Vec<&'static str>, String> {
+    if names.is_empty() || names == "mild" {
+        let mild = ["F1", "F2", "F6", "F7", "F11", "F19", "F20"];
+        let all = KINDS.iter().filter(|k| k.elsewhere.is_none()).map(|k| k.name);
+        return Ok(all.filter(|n| names.is_empty() || mild.contains(n)).collect());
+    }
+    let known = |name: &str| {
+        let kind = KINDS.iter().find(|k| k.name.eq_ignore_ascii_case(name));
+        match kind {
+            None => Err(format!("there is no fault `{name}`; they are F1 to F28, or `mild`")),
+            Some(Kind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
+            Some(kind) => Ok(kind.name),
+        }
+    };
+    names.split(',').map(|n| known(n.trim())).collect()
+}

@@ -1,0 +1,264 @@
+//! Which faults a seed stands for: a pure function of the seed, so that a failing seed is its own description.
+//!
+//! Faults come in clusters: for a few seconds one actor, link or robot has the same trouble again and again, since faults that are
+//! sprinkled evenly miss what goes wrong while something else is being mended. Then all is healed, and progress is demanded.
+
+use super::faults::What;
+use mobee_actors::system::{Blow, Spot};
+use mobee_contract::{Target, Time};
+use mobee_drivers::{Fault, Garbage};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::time::Duration;
+
+/// What a plan is made for.
+#[derive(Clone, Debug)]
+pub struct Facts {
+    /// The robots: names, and the limits of their motors, rad.
+    pub robots: Vec<(String, Vec<(f64, f64)>)>,
+    /// How long the run is to be, seconds.
+    pub secs: f64,
+    /// Whether faults are rare, as they are in a long run of every day.
+    pub mild: bool,
+}
+
+/// A fault and its moment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Planned {
+    /// When.
+    pub at: Time,
+    /// What.
+    pub what: What,
+}
+
+/// Kills and panics per run; more could use up a group's restarts, which is another fault (F5).
+const DEATHS: u32 = 6;
+/// The parts of a robot's controller and its agent.
+const ACTORS: [&str; 5] = ["driver", "history", "supervise", "reflex", "agent"];
+
+impl Facts {
+    /// From when on all faults have healed.
+    pub fn healed(&self) -> Time {
+        Time::from_secs((0.6 * self.secs).max(self.secs - 60.0))
+    }
+}
+
+struct Planner<'a> {
+    facts: &'a Facts,
+    rng: ChaCha8Rng,
+    deaths: u32,
+    objects: u32,
+    all: Vec<Planned>,
+}
+
+/// The faults of a seed, in order of time.
+pub fn plan(seed: u64, facts: &Facts, kinds: &[&'static str]) -> Vec<Planned> {
+    let rng = ChaCha8Rng::seed_from_u64(seed ^ 0x70_72_74_72);
+    let mut planner = Planner { facts, rng, deaths: 0, objects: 0, all: Vec::new() };
+    if kinds.is_empty() || facts.robots.is_empty() {
+        return Vec::new();
+    }
+    let between = if facts.mild { 300.0 } else { 10.0 };
+    let clusters = (facts.secs * planner.rng.random_range(0.5..1.5) / between).ceil() as u64;
+    for _ in 0..clusters {
+        let kind = kinds[planner.rng.random_range(0..kinds.len())];
+        planner.cluster(kind);
+    }
+    let mut all = planner.all;
+    all.sort_by_key(|p| p.at);
+    all
+}
+
+impl Planner<'_> {
+    fn secs(&mut self, low: f64, high: f64) -> Duration {
+        Duration::from_secs_f64(self.rng.random_range(low..high))
+    }
+
+    /// One kind of trouble at one place for a while.
+    fn cluster(&mut self, kind: &'static str) {
+        let end = self.facts.healed().secs();
+        let mut at = Time::from_secs(self.rng.random_range(0.0..(end - 4.0).max(0.1)));
+        let robot = self.rng.random_range(0..self.facts.robots.len());
+        let name = self.facts.robots[robot].0.clone();
+        let actor = match self.rng.random_range(0..ACTORS.len() + 1) {
+            n if n < ACTORS.len() => format!("{name}/{}", ACTORS[n]),
+            _ => "model".into(),
+        };
+        let link = match self.rng.random_range(0..4) {
+            0 => format!("{name}/driver>history"),
+            1 => "history>model".into(),
+            2 => format!("{name}/model>reflex"),
+            _ => format!("{name}/reflex>supervise"),
+        };
+        // half of all clusters hit a robot that has just met something
+        if kind != "F19" && kind != "F23" && self.rng.random() {
+            self.obstruct(at, &name);
+            at = at + self.secs(0.1, 3.0);
+        }
+        let repeats = match kind {
+            "F5" | "F14" | "F23" => 1,
+            _ => self.rng.random_range(1..=4),
+        };
+        for _ in 0..repeats {
+            if at.secs() > end - 1.0 {
+                return;
+            }
+            self.fault(kind, at, robot, &name, &actor, &link);
+            at = at + self.secs(0.02, 2.0);
+        }
+    }
+
+    fn fault(&mut self, kind: &'static str, at: Time, robot: usize, name: &str, actor: &str, link: &str) {
+        let what = match kind {
+            "F1" | "F2" if self.deaths >= DEATHS => return,
+            "F1" => {
+                self.deaths += 1;
+                What::Strike { actor: actor.into(), after: self.rng.random_range(0..50), blow: Blow::Panic }
+            }
+            "F2" => {
+                self.deaths += 1;
+                What::Kill(actor.into())
+            }
+            "F3" => {
+                let blow = Blow::Stall(self.secs(0.01, 1.5));
+                What::Strike { actor: actor.into(), after: self.rng.random_range(0..20), blow }
+            }
+            "F5" => What::Storm { actor: actor.into(), kills: 12 },
+            "F6" if self.rng.random() => What::Lose { link: link.into(), count: self.rng.random_range(1..60) },
+            "F19" => return self.obstruct(at, name),
+            "F14" => What::Suspend(self.secs(0.05, 30.0)),
+            "F18" if self.rng.random() => What::Edits(self.rng.random_range(10..100)),
+            "F8" if self.rng.random() => {
+                let target = self.nonsense(robot);
+                What::Commit { kind, robot: name.into(), target, times: 1 }
+            }
+            "F18" | "F20" => {
+                let times = if kind == "F18" { self.rng.random_range(50..500) } else { 1 };
+                let other = self.rng.random_range(0..self.facts.robots.len());
+                let target = self.target(other);
+                What::Commit { kind, robot: self.facts.robots[other].0.clone(), target, times }
+            }
+            "F23" => What::ShortHistory(self.rng.random_range(60..400)),
+            _ => {
+                let (fault, lasts) = self.board(kind, robot);
+                let most = self.facts.healed().since(at);
+                What::Board { kind, robot, fault, lasts: lasts.min(most) }
+            }
+        };
+        self.all.push(Planned { at, what });
+    }
+
+    fn board(&mut self, kind: &str, robot: usize) -> (Fault, Duration) {
+        let motor = self.rng.random_range(0..self.facts.robots[robot].1.len().max(1));
+        let dice = self.rng.random_range(0..4);
+        let fault = match (kind, dice) {
+            ("F6", _) => Fault::Gappy { of: self.rng.random_range(2..10) },
+            ("F7", 0 | 1) => Fault::Slow { extra: self.secs(0.005, 0.3) },
+            ("F7", _) => Fault::Repeated,
+            ("F8", 0) => Fault::Garbage(Garbage::NotANumber),
+            ("F8", 1) => Fault::Garbage(Garbage::Infinite),
+            ("F8", 2) => Fault::Garbage(Garbage::Short),
+            ("F8", _) => Fault::Garbage(Garbage::Long),
+            ("F12", 0) => Fault::Frozen { motor: None },
+            ("F12", 1) => Fault::Frozen { motor: Some(motor) },
+            ("F12", 2) => Fault::Offset { motor, by: self.rng.random_range(-0.1..0.1) },
+            ("F12", _) => Fault::Noise { sigma: self.rng.random_range(0.0001..0.01) },
+            (_, 0) => Fault::Silent,
+            (_, 1) => Fault::Hardware { report: "overheated".into() },
+            (_, _) => Fault::Lost,
+        };
+        (fault, self.secs(0.02, 3.0))
+    }
+
+    fn obstruct(&mut self, at: Time, robot: &str) {
+        self.objects += 1;
+        let object = format!("torture{}", self.objects);
+        let on_robot = self.rng.random_range(0..4) == 0;
+        let spot = Spot {
+            back: self.rng.random_range(0..4) == 0,
+            share: if on_robot { 0.0 } else { self.rng.random_range(0.1..1.0) },
+            body: self.rng.random_range(0.0..1.0),
+            radius: self.rng.random_range(0.005..0.06),
+        };
+        let lasts = self.secs(0.2, 12.0).min(self.facts.healed().since(at));
+        self.all.push(Planned { at, what: What::Obstruct { object, robot: robot.into(), spot, lasts } });
+    }
+
+    /// Somewhere within the limits, for some motors.
+    fn target(&mut self, robot: usize) -> Target {
+        let mut target = Target { motors: Vec::new(), q: Vec::new(), speed: self.rng.random_range(0.05..0.3) };
+        for (motor, (min, max)) in self.facts.robots[robot].1.iter().enumerate() {
+            if self.rng.random_range(0..3) == 0 {
+                target.motors.push(motor);
+                target.q.push(min + (max - min) * self.rng.random_range(0.0..1.0));
+            }
+        }
+        target
+    }
+
+    /// A target that no filter should take.
+    fn nonsense(&mut self, robot: usize) -> Target {
+        let mut target = self.target(robot);
+        let limits = self.facts.robots[robot].1.first().copied().unwrap_or_default();
+        (target.motors, target.q) = (vec![0], vec![limits.0]);
+        match self.rng.random_range(0..9) {
+            0 => target.q = vec![f64::NAN],
+            1 => target.q = vec![f64::INFINITY],
+            2 => target.q = vec![limits.1 + 0.1],
+            3 => target.motors = vec![usize::MAX],
+            4 => (target.motors, target.q) = (vec![0, 0], vec![limits.0, limits.0]),
+            5 => target.q = Vec::new(),
+            6 => target.speed = f64::NAN,
+            7 => target.speed = 0.0,
+            _ => target.speed = 1e300,
+        }
+        target
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::torture::faults::chosen;
+
+    fn facts() -> Facts {
+        let limits = vec![(-1.0, 1.0); 3];
+        Facts { robots: vec![("a".into(), limits.clone()), ("b".into(), limits)], secs: 60.0, mild: false }
+    }
+
+    #[test]
+    fn a_plan_follows_from_its_seed_and_heals_in_time() {
+        let (facts, kinds) = (facts(), chosen("").unwrap());
+        for seed in 0..300 {
+            let planned = plan(seed, &facts, &kinds);
+            assert_eq!(format!("{planned:?}"), format!("{:?}", plan(seed, &facts, &kinds)));
+            assert_ne!(planned, plan(seed + 1000, &facts, &kinds));
+            assert!(planned.is_sorted_by_key(|p| p.at));
+            for p in &planned {
+                let lasts = match &p.what {
+                    What::Board { lasts, .. } | What::Obstruct { lasts, .. } => *lasts,
+                    _ => Duration::ZERO,
+                };
+                assert!(p.at + lasts <= facts.healed(), "seed {seed}: {p:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_kind_that_can_be_simulated_is_planned_by_some_seed() {
+        let (facts, kinds) = (facts(), chosen("").unwrap());
+        let all: Vec<Planned> = (0..300).flat_map(|seed| plan(seed, &facts, &kinds)).collect();
+        for kind in kinds {
+            assert!(all.iter().any(|p| p.what.kind() == kind), "{kind}");
+            let only = plan(1, &facts, &[kind]);
+            assert!(only.iter().all(|p| p.what.kind() == kind || p.what.kind() == "F19"), "{only:?}");
+        }
+    }
+
+    #[test]
+    fn a_fault_that_needs_more_is_answered_with_a_sentence() {
+        assert_eq!(chosen("f1, F8").unwrap(), ["F1", "F8"]);
+        assert!(chosen("F16").unwrap_err().contains("process"));
+        assert!(chosen("F99").unwrap_err().contains("no fault"));
+    }
+}

@@ -1,0 +1,96 @@
+//! What a torture has come to.
+
+use super::plan::Planned;
+use super::trial::Ran;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+
+/// Sums over all seeds.
+#[derive(Clone, Debug, Default)]
+pub struct Tally {
+    /// Seeds that ran.
+    pub seeds: u64,
+    /// Time by their own clocks.
+    pub simulated: Duration,
+    /// Time by the wall's.
+    pub wall: Duration,
+    /// Faults by kind.
+    pub faults: BTreeMap<&'static str, u64>,
+    /// Commits, and their outcomes: reached, taken back, neither.
+    pub commits: u64,
+    /// See above.
+    pub outcomes: [u64; 3],
+    /// Restarts of actors.
+    pub restarts: u64,
+    /// Ways back that were given up.
+    pub retreats_stopped: u64,
+    /// Escapes.
+    pub escapes: u64,
+    /// Groups that used up their restarts.
+    pub gave_up: u64,
+    /// Seeds that failed.
+    pub failed: Vec<u64>,
+    /// What differed when the first seed ran a second time (I13).
+    pub twice: Vec<String>,
+}
+
+impl Tally {
+    /// Adds a run.
+    pub fn add(&mut self, planned: &[Planned], ran: &Ran, wall: Duration) {
+        self.seeds += 1;
+        self.simulated += ran.simulated;
+        self.wall = wall;
+        for p in planned {
+            *self.faults.entry(p.what.kind()).or_default() += 1;
+        }
+        let c = &ran.counts;
+        self.commits += c.commits;
+        for (sum, n) in self.outcomes.iter_mut().zip([c.committed, c.rolled_back, c.faulted]) {
+            *sum += n;
+        }
+        self.restarts += c.restarts;
+        self.retreats_stopped += c.retreats_stopped;
+        self.escapes += c.escapes;
+        self.gave_up += c.gave_up;
+    }
+
+    /// How many times faster than real time.
+    pub fn factor(&self) -> f64 {
+        self.simulated.as_secs_f64() / self.wall.as_secs_f64().max(1e-9)
+    }
+
+    /// Whether nothing was broken.
+    pub fn is_good(&self) -> bool {
+        self.failed.is_empty() && self.twice.is_empty()
+    }
+
+    /// How far it is.
+    pub fn line(&self) -> String {
+        let (hours, factor) = (self.simulated.as_secs_f64() / 3600.0, self.factor());
+        format!(
+            "{} seeds, {hours:.2} simulated hours, {factor:.0} times real time, {} failed",
+            self.seeds,
+            self.failed.len()
+        )
+    }
+}
+
+impl fmt::Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.line())?;
+        let faults: Vec<String> = self.faults.iter().map(|(kind, n)| format!("{kind} {n}")).collect();
+        writeln!(f, "faults     {}", faults.join(", "))?;
+        let [reached, back, faulted] = self.outcomes;
+        writeln!(f, "commits    {}: {reached} reached, {back} rolled back, {faulted} faulted", self.commits)?;
+        let (escapes, stopped) = (self.escapes, self.retreats_stopped);
+        writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
+        if self.gave_up > 0 {
+            writeln!(f, "storms     {} groups used up their restarts", self.gave_up)?;
+        }
+        for what in &self.twice {
+            writeln!(f, "{what}")?;
+        }
+        if self.is_good() { write!(f, "no invariant was broken") } else { write!(f, "failed: {:?}", self.failed) }
+    }
+}

@@ -1,0 +1,226 @@
+//! One run under planned faults, with all invariants watched while it goes on.
+
+use super::faults::What;
+use super::plan::{Facts, Planned};
+use crate::compose::{compose, derive_seed};
+use crate::config::{Clock, Config, Source};
+use miette::Report;
+use mobee_actors::check::Checker;
+use mobee_actors::clock::ClockKind;
+use mobee_actors::journal::{Fingerprint, Line};
+use mobee_actors::system::{Control, Counts, Injection, Progress, Setup, run_under};
+use mobee_actors::tap::Taps;
+use mobee_contract::{Commit, Context, Entry, Event, Sink, Time};
+use mobee_drivers::{SimHardware, SimSettings};
+use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
+use nalgebra::Isometry3;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::sync::mpsc;
+
+/// How long a run may go on after the faults have healed, a little more than I15 allows.
+const LIVE: Duration = Duration::from_secs(122);
+/// The object that floods of edits move about, far from everything.
+const FLOODED: &str = "torture";
+
+/// A behavior that is to be tortured.
+pub struct Trial {
+    config: Config,
+    source: Source,
+    /// What plans are made for.
+    pub facts: Facts,
+}
+
+/// What became of a run.
+#[derive(Clone, Debug)]
+pub struct Ran {
+    /// What was broken, with the name of the invariant (or `bug`) and a sentence.
+    pub violations: Vec<(String, String)>,
+    /// How long it took by its own clock.
+    pub simulated: Duration,
+    /// The counters.
+    pub counts: Counts,
+    /// The hash of its journal.
+    pub hash: String,
+}
+
+/// Watches a run from inside.
+struct Watch {
+    checker: Checker,
+    n: u64,
+    hash: Fingerprint,
+    /// Deaths that nobody planned.
+    bugs: Vec<String>,
+    /// Also told, if the run is to be kept.
+    journal: Option<Box<dyn Sink>>,
+}
+
+impl Sink for Watch {
+    fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
+        match entry {
+            Entry::Event(event) => {
+                self.hash.add(at, event);
+                if let Event::Died { actor, reason } = &**event {
+                    let planned = ["planted", "killed", "used up its restarts"].iter().any(|p| reason.contains(p));
+                    if !planned {
+                        self.bugs.push(format!("{actor} died at {at}: {reason}"));
+                    }
+                }
+                let event = (**event).clone();
+                self.checker.on(&Line { line: self.n + 1, n: self.n, at, event, hash: String::new() });
+                self.n += 1;
+            }
+            Entry::Pose { robot, q, .. } => self.checker.pose(*robot, at, q),
+            Entry::Scene(_) => {}
+        }
+        self.journal.as_mut().map_or(Ok(()), |journal| journal.write(at, entry))
+    }
+
+    fn flush(&mut self) -> Result<(), String> {
+        self.journal.as_mut().map_or(Ok(()), |journal| journal.flush())
+    }
+}
+
+impl Trial {
+    /// Reads a behavior. Its robots are simulated and its clock is virtual, whatever it says; its YARP ports stay closed.
+    ///
+    /// # Errors
+    /// Complaints about the configuration.
+    pub fn load(file: &Path, set: &[String], secs: f64, mild: bool) -> Result<Trial, Report> {
+        let (mut config, source) = Config::load(file, set)?;
+        (config.clock, config.yarp, config.for_s) = (Clock::Virtual, None, None);
+        for robot in &mut config.robot {
+            if robot.driver["kind"] != "sim" {
+                robot.driver = json!({ "kind": "sim" });
+            }
+        }
+        let scene = compose(config.clone(), &source)?.scene;
+        let limits = |r: &mobee_model::Robot| r.motors.iter().map(|m| (m.min, m.max)).collect();
+        let robots = config.robot.iter().zip(scene.robots()).map(|(c, r)| (c.name.clone(), limits(r))).collect();
+        Ok(Trial { config, source, facts: Facts { robots, secs, mild } })
+    }
+
+    /// Runs a seed under these faults. `journal` is told everything as well.
+    ///
+    /// # Errors
+    /// If the system can't be put together or started.
+    pub fn run(&self, seed: u64, planned: &[Planned], journal: Option<Box<dyn Sink>>) -> Result<Ran, Report> {
+        let config = Config { seed, ..self.config.clone() };
+        let mut composed = compose(config, &self.source)?;
+        for (i, robot) in composed.robots.iter_mut().enumerate() {
+            let of_robot = planned.iter().filter_map(|p| match &p.what {
+                What::Board { robot, fault, lasts, .. } if *robot == i => Some((p.at, fault.clone(), *lasts)),
+                _ => None,
+            });
+            let hardware = self.hardware(i, seed, composed.scene.robots())?;
+            for (at, fault, lasts) in of_robot {
+                hardware.faults().plan(fault, at, at + lasts);
+            }
+            robot.hardware = Arc::new(hardware);
+            for p in planned {
+                if let What::ShortHistory(poses) = p.what {
+                    robot.controller.history = robot.controller.history.min(poses);
+                }
+            }
+        }
+        let watch =
+            Watch { checker: Checker::default(), n: 0, hash: Fingerprint::default(), bugs: Vec::new(), journal };
+        let watch = Arc::new(Mutex::new(watch));
+        let look = || watch.lock().unwrap_or_else(PoisonError::into_inner);
+        let taps = Taps::in_place(watch.clone());
+        let setup = Setup {
+            scene: composed.scene,
+            robots: composed.robots,
+            seed,
+            clock: ClockKind::Virtual,
+            taps: taps.clone(),
+            config: Value::Null,
+            script: composed.script,
+            services: Vec::new(),
+        };
+        let (tell, controls) = mpsc::channel(1);
+        let enough = |p: &Progress| {
+            let watch = look();
+            let broken = !watch.checker.violations().is_empty() || !watch.bugs.is_empty();
+            if broken || (p.at.secs() >= self.facts.secs && !watch.checker.waits()) {
+                let _ = tell.try_send(Control::Stop);
+            }
+        };
+        let healed = self.facts.healed();
+        let limit = healed.since(Time::ZERO) + LIVE;
+        let end = run_under(setup, controls_of(planned, healed), controls, Some(limit), enough)
+            .map_err(|e| Report::msg(e.to_string()))?;
+        taps.finish(end.ended_at, Event::Ended { reason: end.reason.to_string() });
+        let mut watch = look();
+        let _ = watch.flush();
+        let (_, violations) = std::mem::take(&mut watch.checker).end();
+        let mut violations: Vec<(String, String)> =
+            violations.into_iter().map(|v| (v.invariant.to_owned(), v.to_string())).collect();
+        violations.extend(watch.bugs.drain(..).map(|b| ("bug".to_owned(), b)));
+        if end.counts.gave_up > 0 && !planned.iter().any(|p| p.what.kind() == "F5") {
+            violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
+        }
+        let (counts, hash) = (end.counts, watch.hash.hex());
+        Ok(Ran { violations, simulated: end.ended_at.since(Time::ZERO), counts, hash })
+    }
+
+    fn hardware(&self, i: usize, seed: u64, robots: &[Arc<mobee_model::Robot>]) -> Result<SimHardware, Report> {
+        let Some((config, robot)) = self.config.robot.get(i).zip(robots.get(i)) else {
+            return Err(Report::msg("there are fewer robots than configured"));
+        };
+        let mut settings = config.driver.clone();
+        if let Value::Object(map) = &mut settings {
+            map.remove("kind");
+        }
+        let settings: SimSettings = mobee_contract::settings(&settings).map_err(|e| Report::msg(e.to_string()))?;
+        let context = Context { robot: robot.clone(), seed: derive_seed(seed, &format!("{}/driver", config.name)) };
+        SimHardware::new(&settings, &context).map_err(|e| Report::msg(e.to_string()))
+    }
+}
+
+/// What is done to the system when.
+fn controls_of(planned: &[Planned], healed: Time) -> Vec<(Time, Control)> {
+    let mut all: Vec<(Time, Control)> = Vec::new();
+    for Planned { at, what } in planned {
+        match what.clone() {
+            What::Strike { actor, after, blow } => {
+                all.push((*at, Control::Inject(Injection::Strike { actor, after, blow })));
+            }
+            What::Kill(actor) => all.push((*at, Control::Kill(actor))),
+            What::Storm { actor, kills } => {
+                let gap = Duration::from_millis(300);
+                all.extend((0..kills).map(|k| (*at + gap * k, Control::Kill(actor.clone()))));
+            }
+            What::Lose { link, count } => all.push((*at, Control::Inject(Injection::Lose { link, count }))),
+            What::Commit { robot, target, times, .. } => {
+                let commit = Commit { agent: "stranger".into(), target, speeds: None };
+                all.push((*at, Control::Inject(Injection::Commit { robot, commit, times })));
+            }
+            What::Suspend(time) => all.push((*at, Control::Inject(Injection::Suspend(time)))),
+            What::Edits(n) => {
+                let far = |k: u64| Isometry3::translation(100.0, 0.001 * k as f64, 0.0);
+                all.push((*at, Control::Edit(Edit::Add(ball(FLOODED, far(0))))));
+                let moved = |k| Control::Edit(Edit::Move { name: FLOODED.into(), pose: far(k) });
+                all.extend((0..n).map(|k| (*at, moved(k))));
+            }
+            What::Obstruct { object, robot, spot, lasts } => {
+                let name = object.clone();
+                all.push((*at, Control::Inject(Injection::Obstruct { object, robot, spot })));
+                all.push((*at + lasts, Control::Edit(Edit::Remove { name: name.clone() })));
+                // the first may have got lost with the model
+                all.push((healed, Control::Edit(Edit::Remove { name })));
+            }
+            What::Board { .. } | What::ShortHistory(_) => {}
+        }
+    }
+    all.push((healed, Control::Inject(Injection::Heal)));
+    all.sort_by_key(|(at, _)| *at);
+    all
+}
+
+fn ball(name: &str, pose: Isometry3<f64>) -> Object {
+    let shapes = vec![Primitive { shape: Shape::Sphere { radius: 0.05 }, pose: Isometry3::identity() }];
+    Object { name: name.into(), class: ObjectClass::Obstacle, persistent: false, pose, shapes, color: None }
+}
