@@ -2,7 +2,7 @@
 
 use crate::controller::Rules;
 use crate::gate::Gate;
-use mobee_contract::{Command, Event, Time, Writer};
+use mobee_contract::{Command, Event, Sample, Time, Writer};
 use std::sync::Arc;
 
 /// A stream of set-points that is being written.
@@ -44,6 +44,16 @@ impl Port {
             return Err("the filter is closed".into());
         }
         self.fits(command)
+    }
+
+    /// What is wrong with a reading: it must have a finite position for every motor.
+    pub fn makes_no_sense(&self, sample: &Sample) -> Option<String> {
+        let n = self.rules.axes.len();
+        if sample.q.len() != n || sample.done.len() != n {
+            return Some(format!("{} positions of {n} motors", sample.q.len()));
+        }
+        let motor = sample.q.iter().position(|q| !q.is_finite())?;
+        self.rules.axes.get(motor).map(|axis| format!("{} is not a finite number", axis.name))
     }
 
     fn fits(&self, command: &Command) -> Result<(), String> {

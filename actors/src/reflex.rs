@@ -148,7 +148,7 @@ impl ReflexCore {
     pub fn on(&mut self, input: ReflexIn, now: Time, name: &dyn Fn(Pair) -> (String, String)) -> Vec<ReflexOut> {
         let mut out = Vec::new();
         match input {
-            ReflexIn::Pulse(pulse, motion, status) => self.pulse(pulse, motion, status, name, &mut out),
+            ReflexIn::Pulse(pulse, motion, status) => self.pulse(pulse, motion, (status, now), name, &mut out),
             ReflexIn::RollBack { token, motion, again } => {
                 if token == self.gate.token() {
                     self.phase = Phase::Stopping { token, since: now, then: Then::Retreat { motion, again } };
@@ -163,7 +163,7 @@ impl ReflexCore {
         &mut self,
         pulse: &mut Pulse,
         motion: Option<&Motion>,
-        status: Status,
+        (status, now): (Status, Time),
         name: &dyn Fn(Pair) -> (String, String),
         out: &mut Vec<ReflexOut>,
     ) {
@@ -209,7 +209,7 @@ impl ReflexCore {
                 self.watch(pulse, motion, status, newly_violated, out);
             }
         } else {
-            self.act(pulse, name, out);
+            self.act(pulse, now, name, out);
             pulse.free = self.present().is_empty() && !self.violated;
         }
     }
@@ -250,7 +250,7 @@ impl ReflexCore {
     }
 
     /// The filter is closed by us or for us.
-    fn act(&mut self, pulse: &Pulse, name: &dyn Fn(Pair) -> (String, String), out: &mut Vec<ReflexOut>) {
+    fn act(&mut self, pulse: &Pulse, clock: Time, name: &dyn Fn(Pair) -> (String, String), out: &mut Vec<ReflexOut>) {
         let now = pulse.sample.at;
         let rules = self.rules.clone();
         let at_rest = pulse.speed < rules.rest_speed;
@@ -284,7 +284,7 @@ impl ReflexCore {
                     let what = blocked(broken, name);
                     self.give_up(token, Hold::RetreatBlocked, what, now, out);
                 } else {
-                    out.extend(retreat.step(&pulse.sample, &rules).map(|c| ReflexOut::Command(token, c)));
+                    out.extend(retreat.step(&pulse.sample, clock, &rules).map(|c| ReflexOut::Command(token, c)));
                     if retreat.is_over() {
                         let (safe, floors, violated) = (safe.clone(), std::mem::take(floors), *violated);
                         let since = retreat.arrival(now);

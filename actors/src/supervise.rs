@@ -185,7 +185,7 @@ impl SuperviseCore {
                     self.roll_back(Cause::AgentDied, now, &mut out);
                 }
             }
-            SuperviseIn::Pulse(pulse) => self.pulse(pulse, &mut out),
+            SuperviseIn::Pulse(pulse) => self.pulse(pulse, now, &mut out),
             SuperviseIn::Tick => {
                 let stale = self.newest.as_ref().is_none_or(|(at, ..)| now > *at + self.rules.fresh);
                 let known = matches!(self.status, Status::Starting | Status::Holding(Hold::Stale));

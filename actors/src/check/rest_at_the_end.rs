@@ -8,6 +8,7 @@ use super::{Found, Invariant};
 use crate::journal::Line;
 use mobee_contract::{Event, Hold, Pose, Status, Time};
 use std::collections::{BTreeMap, VecDeque};
+use std::time::Duration;
 
 /// How many readings are looked at.
 const WINDOW: usize = 8;
@@ -23,6 +24,7 @@ pub(super) struct RestAtTheEnd {
 #[derive(Default)]
 struct Newest {
     rest_speed: f64,
+    period: Duration,
     readings: VecDeque<(Time, Pose)>,
     ending: bool,
 }
@@ -47,8 +49,10 @@ impl Newest {
 impl Invariant for RestAtTheEnd {
     fn on(&mut self, line: &Line, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, rest_speed, .. } => {
-                self.robots.insert(robot.clone(), Newest { rest_speed: *rest_speed, ..Newest::default() });
+            Event::Robot { robot, rest_speed, period, .. } => {
+                let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
+                let newest = Newest { rest_speed: *rest_speed, period, ..Newest::default() };
+                self.robots.insert(robot.clone(), newest);
             }
             Event::State { robot, status } => {
                 let newest = self.robots.entry(robot.clone()).or_default();
@@ -67,9 +71,11 @@ impl Invariant for RestAtTheEnd {
 
     fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
         let Some(newest) = self.robots.get_mut(robot) else { return };
-        // a pause, or a robot that changed: the readings before say nothing
-        let broken = newest.readings.back().is_some_and(|(last, p)| at <= *last || p.len() != q.len());
-        if broken {
+        // after a pause the readings before say nothing
+        if newest.readings.back().is_some_and(|(last, _)| at.since(*last) > newest.period * 2) {
+            newest.readings.clear();
+        }
+        if newest.readings.back().is_some_and(|(last, _)| at <= *last) {
             return;
         }
         if newest.readings.len() == WINDOW {

@@ -23,6 +23,10 @@ struct Way {
     period: Duration,
     margin: f64,
     retreating: bool,
+    /// A way back is being driven: from its beginning until it has stopped, or the filter was closed anew.
+    driven: bool,
+    /// The filter was closed since the last way back.
+    closed: bool,
     /// When a contact began on the way back that has not stopped it yet.
     contact: Option<Time>,
     stopped: Option<Time>,
@@ -34,7 +38,7 @@ impl Way {
     }
 
     fn meet(&mut self, at: Time) {
-        if self.stopped.is_none() {
+        if self.driven && self.stopped.is_none() {
             self.contact.get_or_insert(at);
         }
     }
@@ -57,6 +61,23 @@ impl Invariant for WatchedRetreat {
             }
             Event::State { robot, status } => {
                 self.robots.entry(robot.clone()).or_default().retreating = *status == Status::Retreating;
+            }
+            Event::RetreatBegan { robot, .. } => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                way.driven = true;
+                if std::mem::take(&mut way.closed) {
+                    way.stopped = None;
+                }
+            }
+            // a new closing comes with a stop, and ends whatever was driven under the old token
+            Event::Disabled { robot, .. } => {
+                let way = self.robots.entry(robot.clone()).or_default();
+                (way.driven, way.closed) = (false, true);
+                if let Some(at) = way.contact.take().filter(|at| !way.in_time(*at, line.at)) {
+                    found.say(format!(
+                        "{robot}: the contact that began at {at} on the way back did not stop it in time"
+                    ));
+                }
             }
             Event::ContactBegan { robot, contact, during: Status::Retreating, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();

@@ -82,11 +82,13 @@ impl Retreat {
     }
 
     /// The next command if it is time for one.
-    pub fn step(&mut self, sample: &Sample, rules: &Rules) -> Option<Command> {
+    ///
+    /// Set-points are spaced by the clock, not by the readings: those that were held up come in a bunch.
+    pub fn step(&mut self, sample: &Sample, now: Time, rules: &Rules) -> Option<Command> {
         if self.is_over() {
             return None;
         }
-        if self.direct { self.set_point(sample.at, rules) } else { self.way_point(sample, rules) }
+        if self.direct { self.set_point(now, rules) } else { self.way_point(sample, rules) }
     }
 
     fn set_point(&mut self, now: Time, rules: &Rules) -> Option<Command> {

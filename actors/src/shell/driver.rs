@@ -4,7 +4,7 @@ use crate::driver::Port;
 use crate::pulse::Pulse;
 use crate::shell::SuperviseMsg;
 use crate::wiring::{Hub, Plug, Wires};
-use mobee_contract::{Command, Driver, DriverFault, Event, Time, Writer};
+use mobee_contract::{Command, Driver, DriverFault, Event, Sample, Time, Writer};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -33,6 +33,8 @@ pub struct Driving {
     driver: Option<Box<dyn Driver>>,
     port: Port,
     back_off: Duration,
+    /// Whether the last reading made no sense.
+    nonsense: bool,
 }
 
 impl Actor for DriverActor {
@@ -46,7 +48,7 @@ impl Actor for DriverActor {
         (hub, wires, plug): Self::Arguments,
     ) -> Result<Driving, ActorProcessingErr> {
         let port = Port::new(wires.rules.clone(), wires.gate.clone());
-        let mut driving = Driving { hub, wires, plug, driver: None, port, back_off: BACK_OFF.0 };
+        let mut driving = Driving { hub, wires, plug, driver: None, port, back_off: BACK_OFF.0, nonsense: false };
         driving.wires.lease.store(0, Ordering::SeqCst);
         driving.connect();
         driving.wires.driver.connect(myself.clone());
@@ -100,12 +102,28 @@ impl Driving {
             Ok(sample) => {
                 let next = driver.next_sample(now).max(now + Duration::from_micros(100));
                 if let Some(sample) = sample {
-                    self.hub.counts.lock().samples += 1;
-                    self.wires.to_history.push(Pulse::new(sample, &self.hub.none));
+                    self.take(sample);
                 }
                 next
             }
             Err(fault) => self.trouble(&fault, now),
+        }
+    }
+
+    /// A reading goes on its way, unless it is none.
+    fn take(&mut self, sample: Sample) {
+        let wrong = self.port.makes_no_sense(&sample);
+        if let Some(what) = &wrong
+            && !self.nonsense
+        {
+            let robot = &self.wires.rules.robot;
+            let text = format!("{robot}: the board gives readings that make no sense ({what}); they are thrown away");
+            self.hub.tell(Event::Warning { text });
+        }
+        self.nonsense = wrong.is_some();
+        self.hub.counts.lock().samples += 1;
+        if !self.nonsense {
+            self.wires.to_history.push(Pulse::new(sample, &self.hub.none));
         }
     }
 

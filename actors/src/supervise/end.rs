@@ -13,7 +13,7 @@ const MISSED: Duration = Duration::from_millis(200);
 
 impl SuperviseCore {
     /// A reading came through the whole chain: all live. Renew the lease, and see whether something has ended.
-    pub(super) fn pulse(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
+    pub(super) fn pulse(&mut self, pulse: &Pulse, now: Time, out: &mut Vec<SuperviseOut>) {
         let at = pulse.sample.at;
         let at_rest = pulse.speed < self.rules.rest_speed;
         if self.newest.as_ref().is_some_and(|(newest, ..)| at <= *newest) {
@@ -22,6 +22,10 @@ impl SuperviseCore {
         self.newest = Some((at, pulse.sample.q.clone(), at_rest, pulse.free));
         if at_rest && pulse.free {
             self.rest = Some((at, pulse.sample.q.clone(), pulse.speed));
+        }
+        // what was held up on its way is no ground for a decision (I8)
+        if now > at + self.rules.fresh {
+            return;
         }
         if self.gate.token() != self.token {
             return; // somebody closed the filter, and will tell why
@@ -36,7 +40,7 @@ impl SuperviseCore {
             Closing::No => {
                 out.push(SuperviseOut::Lease(at + self.rules.fresh));
                 match self.status {
-                    Status::Moving | Status::Escaping => self.moving(pulse, at_rest, out),
+                    Status::Moving | Status::Escaping => self.moving(pulse, now, at_rest, out),
                     Status::Holding(Hold::InContact) if at_rest && pulse.free => self.reopen(out),
                     _ => {}
                 }
@@ -96,8 +100,8 @@ impl SuperviseCore {
     }
 
     /// A motion is under way: has it ended, or gone wrong?
-    fn moving(&mut self, pulse: &Pulse, at_rest: bool, out: &mut Vec<SuperviseOut>) {
-        if self.stream.is_some() && !self.streaming(pulse, at_rest, out) {
+    fn moving(&mut self, pulse: &Pulse, now: Time, at_rest: bool, out: &mut Vec<SuperviseOut>) {
+        if self.stream.is_some() && !self.streaming(pulse, now, at_rest, out) {
             return;
         }
         let at = pulse.sample.at;

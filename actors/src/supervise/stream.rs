@@ -275,7 +275,7 @@ impl SuperviseCore {
 
     /// A reading during a stream: go on, brake, or see that it has come to rest. Returns whether the stream is over and
     /// the motion is to be judged as any other.
-    pub(super) fn streaming(&mut self, pulse: &Pulse, at_rest: bool, out: &mut Vec<SuperviseOut>) -> bool {
+    pub(super) fn streaming(&mut self, pulse: &Pulse, now: Time, at_rest: bool, out: &mut Vec<SuperviseOut>) -> bool {
         let rules = self.rules.clone();
         let (at, q) = (pulse.sample.at, &pulse.sample.q);
         let Some(stream) = &mut self.stream else { return true };
@@ -299,8 +299,8 @@ impl SuperviseCore {
                     out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Stop { motors }));
                 }
             }
-            None => self.write_stream(q, at, out),
-            Some(_) if !stream.velocity && stream.pending => self.write_stream(q, at, out),
+            None => self.write_stream(q, now, out),
+            Some(_) if !stream.velocity && stream.pending => self.write_stream(q, now, out),
             Some(since) => {
                 let all_done = |of: bool| {
                     let motors = stream.motors.iter().zip(&pulse.sample.done);
