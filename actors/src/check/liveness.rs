@@ -1,7 +1,7 @@
 //! I15: when all faults have healed, each open transaction ends, the filter is open again, and the agent asks for another motion,
 //! all within [`WITHIN`].
 //!
-//! A robot whose agent has said that it is done need not ask again; one that has no agent, or never asked, need not either. A
+//! A robot that was escaping at the healing is excused: escapes are slow by design, and may well be long. A robot whose agent has said that it is done need not ask again; one that has no agent, or never asked, need not either. A
 //! group that used up its restarts is down for good.
 
 use super::{Found, Invariant};
@@ -26,8 +26,8 @@ pub(super) struct Liveness {
 
 #[derive(Default)]
 struct Robot {
-    /// The commit that was open at the healing.
-    open: Option<u64>,
+    /// The commit that was open at the healing, and whether it is an escape.
+    open: Option<(u64, bool)>,
     enabled: bool,
     /// Whether the filter was open at some time since.
     opened: bool,
@@ -40,6 +40,9 @@ struct Robot {
 
 impl Robot {
     fn lacks(&self) -> Option<&'static str> {
+        if self.open.is_some_and(|(_, escape)| escape) {
+            return None;
+        }
         let lacks = [
             (self.open.is_some(), "its open motion has not ended"),
             (!self.opened, "its filter has not opened"),
@@ -70,13 +73,13 @@ impl Invariant for Liveness {
                 (robot.enabled, robot.opened) = (true, true);
             }
             Event::Disabled { robot, .. } => self.of(robot).enabled = false,
-            Event::Commit { robot, id, agent, .. } => {
+            Event::Commit { robot, id, agent, escape, .. } => {
                 let own = *agent == format!("{robot}/agent");
                 let robot = self.of(robot);
                 if own {
                     (robot.asks, robot.asked_since) = (true, healed);
                 }
-                robot.open = if healed { robot.open } else { Some(id.0) };
+                robot.open = if healed { robot.open } else { Some((id.0, *escape)) };
             }
             Event::Refused { robot, agent, .. } if *agent == format!("{robot}/agent") => {
                 let robot = self.of(robot);
@@ -84,7 +87,7 @@ impl Invariant for Liveness {
             }
             Event::Outcome { robot, id, .. } => {
                 let robot = self.of(robot);
-                robot.open = robot.open.filter(|open| *open != id.0 || robot.ending);
+                robot.open = robot.open.filter(|(open, _)| *open != id.0 || robot.ending);
             }
             Event::Done { robot, .. } => self.of(robot).asks = false,
             _ => {}

@@ -1,0 +1,42 @@
+//! Two hundred seeds of random faults on every change: no invariant is broken, and once the faults have healed the robots go on (I15).
+//!
+//! Twenty more with the exploring iCub. `mobee torture` runs as many as there is time for.
+
+use mobee::torture::{Tally, TortureArgs, torture};
+
+const ARMS: &str = "configs/behaviors/torture.toml";
+const ICUB: &str = "configs/behaviors/explore.toml";
+
+fn seeds(file: &str, first: u64, seeds: u64, faults: &str) -> Tally {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+    let (only, keep, set) = (None, None, Vec::new());
+    let args = TortureArgs { file, seeds, first, faults: faults.into(), minutes: None, secs: 60.0, set, only, keep };
+    let mut said = String::new();
+    let tally = torture(&args, |line| said += line).expect("it runs");
+    eprintln!("{tally}");
+    assert!(tally.is_good(), "{said}\n{tally}");
+    tally
+}
+
+/// Faults that hit nothing would prove nothing.
+fn was_hard(tally: &Tally) {
+    let [reached, back, faulted] = tally.outcomes;
+    assert!(reached > tally.seeds && back > tally.seeds / 2 && faulted > tally.seeds, "{tally}");
+    assert!(tally.restarts > tally.seeds && tally.escapes > tally.seeds / 2 && tally.retreats_stopped > 5, "{tally}");
+}
+
+#[test]
+fn a_hundred_seeds_hold_all_invariants() {
+    was_hard(&seeds(ARMS, 1, 100, ""));
+}
+
+#[test]
+fn another_hundred_seeds_hold_all_invariants() {
+    was_hard(&seeds(ARMS, 101, 100, ""));
+}
+
+#[test]
+fn the_exploring_icub_holds_all_invariants() {
+    let tally = seeds(ICUB, 1, 20, "F1,F2,F3,F6,F7,F8,F11,F12,F14,F18,F19,F20,F23");
+    assert_eq!(tally.gave_up, 0);
+}
