@@ -78,11 +78,6 @@ impl<T> Stream<T> {
         Stream(Arc::new(Inner { name: name.into(), capacity, ring: Mutex::new(ring) }))
     }
 
-    /// Its name.
-    pub fn name(&self) -> &str {
-        &self.0.name
-    }
-
     /// Loses the next items, and counts them as dropped: a fault of a simulation.
     pub fn lose(&self, count: u64) {
         self.lock().losing = count;
