@@ -77,7 +77,11 @@ enum Command {
 #[derive(clap::Args)]
 struct RunArgs {
     /// The configuration file, such as configs/behaviors/explore.toml
-    file: PathBuf,
+    #[arg(required_unless_present = "resume")]
+    file: Option<PathBuf>,
+    /// Go on with the run in this folder, where it ended or its process died.
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["file", "out"])]
+    resume: Option<PathBuf>,
     /// The seed of everything random.
     #[arg(long)]
     seed: Option<u64>,
@@ -187,7 +191,11 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             if a.no_record {
                 set.push("record.enabled=false".into());
             }
-            run::command(&a.file, &set, a.out.as_deref(), a.json, a.ctl.unwrap_or_default())
+            let ctl = a.ctl.unwrap_or_default();
+            match (a.resume, a.file) {
+                (Some(dir), _) => run::resume(&dir, &set, a.json, ctl),
+                (None, file) => run::command(&file.unwrap_or_default(), &set, a.out.as_deref(), a.json, ctl),
+            }
         }
         Command::Check { path, set, edges } => check::command(&path, &set, edges),
         Command::Config { command: ConfigCommand::Show { file, set } } => {

@@ -3,18 +3,21 @@
 mod folder;
 mod progress;
 mod report;
+mod resume;
 mod switched;
 
 pub use folder::Folder;
 pub use report::summary;
+pub use resume::command as resume;
 
 use crate::compose::{Composition, compose};
-use crate::config::{Config, ConfigError, Resolved};
+use crate::config::{Clock, Config, ConfigError, Resolved};
 use crate::ctl::CtlService;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::clock::ClockKind;
 use mobee_actors::journal::Journal;
-use mobee_actors::system::{Control, Progress, Reason, RunEnd, Setup};
+use mobee_actors::ring::Rings;
+use mobee_actors::system::{Control, Past, Progress, Reason, RunEnd, Setup};
 use mobee_actors::tap::{SinkSpec, Taps};
 use mobee_contract::{Event, Time};
 use mobee_recorder::Recorder;
@@ -37,11 +40,22 @@ const QUEUE: usize = 8192;
 /// Complaints about the configuration, before anything is written or moved.
 pub fn command(file: &Path, set: &[String], out: Option<&Path>, json: bool, ctl: CtlAt) -> Result<ExitCode, Report> {
     let (config, source) = Config::load(file, set)?;
-    let mut composition = compose(config, &source)?;
+    let composition = compose(config, &source)?;
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }
     let folder = Folder::create(&composition.config.name, out)?;
+    conduct(composition, &folder, None, json, ctl)
+}
+
+/// Runs with a progress bar and signals, and prints the summary.
+fn conduct(
+    mut composition: Composition,
+    folder: &Folder,
+    past: Option<(Journal, Past)>,
+    json: bool,
+    ctl: CtlAt,
+) -> Result<ExitCode, Report> {
     let bar = progress::Bar::new(&composition.config, json);
     let (controls, receiver) = mpsc::channel(16);
     interrupt(controls.clone())?;
@@ -54,11 +68,11 @@ pub fn command(file: &Path, set: &[String], out: Option<&Path>, json: bool, ctl:
     if let Some(address) = address.filter(|_| composition.config.clock_kind() == ClockKind::Real) {
         let switch = composition.config.record.enabled.then(|| recording.clone());
         let yarp = composition.config.yarp.as_ref().and_then(|y| y.network().ok());
-        composition.services.push(Box::new(CtlService::new(&folder, address, controls, switch, yarp)));
+        composition.services.push(Box::new(CtlService::new(folder, address, controls, switch, yarp)));
     }
-    let done = run_switched(composition, &folder, receiver, &recording, |p| bar.show(p))?;
+    let done = run_switched(composition, folder, past, receiver, &recording, |p| bar.show(p))?;
     bar.finish();
-    report::print(&done, &folder, json)?;
+    report::print(&done, folder, json)?;
     Ok(if in_order(&done.end) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
@@ -101,13 +115,14 @@ pub fn run(
     controls: mpsc::Receiver<Control>,
     progress: impl FnMut(&Progress),
 ) -> Result<Done, Report> {
-    run_switched(composition, folder, controls, &Arc::new(AtomicBool::new(true)), progress)
+    run_switched(composition, folder, None, controls, &Arc::new(AtomicBool::new(true)), progress)
 }
 
-/// [`run`] with a switch for the recording.
+/// [`run`] with a switch for the recording, and what an earlier process left of the run.
 fn run_switched(
     composition: Composition,
     folder: &Folder,
+    past: Option<(Journal, Past)>,
     controls: mpsc::Receiver<Control>,
     recording: &Arc<AtomicBool>,
     progress: impl FnMut(&Progress),
@@ -117,13 +132,25 @@ fn run_switched(
     let file = file.canonicalize().unwrap_or(file);
     let resolved = Resolved { file, config: values.clone() };
     folder.write("config.json", &serde_json::to_string_pretty(&resolved).into_diagnostic()?)?;
-
     let build = concat!("mobee ", env!("CARGO_PKG_VERSION"));
-    let journal = Journal::create(folder.path(), &json!({ "build": build })).map_err(Report::msg)?;
-    let taps = taps(&config, folder, &journal, build, recording)?;
+    let (journal, past) = match past {
+        Some((journal, past)) => (journal, Some(past)),
+        None => (Journal::create(folder.path(), &json!({ "build": build })).map_err(Report::msg)?, None),
+    };
+    let motors = scene.robots().iter().map(|r| r.motors.len()).collect();
+    let taps = taps(&config, folder, (&journal, recording), motors, build)?;
     let kind = config.clock_kind();
-    let setup =
-        Setup { scene, robots, seed: config.seed, clock: kind, taps: taps.clone(), config: values, script, services };
+    let setup = Setup {
+        scene,
+        robots,
+        seed: config.seed,
+        clock: kind,
+        taps: taps.clone(),
+        config: values,
+        script,
+        services,
+        past,
+    };
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares the run's clock with the wall's")]
     let started = std::time::Instant::now();
     let end = mobee_actors::system::run(setup, controls, config.for_s.map(Duration::from_secs_f64), progress);
@@ -147,9 +174,9 @@ fn run_switched(
 fn taps(
     config: &Config,
     folder: &Folder,
-    journal: &Journal,
+    (journal, recording): (&Journal, &Arc<AtomicBool>),
+    motors: Vec<usize>,
     build: &str,
-    recording: &Arc<AtomicBool>,
 ) -> Result<Taps, Report> {
     let (journal, recording) = (journal.clone(), recording.clone());
     let mut sinks = vec![SinkSpec {
@@ -159,9 +186,22 @@ fn taps(
         capacity: QUEUE,
         open: Arc::new(move || Ok(journal.sink())),
     }];
+    if config.clock == Clock::Real {
+        // what a crash leaves of the way that the robots came; in virtual time there is no robot to find again
+        let rings: Vec<_> =
+            config.robot.iter().zip(motors).map(|(r, n)| (r.name.clone(), n, r.controller.history)).collect();
+        let dir = folder.path().to_owned();
+        sinks.push(SinkSpec {
+            name: "poses".into(),
+            essential: false,
+            poses: Some(Duration::ZERO),
+            capacity: QUEUE,
+            open: Arc::new(move || Rings::create(&dir, &rings).map(|r| Box::new(r) as _)),
+        });
+    }
     if config.record.enabled {
         let settings = mobee_recorder::Settings {
-            path: folder.path().join("recording.rrd"),
+            path: folder.unused("recording", "rrd"),
             name: config.name.clone(),
             config: config.name.clone(),
             build: build.to_owned(),

@@ -46,13 +46,19 @@ pub fn runtime(kind: ClockKind) -> std::io::Result<Runtime> {
 pub struct Clock {
     kind: ClockKind,
     start: Instant,
+    begun: Time,
 }
 
 impl Clock {
     /// Starts at [`Time::ZERO`], now. To be called inside the runtime.
-    #[allow(clippy::disallowed_methods)]
     pub fn new(kind: ClockKind) -> Clock {
-        Clock { kind, start: Instant::now() }
+        Clock::from(kind, Time::ZERO)
+    }
+
+    /// Starts at `begun`, now: the clock of a run that is resumed.
+    #[allow(clippy::disallowed_methods)]
+    pub fn from(kind: ClockKind, begun: Time) -> Clock {
+        Clock { kind, start: Instant::now(), begun }
     }
 
     /// How time passes.
@@ -63,12 +69,12 @@ impl Clock {
     /// The time since the run began.
     #[allow(clippy::disallowed_methods)]
     pub fn now(&self) -> Time {
-        Time::ZERO + Instant::now().duration_since(self.start)
+        self.begun + Instant::now().duration_since(self.start)
     }
 
     /// Waits until `at`; not at all if that is past. Timers are as fine as tokio's: one millisecond.
     pub async fn sleep_until(&self, at: Time) {
-        tokio::time::sleep_until(self.start + at.since(Time::ZERO)).await;
+        tokio::time::sleep_until(self.start + at.since(self.begun)).await;
     }
 
     /// Lets time pass without anybody acting, as while a process is suspended. A real clock is left alone.

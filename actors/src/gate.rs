@@ -11,6 +11,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub struct Gate(AtomicU64);
 
 impl Gate {
+    /// As an earlier process left it.
+    pub fn resumed(token: u64) -> Gate {
+        Gate(AtomicU64::new(token))
+    }
+
     /// The present token.
     pub fn token(&self) -> u64 {
         self.0.load(Ordering::SeqCst)

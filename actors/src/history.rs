@@ -1,7 +1,8 @@
 //! History (Algorithm 4): a ring buffer of poses and the period between them.
 
+use crate::controller::distance;
 use crate::pulse::Pulse;
-use mobee_contract::{Pose, Time};
+use mobee_contract::{Pose, Sample, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -10,6 +11,9 @@ const WINDOW: usize = 8;
 /// A pause of so many periods is a gap. Fewer readings may be missing, as they are when a thread comes late: the pose
 /// before and the one after are then near each other, and the way back between them is watched like any other.
 const GAP_PERIODS: u32 = 8;
+
+/// How far (rad, every motor) a robot may have braked while no process recorded it.
+const BRIDGE: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
 /// A recorded pose.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,13 +46,22 @@ pub struct HistoryCore {
     period: f64,
     seq: u64,
     unchanged: Time,
+    /// Set while the newest pose was recorded by an earlier process.
+    restored: bool,
 }
 
 impl HistoryCore {
     /// An empty ring of this length (at least a few poses).
     pub fn new(length: usize) -> HistoryCore {
         let length = length.max(2 * WINDOW);
-        HistoryCore { ring: VecDeque::with_capacity(length), length, period: 0.0, seq: 0, unchanged: Time::ZERO }
+        HistoryCore {
+            ring: VecDeque::with_capacity(length),
+            length,
+            period: 0.0,
+            seq: 0,
+            unchanged: Time::ZERO,
+            restored: false,
+        }
     }
 
     /// Records a pulse's pose and tells it the speed. Readings that are not newer than the last are passed over.
@@ -60,11 +73,14 @@ impl HistoryCore {
                 return;
             }
             let pause = at.since(last.at).as_secs_f64();
+            let near = |q: &Pose| distance(q, &last.q) <= BRIDGE;
+            let bridged = std::mem::take(&mut self.restored) && near(&q);
             let steps = pulse.sample.seq.wrapping_sub(self.seq);
-            after_gap = !(1..=u64::from(GAP_PERIODS)).contains(&steps)
-                || q.len() != last.q.len()
-                || (self.period > 0.0 && pause > f64::from(GAP_PERIODS) * self.period);
-            if !after_gap {
+            after_gap = !bridged
+                && (!(1..=u64::from(GAP_PERIODS)).contains(&steps)
+                    || q.len() != last.q.len()
+                    || (self.period > 0.0 && pause > f64::from(GAP_PERIODS) * self.period));
+            if !after_gap && !bridged {
                 // the estimated period: a running mean, as the robot's own clock has jitter
                 let pause = pause / steps as f64;
                 self.period = if self.period > 0.0 { self.period + 0.05 * (pause - self.period) } else { pause };
@@ -85,6 +101,22 @@ impl HistoryCore {
         if let Some(last) = self.ring.back_mut() {
             last.speed = pulse.speed;
         }
+    }
+
+    /// Takes up what an earlier process recorded, oldest first. The next reading continues the path if it is near its end:
+    /// a robot brakes when its program dies.
+    pub fn restore(&mut self, poses: &[(Time, Pose)]) {
+        for (k, (at, q)) in (1..).zip(poses) {
+            let sample = Sample { seq: k, at: *at, q: q.clone(), done: vec![true; q.len()] };
+            self.push(&mut Pulse::new(sample, &Vec::new().into()));
+        }
+        self.restored = !self.ring.is_empty();
+    }
+
+    /// The recorded pose nearest to `q` of those about the time `at`: what a safe pose was taken from.
+    pub fn recorded_near(&self, at: Time, q: &[f64], within: Duration) -> Option<&Recorded> {
+        let about = self.ring.iter().filter(|r| r.at <= at + within && at <= r.at + within);
+        about.min_by(|a, b| distance(&a.q, q).total_cmp(&distance(&b.q, q)))
     }
 
     /// Marks that readings are missing here, as after a restart or a pause.

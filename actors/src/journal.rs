@@ -82,6 +82,40 @@ impl Journal {
         Ok(Journal { path, book: Arc::new(Mutex::new(book)) })
     }
 
+    /// Opens the journal of a run that goes on: every line is verified and handed to `past`, and a half line at the end, as a
+    /// crash leaves it, is cut off.
+    ///
+    /// # Errors
+    /// If it can't be read, is not as it was written, or can't be written on.
+    pub fn resume(dir: &Path, mut past: impl FnMut(&Line)) -> Result<Journal, JournalError> {
+        let path = dir.join(FILE);
+        let mut lines = read(&path)?;
+        let mut n = 0;
+        for line in lines.by_ref() {
+            match line {
+                Ok(line) => {
+                    n = line.n + 1;
+                    past(&line);
+                }
+                Err(e) if e.truncated => {}
+                Err(e) => return Err(e),
+            }
+        }
+        let (len, chain) = lines.good();
+        let refused = |e: std::io::Error| JournalError {
+            file: path.clone(),
+            line: 0,
+            column: 0,
+            what: e.to_string(),
+            help: "see that the run's folder can be written, and that no other process uses it".into(),
+            truncated: false,
+        };
+        let file = OpenOptions::new().write(true).open(&path).map_err(refused)?;
+        file.set_len(len).map_err(refused)?;
+        let book = Book { file, len, gathered: Vec::new(), n, chain };
+        Ok(Journal { path, book: Arc::new(Mutex::new(book)) })
+    }
+
     /// The sink that writes it. A new one continues where the last one failed.
     pub fn sink(&self) -> Box<dyn Sink> {
         Box::new(self.clone())

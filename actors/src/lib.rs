@@ -11,6 +11,7 @@ pub mod journal;
 pub mod ledger;
 pub mod pulse;
 pub mod reflex;
+pub mod ring;
 pub mod shell;
 pub mod stream;
 pub mod supervise;

@@ -144,6 +144,7 @@ impl SuperviseCore {
         };
         let mut out = Vec::new();
         if open || Gate::opens(token) {
+            // a crash of the process is the cause already if that is what happened
             core.interrupt(Cause::ActorDied("supervise".into()), Status::Holding(Hold::Restarted), now, &mut out);
         } else {
             core.enter(Status::Starting, &mut out);
@@ -335,11 +336,17 @@ impl SuperviseCore {
     }
 
     /// Tries the failed way back again.
-    fn recover(&mut self, _now: Time, out: &mut Vec<SuperviseOut>) {
+    fn recover(&mut self, now: Time, out: &mut Vec<SuperviseOut>) {
         if self.closing != Closing::No || !matches!(self.status, Status::Holding(_)) {
             return;
         }
-        let Some(motion) = self.retry.clone() else { return };
+        let Some(motion) = self.retry.clone() else {
+            if self.status == Status::Holding(Hold::AfterCrash) {
+                // there was no safe pose: the robot stays, and is asked to stay no longer
+                self.interrupt(Cause::Asked, Status::Holding(Hold::Restarted), now, out);
+            }
+            return;
+        };
         self.close(Cause::Asked, out);
         self.closing = Closing::Reflex;
         self.enter(Status::Stopping, out);

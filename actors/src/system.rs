@@ -3,6 +3,7 @@
 mod counts;
 mod cues;
 mod inject;
+mod past;
 mod report;
 mod run;
 mod services;
@@ -12,6 +13,7 @@ mod trouble;
 pub use counts::Counts;
 pub use cues::{Cues, ScriptStep, When};
 pub use inject::{Injection, Spot};
+pub use past::{Past, PastRobot};
 pub use report::{Report, RobotReport};
 pub use run::{run, run_under};
 pub use trouble::{Blow, Troubles};
@@ -47,6 +49,8 @@ pub struct Setup {
     /// What runs beside the safety chain, on a thread of its own and in real time only. While one of them keeps the run
     /// ([`Service::keeps_run`]), it does not end because all agents are done.
     pub services: Vec<Box<dyn Service>>,
+    /// What an earlier process of this run left, if it is resumed.
+    pub past: Option<Past>,
 }
 
 /// One robot of a [`Setup`].

@@ -9,7 +9,7 @@ use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, Slot, SuperviseMsg}
 use crate::stream::Stream;
 use crate::system::{Counts, Cues, Troubles};
 use crate::tap::Taps;
-use mobee_contract::{Event, Hardware, Latest, Snapshot};
+use mobee_contract::{Event, Hardware, Latest, Note, Snapshot};
 use mobee_model::{Contact, Pair, Scene};
 use ractor::{ActorRef, Message};
 use std::sync::atomic::{AtomicBool, AtomicU64};
@@ -89,6 +89,8 @@ pub struct Wires {
     pub agent_name: Arc<str>,
     /// Whether the agent may make motions, or makes way for another.
     pub agent_acts: AtomicBool,
+    /// What an earlier process of this run noted of the agent's map.
+    pub notes: Vec<Note>,
 }
 
 /// What all robots share.

@@ -110,6 +110,26 @@ impl Roadmap {
         id
     }
 
+    /// Takes up what was noted of a map: vertices as they were numbered, and edges as they were last.
+    pub fn recall(&mut self, notes: &[Note]) {
+        for note in notes {
+            match note {
+                Note::Vertex { id, q, at } if *id as usize == self.len() => {
+                    self.add(Vertex { name: None, q: q.clone(), at: *at });
+                }
+                Note::Edge { from, to, state, cause } => {
+                    let known = self.graph.find_edge(NodeIndex::new(*from as usize), NodeIndex::new(*to as usize));
+                    known.map(|e| self.graph.remove_edge(e));
+                    let driven = matches!(state, EdgeState::Feasible | EdgeState::Removed);
+                    self.restore(*from, *to, Edge { state: *state, driven, cause: cause.clone() });
+                }
+                _ => {}
+            }
+        }
+        // told before, by whoever noted it
+        self.notes.clear();
+    }
+
     /// Joins two poses by an optimistic edge in each direction, unless that direction is known already (or was removed).
     pub fn join(&mut self, a: u32, b: u32) {
         for (from, to) in [(a, b), (b, a)] {

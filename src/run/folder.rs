@@ -30,6 +30,25 @@ impl Folder {
         Ok(Folder(path))
     }
 
+    /// The folder of a run that is resumed.
+    ///
+    /// # Errors
+    /// If it is no run's folder.
+    pub fn of_run(path: &Path) -> Result<Folder, ConfigError> {
+        if path.join("config.json").is_file() {
+            return Ok(Folder(path.to_owned()));
+        }
+        let what = format!("{} is no folder of a run: there is no config.json in it", path.display());
+        Err(ConfigError::plain(what, "give a folder that `mobee run` made, such as runs/explore-..."))
+    }
+
+    /// A file's path that nothing stands at yet: `NAME.EXT`, or `NAME-2.EXT` and so on.
+    pub fn unused(&self, name: &str, extension: &str) -> PathBuf {
+        let names =
+            std::iter::once(format!("{name}.{extension}")).chain((2..).map(|n| format!("{name}-{n}.{extension}")));
+        names.map(|n| self.0.join(n)).find(|p| !p.exists()).unwrap_or_default()
+    }
+
     /// Its path.
     pub fn path(&self) -> &Path {
         &self.0

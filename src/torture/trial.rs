@@ -139,6 +139,7 @@ impl Trial {
             config: Value::Null,
             script: composed.script,
             services: Vec::new(),
+            past: None,
         };
         let (tell, controls) = mpsc::channel(1);
         let enough = |p: &Progress| {

@@ -57,6 +57,9 @@ pub trait Agent: Send {
         Duration::ZERO
     }
 
+    /// What an earlier process of the same run noted: its map is taken up again from there.
+    fn recall(&mut self, _past: &[Note]) {}
+
     /// Its state for a successor, versioned.
     fn export(&self) -> Snapshot;
 

@@ -100,6 +100,11 @@ pub enum Event {
         /// The resolved configuration.
         config: serde_json::Value,
     },
+    /// A run that ended, or whose process died, goes on in another process: all filters are closed.
+    Resumed {
+        /// How many events were told before.
+        events: u64,
+    },
     /// A robot as its controller knows it: what a checker needs.
     Robot {
         /// Its name.

@@ -115,6 +115,9 @@ pub enum Hold {
     Restarted,
     /// The board reports a fault.
     BoardFault,
+    /// The process ended in mid-motion, and the robot rests neither at its target nor at its safe pose. Nothing moves
+    /// before somebody asks to `recover`.
+    AfterCrash,
     /// The run is ending.
     ShuttingDown,
 }
@@ -129,6 +132,7 @@ impl fmt::Display for Hold {
             Hold::Stale => "the encoders are stale",
             Hold::Restarted => "a part of the controller was restarted in mid-motion",
             Hold::BoardFault => "the board reports a fault",
+            Hold::AfterCrash => "the process ended in mid-motion: ask to `recover`",
             Hold::ShuttingDown => "the run is ending",
         })
     }
@@ -155,6 +159,8 @@ pub enum Cause {
     Stale,
     /// An actor of the controller died.
     ActorDied(String),
+    /// The process ended in mid-motion.
+    Crashed,
     /// The board reports a fault.
     BoardFault(String),
     /// A person or the program asked for it.

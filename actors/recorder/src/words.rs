@@ -30,6 +30,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
     use Level::{Debug, Error, Info, Trace, Warn};
     Some(match event {
         Event::Started { seed, clock, .. } => ("system", Info, format!("started: seed {seed}, {clock} clock")),
+        Event::Resumed { events } => ("system", Warn, format!("resumed after {events} events of an earlier process")),
         Event::Robot { robot, motors, period, margin, .. } => (
             robot,
             Info,
@@ -134,6 +135,7 @@ fn why(cause: &Cause) -> String {
         Cause::AgentDied => "the agent died".to_owned(),
         Cause::Stale => "the encoders are stale".to_owned(),
         Cause::ActorDied(actor) => format!("{actor} died"),
+        Cause::Crashed => "the process ended in mid-motion".to_owned(),
         Cause::BoardFault(what) => format!("the board reports {what}"),
         Cause::Asked => "asked for".to_owned(),
     }

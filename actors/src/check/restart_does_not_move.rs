@@ -49,6 +49,10 @@ impl Invariant for RestartDoesNotMove {
                     *restarted = Some((format!("{robot}/{part}"), line.at));
                 }
             }
+            Event::Resumed { .. } => {
+                let whole = || Some(("the process".to_owned(), line.at));
+                self.robots.values_mut().for_each(|restarted| *restarted = whole());
+            }
             Event::Command { robot, kind, .. } if kind == "move" => self.judge(robot, |_| true, found),
             // told at its end, and so judged by when its last set-point was written
             Event::Streamed { robot, span, .. } => self.judge(robot, |restart| span.1 > restart, found),

@@ -53,6 +53,8 @@ pub struct Lines {
     line: u64,
     n: u64,
     chain: Chain,
+    /// Bytes of the lines that were good.
+    good: u64,
     failed: bool,
     text: Vec<u8>,
 }
@@ -81,7 +83,7 @@ pub fn read(path: &Path) -> Result<Lines, JournalError> {
         truncated: false,
     })?;
     let reader = BufReader::with_capacity(1 << 16, opened);
-    Ok(Lines { file, reader, line: 0, n: 0, chain: Chain::default(), failed: false, text: Vec::new() })
+    Ok(Lines { file, reader, line: 0, n: 0, chain: Chain::default(), good: 0, failed: false, text: Vec::new() })
 }
 
 impl Iterator for Lines {
@@ -98,6 +100,11 @@ impl Iterator for Lines {
 }
 
 impl Lines {
+    /// The bytes of all good lines so far, and the hash over them.
+    pub(super) fn good(&self) -> (u64, Chain) {
+        (self.good, self.chain)
+    }
+
     fn step(&mut self) -> Result<Option<Line>, JournalError> {
         loop {
             self.line += 1;
@@ -112,8 +119,11 @@ impl Lines {
             }
             let text = std::mem::take(&mut self.text);
             let line = self.parse(&text);
+            let bytes = text.len() as u64 + 1;
             self.text = text;
-            match line? {
+            let line = line?;
+            self.good += bytes;
+            match line {
                 None => continue,
                 some => return Ok(some),
             }

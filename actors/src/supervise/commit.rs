@@ -56,6 +56,7 @@ impl SuperviseCore {
                 Some((at, q, speed)) => Ok(Way::Begin { here, at, q, speed }),
                 None => not_ready("the robot to come to rest"),
             },
+            Status::Holding(reason @ Hold::AfterCrash) => Err(Refusal::Holding { reason }),
             Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
             Status::Holding(reason) => Ok(Way::Escape { here, reason }),
         }

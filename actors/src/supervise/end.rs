@@ -50,11 +50,13 @@ impl SuperviseCore {
 
     /// The robot rests: the open transaction, if any, gets the outcome that the pose shows; then open, or hold.
     fn settle(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
+        let lost = self.end_after_crash(out);
         self.end(None, out);
         self.restore_modes(Writer::Reflex, out);
         self.closing = Closing::No;
         let hold = match self.status {
             _ if self.shutdown => Some(Hold::ShuttingDown),
+            _ if lost => Some(Hold::AfterCrash),
             _ if !pulse.free => Some(Hold::InContact),
             _ => None,
         };
@@ -62,6 +64,19 @@ impl SuperviseCore {
             Some(reason) => self.enter(Status::Holding(reason), out),
             None => self.reopen(out),
         }
+    }
+
+    /// What an earlier process left open gets the outcome that the pose shows. Whether that is neither of its two ends: then
+    /// nothing moves before somebody asks for it, and the way back can be tried.
+    fn end_after_crash(&mut self, out: &mut Vec<SuperviseOut>) -> bool {
+        let crashed = self.with_book(|b| b.open.as_ref().is_some_and(|o| o.cause == Some(Cause::Crashed)));
+        if !crashed {
+            return false;
+        }
+        let motion = self.motion();
+        let lost = self.end(None, out) == Some(Outcome::Faulted);
+        self.retry = motion.filter(|m| lost && m.safe.is_some());
+        lost
     }
 
     /// All is well: open the filter.
@@ -76,9 +91,9 @@ impl SuperviseCore {
     }
 
     /// Gives the open transaction its one outcome (I2): as told, or as the newest reading shows.
-    pub(super) fn end(&mut self, told: Option<Outcome>, out: &mut Vec<SuperviseOut>) {
+    pub(super) fn end(&mut self, told: Option<Outcome>, out: &mut Vec<SuperviseOut>) -> Option<Outcome> {
         let open = self.with_book(|book| book.open.clone());
-        let Some(open) = open else { return };
+        let open = open?;
         let recorded = || self.with_book(|b| b.history.newest().map(|r| r.q.clone()));
         let newest = self.newest.as_ref().map(|(_, q, ..)| q.clone());
         let q = newest.or_else(recorded).unwrap_or_else(|| open.target.clone());
@@ -97,6 +112,7 @@ impl SuperviseCore {
         let robot = self.rules.robot.clone();
         out.push(SuperviseOut::Event(Event::Outcome { robot, id: open.id, outcome, q, safe, cause }));
         out.push(SuperviseOut::Ended(open.agent, open.id, end));
+        Some(outcome)
     }
 
     /// A motion is under way: has it ended, or gone wrong?

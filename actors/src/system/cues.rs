@@ -3,6 +3,7 @@
 use mobee_contract::Time;
 use mobee_model::Edit;
 
+use super::Past;
 use crate::controller::distance;
 
 /// When to edit the world.
@@ -48,6 +49,18 @@ impl Cues {
     /// From a script.
     pub fn new(steps: Vec<ScriptStep>) -> Cues {
         Cues { steps, outcomes: Vec::new() }
+    }
+
+    /// From the script of a run that is resumed: what has happened does not happen again.
+    pub(crate) fn resumed(steps: Vec<ScriptStep>, past: Option<&Past>) -> Cues {
+        let mut cues = Cues::new(steps);
+        if let Some(past) = past {
+            cues.time(past.at);
+            for (robot, count) in past.outcomes() {
+                (0..count).for_each(|_| drop(cues.outcome(robot)));
+            }
+        }
+        cues
     }
 
     fn take(&mut self, due: impl Fn(&When) -> bool) -> Vec<Edit> {

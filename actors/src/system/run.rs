@@ -2,12 +2,11 @@
 
 use super::inject::inject;
 use super::services::Services;
-use super::{Control, Counts, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, Troubles, tree};
+use super::{Control, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, Troubles, tree};
 use crate::access::Access;
 use crate::clock::{Clock, ClockKind, runtime};
 use crate::controller::{Rules, distance};
 use crate::gate::Gate;
-use crate::ledger::Ledger;
 use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Slot, SuperviseMsg};
 use crate::stream::Stream;
 use crate::supervision::{Group, GroupMsg};
@@ -108,7 +107,7 @@ async fn conduct(
     limit: Option<Duration>,
     mut progress: impl FnMut(&Progress),
 ) -> Result<RunEnd, RunError> {
-    let clock = Clock::new(setup.clock);
+    let clock = Clock::from(setup.clock, setup.past.as_ref().map_or(Time::ZERO, |p| p.at));
     let plugs: Vec<Plug> = setup.robots.iter().map(|r| Plug(r.hardware.clone())).collect();
     let has_agent: Vec<bool> = setup.robots.iter().map(|r| r.agent.is_some()).collect();
     let acting = has_agent.iter().filter(|has| **has).count();
@@ -203,11 +202,12 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
         let stream = |link: &str| Stream::new(format!("{}/{link}", robot.name), 64);
         let q = homes.get(i).cloned().unwrap_or_else(|| Vec::new().into());
         let latest = Latest { at: Time::ZERO, q, contacts: none.clone(), status: Status::Starting, ready: false };
+        let past = setup.past.as_ref().map(|p| p.robot(&robot.name)).unwrap_or_default();
         Arc::new(Wires {
             robot: i,
             rules,
-            gate: Arc::new(Gate::default()),
-            ledger: Ledger::new(robot.controller.history),
+            gate: Arc::new(Gate::resumed(past.token)),
+            ledger: past.ledger(robot.controller.history),
             lease: AtomicU64::new(0),
             latest: Cell::new(latest),
             to_history: stream("driver>history"),
@@ -221,6 +221,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
             slot: Cell::new(Slot { maker: robot.agent.clone().map(Maker), ..Slot::default() }),
             agent_name: format!("{}/agent", robot.name).into(),
             agent_acts: AtomicBool::new(true),
+            notes: past.notes,
         })
     });
     let hub = Arc::new(Hub {
@@ -230,12 +231,15 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
         model: Line::default(),
         clock,
         taps: setup.taps,
-        counts: Cell::new(Counts::default()),
-        cues: Cell::new(Cues::new(setup.script)),
+        counts: Cell::new(setup.past.as_ref().map(|p| p.counts.clone()).unwrap_or_default()),
+        cues: Cell::new(Cues::resumed(setup.script, setup.past.as_ref())),
         troubles,
         none,
     });
-    hub.tell(Event::Started { seed: setup.seed, clock: setup.clock.to_string(), config: setup.config });
+    match setup.past {
+        None => hub.tell(Event::Started { seed: setup.seed, clock: setup.clock.to_string(), config: setup.config }),
+        Some(past) => hub.tell(Event::Resumed { events: past.events }),
+    }
     for wires in &hub.robots {
         hub.tell(described(&wires.rules));
     }

@@ -186,6 +186,7 @@ impl Trial {
             config: serde_json::Value::Null,
             script: self.script,
             services: services(tell.clone()),
+            past: None,
         };
         let faults = self.controls.into_iter().map(|(at, c)| (Time::ZERO + at, c)).collect();
         let end = run_under(setup, faults, controls, Some(self.limit), |_| ()).unwrap();

@@ -259,6 +259,11 @@ impl Agent for Explorer {
         self.walker.notes()
     }
 
+    fn recall(&mut self, past: &[Note]) {
+        self.walker.map.recall(past);
+        self.sampled = !self.walker.map.is_empty();
+    }
+
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
         let progress = self.walker.progress().clone();

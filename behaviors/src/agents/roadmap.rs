@@ -201,6 +201,10 @@ impl Agent for RoadmapAgent {
         self.walker.notes()
     }
 
+    fn recall(&mut self, past: &[Note]) {
+        self.walker.map.recall(past);
+    }
+
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
         seal("roadmap", 1, &State { map, progress: self.walker.progress().clone(), tour: self.tour.clone() })

@@ -122,18 +122,21 @@ impl Roadmap {
             if e.from == e.to || !seen.insert((e.from, e.to)) {
                 return Err(bad(place("to"), "an edge joins two different vertices, once per direction".to_owned()));
             }
-            map.restore(e);
+            map.restore(e.from, e.to, Edge { state: e.state, driven: e.driven, cause: e.cause });
         }
         Ok(map)
     }
 
-    fn restore(&mut self, e: FileEdge) {
-        let edge = Edge { state: e.state, driven: e.driven, cause: e.cause };
-        self.note(e.from, e.to, &edge);
-        if e.state == EdgeState::Removed {
-            self.ledger.insert((e.from, e.to), edge);
+    /// Adds an edge between two of the vertices as it was.
+    pub(super) fn restore(&mut self, from: u32, to: u32, edge: Edge) {
+        if self.vertex(from).is_none() || self.vertex(to).is_none() {
+            return;
+        }
+        self.note(from, to, &edge);
+        if edge.state == EdgeState::Removed {
+            self.ledger.insert((from, to), edge);
         } else {
-            self.graph.add_edge(NodeIndex::new(e.from as usize), NodeIndex::new(e.to as usize), edge);
+            self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), edge);
         }
     }
 }

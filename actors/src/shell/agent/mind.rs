@@ -64,12 +64,13 @@ impl Mind {
         let fallback = mind.after_death();
         let maker = mind.wires.slot.lock().maker.clone().ok_or("the robot has no agent")?;
         let mut agent = (maker.0)()?;
-        if let Some(newest) = newest {
-            match (agent.import(newest), fallback) {
+        match newest {
+            None => agent.recall(&mind.wires.notes),
+            Some(newest) => match (agent.import(newest), fallback) {
                 (Ok(()), _) => {}
                 (Err(_), Some(own)) => agent.import(own).map_err(|e| e.to_string())?,
                 (Err(e), None) => return Err(e.to_string()),
-            }
+            },
         }
         mind.agent = Some(agent);
         Ok(mind)

@@ -1,0 +1,167 @@
+//! The pose ring in a file: what a robot did in its last minutes, for the process that comes after a crash.
+//!
+//! ```text
+//! "mobee poses 1\n", motors u32, room u32 | record 0 | record 1 | ...        little endian
+//! record: time of the run u64 ns, position of each motor f64 rad, CRC-32 of both
+//! ```
+//! Records are written round and round, one write each. They reach the operating system at once, and so outlive the process;
+//! they are not forced to the disk, as the journal's outcomes are.
+
+use mobee_contract::{Entry, Pose, Sink, Time};
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+const MAGIC: &[u8; 14] = b"mobee poses 1\n";
+const HEADER: usize = MAGIC.len() + 8;
+/// A ring with more is no robot's.
+const MOST: usize = 1 << 24;
+
+/// The file of a robot's ring in a run's folder.
+pub fn file(dir: &Path, robot: &str) -> PathBuf {
+    dir.join(format!("poses-{robot}.ring"))
+}
+
+/// Writes the poses of all robots of a run.
+#[derive(Debug)]
+pub struct Rings(Vec<Ring>);
+
+#[derive(Debug)]
+struct Ring {
+    path: PathBuf,
+    file: File,
+    motors: usize,
+    room: usize,
+    next: usize,
+}
+
+impl Rings {
+    /// Begins a ring per robot (its name, motors, and how many poses to keep), in place of those of an earlier process.
+    ///
+    /// # Errors
+    /// The file that can't be written, in words.
+    pub fn create(dir: &Path, robots: &[(String, usize, usize)]) -> Result<Rings, String> {
+        let begin = |(robot, motors, room): &(String, usize, usize)| {
+            let path = file(dir, robot);
+            let begin = || -> std::io::Result<File> {
+                let mut file = OpenOptions::new().write(true).create(true).truncate(true).open(&path)?;
+                file.write_all(MAGIC)?;
+                for n in [*motors, *room] {
+                    file.write_all(&u32::try_from(n).unwrap_or(u32::MAX).to_le_bytes())?;
+                }
+                Ok(file)
+            };
+            let file = begin().map_err(|e| format!("{}: {e}; choose a folder that can be written", path.display()))?;
+            Ok(Ring { path, file, motors: *motors, room: (*room).max(1), next: 0 })
+        };
+        robots.iter().map(begin).collect::<Result<_, String>>().map(Rings)
+    }
+}
+
+fn record(at: Time, q: &[f64]) -> Vec<u8> {
+    let mut bytes = at.0.to_le_bytes().to_vec();
+    q.iter().for_each(|q| bytes.extend(q.to_le_bytes()));
+    let sum = crc32fast::hash(&bytes);
+    bytes.extend(sum.to_le_bytes());
+    bytes
+}
+
+impl Sink for Rings {
+    fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
+        let Entry::Pose { robot, q, .. } = entry else { return Ok(()) };
+        let Some(ring) = self.0.get_mut(*robot).filter(|r| r.motors == q.len()) else { return Ok(()) };
+        let bytes = record(at, q);
+        let place = HEADER as u64 + (ring.next * bytes.len()) as u64;
+        ring.next = (ring.next + 1) % ring.room;
+        let written = ring.file.seek(SeekFrom::Start(place)).and_then(|_| ring.file.write_all(&bytes));
+        written.map_err(|e| format!("{}: {e}; make room on the disk", ring.path.display()))
+    }
+
+    fn flush(&mut self) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+/// The poses in a ring file, oldest first; those that were cut off or damaged are left out. None without a file.
+///
+/// # Errors
+/// A file that is no ring, or can't be read, in words.
+pub fn read(path: &Path) -> Result<Vec<(Time, Pose)>, String> {
+    let mut file = match File::open(path) {
+        Ok(file) => file,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(e) => return Err(format!("{}: {e}", path.display())),
+    };
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes).map_err(|e| format!("{}: {e}", path.display()))?;
+    let number = |at: usize| {
+        let four: [u8; 4] = bytes.get(at..at + 4)?.try_into().ok()?;
+        usize::try_from(u32::from_le_bytes(four)).ok()
+    };
+    let (motors, room) = match (bytes.starts_with(MAGIC), number(MAGIC.len()), number(MAGIC.len() + 4)) {
+        (true, Some(motors), Some(room)) if motors < MOST && room < MOST => (motors, room),
+        _ => {
+            return Err(format!(
+                "{}: this is no file of recorded poses; take it away to go on without",
+                path.display()
+            ));
+        }
+    };
+    let size = 8 + 8 * motors + 4;
+    let mut poses: Vec<(Time, Pose)> =
+        bytes.get(HEADER..).unwrap_or_default().chunks_exact(size).take(room).filter_map(pose).collect();
+    poses.sort_by_key(|(at, _)| *at);
+    Ok(poses)
+}
+
+/// A whole record whose sum is right and whose numbers are finite.
+fn pose(bytes: &[u8]) -> Option<(Time, Pose)> {
+    let (body, sum) = bytes.split_last_chunk::<4>()?;
+    if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
+        return None;
+    }
+    let (at, q) = body.split_first_chunk::<8>()?;
+    let q: Vec<f64> = q.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
+    q.iter().all(|q| q.is_finite()).then(|| (Time(u64::from_le_bytes(*at)), q.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn told(ring: &mut Rings, n: u64) {
+        for k in 0..n {
+            let entry = Entry::Pose { robot: 0, q: vec![k as f64, -0.5].into(), contacts: Vec::new().into() };
+            ring.write(Time(k), &entry).unwrap();
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_newest_poses_come_back_in_order(n in 0_u64..50, room in 1_usize..20) {
+            let dir = tempfile::tempdir().unwrap();
+            told(&mut Rings::create(dir.path(), &[("a".into(), 2, room)]).unwrap(), n);
+            let back = read(&file(dir.path(), "a")).unwrap();
+            let times: Vec<u64> = back.iter().map(|(at, _)| at.0).collect();
+            prop_assert_eq!(times, (n.saturating_sub(room as u64)..n).collect::<Vec<_>>());
+            prop_assert!(back.iter().all(|(at, q)| q[0] == at.0 as f64));
+        }
+
+        #[test]
+        fn damage_costs_poses_and_nothing_else(cut in 0_usize..400, flip in 0_usize..400) {
+            let dir = tempfile::tempdir().unwrap();
+            told(&mut Rings::create(dir.path(), &[("a".into(), 2, 12)]).unwrap(), 12);
+            let path = file(dir.path(), "a");
+            let mut bytes = std::fs::read(&path).unwrap();
+            bytes.truncate(cut.max(1));
+            if let Some(byte) = bytes.get_mut(flip) {
+                *byte ^= 0x10;
+            }
+            std::fs::write(&path, bytes).unwrap();
+            if let Ok(back) = read(&path) {
+                prop_assert!(back.iter().all(|(at, q)| q[0] == at.0 as f64 && q[1] == -0.5));
+            }
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! What an earlier process of a run left: read from its journal, for the process that resumes it.
+
+use super::Counts;
+use crate::gate::Gate;
+use crate::journal::Line;
+use crate::ledger::{Ledger, Open};
+use mobee_contract::{Cause, CommitId, Event, Note, Pose, Time};
+use mobee_model::{Edit, Scene};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How far apart in time a safe pose and the recorded pose that it was taken from may be.
+const ABOUT: Duration = Duration::from_secs(1);
+/// Time on the run's clock between the last event and the process that resumes it: nothing told before is told after.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// What an earlier process left.
+#[derive(Clone, Debug, Default)]
+pub struct Past {
+    /// When the run goes on, on its own clock.
+    pub at: Time,
+    /// How many events were told.
+    pub events: u64,
+    /// What was counted.
+    pub counts: Counts,
+    robots: BTreeMap<String, PastRobot>,
+    world: BTreeMap<String, Event>,
+}
+
+/// What it left of one robot.
+#[derive(Clone, Debug, Default)]
+pub struct PastRobot {
+    /// The last token of the gate.
+    pub token: u64,
+    /// The number of the last accepted commit.
+    pub last_id: u64,
+    /// The transaction that was left open.
+    pub open: Option<Open>,
+    /// The newest pose that is known of, rad: recorded, or that of the last outcome.
+    pub q: Option<Pose>,
+    /// The recorded poses, oldest first.
+    pub recorded: Vec<(Time, Pose)>,
+    /// What the agent noted of its map: vertices in order, then edges as they were last.
+    pub notes: Vec<Note>,
+    safe: Option<(Time, Pose)>,
+    outcomes: u64,
+    edges: BTreeMap<(u32, u32), usize>,
+}
+
+impl Past {
+    /// Takes in the next line of the journal.
+    pub fn on(&mut self, line: &Line) {
+        (self.at, self.events) = (line.at + PAUSE, line.n + 1);
+        self.counts.note(&line.event);
+        match &line.event {
+            Event::World { object, .. } => drop(self.world.insert(object.clone(), line.event.clone())),
+            Event::Enabled { robot, token } | Event::Disabled { robot, token, .. } => self.of(robot).token = *token,
+            Event::SafePose { robot, q, age, .. } => {
+                let at = Time(
+                    line.at.0.saturating_sub(Duration::try_from_secs_f64(*age).unwrap_or_default().as_nanos() as u64),
+                );
+                self.of(robot).safe = Some((at, q.clone()));
+            }
+            Event::SafePoseMoved { robot, q, .. } => {
+                if let Some(open) = &mut self.of(robot).open {
+                    open.safe = Some((line.at, q.clone()));
+                }
+            }
+            Event::Commit { robot, id: CommitId(id), agent, target, escape } => {
+                let past = self.of(robot);
+                past.last_id = *id;
+                past.open = Some(Open {
+                    id: CommitId(*id),
+                    agent: agent.as_str().into(),
+                    target: target.clone(),
+                    safe: past.safe.clone().filter(|_| !escape),
+                    since: line.at,
+                    due: line.at,
+                    cause: Some(Cause::Crashed),
+                });
+            }
+            Event::Amended { robot, target, .. } => {
+                if let Some(open) = &mut self.of(robot).open {
+                    open.target = target.clone();
+                }
+            }
+            Event::Outcome { robot, q, .. } => {
+                let past = self.of(robot);
+                past.open = None;
+                past.outcomes += 1;
+                past.q = Some(q.clone());
+            }
+            Event::Note { robot, note } => self.of(robot).note(note),
+            _ => {}
+        }
+    }
+
+    fn of(&mut self, robot: &str) -> &mut PastRobot {
+        self.robots.entry(robot.to_owned()).or_default()
+    }
+
+    /// The poses that a robot's ring file holds, oldest first.
+    pub fn recorded(&mut self, robot: &str, poses: Vec<(Time, Pose)>) {
+        if let Some((at, q)) = poses.last() {
+            self.at = self.at.max(*at + PAUSE);
+            self.of(robot).q = Some(q.clone());
+        }
+        self.of(robot).recorded = poses;
+    }
+
+    /// What was left of this robot.
+    pub fn robot(&self, name: &str) -> PastRobot {
+        self.robots.get(name).cloned().unwrap_or_default()
+    }
+
+    /// Outcomes given, by robot.
+    pub(crate) fn outcomes(&self) -> impl Iterator<Item = (&str, u64)> {
+        self.robots.iter().map(|(name, robot)| (name.as_str(), robot.outcomes))
+    }
+
+    /// The world as it was left: what was moved, changed or removed is so again. Objects that were added while the run went
+    /// on are named; their shapes are in no journal.
+    pub fn world(&self, scene: Scene) -> (Scene, Vec<String>) {
+        let mut missing = Vec::new();
+        let mut scene = scene;
+        for (name, event) in &self.world {
+            let Event::World { class, at, .. } = event else { continue };
+            let Some((_, object)) = scene.object(name) else {
+                missing.extend(class.is_some().then(|| name.clone()));
+                continue;
+            };
+            let stood = object.pose;
+            let mut edits = Vec::new();
+            match (class, at) {
+                (None, _) => edits.push(Edit::Remove { name: name.clone() }),
+                (Some(class), at) => {
+                    edits.push(Edit::Class { name: name.clone(), class: *class });
+                    let moved = at.map(|at| {
+                        let mut pose = stood;
+                        pose.translation.vector = at.into();
+                        Edit::Move { name: name.clone(), pose }
+                    });
+                    edits.extend(moved);
+                }
+            }
+            for edit in edits {
+                scene = scene.edit(&edit).unwrap_or(scene);
+            }
+        }
+        (scene, missing)
+    }
+}
+
+impl PastRobot {
+    fn note(&mut self, note: &Note) {
+        match note {
+            Note::Vertex { .. } => self.notes.push(note.clone()),
+            Note::Edge { from, to, .. } => {
+                let known = *self.edges.entry((*from, *to)).or_insert(self.notes.len());
+                match self.notes.get_mut(known) {
+                    Some(slot) => *slot = note.clone(),
+                    None => self.notes.push(note.clone()),
+                }
+            }
+            Note::Plan { .. } | Note::Log { .. } => {}
+        }
+    }
+
+    /// Whether the gate was left open.
+    pub fn was_open(&self) -> bool {
+        Gate::opens(self.token)
+    }
+
+    /// A ledger with all of it.
+    pub(crate) fn ledger(&self, history: usize) -> Ledger {
+        let ledger = Ledger::new(history);
+        {
+            let mut book = ledger.book();
+            book.history.restore(&self.recorded);
+            book.last_id = self.last_id;
+            book.open = self.open.clone();
+            let safe = book.open.as_ref().and_then(|o| o.safe.clone());
+            let found = safe.and_then(|(at, q)| book.history.recorded_near(at, &q, ABOUT).map(|r| (r.at, q)));
+            if let (Some(open), Some(found)) = (book.open.as_mut(), found) {
+                open.safe = Some(found);
+            }
+        }
+        ledger
+    }
+}

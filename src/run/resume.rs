@@ -1,0 +1,72 @@
+//! `mobee run --resume`: a run that ended, or whose process died, goes on where it was.
+//!
+//! What was learned and done stands in the journal, which goes on in the same file. An open transaction gets its outcome by
+//! measuring where the robot is, before anything moves; if it is at neither end, it holds (`after_crash`) until somebody asks
+//! to `recover`, and then goes back the way that the pose ring shows.
+
+use super::{CtlAt, Folder, conduct};
+use crate::compose::{Composition, compose};
+use crate::config::{Config, ConfigError, Source};
+use crate::inspect::journal_error;
+use miette::Report;
+use mobee_actors::journal::Journal;
+use mobee_actors::ring;
+use mobee_actors::system::{Past, RobotSetup};
+use mobee_model::Robot;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Resumes the run in this folder, under overrides.
+///
+/// # Errors
+/// Complaints about the folder, its journal or the configuration, before anything moves.
+pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<ExitCode, Report> {
+    let folder = Folder::of_run(dir)?;
+    let (_, mut source) = Config::load_resolved(&dir.join("config.json"))?;
+    for assignment in set {
+        source.set(assignment)?;
+    }
+    let mut past = Past::default();
+    let journal = Journal::resume(dir, |line| past.on(line)).map_err(journal_error)?;
+    let composition = compose(Config::from_source(&source)?, &source)?;
+    let names: Vec<String> = composition.config.robot.iter().map(|r| r.name.clone()).collect();
+    for name in &names {
+        let help = "the run goes on without what it recorded of its way back";
+        let poses = ring::read(&ring::file(dir, name)).map_err(|e| ConfigError::plain(e, help))?;
+        past.recorded(name, poses);
+    }
+    let mut composition = stand(composition, source, &past)?;
+    let (scene, missing) = past.world(composition.scene);
+    composition.scene = scene;
+    for w in &composition.warnings {
+        eprintln!("warning: {w}");
+    }
+    for name in missing {
+        eprintln!(
+            "warning: the object {name} was made while the run went on, and no file says its shape: make it again"
+        );
+    }
+    conduct(composition, &folder, Some((journal, past)), json, ctl)
+}
+
+/// Simulated robots stand where they were last known to be; real ones are where they are.
+fn stand(composition: Composition, mut source: Source, past: &Past) -> Result<Composition, Report> {
+    let mut moved = false;
+    for (i, (setup, model)) in composition.robots.iter().zip(composition.scene.robots()).enumerate() {
+        let RobotSetup { name, .. } = setup;
+        let kind = composition.config.robot.get(i).and_then(|r| r.driver.get("kind")?.as_str().map(str::to_owned));
+        if let (Some("sim"), Some(q)) = (kind.as_deref(), past.robot(name).q) {
+            for (motor, deg) in degrees(model, &q) {
+                source.set(&format!("robot.{i}.driver.start_deg.{motor}={deg:?}"))?;
+            }
+            moved = true;
+        }
+    }
+    if moved { Ok(compose(Config::from_source(&source)?, &source)?) } else { Ok(composition) }
+}
+
+/// A pose as settings: motor names and degrees, within limits, which the noise of encoders may exceed.
+fn degrees(model: &Robot, q: &[f64]) -> Vec<(String, f64)> {
+    let motors = model.motors.iter().zip(q);
+    motors.map(|(m, q)| (m.name.clone(), q.clamp(m.min, m.max).to_degrees())).collect()
+}
