@@ -206,6 +206,8 @@ fn taps(
             config: config.name.clone(),
             build: build.to_owned(),
             live: None,
+            // a real robot may run for days
+            index: config.clock == Clock::Virtual,
         };
         sinks.push(SinkSpec {
             name: "recorder".into(),

@@ -46,6 +46,9 @@ pub struct Settings {
     pub build: String,
     /// Address of a viewer that is to follow live, such as `rerun+http://127.0.0.1:9876/proxy`.
     pub live: Option<String>,
+    /// Whether the file gets an index at its end, for which the memory grows as long as it is written (tens of megabytes an
+    /// hour). Files without one are read whole.
+    pub index: bool,
 }
 
 /// A recording could not be begun.
@@ -118,7 +121,8 @@ impl Recorder {
             .recording_name(settings.name.clone())
             .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::DEFAULT });
         let rec = builder.buffered().map_err(|e| file(&e))?;
-        let disk = rerun::sink::FileSink::new(&settings.path).map_err(|e| file(&e))?;
+        let options = rerun::sink::FileSinkOptions { write_footer: settings.index };
+        let disk = rerun::sink::FileSink::with_options(&settings.path, options).map_err(|e| file(&e))?;
         match &settings.live {
             None => rec.set_sink(Box::new(disk)),
             Some(address) => {
