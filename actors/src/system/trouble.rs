@@ -27,7 +27,10 @@ impl fmt::Display for Blow {
 
 /// What is planned for whom: per actor, after how many messages which blow.
 #[derive(Clone, Debug, Default)]
-pub struct Troubles(Arc<Cell<BTreeMap<String, Vec<(u64, Blow)>>>>);
+pub struct Troubles(Arc<Cell<BTreeMap<String, Blows>>>);
+
+/// What is to come, each at its sample.
+type Blows = Vec<(u64, Blow)>;
 
 impl Troubles {
     /// Plans a blow.
