@@ -63,13 +63,8 @@ pub fn compose(config: Config, source: &Source) -> Result<Composition, miette::R
             Some(value) => Some(agent(source, &format!("robot[{i}].agent"), value, context("agent"))?),
             None => None,
         };
-        let controller = Controller {
-            period_s: r.controller.period_ms * 1e-3,
-            history: r.controller.history,
-            margin_m: r.controller.margin_mm * 1e-3,
-            tolerance_deg: r.controller.tolerance_deg,
-            ..Controller::default()
-        };
+        let at = format!("robot[{i}].controller");
+        let controller = r.controller.settings().map_err(|e| place(source, &at, &e))?;
         let foreign = config.yarp.as_ref().filter(|y| y.filter).map(|y| y.speed);
         warnings.extend(margin_warning(r, &robot, hardware.as_ref(), &controller, foreign));
         robots.push(RobotSetup { name: r.name.clone(), hardware, controller, agent });

@@ -7,6 +7,7 @@
 
 mod check;
 mod complaints;
+mod controller;
 mod error;
 mod include;
 mod layer;
@@ -15,6 +16,7 @@ mod source;
 mod spelling;
 
 pub use complaints::{Complaint, Complaints};
+pub use controller::{Controller, schema as controller_schema};
 pub use error::ConfigError;
 pub use source::Source;
 pub use spelling::{did_you_mean, nearest, suggestion};
@@ -94,7 +96,7 @@ pub struct Robot {
     /// `kind` and settings of the driver; see `mobee kinds`.
     #[serde(default = "sim")]
     pub driver: Value,
-    /// The controller.
+    /// The controller: `kind` (default: `rollback`), what all kinds have, and the kind's settings; see `mobee kinds`.
     pub controller: Controller,
     /// `kind` and settings of the agent; see `mobee kinds`. Absent: nobody plans.
     #[serde(default)]
@@ -109,22 +111,6 @@ pub struct Base {
     pub position_m: [f64; 3],
     /// Turn about the vertical, degrees.
     pub yaw_deg: f64,
-}
-
-/// History, Supervise and Reflex of one robot. Two settings are required; the others have defaults.
-#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Controller {
-    /// Control period, milliseconds.
-    pub period_ms: f64,
-    /// How many poses the history holds.
-    pub history: usize,
-    /// The reflex acts when anything comes nearer than this, millimetres.
-    #[serde(default = "margin")]
-    pub margin_mm: f64,
-    /// A pose counts as reached within this, degrees per motor.
-    #[serde(default = "tolerance")]
-    pub tolerance_deg: f64,
 }
 
 /// Something that happens to the world.
@@ -198,12 +184,6 @@ pub struct Resolved {
 fn one() -> u64 {
     1
 }
-fn margin() -> f64 {
-    10.0
-}
-fn tolerance() -> f64 {
-    0.1
-}
 fn sim() -> Value {
     serde_json::json!({ "kind": "sim" })
 }
@@ -237,6 +217,7 @@ impl Config {
     /// # Errors
     /// Every complaint, with its place and remedy.
     pub fn from_source(source: &Source) -> Result<Config, Complaints> {
+        controller::unknown(source).none_or(())?;
         let mut config: Config = serde_path_to_error::deserialize(&source.value).map_err(|e| {
             let message = e.inner().to_string();
             let help = did_you_mean(&message).unwrap_or_else(|| "see docs/configuration.md for every setting".into());

@@ -1,6 +1,7 @@
 //! `mobee kinds`: what a configuration file can name, with docs and settings, as registered where it is defined.
 
-use crate::config::{ConfigError, nearest};
+use crate::config::{ConfigError, controller_schema, nearest};
+use mobee_actors::controller::controller_kinds;
 use mobee_contract::{agent_kinds, driver_kinds};
 use serde_json::Value;
 use std::fmt::Write;
@@ -13,11 +14,13 @@ struct Entry {
 }
 
 fn entries() -> Vec<Entry> {
-    let agents = agent_kinds().into_iter().map(|k| ("agent", k.name, k.doc, k.schema));
-    let drivers = driver_kinds().into_iter().map(|k| ("driver", k.name, k.doc, k.schema));
+    let agents = agent_kinds().into_iter().map(|k| ("agent", k.name, k.doc, (k.schema)().to_value()));
+    let drivers = driver_kinds().into_iter().map(|k| ("driver", k.name, k.doc, (k.schema)().to_value()));
+    let controllers = controller_kinds().into_iter().map(|k| ("controller", k.name, k.doc, controller_schema(k)));
     agents
+        .chain(controllers)
         .chain(drivers)
-        .map(|(role, name, doc, schema)| Entry { role, name, doc, schema: schema().to_value() })
+        .map(|(role, name, doc, schema)| Entry { role, name, doc, schema })
         .collect()
 }
 
@@ -40,7 +43,7 @@ pub fn listing(name: Option<&str>) -> Result<String, ConfigError> {
     let all = entries();
     let mut out = String::new();
     let Some(name) = name else {
-        for role in ["agent", "driver"] {
+        for role in ["agent", "controller", "driver"] {
             let _ = writeln!(out, "{role}s");
             for e in all.iter().filter(|e| e.role == role) {
                 let _ = writeln!(out, "  {:10} {}", e.name, first_sentence(e.doc));

@@ -156,6 +156,7 @@ fn the_resolved_file_is_the_same_configuration() {
         "repeat = 2  # --set",
         "poses_hz = 5.0  # environment MOBEE_SET__record__poses_hz",
         "margin_mm = 10.0  # default",
+        "kind = \"rollback\"  # default",
         "rate_hz = 100.0  # default",
     ] {
         assert!(text.lines().any(|l| l == line), "{line:?} is missing in\n{text}");

@@ -1,5 +1,9 @@
 //! A controller's settings, and what they mean for a given board.
 
+mod kinds;
+
+pub use kinds::{ControllerKind, DEFAULT_KIND, RollbackSettings, controller_kinds};
+
 use mobee_contract::{Axis, Board, Pose};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -28,6 +32,18 @@ pub struct Controller {
     /// A stream of set-points that is quiet for so long, seconds, has ended: the robot brakes, and rests where it is.
     #[serde(default = "stream_quiet")]
     pub stream_quiet_s: f64,
+    /// How motions are driven, by the controller's kind.
+    #[serde(default)]
+    pub drive: Drive,
+}
+
+/// How a controller drives the motions that agents commit.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Drive {
+    /// Straight to the target, by the board's own position moves.
+    #[default]
+    Straight,
 }
 
 fn margin() -> f64 {
@@ -57,6 +73,7 @@ impl Default for Controller {
             rest_speed_deg: rest_speed(),
             escape_speed: escape_speed(),
             stream_quiet_s: stream_quiet(),
+            drive: Drive::default(),
         }
     }
 }

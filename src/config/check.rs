@@ -1,6 +1,6 @@
 //! What the types of a configuration can't say, before any file that it names is read.
 
-use super::{Clock, Complaints, Config, Source, When, suggestion};
+use super::{Clock, Complaints, Config, Source, When, did_you_mean, suggestion};
 
 /// The checks of one configuration, and what they have found.
 struct Checks<'a> {
@@ -64,6 +64,11 @@ impl Config {
             c.range(&at("controller.history"), r.controller.history as f64, 10.0, 1e7, "poses");
             c.range(&at("controller.margin_mm"), r.controller.margin_mm, 0.0, 500.0, "mm");
             c.range(&at("controller.tolerance_deg"), r.controller.tolerance_deg, 1e-3, 10.0, "deg");
+            if let Err(e) = r.controller.drive() {
+                let path = format!("{}.{}", at("controller"), e.path);
+                let help = did_you_mean(&e.what).unwrap_or(e.help);
+                c.say(path.trim_end_matches('.'), e.what, help);
+            }
             for (k, x) in r.base.position_m.iter().enumerate() {
                 c.range(&at(&format!("base.position_m[{k}]")), *x, -100.0, 100.0, "m");
             }

@@ -15,7 +15,7 @@ pub fn text(path: &Path, set: &[String]) -> Result<String, Complaints> {
     let (config, source) = Config::load(path, set)?;
     let mut value = serde_json::to_value(&config).unwrap_or_default();
     for robot in value["robot"].as_array_mut().into_iter().flatten() {
-        for role in ["driver", "agent"] {
+        for role in ["driver", "agent", "controller"] {
             if let Some(Value::Object(table)) = robot.get_mut(role) {
                 for (key, default) in defaults(role, table.get("kind").and_then(Value::as_str).unwrap_or_default()) {
                     table.entry(key).or_insert(default);

@@ -1,0 +1,118 @@
+//! A robot's controller in the configuration: what all kinds share, and the settings of its kind beside it in one table.
+
+use super::{Complaints, Source, suggestion};
+use mobee_actors::controller::{self, ControllerKind, DEFAULT_KIND, Drive, controller_kinds};
+use mobee_contract::KindError;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+/// History, Supervise and Reflex of one robot. Two settings are required; the others have defaults.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+pub struct Controller {
+    /// How motions are driven; see `mobee kinds`.
+    #[serde(default = "kind")]
+    pub kind: String,
+    /// Control period, milliseconds.
+    pub period_ms: f64,
+    /// How many poses the history holds.
+    pub history: usize,
+    /// The reflex acts when anything comes nearer than this, millimetres.
+    #[serde(default = "margin")]
+    pub margin_mm: f64,
+    /// A pose counts as reached within this, degrees per motor.
+    #[serde(default = "tolerance")]
+    pub tolerance_deg: f64,
+    /// The settings of the kind.
+    #[serde(flatten)]
+    #[schemars(skip)]
+    pub own: Map<String, Value>,
+}
+
+fn kind() -> String {
+    DEFAULT_KIND.into()
+}
+fn margin() -> f64 {
+    10.0
+}
+fn tolerance() -> f64 {
+    0.1
+}
+
+fn find(name: &str) -> Option<&'static ControllerKind> {
+    controller_kinds().into_iter().find(|k| k.name == name)
+}
+
+/// The settings of a kind and of all controllers, as one schema.
+pub fn schema(kind: &ControllerKind) -> Value {
+    let mut own = (kind.schema)().to_value();
+    let mut all = schemars::schema_for!(Controller).to_value();
+    if let (Some(Value::Object(all)), Some(own)) = (all.get_mut("properties"), own["properties"].as_object_mut()) {
+        all.remove("kind");
+        all.append(own);
+    }
+    if let Some(own) = own["required"].as_array_mut()
+        && let Some(all) = all["required"].as_array_mut()
+    {
+        all.append(own);
+    }
+    all
+}
+
+impl Controller {
+    /// How the kind drives motions.
+    ///
+    /// # Errors
+    /// The first of its settings that can't be used; its path starts at the controller's table.
+    pub fn drive(&self) -> Result<Drive, KindError> {
+        match find(&self.kind) {
+            Some(kind) => (kind.build)(&Value::Object(self.own.clone())),
+            None => Err(KindError::new("kind", format!("there is no kind `{}`", self.kind), "see `mobee kinds`")),
+        }
+    }
+
+    /// The settings in the actors' words.
+    ///
+    /// # Errors
+    /// As for [`Controller::drive`].
+    pub fn settings(&self) -> Result<controller::Controller, KindError> {
+        Ok(controller::Controller {
+            period_s: self.period_ms * 1e-3,
+            history: self.history,
+            margin_m: self.margin_mm * 1e-3,
+            tolerance_deg: self.tolerance_deg,
+            drive: self.drive()?,
+            ..controller::Controller::default()
+        })
+    }
+}
+
+/// Controllers of unknown kinds, and settings that their kinds don't have: told before the types are asked, which would
+/// take them for something else.
+pub(super) fn unknown(source: &Source) -> Complaints {
+    let mut wrong = Complaints::default();
+    for (i, robot) in source.value["robot"].as_array().into_iter().flatten().enumerate() {
+        let Some(table) = robot["controller"].as_object() else { continue };
+        let at = |key: &str| format!("robot[{i}].controller.{key}");
+        let name = match table.get("kind") {
+            None => DEFAULT_KIND,
+            Some(Value::String(name)) => name,
+            Some(_) => continue,
+        };
+        let Some(kind) = find(name) else {
+            let names: Vec<&str> = controller_kinds().iter().map(|k| k.name).collect();
+            let help = suggestion(name, "kind of controller", &names);
+            wrong.push(source.error(&at("kind"), format!("there is no kind `{name}`"), help));
+            continue;
+        };
+        let schema = schema(kind);
+        let known: Vec<&str> =
+            schema["properties"].as_object().into_iter().flatten().map(|(key, _)| key.as_str()).collect();
+        for key in table.keys().filter(|k| *k != "kind" && !known.contains(&k.as_str())) {
+            let message = format!("unknown field `{key}`, expected one of `{}`", known.join("`, `"));
+            let help = super::did_you_mean(&message).unwrap_or_default();
+            wrong.push(source.error(&at(key), message, help));
+        }
+    }
+    wrong
+}
