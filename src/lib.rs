@@ -17,6 +17,7 @@ pub mod kinds;
 pub mod model_convert;
 pub mod model_eval;
 pub mod model_info;
+pub mod replay;
 pub mod run;
 pub mod sim;
 pub mod torture;

@@ -4,7 +4,8 @@ use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{Clock, ConfigError};
 use mobee::{
-    agent, check, config, ctl, inspect, kinds, model_convert, model_eval, model_info, run, sim, torture, view, yarp,
+    agent, check, config, ctl, inspect, kinds, model_convert, model_eval, model_info, replay, run, sim, torture, view,
+    yarp,
 };
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -52,6 +53,8 @@ enum Command {
         /// A run's folder, or a recording.
         run: PathBuf,
     },
+    /// Run a run in virtual time again: as it was, or from an instant on with another agent, world or script.
+    Replay(replay::ReplayArgs),
     /// Serve the simulated robots of a configuration file as YARP devices, until Ctrl-C.
     Sim(sim::SimArgs),
     /// Search for faults: run a behavior in virtual time under seeded random faults, and watch all invariants.
@@ -227,6 +230,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             println!("{}", view::open(&run).map_err(|e: ConfigError| Report::new(e))?);
             Ok(ExitCode::SUCCESS)
         }
+        Command::Replay(args) => replay::command(&args),
         Command::Sim(args) => {
             sim::command(&args)?;
             Ok(ExitCode::SUCCESS)

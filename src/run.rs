@@ -18,7 +18,7 @@ use mobee_actors::clock::ClockKind;
 use mobee_actors::journal::Journal;
 use mobee_actors::ring::Rings;
 use mobee_actors::system::{Control, Past, Progress, Reason, RunEnd, Setup};
-use mobee_actors::tap::{SinkSpec, Taps};
+use mobee_actors::tap::{Open, SinkSpec, Taps};
 use mobee_contract::{Event, Time};
 use mobee_recorder::Recorder;
 use serde_json::json;
@@ -31,8 +31,10 @@ use std::time::Duration;
 use switched::Switched;
 use tokio::sync::mpsc;
 
+/// The program's name and version.
+const BUILD: &str = concat!("mobee ", env!("CARGO_PKG_VERSION"));
 /// How many entries may wait for the journal's and the recorder's threads.
-const QUEUE: usize = 8192;
+pub(crate) const QUEUE: usize = 8192;
 
 /// Runs a file and prints a summary.
 ///
@@ -45,19 +47,49 @@ pub fn command(file: &Path, set: &[String], out: Option<&Path>, json: bool, ctl:
         eprintln!("warning: {w}");
     }
     let folder = Folder::create(&composition.config.name, out)?;
-    conduct(composition, &folder, None, json, ctl)
+    conduct(composition, &folder, Extras::default(), json, ctl, mpsc::channel(16))
+}
+
+/// What a run can have beside its composition.
+#[derive(Default)]
+pub(crate) struct Extras {
+    /// What an earlier process left of the run.
+    pub(crate) past: Option<(Journal, Past)>,
+    /// Controls at set instants.
+    pub(crate) planned: Vec<(Time, Control)>,
+    /// Who else is told.
+    pub(crate) sinks: Vec<SinkSpec>,
+    /// A recorder in place of the run's own.
+    pub(crate) recorder: Option<Open>,
+    /// The configuration that the journal tells of, if it is not the composition's.
+    pub(crate) told: Option<serde_json::Value>,
+    /// The switch of the recording.
+    pub(crate) recording: Option<Arc<AtomicBool>>,
 }
 
 /// Runs with a progress bar and signals, and prints the summary.
 fn conduct(
-    mut composition: Composition,
+    composition: Composition,
     folder: &Folder,
-    past: Option<(Journal, Past)>,
+    extras: Extras,
     json: bool,
     ctl: CtlAt,
+    controls: (mpsc::Sender<Control>, mpsc::Receiver<Control>),
 ) -> Result<ExitCode, Report> {
+    let done = show(composition, folder, extras, json, ctl, controls)?;
+    Ok(if in_order(&done.end) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// [`conduct`] for who wants to know how it ended.
+pub(crate) fn show(
+    mut composition: Composition,
+    folder: &Folder,
+    mut extras: Extras,
+    json: bool,
+    ctl: CtlAt,
+    (controls, receiver): (mpsc::Sender<Control>, mpsc::Receiver<Control>),
+) -> Result<Done, Report> {
     let bar = progress::Bar::new(&composition.config, json);
-    let (controls, receiver) = mpsc::channel(16);
     interrupt(controls.clone())?;
     let recording = Arc::new(AtomicBool::new(true));
     let address = match ctl {
@@ -70,10 +102,11 @@ fn conduct(
         let yarp = composition.config.yarp.as_ref().and_then(|y| y.network().ok());
         composition.services.push(Box::new(CtlService::new(folder, address, controls, switch, yarp)));
     }
-    let done = run_switched(composition, folder, past, receiver, &recording, |p| bar.show(p))?;
+    extras.recording = Some(recording);
+    let done = run_with(composition, folder, extras, receiver, |p| bar.show(p))?;
     bar.finish();
     report::print(&done, folder, json)?;
-    Ok(if in_order(&done.end) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(done)
 }
 
 /// Where a run with a real clock can be controlled by `mobee ctl`.
@@ -115,30 +148,37 @@ pub fn run(
     controls: mpsc::Receiver<Control>,
     progress: impl FnMut(&Progress),
 ) -> Result<Done, Report> {
-    run_switched(composition, folder, None, controls, &Arc::new(AtomicBool::new(true)), progress)
+    run_with(composition, folder, Extras::default(), controls, progress)
 }
 
-/// [`run`] with a switch for the recording, and what an earlier process left of the run.
-fn run_switched(
+/// [`run`] with extras.
+///
+/// # Errors
+/// As for [`run`].
+pub(crate) fn run_with(
     composition: Composition,
     folder: &Folder,
-    past: Option<(Journal, Past)>,
+    extras: Extras,
     controls: mpsc::Receiver<Control>,
-    recording: &Arc<AtomicBool>,
     progress: impl FnMut(&Progress),
 ) -> Result<Done, Report> {
+    let Extras { past, planned, sinks, recorder, told, recording } = extras;
+    let recording = recording.unwrap_or_else(|| Arc::new(AtomicBool::new(true)));
     let Composition { config, file, scene, robots, script, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
     let resolved = Resolved { file, config: values.clone() };
     folder.write("config.json", &serde_json::to_string_pretty(&resolved).into_diagnostic()?)?;
-    let build = concat!("mobee ", env!("CARGO_PKG_VERSION"));
     let (journal, past) = match past {
         Some((journal, past)) => (journal, Some(past)),
-        None => (Journal::create(folder.path(), &json!({ "build": build })).map_err(Report::msg)?, None),
+        None => (Journal::create(folder.path(), &json!({ "build": BUILD })).map_err(Report::msg)?, None),
     };
     let motors = scene.robots().iter().map(|r| r.motors.len()).collect();
-    let taps = taps(&config, folder, (&journal, recording), motors, build)?;
+    let mut specs = specs(&config, folder, &journal, motors);
+    specs.extend(recorder_spec(&config, folder, recorder, recording));
+    specs.extend(sinks);
+    let taps =
+        Taps::spawn(config.clock_kind(), specs).map_err(Report::msg).wrap_err("the run's folder can't be written")?;
     let kind = config.clock_kind();
     let setup = Setup {
         scene,
@@ -146,14 +186,15 @@ fn run_switched(
         seed: config.seed,
         clock: kind,
         taps: taps.clone(),
-        config: values,
+        config: told.unwrap_or(values),
         script,
         services,
         past,
     };
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares the run's clock with the wall's")]
     let started = std::time::Instant::now();
-    let end = mobee_actors::system::run(setup, controls, config.for_s.map(Duration::from_secs_f64), progress);
+    let limit = config.for_s.map(Duration::from_secs_f64);
+    let end = mobee_actors::system::run_under(setup, planned, controls, limit, progress);
     let (at, reason) =
         end.as_ref().map_or((Time::ZERO, "failed to start".to_owned()), |e| (e.ended_at, e.reason.to_string()));
     let reports = taps.finish(at, Event::Ended { reason });
@@ -170,15 +211,9 @@ fn run_switched(
     Ok(done)
 }
 
-/// Journal and recorder, each behind a queue and on a thread of its own.
-fn taps(
-    config: &Config,
-    folder: &Folder,
-    (journal, recording): (&Journal, &Arc<AtomicBool>),
-    motors: Vec<usize>,
-    build: &str,
-) -> Result<Taps, Report> {
-    let (journal, recording) = (journal.clone(), recording.clone());
+/// The journal and, in real time, the rings of poses: each behind a queue and on a thread of its own.
+fn specs(config: &Config, folder: &Folder, journal: &Journal, motors: Vec<usize>) -> Vec<SinkSpec> {
+    let journal = journal.clone();
     let mut sinks = vec![SinkSpec {
         name: "journal".into(),
         essential: true,
@@ -199,28 +234,43 @@ fn taps(
             open: Arc::new(move || Rings::create(&dir, &rings).map(|r| Box::new(r) as _)),
         });
     }
-    if config.record.enabled {
-        let settings = mobee_recorder::Settings {
-            path: folder.unused("recording", "rrd"),
-            name: config.name.clone(),
-            config: config.name.clone(),
-            build: build.to_owned(),
-            live: None,
-            // a real robot may run for days
-            index: config.clock == Clock::Virtual,
-        };
-        sinks.push(SinkSpec {
-            name: "recorder".into(),
-            essential: false,
-            poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
-            capacity: QUEUE,
-            open: Arc::new(move || {
-                let recorder = Recorder::new(&settings).map_err(|e| e.to_string())?;
-                Ok(Box::new(Switched::new(recorder, recording.clone())))
-            }),
-        });
+    sinks
+}
+
+/// The recorder that the configuration wants: its own, or the one given.
+fn recorder_spec(
+    config: &Config,
+    folder: &Folder,
+    given: Option<Open>,
+    recording: Arc<AtomicBool>,
+) -> Option<SinkSpec> {
+    let settings = recorder_settings(config, folder);
+    let open = given.unwrap_or_else(|| {
+        Arc::new(move || {
+            let recorder = Recorder::new(&settings).map_err(|e| e.to_string())?;
+            Ok(Box::new(Switched::new(recorder, recording.clone())))
+        })
+    });
+    config.record.enabled.then(|| SinkSpec {
+        name: "recorder".into(),
+        essential: false,
+        poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
+        capacity: QUEUE,
+        open,
+    })
+}
+
+/// Where and how a run is recorded.
+pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recorder::Settings {
+    mobee_recorder::Settings {
+        path: folder.unused("recording", "rrd"),
+        name: config.name.clone(),
+        config: config.name.clone(),
+        build: BUILD.to_owned(),
+        live: None,
+        // a real robot may run for days
+        index: config.clock == Clock::Virtual,
     }
-    Taps::spawn(config.clock_kind(), sinks).map_err(Report::msg).wrap_err("the run's folder can't be written")
 }
 
 /// Runs a shipped behavior in a folder that is thrown away: for examples and tests.

@@ -4,7 +4,7 @@
 //! measuring where the robot is, before anything moves; if it is at neither end, it holds (`after_crash`) until somebody asks
 //! to `recover`, and then goes back the way that the pose ring shows.
 
-use super::{CtlAt, Folder, conduct};
+use super::{CtlAt, Extras, Folder, conduct};
 use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError, Source};
 use crate::inspect::journal_error;
@@ -15,6 +15,7 @@ use mobee_actors::system::{Past, RobotSetup};
 use mobee_model::Robot;
 use std::path::Path;
 use std::process::ExitCode;
+use tokio::sync::mpsc;
 
 /// Resumes the run in this folder, under overrides.
 ///
@@ -46,7 +47,8 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
             "warning: the object {name} was made while the run went on, and no file says its shape: make it again"
         );
     }
-    conduct(composition, &folder, Some((journal, past)), json, ctl)
+    let extras = Extras { past: Some((journal, past)), ..Extras::default() };
+    conduct(composition, &folder, extras, json, ctl, mpsc::channel(16))
 }
 
 /// Simulated robots stand where they were last known to be; real ones are where they are.

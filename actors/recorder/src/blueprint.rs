@@ -4,7 +4,7 @@
 //! of are logged here directly, into a stream of their own that goes ahead of the data.
 
 use crate::front::Front;
-use crate::stream::{Stream, TIMELINE, Written, in_words};
+use crate::stream::{TIMELINE, Written, in_words};
 use rerun::blueprint::components::{ContainerKind, PanelState, PlayState};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes as look;
@@ -15,6 +15,16 @@ use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder, StoreId, comp
 
 /// Seconds of a trail that are shown.
 const TRAIL_SECS: i64 = 30;
+
+/// What one recorder shows.
+pub(crate) struct Page {
+    /// Before all its entities: empty, or `NAME/`.
+    pub(crate) root: String,
+    /// Its robots.
+    pub(crate) robots: Vec<Shown>,
+    /// Where to look from.
+    pub(crate) front: Front,
+}
 
 /// What the layout must know of a robot.
 pub(crate) struct Shown {
@@ -28,24 +38,24 @@ pub(crate) struct Shown {
     pub(crate) bounds: Option<[f32; 4]>,
 }
 
-/// Writes the layout and makes it the active one.
-pub(crate) fn send(stream: &Stream, robots: &[Shown], front: &Front) -> Written {
-    let info = stream.rec.store_info().ok_or("the recording is switched off (environment variable RERUN)")?;
+/// Writes the layout, all pages side by side, and makes it the active one.
+pub(crate) fn send(rec: &RecordingStream, pages: &[Page]) -> Written {
+    let info = rec.store_info().ok_or("the recording is switched off (environment variable RERUN)")?;
     let application = info.application_id().clone();
-    let (rec, storage) =
+    let (layout, storage) =
         RecordingStreamBuilder::new(application).blueprint().memory().map_err(|e| in_words("its layout", &e))?;
-    rec.set_time_sequence("blueprint", 0);
-    let mut page = Page { rec: &rec, ids: 0 };
-    page.write(robots, front)?;
+    layout.set_time_sequence("blueprint", 0);
+    let mut print = Print { rec: &layout, ids: 0 };
+    print.write(pages)?;
     let messages = storage.take();
     let id: StoreId = messages.first().map(|m| m.store_id().clone()).ok_or("the layout is empty")?;
     let command = BlueprintActivationCommand { blueprint_id: id, make_active: true, make_default: true };
-    stream.rec.send_blueprint(messages, command);
+    rec.send_blueprint(messages, command);
     Ok(())
 }
 
 /// A layout in the making.
-struct Page<'a> {
+struct Print<'a> {
     rec: &'a RecordingStream,
     ids: u8,
 }
@@ -68,38 +78,15 @@ fn uuid(number: u8) -> Uuid {
     Uuid { bytes: [0x6d, 0x6f, 0x62, 0x65, 0, 0, 0x40, 0, 0x80, 0, 0, 0, 0, 0, 0, number] }
 }
 
-impl Page<'_> {
-    fn write(&mut self, robots: &[Shown], front: &Front) -> Written {
-        let scene = self.scene(robots, front)?;
-        let mut maps = Vec::new();
-        for robot in robots {
-            maps.push(self.map(robot, robots)?);
+impl Print<'_> {
+    fn write(&mut self, pages: &[Page]) -> Written {
+        let mut places = Vec::new();
+        for page in pages {
+            places.push(self.page(page)?);
         }
-        for robot in robots {
-            maps.push(self.view(
-                "Graph",
-                &named("Roadmap as graph", robot, robots),
-                &format!("/graph/{}", robot.name),
-            )?);
+        if places.len() > 1 {
+            self.container(ContainerKind::Horizontal, "Runs", &places, &vec![1.0; places.len()])?;
         }
-        let maps = self.tabs("Roadmap", &maps)?;
-        let log = self.log_view(robots.len() > 1)?;
-        let progress = self.progress()?;
-        let about = self.view("TextDocument", "Legend", "/about")?;
-        let texts = self.tabs("Words", &[log, progress, about])?;
-        let lanes = self.view("StateTimeline", "States", "/state")?;
-        self.window(&lanes, around(-60), around(5))?;
-        let mut plots = Vec::new();
-        for robot in robots {
-            for part in &robot.parts {
-                plots.push(self.plot(robot, part, robots)?);
-            }
-        }
-        let plots = self.tabs("Joints", &plots)?;
-        let right = self.container(ContainerKind::Vertical, "Map and words", &[maps, texts], &[3.0, 2.0])?;
-        let top = self.container(ContainerKind::Horizontal, "Scene and map", &[scene, right], &[3.0, 2.0])?;
-        let bottom = self.container(ContainerKind::Horizontal, "Over time", &[lanes, plots], &[3.0, 2.0])?;
-        self.container(ContainerKind::Vertical, "Run", &[top, bottom], &[3.0, 1.0])?;
         let viewport = look::ViewportBlueprint::new()
             .with_root_container(rerun::blueprint::components::RootContainer(uuid(self.ids)))
             .with_auto_layout(false)
@@ -115,9 +102,47 @@ impl Page<'_> {
         self.log("time_panel", &time)
     }
 
+    /// Everything of one recorder.
+    fn page(&mut self, page: &Page) -> Result<Place, String> {
+        let Page { root, robots, front } = page;
+        let scene = self.scene(page, front)?;
+        let mut maps = Vec::new();
+        for robot in robots {
+            maps.push(self.map(root, robot, robots)?);
+        }
+        for robot in robots {
+            maps.push(self.view(
+                "Graph",
+                &named("Roadmap as graph", robot, robots),
+                &format!("/{root}graph/{}", robot.name),
+            )?);
+        }
+        let maps = self.tabs("Roadmap", &maps)?;
+        let log = self.log_view(root, robots.len() > 1)?;
+        let progress = self.progress(root)?;
+        let about = self.view("TextDocument", "Legend", &format!("/{root}about"))?;
+        let texts = self.tabs("Words", &[log, progress, about])?;
+        let lanes = self.view("StateTimeline", "States", &format!("/{root}state"))?;
+        self.window(&lanes, around(-60), around(5))?;
+        let mut plots = Vec::new();
+        for robot in robots {
+            for part in &robot.parts {
+                plots.push(self.plot(root, robot, part, robots)?);
+            }
+        }
+        let plots = self.tabs("Joints", &plots)?;
+        let right = self.container(ContainerKind::Vertical, "Map and words", &[maps, texts], &[3.0, 2.0])?;
+        let top = self.container(ContainerKind::Horizontal, "Scene and map", &[scene, right], &[3.0, 2.0])?;
+        let bottom = self.container(ContainerKind::Horizontal, "Over time", &[lanes, plots], &[3.0, 2.0])?;
+        let name = if root.is_empty() { "Run" } else { root.trim_end_matches('/') };
+        self.container(ContainerKind::Vertical, name, &[top, bottom], &[3.0, 1.0])
+    }
+
     /// The world, seen from the robot's front, trails of the last seconds only.
-    fn scene(&mut self, robots: &[Shown], front: &Front) -> Result<Place, String> {
-        let scene = self.view("3D", "Robot and world", "/world")?;
+    fn scene(&mut self, page: &Page, front: &Front) -> Result<Place, String> {
+        let Page { root, robots, .. } = page;
+        let name = if root.is_empty() { "Robot and world" } else { root.trim_end_matches('/') };
+        let scene = self.view("3D", name, &format!("/{root}world"))?;
         let eye = look::EyeControls3D::new()
             .with_position(front.eye)
             .with_look_target(front.target)
@@ -136,14 +161,14 @@ impl Page<'_> {
             range: TimeRange { start: around(-TRAIL_SECS), end: around(0) },
         });
         for trail in robots.iter().flat_map(|r| &r.trails) {
-            let path = format!("{scene}/ViewContents/overrides/{trail}/visualizers");
+            let path = format!("{scene}/ViewContents/overrides/{root}{trail}/visualizers");
             self.log(&path, &look::VisibleTimeRanges::new([range.clone()]))?;
         }
         Ok(scene)
     }
 
-    fn map(&mut self, robot: &Shown, robots: &[Shown]) -> Result<Place, String> {
-        let view = self.view("2D", &named("Roadmap", robot, robots), &format!("/roadmap/{}", robot.name))?;
+    fn map(&mut self, root: &str, robot: &Shown, robots: &[Shown]) -> Result<Place, String> {
+        let view = self.view("2D", &named("Roadmap", robot, robots), &format!("/{root}roadmap/{}", robot.name))?;
         let background = look::Background::new(BackgroundKind::SolidColor).with_color(0x0E1218FFu32);
         self.log(&format!("{view}/Background"), &background)?;
         if let Some([left, top, right, bottom]) = robot.bounds {
@@ -155,8 +180,8 @@ impl Page<'_> {
     }
 
     /// The event log; its column of sources only if there are several robots to keep apart.
-    fn log_view(&mut self, sources: bool) -> Result<Place, String> {
-        let view = self.view("TextLog", "Log", "/log")?;
+    fn log_view(&mut self, root: &str, sources: bool) -> Result<Place, String> {
+        let view = self.view("TextLog", "Log", &format!("/{root}log"))?;
         let column = |kind, visible: bool| TextLogColumn(shapes::TextLogColumn { kind, visible: visible.into() });
         let columns = look::TextLogColumns::new().with_text_log_columns([
             column(TextLogColumnKind::EntityPath, sources),
@@ -167,14 +192,15 @@ impl Page<'_> {
         Ok(view)
     }
 
-    fn progress(&mut self) -> Result<Place, String> {
-        let view = self.view("TimeSeries", "Progress", "/progress")?;
+    fn progress(&mut self, root: &str) -> Result<Place, String> {
+        let view = self.view("TimeSeries", "Progress", &format!("/{root}progress"))?;
         self.window(&view, TimeRangeBoundary::Infinite, TimeRangeBoundary::Infinite)?;
         Ok(view)
     }
 
-    fn plot(&mut self, robot: &Shown, part: &str, robots: &[Shown]) -> Result<Place, String> {
-        let view = self.view("TimeSeries", &named(part, robot, robots), &format!("/joints/{}/{part}", robot.name))?;
+    fn plot(&mut self, root: &str, robot: &Shown, part: &str, robots: &[Shown]) -> Result<Place, String> {
+        let view =
+            self.view("TimeSeries", &named(part, robot, robots), &format!("/{root}joints/{}/{part}", robot.name))?;
         self.window(&view, around(-60), around(5))?;
         Ok(view)
     }

@@ -31,4 +31,4 @@ mod traces;
 mod words;
 
 pub use contents::Contents;
-pub use recorder::{Recorder, RecorderError, Settings};
+pub use recorder::{Recorder, RecorderError, Recording, Settings};

@@ -1,6 +1,6 @@
 //! The sink itself: entries in, rows and columns out.
 
-use crate::blueprint::{self, Shown};
+use crate::blueprint::{self, Page, Shown};
 use crate::body::{Body, entity};
 use crate::draw::Drawing;
 use crate::front::Front;
@@ -18,12 +18,12 @@ use nalgebra::Isometry3;
 use rerun::external::arrow::array::StringArray;
 use rerun::log::ChunkBatcherConfig;
 use rerun::{
-    AnyValues, Points3D, RecordingStreamBuilder, SeriesLines, StateChange, StateConfiguration, TextDocument, TextLog,
-    ViewCoordinates,
+    AnyValues, Points3D, RecordingStream, RecordingStreamBuilder, SeriesLines, StateChange, StateConfiguration,
+    TextDocument, TextLog, ViewCoordinates,
 };
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Frames that are sent as one column per entity.
@@ -74,12 +74,80 @@ pub enum RecorderError {
     },
 }
 
+/// A recording that is being written: one file, into which several recorders can draw side by side.
+#[derive(Clone)]
+pub struct Recording {
+    rec: RecordingStream,
+    /// What each recorder shows, in the order in which they began.
+    pages: Arc<Mutex<Vec<Page>>>,
+}
+
+impl Recording {
+    /// Begins a recording.
+    ///
+    /// # Errors
+    /// [`RecorderError`] if the file or the viewer can't be opened.
+    pub fn begin(settings: &Settings) -> Result<Recording, RecorderError> {
+        let file = |why: &dyn std::fmt::Display| RecorderError::File {
+            path: settings.path.display().to_string(),
+            why: why.to_string(),
+        };
+        // every chunk costs; only somebody who looks on live needs them at once
+        let flush_tick = if settings.live.is_some() { ChunkBatcherConfig::DEFAULT.flush_tick } else { PATIENCE };
+        let builder = RecordingStreamBuilder::new("mobee")
+            .recording_name(settings.name.clone())
+            .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::DEFAULT });
+        let rec = builder.buffered().map_err(|e| file(&e))?;
+        let options = rerun::sink::FileSinkOptions { write_footer: settings.index };
+        let disk = rerun::sink::FileSink::with_options(&settings.path, options).map_err(|e| file(&e))?;
+        match &settings.live {
+            None => rec.set_sink(Box::new(disk)),
+            Some(address) => {
+                let uri = address.parse().map_err(|e: rerun::external::re_uri::Error| RecorderError::Live {
+                    address: address.clone(),
+                    why: e.to_string(),
+                })?;
+                rec.set_sinks((disk, rerun::sink::GrpcSink::new(uri)));
+            }
+        }
+        rec.set_log_tick_enabled(false);
+        rec.set_log_time_enabled(false);
+        let began = property(&rec, "config", &settings.config).and_then(|()| property(&rec, "build", &settings.build));
+        began.map_err(|why| file(&why))?;
+        Ok(Recording { rec, pages: Arc::default() })
+    }
+
+    /// A recorder that draws below the entity `name`; below none if that is empty, as it should be for the only one.
+    ///
+    /// # Errors
+    /// In words, if the stream refuses.
+    pub fn recorder(&self, name: &str) -> Result<Recorder, String> {
+        let root = if name.is_empty() { String::new() } else { format!("{}/", entity(name)) };
+        let stream = Stream { rec: self.rec.clone(), root };
+        stream.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
+        stream.log_static("about", &TextDocument::from_markdown(legend::TEXT))?;
+        Ok(Recorder {
+            stream,
+            pages: Arc::clone(&self.pages),
+            robots: Vec::new(),
+            objects: Objects::default(),
+            front: None,
+            scene: None,
+            past: Vec::new(),
+            now: Time::ZERO,
+            frames: 0,
+            flushed: wall(),
+        })
+    }
+}
+
 /// Writes a run as a Rerun recording: a [`Sink`], to be put behind a tap.
 ///
 /// Poses are buffered and sent as whole columns; a joint that rests costs nothing. Everything is written at the run's own time
 /// (timeline `sim_time`). What waits is written when the recorder is dropped.
 pub struct Recorder {
     stream: Stream,
+    pages: Arc<Mutex<Vec<Page>>>,
     robots: Vec<Shadow>,
     objects: Objects,
     front: Option<Front>,
@@ -106,53 +174,13 @@ struct Shadow {
 }
 
 impl Recorder {
-    /// Begins a recording.
+    /// Begins a recording with one recorder.
     ///
     /// # Errors
     /// [`RecorderError`] if the file or the viewer can't be opened.
     pub fn new(settings: &Settings) -> Result<Recorder, RecorderError> {
-        let file = |why: &dyn std::fmt::Display| RecorderError::File {
-            path: settings.path.display().to_string(),
-            why: why.to_string(),
-        };
-        // every chunk costs; only somebody who looks on live needs them at once
-        let flush_tick = if settings.live.is_some() { ChunkBatcherConfig::DEFAULT.flush_tick } else { PATIENCE };
-        let builder = RecordingStreamBuilder::new("mobee")
-            .recording_name(settings.name.clone())
-            .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::DEFAULT });
-        let rec = builder.buffered().map_err(|e| file(&e))?;
-        let options = rerun::sink::FileSinkOptions { write_footer: settings.index };
-        let disk = rerun::sink::FileSink::with_options(&settings.path, options).map_err(|e| file(&e))?;
-        match &settings.live {
-            None => rec.set_sink(Box::new(disk)),
-            Some(address) => {
-                let uri = address.parse().map_err(|e: rerun::external::re_uri::Error| RecorderError::Live {
-                    address: address.clone(),
-                    why: e.to_string(),
-                })?;
-                rec.set_sinks((disk, rerun::sink::GrpcSink::new(uri)));
-            }
-        }
-        rec.set_log_tick_enabled(false);
-        rec.set_log_time_enabled(false);
-        let stream = Stream { rec };
-        let began = stream
-            .log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())
-            .and_then(|()| stream.log_static("about", &TextDocument::from_markdown(legend::TEXT)))
-            .and_then(|()| property(&stream, "config", &settings.config))
-            .and_then(|()| property(&stream, "build", &settings.build));
-        began.map_err(|why| file(&why))?;
-        Ok(Recorder {
-            stream,
-            robots: Vec::new(),
-            objects: Objects::default(),
-            front: None,
-            scene: None,
-            past: Vec::new(),
-            now: Time::ZERO,
-            frames: 0,
-            flushed: wall(),
-        })
+        let path = settings.path.display().to_string();
+        Recording::begin(settings)?.recorder("").map_err(|why| RecorderError::File { path, why })
     }
 
     fn scene(&mut self, scene: &Arc<Scene>) -> Written {
@@ -221,8 +249,8 @@ impl Recorder {
         }
         match event {
             Event::Started { seed, clock, .. } => {
-                property(&self.stream, "seed", &seed.to_string())?;
-                property(&self.stream, "clock", clock)?;
+                property(&self.stream.rec, "seed", &seed.to_string())?;
+                property(&self.stream.rec, "clock", clock)?;
             }
             Event::State { robot, status } => {
                 let lane = StateChange::single(status.word());
@@ -268,8 +296,15 @@ impl Recorder {
 
     /// Sends the layout; again when a map has outgrown its view, which does not follow by itself.
     fn lay_out(&self) -> Written {
-        let shown: Vec<_> = self.robots.iter().map(Shadow::shown).collect();
-        self.front.as_ref().map_or(Ok(()), |front| blueprint::send(&self.stream, &shown, front))
+        let Some(front) = self.front else { return Ok(()) };
+        let page =
+            Page { root: self.stream.root.clone(), robots: self.robots.iter().map(Shadow::shown).collect(), front };
+        let mut pages = self.pages.lock().unwrap_or_else(PoisonError::into_inner);
+        match pages.iter_mut().find(|p| p.root == page.root) {
+            Some(known) => *known = page,
+            None => pages.push(page),
+        }
+        blueprint::send(&self.stream.rec, &pages)
     }
 
     /// Draws the roadmaps as they were up to now, before time goes on: notes of one instant make one picture.
@@ -368,10 +403,10 @@ fn lane(stream: &Stream, path: &str, states: &[(&str, &str, palette::Rgba)]) -> 
     stream.log(path, &StateChange::new().with_state([""]))
 }
 
-fn property(stream: &Stream, name: &'static str, value: &str) -> Written {
+fn property(rec: &RecordingStream, name: &'static str, value: &str) -> Written {
     let array = Arc::new(StringArray::from(vec![value]));
     let values = AnyValues::default().with_component_from_data(name, array);
-    stream.rec.send_property(name, &values).map_err(|e| crate::stream::in_words(name, &e))
+    rec.send_property(name, &values).map_err(|e| crate::stream::in_words(name, &e))
 }
 
 /// Half way between the two shapes of a contact.

@@ -9,9 +9,11 @@ pub(crate) const TIMELINE: &str = "sim_time";
 /// What writing something gives.
 pub(crate) type Written = Result<(), String>;
 
-/// A recording stream and the time that its next entries bear.
+/// A recording stream, below which entity it is written, and the time that its next entries bear.
 pub(crate) struct Stream {
     pub(crate) rec: RecordingStream,
+    /// Before all entities: empty, or `NAME/`.
+    pub(crate) root: String,
 }
 
 impl Stream {
@@ -22,12 +24,12 @@ impl Stream {
 
     /// Logs at the present time.
     pub(crate) fn log(&self, path: &str, what: &dyn AsComponents) -> Written {
-        self.rec.log(path, what).map_err(|e| in_words(path, &e))
+        self.rec.log(self.below(path), what).map_err(|e| in_words(path, &e))
     }
 
     /// Logs for all times.
     pub(crate) fn log_static(&self, path: &str, what: &dyn AsComponents) -> Written {
-        self.rec.log_static(path, what).map_err(|e| in_words(path, &e))
+        self.rec.log_static(self.below(path), what).map_err(|e| in_words(path, &e))
     }
 
     /// Sends whole columns over many times (nanoseconds of the run) at once: many times cheaper than row by row.
@@ -38,7 +40,13 @@ impl Stream {
         columns: impl IntoIterator<Item = SerializedComponentColumn>,
     ) -> Written {
         let times = TimeColumn::new_duration_nanos(TIMELINE, times.iter().copied());
-        self.rec.send_columns(path, [times], columns).map_err(|e| in_words(path, &e))
+        self.rec.send_columns(self.below(path), [times], columns).map_err(|e| in_words(path, &e))
+    }
+}
+
+impl Stream {
+    fn below(&self, path: &str) -> String {
+        format!("{}{path}", self.root)
     }
 }
 

@@ -38,9 +38,9 @@ impl Home {
         if !near(q, safe, self.tolerance) {
             found.say(format!("{robot}: rests {:.3} deg from its safe pose", apart_deg(q, safe)));
         }
-        if self.on_map && !self.moved && !self.is_vertex(q) {
-            let nearest = self.vertices.iter().map(|v| apart_deg(v, q)).fold(f64::INFINITY, f64::min);
-            found.say(format!("{robot}: rests {nearest:.3} deg from the nearest vertex after a rollback"));
+        if self.on_map && !self.moved && !self.is_vertex(safe) {
+            let nearest = self.vertices.iter().map(|v| apart_deg(v, safe)).fold(f64::INFINITY, f64::min);
+            found.say(format!("{robot}: rolled back to a pose {nearest:.3} deg from the nearest vertex"));
         }
     }
 }

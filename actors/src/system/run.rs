@@ -114,7 +114,7 @@ async fn conduct(
     let mut faults: VecDeque<(Time, Control)> = faults.into();
     let services = std::mem::take(&mut setup.services);
     let is_kept = services.iter().any(|s| s.keeps_run());
-    let troubles = (!faults.is_empty()).then(Troubles::default);
+    let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
     let hub = wire(setup, &boards, clock.clone(), troubles);
     let controller = begin(tree::controller(&hub, &plugs), safety.as_ref()).await?;
     let agents = begin(tree::agents(&hub), None).await?;

@@ -1,0 +1,210 @@
+//! `mobee replay`: a run in virtual time once more, from what its folder says.
+//!
+//! ```text
+//! unchanged        run again ──every event──> compare with the journal: equal, or the first difference
+//! --at T --set ..  equal up to T, then another agent, world or script: both futures in one recording
+//! ```
+
+mod changes;
+mod compare;
+
+use crate::compose::{Composition, compose};
+use crate::config::{Clock, Config, ConfigError, Source};
+use crate::inspect::journal_error;
+use crate::run::{CtlAt, Done, Extras, Folder, QUEUE, recorder_settings, run_with, show};
+use changes::changes;
+use compare::{Compare, Verdict};
+use miette::{IntoDiagnostic, Report};
+use mobee_actors::journal;
+use mobee_actors::system::Control;
+use mobee_actors::tap::{Open, SinkSpec};
+use mobee_contract::{Event, Time};
+use mobee_recorder::Recording;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use tokio::sync::mpsc;
+
+/// `mobee replay`.
+#[derive(clap::Args)]
+pub struct ReplayArgs {
+    /// The folder of a run in virtual time.
+    run: PathBuf,
+    /// From this second of the run on, do what `--set` says; up to it everything must be as it was.
+    #[arg(long, value_name = "SECONDS", requires = "set")]
+    at: Option<f64>,
+    /// Another agent, world or script: --set robot.icub.agent.speed=0.2
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Write into this new folder instead of runs/NAME-replay-TIME.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print the summary as JSON, and nothing else, on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is replayed.
+struct Recorded {
+    dir: PathBuf,
+    source: Source,
+    /// When its last event happened.
+    until: Time,
+}
+
+impl Recorded {
+    /// Reads a run's folder, and its journal from end to end.
+    fn open(dir: &Path) -> Result<Recorded, Report> {
+        Folder::of_run(dir)?;
+        let (config, source) = Config::load_resolved(&dir.join("config.json"))?;
+        let refuse =
+            |what: &str, help: &str| Report::from(ConfigError::plain(format!("{}: {what}", dir.display()), help));
+        if config.clock == Clock::Real {
+            return Err(refuse(
+                "a run by the wall clock can't be run again",
+                "play what it recorded as a robot: `mobee inspect RUN --poses FILE`, and a driver of kind `replay`",
+            ));
+        }
+        let mut until = Time::ZERO;
+        let mut ended = None;
+        for line in journal::read(dir).map_err(journal_error)? {
+            let line = match line {
+                Err(e) if e.truncated => break,
+                line => line.map_err(journal_error)?,
+            };
+            until = line.at;
+            match line.event {
+                Event::Injected { .. } => {
+                    return Err(refuse(
+                        "faults were put into this run, and its folder does not say which will come",
+                        "run it again by the command that `mobee torture` printed",
+                    ));
+                }
+                Event::Resumed { .. } => {
+                    return Err(refuse(
+                        "this run was resumed, and nothing says at which instant its process had ended",
+                        "replay a run that went on without a break",
+                    ));
+                }
+                Event::Ended { reason } => ended = Some(reason),
+                _ => {}
+            }
+        }
+        if ended.as_deref() == Some("interrupted") {
+            eprintln!("warning: this run was interrupted by hand; it can only be equal up to there");
+        }
+        Ok(Recorded { dir: dir.to_owned(), source, until })
+    }
+
+    fn compose(&self) -> Result<Composition, Report> {
+        compose(Config::from_source(&self.source)?, &self.source)
+    }
+
+    /// A sink that compares a run with the journal up to `until`, and stops the run at the first difference.
+    fn watch(&self, until: Option<Time>, stop: mpsc::Sender<Control>) -> Result<(SinkSpec, Verdict), Report> {
+        let verdict = Verdict::default();
+        let compare = Compare::new(&self.dir, until, verdict.clone(), stop).map_err(journal_error)?;
+        let spec = SinkSpec {
+            name: "compare".into(),
+            essential: false,
+            poses: None,
+            capacity: QUEUE,
+            open: Arc::new(move || Ok(Box::new(compare.clone()))),
+        };
+        Ok((spec, verdict))
+    }
+}
+
+/// `mobee replay`.
+///
+/// # Errors
+/// Complaints about the folder, its journal, or what is to be changed, before anything is run.
+pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
+    let recorded = Recorded::open(&args.run)?;
+    let name = |c: &Composition| format!("{}-replay", c.config.name);
+    if args.set.is_empty() {
+        let composition = recorded.compose()?;
+        let folder = Folder::create(&name(&composition), args.out.as_deref())?;
+        let (controls, receiver) = mpsc::channel(16);
+        let (sink, verdict) = recorded.watch(None, controls.clone())?;
+        let extras = Extras { sinks: vec![sink], ..Extras::default() };
+        let done = show(composition, &folder, extras, args.json, CtlAt::Off, (controls, receiver))?;
+        return Ok(judged(&verdict.after(&done), "the run was as recorded", &done));
+    }
+    let at = moment(args.at, &recorded)?;
+    let mut source = recorded.source.clone();
+    for assignment in &args.set {
+        source.set(assignment)?;
+    }
+    let other = compose(Config::from_source(&source)?, &source)?;
+    let mut composition = recorded.compose()?;
+    let planned = changes(&composition, &other, at)?;
+    let folder = Folder::create(&name(&composition), args.out.as_deref())?;
+    let recording = match composition.config.record.enabled {
+        true => Some(
+            Recording::begin(&recorder_settings(&composition.config, &folder))
+                .map_err(|e| Report::msg(e.to_string()))?,
+        ),
+        false => None,
+    };
+    if let Some(recording) = &recording {
+        // the future that was, beside the one that would have been
+        eprintln!("first as it was, for the recording");
+        again(&recorded, recording)?;
+    }
+    let told = serde_json::to_value(&composition.config).into_diagnostic()?;
+    composition.script = other.script;
+    composition.config.for_s = other.config.for_s;
+    let (controls, receiver) = mpsc::channel(16);
+    let (sink, verdict) = recorded.watch(Some(at), controls.clone())?;
+    let recorder = recording.map(|r| opener(r, "changed"));
+    let extras = Extras { sinks: vec![sink], planned, recorder, told: Some(told), ..Extras::default() };
+    let done = show(composition, &folder, extras, args.json, CtlAt::Off, (controls, receiver))?;
+    Ok(judged(&verdict.after(&done), &format!("as recorded up to {:.2} s, then otherwise", at.secs()), &done))
+}
+
+/// Opens a recorder of a recording that others draw into too.
+fn opener(recording: Recording, name: &'static str) -> Open {
+    Arc::new(move || recording.recorder(name).map(|r| Box::new(r) as _))
+}
+
+/// The instant of the change.
+fn moment(at: Option<f64>, recorded: &Recorded) -> Result<Time, ConfigError> {
+    let at = at.unwrap_or(0.0);
+    let end = recorded.until.secs();
+    if (0.0..=end).contains(&at) {
+        return Ok(Time::from_secs(at));
+    }
+    Err(ConfigError::plain(
+        format!("--at {at}: the run has no such instant"),
+        format!("give seconds between 0 and {end:.2}"),
+    ))
+}
+
+/// The recorded run once more, drawn as `recorded`.
+fn again(recorded: &Recorded, recording: &Recording) -> Result<(), Report> {
+    let scratch = tempfile::tempdir().map_err(|e| Report::msg(e.to_string()))?;
+    let folder = Folder::create("recorded", Some(scratch.path()))?;
+    let (controls, receiver) = mpsc::channel(16);
+    let (sink, verdict) = recorded.watch(None, controls)?;
+    let extras =
+        Extras { sinks: vec![sink], recorder: Some(opener(recording.clone(), "recorded")), ..Extras::default() };
+    let done = run_with(recorded.compose()?, &folder, extras, receiver, |_| ())?;
+    if let Err(difference) = verdict.after(&done) {
+        eprintln!("warning: {difference}");
+    }
+    Ok(())
+}
+
+fn judged(verdict: &Result<u64, String>, praise: &str, done: &Done) -> ExitCode {
+    match verdict {
+        Ok(events) => {
+            eprintln!("{praise}: {events} events equal; last hash {}", done.hash);
+            ExitCode::SUCCESS
+        }
+        Err(difference) => {
+            eprintln!("{difference}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! What is otherwise from an instant on, as controls of the running system.
+
+use crate::compose::Composition;
+use crate::config::ConfigError;
+use mobee_actors::shell::{Maker, Offer};
+use mobee_actors::swap::Terms;
+use mobee_actors::system::Control;
+use mobee_contract::Time;
+use mobee_model::{Edit, Object, Scene};
+use serde_json::Value;
+
+/// The controls that make `old` go on as `new` at the instant `at`. The script and the time limit are the caller's.
+///
+/// # Errors
+/// If something differs that can't be changed while a run goes on, or nothing does.
+pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<Vec<(Time, Control)>, ConfigError> {
+    fixed(&values(old), &values(new))?;
+    let mut controls: Vec<Control> = world(&old.scene, &new.scene).into_iter().map(Control::Edit).collect();
+    for (i, (was, is)) in old.config.robot.iter().zip(&new.config.robot).enumerate() {
+        if was.agent == is.agent {
+            continue;
+        }
+        let maker = new.robots.get(i).and_then(|r| r.agent.clone()).filter(|_| was.agent.is_some());
+        let Some(maker) = maker else {
+            let what = format!("robot {}: an agent can be exchanged, neither added nor taken away", was.name);
+            return Err(ConfigError::plain(what, "run the changed file from its beginning"));
+        };
+        let kind = |agent: &Option<Value>| agent.as_ref().and_then(|a| a.get("kind")).cloned();
+        let offer = Offer {
+            maker: Maker(maker),
+            what: "from the replay's settings".into(),
+            // another kind knows nothing of this one's state
+            fresh: kind(&was.agent) != kind(&is.agent),
+            terms: Terms::default(),
+        };
+        let (reply, _) = tokio::sync::oneshot::channel();
+        controls.push(Control::SwapAgent { robot: was.name.clone(), offer, reply });
+    }
+    let same_script = values_of(&old.config.script) == values_of(&new.config.script);
+    if controls.is_empty() && same_script && old.config.for_s == new.config.for_s {
+        return Err(ConfigError::plain("nothing is otherwise", "change an agent, the world, the script or `for_s`"));
+    }
+    Ok(controls.into_iter().map(|control| (at, control)).collect())
+}
+
+fn values_of(what: &impl serde::Serialize) -> Value {
+    serde_json::to_value(what).unwrap_or_default()
+}
+
+/// The configuration without what may change.
+fn values(composition: &Composition) -> Value {
+    let mut value = values_of(&composition.config);
+    for key in ["world", "script", "for_s", "record", "name"] {
+        value.as_object_mut().and_then(|map| map.remove(key));
+    }
+    for robot in value["robot"].as_array_mut().into_iter().flatten() {
+        robot.as_object_mut().and_then(|map| map.remove("agent"));
+    }
+    value
+}
+
+fn fixed(old: &Value, new: &Value) -> Result<(), ConfigError> {
+    let Some(key) = differing(old, new, "") else { return Ok(()) };
+    let help = "agents, the world, the script and `for_s` can; for all else run the changed file from its beginning";
+    Err(ConfigError::plain(format!("{key} can't change while a run goes on"), help))
+}
+
+/// The first key that differs.
+fn differing(old: &Value, new: &Value, at: &str) -> Option<String> {
+    let join = |key: &str| if at.is_empty() { key.to_owned() } else { format!("{at}.{key}") };
+    match (old, new) {
+        _ if old == new => None,
+        (Value::Object(a), Value::Object(b)) => {
+            let keys = a.keys().chain(b.keys().filter(|k| !a.contains_key(*k)));
+            keys.filter_map(|k| differing(a.get(k).unwrap_or(&Value::Null), b.get(k).unwrap_or(&Value::Null), &join(k)))
+                .next()
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            a.iter().zip(b).enumerate().find_map(|(i, (a, b))| differing(a, b, &join(&i.to_string())))
+        }
+        _ => Some(at.to_owned()),
+    }
+}
+
+/// The edits that make one world the other.
+fn world(old: &Scene, new: &Scene) -> Vec<Edit> {
+    let remove = |o: &Object| Edit::Remove { name: o.name.clone() };
+    let mut edits = Vec::new();
+    for (_, was) in old.objects() {
+        if new.object(&was.name).is_none() {
+            edits.push(remove(was));
+        }
+    }
+    for (_, is) in new.objects() {
+        let Some((_, was)) = old.object(&is.name) else {
+            edits.push(Edit::Add((**is).clone()));
+            continue;
+        };
+        let changed = Object { pose: is.pose, class: is.class, ..(**was).clone() };
+        if changed != **is {
+            // another shape: another object of the same name
+            edits.extend([remove(was), Edit::Add((**is).clone())]);
+            continue;
+        }
+        if was.pose != is.pose {
+            edits.push(Edit::Move { name: is.name.clone(), pose: is.pose });
+        }
+        if was.class != is.class {
+            edits.push(Edit::Class { name: is.name.clone(), class: is.class });
+        }
+    }
+    edits
+}

@@ -1,0 +1,105 @@
+//! A run in virtual time can be run again from its folder: equal event by event, or with another future from an instant on.
+
+use mobee_recorder::Contents;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn mobee(args: &[&str]) -> Output {
+    let run = Command::new(env!("CARGO_BIN_EXE_mobee"))
+        .args(args)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .env_remove("RERUN")
+        .output();
+    run.expect("mobee starts")
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("a readable path")
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// A run of the ball behavior, 20 s long.
+fn run(out: &Path) {
+    let ran = mobee(&["run", "configs/behaviors/ball.toml", "--for", "20", "--no-record", "--out", text(out)]);
+    assert!(ran.status.success(), "{}", said(&ran));
+}
+
+fn events(run: &Path) -> Vec<String> {
+    let journal = std::fs::read_to_string(run.join("journal.jsonl")).expect("a journal");
+    journal.lines().skip(1).map(str::to_owned).collect()
+}
+
+#[test]
+fn unchanged_it_is_equal_message_by_message() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let (first, second) = (dir.path().join("first"), dir.path().join("second"));
+    run(&first);
+    let again = mobee(&["replay", text(&first), "--out", text(&second)]);
+    assert!(again.status.success(), "{}", said(&again));
+    assert_eq!(events(&first), events(&second));
+}
+
+#[test]
+fn it_ends_at_the_first_difference_and_shows_it() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let first = dir.path().join("first");
+    run(&first);
+    // the same journal, told to be of another seed
+    let config = std::fs::read_to_string(first.join("config.json")).expect("a configuration");
+    let seed = config.find("\"seed\": 1").expect("the seed stands in it");
+    let other = format!("{}\"seed\": 9{}", &config[..seed], &config[seed + 9..]);
+    std::fs::write(first.join("config.json"), other).expect("it can be written");
+    let again = mobee(&["replay", text(&first), "--out", text(&dir.path().join("second"))]);
+    assert_eq!(again.status.code(), Some(1));
+    assert!(said(&again).contains("the first difference is at event 0"), "{}", said(&again));
+}
+
+#[test]
+fn both_futures_are_in_one_recording() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let (first, second) = (dir.path().join("first"), dir.path().join("second"));
+    let ran = mobee(&["run", "configs/behaviors/ball.toml", "--for", "20", "--out", text(&first)]);
+    assert!(ran.status.success(), "{}", said(&ran));
+    let speed = "robot.icub.agent.speed=0.05";
+    let other = mobee(&["replay", text(&first), "--at", "5", "--set", speed, "--out", text(&second)]);
+    assert!(other.status.success(), "{}", said(&other));
+    let (was, is) = (events(&first), events(&second));
+    let at = |line: &String| -> u64 {
+        let line: serde_json::Value = serde_json::from_str(line).expect("a line of a journal");
+        line["t_ns"].as_u64().expect("a time")
+    };
+    let before =
+        |events: &[String]| -> Vec<String> { events.iter().take_while(|e| at(e) < 5_000_000_000).cloned().collect() };
+    assert_eq!(before(&was), before(&is), "the past is the same");
+    assert_ne!(was, is, "the future is not");
+    let checked = mobee(&["check", text(&second)]);
+    assert!(checked.status.success(), "{}{}", said(&checked), String::from_utf8_lossy(&checked.stdout));
+    let contents = Contents::read(&second.join("recording.rrd")).expect("a recording");
+    for root in ["/recorded/world/", "/changed/world/", "/recorded/log/", "/changed/log/"] {
+        assert!(contents.rows.keys().any(|entity| entity.starts_with(root)), "nothing below {root}");
+    }
+}
+
+#[test]
+fn what_can_t_be_replayed_is_refused_with_a_remedy() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let first = dir.path().join("first");
+    run(&first);
+    let out = dir.path().join("out");
+    let refused = |more: &[&str], what: &str| {
+        let args = [&["replay", text(&first), "--out", text(&out)], more].concat();
+        let output = mobee(&args);
+        assert_eq!(output.status.code(), Some(2), "{more:?}");
+        assert!(said(&output).contains(what), "{more:?}: {}", said(&output));
+        assert!(!out.exists(), "{more:?} left something behind");
+    };
+    refused(&["--at", "1e6", "--set", "robot.icub.agent.speed=0.05"], "give seconds between 0 and 20");
+    refused(&["--at", "5", "--set", "for_s=20.0"], "nothing is otherwise");
+    refused(&["--at", "5", "--set", "robot.icub.base.yaw_deg=10.0"], "can't change while a run goes on");
+    refused(&["--at", "5", "--set", "seed=2"], "seed can't change while a run goes on");
+    refused(&["--at", "5"], "--set");
+    assert_eq!(mobee(&["replay", text(dir.path())]).status.code(), Some(2));
+}
