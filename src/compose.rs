@@ -135,7 +135,11 @@ pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(Str
 fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result<Arc<dyn Hardware>, ConfigError> {
     let kinds = driver_kinds();
     let names: Vec<&'static str> = kinds.iter().map(|k| k.name).collect();
-    let (name, settings) = kind(source, at, value, &names)?;
+    let (name, mut settings) = kind(source, at, value, &names)?;
+    if let Some(Value::String(file)) = settings.get_mut("file") {
+        // kinds know no configuration file that their paths could be relative to
+        *file = Config::beside(source, Path::new(file)).to_string_lossy().into_owned();
+    }
     let found = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds");
     (found.build)(&settings, context).map_err(|e| place(source, at, &e))
 }

@@ -239,6 +239,11 @@ impl Config {
         }
         for (i, r) in self.robot.iter_mut().enumerate() {
             relocate(&format!("robot[{i}].model"), &mut r.model);
+            if let Some(Value::String(file)) = r.driver.get_mut("file") {
+                let mut path = PathBuf::from(&file);
+                relocate(&format!("robot[{i}].driver.file"), &mut path);
+                *file = path.to_string_lossy().into_owned();
+            }
         }
         if let Some(folder) = self.yarp.as_mut().and_then(|y| y.save_folder.as_mut()) {
             relocate("yarp.save_folder", folder);

@@ -1,9 +1,10 @@
 //! `mobee inspect`: a run in figures, from its journal alone.
 
-use crate::config::ConfigError;
+use crate::config::{Config, ConfigError};
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::check::summary;
 use mobee_actors::journal::JournalError;
+use mobee_recorder::Poses;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -37,6 +38,35 @@ pub fn text(run: &Path, json: bool) -> Result<String, Report> {
         }
     }
     Ok(out)
+}
+
+/// Writes the poses of a run's recording as a table for the driver kind `replay`, and says what was written.
+///
+/// # Errors
+/// If there is no such run, robot or recording, the file exists already, or it can't be written.
+pub fn poses(run: &Path, robot: Option<&str>, file: &Path) -> Result<String, Report> {
+    let (config, _) = Config::load_resolved(&run.join("config.json"))?;
+    let names: Vec<&str> = config.robot.iter().map(|r| r.name.as_str()).collect();
+    let robot = match (robot, names.as_slice()) {
+        (Some(name), known) if known.contains(&name) => name,
+        (None, [only]) => only,
+        _ => {
+            let what = "of which robot?";
+            return Err(ConfigError::plain(what, format!("give --robot; there are: {}", names.join(", "))).into());
+        }
+    };
+    let help = "the run must have been recorded; `mobee view` shows whether it was";
+    let poses = Poses::read(&run.join("recording.rrd"), robot).map_err(|e| ConfigError::plain(e, help))?;
+    let table = poses.table();
+    let refused = |e: std::io::Error| {
+        ConfigError::plain(
+            format!("can't write {}: {e}", file.display()),
+            "give a new file in a folder that can be written",
+        )
+    };
+    let mut out = std::fs::File::create_new(file).map_err(refused)?;
+    std::io::Write::write_all(&mut out, table.as_bytes()).map_err(refused)?;
+    Ok(format!("{} poses of {robot} in {}", table.lines().count() - 1, file.display()))
 }
 
 /// A journal's complaint as one of ours.

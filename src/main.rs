@@ -47,6 +47,12 @@ enum Command {
         /// As JSON.
         #[arg(long)]
         json: bool,
+        /// Write the poses of its recording into this file, as a table for the driver kind `replay`.
+        #[arg(long, value_name = "FILE", conflicts_with = "json")]
+        poses: Option<PathBuf>,
+        /// Of this robot, if there are several.
+        #[arg(long, requires = "poses")]
+        robot: Option<String>,
     },
     /// Open a run's recording in the Rerun viewer.
     View {
@@ -222,7 +228,11 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             }
             Ok(ExitCode::SUCCESS)
         }
-        Command::Inspect { run, json } => {
+        Command::Inspect { run, poses: Some(file), robot, .. } => {
+            println!("{}", inspect::poses(&run, robot.as_deref(), &file)?);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Inspect { run, json, .. } => {
             print!("{}", inspect::text(&run, json)?);
             Ok(ExitCode::SUCCESS)
         }

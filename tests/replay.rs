@@ -103,3 +103,36 @@ fn what_can_t_be_replayed_is_refused_with_a_remedy() {
     refused(&["--at", "5"], "--set");
     assert_eq!(mobee(&["replay", text(dir.path())]).status.code(), Some(2));
 }
+
+#[test]
+fn recorded_poses_are_played_as_a_robot() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let (first, second) = (dir.path().join("first"), dir.path().join("second"));
+    let ran = mobee(&["run", "configs/behaviors/ball.toml", "--for", "20", "--out", text(&first)]);
+    assert!(ran.status.success(), "{}", said(&ran));
+    let table = |run: &Path, name: &str| {
+        let file = dir.path().join(name);
+        let taken = mobee(&["inspect", text(run), "--poses", text(&file)]);
+        assert!(taken.status.success(), "{}", said(&taken));
+        std::fs::read_to_string(file).expect("a table")
+    };
+    let was = table(&first, "poses.csv");
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/icub.xml");
+    let config = dir.path().join("played.toml");
+    let robot =
+        format!("name = \"icub\"\nmodel = {:?}\ncontroller = {{ period_ms = 20, history = 6000 }}", text(&model));
+    let driver = "driver = { kind = \"replay\", file = \"poses.csv\" }";
+    std::fs::write(&config, format!("for_s = 20.0\n[[robot]]\n{robot}\n{driver}\n")).expect("it can be written");
+    let played = mobee(&["run", text(&config), "--out", text(&second)]);
+    assert!(played.status.success(), "{}", said(&played));
+    let is = table(&second, "again.csv");
+    let newest = |table: &str| -> Vec<f64> {
+        let row = table.lines().last().expect("a row");
+        row.split(',').skip(1).map(|v| v.parse().expect("a number")).collect()
+    };
+    assert!(was.lines().count() > 100, "the robot moved");
+    let home = was.lines().nth(1).expect("a row").split(',').skip(1).map(|v| v.parse().expect("a number"));
+    let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b): (&f64, &f64)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(apart(&newest(&was), &home.collect::<Vec<f64>>()) > 5.0, "it went somewhere");
+    assert!(apart(&newest(&was), &newest(&is)) < 0.15, "and the played robot did too");
+}

@@ -22,6 +22,7 @@ mod layout;
 mod legend;
 mod objects;
 mod palette;
+mod poses;
 mod recorder;
 mod roadmap;
 mod shapes;
@@ -31,4 +32,5 @@ mod traces;
 mod words;
 
 pub use contents::Contents;
+pub use poses::Poses;
 pub use recorder::{Recorder, RecorderError, Recording, Settings};

@@ -1,0 +1,136 @@
+//! A recorded run as a robot: its encoders read what a table of poses says, whatever it is commanded.
+
+mod table;
+
+pub use table::Table;
+
+use crate::SimSettings;
+use mobee_contract as contract;
+use mobee_contract::{
+    Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Sample, Time,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+inventory::submit! {
+    contract::DriverKind {
+        name: "replay",
+        doc: "Plays recorded poses as a robot: what would the model, the reflex and a sensor have seen? The table comes from `mobee inspect RUN --poses FILE`, or \
+              from any log of encoders. The robot moves by itself and takes no commands: it answers them as a board does, and does not obey. Use it without an agent.",
+        schema: || schemars::schema_for!(ReplaySettings),
+        build: |settings, context| Ok(Arc::new(ReplayHardware::build(settings, context)?)),
+    }
+}
+
+/// Settings of the driver kind `replay`.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ReplaySettings {
+    /// The table of poses, relative to the configuration file: columns `t_s` (s of the run, rising) and `PART.MOTOR` (degrees).
+    /// Motors without a column stay at home; between two rows poses are interpolated.
+    pub file: PathBuf,
+    /// Readings per second.
+    #[serde(default = "rate")]
+    pub encoder_hz: f64,
+}
+
+fn rate() -> f64 {
+    100.0
+}
+
+/// The recorded robot.
+#[derive(Clone, Debug)]
+pub struct ReplayHardware {
+    table: Arc<Table>,
+    board: Board,
+}
+
+impl ReplayHardware {
+    /// Reads the table of the settings in a config file.
+    ///
+    /// # Errors
+    /// The first setting that can't be used, or what is wrong with the table, with its line.
+    pub fn build(settings: &Value, context: &Context) -> Result<ReplayHardware, KindError> {
+        let settings: ReplaySettings = contract::settings(settings)?;
+        if !(1.0..=1000.0).contains(&settings.encoder_hz) {
+            let what = format!("{} readings per second can't be played", settings.encoder_hz);
+            return Err(KindError::new("encoder_hz", what, "give a number from 1 to 1000"));
+        }
+        let name = settings.file.display();
+        let text = std::fs::read_to_string(&settings.file).map_err(|e| {
+            let help =
+                "make the table by `mobee inspect RUN --poses FILE`; its path is relative to the configuration file";
+            KindError::new("file", format!("{name} can't be read: {e}"), help)
+        })?;
+        let table = Table::parse(&text, &context.robot)
+            .map_err(|(line, what, help)| KindError::new("file", format!("{name}:{line}: {what}"), help))?;
+        Ok(ReplayHardware::new(table, SimSettings::default().axes(&context.robot), settings.encoder_hz))
+    }
+
+    /// A robot with these axes that does what the table says, read so many times a second.
+    pub fn new(table: Table, axes: Vec<Axis>, encoder_hz: f64) -> ReplayHardware {
+        let period = Duration::from_secs_f64(1.0 / encoder_hz.clamp(1.0, 1000.0));
+        let board = Board { axes, period, latency: Duration::ZERO, position_direct: true };
+        ReplayHardware { table: Arc::new(table), board }
+    }
+}
+
+impl Hardware for ReplayHardware {
+    fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
+        Ok(Box::new(ReplayDriver { played: self.clone(), given: None }))
+    }
+}
+
+/// A connection to a recorded robot.
+#[derive(Debug)]
+pub struct ReplayDriver {
+    played: ReplayHardware,
+    /// The number of the newest reading that was fetched.
+    given: Option<u64>,
+}
+
+impl ReplayDriver {
+    fn period(&self) -> u64 {
+        u64::try_from(self.played.board.period.as_nanos()).unwrap_or(u64::MAX).max(1)
+    }
+}
+
+impl Driver for ReplayDriver {
+    fn board(&self) -> &Board {
+        &self.played.board
+    }
+
+    fn command(&mut self, _now: Time, _command: &Command) -> Result<(), DriverFault> {
+        Ok(())
+    }
+
+    fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault> {
+        let seq = now.0 / self.period();
+        if self.given.is_some_and(|given| seq <= given) {
+            return Ok(None);
+        }
+        self.given = Some(seq);
+        let at = Time(seq * self.period());
+        let (q, next) = (self.played.table.at(at), self.played.table.at(at + self.played.board.period));
+        let done = q.iter().zip(&next).map(|(q, next)| q == next).collect();
+        Ok(Some(Sample { seq, at, q: q.into(), done }))
+    }
+
+    fn next_sample(&self, now: Time) -> Time {
+        let next = self.given.map_or(0, |given| given.saturating_add(1));
+        Time(next.saturating_mul(self.period())).max(now)
+    }
+
+    fn lease(&mut self, _now: Time, _until: Time) {}
+
+    fn modes(&self) -> Vec<ControlMode> {
+        vec![ControlMode::Position; self.played.board.axes.len()]
+    }
+}
+
+#[cfg(test)]
+mod tests;

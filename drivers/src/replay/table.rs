@@ -1,0 +1,92 @@
+//! A table of poses over time, as text.
+
+use mobee_contract::Time;
+use mobee_model::Robot;
+
+/// Beyond a limit by no more than this, degrees, is rounding; the value is taken for the limit.
+const ROUNDING_DEG: f64 = 0.2;
+
+/// What is wrong with a table: its line, what, and what to do.
+pub type Complaint = (usize, String, String);
+
+/// Poses over time; never empty, times rise.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    rows: Vec<(f64, Vec<f64>)>,
+}
+
+impl Table {
+    /// Reads comma-separated text with a heading: `t_s`, then `PART.MOTOR` columns in degrees.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, with its line.
+    pub fn parse(text: &str, robot: &Robot) -> Result<Table, Complaint> {
+        let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.starts_with('#'));
+        let (_, heading) =
+            lines.next().ok_or((1, "there is no heading".to_owned(), "begin with `t_s,PART.MOTOR,...`".to_owned()))?;
+        let mut names = heading.split(',').map(str::trim);
+        if names.next() != Some("t_s") {
+            return Err((1, "the first column is not `t_s`".into(), "begin with the time, seconds of the run".into()));
+        }
+        let columns = names.map(|name| column(robot, name)).collect::<Result<Vec<usize>, Complaint>>()?;
+        let mut rows: Vec<(f64, Vec<f64>)> = Vec::new();
+        for (i, line) in lines {
+            let number = |field: &str| {
+                let value = field.trim().parse().ok().filter(|v: &f64| v.is_finite());
+                value.ok_or((i + 1, format!("`{}` is not a number", field.trim()), "give finite numbers".to_owned()))
+            };
+            let mut fields = line.split(',');
+            let at = number(fields.next().unwrap_or_default())?;
+            if at < 0.0 || rows.last().is_some_and(|(before, _)| at <= *before) {
+                return Err((i + 1, format!("the time {at} does not rise"), "sort the rows by their times".into()));
+            }
+            let mut q = robot.home().to_vec();
+            let mut given = 0;
+            for (field, motor) in fields.zip(&columns) {
+                let deg = number(field)?;
+                let Some((slot, m)) = q.get_mut(*motor).zip(robot.motors.get(*motor)) else { continue };
+                let (min, max) = (m.min.to_degrees(), m.max.to_degrees());
+                if deg < min - ROUNDING_DEG || deg > max + ROUNDING_DEG {
+                    let what = format!("{deg} is outside the limits of motor `{}`", m.name);
+                    return Err((i + 1, what, format!("give degrees from {min} to {max}")));
+                }
+                *slot = deg.to_radians().clamp(m.min, m.max);
+                given += 1;
+            }
+            if given != columns.len() || line.split(',').count() != columns.len() + 1 {
+                let what =
+                    format!("this row has {} values, the heading {}", line.split(',').count(), columns.len() + 1);
+                return Err((i + 1, what, "give every row one value per column".into()));
+            }
+            rows.push((at, q));
+        }
+        if rows.is_empty() {
+            return Err((2, "there is no pose".into(), "add a row per pose below the heading".into()));
+        }
+        Ok(Table { rows })
+    }
+
+    /// The pose at a time, rad: interpolated between rows, the first one before them, the last one after them.
+    pub fn at(&self, at: Time) -> Vec<f64> {
+        let t = at.secs();
+        let after = self.rows.partition_point(|(row, _)| *row <= t);
+        let before = after.checked_sub(1).and_then(|i| self.rows.get(i));
+        match (before, self.rows.get(after)) {
+            (Some((t0, a)), Some((t1, b))) => {
+                let share = (t - t0) / (t1 - t0);
+                a.iter().zip(b).map(|(a, b)| a + share * (b - a)).collect()
+            }
+            (Some((_, q)), None) | (None, Some((_, q))) => q.clone(),
+            (None, None) => Vec::new(),
+        }
+    }
+}
+
+fn column(robot: &Robot, name: &str) -> Result<usize, Complaint> {
+    let full =
+        |m: &mobee_model::Motor| robot.parts.get(m.part).map(|p| format!("{}.{}", p.name, m.name)).unwrap_or_default();
+    robot.motors.iter().position(|m| full(m) == name).ok_or_else(|| {
+        let motors: Vec<String> = robot.motors.iter().map(full).collect();
+        (1, format!("there is no motor `{name}`"), format!("the motors are: {}", motors.join(", ")))
+    })
+}
