@@ -4,6 +4,7 @@
 mod common;
 
 use common::{Network, Run, network};
+use mobee_yarp::board::{Joints, RemoteBoard, RemoteOptions, Streamed};
 use mobee_yarp::{Bottle, Carrier, Dialect, RpcClient};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::time::Duration;
@@ -112,4 +113,52 @@ async fn a_program_collides_is_refused_waits_and_goes_on() {
     assert!(journal.contains("invariants I1-I7, I9-I11 and I18 hold"), "{journal}");
     let summary = run.summary();
     assert_eq!(summary["counters"]["rolled_back"], 1, "{summary}");
+}
+
+/// Streams set-points by `next` until the elbow has passed `until` degrees, then waits for the transaction's end.
+async fn stream(arm: &mut Line, board: &RemoteBoard, until: f64, next: impl Fn(f64) -> Streamed) {
+    loop {
+        let elbow = arm.arm().await.get(3).copied().expect("an elbow");
+        if elbow > until {
+            break;
+        }
+        assert!(board.stream(next(elbow)), "the command goes out");
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    board.hush();
+    assert!(arm.wait().await, "the stream ends where the arm rests");
+}
+
+#[tokio::test(flavor = "current_thread")]
+async fn streams_are_transactions_and_what_is_grabbed_follows_the_hand() {
+    let network = network();
+    let mut run = Run::start(&network, "configs/behaviors/filter.toml");
+    run.wait_for_port("/MoBeE/icub/right_arm/rpc:i");
+    let mut arm = Line::to(&network, "/test/rpc:o", "/MoBeE/icub/right_arm/rpc:i").await;
+    let mut world = Line::to(&network, "/typist", "/MoBeE/world").await;
+    let yarp = mobee_yarp::Network::at(SocketAddr::from((Ipv4Addr::LOCALHOST, network.port)));
+    let second = Duration::from_secs(1);
+    let options =
+        RemoteOptions { local: "/streamer".into(), carrier: Carrier::FastTcp, timeout: 10 * second, stale: second };
+    let board = RemoteBoard::new(&yarp, "/MoBeE/icub/right_arm", options);
+    board.facts().wait_for(Option::is_some).await.expect("the board answers");
+    arm.open().await;
+
+    assert_eq!(world.say("mk sph 0.02 -1 -1 1").await, "sph1");
+    world.say("def sph1 gho").await;
+    let grabbed = "\"Object sph1 found.\" \"Robot found.\" \"Marker found, grabbing object.\"";
+    assert_eq!(world.say("grab sph1 icub r_hand").await, grabbed);
+    let before = world.say("get sph1").await;
+
+    let elbow = arm.arm().await.get(3).copied().expect("an elbow");
+    assert_eq!(arm.say("[set] [icmd] [cmod] 3 [vel]").await, "[ok]");
+    stream(&mut arm, &board, elbow + 3.0, |_| Streamed::Velocity(Joints::One(3), vec![5.0])).await;
+    assert_eq!(arm.say("[set] [icmd] [cmod] 3 [posd]").await, "[ok]");
+    stream(&mut arm, &board, elbow + 6.0, |q| Streamed::Direct(Joints::One(3), vec![q + 0.5])).await;
+    assert_ne!(world.say("get sph1").await, before, "the sphere went with the hand");
+
+    let journal = run.end();
+    assert!(journal.contains(" hold") && !journal.contains("broken"), "{journal}");
+    let counters = &run.summary()["counters"];
+    assert_eq!((&counters["committed"], &counters["rolled_back"]), (&2.into(), &0.into()), "{counters}");
 }
