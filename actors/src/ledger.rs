@@ -35,7 +35,7 @@ impl Open {
 const ENDS: usize = 100;
 
 /// The state that outlives the actors.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Book {
     /// The open transaction.
     pub open: Option<Open>,

@@ -91,7 +91,7 @@ pub enum Word {
     GaveUp(Hold),
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 enum Phase {
     Watching,
     Stopping { token: u64, since: Time, then: Then },
@@ -106,7 +106,7 @@ enum Then {
 }
 
 /// The state machine.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct ReflexCore {
     rules: Arc<Rules>,
     gate: Arc<Gate>,
@@ -206,7 +206,7 @@ impl ReflexCore {
         }
         if matches!(self.phase, Phase::Watching) {
             if Gate::opens(token) {
-                self.watch(pulse, motion, status, newly_violated, out);
+                self.watch(pulse, motion, (status, now), newly_violated, out);
             }
         } else {
             self.act(pulse, now, name, out);
@@ -215,7 +215,14 @@ impl ReflexCore {
     }
 
     /// The filter is open: is there a reason to close it?
-    fn watch(&mut self, pulse: &Pulse, motion: Option<&Motion>, status: Status, newly: bool, out: &mut Vec<ReflexOut>) {
+    fn watch(
+        &mut self,
+        pulse: &Pulse,
+        motion: Option<&Motion>,
+        (status, now): (Status, Time),
+        newly: bool,
+        out: &mut Vec<ReflexOut>,
+    ) {
         let escape = motion.filter(|m| m.safe.is_none() && status == Status::Escaping);
         let cause = if let Some(m) = escape {
             if self.escape.as_ref().is_none_or(|(id, ..)| *id != m.id) {
@@ -242,7 +249,8 @@ impl ReflexCore {
             Some(_) => Then::Say(Word::Stopped),
             None => return,
         };
-        self.phase = Phase::Stopping { token, since: pulse.sample.at, then };
+        // the stop takes effect from now on: a reading that was held up does not show it
+        self.phase = Phase::Stopping { token, since: now, then };
     }
 
     fn constraint(&self, (part, clause): (usize, usize)) -> Cause {
@@ -279,15 +287,21 @@ impl ReflexCore {
                 let broken = floors.broken(&pulse.contacts).copied();
                 let newly_violated = pulse.violated.is_some() && !*violated;
                 if frozen {
-                    self.give_up(token, Hold::Stale, "the encoders do not follow the set-points".into(), now, out);
+                    self.give_up(
+                        token,
+                        Hold::Stale,
+                        "the encoders do not follow the set-points".into(),
+                        (now, clock),
+                        out,
+                    );
                 } else if broken.is_some() || newly_violated {
                     let what = blocked(broken, name);
-                    self.give_up(token, Hold::RetreatBlocked, what, now, out);
+                    self.give_up(token, Hold::RetreatBlocked, what, (now, clock), out);
                 } else {
                     out.extend(retreat.step(&pulse.sample, clock, &rules).map(|c| ReflexOut::Command(token, c)));
                     if retreat.is_over() {
                         let (safe, floors, violated) = (safe.clone(), std::mem::take(floors), *violated);
-                        let since = retreat.arrival(now);
+                        let since = retreat.arrival(clock);
                         self.phase = Phase::Settling { token, since, safe, floors, violated };
                         out.push(ReflexOut::Word(Word::Settling));
                     }
@@ -298,7 +312,7 @@ impl ReflexCore {
                 let broken = floors.broken(&pulse.contacts).copied();
                 if broken.is_some() || (pulse.violated.is_some() && !*violated) {
                     let what = blocked(broken, name);
-                    self.give_up(token, Hold::RetreatBlocked, what, now, out);
+                    self.give_up(token, Hold::RetreatBlocked, what, (now, clock), out);
                 } else if now >= *since + rules.reaction()
                     && at_rest
                     && distance(&pulse.sample.q, safe) <= rules.tolerance
@@ -311,7 +325,13 @@ impl ReflexCore {
                     }
                     self.say(token, Word::Back, out);
                 } else if now >= *since + PATIENCE {
-                    self.give_up(token, Hold::RetreatMissed, "the safe pose was not reached in time".into(), now, out);
+                    self.give_up(
+                        token,
+                        Hold::RetreatMissed,
+                        "the safe pose was not reached in time".into(),
+                        (now, clock),
+                        out,
+                    );
                 }
             }
         }
@@ -346,10 +366,10 @@ impl ReflexCore {
         }
     }
 
-    fn give_up(&mut self, token: u64, reason: Hold, what: String, seen: Time, out: &mut Vec<ReflexOut>) {
+    fn give_up(&mut self, token: u64, reason: Hold, what: String, (seen, now): (Time, Time), out: &mut Vec<ReflexOut>) {
         out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
         out.push(ReflexOut::Event(Event::RetreatStopped { robot: self.rules.robot.clone(), reason, what, seen }));
-        self.phase = Phase::Stopping { token, since: seen, then: Then::Say(Word::GaveUp(reason)) };
+        self.phase = Phase::Stopping { token, since: now, then: Then::Say(Word::GaveUp(reason)) };
     }
 
     /// The robot rests: restore the control modes and tell.
@@ -364,4 +384,17 @@ fn blocked(contact: Option<Contact>, name: &dyn Fn(Pair) -> (String, String)) ->
     let Some(c) = contact else { return "a constraint would be violated".into() };
     let (a, b) = name(c.pair);
     format!("{a} and {b} are at {:.1} mm", c.distance * 1e3)
+}
+
+#[cfg(test)]
+impl ReflexCore {
+    /// Another one in the same state, at another gate.
+    pub fn fork(&self, gate: Arc<Gate>) -> ReflexCore {
+        ReflexCore { gate, ..self.clone() }
+    }
+
+    /// What its future depends on.
+    pub fn state(&self) -> impl std::fmt::Debug + '_ {
+        (&self.phase, &self.contacts, &self.near, self.violated, &self.escape, self.motion, &self.met)
+    }
 }

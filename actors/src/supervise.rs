@@ -94,7 +94,7 @@ enum Closing {
 }
 
 /// The state machine. Its transactions live in the ledger.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct SuperviseCore {
     rules: Arc<Rules>,
     gate: Arc<Gate>,

@@ -24,7 +24,7 @@ pub struct Changes {
 }
 
 /// The contacts of one robot.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Contacts {
     margin: f64,
     epoch: u64,

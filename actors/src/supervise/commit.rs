@@ -39,8 +39,8 @@ impl SuperviseCore {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
         }
         let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
-        let (at, here, at_rest) = match &self.newest {
-            Some((at, q, rest, _)) => (*at, q.clone(), *rest),
+        let (at, here, at_rest, free) = match &self.newest {
+            Some((at, q, rest, free)) => (*at, q.clone(), *rest, *free),
             None => return not_ready("a first reading of the encoders"),
         };
         if now > at + self.rules.fresh {
@@ -52,6 +52,8 @@ impl SuperviseCore {
             Status::Holding(reason) if self.closing != Closing::No => Err(Refusal::Holding { reason }),
             Status::Rest | Status::Moving | Status::Escaping if self.gate.token() != self.token => Err(Refusal::Closed),
             Status::Moving | Status::Escaping => Ok(Way::Join { here }),
+            // the filter may have opened by a reading before the contact began: the reflex will close it at the next one
+            Status::Rest if !free => Err(Refusal::Holding { reason: Hold::InContact }),
             Status::Rest => match self.rest.clone().filter(|(at, ..)| now <= *at + self.rules.fresh) {
                 Some((at, q, speed)) => Ok(Way::Begin { here, at, q, speed }),
                 None => not_ready("the robot to come to rest"),

@@ -136,9 +136,9 @@ impl SuperviseCore {
         let reacted = at >= since + self.rules.reaction();
         self.done_since = if done && reacted { self.done_since.or(Some(at)) } else { None };
         if self.done_since.is_some_and(|t| at >= t + MISSED) || at > due {
-            self.roll_back(Cause::TargetMissed, at, out);
+            self.roll_back(Cause::TargetMissed, now, out);
         } else if away > FROZEN_WAY && self.is_frozen(at, pulse.unchanged) {
-            self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), at, out);
+            self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), now, out);
         } else {
             self.keep_in_history(out);
         }

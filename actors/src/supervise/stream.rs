@@ -30,7 +30,7 @@ const SHARE: f64 = 0.95;
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// A stream under way.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Streaming {
     velocity: bool,
     /// Which motors it has named; a stream of positions holds all.
@@ -287,7 +287,7 @@ impl SuperviseCore {
         }
         stream.seen = at;
         if at.since(stream.mark.0) >= FROZEN && stream.mark.1 > FROZEN_WAY {
-            self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), at, out);
+            self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), now, out);
             return false;
         }
         match stream.braking {
@@ -313,7 +313,7 @@ impl SuperviseCore {
                     return true;
                 }
                 if at >= since + PATIENCE {
-                    self.roll_back(Cause::TargetMissed, at, out);
+                    self.roll_back(Cause::TargetMissed, now, out);
                     return false;
                 }
             }

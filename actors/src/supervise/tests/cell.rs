@@ -1,0 +1,488 @@
+//! Supervise and reflex together with a port and a plant of one motor: what the tests of the pure core act on.
+
+use super::*;
+use std::hash::{Hash, Hasher};
+
+fn rules() -> Arc<Rules> {
+    let axis = Axis { name: "m".into(), min: -3.0, max: 3.0, max_speed: 1.7, max_acceleration: 3.5 };
+    let period = Duration::from_millis(10);
+    let board = Board { axes: vec![axis], period, latency: Duration::ZERO, position_direct: true };
+    Arc::new(Rules::new("r", vec!["p".into()], &Controller::default(), &board))
+}
+
+#[derive(Clone, Debug)]
+pub(super) enum Op {
+    Commit(f64, bool),
+    /// A set-point of position, so far from where the motor is, or a velocity.
+    Position(f64, bool),
+    Velocity(f64, bool),
+    /// So many set-points of a velocity, one per two readings.
+    Stream(f64, u8),
+    /// So many readings.
+    Samples(u8),
+    /// Time without readings.
+    Silence(u8),
+    /// Something stands beyond this position, or goes away.
+    Wall(Option<f64>),
+    Stop,
+    /// The board reports a fault.
+    Fault,
+    AgentDies,
+    SuperviseDies,
+    ReflexDies,
+    Recover,
+    /// Deliver one message on this link.
+    Deliver(u8),
+}
+
+#[derive(Clone, Debug)]
+enum ToSupervise {
+    Pulse(Pulse),
+    Closed(u64, Cause),
+    Word(Word),
+}
+#[derive(Clone, Debug)]
+enum ToReflex {
+    Pulse(Pulse),
+    RollBack(u64, Motion, bool),
+}
+
+/// Two cores, a port and a plant that moves at a constant speed and stops at once. It watches over the promises itself.
+pub(super) struct Cell {
+    pub rules: Arc<Rules>,
+    pub gate: Arc<Gate>,
+    pub ledger: Ledger,
+    pub supervise: SuperviseCore,
+    pub reflex: ReflexCore,
+    port: Port,
+    driver: VecDeque<(u64, Writer, Command)>,
+    to_supervise: VecDeque<ToSupervise>,
+    to_reflex: VecDeque<ToReflex>,
+    pub now: Time,
+    /// Time between two readings, and whether they tell the motor's speed of that moment rather than an estimate.
+    step: (Duration, bool),
+    seq: u64,
+    pub q: f64,
+    pub goal: f64,
+    speed: f64,
+    /// Whether it has moved since the reading before.
+    moves: bool,
+    /// The velocity at which it goes, and until when.
+    running: Option<(f64, Time)>,
+    pub mode: ControlMode,
+    /// The last set-point of supervise: token, position, time.
+    written: Option<(u64, f64, Time)>,
+    pub wall: Option<f64>,
+    pub commits: u64,
+    pub outcomes: Vec<CommitId>,
+    /// The last outcome.
+    pub outcome: Option<Outcome>,
+    /// An actor was restarted since the last commit (I10).
+    restarted: bool,
+    /// A way back is being driven: its token, and how near the wall was as it began (I9).
+    way: Option<(u64, f64)>,
+    /// How near the wall was in the last reading that the reflex saw.
+    pub near_at: f64,
+    /// Everything that was read, in one number.
+    read: u64,
+}
+
+impl Cell {
+    /// With readings every 10 ms.
+    pub fn new() -> Cell {
+        Cell::with(Duration::from_millis(10), false, 3000)
+    }
+
+    /// With readings so far apart that one shows the effect of what was done at the one before, and exact speeds.
+    pub fn coarse() -> Cell {
+        Cell::with(Duration::from_millis(40), true, 32)
+    }
+
+    fn with(step: Duration, exact: bool, history: usize) -> Cell {
+        let (rules, gate, ledger) = (rules(), Arc::new(Gate::default()), Ledger::new(history));
+        let (supervise, first) = SuperviseCore::new(rules.clone(), gate.clone(), ledger.clone(), Time::ZERO);
+        let mut cell = Cell {
+            reflex: ReflexCore::new(rules.clone(), gate.clone()),
+            port: Port::new(rules.clone(), gate.clone()),
+            rules,
+            gate,
+            ledger,
+            supervise,
+            driver: VecDeque::new(),
+            to_supervise: VecDeque::new(),
+            to_reflex: VecDeque::new(),
+            now: Time::ZERO,
+            step: (step, exact),
+            seq: 0,
+            q: 0.0,
+            goal: 0.0,
+            speed: 0.0,
+            moves: false,
+            running: None,
+            mode: ControlMode::Position,
+            written: None,
+            wall: None,
+            commits: 0,
+            outcomes: Vec::new(),
+            outcome: None,
+            restarted: false,
+            way: None,
+            near_at: f64::INFINITY,
+            read: 0,
+        };
+        cell.supervise_out(first);
+        cell
+    }
+
+    /// Another one in the same state.
+    pub fn fork(&self) -> Cell {
+        let gate = Arc::new(Gate::resumed(self.gate.token()));
+        let ledger = Ledger::new(0);
+        *ledger.book() = self.ledger.book().clone();
+        Cell {
+            supervise: SuperviseCore { gate: gate.clone(), ledger: ledger.clone(), ..self.supervise.clone() },
+            reflex: self.reflex.fork(gate.clone()),
+            port: Port::new(self.rules.clone(), gate.clone()),
+            gate,
+            ledger,
+            rules: self.rules.clone(),
+            driver: self.driver.clone(),
+            to_supervise: self.to_supervise.clone(),
+            to_reflex: self.to_reflex.clone(),
+            outcomes: self.outcomes.clone(),
+            ..*self
+        }
+    }
+
+    /// All that its future depends on, in one number.
+    pub fn state(&self) -> u64 {
+        let s = &self.supervise;
+        let of_supervise = (s.token, s.status, &s.closing, &s.newest, &s.rest, s.done_since, &s.retry, s.course);
+        let book = self.ledger.book();
+        let of_book = (&book.open, book.last_id, book.status, &book.died, &book.safe);
+        let queues = (&self.driver, &self.to_supervise, &self.to_reflex);
+        let plant = (self.now, self.q, self.goal, self.speed, self.moves, self.mode, self.wall);
+        let watched = (self.written, self.restarted, self.way, self.near_at, self.read, self.gate.token());
+        let mut hasher = std::hash::DefaultHasher::new();
+        let all = (of_supervise, (s.modes, of_book), self.reflex.state(), queues, plant, watched);
+        let _ = std::fmt::write(&mut Hashed(&mut hasher), format_args!("{all:?}"));
+        hasher.finish()
+    }
+
+    fn near(&self) -> Arc<[Contact]> {
+        let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
+        let contact = |wall: f64| Contact { pair, distance: (wall - self.q).abs() - 0.05, points: Default::default() };
+        self.wall.map(contact).into_iter().filter(|c| c.distance < 0.012).collect()
+    }
+
+    fn supervise_out(&mut self, outputs: Vec<SuperviseOut>) {
+        for output in outputs {
+            match output {
+                SuperviseOut::Command(token, writer, command) => {
+                    let q = if let Command::Direct { q } = &command { Some((token, q[0], self.now)) } else { None };
+                    if let (Some((before, old, at)), Some((token, q, now))) = (self.written, q)
+                        && before == token
+                    {
+                        let most = 1.7 * now.since(at).as_secs_f64();
+                        assert!((q - old).abs() <= most + 1e-9, "I5: a step from {old} to {q}, {most} is allowed");
+                    }
+                    self.written = q;
+                    self.driver.push_back((token, writer, command));
+                }
+                SuperviseOut::RollBack { token, motion, again } => {
+                    self.to_reflex.push_back(ToReflex::RollBack(token, motion, again));
+                }
+                SuperviseOut::Event(Event::Commit { id, .. }) => {
+                    self.commits += 1;
+                    assert_eq!(id, CommitId(self.commits), "I2: numbers are counted");
+                    assert_eq!(self.commits - 1, self.outcomes.len() as u64, "I2: accepted while another was open");
+                    self.restarted = false;
+                }
+                SuperviseOut::Event(Event::Outcome { id, outcome, .. }) => {
+                    self.outcomes.push(id);
+                    assert_eq!(self.outcomes.len() as u64, self.commits, "I2: an outcome that is not due");
+                    assert!(!self.moves, "I17: the motor moves as commit {} ends: {outcome:?}", id.0);
+                    self.outcome = Some(outcome);
+                }
+                SuperviseOut::Event(Event::SafePose { q, age, .. }) => {
+                    assert!(age <= self.rules.fresh.as_secs_f64(), "I4: the reading is {age} s old");
+                    assert!((q[0] - self.q).abs() < 0.01, "I4: {q:?} while the motor is at {}", self.q);
+                    assert!(self.supervise.newest.as_ref().is_some_and(|n| n.3), "I4: the newest reading is not free");
+                    assert_eq!(self.commits, self.outcomes.len() as u64, "I4: taken with a transaction open");
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn reflex_on(&mut self, input: ReflexIn) {
+        let read = if let ReflexIn::Pulse(pulse, ..) = &input { Some(pulse.contacts.clone()) } else { None };
+        let near = |c: &Arc<[Contact]>| c.first().map_or(f64::INFINITY, |c| c.distance);
+        let distance = read.as_ref().map_or(self.near_at, near);
+        self.near_at = distance;
+        let watched = self.way.filter(|(token, _)| read.is_some() && *token == self.gate.token());
+        let blocked = watched.is_some_and(|(_, start)| distance < start.min(self.rules.margin) - 0.001);
+        let moving = read.is_some() && self.gate.is_open() && self.ledger.book().status == Status::Moving;
+        let (mut stops, mut drives) = (false, false);
+        for output in self.reflex.on(input, self.now, &|_| Default::default()) {
+            match output {
+                ReflexOut::Command(token, command) => {
+                    stops |= matches!(command, Command::Stop { .. });
+                    drives |= matches!(command, Command::Direct { .. } | Command::Move(_));
+                    self.driver.push_back((token, Writer::Reflex, command));
+                }
+                ReflexOut::Closed { token, cause } => self.to_supervise.push_back(ToSupervise::Closed(token, cause)),
+                ReflexOut::Word(word) => {
+                    if matches!(word, Word::Back | Word::GaveUp(_)) {
+                        self.way = None;
+                    }
+                    self.to_supervise.push_back(ToSupervise::Word(word));
+                }
+                ReflexOut::AskPath(since) => {
+                    let path = self.ledger.book().history.path(since);
+                    self.reflex_on(ReflexIn::Path(path));
+                }
+                ReflexOut::Event(Event::RetreatBegan { .. }) => self.way = Some((self.gate.token(), distance)),
+                ReflexOut::Event(Event::RetreatStopped { .. }) => self.way = None,
+                ReflexOut::Event(_) => {}
+            }
+        }
+        let ignored = moving && distance < self.rules.margin && self.gate.is_open();
+        assert!(!ignored, "a contact in mid-motion, {distance} m, closed nothing");
+        assert!(!blocked || (stops && !drives), "I9: drives on, {distance} m from what is in the way back");
+    }
+
+    pub fn deliver(&mut self, link: u8) {
+        match link {
+            0 => {
+                let Some((token, writer, command)) = self.driver.pop_front() else { return };
+                let Ok(()) = self.port.admit(token, writer, &command) else { return };
+                assert_eq!(token, self.gate.token(), "I1: a command under an old token");
+                assert!(
+                    writer != Writer::Agent || self.gate.is_open(),
+                    "I1: an agent's command passed a closed filter"
+                );
+                let drives = matches!(command, Command::Move(_) | Command::Direct { .. } | Command::Velocity { .. });
+                assert!(!(drives && self.restarted), "I10: {command:?} after a restart, before a new commit");
+                self.port.took(token, writer, &command, self.now);
+                let runs = self.running.take();
+                match command {
+                    Command::Move(m) => {
+                        self.mode = ControlMode::Position;
+                        self.goal = m.q[0];
+                        self.speed = m.speed.map_or(1.0, |s| s[0]);
+                    }
+                    Command::Direct { q } => {
+                        assert_eq!(self.mode, ControlMode::PositionDirect, "a set-point in the wrong mode");
+                        self.goal = q[0];
+                        self.speed = 1.7;
+                    }
+                    Command::Velocity { speed, .. } => {
+                        assert_eq!(self.mode, ControlMode::Velocity, "a velocity in the wrong mode");
+                        self.running = Some((speed[0], self.now + Duration::from_millis(100)));
+                    }
+                    Command::Stop { .. } => self.goal = self.q,
+                    Command::Mode { mode, .. } if mode != self.mode => {
+                        self.mode = mode;
+                        self.goal = self.q;
+                    }
+                    _ => self.running = runs,
+                }
+            }
+            1 => match self.to_reflex.pop_front() {
+                Some(ToReflex::Pulse(mut pulse)) => {
+                    let (motion, status) = {
+                        let book = self.ledger.book();
+                        (book.open.as_ref().map(|o| Motion { id: o.id, safe: o.safe.clone() }), book.status)
+                    };
+                    self.reflex_on(ReflexIn::Pulse(&mut pulse, motion.as_ref(), status));
+                    self.to_supervise.push_back(ToSupervise::Pulse(pulse));
+                }
+                Some(ToReflex::RollBack(token, motion, again)) => {
+                    self.reflex_on(ReflexIn::RollBack { token, motion, again });
+                }
+                None => {}
+            },
+            _ => {
+                let out = match self.to_supervise.pop_front() {
+                    Some(ToSupervise::Pulse(pulse)) => self.supervise.on(SuperviseIn::Pulse(&pulse), self.now),
+                    Some(ToSupervise::Closed(token, cause)) => {
+                        self.supervise.on(SuperviseIn::Closed(token, cause), self.now)
+                    }
+                    Some(ToSupervise::Word(word)) => self.supervise.on(SuperviseIn::Word(word), self.now),
+                    None => return,
+                };
+                self.supervise_out(out);
+            }
+        }
+    }
+
+    /// Whether a message waits to be delivered on this link.
+    pub fn waits(&self, link: u8) -> bool {
+        match link {
+            0 => !self.driver.is_empty(),
+            1 => !self.to_reflex.is_empty(),
+            _ => !self.to_supervise.is_empty(),
+        }
+    }
+
+    pub fn flush(&mut self) {
+        while !(self.driver.is_empty() && self.to_reflex.is_empty() && self.to_supervise.is_empty()) {
+            (0..3).for_each(|link| self.deliver(link));
+        }
+    }
+
+    /// Time goes on to the next reading, which waits for the reflex.
+    pub fn sample(&mut self) {
+        self.now = self.now + self.step.0;
+        let secs = self.step.0.as_secs_f64();
+        if let Some((v, until)) = self.running {
+            if self.now <= until {
+                self.goal = self.q + v * secs;
+                self.speed = 1.7;
+            } else {
+                (self.running, self.goal) = (None, self.q);
+            }
+        }
+        let way = (self.goal - self.q).clamp(-self.speed * secs, self.speed * secs);
+        self.moves = way.abs() >= self.rules.rest_speed * secs;
+        self.q += way;
+        assert!(self.q.abs() <= 3.0 + 1e-9, "I5: past the limit, at {}", self.q);
+        self.seq += 1;
+        let done = vec![self.q == self.goal && self.running.is_none()];
+        let sample = Sample { seq: self.seq, at: self.now, q: vec![self.q].into(), done };
+        let mut pulse = Pulse::new(sample, &Vec::new().into());
+        self.ledger.book().history.push(&mut pulse);
+        if self.step.1 {
+            pulse.speed = way.abs() / secs;
+        }
+        pulse.contacts = self.near();
+        let mut hasher = std::hash::DefaultHasher::new();
+        (self.read, self.now.0, self.q.to_bits()).hash(&mut hasher);
+        self.read = hasher.finish();
+        self.to_reflex.push_back(ToReflex::Pulse(pulse));
+    }
+
+    /// What waits for reflex and supervise is delivered in order.
+    pub fn settle_chain(&mut self) {
+        while !self.to_reflex.is_empty() {
+            self.deliver(1);
+        }
+        while !self.to_supervise.is_empty() {
+            self.deliver(2);
+        }
+    }
+
+    pub fn tick(&mut self) {
+        let out = self.supervise.on(SuperviseIn::Tick, self.now);
+        self.supervise_out(out);
+    }
+
+    fn dies(&mut self, supervise: bool) {
+        self.gate.close();
+        self.ledger.book().died = Some("somebody".into());
+        self.to_reflex.clear();
+        (self.restarted, self.way, self.near_at) = (true, None, f64::INFINITY);
+        self.reflex = ReflexCore::new(self.rules.clone(), self.gate.clone());
+        if supervise {
+            self.to_supervise.clear();
+            let (core, first) =
+                SuperviseCore::new(self.rules.clone(), self.gate.clone(), self.ledger.clone(), self.now);
+            self.supervise = core;
+            self.supervise_out(first);
+        }
+    }
+
+    /// Readings until it is settled: two hundred seconds at most, since an escape from one end to the other takes long.
+    pub fn heal(&mut self) {
+        for round in 0..200 {
+            self.apply(Op::Samples(100));
+            if round > 0 && self.supervise.is_settled() {
+                return;
+            }
+        }
+    }
+
+    pub fn commit(&mut self, q: f64, own: bool) -> Verdict {
+        let agent: Arc<str> = if own { "a" } else { "b" }.into();
+        let commit = Commit { agent, target: Target { motors: vec![0], q: vec![q], speed: 0.5 }, speeds: None };
+        let out = self.supervise.on(SuperviseIn::Commit(commit), self.now);
+        self.answered(out)
+    }
+
+    fn answered(&mut self, out: Vec<SuperviseOut>) -> Verdict {
+        let verdict = match out.first() {
+            Some(SuperviseOut::Verdict(verdict)) => verdict.clone(),
+            other => panic!("no verdict but {other:?}"),
+        };
+        self.supervise_out(out);
+        verdict
+    }
+
+    pub fn stream(&mut self, own: bool, values: Values) -> Verdict {
+        let agent: Arc<str> = if own { "a" } else { "b" }.into();
+        let setpoints = Setpoints { motors: vec![0], values };
+        let out = self.supervise.on(SuperviseIn::Stream(agent, setpoints), self.now);
+        self.answered(out)
+    }
+
+    pub fn apply(&mut self, op: Op) {
+        match op {
+            Op::Position(by, own) => {
+                let _ = self.stream(own, Values::Position(vec![self.q + by]));
+            }
+            Op::Velocity(v, own) => {
+                let _ = self.stream(own, Values::Velocity(vec![v]));
+            }
+            Op::Stream(v, n) => (0..n).for_each(|_| {
+                let _ = self.stream(true, Values::Velocity(vec![v]));
+                self.apply(Op::Samples(2));
+            }),
+            Op::Commit(q, own) => {
+                let _ = self.commit(q, own);
+            }
+            Op::Samples(n) => (0..n).for_each(|i| {
+                self.sample();
+                if i % 8 == 7 {
+                    self.tick();
+                }
+                self.flush();
+            }),
+            Op::Silence(n) => {
+                self.now = self.now + self.step.0 * u32::from(n);
+                self.tick();
+            }
+            Op::Wall(wall) => self.wall = wall,
+            Op::Stop => {
+                let out = self.supervise.on(SuperviseIn::Stop("a".into()), self.now);
+                self.supervise_out(out);
+            }
+            Op::Fault => {
+                let out = self.supervise.on(SuperviseIn::Fault("hot".into()), self.now);
+                self.supervise_out(out);
+            }
+            Op::AgentDies => {
+                let out = self.supervise.on(SuperviseIn::AgentDied("a".into()), self.now);
+                self.supervise_out(out);
+            }
+            Op::SuperviseDies => self.dies(true),
+            Op::ReflexDies => self.dies(false),
+            Op::Recover => {
+                self.restarted = false;
+                let out = self.supervise.on(SuperviseIn::Recover, self.now);
+                self.supervise_out(out);
+            }
+            Op::Deliver(link) => self.deliver(link),
+        }
+    }
+}
+
+/// Writes text into a hash.
+struct Hashed<'a>(&'a mut std::hash::DefaultHasher);
+
+impl std::fmt::Write for Hashed<'_> {
+    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+        self.0.write(text.as_bytes());
+        Ok(())
+    }
+}
