@@ -217,7 +217,7 @@ fn script(config: &Config, source: &Source, scene: &Scene) -> Result<Vec<ScriptS
 }
 
 /// Whether the robot can stop within its margin at the speed its agent uses, or foreign programs may.
-fn margin_warning(
+pub(crate) fn margin_warning(
     r: &crate::config::Robot,
     robot: &Robot,
     hardware: &dyn Hardware,

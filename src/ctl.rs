@@ -7,7 +7,7 @@
 
 mod client;
 mod find;
-mod offer;
+pub(crate) mod offer;
 mod service;
 mod show;
 
@@ -40,8 +40,12 @@ pub struct CtlArgs {
 enum CtlCommand {
     /// How each robot is, in one line; then the tree of actors with restarts, queues, rates and drops.
     Status,
-    /// The same, live, until Ctrl-C.
-    Top,
+    /// The same, live, until Ctrl-C: once a second, in place if this is a terminal.
+    Top {
+        /// End after so many.
+        #[arg(long, value_name = "N")]
+        times: Option<u64>,
+    },
     /// Exchange a part of a robot by the one of another configuration file, while it runs.
     Swap(SwapArgs),
     /// Let the robots' own agents make no motions for now (the present ones end first).
@@ -80,14 +84,14 @@ enum CtlCommand {
 
 #[derive(Args)]
 struct SwapArgs {
-    /// What to exchange: `agent`.
+    /// What to exchange: `agent`, `controller` or `driver`.
     part: String,
     /// The configuration file that has the new one. It may `include` the running one.
     file: PathBuf,
     /// Which robot; needed if there are several.
     #[arg(long)]
     robot: Option<String>,
-    /// Seconds that the new agent only looks on; what it would have done is in the journal.
+    /// Seconds that a new agent only looks on; what it would have done is in the journal.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     shadow: f64,
     /// Seconds after it took over in which the old one returns if it breaks.

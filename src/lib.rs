@@ -12,6 +12,7 @@ pub mod check;
 pub mod compose;
 pub mod config;
 pub mod ctl;
+pub mod doctor;
 pub mod inspect;
 pub mod kinds;
 pub mod model_convert;

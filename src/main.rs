@@ -4,8 +4,8 @@ use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{Clock, ConfigError};
 use mobee::{
-    agent, check, config, ctl, inspect, kinds, model_convert, model_eval, model_info, replay, run, sim, torture, view,
-    yarp,
+    agent, check, config, ctl, doctor, inspect, kinds, model_convert, model_eval, model_info, replay, run, sim,
+    torture, view, yarp,
 };
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -79,6 +79,8 @@ enum Command {
     },
     /// Look at a running `mobee run`, exchange its parts, pause it, stop it.
     Ctl(ctl::CtlArgs),
+    /// See whether this machine can run it: processors, timers, disk, viewer, name server, and the robots of a file.
+    Doctor(doctor::DoctorArgs),
     /// Speak YARP: a name server, and the tools to look at ports, read, write and connect them.
     Yarp(yarp::YarpArgs),
 }
@@ -109,6 +111,9 @@ struct RunArgs {
     /// Where `mobee ctl` reaches a run with a real clock: ADDRESS:PORT or `off`; default: this computer alone.
     #[arg(long, value_name = "WHERE", value_parser = ctl_at)]
     ctl: Option<run::CtlAt>,
+    /// Take over edits of FILE while the run goes on: agents, controllers and drivers are exchanged. Needs a real clock.
+    #[arg(long, conflicts_with = "resume")]
+    watch: bool,
     /// Make no recording (the journal is always kept).
     #[arg(long)]
     no_record: bool,
@@ -203,7 +208,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             let ctl = a.ctl.unwrap_or_default();
             match (a.resume, a.file) {
                 (Some(dir), _) => run::resume(&dir, &set, a.json, ctl),
-                (None, file) => run::command(&file.unwrap_or_default(), &set, a.out.as_deref(), a.json, ctl),
+                (None, file) => run::command(&file.unwrap_or_default(), &set, a.out.as_deref(), a.json, ctl, a.watch),
             }
         }
         Command::Check { path, set, edges } => check::command(&path, &set, edges),
@@ -252,6 +257,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         }
         Command::Agent(args) => agent::command(args),
         Command::Ctl(args) => ctl::command(args),
+        Command::Doctor(args) => doctor::command(&args),
         Command::Yarp(args) => Ok(yarp::command(args)),
     }
 }

@@ -5,6 +5,7 @@ mod progress;
 mod report;
 mod resume;
 mod switched;
+mod watch;
 
 pub use folder::Folder;
 pub use report::summary;
@@ -30,6 +31,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use switched::Switched;
 use tokio::sync::mpsc;
+use watch::WatchService;
 
 /// The program's name and version.
 const BUILD: &str = concat!("mobee ", env!("CARGO_PKG_VERSION"));
@@ -40,14 +42,30 @@ pub(crate) const QUEUE: usize = 8192;
 ///
 /// # Errors
 /// Complaints about the configuration, before anything is written or moved.
-pub fn command(file: &Path, set: &[String], out: Option<&Path>, json: bool, ctl: CtlAt) -> Result<ExitCode, Report> {
+pub fn command(
+    file: &Path,
+    set: &[String],
+    out: Option<&Path>,
+    json: bool,
+    ctl: CtlAt,
+    watch: bool,
+) -> Result<ExitCode, Report> {
     let (config, source) = Config::load(file, set)?;
-    let composition = compose(config, &source)?;
+    if watch && config.clock == Clock::Virtual {
+        let what = "--watch waits for edits, and by this file's virtual clock the run is over in no time";
+        return Err(ConfigError::plain(what, "add --clock real").into());
+    }
+    let mut composition = compose(config, &source)?;
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }
     let folder = Folder::create(&composition.config.name, out)?;
-    conduct(composition, &folder, Extras::default(), json, ctl, mpsc::channel(16))
+    let (controls, receiver) = mpsc::channel(16);
+    if watch {
+        let service = WatchService::new(source, &composition.config, set, controls.clone());
+        composition.services.push(Box::new(service));
+    }
+    conduct(composition, &folder, Extras::default(), json, ctl, (controls, receiver))
 }
 
 /// What a run can have beside its composition.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// The viewer that reads what our recorder writes: the version of the SDK that the workspace pins.
-const VIEWER_VERSION: &str = "0.36.3";
+pub(crate) const VIEWER_VERSION: &str = "0.36.3";
 
 /// The recording of a run's folder, or the file itself.
 ///

@@ -15,10 +15,13 @@ struct Run {
 }
 
 impl Run {
-    fn start(dir: &Path) -> Run {
+    fn start(dir: &Path, file: &Path, more: &[&str]) -> Run {
         let out = dir.join("run");
         let child = mobee()
-            .args(["run", "configs/behaviors/explore.toml", "--clock", "real", "--for", "120", "--no-record", "--json"])
+            .arg("run")
+            .arg(file)
+            .args(["--clock", "real", "--for", "120", "--no-record", "--json"])
+            .args(more)
             .args([Path::new("--out"), &out])
             .stdout(Stdio::null())
             .spawn()
@@ -58,14 +61,17 @@ impl Drop for Run {
 fn a_run_is_controlled_from_outside() {
     let dir = tempfile::tempdir().expect("a folder");
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml");
-    let file = |name: &str, setting: &str| {
-        let text = format!("include = [{shipped:?}]\n[[robot]]\nname = \"icub\"\n[robot.agent]\n{setting}\n");
+    let file = |name: &str, table: &str, setting: &str| {
+        let text = format!("include = [{shipped:?}]\n[[robot]]\nname = \"icub\"\n[robot.{table}]\n{setting}\n");
         let path = dir.path().join(name);
         std::fs::write(&path, text).expect("a file");
         path.display().to_string()
     };
-    let (faster, wrong) = (file("faster.toml", "speed = 0.4"), file("wrong.toml", "sped = 0.4"));
-    let mut run = Run::start(dir.path());
+    let (faster, wrong) = (file("faster.toml", "agent", "speed = 0.4"), file("wrong.toml", "agent", "sped = 0.4"));
+    let (wider, worse) =
+        (file("wider.toml", "controller", "margin_mm = 12"), file("worse.toml", "controller", "margin_mm = 900"));
+    let other = file("other.toml", "driver", "start_deg = { r_elbow = 40 }");
+    let mut run = Run::start(dir.path(), &shipped, &[]);
 
     let status = run.says(&["status"]);
     assert!(status.starts_with("icub  ARMED"), "{status}");
@@ -77,6 +83,16 @@ fn a_run_is_controlled_from_outside() {
     assert!(why.contains("did you mean `speed`?") && why.contains("wrong.toml:5"), "{why}");
     let why = run.refuses(&["swap", "--robot", "icup", "agent", &faster]);
     assert!(why.contains("there are: icub"), "{why}");
+    let swapped = run.says(&["swap", "controller", &wider, "--probation", "0.5"]);
+    assert!(swapped.contains("settled"), "{swapped}");
+    let why = run.refuses(&["swap", "controller", &worse]);
+    assert!(why.contains("worse.toml"), "{why}");
+    let why = run.refuses(&["swap", "controller", &wider, "--shadow", "1"]);
+    assert!(why.contains("can't look on"), "{why}");
+    let swapped = run.ctl(&["swap", "driver", &other]);
+    let said = String::from_utf8_lossy(&swapped.stdout);
+    assert!(swapped.status.code() == Some(1) && said.contains("another robot"), "{said}");
+    assert!(run.says(&["top", "--times", "1"]).starts_with("icub  "));
     let why = run.refuses(&["swap", "agent", "configs/behaviors/nothing.toml"]);
     assert!(why.contains("nothing.toml"), "{why}");
 
@@ -92,4 +108,31 @@ fn a_run_is_controlled_from_outside() {
     run.refuses(&["status"]);
     let checked = mobee().arg("check").arg(&run.out).output().expect("mobee starts");
     assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stdout));
+}
+
+#[test]
+fn an_edit_of_the_running_file_is_taken_over_or_said() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml");
+    let file = dir.path().join("mine.toml");
+    let write = |seed: u32, setting: &str| {
+        let text =
+            format!("include = [{shipped:?}]\nseed = {seed}\n[[robot]]\nname = \"icub\"\n[robot.agent]\n{setting}\n");
+        std::fs::write(&file, text).expect("a file");
+    };
+    write(1, "speed = 0.1");
+    let run = Run::start(dir.path(), &file, &["--watch"]);
+    // a look at the journal after each answer of the run: it passes the time
+    let told = |text: &str| {
+        (0..20_000).any(|_| {
+            run.says(&["status"]);
+            std::fs::read_to_string(run.out.join("journal.jsonl")).expect("a journal").contains(text)
+        })
+    };
+    write(2, "speed = 0.1");
+    assert!(told("seed can't be changed while the run goes on"));
+    write(1, "sped = 0.1");
+    assert!(told("did you mean `speed`"));
+    write(1, "speed = 0.3");
+    assert!(told("took_over"));
 }

@@ -1,7 +1,7 @@
 //! What a service may do with the running system: robots through their filtered interfaces, and the world.
 
 use crate::shell::{ModelMsg, SuperviseMsg};
-use crate::wiring::{Cell, Hub, Plug, Wires};
+use crate::wiring::{Cell, Hub, Wires};
 use mobee_contract::{
     Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Latest, MotionEnd, Refusal, Running, Setpoints,
     Time, Verdict,
@@ -23,16 +23,15 @@ pub struct Access {
 }
 
 impl Access {
-    /// Access to all robots of the hub; boards and plugs are given in the robots' order.
-    pub fn new(hub: &Arc<Hub>, boards: &[Board], plugs: &[Plug], has_agent: &[bool]) -> Access {
-        let parts = hub.robots.iter().zip(boards).zip(plugs).zip(has_agent);
-        let filters: Vec<Arc<Filter>> = parts
-            .map(|(((wires, board), plug), has_agent)| {
+    /// Access to all robots of the hub; which have an agent is told in the robots' order.
+    pub fn new(hub: &Arc<Hub>, has_agent: &[bool]) -> Access {
+        let robots = hub.robots.iter().zip(has_agent);
+        let filters: Vec<Arc<Filter>> = robots
+            .map(|(wires, has_agent)| {
                 Arc::new(Filter {
                     hub: hub.clone(),
                     wires: wires.clone(),
-                    board: board.clone(),
-                    plug: plug.clone(),
+                    board: wires.parts.lock().board.clone(),
                     has_agent: *has_agent,
                     names: Cell::default(),
                 })
@@ -86,7 +85,6 @@ struct Filter {
     hub: Arc<Hub>,
     wires: Arc<Wires>,
     board: Board,
-    plug: Plug,
     has_agent: bool,
     /// The agents that the service commits for.
     names: Cell<VecDeque<Arc<str>>>,
@@ -118,7 +116,7 @@ impl Filter {
 
 impl Filtered for Filter {
     fn name(&self) -> &str {
-        &self.wires.rules.robot
+        &self.wires.name
     }
 
     fn index(&self) -> usize {
@@ -155,7 +153,7 @@ impl Filtered for Filter {
             return Err(Refusal::NotReady { missing: "an agent of the robot's own".into() });
         }
         if self.wires.agent_acts.swap(act, Ordering::SeqCst) != act {
-            self.hub.tell(Event::AgentActs { robot: self.wires.rules.robot.clone(), acts: act });
+            self.hub.tell(Event::AgentActs { robot: self.wires.name.clone(), acts: act });
         }
         Ok(())
     }
@@ -165,6 +163,7 @@ impl Filtered for Filter {
     }
 
     fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
-        self.plug.0.ask(part, words)
+        let plug = self.wires.parts.lock().plug.clone();
+        plug.0.ask(part, words)
     }
 }

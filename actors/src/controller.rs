@@ -4,7 +4,7 @@ mod kinds;
 
 pub use kinds::{ControllerKind, DEFAULT_KIND, RollbackSettings, controller_kinds};
 
-use mobee_contract::{Axis, Board, Pose};
+use mobee_contract::{Axis, Board, Event, Pose};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
@@ -131,6 +131,23 @@ impl Rules {
             rest_speed: controller.rest_speed_deg.to_radians(),
             escape_speed: controller.escape_speed,
             stream_quiet: Duration::from_secs_f64(controller.stream_quiet_s.clamp(1e-2, 1e2)),
+        }
+    }
+
+    /// The robot as the journal's readers know it.
+    pub fn described(&self) -> Event {
+        let of = |f: fn(&Axis) -> f64| self.axes.iter().map(f).collect();
+        Event::Robot {
+            robot: self.robot.clone(),
+            motors: self.axes.iter().map(|a| a.name.clone()).collect(),
+            min: of(|a| a.min),
+            max: of(|a| a.max),
+            max_speed: of(|a| a.max_speed),
+            period: self.period.as_secs_f64(),
+            fresh: self.fresh.as_secs_f64(),
+            margin: self.margin,
+            tolerance: self.tolerance,
+            rest_speed: self.rest_speed,
         }
     }
 

@@ -103,6 +103,12 @@ impl HistoryCore {
         }
     }
 
+    /// Holds this many poses from now on (at least a few), the newest of those recorded among them.
+    pub fn resize(&mut self, length: usize) {
+        self.length = length.max(2 * WINDOW);
+        self.ring.drain(..self.ring.len().saturating_sub(self.length));
+    }
+
     /// Takes up what an earlier process recorded, oldest first. The next reading continues the path if it is near its end:
     /// a robot brakes when its program dies.
     pub fn restore(&mut self, poses: &[(Time, Pose)]) {

@@ -1,6 +1,7 @@
 //! Who runs: supervision, driver, history, supervise, reflex, model, agent and journal as supervised actors.
 
 pub mod access;
+mod attempt;
 pub mod check;
 pub mod clock;
 pub mod controller;

@@ -52,6 +52,10 @@ pub enum SuperviseIn<'a> {
     Word(Word),
     /// Somebody asks to try the failed way back again.
     Recover,
+    /// A part of the controller is to be exchanged: close at the next border, and say so by [`SuperviseOut::Yielded`].
+    Yield,
+    /// It is not exchanged after all: open again.
+    Resume,
     /// The run ends: come to rest, and accept nothing more.
     Shutdown,
     /// The run ends without waiting: the open transaction gets its outcome by the newest reading, however old.
@@ -76,6 +80,8 @@ pub enum SuperviseOut {
         /// Whether it is another try.
         again: bool,
     },
+    /// Say that the filter is closed at a border.
+    Yielded,
     /// Tell the agent that its motion has ended.
     Ended(Arc<str>, CommitId, MotionEnd),
     /// Tell the taps.
@@ -91,6 +97,8 @@ enum Closing {
     Settle(Time),
     /// The reflex acts and will tell.
     Reflex,
+    /// A part of the controller is being exchanged: nothing happens until it has been, or `Resume`.
+    Yielded,
 }
 
 /// The state machine. Its transactions live in the ledger.
@@ -117,6 +125,8 @@ pub struct SuperviseCore {
     stream: Option<stream::Streaming>,
     /// Whether some motors are perhaps in another control mode than that of position moves.
     modes: bool,
+    /// Whether to close at the next border.
+    yields: bool,
     shutdown: bool,
 }
 
@@ -140,6 +150,7 @@ impl SuperviseCore {
             course: None,
             stream: None,
             modes: open,
+            yields: false,
             shutdown: false,
         };
         let mut out = Vec::new();
@@ -202,9 +213,17 @@ impl SuperviseCore {
             SuperviseIn::Closed(token, cause) => self.closed(token, cause, now, &mut out),
             SuperviseIn::Word(word) => self.word(word, now, &mut out),
             SuperviseIn::Recover => self.recover(now, &mut out),
+            SuperviseIn::Yield => self.yields = true,
+            SuperviseIn::Resume => {
+                self.yields = false;
+                if self.closing == Closing::Yielded {
+                    self.closing = Closing::Settle(now);
+                }
+            }
             SuperviseIn::Shutdown => {
                 self.shutdown = true;
-                if self.is_moving() || self.status == Status::Rest {
+                let closed = self.closing == Closing::Yielded;
+                if closed || self.is_moving() || self.status == Status::Rest {
                     self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), now, &mut out);
                 }
             }
@@ -217,7 +236,24 @@ impl SuperviseCore {
                 }
             }
         }
+        if self.yields && self.is_at_border() {
+            self.yields = false;
+            self.close(Cause::Asked, &mut out);
+            self.closing = Closing::Yielded;
+            self.enter(Status::Starting, &mut out);
+            out.push(SuperviseOut::Yielded);
+        }
         out
+    }
+
+    /// Whether the robot rests with every outcome given, and nothing is left to be tried. One that no reading comes from any
+    /// more was at rest when it was last seen.
+    fn is_at_border(&self) -> bool {
+        let lost = matches!(self.status, Status::Holding(Hold::Stale | Hold::BoardFault))
+            && matches!(self.closing, Closing::Settle(_));
+        let rests = self.newest.as_ref().is_some_and(|(_, _, at_rest, _)| *at_rest);
+        let tells = self.token == self.gate.token() && !self.shutdown && self.retry.is_none();
+        (self.is_settled() || lost) && rests && tells && self.with_book(|b| b.open.is_none())
     }
 
     /// Puts the verdict first, and tells of a refusal.

@@ -142,8 +142,20 @@ pub enum GroupMsg {
     /// Kill the child of this name, here or in a group below, as a fault would: a group fails after stopping its children
     /// in order. Answers whether there was one.
     Kill(String, RpcReplyPort<bool>),
+    /// Stop all children of the group of this name, or of a child, in reverse order, do this, and start them again: neither a
+    /// failure nor a restart. The answer comes when they are up; there is none if there is no such group.
+    Renew(String, Between, RpcReplyPort<()>),
     /// Fail, as a fault would make it.
     Fail,
+}
+
+/// What is done while no child of a group runs.
+pub struct Between(pub Box<dyn FnOnce() + Send>);
+
+impl std::fmt::Debug for Between {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Between")
+    }
 }
 
 /// How a group or child is.
@@ -228,6 +240,20 @@ impl Running {
         }
     }
 
+    async fn renew(&mut self, between: Between, me: &ActorCell) -> Result<(), ActorProcessingErr> {
+        for child in (0..self.cells.len()).rev() {
+            if self.plan.is_up(child) {
+                self.stop(child).await;
+                self.plan.on(Input::Stopped(child), self.group.clock.now());
+            }
+        }
+        (between.0)();
+        self.begun = false;
+        let renewed = self.run(Input::Begin, me).await;
+        self.begun = true;
+        renewed
+    }
+
     fn tell_death(&mut self, child: usize, reason: String) {
         let Some(name) = self.group.children.get(child).map(|c| c.name.clone()) else { return };
         (self.group.on_death)((name.clone(), reason.clone()));
@@ -251,6 +277,12 @@ impl Running {
         }
         let restarts = self.plan.restarts(self.group.clock.now());
         Health { name: self.group.name.to_string(), alive: true, restarts, children }
+    }
+
+    /// The child of this name, if it is a group that runs.
+    fn child_group(&self, name: &str) -> Option<ActorRef<GroupMsg>> {
+        let child = self.group.children.iter().position(|c| &*c.name == name)?;
+        self.cells.get(child)?.as_ref().and_then(as_group)
     }
 
     async fn kill(&self, name: &str) -> bool {
@@ -308,6 +340,14 @@ impl Actor for Supervisor {
             }
             GroupMsg::Kill(name, reply) => {
                 let _ = reply.send(running.kill(&name).await);
+            }
+            GroupMsg::Renew(name, between, reply) => {
+                if *name == *running.group.name {
+                    running.renew(between, &me).await?;
+                    let _ = reply.send(());
+                } else if let Some(group) = running.child_group(&name) {
+                    let _ = group.send_message(GroupMsg::Renew(name, between, reply));
+                }
             }
             GroupMsg::Fail => {
                 running.run(Input::End, &me).await?;

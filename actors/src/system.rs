@@ -2,6 +2,7 @@
 
 mod counts;
 mod cues;
+mod exchange;
 mod inject;
 mod past;
 mod report;
@@ -12,6 +13,7 @@ mod trouble;
 
 pub use counts::Counts;
 pub use cues::{Cues, ScriptStep, When};
+pub use exchange::{NewPart, PartOffer};
 pub use inject::{Injection, Spot};
 pub use past::{Past, PastRobot};
 pub use report::{Report, RobotReport};
@@ -89,6 +91,17 @@ pub enum Control {
         robot: String,
         /// The new agent.
         offer: Offer,
+        /// Whether it was taken.
+        reply: tokio::sync::oneshot::Sender<Result<(), String>>,
+    },
+    /// Exchange a robot's controller or driver. Answered at once, whether that is begun; see [`Event::Swap`] for what becomes of it.
+    ///
+    /// [`Event::Swap`]: mobee_contract::Event::Swap
+    SwapPart {
+        /// Robot.
+        robot: String,
+        /// The new part.
+        offer: PartOffer,
         /// Whether it was taken.
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },

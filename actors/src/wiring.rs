@@ -1,7 +1,7 @@
 //! What connects a robot's actors, and outlives each of them.
 
 use crate::clock::Clock;
-use crate::controller::Rules;
+use crate::controller::{Controller, Rules};
 use crate::gate::Gate;
 use crate::ledger::Ledger;
 use crate::pulse::Pulse;
@@ -9,9 +9,10 @@ use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, Slot, SuperviseMsg}
 use crate::stream::Stream;
 use crate::system::{Counts, Cues, Troubles};
 use crate::tap::Taps;
-use mobee_contract::{Event, Hardware, Latest, Note, Snapshot};
+use mobee_contract::{Board, Event, Hardware, Latest, Note, Snapshot, SwapPart, SwapStep};
 use mobee_model::{Contact, Pair, Scene};
 use ractor::{ActorRef, Message};
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -57,8 +58,14 @@ impl<M: Message> Line<M> {
 pub struct Wires {
     /// Its index in the scene.
     pub robot: usize,
-    /// Its rules.
-    pub rules: Arc<Rules>,
+    /// Its name.
+    pub name: String,
+    /// What its controller runs with.
+    pub parts: Cell<Parts>,
+    /// A new controller or driver on probation.
+    pub trial: Cell<Trial>,
+    /// The last step of the exchange of each part that was ever exchanged.
+    pub swaps: Cell<BTreeMap<SwapPart, SwapStep>>,
     /// Its gate.
     pub gate: Arc<Gate>,
     /// Its ledger.
@@ -91,6 +98,55 @@ pub struct Wires {
     pub agent_acts: AtomicBool,
     /// What an earlier process of this run noted of the agent's map.
     pub notes: Vec<Note>,
+}
+
+impl Wires {
+    /// Its rules now: an exchange of controller or driver brings others.
+    pub fn rules(&self) -> Arc<Rules> {
+        self.parts.lock().rules.clone()
+    }
+}
+
+/// What a robot's controller runs with. Exchanged as a whole, while none of its actors runs.
+#[derive(Clone, Debug)]
+pub struct Parts {
+    /// Its controller's settings.
+    pub controller: Controller,
+    /// Its hardware.
+    pub plug: Plug,
+    /// What the board can do.
+    pub board: Board,
+    /// What follows from both.
+    pub rules: Arc<Rules>,
+}
+
+impl Parts {
+    /// The parts of a robot whose model has these body parts.
+    pub fn new(robot: &str, bodies: Vec<String>, controller: Controller, plug: Plug, board: Board) -> Parts {
+        let rules = Arc::new(Rules::new(robot, bodies, &controller, &board));
+        Parts { controller, plug, board, rules }
+    }
+
+    /// The same with another controller.
+    pub fn with_controller(&self, controller: Controller) -> Parts {
+        Parts::new(&self.rules.robot, self.rules.parts.clone(), controller, self.plug.clone(), self.board.clone())
+    }
+
+    /// The same with another driver of its board.
+    pub fn with_driver(&self, plug: Plug, board: Board) -> Parts {
+        Parts::new(&self.rules.robot, self.rules.parts.clone(), self.controller.clone(), plug, board)
+    }
+}
+
+/// The probation of a new controller or driver.
+#[derive(Debug, Default)]
+pub struct Trial {
+    /// Whether one is being exchanged.
+    pub busy: bool,
+    /// What to return to, while the new part is on probation.
+    pub old: Option<Parts>,
+    /// Why the old parts were put back, and those that broke.
+    pub broke: Option<(String, Parts)>,
 }
 
 /// What all robots share.
@@ -135,8 +191,40 @@ impl Hub {
     pub fn fence(&self, wires: &Wires, actor: &str) {
         let token = wires.gate.close();
         wires.ledger.book().died = Some(actor.to_string());
-        let (robot, cause) = (wires.rules.robot.clone(), mobee_contract::Cause::ActorDied(actor.to_string()));
+        let (robot, cause) = (wires.name.clone(), mobee_contract::Cause::ActorDied(actor.to_string()));
         self.tell(Event::Disabled { robot, token, cause });
+    }
+
+    /// Tells a step of an exchange, and keeps it for whoever asks.
+    pub fn tell_swap(&self, wires: &Wires, part: SwapPart, step: SwapStep) {
+        let robot = wires.name.clone();
+        match &step {
+            SwapStep::Reverted { .. } => tracing::error!(robot, "swap of the {part}: {step}"),
+            SwapStep::Refused { .. } => tracing::warn!(robot, "swap of the {part}: {step}"),
+            _ => tracing::info!(robot, "swap of the {part}: {step}"),
+        }
+        wires.swaps.lock().insert(part, step.clone());
+        self.tell(Event::Swap { robot, part, step });
+    }
+
+    /// Puts other parts into a robot's controller, for the actors that are started from now on, and returns the ones before.
+    pub fn install(&self, wires: &Wires, parts: Parts) -> Parts {
+        wires.ledger.book().history.resize(parts.controller.history);
+        let rules = parts.rules.clone();
+        let before = std::mem::replace(&mut *wires.parts.lock(), parts);
+        self.tell(rules.described());
+        self.model.send(ModelMsg::Margins);
+        before
+    }
+
+    /// A part of a robot's controller died: if a new one is on probation, that counts against it, and whoever is started
+    /// from now on is started with the old parts.
+    pub fn count_against(&self, wires: &Wires, why: &str) {
+        let old = wires.trial.lock().old.take();
+        if let Some(old) = old {
+            let broken = self.install(wires, old);
+            wires.trial.lock().broke = Some((why.to_owned(), broken));
+        }
     }
 }
 

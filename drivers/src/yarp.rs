@@ -142,6 +142,12 @@ impl Hardware for YarpHardware {
         }
     }
 
+    fn let_go(&self) {
+        if let Some(started) = &*self.started() {
+            started.reach.cell.let_go();
+        }
+    }
+
     fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
         let refused = |why: &str| {
             let fault = DriverFault::Refused(why.to_owned());

@@ -165,6 +165,11 @@ impl Source {
         at
     }
 
+    /// The files it was read from.
+    pub fn files(&self) -> Vec<PathBuf> {
+        self.files.iter().map(|f| PathBuf::from(&f.name)).collect()
+    }
+
     /// The tree of values with their origins.
     pub fn root(&self) -> &Node {
         &self.root

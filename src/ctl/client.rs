@@ -4,11 +4,14 @@ use super::{CtlArgs, CtlCommand, SwapArgs, find};
 use crate::config::ConfigError;
 use miette::Report;
 use mobee_yarp::{Bottle, Dialect, RpcClient, Text, Value};
+use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How often `top` is drawn, and a swap looked after.
+/// How often a swap is looked after.
 const PERIOD: Duration = Duration::from_millis(500);
+/// How often `top` is drawn.
+const REDRAWN: Duration = Duration::from_secs(1);
 
 /// An answer: whether it was done, and the lines.
 struct Answer {
@@ -23,7 +26,7 @@ pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
     };
     let request = match args.command {
         CtlCommand::Status => words(&["status"], None),
-        CtlCommand::Top => return top(&mut client).await,
+        CtlCommand::Top { times } => return top(&mut client, times).await,
         CtlCommand::Swap(swap) => return self::swap(&mut client, swap).await,
         CtlCommand::Pause { robot } => words(&["pause"], robot),
         CtlCommand::Resume { robot } => words(&["resume"], robot),
@@ -71,14 +74,39 @@ fn finish(answer: Answer) -> Result<ExitCode, Report> {
     Ok(ExitCode::from(2))
 }
 
-async fn top(client: &mut RpcClient) -> Result<ExitCode, Report> {
+/// Draws the status again and again, in place in a terminal, one after the other elsewhere; until Ctrl-C, or the run has ended.
+async fn top(client: &mut RpcClient, times: Option<u64>) -> Result<ExitCode, Report> {
+    let terminal = std::io::stdout().is_terminal();
+    let mut drawn = 0;
     loop {
-        let answer = ask(client, &bottle(&["status".into()])).await?;
-        // clear, and begin at the top left
-        println!("\x1b[2J\x1b[H{}", answer.lines.join("\n"));
+        let answer = match ask(client, &bottle(&["status".into()])).await {
+            Ok(answer) if answer.done => answer,
+            Ok(answer) => return finish(answer),
+            Err(_) if drawn > 0 => {
+                println!("the run has ended");
+                return Ok(ExitCode::SUCCESS);
+            }
+            Err(e) => return Err(e.into()),
+        };
+        let lines = answer.lines.join("\n");
+        // at the top left, over what was there: clearing all first would flicker
+        let lines = if terminal {
+            format!("\x1b[H{}\x1b[K\n\x1b[J", lines.replace('\n', "\x1b[K\n"))
+        } else {
+            format!("{lines}\n\n")
+        };
+        let mut out = std::io::stdout().lock();
+        if out.write_all(lines.as_bytes()).and_then(|()| out.flush()).is_err() {
+            return Ok(ExitCode::SUCCESS);
+        }
+        drop(out);
+        drawn += 1;
+        if times.is_some_and(|times| drawn >= times) {
+            return Ok(ExitCode::SUCCESS);
+        }
         tokio::select! {
             _ = tokio::signal::ctrl_c() => return Ok(ExitCode::SUCCESS),
-            () = tokio::time::sleep(PERIOD) => {}
+            () = tokio::time::sleep(REDRAWN) => {}
         }
     }
 }

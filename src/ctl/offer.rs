@@ -1,42 +1,115 @@
-//! A new agent from a configuration file, built and checked before it is offered.
+//! A new part of a robot from a configuration file, built and checked before it is offered.
 
-use crate::compose::compose;
-use crate::config::Config;
+use crate::compose::{compose, margin_warning};
+use crate::config::{Config, Source};
 use mobee_actors::shell::{Maker, Offer};
 use mobee_actors::swap::Terms;
+use mobee_actors::system::{Control, NewPart, PartOffer};
+use mobee_contract::SwapPart;
 use mobee_model::Robot;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use tokio::sync::oneshot::Sender;
 
-/// Reads and checks a whole file as `mobee check` does, and takes what it has for this robot.
+/// A new part, ready to be offered.
+pub(crate) enum Offered {
+    Agent(Offer),
+    Part(PartOffer),
+}
+
+impl Offered {
+    /// The control that offers it.
+    pub(crate) fn control(self, robot: String, reply: Sender<Result<(), String>>) -> Control {
+        match self {
+            Offered::Agent(offer) => Control::SwapAgent { robot, offer, reply },
+            Offered::Part(offer) => Control::SwapPart { robot, offer, reply },
+        }
+    }
+}
+
+/// Reads and checks a whole file as `mobee check` does, and takes what it has for this part of this robot.
 ///
 /// # Errors
 /// Everything that is wrong with it, as it would be printed.
-pub(super) fn read(file: &Path, name: &str, model: &Arc<Robot>, fresh: bool, terms: Terms) -> Result<Offer, String> {
-    let wrong = |report: miette::Report| format!("{report:?}");
-    let (mut config, source) = Config::load(file, &[]).map_err(|e| wrong(e.into()))?;
-    // the board that runs is not touched
-    for robot in &mut config.robot {
-        robot.driver = json!({ "kind": "sim" });
-    }
+pub(super) fn read(
+    file: &Path,
+    part: SwapPart,
+    name: &str,
+    model: &Arc<Robot>,
+    fresh: bool,
+    terms: Terms,
+) -> Result<Offered, String> {
+    let (config, source) = Config::load(file, &[]).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
+    take(config, &source, part, name, model, fresh, terms)
+}
+
+/// Checks a whole configuration, and takes what it has for this part of this robot.
+///
+/// # Errors
+/// Everything that is wrong with it, as it would be printed.
+pub(crate) fn take(
+    mut config: Config,
+    source: &Source,
+    part: SwapPart,
+    name: &str,
+    model: &Arc<Robot>,
+    fresh: bool,
+    terms: Terms,
+) -> Result<Offered, String> {
+    let file = source.path.display();
     let mut index = config.robot.iter().position(|r| r.name == name);
     if index.is_none() && config.robot.len() == 1 {
         index = Some(0);
     }
     let Some(index) = index else {
         let names: Vec<&str> = config.robot.iter().map(|r| r.name.as_str()).collect();
-        return Err(format!("there is no robot {name} in {}; there are: {}", file.display(), names.join(", ")));
+        return Err(format!("there is no robot {name} in {file}; there are: {}", names.join(", ")));
     };
-    let kind = config.robot.get(index).and_then(|r| r.agent.as_ref()?.get("kind")?.as_str().map(str::to_owned));
-    let mut composition = compose(config, &source).map_err(wrong)?;
+    for (i, robot) in config.robot.iter_mut().enumerate() {
+        match &mut robot.driver {
+            Value::Object(driver) if part == SwapPart::Driver && i == index => {
+                if driver.get("kind").and_then(Value::as_str) == Some("yarp") {
+                    driver.entry("name").or_insert_with(|| ports(&robot.name).into());
+                }
+            }
+            // no other board is touched
+            driver => *driver = json!({ "kind": "sim" }),
+        }
+    }
+    let robot = config.robot.get(index).cloned();
+    let mut composition = compose(config, source).map_err(|report| format!("{report:?}"))?;
     let other = composition.scene.robots().get(index).cloned();
     let motors = |robot: &Robot| robot.motors.iter().map(|m| m.name.clone()).collect::<Vec<String>>();
-    if other.is_none_or(|other| motors(&other) != motors(model)) {
-        return Err(format!("the robot of {} has other motors than {name}; give a file of this robot", file.display()));
-    }
+    let (Some(robot), Some(_)) = (robot, other.filter(|other| motors(other) == motors(model))) else {
+        return Err(format!("the robot of {file} has other motors than {name}; give a file of this robot"));
+    };
     let setup = composition.robots.swap_remove(index);
-    let what = format!("{} from {}", kind.unwrap_or_default(), file.display());
-    let maker = setup.agent.ok_or("the robot of this file has no agent; add a table [robot.agent]")?;
-    Ok(Offer { maker: Maker(maker), what, fresh, terms })
+    let kind = |table: &Value| table.get("kind").and_then(Value::as_str).unwrap_or_default().to_owned();
+    match part {
+        SwapPart::Agent => {
+            let what = format!("{} from {file}", robot.agent.as_ref().map(kind).unwrap_or_default());
+            let maker = setup.agent.ok_or("the robot of this file has no agent; add a table [robot.agent]")?;
+            Ok(Offered::Agent(Offer { maker: Maker(maker), what, fresh, terms }))
+        }
+        SwapPart::Controller => {
+            let worse = margin_warning(&robot, model, setup.hardware.as_ref(), &setup.controller, None);
+            if let Some(why) = worse {
+                return Err(format!("this controller is not taken while the robot runs: {why}"));
+            }
+            let part = NewPart::Controller(setup.controller);
+            Ok(Offered::Part(PartOffer { part, what: format!("the one from {file}"), terms }))
+        }
+        SwapPart::Driver => {
+            let what = format!("{} from {file}", kind(&robot.driver));
+            Ok(Offered::Part(PartOffer { part: NewPart::Driver(setup.hardware), what, terms }))
+        }
+    }
+}
+
+/// What the names of a new driver's own ports begin with: the old one keeps its own for a while.
+fn ports(robot: &str) -> String {
+    static SWAPS: AtomicU32 = AtomicU32::new(2);
+    format!("/MoBeE/{robot}/driver/{}", SWAPS.fetch_add(1, Ordering::SeqCst))
 }

@@ -4,7 +4,7 @@ use super::{FILE, PORT, offer, show};
 use crate::run::Folder;
 use mobee_actors::swap::Terms;
 use mobee_actors::system::{Control, Report};
-use mobee_contract::{Answer, Running, Service, SwapStep};
+use mobee_contract::{Answer, Running, Service, SwapPart, SwapStep};
 use mobee_drivers::WorldService;
 use mobee_yarp::{
     Bottle, Dialect, Handler, Message, NameServer, Network, Payload, PortOptions, RpcServer, ServerOptions, Text, Value,
@@ -136,8 +136,8 @@ struct Desk {
     before: Mutex<Option<Report>>,
 }
 
-const HELP: &str = "Commands: status; swap ROBOT agent FILE [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swapped \
-                    ROBOT PART; pause|resume|recover [ROBOT]; stop [now]; world ...; record on|off.";
+const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver FILE [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
+                    swapped ROBOT PART; pause|resume|recover [ROBOT]; stop [now]; world ...; record on|off.";
 
 impl Desk {
     async fn answer(&self, request: Bottle) -> Result<Vec<String>, String> {
@@ -233,26 +233,37 @@ impl Desk {
         let (Some(robot), Some(model)) = (self.running.robots().get(i), models.get(i).cloned()) else {
             return Err(self.unknown(robot));
         };
-        if part != "agent" {
-            return Err(format!("`{part}` can't be exchanged; `agent` can"));
+        let all = [SwapPart::Agent, SwapPart::Controller, SwapPart::Driver];
+        let Some(part) = all.into_iter().find(|p| p.to_string() == part) else {
+            return Err(format!("`{part}` can't be exchanged; agent, controller and driver can"));
+        };
+        if part != SwapPart::Agent && (fresh || !terms.shadow.is_zero()) {
+            return Err(format!(
+                "a {part} can't look on, and has no state to begin anew with; leave --shadow and --fresh out"
+            ));
         }
         let (file, name) = (file.to_owned(), robot.name().to_owned());
         let read = {
             let name = name.clone();
-            tokio::task::spawn_blocking(move || offer::read(&file, &name, &model, fresh, terms)).await
+            tokio::task::spawn_blocking(move || offer::read(&file, part, &name, &model, fresh, terms)).await
         };
         let offer = read.map_err(|e| format!("the file could not be read: {e}"))??;
         let (reply, done) = oneshot::channel();
-        self.tell(Control::SwapAgent { robot: name, offer, reply }).await?;
+        self.tell(offer.control(name, reply)).await?;
         let done = tokio::time::timeout(PATIENCE, done).await.map_err(|_| "the run does not answer".to_owned())?;
         done.map_err(|_| "the run is ending".to_owned())??;
         Ok(vec!["built and checked".into()])
     }
 
-    async fn swapped(&self, robot: &str, _part: &str) -> Result<Vec<String>, String> {
+    async fn swapped(&self, robot: &str, part: &str) -> Result<Vec<String>, String> {
         let i = self.robot(robot)?;
         let report = self.report().await?;
-        let step = report.robots.get(i).and_then(|r| r.swap.clone()).ok_or("it was never exchanged")?;
+        let step = report
+            .robots
+            .get(i)
+            .and_then(|r| r.swaps.iter().find(|(p, _)| p.to_string() == part))
+            .map(|(_, step)| step.clone());
+        let step = step.ok_or("it was never exchanged")?;
         let word = match &step {
             SwapStep::Offered { .. } => "offered",
             SwapStep::TookOver { .. } => "took over",

@@ -2,17 +2,19 @@
 
 use mobee_actors::supervision::Health;
 use mobee_actors::system::{Report, RobotReport};
-use mobee_contract::{Hold, Status};
+use mobee_contract::{Hold, Status, SwapPart, SwapStep};
 use std::fmt::Write;
 
 /// The state of a robot in the words of a status line.
 pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
     if gave_up {
-        return "FAULT(gave up: a part of the controller was restarted too often)".into();
+        return "FAULT(gave_up)".into();
     }
+    let exchanged = |(part, step): (&SwapPart, &SwapStep)| *part != SwapPart::Agent && !step.is_last();
     match robot.status {
         Status::Holding(Hold::BoardFault) => "FAULT(board)".into(),
         Status::Holding(Hold::Stale) => format!("STALE({:.1} s)", robot.age.as_secs_f64()),
+        Status::Starting if robot.swaps.iter().any(exchanged) => "CLOSED(swap)".into(),
         Status::Starting => "CLOSED(starting)".into(),
         _ if robot.age > robot.fresh => format!("STALE({:.1} s)", robot.age.as_secs_f64()),
         Status::Rest | Status::Moving | Status::Escaping => "ARMED".into(),
@@ -32,8 +34,8 @@ pub(super) fn lines(now: &Report, before: Option<&Report>) -> Vec<String> {
         if !robot.acts {
             line.push_str(", its agent is paused");
         }
-        if let Some(step) = &robot.swap {
-            let _ = write!(line, "; swap of the agent: {step}");
+        for (part, step) in &robot.swaps {
+            let _ = write!(line, "; swap of the {part}: {step}");
         }
         lines.push(line);
     }
@@ -84,12 +86,13 @@ mod tests {
     use super::*;
     use mobee_actors::stream::Counters;
     use mobee_actors::system::Counts;
-    use mobee_contract::{SwapStep, Time};
+    use mobee_contract::Time;
+    use std::collections::BTreeMap;
     use std::time::Duration;
 
     fn robot(status: Status, age_ms: u64) -> RobotReport {
         let (age, fresh) = (Duration::from_millis(age_ms), Duration::from_millis(100));
-        RobotReport { name: "icub".into(), status, age, fresh, acts: true, swap: None }
+        RobotReport { name: "icub".into(), status, age, fresh, acts: true, swaps: BTreeMap::new() }
     }
 
     #[test]
@@ -101,7 +104,9 @@ mod tests {
         assert_eq!(says(Status::Settling, 10), "RETREATING");
         assert_eq!(says(Status::Holding(Hold::RetreatBlocked), 10), "HOLDING(the way back is blocked)");
         assert_eq!(says(Status::Holding(Hold::BoardFault), 10), "FAULT(board)");
-        assert!(state(&robot(Status::Rest, 10), true).starts_with("FAULT("));
+        assert_eq!(state(&robot(Status::Rest, 10), true), "FAULT(gave_up)");
+        let swaps = BTreeMap::from([(SwapPart::Driver, SwapStep::TookOver { gap: 0.0, map: None })]);
+        assert_eq!(state(&RobotReport { swaps, ..robot(Status::Starting, 10) }, false), "CLOSED(swap)");
     }
 
     #[test]
@@ -111,7 +116,11 @@ mod tests {
         let counters = |sent| Counters { sent, handled: sent - 3, queued: 1, dropped: 2 };
         let report = |secs: u64, sent| Report {
             at: Time(secs * 1_000_000_000),
-            robots: vec![RobotReport { acts: false, swap: Some(SwapStep::Settled), ..robot(Status::Rest, 10) }],
+            robots: vec![RobotReport {
+                acts: false,
+                swaps: BTreeMap::from([(SwapPart::Agent, SwapStep::Settled)]),
+                ..robot(Status::Rest, 10)
+            }],
             tree: vec![Health { name: "controller".into(), alive: true, restarts: 0, children: children.clone() }],
             links: vec![("icub/driver>history".into(), counters(sent))],
             counts: Counts::default(),

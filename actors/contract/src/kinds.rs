@@ -59,6 +59,9 @@ pub trait Hardware: Send + Sync {
     /// [`DriverFault::Lost`] if the board can't be reached now; asking again later may help.
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault>;
 
+    /// Another takes this board's place, and drives it: from now on write nothing to it, not even a stop at the end.
+    fn let_go(&self) {}
+
     /// Passes a request to a part's board in the board's own words (a YARP bottle in binary form), and its answer back,
     /// so that a proxy can be transparent. `None`: the board has no words of its own. Never used for motion: that is
     /// the driver's alone.

@@ -1,6 +1,5 @@
 //! The agent's shell: asks a planner what it wants, commits it, and tells it how its motions ended.
 
-mod attempt;
 mod mind;
 
 pub use mind::{Offer, Slot};
@@ -145,14 +144,15 @@ impl Actor for AgentActor {
 impl Planning {
     fn view(&self) -> View {
         let latest = self.wires.latest.lock().clone();
+        let rules = self.wires.rules();
         View {
             at: latest.at,
             robot: self.wires.robot,
-            axes: self.wires.rules.axes.clone(),
+            axes: rules.axes.clone(),
             poses: self.hub.robots.iter().map(|w| w.latest.lock().q.clone()).collect(),
             scene: self.hub.scene.lock().clone(),
             contacts: latest.contacts,
-            clearance: self.wires.rules.margin + RELEASE,
+            clearance: rules.margin + RELEASE,
         }
     }
 
@@ -215,7 +215,7 @@ impl Planning {
             Intent::Wait(time) => self.ask_after(myself, time.max(Duration::from_millis(1))),
             Intent::Done(summary) => {
                 self.done = true;
-                self.hub.tell(Event::Done { robot: self.wires.rules.robot.clone(), summary });
+                self.hub.tell(Event::Done { robot: self.wires.name.clone(), summary });
             }
         }
     }
@@ -270,7 +270,7 @@ impl Planning {
 
     /// Asks for the next set-point after a control period.
     fn set_point_after(&self, myself: &ActorRef<AgentMsg>, id: CommitId) {
-        myself.send_after(self.wires.rules.period, move || AgentMsg::SetPoint(id));
+        myself.send_after(self.wires.rules().period, move || AgentMsg::SetPoint(id));
     }
 
     async fn commit(&mut self, target: Target) -> Option<Verdict> {

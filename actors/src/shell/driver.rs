@@ -40,14 +40,15 @@ pub struct Driving {
 impl Actor for DriverActor {
     type Msg = DriverMsg;
     type State = Driving;
-    type Arguments = (Arc<Hub>, Arc<Wires>, Plug);
+    type Arguments = (Arc<Hub>, Arc<Wires>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<DriverMsg>,
-        (hub, wires, plug): Self::Arguments,
+        (hub, wires): Self::Arguments,
     ) -> Result<Driving, ActorProcessingErr> {
-        let port = Port::new(wires.rules.clone(), wires.gate.clone());
+        let plug = wires.parts.lock().plug.clone();
+        let port = Port::new(wires.rules(), wires.gate.clone());
         let mut driving = Driving { hub, wires, plug, driver: None, port, back_off: BACK_OFF.0, nonsense: false };
         driving.wires.lease.store(0, Ordering::SeqCst);
         driving.connect();
@@ -116,7 +117,7 @@ impl Driving {
         if let Some(what) = &wrong
             && !self.nonsense
         {
-            let robot = &self.wires.rules.robot;
+            let robot = &self.wires.name;
             let text = format!("{robot}: the board gives readings that make no sense ({what}); they are thrown away");
             self.hub.tell(Event::Warning { text });
         }
@@ -170,7 +171,7 @@ impl Driving {
     }
 
     fn drop_command(&mut self, token: u64, writer: Writer, reason: String) {
-        let robot = self.wires.rules.robot.clone();
+        let robot = self.wires.name.clone();
         self.hub.tell(Event::CommandDropped { robot, token, writer, reason });
     }
 }

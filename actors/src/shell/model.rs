@@ -18,6 +18,8 @@ pub enum ModelMsg {
     Pulses,
     /// Change the world. The answer says why not, if not.
     Edit(Edit, Option<RpcReplyPort<Result<(), String>>>),
+    /// A robot has other rules now.
+    Margins,
 }
 
 /// What it keeps; the scene itself outlives it in the hub.
@@ -35,8 +37,7 @@ impl Actor for ModelActor {
 
     async fn pre_start(&self, myself: ActorRef<ModelMsg>, hub: Arc<Hub>) -> Result<Model, ActorProcessingErr> {
         let scene = hub.scene.lock().clone();
-        let margin = hub.robots.iter().map(|w| w.rules.margin).fold(0.0, f64::max);
-        let watch = Watch::new(scene.clone(), margin + RELEASE);
+        let watch = watch(&hub, &scene);
         let poses = hub.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
         hub.model.connect(myself.clone());
         hub.to_model.attach(Box::new(move || myself.send_message(ModelMsg::Pulses).is_ok()));
@@ -51,6 +52,7 @@ impl Actor for ModelActor {
     ) -> Result<(), ActorProcessingErr> {
         match message {
             ModelMsg::Pulses => model.pulses(),
+            ModelMsg::Margins => model.watch = watch(&model.hub, &model.scene),
             ModelMsg::Edit(edit, reply) => {
                 let done = model.edit(&edit);
                 if let Err(text) = &done {
@@ -65,6 +67,12 @@ impl Actor for ModelActor {
     }
 }
 
+/// Watches as far as the robot with the greatest margin needs.
+fn watch(hub: &Hub, scene: &Arc<Scene>) -> Watch {
+    let margin = hub.robots.iter().map(|w| w.rules().margin).fold(0.0, f64::max);
+    Watch::new(scene.clone(), margin + RELEASE)
+}
+
 impl Model {
     fn pulses(&mut self) {
         while let Some((robot, mut pulse)) = self.hub.to_model.pop() {
@@ -72,7 +80,7 @@ impl Model {
             *slot = pulse.sample.q.clone();
             let near = self.watch.update(&self.poses);
             if !near.is_empty() {
-                let within = wires.rules.margin + RELEASE;
+                let within = wires.rules().margin + RELEASE;
                 let own = |c: &&Contact| c.distance <= within && (is_of(c.pair.0, robot) || is_of(c.pair.1, robot));
                 pulse.contacts = near.iter().filter(own).copied().collect();
             }

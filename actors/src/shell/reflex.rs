@@ -36,7 +36,7 @@ impl Actor for ReflexActor {
         myself: ActorRef<ReflexMsg>,
         (hub, wires): Self::Arguments,
     ) -> Result<Reflex, ActorProcessingErr> {
-        let core = ReflexCore::new(wires.rules.clone(), wires.gate.clone());
+        let core = ReflexCore::new(wires.rules(), wires.gate.clone());
         wires.reflex.connect(myself.clone());
         wires.to_reflex.attach(Box::new(move || myself.send_message(ReflexMsg::Pulses).is_ok()));
         Ok(Reflex { hub, wires, core })

@@ -36,6 +36,10 @@ pub enum SuperviseMsg {
     Word(Word),
     /// Try the failed way back again.
     Recover,
+    /// Close at the next border, answer, and wait to be exchanged.
+    Yield(RpcReplyPort<()>),
+    /// Open again: nothing is exchanged.
+    Resume,
     /// Come to rest, and accept nothing more.
     Shutdown,
     /// End without waiting.
@@ -48,6 +52,7 @@ pub struct Supervise {
     wires: Arc<Wires>,
     core: SuperviseCore,
     reply: Option<RpcReplyPort<Verdict>>,
+    yielding: Option<RpcReplyPort<()>>,
 }
 
 impl Actor for SuperviseActor {
@@ -61,11 +66,11 @@ impl Actor for SuperviseActor {
         (hub, wires): Self::Arguments,
     ) -> Result<Supervise, ActorProcessingErr> {
         let now = hub.clock.now();
-        let (core, first) = SuperviseCore::new(wires.rules.clone(), wires.gate.clone(), wires.ledger.clone(), now);
+        let (core, first) = SuperviseCore::new(wires.rules(), wires.gate.clone(), wires.ledger.clone(), now);
         wires.supervise.connect(myself.clone());
-        myself.send_interval(wires.rules.fresh, || SuperviseMsg::Tick);
+        myself.send_interval(wires.rules().fresh, || SuperviseMsg::Tick);
         wires.to_supervise.attach(Box::new(move || myself.send_message(SuperviseMsg::Pulses).is_ok()));
-        let mut supervise = Supervise { hub, wires, core, reply: None };
+        let mut supervise = Supervise { hub, wires, core, reply: None, yielding: None };
         supervise.act(first);
         Ok(supervise)
     }
@@ -98,6 +103,11 @@ impl Actor for SuperviseActor {
             SuperviseMsg::Closed(token, cause) => supervise.on(SuperviseIn::Closed(token, cause)),
             SuperviseMsg::Word(word) => supervise.on(SuperviseIn::Word(word)),
             SuperviseMsg::Recover => supervise.on(SuperviseIn::Recover),
+            SuperviseMsg::Yield(reply) => {
+                supervise.yielding = Some(reply);
+                supervise.on(SuperviseIn::Yield);
+            }
+            SuperviseMsg::Resume => supervise.on(SuperviseIn::Resume),
             SuperviseMsg::Shutdown => supervise.on(SuperviseIn::Shutdown),
             SuperviseMsg::Abandon(reply) => {
                 supervise.on(SuperviseIn::Abandon);
@@ -131,6 +141,11 @@ impl Supervise {
                 SuperviseOut::RollBack { token, motion, again } => {
                     self.wires.reflex.send(ReflexMsg::RollBack(token, motion, again));
                 }
+                SuperviseOut::Yielded => {
+                    if let Some(reply) = self.yielding.take() {
+                        let _ = reply.send(());
+                    }
+                }
                 SuperviseOut::Ended(agent, id, end) => {
                     if agent == self.wires.agent_name {
                         self.wires.agent.send(AgentMsg::Ended(id, end));
@@ -152,7 +167,7 @@ impl Supervise {
 
     /// Edits that wait for this robot's next outcome are made before its agent hears of it.
     fn cue_outcome(&self) {
-        let due = self.hub.cues.lock().outcome(&self.wires.rules.robot);
+        let due = self.hub.cues.lock().outcome(&self.wires.name);
         for edit in due {
             self.hub.model.send(ModelMsg::Edit(edit, None));
         }
@@ -161,8 +176,8 @@ impl Supervise {
     /// Edits that wait for this robot to rest at a pose.
     fn cue_pose(&self, pulse: &Pulse) {
         let mut cues = self.hub.cues.lock();
-        if cues.wants_poses() && self.core.status() == Status::Rest && pulse.speed < self.wires.rules.rest_speed {
-            for edit in cues.pose(&self.wires.rules.robot, &pulse.sample.q) {
+        if cues.wants_poses() && self.core.status() == Status::Rest && pulse.speed < self.wires.rules().rest_speed {
+            for edit in cues.pose(&self.wires.name, &pulse.sample.q) {
                 self.hub.model.send(ModelMsg::Edit(edit, None));
             }
         }

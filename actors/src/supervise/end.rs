@@ -36,6 +36,7 @@ impl SuperviseCore {
                     self.settle(pulse, out);
                 }
             }
+            Closing::Yielded => {}
             Closing::Reflex => out.push(SuperviseOut::Lease(at + self.rules.fresh)),
             Closing::No => {
                 out.push(SuperviseOut::Lease(at + self.rules.fresh));

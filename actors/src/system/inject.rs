@@ -108,7 +108,7 @@ pub(super) async fn inject(injection: Injection, hub: &Hub) {
 }
 
 fn find<'a>(hub: &'a Hub, robot: &str) -> Option<&'a Arc<Wires>> {
-    hub.robots.iter().find(|w| w.rules.robot == robot)
+    hub.robots.iter().find(|w| w.name == robot)
 }
 
 fn obstacle(name: String, wires: &Wires, spot: Spot, hub: &Hub) -> Edit {

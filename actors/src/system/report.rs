@@ -4,7 +4,8 @@ use super::Counts;
 use crate::stream::Counters;
 use crate::supervision::Health;
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{Status, SwapStep, Time};
+use mobee_contract::{Status, SwapPart, SwapStep, Time};
+use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -36,8 +37,8 @@ pub struct RobotReport {
     pub fresh: Duration,
     /// Whether its own agent may make motions.
     pub acts: bool,
-    /// The last step of the exchange of its agent, if it was ever exchanged.
-    pub swap: Option<SwapStep>,
+    /// The last step of the exchange of each part that was ever exchanged.
+    pub swaps: BTreeMap<SwapPart, SwapStep>,
 }
 
 impl Report {
@@ -57,12 +58,12 @@ impl RobotReport {
     fn of(wires: &Wires, now: Time) -> RobotReport {
         let latest = wires.latest.lock().clone();
         RobotReport {
-            name: wires.rules.robot.clone(),
+            name: wires.name.clone(),
             status: latest.status,
             age: now.since(latest.at),
-            fresh: wires.rules.fresh,
+            fresh: wires.rules().fresh,
             acts: wires.agent_acts.load(Ordering::SeqCst),
-            swap: wires.slot.lock().step.clone(),
+            swaps: wires.swaps.lock().clone(),
         }
     }
 }

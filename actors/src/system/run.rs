@@ -1,16 +1,17 @@
 //! A run from its first event to its end.
 
+use super::exchange::Exchanges;
 use super::inject::inject;
 use super::services::Services;
 use super::{Control, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, Troubles, tree};
 use crate::access::Access;
 use crate::clock::{Clock, ClockKind, runtime};
-use crate::controller::{Rules, distance};
+use crate::controller::distance;
 use crate::gate::Gate;
 use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Slot, SuperviseMsg};
 use crate::stream::Stream;
 use crate::supervision::{Group, GroupMsg};
-use crate::wiring::{Cell, Hub, Line, Plug, Wires};
+use crate::wiring::{Cell, Hub, Line, Parts, Plug, Wires};
 use mobee_contract::{Board, Event, Latest, MotionEnd, Outcome, Status, Time};
 use mobee_model::Contact;
 use ractor::ActorRef;
@@ -108,7 +109,6 @@ async fn conduct(
     mut progress: impl FnMut(&Progress),
 ) -> Result<RunEnd, RunError> {
     let clock = Clock::from(setup.clock, setup.past.as_ref().map_or(Time::ZERO, |p| p.at));
-    let plugs: Vec<Plug> = setup.robots.iter().map(|r| Plug(r.hardware.clone())).collect();
     let has_agent: Vec<bool> = setup.robots.iter().map(|r| r.agent.is_some()).collect();
     let acting = has_agent.iter().filter(|has| **has).count();
     let mut faults: VecDeque<(Time, Control)> = faults.into();
@@ -116,12 +116,13 @@ async fn conduct(
     let is_kept = services.iter().any(|s| s.keeps_run());
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
     let hub = wire(setup, &boards, clock.clone(), troubles);
-    let controller = begin(tree::controller(&hub, &plugs), safety.as_ref()).await?;
+    let controller = begin(tree::controller(&hub), safety.as_ref()).await?;
     let agents = begin(tree::agents(&hub), None).await?;
     let taps = begin(tree::taps(&hub), None).await?;
-    let access = || Access::new(&hub, &boards, &plugs, &has_agent);
+    let access = || Access::new(&hub, &has_agent);
     let mut services = Services::start(services, &hub, access).map_err(|e| RunError::Start(e.to_string()))?;
 
+    let mut exchanges = Exchanges::new(&hub, &controller);
     let limit = limit.map(|l| Time::ZERO + l);
     let mut told = Time::ZERO;
     let mut listening = true;
@@ -145,6 +146,7 @@ async fn conduct(
                 break Reason::Interrupted;
             }
             Some(Control::SwapAgent { robot, offer, reply }) => swap_agent(&hub, &robot, offer, reply),
+            Some(Control::SwapPart { robot, offer, reply }) => exchanges.begin(&robot, offer, reply),
             Some(other) => obey(other, &hub, &controller, &agents).await,
             None => {}
         }
@@ -174,6 +176,7 @@ async fn conduct(
     if let Some(services) = services.take() {
         services.leave(&hub).await;
     }
+    exchanges.end().await;
     come_to_rest(&hub).await;
     let _ = ractor::call!(agents, GroupMsg::Stop);
     let _ = ractor::call!(controller, GroupMsg::Stop);
@@ -185,7 +188,7 @@ async fn conduct(
     hub.tell(hub.to_model.link());
     let counts = hub.counts.lock().clone();
     progress(&Progress { at: clock.now(), counts: counts.clone() });
-    let snapshots = hub.robots.iter().filter_map(|w| Some((w.rules.robot.clone(), w.snapshot.lock().clone()?)));
+    let snapshots = hub.robots.iter().filter_map(|w| Some((w.name.clone(), w.snapshot.lock().clone()?)));
     let snapshots = snapshots.collect();
     let scene = hub.scene.lock().clone();
     Ok(RunEnd { reason, ended_at: clock.now(), counts, snapshots, scene })
@@ -197,15 +200,19 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     let homes = setup.scene.home();
     let robots = setup.robots.iter().zip(boards).zip(setup.scene.robots()).enumerate();
     let robots = robots.map(|(i, ((robot, board), model))| {
-        let parts = model.parts.iter().map(|p| p.name.clone()).collect();
-        let rules = Arc::new(Rules::new(&robot.name, parts, &robot.controller, board));
+        let bodies = model.parts.iter().map(|p| p.name.clone()).collect();
+        let plug = Plug(robot.hardware.clone());
+        let parts = Parts::new(&robot.name, bodies, robot.controller.clone(), plug, board.clone());
         let stream = |link: &str| Stream::new(format!("{}/{link}", robot.name), 64);
         let q = homes.get(i).cloned().unwrap_or_else(|| Vec::new().into());
         let latest = Latest { at: Time::ZERO, q, contacts: none.clone(), status: Status::Starting, ready: false };
         let past = setup.past.as_ref().map(|p| p.robot(&robot.name)).unwrap_or_default();
         Arc::new(Wires {
             robot: i,
-            rules,
+            name: robot.name.clone(),
+            parts: Cell::new(parts),
+            trial: Cell::default(),
+            swaps: Cell::default(),
             gate: Arc::new(Gate::resumed(past.token)),
             ledger: past.ledger(robot.controller.history),
             lease: AtomicU64::new(0),
@@ -241,27 +248,11 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
         Some(past) => hub.tell(Event::Resumed { events: past.events }),
     }
     for wires in &hub.robots {
-        hub.tell(described(&wires.rules));
+        hub.tell(wires.rules().described());
     }
     let scene = hub.scene.lock().clone();
     hub.taps.scene(hub.clock.now(), &scene);
     hub
-}
-
-fn described(rules: &Rules) -> Event {
-    let of = |f: fn(&mobee_contract::Axis) -> f64| rules.axes.iter().map(f).collect();
-    Event::Robot {
-        robot: rules.robot.clone(),
-        motors: rules.axes.iter().map(|a| a.name.clone()).collect(),
-        min: of(|a| a.min),
-        max: of(|a| a.max),
-        max_speed: of(|a| a.max_speed),
-        period: rules.period.as_secs_f64(),
-        fresh: rules.fresh.as_secs_f64(),
-        margin: rules.margin,
-        tolerance: rules.tolerance,
-        rest_speed: rules.rest_speed,
-    }
 }
 
 async fn obey(control: Control, hub: &Hub, controller: &ActorRef<GroupMsg>, agents: &ActorRef<GroupMsg>) {
@@ -278,7 +269,7 @@ async fn obey(control: Control, hub: &Hub, controller: &ActorRef<GroupMsg>, agen
         }
         Control::Inject(injection) => inject(injection, hub).await,
         Control::Recover(robot) => {
-            for wires in hub.robots.iter().filter(|w| w.rules.robot == robot) {
+            for wires in hub.robots.iter().filter(|w| w.name == robot) {
                 wires.supervise.send(SuperviseMsg::Recover);
             }
         }
@@ -289,13 +280,13 @@ async fn obey(control: Control, hub: &Hub, controller: &ActorRef<GroupMsg>, agen
             }
             let _ = reply.send(Report::of(hub, all));
         }
-        Control::Stop | Control::Abort | Control::SwapAgent { .. } => {}
+        Control::Stop | Control::Abort | Control::SwapAgent { .. } | Control::SwapPart { .. } => {}
     }
 }
 
 /// Passes an offer on, and its answer back when there is one; the run goes on meanwhile.
 fn swap_agent(hub: &Hub, robot: &str, offer: Offer, reply: oneshot::Sender<Result<(), String>>) {
-    let wires = hub.robots.iter().find(|w| w.rules.robot == robot);
+    let wires = hub.robots.iter().find(|w| w.name == robot);
     let Some(wires) = wires.filter(|w| w.slot.lock().maker.is_some()) else {
         let _ = reply.send(Err(format!("there is no agent of a robot {robot} here")));
         return;
@@ -349,7 +340,7 @@ fn settle_ledger(hub: &Hub, wires: &Wires) {
     let Some(open) = open else { return };
     let q = newest.unwrap_or_else(|| open.target.clone());
     let safe = open.safe.map(|(_, pose)| pose);
-    let near = |pose: &[f64]| distance(&q, pose) <= wires.rules.tolerance;
+    let near = |pose: &[f64]| distance(&q, pose) <= wires.rules().tolerance;
     let outcome = if near(&open.target) {
         Outcome::Committed
     } else if safe.as_ref().is_some_and(|s| near(s)) {
@@ -359,6 +350,6 @@ fn settle_ledger(hub: &Hub, wires: &Wires) {
     };
     let end = if outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed };
     wires.ledger.book().close(open.id, end);
-    let (robot, cause) = (wires.rules.robot.clone(), open.cause.filter(|_| outcome != Outcome::Committed));
+    let (robot, cause) = (wires.name.clone(), open.cause.filter(|_| outcome != Outcome::Committed));
     hub.tell(Event::Outcome { robot, id: open.id, outcome, q, safe, cause });
 }

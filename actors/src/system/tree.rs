@@ -15,7 +15,7 @@ use super::trouble::Troubled;
 use crate::shell::{AgentActor, DriverActor, HistoryActor, ModelActor, ReflexActor, SuperviseActor, SuperviseMsg};
 use crate::supervision::{Child, Group, Intensity, Restart, Strategy};
 use crate::tap::TapActor;
-use crate::wiring::{Hub, Plug, Wires};
+use crate::wiring::{Hub, Wires};
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;
 use std::time::Duration;
@@ -65,38 +65,36 @@ pub fn taps(hub: &Arc<Hub>) -> Group {
 }
 
 /// The safety chain of all robots.
-pub fn controller(hub: &Arc<Hub>, plugs: &[Plug]) -> Group {
+pub fn controller(hub: &Arc<Hub>) -> Group {
     let fence = hub.clone();
     let model = hub.clone();
     let mut root = group("controller", Strategy::OneForOne, hub)
         .on_death(move |name, _| {
             // the model's death closes all robots, a group's death its own
-            for wires in fence.robots.iter().filter(|w| name == "model" || name == w.rules.robot) {
+            for wires in fence.robots.iter().filter(|w| name == "model" || name == w.name) {
                 fence.fence(wires, name);
             }
         })
         .child(child(hub, "model".into(), || ModelActor, move || model.clone()));
-    for (wires, plug) in hub.robots.iter().zip(plugs) {
-        root = root.child(Child::group(robot(hub, wires, plug)).restart(Restart::Temporary));
+    for wires in &hub.robots {
+        root = root.child(Child::group(robot(hub, wires)).restart(Restart::Temporary));
     }
     root
 }
 
-fn robot(hub: &Arc<Hub>, wires: &Arc<Wires>, plug: &Plug) -> Group {
-    let name = |part: &str| format!("{}/{part}", wires.rules.robot);
+fn robot(hub: &Arc<Hub>, wires: &Arc<Wires>) -> Group {
+    let name = |part: &str| format!("{}/{part}", wires.name);
     let both = || {
         let (hub, wires) = (hub.clone(), wires.clone());
         move || (hub.clone(), wires.clone())
     };
-    let (plug, of_driver) = (plug.clone(), both());
-    let driver = move || {
-        let (hub, wires) = of_driver();
-        (hub, wires, plug.clone())
-    };
     let (fence, fenced) = (hub.clone(), wires.clone());
-    group(&wires.rules.robot, Strategy::RestForOne, hub)
-        .on_death(move |name, _| fence.fence(&fenced, name))
-        .child(child(hub, name("driver"), || DriverActor, driver))
+    group(&wires.name, Strategy::RestForOne, hub)
+        .on_death(move |name, reason| {
+            fence.fence(&fenced, name);
+            fence.count_against(&fenced, &format!("{name} died: {reason}"));
+        })
+        .child(child(hub, name("driver"), || DriverActor, both()))
         .child(child(hub, name("history"), || HistoryActor, both()))
         .child(child(hub, name("supervise"), || SuperviseActor, both()))
         .child(child(hub, name("reflex"), || ReflexActor, both()))
@@ -111,7 +109,7 @@ pub fn agents(hub: &Arc<Hub>) -> Group {
             let (hub, wires) = (hub.clone(), wires.clone());
             move || (hub.clone(), wires.clone())
         };
-        let own = group(&format!("{}/agents", wires.rules.robot), Strategy::OneForOne, hub)
+        let own = group(&format!("{}/agents", wires.name), Strategy::OneForOne, hub)
             .on_death(move |_, _| {
                 orphan.supervise.send(SuperviseMsg::AgentDied(orphan.agent_name.clone()));
             })

@@ -160,11 +160,28 @@ impl Trial {
         prepare: impl FnOnce(&SimFaults),
         services: impl FnOnce(Sender<Control>) -> Vec<Box<dyn Service>>,
     ) -> Ran {
+        let prepare = |hardware: &SimHardware| {
+            prepare(&hardware.faults());
+            Vec::new()
+        };
+        self.run_whole(prepare, services)
+    }
+
+    /// With further controls, which may name the hardware.
+    pub fn run_driven(self, controls: impl FnOnce(&SimHardware) -> Vec<(Duration, Control)>) -> Ran {
+        self.run_whole(controls, |_| Vec::new())
+    }
+
+    fn run_whole(
+        self,
+        prepare: impl FnOnce(&SimHardware) -> Vec<(Duration, Control)>,
+        services: impl FnOnce(Sender<Control>) -> Vec<Box<dyn Service>>,
+    ) -> Ran {
         let (tell, controls) = tokio::sync::mpsc::channel(4);
         let robot = arm();
         let hardware =
             SimHardware::new(&SimSettings::default(), &Context { robot: robot.clone(), seed: self.seed }).unwrap();
-        prepare(&hardware.faults());
+        let further = prepare(&hardware);
         let scene = Scene::new(vec![(robot, Isometry3::identity())], self.objects).unwrap();
         let (taps, told) = Taps::collect();
         let (poses, speed, pause) = (self.poses, self.speed, self.pause);
@@ -188,7 +205,7 @@ impl Trial {
             services: services(tell.clone()),
             past: None,
         };
-        let faults = self.controls.into_iter().map(|(at, c)| (Time::ZERO + at, c)).collect();
+        let faults = self.controls.into_iter().chain(further).map(|(at, c)| (Time::ZERO + at, c)).collect();
         let end = run_under(setup, faults, controls, Some(self.limit), |_| ()).unwrap();
         drop(tell);
         taps.finish(end.ended_at, Event::Ended { reason: end.reason.to_string() });

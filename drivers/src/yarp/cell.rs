@@ -5,6 +5,7 @@ use super::motion::Motions;
 use mobee_contract::{Axis, Board, ControlMode, Pose};
 use mobee_yarp::Vocab;
 use mobee_yarp::board::{AxisFacts, mode};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
@@ -16,6 +17,8 @@ pub struct Cell {
     changed: Condvar,
     /// The beginning of the seconds that readings are told in.
     pub base: Instant,
+    /// Whether another drives the boards now.
+    let_go: AtomicBool,
 }
 
 /// What is known now.
@@ -105,12 +108,22 @@ impl Cell {
             expected: vec![ControlMode::Position; layout.motors()],
             switching: vec![None; layout.motors()],
         };
-        Cell { inner: Mutex::new(inner), changed: Condvar::new(), base: instant() }
+        Cell { inner: Mutex::new(inner), changed: Condvar::new(), base: instant(), let_go: AtomicBool::new(false) }
     }
 
     /// A look inside. Robots don't break because a program crashed while it looked.
     pub fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// From now on nothing is written to the boards.
+    pub fn let_go(&self) {
+        self.let_go.store(true, Ordering::SeqCst);
+    }
+
+    /// Whether another drives the boards now.
+    pub fn is_let_go(&self) -> bool {
+        self.let_go.load(Ordering::SeqCst)
     }
 
     /// Tells those who wait that something changed.

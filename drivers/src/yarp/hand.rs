@@ -188,6 +188,9 @@ impl Hand {
     /// Stops all joints; whether the board says that it did.
     async fn stop_all(&mut self) -> bool {
         self.speeds.clear();
+        if self.cell.is_let_go() {
+            return true;
+        }
         self.board.hush();
         for _ in 0..3 {
             match self.board.order(&Ask::Set(Set::Stop(Joints::All))).await {

@@ -1,7 +1,7 @@
 //! The planner in force, one that looks on and is to replace it, and the one that it replaced.
 
 use super::Maker;
-use super::attempt::{Given, attempt};
+use crate::attempt::{Given, attempt};
 use crate::clock::ClockKind;
 use crate::swap::{Phase, SwapCore, SwapIn, SwapOut, Terms};
 use crate::wiring::{Hub, Wires};
@@ -32,8 +32,6 @@ pub struct Slot {
     pub former: Option<(Maker, Snapshot)>,
     /// How far the swap is.
     pub core: SwapCore,
-    /// The last step, for whoever asks.
-    pub step: Option<SwapStep>,
 }
 
 /// What a planner said when it was asked.
@@ -105,14 +103,7 @@ impl Mind {
     }
 
     fn tell(&self, step: SwapStep) {
-        let robot = self.wires.rules.robot.clone();
-        match &step {
-            SwapStep::Reverted { .. } => tracing::error!(robot, "swap of the agent: {step}"),
-            SwapStep::Refused { .. } => tracing::warn!(robot, "swap of the agent: {step}"),
-            _ => tracing::info!(robot, "swap of the agent: {step}"),
-        }
-        self.wires.slot.lock().step = Some(step.clone());
-        self.hub.tell(Event::Swap { robot, part: SwapPart::Agent, step });
+        self.hub.tell_swap(&self.wires, SwapPart::Agent, step);
     }
 
     /// Builds and checks a new planner beside the old one.
@@ -209,7 +200,7 @@ impl Mind {
             Intent::Wait(_) => ("wait", Vec::new()),
             Intent::Done(_) => ("done", Vec::new()),
         };
-        self.hub.tell(Event::Shadow { robot: self.wires.rules.robot.clone(), intent: word.into(), q });
+        self.hub.tell(Event::Shadow { robot: self.wires.name.clone(), intent: word.into(), q });
     }
 
     async fn hand_over(&mut self) -> bool {
@@ -312,7 +303,7 @@ impl Mind {
 
     fn note(&self, notes: Vec<Note>) {
         for note in notes {
-            self.hub.tell(Event::Note { robot: self.wires.rules.robot.clone(), note });
+            self.hub.tell(Event::Note { robot: self.wires.name.clone(), note });
         }
     }
 

@@ -1,13 +1,13 @@
-//! Calls into a planner that is not trusted yet: its panic ends nobody else, and it has only so much time.
+//! Calls into a part that is not trusted yet: its panic ends nobody else, and it has only so much time.
 
 use crate::clock::{Clock, ClockKind};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
 /// What a call gave, and what it cost by a virtual clock.
-pub(super) struct Given<T> {
-    pub(super) value: T,
-    pub(super) cost: Duration,
+pub(crate) struct Given<T> {
+    pub(crate) value: T,
+    pub(crate) cost: Duration,
 }
 
 /// Runs `call`: by a virtual clock at once, and then its cost passes; by a real clock on a thread of its own, which is left
@@ -15,7 +15,7 @@ pub(super) struct Given<T> {
 ///
 /// # Errors
 /// What went wrong, as a sentence; whatever the closure owned is lost then.
-pub(super) async fn attempt<T: Send + 'static>(
+pub(crate) async fn attempt<T: Send + 'static>(
     clock: &Clock,
     budget: Duration,
     call: impl FnOnce() -> Given<T> + Send + 'static,

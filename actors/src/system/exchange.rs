@@ -1,0 +1,363 @@
+//! Exchanging a robot's controller or driver while it runs.
+//!
+//! ```text
+//! Offered ──border──> filter closed ──the new part fits──> all four actors stopped, new parts put in, started again ──> TookOver
+//!                          │ it does not: opened again, Refused
+//! TookOver ──ready in time, nobody dies, probation over──> Settled
+//!              │ else: the old parts are put back in, all four actors started again, Reverted
+//! ```
+//! The border is supervise's to find: the robot rests, every outcome is given, and from that moment no command passes (I10, F22).
+//! History ring, safe pose and token live in the ledger and the gate, and so outlast all of it. A driver is connected to only at the
+//! border, since a new connection begins with a stop.
+
+use crate::attempt::{Given, attempt};
+use crate::clock::ClockKind;
+use crate::controller::{Controller, distance};
+use crate::shell::SuperviseMsg;
+use crate::supervision::{Between, GroupMsg};
+use crate::swap::Terms;
+use crate::wiring::{Hub, Parts, Plug, Trial, Wires};
+use mobee_contract::{Board, Driver, DriverFault, Hardware, Hold, Pose, Status, SwapPart, SwapStep, Time};
+use mobee_model::ShapeId;
+use ractor::ActorRef;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::oneshot;
+use tokio::task::JoinSet;
+
+/// How long to wait for a border.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// How long connecting to a board may take.
+const CONNECT: Duration = Duration::from_secs(30);
+/// How long a new driver may take for a first reading, and a new part until its robot is ready.
+const READY: Duration = Duration::from_secs(10);
+/// How often the robot is looked at meanwhile.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// A new part of what keeps a robot safe.
+#[derive(Clone)]
+pub enum NewPart {
+    /// Other settings of History, Supervise and Reflex.
+    Controller(Controller),
+    /// Another driver of the same board.
+    Driver(Arc<dyn Hardware>),
+}
+
+impl NewPart {
+    /// Which part it is.
+    pub fn part(&self) -> SwapPart {
+        match self {
+            NewPart::Controller(_) => SwapPart::Controller,
+            NewPart::Driver(_) => SwapPart::Driver,
+        }
+    }
+}
+
+impl std::fmt::Debug for NewPart {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "NewPart({})", self.part())
+    }
+}
+
+/// A new part, as it is offered.
+#[derive(Clone, Debug)]
+pub struct PartOffer {
+    /// It.
+    pub part: NewPart,
+    /// What it is, in words.
+    pub what: String,
+    /// What it must go through. A controller or driver can't look on: its shadow is not used.
+    pub terms: Terms,
+}
+
+/// The exchanges of a run.
+pub(super) struct Exchanges {
+    hub: Arc<Hub>,
+    controller: ActorRef<GroupMsg>,
+    tasks: JoinSet<()>,
+}
+
+impl Exchanges {
+    /// None is under way.
+    pub(super) fn new(hub: &Arc<Hub>, controller: &ActorRef<GroupMsg>) -> Exchanges {
+        Exchanges { hub: hub.clone(), controller: controller.clone(), tasks: JoinSet::new() }
+    }
+
+    /// Begins one, if the robot exists and none of its is under way. The run goes on meanwhile.
+    pub(super) fn begin(&mut self, robot: &str, offer: PartOffer, reply: oneshot::Sender<Result<(), String>>) {
+        while self.tasks.try_join_next().is_some() {}
+        let Some(wires) = self.hub.robots.iter().find(|w| w.name == robot).cloned() else {
+            let _ = reply.send(Err(format!("there is no robot {robot} here")));
+            return;
+        };
+        if std::mem::replace(&mut wires.trial.lock().busy, true) {
+            let why = "another swap of this robot's controller or driver is under way; wait until it is settled";
+            let _ = reply.send(Err(why.into()));
+            return;
+        }
+        let PartOffer { part, what, terms } = offer;
+        let (hub, controller) = (self.hub.clone(), self.controller.clone());
+        let exchange = Exchange { hub, wires, controller, part: part.part() };
+        exchange.tell(SwapStep::Offered { what, shadow: 0.0, probation: terms.probation.as_secs_f64() });
+        let _ = reply.send(Ok(()));
+        self.tasks.spawn(async move { exchange.carry_out(part, terms).await });
+    }
+
+    /// The run ends: what is under way stays as it is.
+    pub(super) async fn end(&mut self) {
+        self.tasks.shutdown().await;
+        // a renewal that was begun is over when the group answers
+        let _ = ractor::call!(self.controller, GroupMsg::Status);
+    }
+}
+
+struct Exchange {
+    hub: Arc<Hub>,
+    wires: Arc<Wires>,
+    controller: ActorRef<GroupMsg>,
+    part: SwapPart,
+}
+
+impl Exchange {
+    async fn carry_out(&self, part: NewPart, terms: Terms) {
+        let last = match self.take_over(part).await {
+            Err(why) => SwapStep::Refused { why },
+            Ok(()) => match self.probation(terms).await {
+                Ok(old) => {
+                    self.forget(Some(old));
+                    SwapStep::Settled
+                }
+                Err(why) => {
+                    self.revert().await;
+                    SwapStep::Reverted { why }
+                }
+            },
+        };
+        *self.wires.trial.lock() = Trial::default();
+        self.tell(last);
+    }
+
+    fn tell(&self, step: SwapStep) {
+        self.hub.tell_swap(&self.wires, self.part, step);
+    }
+
+    /// At a border, puts the new part in.
+    ///
+    /// # Errors
+    /// Why not; all is then as it was.
+    async fn take_over(&self, part: NewPart) -> Result<(), String> {
+        self.border().await?;
+        let begun = self.hub.clock.now();
+        let new = match self.fit(part, begun).await {
+            Ok(new) => new,
+            Err(why) => {
+                self.wires.supervise.send(SuperviseMsg::Resume);
+                return Err(why);
+            }
+        };
+        let (hub, wires) = (self.hub.clone(), self.wires.clone());
+        let renewed = self.renew(move || {
+            // somebody who restarted in between may have opened the filter
+            if wires.ledger.book().open.is_none() {
+                if wires.gate.is_open() {
+                    hub.fence(&wires, "a part that is exchanged");
+                }
+                let old = hub.install(&wires, new);
+                wires.trial.lock().old = Some(old);
+            }
+        });
+        renewed.await?;
+        let took_over = {
+            let trial = self.wires.trial.lock();
+            trial.old.is_some() || trial.broke.is_some()
+        };
+        if !took_over {
+            return Err("the robot was moved in between; try again".into());
+        }
+        let gap = self.hub.clock.now().since(begun).as_secs_f64();
+        self.tell(SwapStep::TookOver { gap, map: None });
+        Ok(())
+    }
+
+    /// Waits until supervise has closed the filter at a border.
+    async fn border(&self) -> Result<(), String> {
+        let clock = &self.hub.clock;
+        let until = clock.now() + PATIENCE;
+        while clock.now() < until {
+            let (reply, yielded) = ractor::concurrency::oneshot();
+            self.wires.supervise.send(SuperviseMsg::Yield(reply.into()));
+            tokio::select! {
+                biased;
+                // an error: supervise is being restarted, and does not know of it
+                yielded = yielded => if yielded.is_ok() { return Ok(()) },
+                () = clock.sleep_until(until) => break,
+            }
+            clock.sleep(LOOK).await;
+        }
+        self.wires.supervise.send(SuperviseMsg::Resume);
+        let status = self.wires.latest.lock().status;
+        let state = word(status);
+        Err(format!("the robot did not come to rest with all motions ended within {} s ({state})", PATIENCE.as_secs()))
+    }
+
+    /// The parts with the new one among them, if it fits the robot where it rests.
+    async fn fit(&self, part: NewPart, begun: Time) -> Result<Parts, String> {
+        let old = self.wires.parts.lock().clone();
+        match part {
+            NewPart::Controller(controller) => {
+                let new = old.with_controller(controller);
+                self.would_touch(old.rules.margin, new.rules.margin).map(|()| new)
+            }
+            NewPart::Driver(hardware) => {
+                let asked = hardware.clone();
+                let connect = move || Given { value: asked.connect(), cost: Duration::ZERO };
+                let driver = attempt(&self.hub.clock, CONNECT, connect).await?.map_err(|fault| fault.to_string());
+                let driver =
+                    driver.map_err(|fault| format!("{fault}; see that the board is switched on and connected"))?;
+                let board = driver.board().clone();
+                same_board(&old.board, &board, old.rules.tolerance)?;
+                let q = self.first_reading(driver, begun).await?;
+                let away = distance(&q, &self.wires.latest.lock().q);
+                if away.is_nan() || away > old.rules.tolerance {
+                    let [away, most] = [away, old.rules.tolerance].map(f64::to_degrees);
+                    return Err(format!(
+                        "the pose that it reads is {away:.2} deg from the robot's, more than {most:.2} deg; it drives another robot"
+                    ));
+                }
+                Ok(old.with_driver(Plug(hardware), board))
+            }
+        }
+    }
+
+    /// A greater margin must not begin with a contact.
+    fn would_touch(&self, old: f64, new: f64) -> Result<(), String> {
+        let scene = self.hub.scene.lock().clone();
+        let poses: Vec<Pose> = self.hub.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
+        let own = |id: ShapeId| matches!(id, ShapeId::Robot { robot, .. } if usize::from(robot) == self.wires.robot);
+        let near =
+            scene.contacts(&poses, new).into_iter().find(|c| c.distance >= old && (own(c.pair.0) || own(c.pair.1)));
+        let Some(contact) = near else { return Ok(()) };
+        let (a, b) = self.hub.names(contact.pair);
+        let [distance, margin] = [contact.distance, new].map(|m| m * 1e3);
+        Err(format!(
+            "{a} is {distance:.1} mm from {b} where the robot rests, nearer than the new margin of {margin} mm"
+        ))
+    }
+
+    /// The first reading that is newer than the border.
+    async fn first_reading(&self, driver: Box<dyn Driver>, begun: Time) -> Result<Pose, String> {
+        let clock = &self.hub.clock;
+        let until = clock.now() + READY;
+        let mut driver = Some(driver);
+        while let Some(mut asked) = driver.take() {
+            let now = clock.now();
+            if now >= until {
+                break;
+            }
+            let read = move || {
+                let value = asked.sample(now);
+                let next = asked.next_sample(now);
+                Given { value: (value, next, asked), cost: Duration::ZERO }
+            };
+            let (read, next, asked) = attempt(clock, READY, read).await?;
+            match read {
+                Ok(Some(sample)) if sample.at >= begun => return Ok(sample.q),
+                Ok(_) => {}
+                Err(DriverFault::Hardware(what)) => return Err(format!("the board reports a fault: {what}")),
+                Err(fault) => return Err(fault.to_string()),
+            }
+            clock.sleep_until(next.max(now + Duration::from_millis(1))).await;
+            driver = Some(asked);
+        }
+        Err(format!("it gives no reading within {} s", READY.as_secs()))
+    }
+
+    /// Stops the robot's actors in order, does this, and starts them again.
+    async fn renew(&self, between: impl FnOnce() + Send + 'static) -> Result<(), String> {
+        let (robot, between) = (self.wires.name.clone(), Between(Box::new(between)));
+        let renewed = ractor::call!(self.controller, GroupMsg::Renew, robot, between);
+        renewed.map_err(|_| "the robot's controller is down".into())
+    }
+
+    /// Watches the new part until its probation is over, and returns the old parts then.
+    ///
+    /// # Errors
+    /// How it broke.
+    async fn probation(&self, terms: Terms) -> Result<Parts, String> {
+        let clock = &self.hub.clock;
+        let begun = clock.now();
+        let mut seen: Option<Time> = None;
+        loop {
+            clock.sleep(LOOK).await;
+            if let Some((why, _)) = &self.wires.trial.lock().broke {
+                return Err(why.clone());
+            }
+            let (now, status) = (clock.now(), self.wires.latest.lock().status);
+            let blind = matches!(status, Status::Starting | Status::Holding(Hold::Stale | Hold::BoardFault));
+            if !blind {
+                seen = Some(now);
+            }
+            // the board itself may fall silent for a while: that is the driver's fault only if it lasts
+            let patience = if seen.is_some() { terms.budget.max(READY / 10) } else { READY };
+            if now > seen.unwrap_or(begun) + patience && (seen.is_none() || self.part == SwapPart::Driver) {
+                return Err(format!("the robot is not ready: {}", word(status)));
+            }
+            if now >= begun + terms.probation && !blind {
+                let old = self.wires.trial.lock().old.take();
+                return old.ok_or_else(|| "it broke as its probation ended".into());
+            }
+        }
+    }
+
+    /// The old parts return.
+    async fn revert(&self) {
+        self.hub.fence(&self.wires, &format!("{}/new {}", self.wires.name, self.part));
+        let (hub, wires) = (self.hub.clone(), self.wires.clone());
+        // whoever died is back with the old parts already; the others still run with the new ones
+        let renewed = self.renew(move || hub.count_against(&wires, "it is not ready"));
+        // a controller that is down has said so
+        let _ = renewed.await;
+        let broken = self.wires.trial.lock().broke.take().map(|(_, broken)| broken);
+        self.forget(broken);
+    }
+
+    /// Lets go of parts that are not used any more.
+    fn forget(&self, parts: Option<Parts>) {
+        let Some(Parts { plug, .. }) = parts else { return };
+        if Arc::ptr_eq(&plug.0, &self.wires.parts.lock().plug.0) {
+            return;
+        }
+        plug.0.let_go();
+        if self.hub.clock.kind() == ClockKind::Real {
+            // it may wait for its network
+            tokio::task::spawn_blocking(move || drop(plug));
+        }
+    }
+}
+
+fn word(status: Status) -> String {
+    if let Status::Holding(hold) = status { hold.to_string() } else { status.word().into() }
+}
+
+/// Whether two drivers speak of one board.
+fn same_board(old: &Board, new: &Board, tolerance: f64) -> Result<(), String> {
+    let names = |board: &Board| board.axes.iter().map(|a| a.name.clone()).collect::<Vec<String>>();
+    if names(old) != names(new) {
+        return Err(format!(
+            "it drives other motors: {}; the robot has {}",
+            names(new).join(", "),
+            names(old).join(", ")
+        ));
+    }
+    for (a, b) in old.axes.iter().zip(&new.axes) {
+        let apart = (a.min - b.min).abs().max((a.max - b.max).abs());
+        if apart.is_nan() || apart > tolerance {
+            let [min, max, a_min, a_max] = [b.min, b.max, a.min, a.max].map(f64::to_degrees);
+            return Err(format!(
+                "motor {} goes from {min:.2} to {max:.2} deg by it, and from {a_min:.2} to {a_max:.2} deg by the one in force",
+                a.name
+            ));
+        }
+    }
+    Ok(())
+}

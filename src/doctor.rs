@@ -1,0 +1,162 @@
+//! `mobee doctor [FILE]`: can this machine run it? One line per thing that was looked at, with what to do about it.
+//!
+//! It reads and asks only: nothing is written to a board, and no robot moves.
+
+mod boards;
+mod machine;
+
+use crate::compose::{compose, driver_of};
+use crate::config::{Config, Source};
+use mobee_drivers::YarpDriverSettings;
+use mobee_yarp::Network;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// How long an answer may take.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// The arguments of `mobee doctor`.
+#[derive(clap::Args)]
+pub struct DoctorArgs {
+    /// A configuration file: its robots are looked for as well.
+    file: Option<PathBuf>,
+    /// Override a setting: --set robot.icub.agent.vertices=30
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// How something is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Grade {
+    Ok,
+    Warn,
+    Bad,
+}
+
+impl fmt::Display for Grade {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Grade::Ok => "ok",
+            Grade::Warn => "warn",
+            Grade::Bad => "bad",
+        })
+    }
+}
+
+/// Something that was looked at.
+#[derive(Clone, Debug, PartialEq)]
+struct Finding {
+    grade: Grade,
+    what: String,
+    remedy: String,
+}
+
+impl Finding {
+    fn ok(what: impl Into<String>) -> Finding {
+        Finding { grade: Grade::Ok, what: what.into(), remedy: String::new() }
+    }
+    fn warn(what: impl Into<String>, remedy: impl Into<String>) -> Finding {
+        Finding { grade: Grade::Warn, what: what.into(), remedy: remedy.into() }
+    }
+    fn bad(what: impl Into<String>, remedy: impl Into<String>) -> Finding {
+        Finding { grade: Grade::Bad, what: what.into(), remedy: remedy.into() }
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:5} {}", self.grade, self.what)?;
+        if self.remedy.is_empty() { Ok(()) } else { write!(f, "\n      -> {}", self.remedy) }
+    }
+}
+
+/// Looks at everything and prints it as it goes; exit code 1 if anything is bad.
+///
+/// # Errors
+/// If there is no asynchronous runtime.
+pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.map_err(|e| miette::Report::msg(format!("no asynchronous runtime: {e}")))?;
+    let mut worst = Grade::Ok;
+    let mut tell = |findings: Vec<Finding>| {
+        for finding in findings {
+            worst = worst.max(finding.grade);
+            println!("{finding}");
+        }
+    };
+    tell(vec![machine::processors(), runtime.block_on(machine::timers())]);
+    tell(machine::folder(Path::new("runs")));
+    tell(vec![machine::viewer()]);
+    let (found, robots) = match &args.file {
+        Some(file) => configuration(file, &args.set),
+        None => (Vec::new(), Vec::new()),
+    };
+    tell(found);
+    let own = match Network::from_env() {
+        Ok(network) => Some(network),
+        Err(e) if robots.iter().any(|r| r.settings.server.is_none()) => {
+            tell(vec![Finding::bad(
+                format!("no YARP network is set up: {e}"),
+                "run `mobee yarp conf HOST PORT`, or set `server` in the table of the driver",
+            )]);
+            None
+        }
+        Err(_) => {
+            tell(vec![Finding::ok("no YARP network is set up, and none is needed")]);
+            None
+        }
+    };
+    if let Some(network) = own {
+        tell(vec![runtime.block_on(boards::name_server(&network, robots.iter().any(|r| r.settings.server.is_none())))]);
+    }
+    for robot in &robots {
+        tell(runtime.block_on(boards::robot(robot)));
+    }
+    Ok(if worst == Grade::Bad { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// A robot behind YARP.
+struct Remote {
+    name: String,
+    settings: YarpDriverSettings,
+    /// How many motors each of its parts has in the model.
+    motors: Vec<usize>,
+}
+
+/// Checks a file as `mobee check` does, and returns its robots behind YARP.
+fn configuration(file: &Path, set: &[String]) -> (Vec<Finding>, Vec<Remote>) {
+    let bad = |report: miette::Report| {
+        let remedy = "mend the file; `mobee check` says the same";
+        (vec![Finding::bad(format!("{}: {report:?}", file.display()), remedy)], Vec::new())
+    };
+    let (config, source) = match Config::load(file, set) {
+        Ok(loaded) => loaded,
+        Err(e) => return bad(e.into()),
+    };
+    let composition = match compose(config, &source) {
+        Ok(composition) => composition,
+        Err(report) => return bad(report),
+    };
+    let mut found = vec![Finding::ok(format!("{} is right", file.display()))];
+    found.extend(composition.warnings.iter().map(|w| Finding::warn(w.clone(), "see docs/configuration.md")));
+    let mut robots = Vec::new();
+    for (i, robot) in composition.config.robot.iter().enumerate() {
+        match remote(&source, i, &robot.driver) {
+            Some(settings) => {
+                let model = composition.scene.robots().get(i);
+                let of = |part: &str| model?.parts.iter().find(|p| p.name == part).map(|p| p.motors.len());
+                let motors = settings.parts.iter().map(|p| of(&p.part).unwrap_or(0)).collect();
+                robots.push(Remote { name: robot.name.clone(), settings, motors });
+            }
+            None => found.push(Finding::ok(format!("{} is simulated: there is nothing to reach", robot.name))),
+        }
+    }
+    (found, robots)
+}
+
+fn remote(source: &Source, robot: usize, driver: &serde_json::Value) -> Option<YarpDriverSettings> {
+    let (kind, settings) = driver_of(source, &format!("robot[{robot}].driver"), driver).ok()?;
+    if kind == "yarp" { mobee_contract::settings(&settings).ok() } else { None }
+}

@@ -1,0 +1,90 @@
+//! The network: the name server, and the control boards of a robot.
+
+use super::{Finding, PATIENCE, Remote};
+use mobee_yarp::board::{Link, RemoteBoard, RemoteOptions};
+use mobee_yarp::{Carrier, Network};
+use std::time::Duration;
+
+/// For how long states are counted.
+const COUNTED: Duration = Duration::from_secs(1);
+
+/// Whether the name server answers.
+pub(super) async fn name_server(network: &Network, needed: bool) -> Finding {
+    match network.clone().with_timeout(PATIENCE).list("").await {
+        Ok(ports) => {
+            let (host, port) = network.server();
+            Finding::ok(format!("the YARP name server at {host}:{port} answers; it knows {} ports", ports.len()))
+        }
+        Err(e) if needed => Finding::bad(e.to_string(), "start it: `mobee yarp server`, or `yarpserver`"),
+        Err(e) => Finding::warn(e.to_string(), "only robots and programs behind YARP need it: `mobee yarp server`"),
+    }
+}
+
+/// Looks for each board of a robot, and counts its states.
+pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
+    let network = match &robot.settings.server {
+        Some(server) => match server.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?))) {
+            Some((host, port)) => Network::of(host, port),
+            None => return vec![Finding::bad(format!("`{server}` is no address"), "give HOST:PORT")],
+        },
+        // said already
+        None => match Network::from_env() {
+            Ok(network) => network,
+            Err(_) => return Vec::new(),
+        },
+    };
+    let mut found = Vec::new();
+    if robot.settings.server.is_some() {
+        found.push(name_server(&network, true).await);
+    }
+    for (part, motors) in robot.settings.parts.iter().zip(&robot.motors) {
+        let what = format!("{} {} at {}", robot.name, part.part, part.port);
+        found.push(board(robot, &network, &part.port, *motors, what).await);
+    }
+    found
+}
+
+async fn board(robot: &Remote, network: &Network, port: &str, motors: usize, what: String) -> Finding {
+    let options = RemoteOptions {
+        local: format!("/MoBeE/doctor/{}{port}", std::process::id()),
+        carrier: robot.settings.carrier.parse().unwrap_or(Carrier::FastTcp),
+        timeout: robot.settings.timeout(),
+        stale: robot.settings.stale(),
+    };
+    let board = RemoteBoard::new(network, port, options);
+    let (mut link, mut state) = (board.link(), board.state());
+    let up = async { link.wait_for(|link| matches!(link, Link::Up(_))).await.is_ok() };
+    if !tokio::time::timeout(PATIENCE, up).await.unwrap_or(false) {
+        let why = match &*board.link().borrow() {
+            Link::Down(why) | Link::Taken(why) => why.clone(),
+            Link::Up(_) => String::new(),
+        };
+        let remedy = format!("start the robot\'s boards, and see `mobee yarp list {port}` for what is there");
+        return Finding::bad(format!("{what}: {why}"), remedy);
+    }
+    let axes = board.facts().borrow().as_ref().map_or(0, |facts| facts.len());
+    if axes != motors {
+        let remedy = "give the model of this robot, and the ports of this part";
+        return Finding::bad(format!("{what}: {axes} joints, {motors} in the model"), remedy);
+    }
+    let first = async { state.wait_for(Option::is_some).await.is_ok() };
+    let streams = tokio::time::timeout(PATIENCE, first).await.unwrap_or(false);
+    let seq = || board.state().borrow().as_ref().map_or(0, |s| s.seq);
+    let before = seq();
+    if streams {
+        tokio::time::sleep(COUNTED).await;
+    }
+    let rate = seq().saturating_sub(before) as f64 / COUNTED.as_secs_f64();
+    let wanted = 1.0 / robot.settings.period().as_secs_f64();
+    let what = format!("{what}: {axes} joints, {rate:.0} states per second of {wanted:.0}");
+    if rate == 0.0 {
+        return Finding::bad(what, format!("see whether {port}/state:o is there and sends"));
+    }
+    if rate < 0.8 * wanted {
+        return Finding::warn(
+            what,
+            "set the driver\'s period_ms to what the board really sends, or look at the network",
+        );
+    }
+    Finding::ok(what)
+}

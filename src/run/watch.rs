@@ -1,0 +1,293 @@
+//! `mobee run --watch`: an edit of the running configuration becomes swaps, all of it or nothing.
+//!
+//! ```text
+//! contents of the files ──Debounce──> still for a moment ──load, check, build──> compared per robot ──> swaps, one after the other
+//!                                                              │ anything wrong, or anything that needs a restart: said, nothing done
+//! ```
+
+use crate::config::{Config, Source};
+use crate::ctl::offer;
+use mobee_actors::swap::Terms;
+use mobee_actors::system::Control;
+use mobee_contract::{Answer, Event, Running, Service, SwapPart, SwapStep, Time};
+use serde_json::Value;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{mpsc, oneshot};
+
+/// How often the files are looked at.
+const LOOK: Duration = Duration::from_millis(200);
+/// For how long they must have been still: editors write in several steps.
+const STILL: Duration = Duration::from_millis(300);
+
+/// Watches over the files of a running configuration.
+pub struct WatchService {
+    set: Vec<String>,
+    source: Source,
+    running: Value,
+    world: Option<PathBuf>,
+    /// What stood in the world's file when the run began.
+    world_print: u64,
+    controls: mpsc::Sender<Control>,
+}
+
+impl WatchService {
+    /// For the configuration that runs, as it was loaded with these overrides.
+    pub fn new(source: Source, config: &Config, set: &[String], controls: mpsc::Sender<Control>) -> WatchService {
+        let world = config.world.file.as_ref().map(|file| Config::beside(&source, file));
+        let running = serde_json::to_value(config).unwrap_or_default();
+        let world_print = print_of(world.as_slice());
+        WatchService { set: set.to_vec(), source, running, world, world_print, controls }
+    }
+
+    /// The files that the configuration was put together from, and its world.
+    fn files(&self) -> Vec<PathBuf> {
+        self.source.files().into_iter().chain(self.world.clone()).collect()
+    }
+
+    /// Takes over what was changed.
+    ///
+    /// # Errors
+    /// Why nothing of it was, or not all.
+    async fn reload(&mut self, running: &Arc<dyn Running>) -> Result<Vec<String>, String> {
+        let (path, set) = (self.source.path.clone(), self.set.clone());
+        let (before, models) = (self.running.clone(), running.models());
+        let names: Vec<String> = running.robots().iter().map(|r| r.name().to_owned()).collect();
+        if print_of(self.world.as_slice()) != self.world_print {
+            let file = self.world.clone().unwrap_or_default();
+            let file = file.display();
+            return Err(format!(
+                "{file} was edited: `mobee ctl world ...` moves objects while the run goes on; else start it again"
+            ));
+        }
+        let read = move || {
+            let (config, source) = Config::load(&path, &set).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
+            let now = serde_json::to_value(&config).map_err(|e| e.to_string())?;
+            let changes = changes(&before, &now);
+            if !changes.restart.is_empty() {
+                return Err(format!(
+                    "{} can't be changed while the run goes on: start it again",
+                    changes.restart.join(", ")
+                ));
+            }
+            let mut offers = Vec::new();
+            for (robot, part) in changes.swaps {
+                let model = names.iter().position(|n| *n == robot).and_then(|i| models.get(i));
+                let model = model.ok_or_else(|| format!("there is no robot {robot} in this run"))?;
+                let offered = offer::take(config.clone(), &source, part, &robot, model, false, Terms::default())?;
+                offers.push((robot, part, offered));
+            }
+            Ok((source, now, offers))
+        };
+        let read = tokio::task::spawn_blocking(read).await;
+        let (source, now, offers) = read.map_err(|e| format!("it could not be read: {e}"))??;
+        self.source = source;
+        let mut done = Vec::new();
+        for (robot, part, offered) in offers {
+            let (reply, taken) = oneshot::channel();
+            self.controls.send(offered.control(robot.clone(), reply)).await.map_err(|_| "the run is ending")?;
+            let said = |why: &str| format!("{robot}.{part}: {why}");
+            taken.await.map_err(|_| said("the run is ending"))?.map_err(|why| said(&why))?;
+            match self.last_step(&robot, part).await? {
+                SwapStep::Settled => put(&mut self.running, &now, &robot, part),
+                step => return Err(said(&step.to_string())),
+            }
+            done.push(format!("{robot}.{part} is exchanged"));
+        }
+        Ok(done)
+    }
+
+    /// Waits for the end of a swap.
+    async fn last_step(&self, robot: &str, part: SwapPart) -> Result<SwapStep, String> {
+        loop {
+            let (reply, report) = oneshot::channel();
+            self.controls.send(Control::Status(reply)).await.map_err(|_| "the run is ending")?;
+            let report = report.await.map_err(|_| "the run is ending")?;
+            let step = report.robots.iter().find(|r| r.name == robot).and_then(|r| r.swaps.get(&part));
+            match step {
+                Some(step) if step.is_last() => return Ok(step.clone()),
+                _ => tokio::time::sleep(LOOK).await,
+            }
+        }
+    }
+}
+
+impl Service for WatchService {
+    fn name(&self) -> String {
+        "watch".into()
+    }
+
+    fn keeps_run(&self) -> bool {
+        false
+    }
+
+    fn serve(mut self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
+        Box::pin(async move {
+            let mut debounce = Debounce::new(print_of(&self.files()));
+            let watch = async {
+                loop {
+                    tokio::time::sleep(LOOK).await;
+                    if !debounce.look(running.now(), print_of(&self.files())) {
+                        continue;
+                    }
+                    let text = match self.reload(&running).await {
+                        Ok(done) if done.is_empty() => continue,
+                        Ok(done) => format!("the edited configuration is in force: {}", done.join(", ")),
+                        Err(why) => format!("the edited configuration was not taken over: {why}"),
+                    };
+                    eprintln!("{text}");
+                    running.tell(Event::Warning { text });
+                }
+            };
+            tokio::select! {
+                () = until => Ok(()),
+                () = watch => Ok(()),
+            }
+        })
+    }
+}
+
+/// What stands in the files, in one number; a file that can't be read counts as well.
+fn print_of(files: &[PathBuf]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    files.iter().for_each(|file| std::fs::read(file).ok().hash(&mut hasher));
+    hasher.finish()
+}
+
+/// Tells when something has changed and is still again.
+#[derive(Debug)]
+struct Debounce {
+    taken: u64,
+    pending: Option<(u64, Time)>,
+}
+
+impl Debounce {
+    fn new(print: u64) -> Debounce {
+        Debounce { taken: print, pending: None }
+    }
+
+    /// Whether what is seen now is new and has been so for long enough.
+    fn look(&mut self, now: Time, print: u64) -> bool {
+        match self.pending {
+            _ if print == self.taken => self.pending = None,
+            Some((seen, since)) if seen == print => {
+                if now.since(since) >= STILL {
+                    (self.taken, self.pending) = (print, None);
+                    return true;
+                }
+            }
+            _ => self.pending = Some((print, now)),
+        }
+        false
+    }
+}
+
+/// What differs between two configurations.
+#[derive(Debug, Default, PartialEq)]
+struct Changes {
+    /// What can be exchanged: per robot, which parts.
+    swaps: Vec<(String, SwapPart)>,
+    /// The keys of everything else.
+    restart: Vec<String>,
+}
+
+fn changes(old: &Value, new: &Value) -> Changes {
+    let mut found = Changes::default();
+    let robots = |config: &Value| config["robot"].as_array().cloned().unwrap_or_default();
+    let (before, after) = (robots(old), robots(new));
+    let names = |robots: &[Value]| robots.iter().map(|r| r["name"].clone()).collect::<Vec<Value>>();
+    if names(&before) == names(&after) {
+        for (old, new) in before.iter().zip(&after) {
+            let name = old["name"].as_str().unwrap_or_default().to_owned();
+            for key in differing(old, new) {
+                match key.as_str() {
+                    "controller" => found.swaps.push((name.clone(), SwapPart::Controller)),
+                    "driver" => found.swaps.push((name.clone(), SwapPart::Driver)),
+                    "agent" if !old["agent"].is_null() && !new["agent"].is_null() => {
+                        found.swaps.push((name.clone(), SwapPart::Agent));
+                    }
+                    other => found.restart.push(format!("robot.{name}.{other}")),
+                }
+            }
+        }
+    } else {
+        found.restart.push("robot".into());
+    }
+    found.restart.extend(differing(old, new).into_iter().filter(|key| key != "robot"));
+    found
+}
+
+/// The keys whose values differ.
+fn differing(old: &Value, new: &Value) -> Vec<String> {
+    let keys = |v: &Value| v.as_object().map(|m| m.keys().cloned().collect::<Vec<_>>()).unwrap_or_default();
+    let mut all = keys(old);
+    all.extend(keys(new));
+    all.sort();
+    all.dedup();
+    all.retain(|key| old[key] != new[key]);
+    all
+}
+
+/// Notes that a part of a robot is now as the new configuration has it.
+fn put(running: &mut Value, new: &Value, robot: &str, part: SwapPart) {
+    let of = |config: &Value| config["robot"].as_array()?.iter().position(|r| r["name"] == robot);
+    if let (Some(here), Some(there)) = (of(running), of(new)) {
+        let key = part.to_string();
+        running["robot"][here][&key] = new["robot"][there][&key].clone();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_is_edited_counts_once_it_is_still() {
+        let at = |ms: u64| Time(ms * 1_000_000);
+        let mut debounce = Debounce::new(1);
+        // half-written, then written on, then still
+        for (ms, print, counts) in
+            [(0, 1, false), (200, 2, false), (400, 3, false), (600, 3, false), (800, 3, true), (1000, 3, false)]
+        {
+            assert_eq!(debounce.look(at(ms), print), counts, "at {ms} ms");
+        }
+        // changed back in time: nothing happened
+        for (ms, print) in [(1200, 4), (1400, 3), (1600, 4), (1800, 3), (2000, 3)] {
+            assert!(!debounce.look(at(ms), print), "at {ms} ms");
+        }
+    }
+
+    #[test]
+    fn parts_are_exchanged_and_everything_else_needs_a_restart() {
+        let config = json!({
+            "seed": 1, "world": { "file": "a.xml" },
+            "robot": [
+                { "name": "left", "model": "m.xml", "driver": { "kind": "sim" }, "controller": { "period_ms": 20.0 }, "agent": { "speed": 0.1 } },
+                { "name": "right", "model": "m.xml", "driver": { "kind": "sim" }, "controller": { "period_ms": 20.0 }, "agent": null }
+            ]
+        });
+        let edited = |key: &str, value: Value| {
+            let mut new = config.clone();
+            *new.pointer_mut(key).expect(key) = value;
+            changes(&config, &new)
+        };
+        let swap = |robot: &str, part| Changes { swaps: vec![(robot.to_owned(), part)], restart: Vec::new() };
+        let restart = |key: &str| Changes { swaps: Vec::new(), restart: vec![key.to_owned()] };
+        assert_eq!(edited("/seed", json!(1)), Changes::default());
+        assert_eq!(edited("/robot/0/agent/speed", json!(0.2)), swap("left", SwapPart::Agent));
+        assert_eq!(edited("/robot/1/controller/period_ms", json!(10.0)), swap("right", SwapPart::Controller));
+        assert_eq!(edited("/robot/1/driver", json!({ "kind": "yarp" })), swap("right", SwapPart::Driver));
+        assert_eq!(edited("/robot/1/agent", json!({ "kind": "random" })), restart("robot.right.agent"));
+        assert_eq!(edited("/robot/0/model", json!("n.xml")), restart("robot.left.model"));
+        assert_eq!(edited("/world/file", json!("b.xml")), restart("world"));
+        assert_eq!(edited("/robot/0/name", json!("middle")), restart("robot"));
+        let mut new = config.clone();
+        new["robot"][0]["agent"]["speed"] = json!(0.3);
+        let mut running = config.clone();
+        put(&mut running, &new, "left", SwapPart::Agent);
+        assert_eq!(running, new);
+    }
+}
