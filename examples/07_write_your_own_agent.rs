@@ -65,6 +65,7 @@ inventory::submit! {
         name: "wave",
         doc: "Waves with one motor.",
         schema: || schemars::schema_for!(WaveSettings),
+        example: |robot| serde_json::json!({ "motor": robot.motors[0].name, "swing_deg": 5.0, "times": 2 }),
         build: |value, context| {
             let s: WaveSettings = settings(value)?;
             let motor = context.robot.motor_index(&s.motor).ok_or_else(|| {

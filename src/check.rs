@@ -18,8 +18,7 @@ use std::process::ExitCode;
 pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Report> {
     let is_run = path.is_dir() || path.extension().is_some_and(|e| e == "jsonl");
     if !is_run {
-        let (config, source) = Config::load(path, set)?;
-        let c = compose(config, &source)?;
+        let c = crate::compose::read(path, set)?;
         for w in &c.warnings {
             println!("warning: {w}");
         }

@@ -1,11 +1,14 @@
 //! From a configuration to a system that is ready to run: every file read, every part built, every name checked.
 
-use crate::config::{Config, ConfigError, EditStep, Source, When, nearest};
+mod checks;
+mod script;
+
+use crate::config::{Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::controller::Controller;
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
-use mobee_contract::{Context, Hardware, KindError, Service, agent_kinds, driver_kinds};
+use mobee_contract::{Context, Hardware, KindError, Means, Service, agent_kinds, driver_kinds};
 use mobee_drivers::YarpServices;
-use mobee_model::{Edit, Object, Robot, Scene, load_robot, load_world};
+use mobee_model::{Object, Robot, Scene, load_robot, load_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -29,64 +32,139 @@ pub struct Composition {
     pub warnings: Vec<String>,
 }
 
+/// Reads a file with its layers, and builds everything that it names.
+///
+/// # Errors
+/// Every complaint, with its place and remedy.
+pub fn read(path: &Path, overrides: &[String]) -> Result<Composition, Complaints> {
+    from_source(&Source::load(path, overrides)?)
+}
+
+/// The same for values that were read.
+///
+/// # Errors
+/// Every complaint, with its place and remedy.
+pub fn from_source(source: &Source) -> Result<Composition, Complaints> {
+    let (config, wrong) = Config::partly(source)?;
+    build(config, source, wrong)
+}
+
 /// Builds everything that a configuration names.
 ///
 /// # Errors
-/// The first complaint, with its place and remedy.
+/// Every complaint, with its place and remedy.
 pub fn compose(config: Config, source: &Source) -> Result<Composition, miette::Report> {
+    build(config, source, Complaints::default()).map_err(miette::Report::new)
+}
+
+/// One robot with what was built for it, and what is known of it before it moves.
+struct Built {
+    model: Arc<Robot>,
+    hardware: Option<Arc<dyn Hardware>>,
+    agent: Option<(AgentMaker, Means)>,
+}
+
+fn build(config: Config, source: &Source, mut wrong: Complaints) -> Result<Composition, Complaints> {
     let mut warnings = Vec::new();
-    let mut models: Vec<(Arc<Robot>, Isometry3<f64>)> = Vec::new();
+    let mut built: Vec<Option<Built>> = Vec::new();
     for (i, r) in config.robot.iter().enumerate() {
-        let path = Config::beside(source, &r.model);
-        must_exist(source, &format!("robot[{i}].model"), &path, "robot file; `configs/robots/` has some")?;
-        let loaded = load_robot(&path)?;
-        warnings.extend(loaded.warnings.iter().map(ToString::to_string));
+        let at = |key: &str| format!("robot[{i}].{key}");
+        let model = wrong.keep(model(r, &at("model"), source, &mut warnings));
+        built.push(model.map(|model| {
+            let context = |role: &str| Context {
+                robot: model.clone(),
+                seed: derive_seed(config.seed, &format!("{}/{role}", r.name)),
+            };
+            let hardware = wrong.keep(driver(source, &at("driver"), &r.driver, &context("driver")));
+            let agent = r.agent.as_ref().map(|value| agent(source, &at("agent"), value, context("agent")));
+            Built { hardware, agent: agent.and_then(|a| wrong.keep(a)), model }
+        }));
+    }
+    let objects = wrong.keep(world(&config, source, &mut warnings));
+    let services = wrong.keep(services(&config, source));
+    let whole: Option<Vec<Built>> = built.into_iter().collect();
+    let (Some(built), Some(objects)) = (whole, objects) else { return Err(wrong.of_something()) };
+
+    let base = |r: &crate::config::Robot| {
         let [x, y, z] = r.base.position_m;
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), r.base.yaw_deg.to_radians());
-        let mut robot = loaded.value;
-        robot.name = r.name.clone();
-        models.push((Arc::new(robot), Isometry3::from_parts(Translation3::new(x, y, z), turn)));
-    }
-    let objects = world(&config, source, &mut warnings)?;
-    let scene = Scene::new(models.clone(), objects)
-        .map_err(|e| source.error("world", e.to_string(), "mend the world's or the robots' files"))?;
+        Isometry3::from_parts(Translation3::new(x, y, z), turn)
+    };
+    let models = built.iter().zip(&config.robot).map(|(b, r)| (b.model.clone(), base(r))).collect();
+    let scene = match Scene::new(models, objects) {
+        Ok(scene) => scene,
+        // two robots of one name, say, were told before
+        Err(_) if !wrong.is_empty() => return Err(wrong),
+        Err(e) => {
+            return Err(source.error("world.file", e.to_string(), "mend the world's or the robots' files").into());
+        }
+    };
+    checks::all(&config, source, &scene, &built, &mut wrong, &mut warnings);
+    let script = script::steps(&config, source, &scene, &mut wrong);
 
     let mut robots = Vec::new();
-    for (i, r) in config.robot.iter().enumerate() {
-        let robot = models[i].0.clone();
-        let context = |role: &str| Context {
-            robot: robot.clone(),
-            seed: derive_seed(config.seed, &format!("{}/{role}", r.name)),
-        };
-        let hardware = driver(source, &format!("robot[{i}].driver"), &r.driver, &context("driver"))?;
-        let agent = match &r.agent {
-            Some(value) => Some(agent(source, &format!("robot[{i}].agent"), value, context("agent"))?),
-            None => None,
-        };
-        let at = format!("robot[{i}].controller");
-        let controller = r.controller.settings().map_err(|e| place(source, &at, &e))?;
-        let foreign = config.yarp.as_ref().filter(|y| y.filter).map(|y| y.speed);
-        warnings.extend(margin_warning(r, &robot, hardware.as_ref(), &controller, foreign));
-        robots.push(RobotSetup { name: r.name.clone(), hardware, controller, agent });
+    if wrong.is_empty() {
+        for (i, (Built { model, hardware, agent }, r)) in built.into_iter().zip(&config.robot).enumerate() {
+            let Some(hardware) = hardware else { continue };
+            let at = format!("robot[{i}].controller");
+            let settings = r.controller.settings().map_err(|e| placed(source, &at, e));
+            let Some(controller) = wrong.keep(settings) else { continue };
+            let foreign = config.yarp.as_ref().filter(|y| y.filter).map(|y| y.speed);
+            warnings.extend(margin_warning(r, &model, hardware.as_ref(), &controller, foreign));
+            robots.push(RobotSetup {
+                name: r.name.clone(),
+                hardware,
+                controller,
+                agent: agent.map(|(maker, _)| maker),
+            });
+        }
     }
-    home_is_free(&config, source, &scene)?;
-    let script = script(&config, source, &scene)?;
-    let services = services(&config, source)?;
-    Ok(Composition { config, file: source.path.clone(), scene, robots, script, services, warnings })
+    let services = services.unwrap_or_default();
+    let file = source.path.clone();
+    wrong.none_or(Composition { config, file, scene, robots, script, services, warnings })
 }
 
 fn must_exist(source: &Source, at: &str, path: &Path, what: &str) -> Result<(), ConfigError> {
     if path.is_file() {
         return Ok(());
     }
-    Err(source.error(
-        at,
-        format!("there is no file {}", path.display()),
-        format!("give the path of a {what}, relative to this file"),
-    ))
+    let beside = path.parent().into_iter().filter_map(|dir| std::fs::read_dir(dir).ok()).flatten().flatten();
+    let mut names: Vec<String> = beside.filter_map(|e| e.file_name().into_string().ok()).take(1000).collect();
+    names.sort();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let wanted = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    let near = mobee_contract::nearest(wanted, &names).filter(|n| *n != wanted);
+    let near = near.map_or(String::new(), |n| format!("did you mean `{n}`, in the same folder? "));
+    let (problem, remedy) = match path.is_dir() {
+        true => (format!("{} is a folder", path.display()), "give the path of a file in it".into()),
+        false => (
+            format!("there is no file {}", path.display()),
+            format!("{near}give the path of a {what}, relative to this file"),
+        ),
+    };
+    Err(source.error(at, problem, remedy))
 }
 
-fn world(config: &Config, source: &Source, warnings: &mut Vec<String>) -> Result<Vec<Object>, miette::Report> {
+fn model(
+    r: &crate::config::Robot,
+    at: &str,
+    source: &Source,
+    warnings: &mut Vec<String>,
+) -> Result<Arc<Robot>, Complaints> {
+    let path = Config::beside(source, &r.model);
+    must_exist(source, at, &path, "robot file; `configs/robots/` has some")?;
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("urdf")) {
+        let help = format!("convert it: mobee model convert {} robot.xml", path.display());
+        return Err(source.error(at, "this is a URDF file, and robots are read from ZRP XML", help).into());
+    }
+    let loaded = load_robot(&path)?;
+    warnings.extend(loaded.warnings.iter().map(ToString::to_string));
+    let mut robot = loaded.value;
+    robot.name = r.name.clone();
+    Ok(Arc::new(robot))
+}
+
+fn world(config: &Config, source: &Source, warnings: &mut Vec<String>) -> Result<Vec<Object>, Complaints> {
     let Some(file) = &config.world.file else { return Ok(Vec::new()) };
     let path = Config::beside(source, file);
     must_exist(source, "world.file", &path, "world file; `configs/worlds/` has some")?;
@@ -101,29 +179,27 @@ fn kind(source: &Source, at: &str, value: &Value, known: &[&'static str]) -> Res
         return Err(source.error(at, "this is no table", "write a table with `kind` and its settings"));
     };
     let Some(name) = map.get("kind").and_then(Value::as_str) else {
-        return Err(source.error(
-            at,
-            "there is no `kind` here",
-            format!("add kind = \"...\"; known: {}", known.join(", ")),
-        ));
+        let help = format!("add kind = \"...\"; known: {}", known.join(", "));
+        return Err(source.error(at, "there is no `kind` here", help));
     };
     if !known.contains(&name) {
-        let near = nearest(name, known).map_or(String::new(), |n| format!("did you mean `{n}`? "));
-        return Err(source.error(
-            &format!("{at}.kind"),
-            format!("there is no kind `{name}`"),
-            format!("{near}known: {}", known.join(", ")),
-        ));
+        let what = format!("there is no kind `{name}`");
+        return Err(source.error(&format!("{at}.kind"), what, suggestion(name, "kind", known)));
     }
     let mut settings = map.clone();
     settings.remove("kind");
     Ok((name.to_owned(), Value::Object(settings)))
 }
 
-fn place(source: &Source, at: &str, e: &KindError) -> ConfigError {
-    let path = if e.path.is_empty() { at.to_owned() } else { format!("{at}.{}", e.path) };
-    let help = crate::config::did_you_mean(&e.what).unwrap_or_else(|| e.help.clone());
-    source.error(&path, e.what.clone(), help)
+/// The complaints about a kind's table that stands at `at`.
+fn placed(source: &Source, at: &str, e: KindError) -> Complaints {
+    let mut wrong = Complaints::default();
+    for e in e.all() {
+        let path = if e.path.is_empty() { at.to_owned() } else { format!("{at}.{}", e.path) };
+        let help = crate::config::did_you_mean(&e.what).unwrap_or(e.help);
+        wrong.push(source.error(&path, e.what, help));
+    }
+    wrong
 }
 
 /// The kind of a driver and its settings.
@@ -132,88 +208,31 @@ pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(Str
     kind(source, at, value, &names)
 }
 
-fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result<Arc<dyn Hardware>, ConfigError> {
+fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result<Arc<dyn Hardware>, Complaints> {
+    let (name, mut settings) = driver_of(source, at, value)?;
     let kinds = driver_kinds();
-    let names: Vec<&'static str> = kinds.iter().map(|k| k.name).collect();
-    let (name, mut settings) = kind(source, at, value, &names)?;
     if let Some(Value::String(file)) = settings.get_mut("file") {
         // kinds know no configuration file that their paths could be relative to
         *file = Config::beside(source, Path::new(file)).to_string_lossy().into_owned();
     }
     let found = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds");
-    (found.build)(&settings, context).map_err(|e| place(source, at, &e))
+    (found.build)(&settings, context).map_err(|e| placed(source, at, e))
 }
 
-fn services(config: &Config, source: &Source) -> Result<Vec<Box<dyn Service>>, ConfigError> {
+fn services(config: &Config, source: &Source) -> Result<Vec<Box<dyn Service>>, Complaints> {
     let Some(mut yarp) = config.yarp.clone() else { return Ok(Vec::new()) };
     yarp.save_folder = yarp.save_folder.map(|folder| Config::beside(source, &folder));
-    let ports = YarpServices::new(yarp).map_err(|e| place(source, "yarp", &e))?;
+    let ports = YarpServices::new(yarp).map_err(|e| placed(source, "yarp", e))?;
     Ok(vec![Box::new(ports)])
 }
 
-fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<AgentMaker, ConfigError> {
+fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Means), Complaints> {
     let kinds = agent_kinds();
     let names: Vec<&'static str> = kinds.iter().map(|k| k.name).collect();
     let (name, settings) = kind(source, at, value, &names)?;
     let build = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds").build;
-    build(&settings, &context).map_err(|e| place(source, at, &e))?;
-    Ok(Arc::new(move || build(&settings, &context).map_err(|e| e.to_string())))
-}
-
-/// A motion that starts in contact could never be committed: said before anything moves.
-fn home_is_free(config: &Config, source: &Source, scene: &Scene) -> Result<(), ConfigError> {
-    let home = scene.home();
-    for (i, r) in config.robot.iter().enumerate() {
-        let margin = r.controller.margin_mm * 1e-3;
-        if let Some(c) = scene.clearance(&home, margin) {
-            let (a, b) = (scene.shape_name(c.pair.0), scene.shape_name(c.pair.1));
-            return Err(source.error(
-                &format!("robot[{i}].model"),
-                format!(
-                    "at home, {a} is {:.1} mm from {b}, nearer than the margin of {} mm",
-                    c.distance * 1e3,
-                    r.controller.margin_mm
-                ),
-                "move the object or the robot's base, or choose a smaller margin",
-            ));
-        }
-    }
-    Ok(())
-}
-
-fn script(config: &Config, source: &Source, scene: &Scene) -> Result<Vec<ScriptStep>, ConfigError> {
-    let names: Vec<&str> = scene.objects().map(|(_, o)| o.name.as_str()).collect();
-    let mut steps = Vec::new();
-    for (i, s) in config.script.iter().enumerate() {
-        let EditStep { object, class, position_m, remove } = &s.edit;
-        let Some((_, found)) = scene.object(object) else {
-            let near = nearest(object, &names).map_or(String::new(), |n| format!("did you mean `{n}`? "));
-            return Err(source.error(
-                &format!("script[{i}].edit.object"),
-                format!("there is no object `{object}` in the world"),
-                format!("{near}the objects are: {}", names.join(", ")),
-            ));
-        };
-        let mut edits = Vec::new();
-        if let Some([x, y, z]) = position_m {
-            let pose = Isometry3::from_parts(Translation3::new(*x, *y, *z), found.pose.rotation);
-            edits.push(Edit::Move { name: object.clone(), pose });
-        }
-        if let Some(class) = class {
-            edits.push(Edit::Class { name: object.clone(), class: *class });
-        }
-        if *remove {
-            edits.push(Edit::Remove { name: object.clone() });
-        }
-        let when = match &s.when {
-            When::AtS(t) => mobee_actors::system::When::At(mobee_contract::Time::from_secs(*t)),
-            When::AfterOutcomes { robot, count } => {
-                mobee_actors::system::When::AfterOutcomes { robot: robot.clone(), n: *count }
-            }
-        };
-        steps.extend(edits.into_iter().map(|edit| ScriptStep { when: when.clone(), edit }));
-    }
-    Ok(steps)
+    let means = build(&settings, &context).map_err(|e| placed(source, at, e))?.means();
+    Ok((Arc::new(move || build(&settings, &context).map_err(|e| e.to_string())), means))
 }
 
 /// Whether the robot can stop within its margin at the speed its agent uses, or foreign programs may.

@@ -11,6 +11,7 @@ mod controller;
 mod error;
 mod include;
 mod layer;
+mod shape;
 pub mod show;
 mod source;
 mod spelling;
@@ -18,8 +19,10 @@ mod spelling;
 pub use complaints::{Complaint, Complaints};
 pub use controller::{Controller, schema as controller_schema};
 pub use error::ConfigError;
+pub use mobee_contract::{nearest, suggestion};
+pub use shape::{Misfit, misfits};
 pub use source::Source;
-pub use spelling::{did_you_mean, nearest, suggestion};
+pub use spelling::did_you_mean;
 
 use mobee_actors::clock::ClockKind;
 use schemars::JsonSchema;
@@ -146,7 +149,7 @@ pub struct EditStep {
     pub object: String,
     /// Its new class: `obstacle`, `target` or `ghost`.
     #[serde(default)]
-    #[schemars(with = "Option<String>")]
+    #[schemars(with = "Option<String>", extend("enum" = ["obstacle", "target", "ghost", null]))]
     pub class: Option<mobee_model::ObjectClass>,
     /// Its new position, metres.
     #[serde(default)]
@@ -217,15 +220,37 @@ impl Config {
     /// # Errors
     /// Every complaint, with its place and remedy.
     pub fn from_source(source: &Source) -> Result<Config, Complaints> {
-        controller::unknown(source).none_or(())?;
-        let mut config: Config = serde_path_to_error::deserialize(&source.value).map_err(|e| {
-            let message = e.inner().to_string();
-            let help = did_you_mean(&message).unwrap_or_else(|| "see docs/configuration.md for every setting".into());
-            source.error(&e.path().to_string(), message, help)
-        })?;
-        config.resolve(source);
-        let wrong = config.check(source);
+        let (config, wrong) = Config::partly(source)?;
         wrong.none_or(config)
+    }
+
+    /// Understands what can be understood, so that as much as possible can be checked: the complaints so far, and a
+    /// configuration without the tables that don't have their shape.
+    ///
+    /// # Errors
+    /// The complaints, if too little is left.
+    pub fn partly(source: &Source) -> Result<(Config, Complaints), Complaints> {
+        let mut wrong = Complaints::default();
+        let mut value = source.value.clone();
+        for m in shape::misfits(crate::schema::whole(), &source.value) {
+            leave_out(&mut value, &m);
+            wrong.push(source.complain(&m.steps, m.at_key, m.what, m.help));
+        }
+        let mut config: Config = match serde_path_to_error::deserialize(&value) {
+            Ok(config) => config,
+            Err(_) if !wrong.is_empty() => return Err(wrong),
+            Err(e) => {
+                let message = e.inner().to_string();
+                let address =
+                    message.contains("socket address").then(|| "give ADDRESS:PORT, such as 127.0.0.1:10000".to_owned());
+                let help = did_you_mean(&message).or(address);
+                let help = help.unwrap_or_else(|| "see docs/configuration.md for every setting".into());
+                return Err(source.error(&e.path().to_string(), message, help).into());
+            }
+        };
+        config.resolve(source);
+        wrong.append(config.check(source));
+        Ok((config, wrong))
     }
 
     /// Names the run, and makes paths that stand in included files relative to the main file.
@@ -259,4 +284,27 @@ impl Config {
     pub fn beside(source: &Source, path: &Path) -> PathBuf {
         source.path.parent().map_or_else(|| path.to_owned(), |dir| dir.join(path))
     }
+}
+
+/// Takes a table out that does not have its shape, and what would be misjudged without it.
+fn leave_out(value: &mut Value, m: &shape::Misfit) {
+    let step = |i: usize| m.steps.get(i).map(String::as_str).unwrap_or_default();
+    let out = |at: &mut Value, key: &str| drop(at.as_object_mut().map(|map| map.remove(key)));
+    let robot = step(1).parse::<usize>().ok().filter(|_| step(0) == "robot");
+    match (robot, step(2)) {
+        (Some(i), "controller") if step(3) == "kind" => {
+            if let Some(all) = value["robot"][i]["controller"].as_object_mut() {
+                all.retain(|key, _| controller::SHARED.contains(&key.as_str()));
+            }
+        }
+        (Some(i), "controller") if m.steps.len() > 3 && !controller::SHARED.contains(&step(3)) => {
+            out(&mut value["robot"][i]["controller"], step(3));
+        }
+        (Some(i), key @ ("agent" | "driver")) => out(&mut value["robot"][i], key),
+        (Some(i), key) if m.at_key && m.steps.len() == 3 => out(&mut value["robot"][i], key),
+        (Some(i), key) if m.at_key && m.steps.len() == 4 => out(&mut value["robot"][i][key], step(3)),
+        (Some(_), _) => {}
+        (None, _) => out(value, step(0)),
+    }
+    out(value, "script");
 }

@@ -6,14 +6,20 @@ use mobee_contract::{agent_kinds, driver_kinds};
 use serde_json::Value;
 use std::fmt::Write;
 
-struct Entry {
-    role: &'static str,
-    name: &'static str,
-    doc: &'static str,
-    schema: Value,
+/// A registered kind.
+pub(crate) struct Entry {
+    /// What it is a kind of.
+    pub role: &'static str,
+    /// Its name.
+    pub name: &'static str,
+    /// What it does.
+    pub doc: &'static str,
+    /// Its settings.
+    pub schema: Value,
 }
 
-fn entries() -> Vec<Entry> {
+/// All registered kinds.
+pub(crate) fn entries() -> Vec<Entry> {
     let agents = agent_kinds().into_iter().map(|k| ("agent", k.name, k.doc, (k.schema)().to_value()));
     let drivers = driver_kinds().into_iter().map(|k| ("driver", k.name, k.doc, (k.schema)().to_value()));
     let controllers = controller_kinds().into_iter().map(|k| ("controller", k.name, k.doc, controller_schema(k)));
@@ -61,18 +67,37 @@ pub fn listing(name: Option<&str>) -> Result<String, ConfigError> {
         ));
     };
     let _ = writeln!(out, "{} ({})\n\n{}\n\nsettings", e.name, e.role, e.doc.trim());
-    let required: Vec<&str> =
-        e.schema["required"].as_array().map(|r| r.iter().filter_map(Value::as_str).collect()).unwrap_or_default();
-    for (key, s) in e.schema["properties"].as_object().into_iter().flatten() {
+    rows(&mut out, &e.schema, &e.schema, 2);
+    Ok(out)
+}
+
+/// A line per setting, and indented below it those of the tables in it.
+fn rows(out: &mut String, root: &Value, schema: &Value, indent: usize) {
+    let required = |key: &str| schema["required"].as_array().is_some_and(|r| r.iter().any(|k| k == key));
+    for (key, s) in schema["properties"].as_object().into_iter().flatten().filter(|(key, _)| *key != "kind") {
         let default = match s.get("default") {
-            _ if required.contains(&key.as_str()) => "required".to_owned(),
+            _ if required(key) => "required".to_owned(),
             Some(d) if !d.is_null() => format!("default {d}"),
             _ => "optional".to_owned(),
         };
-        let doc = s["description"].as_str().unwrap_or("").replace('\n', " ");
-        let _ = writeln!(out, "  {key:26} {:10} {default:16} {doc}", type_name(s));
+        let inner = resolved(root, s);
+        let element = [&inner["items"], &inner["additionalProperties"]].map(|e| resolved(root, e));
+        let doc = s["description"].as_str().or(inner["description"].as_str()).unwrap_or("").replace('\n', " ");
+        let (name, width) = (type_name(root, s), 28usize.saturating_sub(indent));
+        let _ = writeln!(out, "{:indent$}{key:width$} {name:10} {default:16} {doc}", "");
+        if indent < 8
+            && let Some(table) = [inner].into_iter().chain(element).find(|t| t["properties"].is_object())
+        {
+            rows(out, root, table, indent + 2);
+        }
     }
-    Ok(out)
+}
+
+/// What a link leads to, or the type that is optional.
+fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
+    let optional = schema["anyOf"].as_array().and_then(|o| o.iter().find(|o| o["type"] != "null"));
+    let schema = optional.unwrap_or(schema);
+    schema["$ref"].as_str().and_then(|link| root.pointer(link.strip_prefix('#')?)).unwrap_or(schema)
 }
 
 fn first_sentence(doc: &str) -> String {
@@ -80,9 +105,14 @@ fn first_sentence(doc: &str) -> String {
     line.split_once(". ").map_or(line.clone(), |(first, _)| format!("{first}."))
 }
 
-fn type_name(schema: &Value) -> String {
+fn type_name(root: &Value, schema: &Value) -> String {
+    let schema = resolved(root, schema);
+    let choices = schema["enum"].as_array().or(schema["oneOf"].as_array()).into_iter().flatten();
+    let words: Vec<&str> = choices.filter_map(|c| c.as_str().or(c["const"].as_str())).collect();
     match &schema["type"] {
-        Value::String(s) if s == "array" => format!("[{}]", type_name(&schema["items"])),
+        _ if !words.is_empty() => words.join("|"),
+        Value::String(s) if s == "array" => format!("[{}]", type_name(root, &schema["items"])),
+        Value::String(s) if s == "object" => "table".to_owned(),
         Value::String(s) => s.clone(),
         Value::Array(options) => {
             options.iter().filter_map(Value::as_str).filter(|s| *s != "null").collect::<Vec<_>>().join("|")

@@ -4,8 +4,8 @@ use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{Clock, ConfigError};
 use mobee::{
-    agent, check, config, ctl, doctor, inspect, kinds, model_convert, model_eval, model_info, replay, run, sim,
-    torture, view, yarp,
+    agent, check, config, ctl, doctor, inspect, kinds, model_convert, model_eval, model_info, new, replay, run, schema,
+    sim, torture, view, yarp,
 };
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -70,6 +70,16 @@ enum Command {
         /// Show this kind in full.
         name: Option<String>,
     },
+    /// Write a starting file for a behavior of your own, with the robot and the world that it names beside it.
+    New {
+        /// Its name: NAME.toml is written.
+        name: String,
+        /// The behavior to start from: explore, ball, filter, torture or explore-yarp.
+        #[arg(long, value_name = "BEHAVIOR", default_value = "explore")]
+        from: String,
+    },
+    /// Print the JSON Schema of configuration files, for editors.
+    Schema,
     /// Run the agent of a behavior alone, against the filtered control boards of a system that runs elsewhere.
     Agent(agent::AgentArgs),
     /// Show a configuration with all its layers.
@@ -253,6 +263,16 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         Command::Torture(args) => torture::command(&args),
         Command::Kinds { name } => {
             print!("{}", kinds::listing(name.as_deref())?);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::New { name, from } => {
+            for file in new::write(&name, &from)? {
+                println!("{}", file.display());
+            }
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Schema => {
+            print!("{}", schema::text());
             Ok(ExitCode::SUCCESS)
         }
         Command::Agent(args) => agent::command(args),

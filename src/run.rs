@@ -12,7 +12,7 @@ pub use report::summary;
 pub use resume::command as resume;
 
 use crate::compose::{Composition, compose};
-use crate::config::{Clock, Config, ConfigError, Resolved};
+use crate::config::{Clock, Config, ConfigError, Resolved, Source};
 use crate::ctl::CtlService;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::clock::ClockKind;
@@ -50,12 +50,12 @@ pub fn command(
     ctl: CtlAt,
     watch: bool,
 ) -> Result<ExitCode, Report> {
-    let (config, source) = Config::load(file, set)?;
-    if watch && config.clock == Clock::Virtual {
+    let source = Source::load(file, set)?;
+    let mut composition = crate::compose::from_source(&source)?;
+    if watch && composition.config.clock == Clock::Virtual {
         let what = "--watch waits for edits, and by this file's virtual clock the run is over in no time";
         return Err(ConfigError::plain(what, "add --clock real").into());
     }
-    let mut composition = compose(config, &source)?;
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }

@@ -72,7 +72,12 @@ fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
     // file, what is replaced, by what, and what the answer must hold (its place first)
     let cases: &[(&str, &str, &str, &[&str])] = &[
         ("behavior.toml", "period_ms = 20", "period = 20", &["behavior.toml:6", "period", "did you mean `period_ms`"]),
-        ("behavior.toml", "period_ms = 20", "period_ms = \"20 ms\"", &["behavior.toml:6", "invalid type", "help"]),
+        (
+            "behavior.toml",
+            "period_ms = 20",
+            "period_ms = \"20 ms\"",
+            &["behavior.toml:6", "a number belongs here", "help"],
+        ),
         (
             "behavior.toml",
             "period_ms = 20",
@@ -81,7 +86,12 @@ fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
         ),
         ("behavior.toml", "history = 500", "history = 500, margin = 3", &["behavior.toml:6", "margin_mm"]),
         ("behavior.toml", "history = 500", "history = 500, kind = \"rolback\"", &["toml:6", "did you mean `rollback`"]),
-        ("behavior.toml", "history = 500", "history = 500, kind = 3", &["behavior.toml:6", "invalid type", "help"]),
+        (
+            "behavior.toml",
+            "history = 500",
+            "history = 500, kind = 3",
+            &["behavior.toml:6", "text in quotes belongs here", "help"],
+        ),
         ("behavior.toml", "controller = { period_ms = 20, history = 500 }", "", &["controller", "help"]),
         ("behavior.toml", "robot.xml", "robots.xml", &["behavior.toml:5", "there is no file", "help"]),
         ("behavior.toml", "world.xml", "word.xml", &["behavior.toml:1", "there is no file", "help"]),
@@ -100,7 +110,7 @@ fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
         ),
         ("robot.xml", "</joint>", "", &["robot.xml:", "help"]),
         ("world.xml", "radius=\"0.1\"", "radius=\"0\"", &["world.xml:2", "help"]),
-        ("world.xml", "px=\"3\"", "px=\"0.45\" pz=\"0.2\"", &["at home", "nearer than the margin", "help"]),
+        ("world.xml", "px=\"3\"", "px=\"0.45\" pz=\"0.2\"", &["behavior.toml:5", "at home", "deep in", "help"]),
     ];
     for (file, from, to, expected) in cases {
         let dir = folder(file, from, to);

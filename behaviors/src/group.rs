@@ -1,16 +1,16 @@
 //! A group of a robot's motors as users name it: parts, motors, poses in degrees, with errors that say where and what to do.
 
-use mobee_contract::{KindError, Refusal, View};
+use mobee_contract::{KindError, Refusal, View, suggestion};
 use mobee_model::{Robot, ShapeId};
 use std::collections::BTreeMap;
 
 /// Part and motor names to motor indices, in the robot's order. A part stands for all of its motors.
 ///
 /// # Errors
-/// An unknown name, a motor named twice, or no name at all.
+/// Unknown names, a motor named twice, or no name at all.
 pub fn motors(path: &str, names: &[String], robot: &Robot) -> Result<Vec<usize>, KindError> {
     let mut group: Vec<usize> = Vec::new();
-    for (i, name) in names.iter().enumerate() {
+    KindError::gather(names.iter().enumerate().map(|(i, name)| {
         let place = format!("{path}[{i}]");
         let found: Vec<usize> = match robot.parts.iter().find(|p| p.name == *name) {
             Some(part) => part.motors.clone().collect(),
@@ -21,7 +21,8 @@ pub fn motors(path: &str, names: &[String], robot: &Robot) -> Result<Vec<usize>,
             return Err(KindError::new(place, format!("{name:?} names a motor that was named before"), help));
         }
         group.extend(found);
-    }
+        Ok(())
+    }))?;
     if group.is_empty() {
         let parts: Vec<_> = robot.parts.iter().map(|p| p.name.as_str()).collect();
         let help = format!("name at least one part ({}) or motor", parts.join(", "));
@@ -38,11 +39,8 @@ pub fn motors(path: &str, names: &[String], robot: &Robot) -> Result<Vec<usize>,
 pub fn motor(path: &str, name: &str, robot: &Robot) -> Result<usize, KindError> {
     robot.motors.iter().position(|m| m.name == name).ok_or_else(|| {
         let parts = robot.parts.iter().map(|p| p.name.as_str());
-        let known = parts.chain(robot.motors.iter().map(|m| m.name.as_str()));
-        let help = similar(name, known).map_or_else(
-            || format!("`mobee model info` lists the motors of {}", robot.name),
-            |n| format!("did you mean {n:?}?"),
-        );
+        let known: Vec<&str> = parts.chain(robot.motors.iter().map(|m| m.name.as_str())).collect();
+        let help = suggestion(name, "motor", &known);
         KindError::new(path, format!("the robot {} has no motor {name:?}", robot.name), help)
     })
 }
@@ -52,12 +50,11 @@ pub fn motor(path: &str, name: &str, robot: &Robot) -> Result<usize, KindError> 
 /// # Errors
 /// An unknown motor, a position that is not finite or outside the motor's limits, an empty table.
 pub fn positions(path: &str, q_deg: &BTreeMap<String, f64>, robot: &Robot) -> Result<Vec<(usize, f64)>, KindError> {
-    let mut all = Vec::new();
-    for (name, deg) in q_deg {
+    let mut all = KindError::gather(q_deg.iter().map(|(name, deg)| {
         let place = format!("{path}.{name}");
         let index = motor(&place, name, robot)?;
-        all.push((index, within_limits(&place, index, *deg, robot)?));
-    }
+        Ok((index, within_limits(&place, index, *deg, robot)?))
+    }))?;
     if all.is_empty() {
         return Err(KindError::new(path, "the pose names no motor", "give at least one motor's position in degrees"));
     }
@@ -90,7 +87,7 @@ pub fn speed(path: &str, share: f64) -> Result<f64, KindError> {
     if share > 0.0 && share <= 1.0 {
         return Ok(share);
     }
-    let help = "give a share of each motor's greatest speed, above 0 and up to 1, such as 0.1";
+    let help = "give a share of each motor's greatest speed (not deg/s), above 0 and up to 1, such as 0.1";
     Err(KindError::new(path, format!("{share} is no share of the greatest speed"), help))
 }
 
@@ -114,6 +111,31 @@ pub fn tolerance(path: &str, deg: f64) -> Result<f64, KindError> {
         return Ok(deg.to_radians());
     }
     Err(KindError::new(path, format!("{deg} deg is no tolerance"), "give degrees above 0 and up to 10, such as 0.5"))
+}
+
+/// A robot's home pose, rad.
+pub fn home(robot: &Robot) -> Vec<f64> {
+    robot.motors.iter().map(|m| m.home).collect()
+}
+
+/// An example of a setting `motors`: the robot's first part that has any.
+pub fn example_part(robot: &Robot) -> Option<&mobee_model::Part> {
+    robot.parts.iter().find(|p| !p.motors.is_empty())
+}
+
+/// An example of a pose in degrees: one motor of [`example_part`] turned by this share of its way from home to its farther
+/// limit, at most 20 degrees.
+pub fn example_pose(robot: &Robot, share: f64) -> BTreeMap<String, f64> {
+    let motors = example_part(robot).map(|p| p.motors.clone()).unwrap_or_default();
+    let first = robot.motors.get(motors).and_then(<[_]>::first);
+    let turned = |m: &mobee_model::Motor| {
+        let way = if m.max - m.home > m.home - m.min { m.max - m.home } else { m.min - m.home };
+        let deg = (m.home + way * share).to_degrees();
+        let most = m.home.to_degrees() + 20f64.copysign(way);
+        let deg = if way > 0.0 { deg.min(most) } else { deg.max(most) };
+        (deg * 10.0).round() / 10.0
+    };
+    first.map(|m| (m.name.clone(), turned(m))).into_iter().collect()
 }
 
 /// The marker that stands for the group's hand: the one with most of the group's joints above it, and of those the one
@@ -179,26 +201,4 @@ pub fn contacts_at(view: &View, q: &[f64], within: f64) -> Vec<mobee_model::Cont
 pub fn state(error: KindError) -> Refusal {
     let place = if error.path.is_empty() { String::new() } else { format!("{}: ", error.path) };
     Refusal::State { what: format!("{place}{}", error.what) }
-}
-
-/// The known name that is most similar to a misspelt one, if any is similar at all.
-pub fn similar<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let ranked = known.map(|k| (edits(name, k), k)).min_by_key(|(d, k)| (*d, k.len()));
-    ranked.filter(|(d, k)| *d <= 1 + k.len().min(name.len()) / 3).map(|(_, k)| k)
-}
-
-/// How many letters must be changed, added or dropped to make one word the other (Levenshtein).
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut left = i + 1;
-        let mut next = vec![left];
-        for (pair, y) in row.windows(2).zip(&b) {
-            left = (left + 1).min(pair[1] + 1).min(pair[0] + usize::from(x != *y));
-            next.push(left);
-        }
-        row = next;
-    }
-    row.last().copied().unwrap_or(0)
 }

@@ -202,7 +202,7 @@ fn settings_that_can_t_be_used_say_where_and_what_to_do() {
         (
             json!({ "motors": ["arm"], "range_deg": { "joint_0": [0, 10] } }),
             "range_deg.joint_0",
-            "did you mean \"joint0\"",
+            "did you mean `joint0`",
         ),
         (json!({ "motors": ["joint1"], "range_deg": { "joint0": [0, 10] } }), "range_deg.joint0", "`motors`"),
     ];

@@ -251,7 +251,7 @@ fn settings_that_can_t_be_used_say_where() {
     let robot: Arc<_> = arm(2);
     let poses = json!([{ "name": "left", "q_deg": { "joint0": 10 } }, { "name": "right", "q_deg": { "joint0": 20 } }]);
     let cases = [
-        (json!({ "poses": poses, "goals": ["rihgt"] }), "goals[0]", "did you mean \"right\""),
+        (json!({ "poses": poses, "goals": ["rihgt"] }), "goals[0]", "did you mean `right`"),
         (json!({ "poses": poses, "goals": [] }), "goals", "at least one"),
         (json!({ "poses": poses, "goals": ["left"], "edges": [["left", "up"]] }), "edges[0][1]", "left, right"),
         (

@@ -7,7 +7,7 @@ pub use table::Table;
 use crate::SimSettings;
 use mobee_contract as contract;
 use mobee_contract::{
-    Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Sample, Time,
+    Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample, SetPose, Time,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -22,6 +22,7 @@ inventory::submit! {
         doc: "Plays recorded poses as a robot: what would the model, the reflex and a sensor have seen? The table comes from `mobee inspect RUN --poses FILE`, or \
               from any log of encoders. The robot moves by itself and takes no commands: it answers them as a board does, and does not obey. Use it without an agent.",
         schema: || schemars::schema_for!(ReplaySettings),
+        example: |_| Err("it needs the table of a recorded run"),
         build: |settings, context| Ok(Arc::new(ReplayHardware::build(settings, context)?)),
     }
 }
@@ -82,6 +83,11 @@ impl ReplayHardware {
 impl Hardware for ReplayHardware {
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
         Ok(Box::new(ReplayDriver { played: self.clone(), given: None }))
+    }
+
+    fn known(&self) -> Known {
+        let start = SetPose { path: "file".into(), q: self.table.at(Time::ZERO), optional: true };
+        Known { start: Some(start), period: Some(self.board.period), motors: None }
     }
 }
 

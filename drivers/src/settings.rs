@@ -1,7 +1,7 @@
 //! The settings of the simulated robot.
 
 use crate::path::Profile;
-use mobee_contract::{Axis, KindError};
+use mobee_contract::{Axis, KindError, suggestion};
 use mobee_model::Robot;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -68,16 +68,20 @@ impl SimSettings {
             ("noise_deg", self.noise_deg, 0.0, 10.0),
             ("jitter_ms", self.jitter_ms, 0.0, 400.0 / self.rate_hz),
         ];
-        for (name, value, least, most) in ranges {
+        KindError::gather(ranges.map(|(name, value, least, most)| {
+            // a rate that is none is complained of once
+            let judged = name != "jitter_ms" || self.rate_hz > 0.0;
             // written so that not-a-number fails
-            if !(value >= least && value <= most) {
+            let usable = value >= least && value <= most;
+            if judged && !usable {
                 let help = match name {
                     "jitter_ms" => format!("give a number from 0 to {most} (0.4 of the time between two readings)"),
                     _ => format!("give a number from {least} to {most}"),
                 };
                 return Err(KindError::new(name, format!("{value} is no usable value here"), help));
             }
-        }
+            Ok(())
+        }))?;
         Ok(())
     }
 
@@ -99,12 +103,13 @@ impl SimSettings {
     /// A motor the robot does not have, or a position outside its limits.
     pub fn start(&self, robot: &Robot) -> Result<Vec<f64>, KindError> {
         let mut start: Vec<f64> = robot.motors.iter().map(|m| m.home).collect();
-        for (name, deg) in &self.start_deg {
+        let names: Vec<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
+        KindError::gather(self.start_deg.iter().map(|(name, deg)| {
             let path = format!("start_deg.{name}");
             let found = robot.motors.iter().zip(&mut start).find(|(m, _)| m.name == *name);
             let Some((motor, slot)) = found else {
                 let what = format!("robot {} has no motor {name}", robot.name);
-                return Err(KindError::new(path, what, "`mobee model info` lists the motors"));
+                return Err(KindError::new(path, what, suggestion(name, "motor", &names)));
             };
             let (min, max) = (motor.min.to_degrees(), motor.max.to_degrees());
             if !(*deg >= min - 1e-6 && *deg <= max + 1e-6) {
@@ -112,7 +117,8 @@ impl SimSettings {
                 return Err(KindError::new(path, what, format!("give a position from {min:.3} to {max:.3} deg")));
             }
             *slot = deg.to_radians().clamp(motor.min, motor.max);
-        }
+            Ok(())
+        }))?;
         Ok(start)
     }
 

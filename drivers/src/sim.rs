@@ -4,7 +4,9 @@ use crate::encoders::Encoders;
 use crate::faults::{Active, Fault, Garbage};
 use crate::{Plant, SimFaults, SimSettings};
 use mobee_contract as contract;
-use mobee_contract::{Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Sample, Time};
+use mobee_contract::{
+    Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample, SetPose, Time,
+};
 use serde_json::Value;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -17,6 +19,7 @@ inventory::submit! {
               speed and acceleration limits, braking takes its time, commands arrive late, and the encoders have a rate, a resolution, noise and jitter. \
               It stops by itself when its lease runs out.",
         schema: || schemars::schema_for!(SimSettings),
+        example: |_| Ok(serde_json::json!({})),
         build: |settings, context| Ok(Arc::new(SimHardware::build(settings, context)?)),
     }
 }
@@ -45,6 +48,7 @@ pub fn lock(board: &Mutex<Board>) -> MutexGuard<'_, Board> {
 pub struct SimHardware {
     board: Arc<Mutex<Board>>,
     facts: contract::Board,
+    start: Option<Vec<f64>>,
 }
 
 impl SimHardware {
@@ -64,7 +68,8 @@ impl SimHardware {
     pub fn new(settings: &SimSettings, context: &Context) -> Result<SimHardware, KindError> {
         settings.validate()?;
         let start = settings.start(&context.robot)?;
-        Ok(SimHardware::with_axes(settings.axes(&context.robot), &start, settings, context.seed))
+        let hardware = SimHardware::with_axes(settings.axes(&context.robot), &start, settings, context.seed);
+        Ok(SimHardware { start: Some(start).filter(|_| !settings.start_deg.is_empty()), ..hardware })
     }
 
     /// A simulation of motors without a robot model. The axes' own limits count, not those of the settings, which are believed unchecked.
@@ -84,7 +89,7 @@ impl SimHardware {
             faults: Vec::new(),
             faults_made: 0,
         };
-        SimHardware { board: Arc::new(Mutex::new(board)), facts }
+        SimHardware { board: Arc::new(Mutex::new(board)), facts, start: None }
     }
 
     /// A handle to give it faults.
@@ -122,6 +127,11 @@ impl Hardware for SimHardware {
             return Err(DriverFault::Lost);
         }
         Ok(Box::new(SimDriver { board: self.board.clone(), facts: self.facts.clone() }))
+    }
+
+    fn known(&self) -> Known {
+        let start = |q: &Vec<f64>| SetPose { path: "start_deg".into(), q: q.clone(), optional: false };
+        Known { start: self.start.as_ref().map(start), period: Some(self.facts.period), motors: None }
     }
 }
 

@@ -27,7 +27,7 @@ pub use settings::{PartSettings, YarpDriverSettings};
 use cell::{Cell, Trouble};
 use driver::Reach;
 use layout::Layout;
-use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware, KindError};
+use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known};
 use mobee_model::Robot;
 use mobee_yarp::board::{Ask, Set};
 use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
@@ -43,6 +43,7 @@ inventory::submit! {
               Motions are position moves with a speed of their own for every joint; the retreat streams position-direct set-points. States come from \
               `stateExt:o` or `state:o`. It stops the robot at the end of its lease, and before anything else when a board has come back.",
         schema: || schemars::schema_for!(YarpDriverSettings),
+        example: |_| Err("it needs a robot, or its simulator, behind YARP"),
         build: |settings, context| Ok(Arc::new(YarpHardware::build(settings, context)?)),
     }
 }
@@ -79,10 +80,13 @@ impl YarpHardware {
     /// # Errors
     /// The first setting that can't be used.
     pub fn new(settings: &YarpDriverSettings, robot: &Robot) -> Result<YarpHardware, KindError> {
-        settings.validate()?;
+        let (network, layout) = (settings.server.as_deref().map(at).transpose(), Layout::new(settings, robot));
+        let unusable =
+            [network.as_ref().map(drop).map_err(Clone::clone), layout.as_ref().map(drop).map_err(Clone::clone)];
+        KindError::gather([settings.validate()].into_iter().chain(unusable))?;
         Ok(YarpHardware {
-            network: settings.server.as_deref().map(at).transpose()?,
-            layout: Arc::new(Layout::new(settings, robot)?),
+            network: network?,
+            layout: Arc::new(layout?),
             settings: settings.clone(),
             robot: robot.name.clone(),
             started: Mutex::new(None),
@@ -146,6 +150,11 @@ impl Hardware for YarpHardware {
         if let Some(started) = &*self.started() {
             started.reach.cell.let_go();
         }
+    }
+
+    fn known(&self) -> Known {
+        let motors = self.layout.patches.iter().flat_map(|p| p.motors.clone()).collect();
+        Known { start: None, period: Some(self.settings.period()), motors: Some(motors) }
     }
 
     fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {

@@ -2,6 +2,9 @@
 
 use super::{Clock, Complaints, Config, Source, When, did_you_mean, suggestion};
 
+/// The farthest from the world's origin that anything may stand, metres: what is farther was meant in millimetres.
+const FARTHEST_M: f64 = 50.0;
+
 /// The checks of one configuration, and what they have found.
 struct Checks<'a> {
     source: &'a Source,
@@ -15,8 +18,28 @@ impl Checks<'_> {
 
     /// Not-a-number is out of every range.
     fn range(&mut self, path: &str, x: f64, low: f64, high: f64, unit: &str) {
+        self.range_or(path, x, (low, high), unit, None);
+    }
+
+    /// A range of a value that may have been meant in another unit: its name, and how many of ours are one of it.
+    fn range_or(&mut self, path: &str, x: f64, (low, high): (f64, f64), unit: &str, other: Option<(&str, f64)>) {
         if !(x >= low && x <= high) {
-            self.say(path, format!("{x} {unit} is out of range"), format!("give {low} to {high} {unit}"));
+            let meant = other.filter(|(_, factor)| (low..=high).contains(&(x * factor)));
+            let hint = meant.map_or(String::new(), |(name, factor)| {
+                format!("; if {name} are meant, write {}", (x * factor * 1e6).round() / 1e6)
+            });
+            self.say(path, format!("{x} {unit} is out of range"), format!("give {low} to {high} {unit}{hint}"));
+        }
+    }
+
+    fn position(&mut self, path: &str, p: &[f64; 3]) {
+        let near = |p: &[f64; 3]| p.iter().all(|x| x.abs() <= FARTHEST_M);
+        if !near(p) {
+            let metres = p.map(|x| (x * 1e3).round() / 1e6);
+            let hint =
+                if near(&metres) { format!("; if millimetres are meant, write {metres:?}") } else { String::new() };
+            let help = format!("give metres, up to {FARTHEST_M} from the origin{hint}");
+            self.say(path, format!("{p:?} m is far away from everything"), help);
         }
     }
 }
@@ -60,17 +83,19 @@ impl Config {
             if r.name.is_empty() || !r.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
                 c.say(&at("name"), "not a robot's name", "use letters, digits, - and _");
             }
-            c.range(&at("controller.period_ms"), r.controller.period_ms, 1.0, 1000.0, "ms");
+            let k = &r.controller;
+            c.range_or(&at("controller.period_ms"), k.period_ms, (1.0, 1000.0), "ms", Some(("seconds", 1e3)));
             c.range(&at("controller.history"), r.controller.history as f64, 10.0, 1e7, "poses");
-            c.range(&at("controller.margin_mm"), r.controller.margin_mm, 0.0, 500.0, "mm");
-            c.range(&at("controller.tolerance_deg"), r.controller.tolerance_deg, 1e-3, 10.0, "deg");
-            if let Err(e) = r.controller.drive() {
-                let path = format!("{}.{}", at("controller"), e.path);
-                let help = did_you_mean(&e.what).unwrap_or(e.help);
-                c.say(path.trim_end_matches('.'), e.what, help);
-            }
-            for (k, x) in r.base.position_m.iter().enumerate() {
-                c.range(&at(&format!("base.position_m[{k}]")), *x, -100.0, 100.0, "m");
+            // no margin at all may be wanted in a simulation; one of micrometres is a mistake
+            let least = if k.margin_mm == 0.0 { 0.0 } else { 0.5 };
+            c.range_or(&at("controller.margin_mm"), k.margin_mm, (least, 500.0), "mm", Some(("metres", 1e3)));
+            c.range(&at("controller.tolerance_deg"), k.tolerance_deg, 1e-3, 10.0, "deg");
+            c.position(&at("base.position_m"), &r.base.position_m);
+            if let Err(e) = k.drive() {
+                for e in e.under(&at("controller")).all() {
+                    let help = did_you_mean(&e.what).unwrap_or(e.help);
+                    c.say(e.path.trim_end_matches('.'), e.what, help);
+                }
             }
             c.range(&at("base.yaw_deg"), r.base.yaw_deg, -360.0, 360.0, "deg");
         }
@@ -80,12 +105,35 @@ impl Config {
         let names: Vec<&str> = self.robot.iter().map(|r| r.name.as_str()).collect();
         for (i, s) in self.script.iter().enumerate() {
             match &s.when {
-                When::AtS(t) => c.range(&format!("script[{i}].when.at_s"), *t, 0.0, 1e7, "s"),
+                When::AtS(t) => {
+                    let at = format!("script[{i}].when.at_s");
+                    c.range(&at, *t, 0.0, 1e7, "s");
+                    // who shortens one run by --for knows that it ends early
+                    let end = self.for_s.filter(|end| t >= end && c.source.in_file("for_s"));
+                    if let Some(end) = end {
+                        let what = format!("this never happens: the run ends at {end} s");
+                        c.say(&at, what, "choose an earlier time, or a longer `for_s`");
+                    }
+                }
                 When::AfterOutcomes { robot, .. } if !names.contains(&robot.as_str()) => {
                     let at = format!("script[{i}].when.after_outcomes.robot");
                     c.say(&at, format!("there is no robot `{robot}`"), suggestion(robot, "robot", &names));
                 }
-                When::AfterOutcomes { .. } => {}
+                When::AfterOutcomes { robot, .. } => {
+                    let planless = self.robot.iter().any(|r| r.name == *robot && r.agent.is_none());
+                    if planless && !self.yarp.as_ref().is_some_and(|y| y.filter || y.parts) {
+                        let at = format!("script[{i}].when.after_outcomes.robot");
+                        let what = format!("this never happens: nobody moves {robot}");
+                        c.say(&at, what, "give the robot an agent, or use at_s");
+                    }
+                }
+            }
+            if let Some(p) = &s.edit.position_m {
+                c.position(&format!("script[{i}].edit.position_m"), p);
+            }
+            if s.edit.remove && (s.edit.class.is_some() || s.edit.position_m.is_some()) {
+                let what = "what is removed has no class and no position any more";
+                c.say(&format!("script[{i}].edit"), what, "take either `remove` or the others away");
             }
             if s.edit.class.is_none() && s.edit.position_m.is_none() && !s.edit.remove {
                 c.say(&format!("script[{i}].edit"), "nothing happens here", "give class, position_m or remove");

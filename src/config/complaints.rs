@@ -22,6 +22,14 @@ impl Complaint {
         }
     }
 
+    /// What to do about it.
+    pub fn remedy(&self) -> &str {
+        match self {
+            Complaint::Config(e) => e.help_text(),
+            Complaint::Model(e) => e.remedy(),
+        }
+    }
+
     /// The file it is about, with line and column (from 1), if it has a place.
     pub fn place(&self) -> Option<(&str, usize, usize)> {
         match self {
@@ -79,6 +87,12 @@ impl Complaints {
     /// All of these complaints, if there are any.
     pub fn none_or<T>(self, value: T) -> Result<T, Complaints> {
         if self.0.is_empty() { Ok(value) } else { Err(self) }
+    }
+
+    /// The same, known to be some.
+    pub(crate) fn of_something(self) -> Complaints {
+        debug_assert!(!self.is_empty(), "nothing can be missing without a complaint");
+        self
     }
 
     fn only(&self) -> Option<&dyn Diagnostic> {

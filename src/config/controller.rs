@@ -1,6 +1,5 @@
 //! A robot's controller in the configuration: what all kinds share, and the settings of its kind beside it in one table.
 
-use super::{Complaints, Source, suggestion};
 use mobee_actors::controller::{self, ControllerKind, DEFAULT_KIND, Drive, controller_kinds};
 use mobee_contract::KindError;
 use schemars::JsonSchema;
@@ -29,6 +28,9 @@ pub struct Controller {
     pub own: Map<String, Value>,
 }
 
+/// The settings that all kinds have.
+pub(super) const SHARED: &[&str] = &["period_ms", "history", "margin_mm", "tolerance_deg"];
+
 fn kind() -> String {
     DEFAULT_KIND.into()
 }
@@ -56,6 +58,8 @@ pub fn schema(kind: &ControllerKind) -> Value {
     {
         all.append(own);
     }
+    let definitions = own["$defs"].as_object().cloned().unwrap_or_default();
+    (all["$defs"], all["additionalProperties"]) = (Value::Object(definitions), false.into());
     all
 }
 
@@ -85,34 +89,4 @@ impl Controller {
             ..controller::Controller::default()
         })
     }
-}
-
-/// Controllers of unknown kinds, and settings that their kinds don't have: told before the types are asked, which would
-/// take them for something else.
-pub(super) fn unknown(source: &Source) -> Complaints {
-    let mut wrong = Complaints::default();
-    for (i, robot) in source.value["robot"].as_array().into_iter().flatten().enumerate() {
-        let Some(table) = robot["controller"].as_object() else { continue };
-        let at = |key: &str| format!("robot[{i}].controller.{key}");
-        let name = match table.get("kind") {
-            None => DEFAULT_KIND,
-            Some(Value::String(name)) => name,
-            Some(_) => continue,
-        };
-        let Some(kind) = find(name) else {
-            let names: Vec<&str> = controller_kinds().iter().map(|k| k.name).collect();
-            let help = suggestion(name, "kind of controller", &names);
-            wrong.push(source.error(&at("kind"), format!("there is no kind `{name}`"), help));
-            continue;
-        };
-        let schema = schema(kind);
-        let known: Vec<&str> =
-            schema["properties"].as_object().into_iter().flatten().map(|(key, _)| key.as_str()).collect();
-        for key in table.keys().filter(|k| *k != "kind" && !known.contains(&k.as_str())) {
-            let message = format!("unknown field `{key}`, expected one of `{}`", known.join("`, `"));
-            let help = super::did_you_mean(&message).unwrap_or_default();
-            wrong.push(source.error(&at(key), message, help));
-        }
-    }
-    wrong
 }

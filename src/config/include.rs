@@ -72,9 +72,14 @@ impl Reader {
         self.files.push(TextFile { name, folder, text: text.clone() });
         let mut wrong = Complaints::default();
         let (document, errors) = DeTable::parse_recoverable(&text);
+        // one mistake leads to others on its line
+        let mut told = Vec::new();
         for e in errors {
-            let help = "mend the TOML syntax here";
-            wrong.push(self.files[number].error(e.span().unwrap_or(0..0), e.message().to_owned(), help));
+            let (span, file) = (e.span().unwrap_or(0..0), &self.files[number]);
+            if !told.contains(&file.line(span.start)) {
+                told.push(file.line(span.start));
+                wrong.push(file.error(span, e.message().to_owned(), remedy(e.message())));
+            }
         }
         if !wrong.is_empty() {
             return Err(wrong);
@@ -141,4 +146,18 @@ impl Reader {
         self.open.pop();
         node
     }
+}
+
+/// What to do about an error of syntax.
+fn remedy(message: &str) -> &'static str {
+    let remedies = [
+        ("duplicate key", "take one of the two away"),
+        ("must be quoted", "put text in quotes, and write numbers without a unit"),
+        ("expected newline", "write one setting per line, and decimals with a point, such as 0.1"),
+        ("expected `=`", "write key = value"),
+        ("between key-value pairs", "put a comma between two settings"),
+        ("unclosed", "close the bracket"),
+        ("string, expected", "close the quotes"),
+    ];
+    remedies.iter().find(|(part, _)| message.contains(part)).map_or("mend the TOML syntax here", |(_, help)| help)
 }

@@ -135,7 +135,8 @@ impl Source {
         self.complain(&steps(path), true, message.into(), help)
     }
 
-    fn complain(&self, steps: &[String], at_key: bool, message: String, help: impl Into<String>) -> ConfigError {
+    /// A complaint about the value these steps lead to, or the nearest table if there is none; at its key, or at the value.
+    pub fn complain(&self, steps: &[String], at_key: bool, message: String, help: impl Into<String>) -> ConfigError {
         let node = self.nearest(steps);
         let plain = |place: &str| ConfigError::plain(format!("{place}: {message}"), "");
         match &node.origin {
@@ -168,6 +169,11 @@ impl Source {
     /// The files it was read from.
     pub fn files(&self) -> Vec<PathBuf> {
         self.files.iter().map(|f| PathBuf::from(&f.name)).collect()
+    }
+
+    /// Whether a file sets the value at `path`, and not the environment, `--set` or an earlier run.
+    pub fn in_file(&self, path: &str) -> bool {
+        matches!(self.nearest(&steps(path)).origin, Origin::File { .. })
     }
 
     /// The tree of values with their origins.

@@ -1,6 +1,6 @@
 //! The agent contract: how a planner is asked, and what it may answer.
 
-use crate::{Axis, CommitId, MotionEnd, Pose, Refusal, Setpoints, Target, Time};
+use crate::{Axis, CommitId, MotionEnd, Pose, Refusal, SetPose, Setpoints, Target, Time};
 use mobee_model::{Contact, Scene};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -51,6 +51,12 @@ pub trait Agent: Send {
         Vec::new()
     }
 
+    /// The motors it moves, and the poses that its settings name: checked against robot, hardware and world before
+    /// anything moves.
+    fn means(&self) -> Means {
+        Means::default()
+    }
+
     /// How long its last answer took by a virtual clock, on which thinking takes no time by itself: for the simulation of
     /// slow planners. By a real clock the time is measured, and this is not asked for.
     fn cost(&self) -> Duration {
@@ -68,6 +74,15 @@ pub trait Agent: Send {
     /// # Errors
     /// [`Refusal::State`] if the state is of another kind or version; the agent is then as before.
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal>;
+}
+
+/// What an agent is going to use, as far as its settings tell.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Means {
+    /// The motors it moves.
+    pub motors: Vec<usize>,
+    /// Poses it goes to.
+    pub poses: Vec<SetPose>,
 }
 
 /// What an agent wants.

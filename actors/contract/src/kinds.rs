@@ -6,6 +6,7 @@ use schemars::Schema;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// What is known when a kind is built.
 #[derive(Clone, Debug)]
@@ -26,13 +27,71 @@ pub struct KindError {
     pub what: String,
     /// What to do about it.
     pub help: String,
+    /// What else is wrong in the same table.
+    pub more: Vec<KindError>,
 }
 
 impl KindError {
     /// An error at `path`.
     pub fn new(path: impl Into<String>, what: impl Into<String>, help: impl Into<String>) -> KindError {
-        KindError { path: path.into(), what: what.into(), help: help.into() }
+        KindError { path: path.into(), what: what.into(), help: help.into(), more: Vec::new() }
     }
+
+    /// The same within a table called `prefix`.
+    #[must_use]
+    pub fn under(mut self, prefix: &str) -> KindError {
+        let dot = if self.path.is_empty() || self.path.starts_with('[') { "" } else { "." };
+        self.path = format!("{prefix}{dot}{}", self.path);
+        self.more = self.more.into_iter().map(|e| e.under(prefix)).collect();
+        self
+    }
+
+    /// This error and all that came with it.
+    pub fn all(mut self) -> Vec<KindError> {
+        let mut all = vec![];
+        let more = std::mem::take(&mut self.more);
+        all.push(self);
+        all.extend(more.into_iter().flat_map(KindError::all));
+        all
+    }
+
+    /// All results, or all errors as one.
+    ///
+    /// # Errors
+    /// The first error, with the others in it.
+    pub fn gather<T>(results: impl IntoIterator<Item = Result<T, KindError>>) -> Result<Vec<T>, KindError> {
+        let (mut good, mut first): (Vec<T>, Option<KindError>) = (Vec::new(), None);
+        for result in results {
+            match (result, &mut first) {
+                (Ok(value), _) => good.push(value),
+                (Err(e), Some(first)) => first.more.push(e),
+                (Err(e), None) => first = Some(e),
+            }
+        }
+        first.map_or(Ok(good), Err)
+    }
+}
+
+/// A pose that settings name, so that it can be checked against robots and world before anything moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SetPose {
+    /// The path of the setting within the kind's table, such as `poses[3]`.
+    pub path: String,
+    /// The whole robot's pose, rad.
+    pub q: Vec<f64>,
+    /// Whether the robot can do without it: a pose in collision is then only warned about.
+    pub optional: bool,
+}
+
+/// What is known of hardware before it is connected to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Known {
+    /// Where the motors are, if the settings say so.
+    pub start: Option<SetPose>,
+    /// The time between two readings.
+    pub period: Option<Duration>,
+    /// The motors that have a board; `None`: all.
+    pub motors: Option<Vec<usize>>,
 }
 
 /// Builds an agent or the hardware of a robot from a kind's settings.
@@ -46,6 +105,8 @@ pub struct AgentKind {
     pub doc: &'static str,
     /// Its settings with their docs and defaults.
     pub schema: fn() -> Schema,
+    /// Settings that work for a robot: what `mobee new` writes, and what the composition tests run.
+    pub example: fn(&Robot) -> Value,
     /// Builds one from its settings.
     pub build: Build<Box<dyn Agent>>,
 }
@@ -61,6 +122,11 @@ pub trait Hardware: Send + Sync {
 
     /// Another takes this board's place, and drives it: from now on write nothing to it, not even a stop at the end.
     fn let_go(&self) {}
+
+    /// What is known before a connection: used to check a configuration without touching a robot.
+    fn known(&self) -> Known {
+        Known::default()
+    }
 
     /// Passes a request to a part's board in the board's own words (a YARP bottle in binary form), and its answer back,
     /// so that a proxy can be transparent. `None`: the board has no words of its own. Never used for motion: that is
@@ -78,6 +144,8 @@ pub struct DriverKind {
     pub doc: &'static str,
     /// Its settings with their docs and defaults.
     pub schema: fn() -> Schema,
+    /// Settings that work for a robot without any hardware; or why there are none.
+    pub example: fn(&Robot) -> Result<Value, &'static str>,
     /// Finds or builds the hardware from its settings.
     pub build: Build<Arc<dyn Hardware>>,
 }

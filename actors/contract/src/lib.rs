@@ -19,6 +19,7 @@ mod event;
 mod kinds;
 mod motion;
 mod service;
+mod spelling;
 mod swap;
 mod time;
 
@@ -28,6 +29,7 @@ pub use event::*;
 pub use kinds::*;
 pub use motion::*;
 pub use service::*;
+pub use spelling::*;
 pub use swap::*;
 pub use time::*;
 

@@ -10,7 +10,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -97,25 +97,17 @@ impl Explorer {
     /// Unknown motors, ranges that are reversed or outside the limits, numbers out of bounds: with their path.
     pub fn new(settings: ExplorerSettings, context: &Context) -> Result<Explorer, KindError> {
         let robot = context.robot.clone();
-        let motors = group::motors("motors", &settings.motors, &robot)?;
-        let speed = group::speed("speed", settings.speed)?;
-        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg)?;
-        if !(2..=MOST_VERTICES).contains(&settings.vertices) {
-            let help = format!("give a number from 2 to {MOST_VERTICES}, such as 20");
-            return Err(KindError::new("vertices", format!("{} is no size of a roadmap", settings.vertices), help));
-        }
-        if settings.neighbors == 0 {
-            return Err(KindError::new(
-                "neighbors",
-                "poses without neighbors are never left",
-                "give 1 or more, such as 10",
-            ));
-        }
-        if settings.samples < settings.vertices {
-            let help = "give at least as many samples as vertices, or leave it out";
-            return Err(KindError::new("samples", "fewer samples than vertices", help));
-        }
-        let ranges = ranges(&settings, &motors, &robot)?;
+        let motors = group::motors("motors", &settings.motors, &robot);
+        let ranges = motors.clone().and_then(|motors| ranges(&settings, &motors, &robot));
+        let speed = group::speed("speed", settings.speed);
+        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
+        KindError::gather([
+            ranges.clone().map(drop),
+            speed.clone().map(drop),
+            tolerance.clone().map(drop),
+            counts(&settings),
+        ])?;
+        let (motors, ranges, speed, tolerance) = (motors?, ranges?, speed?, tolerance?);
         let seed = settings.seed.unwrap_or(context.seed);
         let walker = Walker::new(Roadmap::new(motors), speed, tolerance, seed);
         let rng = ChaCha8Rng::seed_from_u64(seed);
@@ -264,6 +256,10 @@ impl Agent for Explorer {
         self.sampled = !self.walker.map.is_empty();
     }
 
+    fn means(&self) -> Means {
+        Means { motors: self.walker.map.motors().to_vec(), poses: Vec::new() }
+    }
+
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
         let progress = self.walker.progress().clone();
@@ -283,9 +279,34 @@ impl Agent for Explorer {
     }
 }
 
+/// The numbers of poses, neighbors and samples.
+fn counts(settings: &ExplorerSettings) -> Result<(), KindError> {
+    let unless = |good: bool, path: &str, what: String, help: &str| {
+        if good { Ok(()) } else { Err(KindError::new(path, what, help)) }
+    };
+    let ExplorerSettings { vertices, neighbors, samples, .. } = settings;
+    let help = format!("give a number from 2 to {MOST_VERTICES}, such as 20");
+    let size = (2..=MOST_VERTICES).contains(vertices);
+    KindError::gather([
+        unless(size, "vertices", format!("{vertices} is no size of a roadmap"), &help),
+        unless(
+            *neighbors > 0,
+            "neighbors",
+            "poses without neighbors are never left".into(),
+            "give 1 or more, such as 10",
+        ),
+        unless(
+            !size || samples >= vertices,
+            "samples",
+            format!("{samples} samples can't give {vertices} vertices"),
+            "give at least as many samples as vertices, or leave it out",
+        ),
+    ])?;
+    Ok(())
+}
+
 fn ranges(settings: &ExplorerSettings, motors: &[usize], robot: &Robot) -> Result<Vec<(usize, f64, f64)>, KindError> {
-    let mut given = BTreeMap::new();
-    for (name, [min, max]) in &settings.range_deg {
+    let given = KindError::gather(settings.range_deg.iter().map(|(name, [min, max])| {
         let path = format!("range_deg.{name}");
         let motor = group::motor(&path, name, robot)?;
         if !motors.contains(&motor) {
@@ -297,8 +318,9 @@ fn ranges(settings: &ExplorerSettings, motors: &[usize], robot: &Robot) -> Resul
             return Err(KindError::new(path, format!("the range is reversed: {min} is above {max}"), help));
         }
         let low = group::within_limits(&format!("{path}[0]"), motor, *min, robot)?;
-        given.insert(motor, (low, group::within_limits(&format!("{path}[1]"), motor, *max, robot)?));
-    }
+        Ok((motor, (low, group::within_limits(&format!("{path}[1]"), motor, *max, robot)?)))
+    }))?;
+    let given: BTreeMap<usize, (f64, f64)> = given.into_iter().collect();
     let limits = |m: &usize| robot.motors.get(*m).map(|l| (l.min, l.max));
     let range = |m: &usize| given.get(m).copied().or_else(|| limits(m)).map(|(min, max)| (*m, min, max));
     Ok(motors.iter().filter_map(range).collect())
@@ -315,6 +337,10 @@ inventory::submit! {
               drives them until every edge that can be reached is known to be feasible or not. An edge that fails is \
               removed; its opposite is tried last.",
         schema: || schemars::schema_for!(ExplorerSettings),
+        example: |robot| {
+            let motors = [group::example_part(robot).map(|p| &p.name)];
+            json!({ "motors": motors, "vertices": 12, "neighbors": 4, "speed": 0.1 })
+        },
         build,
     }
 }

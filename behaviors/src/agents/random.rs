@@ -8,7 +8,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -68,8 +68,9 @@ impl Random {
     /// # Errors
     /// An unknown motor, or a speed that is none: with its path.
     pub fn new(settings: RandomSettings, context: &Context) -> Result<Random, KindError> {
-        let motors = group::motors("motors", &settings.motors, &context.robot)?;
-        group::speed("speed", settings.speed)?;
+        let motors = group::motors("motors", &settings.motors, &context.robot);
+        KindError::gather([motors.clone().map(drop), group::speed("speed", settings.speed).map(drop)])?;
+        let motors = motors?;
         let seed = settings.seed.unwrap_or(context.seed);
         let rng = ChaCha8Rng::seed_from_u64(seed);
         Ok(Random { robot: context.robot.clone(), motors, settings, seed, rng, reached: 0, failed: 0 })
@@ -105,6 +106,10 @@ impl Agent for Random {
         Intent::Wait(Duration::from_secs(1))
     }
 
+    fn means(&self) -> Means {
+        Means { motors: self.motors.clone(), poses: Vec::new() }
+    }
+
     fn export(&self) -> Snapshot {
         let dice = Dice::of(self.seed, &self.rng);
         seal("random", 1, &State { dice, reached: self.reached, failed: self.failed })
@@ -128,6 +133,7 @@ inventory::submit! {
         doc: "Goes to random poses within the limits of a group of motors, a given number of times or for ever; if asked to, \
               only to poses that are free in the scene. What it runs into on the way is the reflex's business.",
         schema: || schemars::schema_for!(RandomSettings),
+        example: |robot| json!({ "motors": [group::example_part(robot).map(|p| &p.name)], "count": 0, "speed": 0.1 }),
         build,
     }
 }

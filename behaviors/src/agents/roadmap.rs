@@ -8,7 +8,7 @@ use mobee_contract::*;
 use mobee_model::Robot;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
@@ -74,6 +74,8 @@ fn half() -> f64 {
 pub struct RoadmapAgent {
     robot: Arc<Robot>,
     walker: Walker,
+    /// How many of the vertices its settings name: the last ones.
+    own: usize,
     goals: Vec<u32>,
     repeat: u32,
     wait: Duration,
@@ -110,17 +112,29 @@ impl RoadmapAgent {
     /// Unknown motors and poses, positions outside the limits, names given twice, a broken map: with their path.
     pub fn new(settings: RoadmapSettings, context: &Context) -> Result<RoadmapAgent, KindError> {
         let robot = context.robot.clone();
-        let speed = group::speed("speed", settings.speed)?;
-        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg)?;
-        let wait = group::seconds("wait_s", settings.wait_s)?;
-        let map = map(&settings, &robot)?;
-        let goals = settings.goals.iter().enumerate().map(|(i, g)| find(&map, &format!("goals[{i}]"), g));
-        let goals = goals.collect::<Result<Vec<_>, _>>()?;
-        if goals.is_empty() {
-            return Err(KindError::new("goals", "there is no goal", "name at least one pose to go to"));
-        }
+        let speed = group::speed("speed", settings.speed);
+        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
+        let wait = group::seconds("wait_s", settings.wait_s);
+        let tour = map(&settings, &robot).and_then(|map| Ok((goals(&settings, &map)?, map)));
+        KindError::gather([
+            speed.clone().map(drop),
+            tolerance.clone().map(drop),
+            wait.clone().map(drop),
+            tour.as_ref().map(drop).map_err(Clone::clone),
+        ])?;
+        let (speed, tolerance, wait, (goals, map)) = (speed?, tolerance?, wait?, tour?);
         let walker = Walker::new(map, speed, tolerance, context.seed);
-        Ok(RoadmapAgent { robot, walker, goals, repeat: settings.repeat, wait, placed: false, tour: Tour::default() })
+        let own = settings.poses.len();
+        Ok(RoadmapAgent {
+            robot,
+            walker,
+            own,
+            goals,
+            repeat: settings.repeat,
+            wait,
+            placed: false,
+            tour: Tour::default(),
+        })
     }
 
     /// The roadmap as it is now.
@@ -205,6 +219,13 @@ impl Agent for RoadmapAgent {
         self.walker.map.recall(past);
     }
 
+    fn means(&self) -> Means {
+        let first = self.walker.map.len().saturating_sub(self.own);
+        let own = self.walker.map.vertices().skip(first).enumerate();
+        let poses = own.map(|(i, (_, v))| SetPose { path: format!("poses[{i}]"), q: v.q.clone(), optional: false });
+        Means { motors: self.walker.map.motors().to_vec(), poses: poses.collect() }
+    }
+
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
         seal("roadmap", 1, &State { map, progress: self.walker.progress().clone(), tour: self.tour.clone() })
@@ -225,18 +246,12 @@ impl Agent for RoadmapAgent {
 }
 
 fn map(settings: &RoadmapSettings, robot: &Robot) -> Result<Roadmap, KindError> {
-    let mut named: BTreeSet<usize> = BTreeSet::new();
-    let mut poses = Vec::new();
-    for (i, pose) in settings.poses.iter().enumerate() {
-        let q = group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, robot)?;
-        named.extend(q.iter().map(|(m, _)| *m));
-        poses.push(q);
-    }
+    let poses = settings.poses.iter().enumerate();
+    let poses =
+        KindError::gather(poses.map(|(i, pose)| group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, robot)))?;
+    let named: BTreeSet<usize> = poses.iter().flatten().map(|(m, _)| *m).collect();
     let mut map = match &settings.map {
-        Some(value) => Roadmap::import(value, robot).map_err(|e| {
-            let path = if e.path.is_empty() { "map".to_owned() } else { format!("map.{}", e.path) };
-            KindError { path, ..e }
-        })?,
+        Some(value) => Roadmap::import(value, robot).map_err(|e| e.under("map"))?,
         None if settings.motors.is_empty() => Roadmap::new(named.iter().copied().collect()),
         None => Roadmap::new(group::motors("motors", &settings.motors, robot)?),
     };
@@ -258,9 +273,19 @@ fn map(settings: &RoadmapSettings, robot: &Robot) -> Result<Roadmap, KindError> 
         }
         map.add(Vertex { name: Some(pose.name.clone()), q: whole, at: [0.0; 3] });
     }
-    for (i, [a, b]) in settings.edges.iter().enumerate() {
-        let a = find(&map, &format!("edges[{i}][0]"), a)?;
-        map.join(a, find(&map, &format!("edges[{i}][1]"), b)?);
+    let edges = settings.edges.iter().enumerate().map(|(i, [a, b])| {
+        let ends =
+            KindError::gather([find(&map, &format!("edges[{i}][0]"), a), find(&map, &format!("edges[{i}][1]"), b)])?;
+        if a == b {
+            let what = format!("this edge leads from {a:?} to itself");
+            return Err(KindError::new(format!("edges[{i}]"), what, "name two poses"));
+        }
+        Ok(ends)
+    });
+    for ends in KindError::gather(edges)? {
+        if let [a, b] = ends[..] {
+            map.join(a, b);
+        }
     }
     if settings.neighbors > 0 {
         map.join_nearest(settings.neighbors);
@@ -268,12 +293,32 @@ fn map(settings: &RoadmapSettings, robot: &Robot) -> Result<Roadmap, KindError> 
     Ok(map)
 }
 
+/// The goals; all can be reached from the first.
+fn goals(settings: &RoadmapSettings, map: &Roadmap) -> Result<Vec<u32>, KindError> {
+    let named = settings.goals.iter().enumerate();
+    let goals = KindError::gather(named.map(|(i, g)| find(map, &format!("goals[{i}]"), g)))?;
+    let Some(first) = goals.first() else {
+        return Err(KindError::new("goals", "there is no goal", "name at least one pose to go to"));
+    };
+    if settings.map.is_some() {
+        // what a run has learned may well have removed the last way to a goal
+        return Ok(goals);
+    }
+    let reach = map.reach(*first);
+    KindError::gather(goals.iter().zip(&settings.goals).enumerate().map(|(i, (goal, name))| {
+        if reach.contains_key(goal) {
+            return Ok(());
+        }
+        let what = format!("no way leads from {:?} to {name:?}", settings.goals.first().map_or("", |g| g));
+        Err(KindError::new(format!("goals[{i}]"), what, "join the poses by `edges`, or set `neighbors`"))
+    }))?;
+    Ok(goals)
+}
+
 fn find(map: &Roadmap, path: &str, name: &str) -> Result<u32, KindError> {
     map.find(name).ok_or_else(|| {
         let known: Vec<&str> = map.vertices().filter_map(|(_, v)| v.name.as_deref()).collect();
-        let help = group::similar(name, known.iter().copied())
-            .map_or_else(|| format!("the poses are {}", known.join(", ")), |n| format!("did you mean {n:?}?"));
-        KindError::new(path, format!("there is no pose {name:?}"), help)
+        KindError::new(path, format!("there is no pose {name:?}"), suggestion(name, "pose", &known))
     })
 }
 
@@ -287,6 +332,14 @@ inventory::submit! {
         doc: "Goes round a tour of goals over a roadmap of given poses. It takes every edge for feasible until it fails; then \
               that edge is removed, the robot is back where the edge began, and the next best way is planned.",
         schema: || schemars::schema_for!(RoadmapSettings),
+        example: |robot| {
+            let pose = |name, share| json!({ "name": name, "q_deg": group::example_pose(robot, share) });
+            json!({
+                "poses": [pose("rest", 0.0), pose("half_way", 0.1), pose("out", 0.2)],
+                "edges": [["rest", "half_way"], ["half_way", "out"]],
+                "goals": ["out", "rest"], "wait_s": 0.5, "repeat": 0, "speed": 0.1,
+            })
+        },
         build,
     }
 }

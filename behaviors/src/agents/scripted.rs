@@ -5,7 +5,7 @@ use crate::group;
 use mobee_contract::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -45,6 +45,7 @@ fn once() -> u32 {
 /// Goes through its poses. A motion that fails is counted, and the next pose is tried.
 pub struct Scripted {
     poses: Vec<(Target, Duration)>,
+    home: Vec<f64>,
     repeat: u32,
     state: State,
 }
@@ -65,17 +66,20 @@ impl Scripted {
     /// # Errors
     /// An unknown motor, a position outside its limits, a speed or time that is none, an empty list: with its path.
     pub fn new(settings: ScriptedSettings, context: &Context) -> Result<Scripted, KindError> {
-        let speed = group::speed("speed", settings.speed)?;
-        let mut poses = Vec::new();
-        for (i, pose) in settings.poses.iter().enumerate() {
+        let speed = settings.speed;
+        let poses = KindError::gather(settings.poses.iter().enumerate().map(|(i, pose)| {
             let q = group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, &context.robot)?;
             let (motors, q) = q.into_iter().unzip();
-            poses.push((Target { motors, q, speed }, group::seconds(&format!("poses[{i}].wait_s"), pose.wait_s)?));
-        }
+            let wait = group::seconds(&format!("poses[{i}].wait_s"), pose.wait_s)?;
+            Ok((Target { motors, q, speed }, wait))
+        }));
+        KindError::gather([group::speed("speed", speed).map(drop), poses.clone().map(drop)])?;
+        let poses = poses?;
         if poses.is_empty() {
             return Err(KindError::new("poses", "the list of poses is empty", "give at least one pose"));
         }
-        Ok(Scripted { poses, repeat: settings.repeat, state: State::default() })
+        let home = group::home(&context.robot);
+        Ok(Scripted { poses, home, repeat: settings.repeat, state: State::default() })
     }
 }
 
@@ -106,6 +110,18 @@ impl Agent for Scripted {
         }
     }
 
+    /// Each pose as it is if all before it were reached, from home on.
+    fn means(&self) -> Means {
+        let mut q = self.home.clone();
+        let mut means = Means::default();
+        for (i, (target, _)) in self.poses.iter().enumerate() {
+            q = target.pose(&q).to_vec();
+            means.poses.push(SetPose { path: format!("poses[{i}]"), q: q.clone(), optional: true });
+            means.motors.extend(&target.motors);
+        }
+        means
+    }
+
     fn export(&self) -> Snapshot {
         seal("scripted", 1, &self.state)
     }
@@ -126,6 +142,10 @@ inventory::submit! {
         doc: "Goes through a list of poses with waits between them, once, several times or for ever. A motion that \
               fails is counted, and the next pose is tried.",
         schema: || schemars::schema_for!(ScriptedSettings),
+        example: |robot| {
+            let pose = |share| json!({ "q_deg": group::example_pose(robot, share), "wait_s": 0.5 });
+            json!({ "poses": [pose(0.2), pose(0.0)], "speed": 0.1, "repeat": 0 })
+        },
         build,
     }
 }

@@ -75,7 +75,7 @@ impl ForceFieldSettings {
     }
 
     /// Whether every list has one number per joint.
-    pub(super) fn check_joints(&self, n: usize) -> Result<(), String> {
+    pub(crate) fn check_joints(&self, n: usize) -> Result<(), String> {
         match self.lists().iter().find(|(_, list)| list.len() != n) {
             Some((name, list)) => Err(format!("`{name}` has {} numbers for {n} joints", list.len())),
             None => Ok(()),

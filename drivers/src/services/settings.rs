@@ -1,12 +1,14 @@
 //! The settings of MoBeE's YARP ports: table `[yarp]` of a configuration.
 
 use crate::force_field::ForceFieldSettings;
-use mobee_contract::KindError;
+use mobee_contract::{KindError, suggestion};
+use mobee_model::Robot;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Settings of MoBeE's own YARP ports. All have defaults.
@@ -81,34 +83,101 @@ impl YarpSettings {
     /// # Errors
     /// The first one that makes no sense, with what would.
     pub fn validate(&self) -> Result<(), KindError> {
-        check_name("prefix", &self.prefix)?;
-        if !matches!(self.dialect, 3 | 4) {
-            let what = format!("there is no YARP dialect {}", self.dialect);
-            return Err(KindError::new("dialect", what, "write 3, or 4 if all your YARP programs are of version 4"));
-        }
-        // written so that not-a-number fails
-        if !(self.period_ms >= 1.0 && self.period_ms <= 1000.0) {
-            let what = format!("{} is no usable time between two messages", self.period_ms);
-            return Err(KindError::new("period_ms", what, "give a number from 1 to 1000"));
-        }
-        if !(self.speed > 0.0 && self.speed <= 1.0) {
-            let what = format!("{} is no share of the greatest speed", self.speed);
-            return Err(KindError::new("speed", what, "give a number above 0 and up to 1"));
-        }
-        if let Some(address) = self.name_server.filter(|a| !a.ip().is_loopback() && !self.allow_open_network) {
-            let what = format!("{address} is on another computer, and only this one may be used");
-            return Err(KindError::new(
+        let check = |good: bool, path: &str, what: String, help: &str| {
+            if good { Ok(()) } else { Err(KindError::new(path, what, help)) }
+        };
+        let far = self.name_server.filter(|a| !a.ip().is_loopback() && !self.allow_open_network);
+        let own = |(robot, ports): (&String, &RobotPorts)| {
+            Some(check_name(&format!("robots.{robot}.prefix"), ports.prefix.as_ref()?))
+        };
+        let fields = self.force_field.iter().map(|(part, f)| f.validate(&format!("force_field.{part}")));
+        let all = [
+            check_name("prefix", &self.prefix),
+            check(
+                matches!(self.dialect, 3 | 4),
+                "dialect",
+                format!("there is no YARP dialect {}", self.dialect),
+                "write 3, or 4 if all your YARP programs are of version 4",
+            ),
+            // written so that not-a-number fails
+            check(
+                self.period_ms >= 1.0 && self.period_ms <= 1000.0,
+                "period_ms",
+                format!("{} is no usable time between two messages", self.period_ms),
+                "give a number from 1 to 1000",
+            ),
+            check(
+                self.speed > 0.0 && self.speed <= 1.0,
+                "speed",
+                format!("{} is no share of the greatest speed", self.speed),
+                "give a number above 0 and up to 1",
+            ),
+            check(
+                far.is_none(),
                 "name_server",
-                what,
+                far.map_or(String::new(), |a| format!("{a} is on another computer, and only this one may be used")),
                 "set allow_open_network = true if that network is yours alone",
-            ));
-        }
-        for (robot, ports) in &self.robots {
-            if let Some(prefix) = &ports.prefix {
-                check_name(&format!("robots.{robot}.prefix"), prefix)?;
+            ),
+            check(
+                self.filter || self.world || self.parts,
+                "",
+                "this table opens no port at all".into(),
+                "leave `filter`, `world` or `parts` true, or take the table away",
+            ),
+            check(
+                self.parts || self.force_field.is_empty(),
+                "force_field",
+                "with parts = false no port serves these controllers".into(),
+                "set parts = true, or take the table away",
+            ),
+        ];
+        KindError::gather(all.into_iter().chain(self.robots.iter().filter_map(own)).chain(fields))?;
+        Ok(())
+    }
+
+    /// Checks the robots, parts and joints that are named against the robots there are.
+    ///
+    /// # Errors
+    /// Every name that is none, every list that has not one number per joint, and every port that two robots would open.
+    pub fn check_robots(&self, robots: &[Arc<Robot>]) -> Result<(), KindError> {
+        let names: Vec<&str> = robots.iter().map(|r| r.name.as_str()).collect();
+        let parts_of = |r: &Robot| r.parts.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
+        let unknown = |path: String, what: &str, name: &str, known: &[&str]| {
+            Err(KindError::new(path, format!("there is no {what} `{name}`"), suggestion(name, what, known)))
+        };
+        let mut all = Vec::new();
+        for (name, ports) in &self.robots {
+            let Some(robot) = robots.iter().find(|r| r.name == *name) else {
+                all.push(unknown(format!("robots.{name}"), "robot", name, &names));
+                continue;
+            };
+            let known = parts_of(robot);
+            let known: Vec<&str> = known.iter().map(String::as_str).collect();
+            for (i, part) in ports.parts.iter().flatten().enumerate().filter(|(_, p)| !known.contains(&p.as_str())) {
+                all.push(unknown(format!("robots.{name}.parts[{i}]"), "part", part, &known));
             }
         }
-        self.force_field.iter().try_for_each(|(part, f)| f.validate(&format!("force_field.{part}")))
+        let known: Vec<String> = robots.iter().flat_map(|r| parts_of(r)).collect();
+        let known: Vec<&str> = known.iter().map(String::as_str).collect();
+        for (name, field) in &self.force_field {
+            let part = robots.iter().flat_map(|r| &r.parts).find(|p| p.name == *name);
+            all.push(match part {
+                None => unknown(format!("force_field.{name}"), "part", name, &known),
+                Some(part) => field.check_joints(part.motors.len()).map_err(|what| {
+                    KindError::new(format!("force_field.{name}"), what, "give one number per joint of the part")
+                }),
+            });
+        }
+        for (i, a) in robots.iter().enumerate().filter(|_| self.filter) {
+            let twin = robots.iter().take(i).find(|b| self.robot_prefix(&a.name) == self.robot_prefix(&b.name));
+            if let Some(b) = twin {
+                let what = format!("{} and {} would open ports of the same names", b.name, a.name);
+                let path = format!("robots.{}.prefix", a.name);
+                all.push(Err(KindError::new(path, what, "give each robot a prefix of its own")));
+            }
+        }
+        KindError::gather(all)?;
+        Ok(())
     }
 
     /// The network that these settings and YARP's own configuration name.
@@ -125,7 +194,7 @@ impl YarpSettings {
     }
 
     /// The beginning of the names of a robot's filtered boards.
-    pub(crate) fn robot_prefix(&self, robot: &str) -> String {
+    pub fn robot_prefix(&self, robot: &str) -> String {
         let own = self.robots.get(robot).and_then(|r| r.prefix.clone());
         own.unwrap_or_else(|| format!("{}/{robot}", self.prefix))
     }

@@ -1,7 +1,7 @@
 //! Which motor is which joint of which board: the one place where degrees meet radians.
 
 use super::YarpDriverSettings;
-use mobee_contract::KindError;
+use mobee_contract::{KindError, suggestion};
 use mobee_model::Robot;
 use std::ops::Range;
 
@@ -37,22 +37,19 @@ impl Layout {
     /// A part the robot does not have, or that is named twice.
     pub fn new(settings: &YarpDriverSettings, robot: &Robot) -> Result<Layout, KindError> {
         let mut patches: Vec<Patch> = Vec::new();
-        for (i, p) in settings.parts.iter().enumerate() {
+        let names: Vec<&str> = robot.parts.iter().map(|p| p.name.as_str()).collect();
+        KindError::gather(settings.parts.iter().enumerate().map(|(i, p)| {
             let Some(part) = robot.parts.iter().find(|known| known.name == p.part) else {
-                let names: Vec<&str> = robot.parts.iter().map(|p| p.name.as_str()).collect();
                 let what = format!("robot {} has no part {}", robot.name, p.part);
-                return Err(KindError::new(
-                    format!("parts[{i}].part"),
-                    what,
-                    format!("its parts: {}", names.join(", ")),
-                ));
+                return Err(KindError::new(format!("parts[{i}].part"), what, suggestion(&p.part, "part", &names)));
             };
             if patches.iter().any(|known| known.part == p.part || known.port == p.port) {
                 let what = format!("{} at {} is there already", p.part, p.port);
                 return Err(KindError::new(format!("parts[{i}]"), what, "give every part one board of its own"));
             }
             patches.push(Patch { part: p.part.clone(), port: p.port.clone(), motors: part.motors.clone() });
-        }
+            Ok(())
+        }))?;
         Ok(Layout {
             patches,
             home: robot.motors.iter().map(|m| m.home).collect(),

@@ -130,23 +130,26 @@ impl YarpDriverSettings {
             ("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 10_000.0),
             ("max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e6),
         ];
-        for (name, value, least, most) in ranges {
+        let number = |(name, value, least, most): (&str, f64, f64, f64)| {
             // written so that not-a-number fails
-            if !(value >= least && value <= most) {
-                let what = format!("{value} is no usable value here");
-                return Err(KindError::new(name, what, format!("give a number from {least} to {most}")));
+            if value >= least && value <= most {
+                return Ok(());
             }
-        }
-        if self.parts.is_empty() {
-            let help = "name at least one board: parts = [{ part = \"torso\", port = \"/icub/torso\" }]";
-            return Err(KindError::new("parts", "the robot has no board", help));
-        }
-        for (i, p) in self.parts.iter().enumerate() {
-            rooted(&format!("parts[{i}].port"), &p.port)?;
-        }
-        if let Some(name) = &self.name {
-            rooted("name", name)?;
-        }
+            let what = format!("{value} is no usable value here");
+            Err(KindError::new(name, what, format!("give a number from {least} to {most}")))
+        };
+        let ports = self.parts.iter().enumerate().map(|(i, p)| rooted(&format!("parts[{i}].port"), &p.port));
+        let words = [self.board(), self.name.as_ref().map_or(Ok(()), |name| rooted("name", name)), self.words()];
+        KindError::gather(ranges.into_iter().map(number).chain(ports).chain(words))?;
+        Ok(())
+    }
+
+    fn board(&self) -> Result<(), KindError> {
+        let help = "name at least one board: parts = [{ part = \"torso\", port = \"/icub/torso\" }]";
+        if self.parts.is_empty() { Err(KindError::new("parts", "the robot has no board", help)) } else { Ok(()) }
+    }
+
+    fn words(&self) -> Result<(), KindError> {
         if let Some(listen) = &self.listen
             && listen.parse::<std::net::IpAddr>().is_err()
         {

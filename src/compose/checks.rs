@@ -1,0 +1,186 @@
+//! Whether parts that are each fine go together: robots and world, poses and obstacles, agents and boards, ports and names.
+
+use super::{Built, placed};
+use crate::config::{Complaints, Config, Source};
+use mobee_contract::SetPose;
+use mobee_model::{Contact, Scene, ShapeId};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// How many control periods old a reading may be and still count.
+const FRESH_PERIODS: f64 = 5.0;
+
+/// All of them.
+pub(super) fn all(
+    config: &Config,
+    source: &Source,
+    scene: &Scene,
+    built: &[Built],
+    wrong: &mut Complaints,
+    warnings: &mut Vec<String>,
+) {
+    let poses = Poses { config, source, scene, moved: config.script.iter().map(|s| s.edit.object.as_str()).collect() };
+    poses.starts(built, wrong);
+    // a robot that can't even start is not judged by its poses
+    if wrong.is_empty() {
+        poses.named(built, wrong, warnings);
+    }
+    readings(config, source, built, wrong);
+    boards(config, source, built, wrong);
+    if let Some(yarp) = &config.yarp {
+        wrong.keep(yarp.check_robots(scene.robots()).map_err(|e| placed(source, "yarp", e)));
+    }
+}
+
+struct Poses<'a> {
+    config: &'a Config,
+    source: &'a Source,
+    scene: &'a Scene,
+    /// The objects that the script moves or changes.
+    moved: BTreeSet<&'a str>,
+}
+
+impl Poses<'_> {
+    /// A motion that starts in contact could never be committed.
+    fn starts(&self, built: &[Built], wrong: &mut Complaints) {
+        let mut poses = self.scene.home();
+        let known = |b: &Built| b.hardware.as_ref().and_then(|h| h.known().start);
+        let starts: Vec<Option<SetPose>> = built.iter().map(known).collect();
+        for (pose, start) in poses.iter_mut().zip(&starts) {
+            if let Some(start) = start {
+                *pose = Arc::from(start.q.clone());
+            }
+        }
+        let mut told: Vec<(ShapeId, ShapeId)> = Vec::new();
+        for (i, r) in self.config.robot.iter().enumerate() {
+            // a margin that is none was told before
+            let judged = (0.0..=500.0).contains(&r.controller.margin_mm);
+            let near = self.nearest(i, &poses, r.controller.margin_mm).filter(|c| judged && !told.contains(&c.pair));
+            let Some(c) = near else { continue };
+            told.push(c.pair);
+            // a recorded robot does what it did
+            if matches!(starts.get(i), Some(Some(start)) if start.optional) {
+                continue;
+            }
+            let (path, when) = match starts.get(i) {
+                Some(Some(start)) => (format!("robot[{i}].driver.{}", start.path), "at the start"),
+                _ => (format!("robot[{i}].model"), "at home"),
+            };
+            let what = format!("{when}, {}", self.words(&c, r.controller.margin_mm));
+            let itself = matches!(c.pair, (ShapeId::Robot { robot: a, .. }, ShapeId::Robot { robot: b, .. }) if a == b);
+            let help = match itself {
+                true => {
+                    "let it start elsewhere (`start_deg` of the driver `sim`, `home` in the robot's file), or choose a smaller margin"
+                }
+                false => "move the object or the robot's base, or choose a smaller margin",
+            };
+            wrong.push(self.source.error(&path, what, help));
+        }
+    }
+
+    /// Poses that an agent's settings name, while the other robots are at home.
+    fn named(&self, built: &[Built], wrong: &mut Complaints, warnings: &mut Vec<String>) {
+        for (i, (r, b)) in self.config.robot.iter().zip(built).enumerate() {
+            let poses = b.agent.iter().flat_map(|(_, means)| &means.poses);
+            for SetPose { path, q, optional } in poses {
+                let mut poses = self.scene.home();
+                if let Some(own) = poses.get_mut(i) {
+                    *own = Arc::from(q.clone());
+                }
+                let near = self.nearest(i, &poses, r.controller.margin_mm);
+                let what = match &near {
+                    Some(c) => format!("in this pose {}", self.words(c, r.controller.margin_mm)),
+                    None if !self.scene.lawful(i, q) => "this pose breaks a constraint of the robot's file".to_owned(),
+                    None => continue,
+                };
+                let may_change = *optional || near.as_ref().is_some_and(|c| self.may_move(c));
+                if may_change {
+                    warnings.push(format!("{}: {path}: {what}; the reflex will undo the way there", r.name));
+                } else {
+                    let help = "change the pose, or move the object; no motion could end here";
+                    wrong.push(self.source.error(&format!("robot[{i}].agent.{path}"), what, help));
+                }
+            }
+        }
+    }
+
+    fn nearest(&self, robot: usize, poses: &[mobee_contract::Pose], margin_mm: f64) -> Option<Contact> {
+        let own = |id: ShapeId| matches!(id, ShapeId::Robot { robot: r, .. } if usize::from(r) == robot);
+        let mut all = self.scene.contacts(poses, margin_mm * 1e-3);
+        all.retain(|c| own(c.pair.0) || own(c.pair.1));
+        all.into_iter().min_by(|a, b| a.distance.total_cmp(&b.distance))
+    }
+
+    fn may_move(&self, c: &Contact) -> bool {
+        let moved = |id: ShapeId| match id {
+            ShapeId::Object { object, .. } => {
+                self.scene.objects().any(|(id, o)| id == object && self.moved.contains(o.name.as_str()))
+            }
+            ShapeId::Robot { .. } => false,
+        };
+        moved(c.pair.0) || moved(c.pair.1)
+    }
+
+    fn words(&self, c: &Contact, margin_mm: f64) -> String {
+        let (a, b) = (self.scene.shape_name(c.pair.0), self.scene.shape_name(c.pair.1));
+        let mm = c.distance * 1e3;
+        if mm < 0.0 {
+            return format!("{a} is {:.1} mm deep in {b}", -mm);
+        }
+        format!("{a} is {mm:.1} mm from {b}, nearer than the margin of {margin_mm} mm")
+    }
+}
+
+/// A controller whose readings are always old would never open its filter.
+fn readings(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
+    for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
+        let Some(period) = b.hardware.as_ref().and_then(|h| h.known().period) else { continue };
+        let (board_ms, fresh_ms) = (period.as_secs_f64() * 1e3, r.controller.period_ms * FRESH_PERIODS);
+        if board_ms > fresh_ms && r.controller.period_ms >= 1.0 {
+            let what = format!(
+                "a reading counts for five control periods, {fresh_ms} ms, and the board gives one every {board_ms:.0} ms"
+            );
+            let help = format!("give {:.0} ms or more, or let the driver read more often", (board_ms / 2.0).ceil());
+            wrong.push(source.error(&format!("robot[{i}].controller.period_ms"), what, help));
+        }
+    }
+}
+
+/// An agent whose motors have no board would move nothing; two drivers of one board would fight.
+fn boards(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
+    for (i, b) in built.iter().enumerate() {
+        let (Some(hardware), Some((_, means))) = (&b.hardware, &b.agent) else { continue };
+        let Some(driven) = hardware.known().motors else { continue };
+        let idle: BTreeSet<&str> = means
+            .motors
+            .iter()
+            .filter(|m| !driven.contains(m))
+            .filter_map(|m| Some(b.model.motors.get(*m)?.name.as_str()))
+            .collect();
+        if !idle.is_empty() {
+            let names: Vec<&str> = idle.into_iter().take(5).collect();
+            let what = format!("the agent moves motors that have no board: {}", names.join(", "));
+            let help = "name the boards of their parts in the driver's `parts`, or take the motors away";
+            wrong.push(source.error(&format!("robot[{i}].agent.motors"), what, help));
+        }
+    }
+    let port = |i: usize, k: usize| config.robot.get(i)?.driver.get("parts")?.get(k)?.get("port")?.as_str();
+    let mut taken: Vec<(&str, &str)> = Vec::new();
+    for (i, r) in config.robot.iter().enumerate() {
+        for k in 0..r.driver["parts"].as_array().map_or(0, Vec::len) {
+            let Some(name) = port(i, k) else { continue };
+            let at = format!("robot[{i}].driver.parts[{k}].port");
+            if let Some((_, other)) = taken.iter().find(|(port, other)| *port == name && *other != r.name) {
+                let what = format!("robot {other} is driven by the board {name} already");
+                wrong.push(source.error(&at, what, "give every robot boards of its own"));
+            }
+            let prefix = config.yarp.as_ref().filter(|y| y.filter).map(|y| y.robot_prefix(&r.name));
+            if prefix.is_some_and(|prefix| name.strip_prefix(&prefix).is_some_and(|rest| rest.starts_with('/'))) {
+                let what = format!("{name} would be the robot's own board and MoBeE's filtered one");
+                let help = format!("give the filter another prefix: yarp.robots.{}.prefix", r.name);
+                wrong.push(source.error(&at, what, help));
+            }
+            taken.push((name, &r.name));
+        }
+    }
+}

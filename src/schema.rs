@@ -1,0 +1,106 @@
+//! `mobee schema`: the JSON Schema of a configuration file, with the settings of every kind that is registered. The same
+//! schema checks the shape of files when they are read, so the two can't differ.
+
+use crate::config::Config;
+use crate::kinds::{Entry, entries};
+use mobee_actors::controller::DEFAULT_KIND;
+use serde_json::{Map, Value, json};
+use std::sync::OnceLock;
+
+/// The schema of a whole file, in draft 7, which editors know best.
+pub fn whole() -> &'static Value {
+    static WHOLE: OnceLock<Value> = OnceLock::new();
+    WHOLE.get_or_init(make)
+}
+
+/// The schema as text.
+pub fn text() -> String {
+    serde_json::to_string_pretty(whole()).unwrap_or_default() + "\n"
+}
+
+fn make() -> Value {
+    let mut root = schemars::schema_for!(Config).to_value();
+    let mut definitions = taken(&mut root, "$defs");
+    let mut roles: Vec<(&str, Vec<Value>)> = Vec::new();
+    for Entry { role, name, doc, mut schema } in entries() {
+        let id = format!("{role}_{name}");
+        for (key, inner) in taken(&mut schema, "$defs") {
+            definitions.insert(format!("{id}_{key}"), relinked(inner, &id));
+        }
+        let mut schema = relinked(schema, &id);
+        schema["properties"]["kind"] = json!({ "const": name, "description": doc });
+        let needed = (role != "controller" || name != DEFAULT_KIND).then(|| json!("kind"));
+        let required = schema["required"].as_array().cloned().unwrap_or_default();
+        schema["required"] = required.into_iter().chain(needed).collect();
+        schema["description"] = doc.into();
+        definitions.insert(id.clone(), schema);
+        let link = json!({ "$ref": format!("#/$defs/{id}") });
+        match roles.iter_mut().find(|(known, _)| *known == role) {
+            Some((_, links)) => links.push(link),
+            None => roles.push((role, vec![link])),
+        }
+    }
+    for (role, links) in roles {
+        let property = &mut definitions["Robot"]["properties"][role];
+        *property = json!({ "description": property["description"], "default": property["default"], "oneOf": links });
+        if let Value::Object(map) = property {
+            map.retain(|_, v| !v.is_null());
+        }
+    }
+    definitions.remove("Controller");
+    root["$defs"] = Value::Object(definitions);
+    let mut root = draft7(root);
+    root["$schema"] = "http://json-schema.org/draft-07/schema#".into();
+    root["title"] = "MoBeE configuration".into();
+    root
+}
+
+/// An object's table, taken out of it.
+fn taken(value: &mut Value, key: &str) -> Map<String, Value> {
+    match value.as_object_mut().and_then(|map| map.remove(key)) {
+        Some(Value::Object(map)) => map,
+        _ => Map::new(),
+    }
+}
+
+/// The same with the links to its own definitions as they are called in the whole.
+fn relinked(value: Value, id: &str) -> Value {
+    mapped(value, &|key, v| match v {
+        Value::String(link) if key == "$ref" => Value::String(link.replace("#/$defs/", &format!("#/$defs/{id}_"))),
+        other => other,
+    })
+}
+
+/// Draft 7 calls definitions so, and ignores what stands beside a link.
+fn draft7(value: Value) -> Value {
+    let renamed = mapped(value, &|key, v| match v {
+        Value::String(link) if key == "$ref" => Value::String(link.replace("#/$defs/", "#/definitions/")),
+        Value::Object(mut map) => {
+            if let Some(link) = map.get("$ref").filter(|l| l.is_string() && map.len() > 1).cloned() {
+                map.remove("$ref");
+                map.insert("allOf".into(), json!([{ "$ref": link }]));
+            }
+            Value::Object(map)
+        }
+        other => other,
+    });
+    let mut root = renamed;
+    let definitions = taken(&mut root, "$defs");
+    root["definitions"] = Value::Object(definitions);
+    root
+}
+
+/// Every value under its key (elements of lists under none) changed, the inner ones first.
+fn mapped(value: Value, change: &impl Fn(&str, Value) -> Value) -> Value {
+    match value {
+        Value::Object(map) => map
+            .into_iter()
+            .map(|(k, v)| {
+                let v = change(&k, mapped(v, change));
+                (k, v)
+            })
+            .collect(),
+        Value::Array(list) => list.into_iter().map(|v| change("", mapped(v, change))).collect(),
+        leaf => leaf,
+    }
+}

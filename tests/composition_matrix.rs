@@ -1,0 +1,132 @@
+//! Every registered agent with every controller setting on every robot: starts, runs ten simulated seconds, holds the
+//! invariants. A new kind is in the matrix by being registered, with an example of its settings.
+
+use mobee::run::{Folder, run};
+use mobee_actors::check::check;
+use mobee_actors::controller::controller_kinds;
+use mobee_actors::system::Counts;
+use mobee_contract::{agent_kinds, driver_kinds};
+use mobee_model::load_robot;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use tokio::sync::mpsc;
+
+const SECONDS: f64 = 10.0;
+
+/// The robots' files. The robot of corner cases touches itself in every pose, so that there contacts with itself don't count.
+fn robots(scratch: &Path) -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (edge, outermost) = (scratch.join("edge.xml"), "<link z=\"0.2\" radius=\"0.03\">");
+    let text = std::fs::read_to_string(root.join("tests/data/edge/edge_a.xml")).expect("a robot");
+    assert!(text.contains(outermost));
+    let text = text.replace(outermost, "<link z=\"0.2\" radius=\"0.03\" noSelfCollision=\"true\">");
+    std::fs::write(&edge, text).expect("written");
+    vec![root.join("configs/robots/icub.xml"), root.join("configs/robots/katana.xml"), edge]
+}
+
+/// What a controller can be told, each for another reason, and all of it for each kind of controller.
+fn controllers() -> Vec<(String, Value)> {
+    let settings = [
+        ("as shipped", json!({ "period_ms": 20, "history": 6000 })),
+        ("quick and close", json!({ "period_ms": 10, "history": 3000, "margin_mm": 4, "tolerance_deg": 0.05 })),
+        ("slow and wide", json!({ "period_ms": 50, "history": 500, "margin_mm": 15, "tolerance_deg": 1.0 })),
+        ("forgetful", json!({ "period_ms": 20, "history": 40 })),
+    ];
+    let of_kind = |kind: &'static str| {
+        settings.clone().map(|(name, mut controller)| {
+            controller["kind"] = kind.into();
+            (format!("{kind}, {name}"), controller)
+        })
+    };
+    controller_kinds().into_iter().flat_map(|k| of_kind(k.name)).collect()
+}
+
+/// One cell of the matrix.
+struct Cell {
+    title: String,
+    config: Value,
+}
+
+fn cells(robots: &[PathBuf]) -> Vec<Cell> {
+    let mut cells = Vec::new();
+    for path in robots {
+        let robot = load_robot(path).expect("a robot").value;
+        for driver in driver_kinds() {
+            let mut hardware = match (driver.example)(&robot) {
+                Ok(settings) => settings,
+                Err(why) => {
+                    println!("left out: driver {} on {}: {why}", driver.name, robot.name);
+                    continue;
+                }
+            };
+            hardware["kind"] = driver.name.into();
+            for agent in agent_kinds() {
+                let mut planner = (agent.example)(&robot);
+                planner["kind"] = agent.name.into();
+                for (name, controller) in controllers() {
+                    cells.push(Cell {
+                        title: format!("{} on {} by {}, {name}", agent.name, robot.name, driver.name),
+                        config: json!({
+                            "for_s": SECONDS, "record": { "enabled": false },
+                            "robot": [{
+                                "name": "robot", "model": path, "driver": hardware, "controller": controller,
+                                "agent": planner,
+                            }],
+                        }),
+                    });
+                }
+            }
+        }
+    }
+    cells
+}
+
+/// What is wrong with a cell, if anything.
+fn judge(cell: &Cell) -> Result<Counts, String> {
+    let dir = tempfile::tempdir().map_err(|e| e.to_string())?;
+    let file = dir.path().join("cell.toml");
+    std::fs::write(&file, toml::to_string(&cell.config).map_err(|e| e.to_string())?).map_err(|e| e.to_string())?;
+    let composition = mobee::compose::read(&file, &[]).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
+    let folder = Folder::create("cell", Some(&dir.path().join("run"))).map_err(|e| e.to_string())?;
+    let (_controls, receiver) = mpsc::channel(1);
+    let done = run(composition, &folder, receiver, |_| ()).map_err(|e| format!("{e:?}"))?;
+    if !mobee::run::in_order(&done.end) || done.end.ended_at.secs() < SECONDS {
+        return Err(format!("ended at {}: {}", done.end.ended_at, done.end.reason));
+    }
+    let report = check(folder.path()).map_err(|e| e.to_string())?;
+    match report.violations.first() {
+        Some(v) => Err(v.to_string()),
+        None if done.end.counts.commits == 0 => Err("nothing ever moved".into()),
+        None => Ok(done.end.counts),
+    }
+}
+
+#[test]
+fn every_composition_starts_runs_and_holds_the_invariants() {
+    let scratch = tempfile::tempdir().expect("a folder");
+    let robots = robots(scratch.path());
+    let cells = cells(&robots);
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let (mut wrong, mut commits, mut back) = (Vec::new(), 0, 0);
+        while let Some(cell) = cells.get(next.fetch_add(1, Ordering::Relaxed)) {
+            match judge(cell) {
+                Ok(counts) => (commits, back) = (commits + counts.commits, back + counts.rolled_back),
+                Err(what) => wrong.push(format!("{}: {what}", cell.title)),
+            }
+        }
+        (wrong, commits, back)
+    };
+    let done: Vec<(Vec<String>, u64, u64)> = std::thread::scope(|s| {
+        let threads = [s.spawn(work), s.spawn(work)];
+        threads.into_iter().map(|t| t.join().expect("a thread")).collect()
+    });
+    let (commits, back): (u64, u64) = done.iter().fold((0, 0), |(c, b), (_, commits, back)| (c + commits, b + back));
+    println!("{} compositions, {commits} motions, {back} rolled back", cells.len());
+    let wrong: Vec<String> = done.into_iter().flat_map(|(wrong, ..)| wrong).collect();
+    assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), cells.len(), wrong.join("\n"));
+    let drivers =
+        driver_kinds().iter().filter(|k| (k.example)(&load_robot(&robots[1]).expect("a robot").value).is_ok()).count();
+    assert_eq!(cells.len(), robots.len() * drivers * agent_kinds().len() * controllers().len());
+}
