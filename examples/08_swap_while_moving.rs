@@ -48,16 +48,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (config, source) = Config::load(&file, &set)?;
         compose(config, &source)
     };
-    let first = composed(&["robot.icub.agent.vertices=8"])?;
-    let mut faster = composed(&["robot.icub.agent.vertices=8", "robot.icub.agent.speed=0.3"])?;
+    let first = composed(&[])?;
+    let mut faster = composed(&["robot.icub.agent.speed=0.3"])?;
     let faster = Maker(faster.robots.remove(0).agent.ok_or("explore.toml has an agent")?);
     let broken =
         Maker(Arc::new(|| Ok(Box::new(Broken(Snapshot { kind: String::new(), version: 0, state: ().into() })))));
-    let controller = Controller { margin_m: 0.015, period_s: 0.01, ..first.robots[0].controller.clone() };
+    let controller = Controller { margin_m: 0.008, period_s: 0.01, ..first.robots[0].controller.clone() };
     let (reply, _) = tokio::sync::oneshot::channel();
     let offer = PartOffer {
         part: NewPart::Controller(controller),
-        what: "one with a margin of 15 mm and a period of 10 ms".into(),
+        what: "one with a margin of 8 mm and a period of 10 ms".into(),
         terms: Terms::default(),
     };
     let at = |secs: u64| Time::ZERO + Duration::from_secs(secs);

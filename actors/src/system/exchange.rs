@@ -17,7 +17,7 @@ use crate::shell::SuperviseMsg;
 use crate::supervision::{Between, GroupMsg};
 use crate::swap::Terms;
 use crate::wiring::{Hub, Parts, Plug, Trial, Wires};
-use mobee_contract::{Board, Driver, DriverFault, Hardware, Hold, Pose, Status, SwapPart, SwapStep, Time};
+use mobee_contract::{Board, Driver, DriverFault, Hardware, Pose, Status, SwapPart, SwapStep, Time};
 use mobee_model::ShapeId;
 use ractor::ActorRef;
 use std::sync::Arc;
@@ -292,9 +292,11 @@ impl Exchange {
             if let Some((why, _)) = &self.wires.trial.lock().broke {
                 return Err(why.clone());
             }
-            let (now, status) = (clock.now(), self.wires.latest.lock().status);
-            let blind = matches!(status, Status::Starting | Status::Holding(Hold::Stale | Hold::BoardFault));
-            if !blind {
+            let (now, latest) = (clock.now(), self.wires.latest.lock().clone());
+            let status = latest.status;
+            let acts = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
+            let ready = acts || latest.ready;
+            if ready {
                 seen = Some(now);
             }
             // the board itself may fall silent for a while: that is the driver's fault only if it lasts
@@ -302,7 +304,7 @@ impl Exchange {
             if now > seen.unwrap_or(begun) + patience && (seen.is_none() || self.part == SwapPart::Driver) {
                 return Err(format!("the robot is not ready: {}", word(status)));
             }
-            if now >= begun + terms.probation && !blind {
+            if now >= begun + terms.probation && ready {
                 let old = self.wires.trial.lock().old.take();
                 return old.ok_or_else(|| "it broke as its probation ended".into());
             }
