@@ -5,10 +5,12 @@
 //! ```
 
 pub mod faults;
+mod memory;
 pub mod plan;
 mod report;
 pub mod shrink;
 pub mod trial;
+mod witness;
 
 pub use report::Tally;
 
@@ -21,6 +23,9 @@ use shrink::shrink;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use trial::{Ran, Trial};
+
+/// Runs up to so many seconds are made a second and a third time, for I13.
+const TWICE: f64 = 600.0;
 
 /// The arguments of `mobee torture`.
 #[derive(Clone, Debug, clap::Args)]
@@ -48,6 +53,9 @@ pub struct TortureArgs {
     /// Only these faults of each seed's list, by number; what a failure is reproduced with.
     #[arg(long, value_name = "N,N,...", value_delimiter = ',')]
     pub only: Option<Vec<usize>>,
+    /// Stop at the first seed that fails.
+    #[arg(long)]
+    pub stop: bool,
     /// Keep the journals in this new folder.
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
@@ -89,12 +97,16 @@ pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, R
         if !ran.violations.is_empty() {
             say(&failure(args, &trial, seed, &planned, &ran)?);
             tally.failed.push(seed);
+            if args.stop {
+                break;
+            }
         }
         if tally.seeds.is_multiple_of(100) && tally.seeds < args.seeds {
             say(&tally.line());
         }
     }
-    if tally.seeds > 0 && tally.failed.is_empty() {
+    // a long run is not made three times
+    if tally.seeds > 0 && tally.failed.is_empty() && args.secs <= TWICE {
         tally.twice = again(args, &trial, &kinds)?;
     }
     Ok(tally)

@@ -10,7 +10,18 @@ const ICUB: &str = "configs/behaviors/explore.toml";
 fn seeds(file: &str, first: u64, seeds: u64, faults: &str) -> Tally {
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
     let (only, keep, set) = (None, None, Vec::new());
-    let args = TortureArgs { file, seeds, first, faults: faults.into(), minutes: None, secs: 60.0, set, only, keep };
+    let args = TortureArgs {
+        file,
+        seeds,
+        first,
+        faults: faults.into(),
+        minutes: None,
+        secs: 60.0,
+        set,
+        only,
+        stop: true,
+        keep,
+    };
     let mut said = String::new();
     let tally = torture(&args, |line| said += line).expect("it runs");
     eprintln!("{tally}");

@@ -16,11 +16,13 @@
 //! | I15 | liveness | once all faults have healed, motions end, filters open, and agents go on |
 //! | I17 | ended means at rest | an outcome is given only while the robot is measured to rest |
 //! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
+//! | I19 | a contact closes | a contact that begins in mid-motion closes the filter within one control period |
 //!
 //! Each is a small state machine in a file of its own, fed with one line after the other. I8 and I17 also want the poses, which a
 //! journal does not hold and a simulation has; I15 is judged where a simulation says that its faults have healed.
 
 mod closed_means_closed;
+mod contact_closes;
 mod fresh_readings;
 mod home_is_a_vertex;
 mod honest_safe_pose;
@@ -167,6 +169,7 @@ impl Default for Checker {
             ("I15", Box::new(liveness::Liveness::default())),
             ("I17", Box::new(rest_at_the_end::RestAtTheEnd::default())),
             ("I18", Box::new(orphans::Orphans::default())),
+            ("I19", Box::new(contact_closes::ContactCloses::default())),
         ];
         Checker { invariants, violations: Vec::new(), robots: Vec::new(), last: (0, Time::ZERO), ended: None }
     }

@@ -394,6 +394,12 @@ fn i9_a_graze_may_pass_but_a_touch_may_not() {
 }
 
 #[test]
+fn i19_a_contact_in_mid_motion_that_closes_nothing() {
+    let met = with(&command(Writer::Agent, 3, "move", &[0.1, 0.1]), &[contact(Status::Moving)]);
+    broken("I19", met, Some(&disabled(4)), "did not close the filter");
+}
+
+#[test]
 fn i9_the_reflex_pushes_on() {
     let mv = command(Writer::Reflex, 4, "move", &[0.0, 0.0]);
     broken("I9", with(&retreat_stopped(2.4), std::slice::from_ref(&mv)), Some(&mv), "moved on");

@@ -31,7 +31,7 @@ pub struct Planned {
     pub what: What,
 }
 
-/// Kills and panics per run; more could use up a group's restarts, which is another fault (F5).
+/// Kills and panics per minute of a run; more could use up a group's restarts, which is another fault (F5).
 const DEATHS: u32 = 6;
 /// The parts of a robot's controller and its agent.
 const ACTORS: [&str; 5] = ["driver", "history", "supervise", "reflex", "agent"];
@@ -110,7 +110,7 @@ impl Planner<'_> {
 
     fn fault(&mut self, kind: &'static str, at: Time, robot: usize, name: &str, actor: &str, link: &str) {
         let what = match kind {
-            "F1" | "F2" if self.deaths >= DEATHS => return,
+            "F1" | "F2" if f64::from(self.deaths) >= f64::from(DEATHS) * (self.facts.secs / 60.0).max(1.0) => return,
             "F1" => {
                 self.deaths += 1;
                 What::Strike { actor: actor.into(), after: self.rng.random_range(0..50), blow: Blow::Panic }

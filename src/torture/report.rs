@@ -29,6 +29,8 @@ pub struct Tally {
     pub escapes: u64,
     /// Groups that used up their restarts.
     pub gave_up: u64,
+    /// The greatest growth of memory in a run, megabytes per hour, if one was long enough to tell.
+    pub growth: Option<f64>,
     /// Seeds that failed.
     pub failed: Vec<u64>,
     /// What differed when the first seed ran a second time (I13).
@@ -53,6 +55,7 @@ impl Tally {
         self.retreats_stopped += c.retreats_stopped;
         self.escapes += c.escapes;
         self.gave_up += c.gave_up;
+        self.growth = self.growth.into_iter().chain(ran.growth).reduce(f64::max);
     }
 
     /// How many times faster than real time.
@@ -87,6 +90,9 @@ impl fmt::Display for Tally {
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
         if self.gave_up > 0 {
             writeln!(f, "storms     {} groups used up their restarts", self.gave_up)?;
+        }
+        if let Some(growth) = self.growth {
+            writeln!(f, "memory     {growth:+.2} MB per hour after warming up")?;
         }
         for what in &self.twice {
             writeln!(f, "{what}")?;

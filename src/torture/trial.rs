@@ -1,7 +1,9 @@
 //! One run under planned faults, with all invariants watched while it goes on.
 
 use super::faults::What;
+use super::memory::Memory;
 use super::plan::{Facts, Planned};
+use super::witness::Witness;
 use crate::compose::{compose, derive_seed};
 use crate::config::{Clock, Config, Source};
 use miette::Report;
@@ -22,6 +24,8 @@ use tokio::sync::mpsc;
 
 /// How long a run may go on after the faults have healed, a little more than I15 allows.
 const LIVE: Duration = Duration::from_secs(122);
+/// By how much the process may grow, megabytes per hour of a run.
+const GROWS: f64 = 1.0;
 /// The object that floods of edits move about, far from everything.
 const FLOODED: &str = "torture";
 
@@ -44,11 +48,14 @@ pub struct Ran {
     pub counts: Counts,
     /// The hash of its journal.
     pub hash: String,
+    /// By how much the process grew, megabytes per hour of the run, if it was long enough to tell.
+    pub growth: Option<f64>,
 }
 
 /// Watches a run from inside.
 struct Watch {
     checker: Checker,
+    witness: Witness,
     n: u64,
     hash: Fingerprint,
     /// Deaths that nobody planned.
@@ -62,6 +69,7 @@ impl Sink for Watch {
         match entry {
             Entry::Event(event) => {
                 self.hash.add(at, event);
+                self.witness.event(at, event);
                 if let Event::Died { actor, reason } = &**event {
                     let planned = ["planted", "killed", "used up its restarts"].iter().any(|p| reason.contains(p));
                     if !planned {
@@ -72,8 +80,11 @@ impl Sink for Watch {
                 self.checker.on(&Line { line: self.n + 1, n: self.n, at, event, hash: String::new() });
                 self.n += 1;
             }
-            Entry::Pose { robot, q, .. } => self.checker.pose(*robot, at, q),
-            Entry::Scene(_) => {}
+            Entry::Pose { robot, q, .. } => {
+                self.checker.pose(*robot, at, q);
+                self.witness.pose(*robot, at, q);
+            }
+            Entry::Scene(scene) => self.witness.scene(scene),
         }
         self.journal.as_mut().map_or(Ok(()), |journal| journal.write(at, entry))
     }
@@ -109,6 +120,7 @@ impl Trial {
     pub fn run(&self, seed: u64, planned: &[Planned], journal: Option<Box<dyn Sink>>) -> Result<Ran, Report> {
         let config = Config { seed, ..self.config.clone() };
         let mut composed = compose(config, &self.source)?;
+        let mut boards = Vec::new();
         for (i, robot) in composed.robots.iter_mut().enumerate() {
             let of_robot = planned.iter().filter_map(|p| match &p.what {
                 What::Board { robot, fault, lasts, .. } if *robot == i => Some((p.at, fault.clone(), *lasts)),
@@ -118,6 +130,7 @@ impl Trial {
             for (at, fault, lasts) in of_robot {
                 hardware.faults().plan(fault, at, at + lasts);
             }
+            boards.push(hardware.clone());
             robot.hardware = Arc::new(hardware);
             for p in planned {
                 if let What::ShortHistory(poses) = p.what {
@@ -125,8 +138,14 @@ impl Trial {
                 }
             }
         }
-        let watch =
-            Watch { checker: Checker::default(), n: 0, hash: Fingerprint::default(), bugs: Vec::new(), journal };
+        let watch = Watch {
+            checker: Checker::default(),
+            witness: Witness::default(),
+            n: 0,
+            hash: Fingerprint::default(),
+            bugs: Vec::new(),
+            journal,
+        };
         let watch = Arc::new(Mutex::new(watch));
         let look = || watch.lock().unwrap_or_else(PoisonError::into_inner);
         let taps = Taps::in_place(watch.clone());
@@ -142,9 +161,15 @@ impl Trial {
             past: None,
         };
         let (tell, controls) = mpsc::channel(1);
+        let mut memory = Memory::default();
         let enough = |p: &Progress| {
-            let watch = look();
-            let broken = !watch.checker.violations().is_empty() || !watch.bugs.is_empty();
+            memory.look(p.at);
+            let mut watch = look();
+            for (i, board) in boards.iter().enumerate() {
+                watch.witness.speed(i, p.at, board.speeds(p.at).into_iter().map(f64::abs).fold(0.0, f64::max));
+            }
+            let seen = !watch.witness.found.is_empty() || !watch.bugs.is_empty();
+            let broken = !watch.checker.violations().is_empty() || seen;
             if broken || (p.at.secs() >= self.facts.secs && !watch.checker.waits()) {
                 let _ = tell.try_send(Control::Stop);
             }
@@ -159,12 +184,18 @@ impl Trial {
         let (_, violations) = std::mem::take(&mut watch.checker).end();
         let mut violations: Vec<(String, String)> =
             violations.into_iter().map(|v| (v.invariant.to_owned(), v.to_string())).collect();
+        let seen = watch.witness.found.drain(..).map(|(i, what)| (i.to_owned(), format!("{i} broken: {what}")));
+        violations.extend(seen);
         violations.extend(watch.bugs.drain(..).map(|b| ("bug".to_owned(), b)));
         if end.counts.gave_up > 0 && !planned.iter().any(|p| p.what.kind() == "F5") {
             violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
         }
         let (counts, hash) = (end.counts, watch.hash.hex());
-        Ok(Ran { violations, simulated: end.ended_at.since(Time::ZERO), counts, hash })
+        let growth = memory.slope();
+        if let Some(slope) = growth.filter(|slope| *slope > GROWS) {
+            violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));
+        }
+        Ok(Ran { violations, simulated: end.ended_at.since(Time::ZERO), counts, hash, growth })
     }
 
     fn hardware(&self, i: usize, seed: u64, robots: &[Arc<mobee_model::Robot>]) -> Result<SimHardware, Report> {

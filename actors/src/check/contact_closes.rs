@@ -1,0 +1,61 @@
+//! I19: a contact that begins while a motion is under way closes the filter within one control period (Algorithm 6). An escape is
+//! excused: it sets out in contact.
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::{Event, Status, Time};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+#[derive(Default)]
+pub(super) struct ContactCloses {
+    robots: BTreeMap<String, Filter>,
+}
+
+#[derive(Default)]
+struct Filter {
+    period: Duration,
+    open: bool,
+    /// When a contact began that has closed nothing yet.
+    met: Option<Time>,
+}
+
+impl Filter {
+    fn judge(&mut self, robot: &str, now: Time, found: &mut Found<'_>) {
+        if let Some(at) = self.met.take_if(|at| now.since(*at) > self.period) {
+            found.say(format!("{robot}: the contact that began at {at} in mid-motion did not close the filter"));
+        }
+    }
+}
+
+impl Invariant for ContactCloses {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Robot { robot, period, .. } => {
+                let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
+                self.robots.insert(robot.clone(), Filter { period, ..Filter::default() });
+            }
+            Event::Enabled { robot, .. } => self.robots.entry(robot.clone()).or_default().open = true,
+            Event::Disabled { robot, .. } => {
+                let filter = self.robots.entry(robot.clone()).or_default();
+                filter.judge(robot, line.at, found);
+                (filter.open, filter.met) = (false, None);
+            }
+            Event::ContactBegan { robot, during: Status::Moving, .. } => {
+                let filter = self.robots.entry(robot.clone()).or_default();
+                if filter.open {
+                    filter.met.get_or_insert(line.at);
+                }
+            }
+            Event::Command { robot, .. } | Event::Outcome { robot, .. } | Event::State { robot, .. } => {
+                self.robots.entry(robot.clone()).or_default().judge(robot, line.at, found);
+            }
+            _ => {}
+        }
+    }
+
+    fn end(&mut self, found: &mut Found<'_>) {
+        let now = found.at;
+        self.robots.iter_mut().for_each(|(robot, filter)| filter.judge(robot, now, found));
+    }
+}

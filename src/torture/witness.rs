@@ -1,0 +1,139 @@
+//! What really happens, beside what the system says of it: contacts computed anew from every second pose, and the boards' true speeds.
+//! A checker of the journal can't see what was never told; a witness can.
+
+use mobee_contract::{Event, Pose, Status, Time};
+use mobee_model::{Contact, Scene, ShapeId};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How much nearer than its margin a pair must be, metres: the robots' poses in a scene are a reading apart.
+const NEARER: f64 = 0.003;
+/// How many control periods a contact may go unanswered.
+const PERIODS: u32 = 3;
+/// How long a closed robot may take to come to rest: late commands, a lease that runs out, braking.
+const BRAKES: Duration = Duration::from_millis(1500);
+/// How long a robot whose readings get nowhere may go on: its lease, and braking.
+const BLIND: Duration = Duration::from_millis(700);
+/// How many times the speed that counts as rest is a motion.
+const MOVES: f64 = 4.0;
+
+/// Sees all robots of a run.
+#[derive(Debug, Default)]
+pub struct Witness {
+    scene: Option<Arc<Scene>>,
+    poses: Vec<Pose>,
+    robots: Vec<Seen>,
+    /// What was seen to be broken: the invariant, and a sentence.
+    pub found: Vec<(&'static str, String)>,
+}
+
+#[derive(Debug)]
+struct Seen {
+    name: String,
+    margin: f64,
+    period: Duration,
+    rest_speed: f64,
+    status: Status,
+    /// Whether its filter is open, and since when that, or its status, is so.
+    open: bool,
+    since: Time,
+    poses: u64,
+    /// When its last pose came through.
+    last: Time,
+    /// Since when it is too near to something.
+    near: Option<Time>,
+}
+
+impl Seen {
+    fn new(name: &str, (margin, period, rest_speed): (f64, Duration, f64), at: Time) -> Seen {
+        let (status, open, poses, near) = (Status::Starting, false, 0, None);
+        Seen { name: name.into(), margin, period, rest_speed, status, open, since: at, poses, last: at, near }
+    }
+}
+
+impl Witness {
+    /// A new scene.
+    pub fn scene(&mut self, scene: &Arc<Scene>) {
+        self.poses.resize_with(scene.robots().len(), || Vec::new().into());
+        for (pose, home) in self.poses.iter_mut().zip(scene.home()) {
+            if pose.is_empty() {
+                *pose = home;
+            }
+        }
+        self.scene = Some(scene.clone());
+    }
+
+    /// An event.
+    pub fn event(&mut self, at: Time, event: &Event) {
+        match event {
+            Event::Robot { robot, margin, period, rest_speed, .. } => {
+                let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
+                let rules = (*margin, period, *rest_speed);
+                if let Some(known) = self.robots.iter_mut().find(|r| r.name == *robot) {
+                    (known.margin, known.period, known.rest_speed) = rules;
+                } else {
+                    self.robots.push(Seen::new(robot, rules, at));
+                }
+            }
+            Event::Enabled { robot, .. } => self.turn(robot, |r| (r.open, r.since) = (true, at)),
+            Event::Disabled { robot, .. } => self.turn(robot, |r| (r.open, r.since) = (false, at)),
+            Event::State { robot, status } => self.turn(robot, |r| (r.status, r.since) = (*status, at)),
+            _ => {}
+        }
+    }
+
+    fn turn(&mut self, robot: &str, change: impl FnMut(&mut Seen)) {
+        self.robots.iter_mut().filter(|r| r.name == robot).for_each(change);
+    }
+
+    /// A pose that was read.
+    pub fn pose(&mut self, robot: usize, at: Time, q: &Pose) {
+        let (Some(seen), Some(pose), Some(scene)) =
+            (self.robots.get_mut(robot), self.poses.get_mut(robot), &self.scene)
+        else {
+            return;
+        };
+        *pose = q.clone();
+        (seen.poses, seen.last) = (seen.poses + 1, at);
+        if !(seen.open && seen.status == Status::Moving) {
+            seen.near = None;
+            return;
+        }
+        if !seen.poses.is_multiple_of(2) {
+            return;
+        }
+        let is_own = |s: ShapeId| matches!(s, ShapeId::Robot { robot: r, .. } if usize::from(r) == robot);
+        let within = seen.margin - NEARER;
+        let own = |c: &Contact| (is_own(c.pair.0) || is_own(c.pair.1)) && c.distance < within;
+        let Some(contact) = scene.contacts(&self.poses, within).into_iter().find(own) else {
+            seen.near = None;
+            return;
+        };
+        let near = *seen.near.get_or_insert(at);
+        if at.since(near) > seen.period * PERIODS {
+            let (a, b) = (scene.shape_name(contact.pair.0), scene.shape_name(contact.pair.1));
+            let mm = contact.distance * 1e3;
+            let what = format!("{}: {a} and {b} are at {mm:.1} mm at {at}, and the filter is open", seen.name);
+            self.found.push(("I19", what));
+        }
+    }
+
+    /// How fast the fastest motor of a robot really is, rad/s.
+    pub fn speed(&mut self, robot: usize, at: Time, speed: f64) {
+        let Some(seen) = self.robots.get(robot) else { return };
+        if speed <= MOVES * seen.rest_speed {
+            return;
+        }
+        let (name, status, deg, since) = (&seen.name, seen.status, speed.to_degrees(), seen.since);
+        let goes_back = matches!(status, Status::Retreating | Status::Settling);
+        if !seen.open && !goes_back && at.since(since) > BRAKES {
+            let what = format!("{name}: moves at {deg:.2} deg/s at {at}, though closed and {status:?} since {since}");
+            self.found.push(("I17", what));
+        }
+        if at.since(seen.last) > BLIND {
+            let what =
+                format!("{name}: moves at {deg:.2} deg/s at {at}, and no reading came through since {}", seen.last);
+            self.found.push(("I8", what));
+        }
+    }
+}
