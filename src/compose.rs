@@ -109,6 +109,10 @@ fn build(config: Config, source: &Source, mut wrong: Complaints) -> Result<Compo
             let at = format!("robot[{i}].controller");
             let settings = r.controller.settings().map_err(|e| placed(source, &at, e));
             let Some(controller) = wrong.keep(settings) else { continue };
+            if !controller.drive.has_reflex() {
+                let what = "its controller has no reflex; contacts are recorded and stop nothing";
+                warnings.push(format!("{}: {what}", r.name));
+            }
             let foreign = config.yarp.as_ref().filter(|y| y.filter).map(|y| y.speed);
             warnings.extend(margin_warning(r, &model, hardware.as_ref(), &controller, foreign));
             robots.push(RobotSetup {

@@ -70,6 +70,24 @@ fn the_robot_goes_round_the_ball_and_escapes_the_block() {
     check(&out, &[]);
 }
 
+/// A smaller exploration under forces, with the reflex as the last line and without: it ends by itself, and whatever its
+/// controller promises holds.
+#[test]
+fn the_icub_explores_under_forces() {
+    let dir = tempfile::tempdir().expect("a folder");
+    for reflex in ["true", "false"] {
+        let out = dir.path().join(reflex);
+        let reflex = format!("robot.icub.controller.reflex={reflex}");
+        let set = ["--no-record", "--set", "robot.icub.agent.vertices=8", "--set", &reflex];
+        let s = run("configs/behaviors/explore-fields.toml", &out, &set);
+        assert_eq!(s["reason"], "done");
+        let c = &s["counters"];
+        assert!(c["committed"].as_u64() > c["rolled_back"].as_u64() && c["rolled_back"].as_u64() > Some(0), "{s}");
+        let said = check(&out, &["--edges"]);
+        assert!(said.contains("I18 hold") && said.contains("is not driven straight"), "{said}");
+    }
+}
+
 /// Every configuration that ships can be read, built and checked; those of real robots without reaching for them.
 #[test]
 fn every_shipped_configuration_is_ready_to_run() {

@@ -8,8 +8,12 @@ const ARMS: &str = "configs/behaviors/torture.toml";
 const ICUB: &str = "configs/behaviors/explore.toml";
 
 fn seeds(file: &str, first: u64, seeds: u64, faults: &str) -> Tally {
+    seeds_with(file, first, seeds, faults, &[])
+}
+
+fn seeds_with(file: &str, first: u64, seeds: u64, faults: &str, set: &[&str]) -> Tally {
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
-    let (only, keep, set) = (None, None, Vec::new());
+    let (only, keep, set) = (None, None, set.iter().map(|s| (*s).to_owned()).collect());
     let args = TortureArgs {
         file,
         seeds,
@@ -50,4 +54,15 @@ fn another_hundred_seeds_hold_all_invariants() {
 fn the_exploring_icub_holds_all_invariants() {
     let tally = seeds(ICUB, 1, 20, "F1,F2,F3,F6,F7,F8,F11,F12,F14,F18,F19,F20,F23");
     assert_eq!(tally.gave_up, 0);
+}
+
+/// One arm under forces with a reflex, the other without.
+#[test]
+fn arms_under_forces_hold_all_invariants() {
+    let set = [
+        "robot.left.controller.kind=fields",
+        "robot.right.controller={ kind = 'fields', period_ms = 20, history = 3000, reflex = false }",
+    ];
+    let tally = seeds_with(ARMS, 201, 10, "", &set);
+    assert!(tally.outcomes.iter().sum::<u64>() > 50, "{tally}");
 }

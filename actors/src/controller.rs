@@ -1,10 +1,13 @@
 //! A controller's settings, and what they mean for a given board.
 
+mod fields;
 mod kinds;
 
+pub use fields::{FieldRules, FieldsSettings};
 pub use kinds::{ControllerKind, DEFAULT_KIND, RollbackSettings, controller_kinds};
 
 use mobee_contract::{Axis, Board, Event, Pose};
+use mobee_model::Robot;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
@@ -44,6 +47,26 @@ pub enum Drive {
     /// Straight to the target, by the board's own position moves.
     #[default]
     Straight,
+    /// Drawn and pushed by forces.
+    Fields(FieldsSettings),
+}
+
+impl Drive {
+    /// The name of the kind that drives so.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Drive::Straight => DEFAULT_KIND,
+            Drive::Fields(_) => "fields",
+        }
+    }
+
+    /// Whether the reflex stops and takes back what comes too near.
+    pub fn has_reflex(&self) -> bool {
+        match self {
+            Drive::Straight => true,
+            Drive::Fields(fields) => fields.reflex,
+        }
+    }
 }
 
 fn margin() -> f64 {
@@ -112,6 +135,12 @@ pub struct Rules {
     pub escape_speed: f64,
     /// For how long a stream may be quiet.
     pub stream_quiet: Duration,
+    /// The kind of the controller.
+    pub kind: &'static str,
+    /// Whether the reflex acts. If not, contacts are told and counted, and stop nothing but a way back.
+    pub reflex: bool,
+    /// Set if motions are driven by forces.
+    pub fields: Option<Arc<FieldRules>>,
 }
 
 impl Rules {
@@ -131,13 +160,25 @@ impl Rules {
             rest_speed: controller.rest_speed_deg.to_radians(),
             escape_speed: controller.escape_speed,
             stream_quiet: Duration::from_secs_f64(controller.stream_quiet_s.clamp(1e-2, 1e2)),
+            kind: controller.drive.kind(),
+            reflex: controller.drive.has_reflex(),
+            fields: None,
         }
     }
 
+    /// The same with what drives a robot of this model under forces, if anything does.
+    #[must_use]
+    pub fn driving(mut self, drive: &Drive, robot: &Robot) -> Rules {
+        if let Drive::Fields(settings) = drive {
+            self.fields = Some(Arc::new(FieldRules::new(settings, robot, &self)));
+        }
+        self
+    }
+
     /// The robot as the journal's readers know it.
-    pub fn described(&self) -> Event {
+    pub fn described(&self) -> [Event; 2] {
         let of = |f: fn(&Axis) -> f64| self.axes.iter().map(f).collect();
-        Event::Robot {
+        let robot = Event::Robot {
             robot: self.robot.clone(),
             motors: self.axes.iter().map(|a| a.name.clone()).collect(),
             min: of(|a| a.min),
@@ -148,7 +189,9 @@ impl Rules {
             margin: self.margin,
             tolerance: self.tolerance,
             rest_speed: self.rest_speed,
-        }
+        };
+        let (name, kind) = (self.robot.clone(), self.kind.to_owned());
+        [robot, Event::Controller { robot: name, kind, reflex: self.reflex }]
     }
 
     /// How long after a command its effect is surely in the readings.

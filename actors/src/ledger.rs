@@ -43,6 +43,8 @@ pub struct Book {
     pub last_id: u64,
     /// The filter's state.
     pub status: Status,
+    /// Where a motion under forces leads now: the fields are asked there, not where the readings are, which lag behind.
+    pub ahead: Option<Pose>,
     /// The recorded poses.
     pub history: HistoryCore,
     /// An actor that died since supervise last looked.
@@ -85,6 +87,7 @@ impl Ledger {
             open: None,
             last_id: 0,
             status: Status::Starting,
+            ahead: None,
             history,
             died: None,
             safe: None,

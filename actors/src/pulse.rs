@@ -27,6 +27,8 @@ pub struct Pulse {
     pub violated: Option<(usize, usize)>,
     /// Counts the edits of the scene in which the contacts were looked for (model).
     pub epoch: u64,
+    /// What the fields about the robot's shapes do to its motors, if it moves under forces and they do anything (model).
+    pub push: Option<Arc<[f64]>>,
     /// Whether nothing touches the robot and no constraint is violated (reflex).
     pub free: bool,
 }
@@ -35,6 +37,15 @@ impl Pulse {
     /// A reading of which nothing else is known yet.
     pub fn new(sample: Sample, none: &Arc<[Contact]>) -> Pulse {
         let unchanged = sample.at;
-        Pulse { sample, speed: f64::INFINITY, unchanged, contacts: none.clone(), violated: None, epoch: 0, free: false }
+        Pulse {
+            sample,
+            speed: f64::INFINITY,
+            unchanged,
+            contacts: none.clone(),
+            violated: None,
+            epoch: 0,
+            push: None,
+            free: false,
+        }
     }
 }

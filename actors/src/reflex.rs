@@ -191,7 +191,7 @@ impl ReflexCore {
         if motion.is_some() {
             self.met.extend_from_slice(&changes.began);
         }
-        pulse.free = self.present().is_empty() && !self.violated;
+        pulse.free = self.is_free();
 
         let token = self.gate.token();
         let outdated = match &self.phase {
@@ -210,8 +210,13 @@ impl ReflexCore {
             }
         } else {
             self.act(pulse, now, name, out);
-            pulse.free = self.present().is_empty() && !self.violated;
+            pulse.free = self.is_free();
         }
+    }
+
+    /// Whether nothing is there that the reflex would act upon.
+    fn is_free(&self) -> bool {
+        !self.rules.reflex || (self.present().is_empty() && !self.violated)
     }
 
     /// The filter is open: is there a reason to close it?
@@ -234,6 +239,8 @@ impl ReflexCore {
                 None if newly && !violated => pulse.violated.map(|v| self.constraint(v)),
                 None => None,
             }
+        } else if !self.rules.reflex {
+            None
         } else if !self.present().is_empty() {
             Some(Cause::Contact(self.present().to_vec()))
         } else {

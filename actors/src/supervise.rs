@@ -17,6 +17,7 @@
 mod check;
 mod commit;
 mod end;
+mod forces;
 mod stream;
 
 use crate::controller::Rules;
@@ -123,6 +124,8 @@ pub struct SuperviseCore {
     course: Option<(Time, f64, f64)>,
     /// The stream of set-points that the open transaction is.
     stream: Option<stream::Streaming>,
+    /// The motion under forces that the open transaction is; its set-points are the stream.
+    forces: Option<forces::Forces>,
     /// Whether some motors are perhaps in another control mode than that of position moves.
     modes: bool,
     /// Whether to close at the next border.
@@ -149,6 +152,7 @@ impl SuperviseCore {
             retry: None,
             course: None,
             stream: None,
+            forces: None,
             modes: open,
             yields: false,
             shutdown: false,
@@ -282,7 +286,7 @@ impl SuperviseCore {
 
     /// Closes the filter and stops the robot.
     fn close(&mut self, cause: Cause, out: &mut Vec<SuperviseOut>) {
-        self.stream = None;
+        (self.stream, self.forces) = (None, None);
         self.token = self.gate.close();
         let (robot, token) = (self.rules.robot.clone(), self.token);
         out.push(SuperviseOut::Event(Event::Disabled { robot, token, cause }));
@@ -337,7 +341,7 @@ impl SuperviseCore {
             return; // somebody closed it anew since
         }
         self.token = token;
-        self.stream = None;
+        (self.stream, self.forces) = (None, None);
         if self.is_moving() {
             self.give_cause(cause);
             self.closing = Closing::Reflex;

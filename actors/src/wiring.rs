@@ -10,7 +10,7 @@ use crate::stream::Stream;
 use crate::system::{Counts, Cues, Troubles};
 use crate::tap::Taps;
 use mobee_contract::{Board, Event, Hardware, Latest, Note, Snapshot, SwapPart, SwapStep};
-use mobee_model::{Contact, Pair, Scene};
+use mobee_model::{Contact, Pair, Robot, Scene};
 use ractor::{ActorRef, Message};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64};
@@ -116,25 +116,29 @@ pub struct Parts {
     pub plug: Plug,
     /// What the board can do.
     pub board: Board,
-    /// What follows from both.
+    /// The robot's model.
+    pub model: Arc<Robot>,
+    /// What follows from all of these.
     pub rules: Arc<Rules>,
 }
 
 impl Parts {
-    /// The parts of a robot whose model has these body parts.
-    pub fn new(robot: &str, bodies: Vec<String>, controller: Controller, plug: Plug, board: Board) -> Parts {
-        let rules = Arc::new(Rules::new(robot, bodies, &controller, &board));
-        Parts { controller, plug, board, rules }
+    /// The parts of a robot of this name and model.
+    pub fn new(robot: &str, model: Arc<Robot>, controller: Controller, plug: Plug, board: Board) -> Parts {
+        let bodies = model.parts.iter().map(|p| p.name.clone()).collect();
+        let rules = Rules::new(robot, bodies, &controller, &board);
+        let rules = Arc::new(rules.driving(&controller.drive, &model));
+        Parts { controller, plug, board, model, rules }
     }
 
     /// The same with another controller.
     pub fn with_controller(&self, controller: Controller) -> Parts {
-        Parts::new(&self.rules.robot, self.rules.parts.clone(), controller, self.plug.clone(), self.board.clone())
+        Parts::new(&self.rules.robot, self.model.clone(), controller, self.plug.clone(), self.board.clone())
     }
 
     /// The same with another driver of its board.
     pub fn with_driver(&self, plug: Plug, board: Board) -> Parts {
-        Parts::new(&self.rules.robot, self.rules.parts.clone(), self.controller.clone(), plug, board)
+        Parts::new(&self.rules.robot, self.model.clone(), self.controller.clone(), plug, board)
     }
 }
 
@@ -212,7 +216,7 @@ impl Hub {
         wires.ledger.book().history.resize(parts.controller.history);
         let rules = parts.rules.clone();
         let before = std::mem::replace(&mut *wires.parts.lock(), parts);
-        self.tell(rules.described());
+        rules.described().into_iter().for_each(|event| self.tell(event));
         self.model.send(ModelMsg::Margins);
         before
     }

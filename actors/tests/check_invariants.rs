@@ -312,6 +312,19 @@ fn i4_a_dishonest_safe_pose() {
 }
 
 #[test]
+fn i4_a_controller_without_a_reflex_calls_no_pose_free() {
+    let told = Event::Controller { robot: R.into(), kind: "fields".into(), reflex: false };
+    let touching = Event::SafePose { robot: R.into(), q: pose(&[0.04, 0.04]), age: 0.01, speed: 0.0, free: false };
+    let mut events = instead(&safe(&[0.04, 0.04]), touching.clone());
+    broken("I4", events.clone(), Some(&touching), "in contact");
+    events.insert(2, (0.0, told));
+    assert_eq!(run(events.clone()), []);
+    // once it has one again, so has the promise
+    events.insert(3, (0.0, Event::Controller { robot: R.into(), kind: "rollback".into(), reflex: true }));
+    broken("I4", events, Some(&touching), "in contact");
+}
+
+#[test]
 fn i4_a_commit_without_a_safe_pose_and_an_escape_with_one() {
     let run: Run = vec![(0.0, robot()), (0.1, commit(1, &[0.0, 0.0]))];
     broken("I4", run, None, "without a safe pose");

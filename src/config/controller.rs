@@ -6,6 +6,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+/// The longest period of controllers under forces, milliseconds.
+const LONGEST_MS: f64 = 50.0;
+
 /// History, Supervise and Reflex of one robot. Two settings are required; the others have defaults.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 pub struct Controller {
@@ -69,10 +72,14 @@ impl Controller {
     /// # Errors
     /// The first of its settings that can't be used; its path starts at the controller's table.
     pub fn drive(&self) -> Result<Drive, KindError> {
-        match find(&self.kind) {
-            Some(kind) => (kind.build)(&Value::Object(self.own.clone())),
-            None => Err(KindError::new("kind", format!("there is no kind `{}`", self.kind), "see `mobee kinds`")),
+        let unknown = || KindError::new("kind", format!("there is no kind `{}`", self.kind), "see `mobee kinds`");
+        let drive = (find(&self.kind).ok_or_else(unknown)?.build)(&Value::Object(self.own.clone()))?;
+        // forces that act seldom make a motion swing instead of driving it
+        if drive != Drive::Straight && self.period_ms > LONGEST_MS {
+            let what = format!("{} ms is too long a period for forces", self.period_ms);
+            return Err(KindError::new("period_ms", what, format!("give 1 to {LONGEST_MS} ms")));
         }
+        Ok(drive)
     }
 
     /// The settings in the actors' words.

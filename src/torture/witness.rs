@@ -33,6 +33,8 @@ struct Seen {
     margin: f64,
     period: Duration,
     rest_speed: f64,
+    /// Whether its controller has a reflex.
+    reflex: bool,
     status: Status,
     /// Whether its filter is open, and since when that, or its status, is so.
     open: bool,
@@ -47,7 +49,8 @@ struct Seen {
 impl Seen {
     fn new(name: &str, (margin, period, rest_speed): (f64, Duration, f64), at: Time) -> Seen {
         let (status, open, poses, near) = (Status::Starting, false, 0, None);
-        Seen { name: name.into(), margin, period, rest_speed, status, open, since: at, poses, last: at, near }
+        let reflex = true;
+        Seen { name: name.into(), margin, period, rest_speed, reflex, status, open, since: at, poses, last: at, near }
     }
 }
 
@@ -75,6 +78,7 @@ impl Witness {
                     self.robots.push(Seen::new(robot, rules, at));
                 }
             }
+            Event::Controller { robot, reflex, .. } => self.turn(robot, |r| r.reflex = *reflex),
             Event::Enabled { robot, .. } => self.turn(robot, |r| (r.open, r.since) = (true, at)),
             Event::Disabled { robot, .. } => self.turn(robot, |r| (r.open, r.since) = (false, at)),
             Event::State { robot, status } => self.turn(robot, |r| (r.status, r.since) = (*status, at)),
@@ -95,7 +99,7 @@ impl Witness {
         };
         *pose = q.clone();
         (seen.poses, seen.last) = (seen.poses + 1, at);
-        if !(seen.open && seen.status == Status::Moving) {
+        if !(seen.reflex && seen.open && seen.status == Status::Moving) {
             seen.near = None;
             return;
         }

@@ -128,6 +128,15 @@ pub enum Event {
         /// Speed below which a motor counts as at rest, rad/s.
         rest_speed: f64,
     },
+    /// The kind of a robot's controller, at the start.
+    Controller {
+        /// Robot.
+        robot: String,
+        /// Its name, as `mobee kinds` shows it.
+        kind: String,
+        /// Whether the reflex stops and takes back what comes too near. If not, contacts are told and stop nothing.
+        reflex: bool,
+    },
     /// The filter opened: commands of agents pass from now on, under this token.
     Enabled {
         /// Robot.
@@ -161,7 +170,7 @@ pub enum Event {
         age: f64,
         /// Greatest motor speed in the reading, rad/s.
         speed: f64,
-        /// Smallest distance of the robot to anything it may not touch, m, as far as it was looked for.
+        /// Whether it is known to be free of contact; no controller without a reflex says so.
         free: bool,
     },
     /// A motion outlasted the history: its safe pose moved to the oldest recorded free pose.

@@ -36,6 +36,10 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
             Info,
             format!("{} motors, period {:.0} ms, margin {:.0} mm", motors.len(), period * 1e3, margin * 1e3),
         ),
+        Event::Controller { robot, kind, reflex } => {
+            let reflex = if *reflex { "" } else { ", without a reflex" };
+            (robot, Info, format!("controller: {kind}{reflex}"))
+        }
         Event::Enabled { robot, .. } => (robot, Debug, "filter open".to_owned()),
         Event::Disabled { robot, cause, .. } => (robot, Warn, format!("filter closed: {}", why(cause))),
         Event::State { robot, status: Status::Holding(Hold::ShuttingDown) } => {

@@ -1,5 +1,5 @@
 //! I19: a contact that begins while a motion is under way closes the filter within one control period (Algorithm 6). An escape is
-//! excused: it sets out in contact.
+//! excused: it sets out in contact. A controller without a reflex does not promise it.
 
 use super::{Found, Invariant};
 use crate::journal::Line;
@@ -16,6 +16,8 @@ pub(super) struct ContactCloses {
 struct Filter {
     period: Duration,
     open: bool,
+    /// Whether its controller has no reflex, and so promises nothing of this.
+    no_reflex: bool,
     /// When a contact began that has closed nothing yet.
     met: Option<Time>,
 }
@@ -35,6 +37,9 @@ impl Invariant for ContactCloses {
                 let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
                 self.robots.insert(robot.clone(), Filter { period, ..Filter::default() });
             }
+            Event::Controller { robot, reflex, .. } => {
+                self.robots.entry(robot.clone()).or_default().no_reflex = !reflex;
+            }
             Event::Enabled { robot, .. } => self.robots.entry(robot.clone()).or_default().open = true,
             Event::Disabled { robot, .. } => {
                 let filter = self.robots.entry(robot.clone()).or_default();
@@ -43,7 +48,7 @@ impl Invariant for ContactCloses {
             }
             Event::ContactBegan { robot, during: Status::Moving, .. } => {
                 let filter = self.robots.entry(robot.clone()).or_default();
-                if filter.open {
+                if filter.open && !filter.no_reflex {
                     filter.met.get_or_insert(line.at);
                 }
             }

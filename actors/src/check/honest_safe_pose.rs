@@ -1,7 +1,7 @@
 //! I4: a safe pose is taken only from a fresh reading, at rest, free of contact, with no transaction open.
 //!
 //! The one exception is `SafePoseMoved` in an open transaction. An escape has none, and so is never rolled back; any other
-//! commit has one.
+//! commit has one. A controller without a reflex does not promise that its safe poses are free.
 
 use super::{Found, Invariant};
 use crate::journal::Line;
@@ -17,6 +17,8 @@ pub(super) struct HonestSafePose {
 struct Rest {
     fresh: f64,
     rest_speed: f64,
+    /// Whether its controller has no reflex: then nobody says that a pose is free.
+    no_reflex: bool,
     has_safe: bool,
     /// Whether the open commit, if there is one, is an escape.
     open: Option<bool>,
@@ -28,6 +30,9 @@ impl Invariant for HonestSafePose {
             Event::Robot { robot, fresh, rest_speed, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();
                 (rest.fresh, rest.rest_speed) = (*fresh, *rest_speed);
+            }
+            Event::Controller { robot, reflex, .. } => {
+                self.robots.entry(robot.clone()).or_default().no_reflex = !reflex;
             }
             Event::SafePose { robot, age, speed, free, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();
@@ -42,7 +47,7 @@ impl Invariant for HonestSafePose {
                 if *speed > rest.rest_speed {
                     wrong(format!("at {:.3} deg/s", speed.to_degrees()));
                 }
-                if !free {
+                if !free && !rest.no_reflex {
                     wrong("in contact".into());
                 }
             }

@@ -1,10 +1,11 @@
 //! Model: the hub where sensors, agents and controllers meet. One for all robots and objects.
 
 use crate::controller::RELEASE;
+use crate::ledger::Open;
 use crate::shell::AgentMsg;
-use crate::wiring::Hub;
-use mobee_contract::{Event, Pose};
-use mobee_model::{Contact, Edit, Object, Scene, ShapeId, Watch};
+use crate::wiring::{Hub, Wires};
+use mobee_contract::{CommitId, Event, Pose, Status, Time};
+use mobee_model::{Contact, Edit, Field, Object, Scene, ShapeId, Watch};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 
@@ -28,6 +29,8 @@ pub struct Model {
     scene: Arc<Scene>,
     watch: Watch,
     poses: Vec<Pose>,
+    /// The fields of robots that move under forces.
+    fields: Vec<Option<Fields>>,
 }
 
 impl Actor for ModelActor {
@@ -39,9 +42,10 @@ impl Actor for ModelActor {
         let scene = hub.scene.lock().clone();
         let watch = watch(&hub, &scene);
         let poses = hub.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
+        let fields = hub.robots.iter().map(|w| Fields::new(w, &scene)).collect();
         hub.model.connect(myself.clone());
         hub.to_model.attach(Box::new(move || myself.send_message(ModelMsg::Pulses).is_ok()));
-        Ok(Model { hub, scene, watch, poses })
+        Ok(Model { hub, scene, watch, poses, fields })
     }
 
     async fn handle(
@@ -52,7 +56,10 @@ impl Actor for ModelActor {
     ) -> Result<(), ActorProcessingErr> {
         match message {
             ModelMsg::Pulses => model.pulses(),
-            ModelMsg::Margins => model.watch = watch(&model.hub, &model.scene),
+            ModelMsg::Margins => {
+                model.watch = watch(&model.hub, &model.scene);
+                model.fields = model.hub.robots.iter().map(|w| Fields::new(w, &model.scene)).collect();
+            }
             ModelMsg::Edit(edit, reply) => {
                 let done = model.edit(&edit);
                 if let Err(text) = &done {
@@ -86,6 +93,7 @@ impl Model {
             }
             pulse.violated = self.scene.robots().get(robot).and_then(|r| r.violated(&pulse.sample.q).next());
             pulse.epoch = self.scene.epoch();
+            pulse.push = self.fields.get_mut(robot).and_then(|f| f.as_mut()?.push(wires, robot, &self.poses));
             wires.to_reflex.push(pulse);
         }
     }
@@ -94,6 +102,7 @@ impl Model {
         let next = Arc::new(self.scene.edit(edit).map_err(|e| e.to_string())?);
         let before = std::mem::replace(&mut self.scene, next.clone());
         self.watch.set_scene(next.clone());
+        self.fields.iter_mut().flatten().for_each(|f| f.set_scene(&next));
         *self.hub.scene.lock() = next.clone();
         for event in differences(&before, &next) {
             self.hub.tell(event);
@@ -103,6 +112,45 @@ impl Model {
             wires.agent.send(AgentMsg::Revise);
         }
         Ok(())
+    }
+}
+
+/// The fields about a robot's shapes, which act while it moves.
+struct Fields {
+    field: Field,
+    /// Which commit's target it was told of.
+    aimed: Option<(CommitId, Pose)>,
+}
+
+impl Fields {
+    fn new(wires: &Wires, scene: &Arc<Scene>) -> Option<Fields> {
+        let width = wires.rules().fields.as_ref()?.width;
+        Some(Fields { field: Field::new(scene, wires.robot, width), aimed: None })
+    }
+
+    fn set_scene(&mut self, scene: &Arc<Scene>) {
+        self.field.set_scene(scene);
+        self.aimed = None;
+    }
+
+    /// What they do to the motors, if anything.
+    fn push(&mut self, wires: &Wires, robot: usize, poses: &[Pose]) -> Option<Arc<[f64]>> {
+        let (open, ahead) = {
+            let book = wires.ledger.book();
+            // a stream of somebody's set-points follows no forces
+            let forced = |o: &&Open| book.status == Status::Moving && o.due != Time(u64::MAX);
+            (book.open.as_ref().filter(forced).map(|o| (o.id, o.target.clone())), book.ahead.clone())
+        };
+        let (_, target) = open.as_ref()?;
+        let mut poses = poses.to_vec();
+        if self.aimed != open {
+            *poses.get_mut(robot)? = target.clone();
+            self.field.aim(&poses);
+            self.aimed = open;
+        }
+        *poses.get_mut(robot)? = ahead?;
+        let torques = self.field.torques(&poses);
+        torques.iter().any(|t| *t != 0.0).then(|| torques.into())
     }
 }
 

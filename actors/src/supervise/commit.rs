@@ -10,6 +10,11 @@ use mobee_contract::{
 use std::sync::Arc;
 use std::time::Duration;
 
+/// How many times longer than the straight way a motion under forces may take.
+const ROUNDABOUT: u32 = 3;
+/// Greatest share of a motor's speed that a motion under forces uses: what is streamed must be followed.
+const FASTEST: f64 = 0.9;
+
 impl SuperviseCore {
     /// Algorithm 5: a command arrives.
     pub(super) fn commit(&mut self, commit: Commit, now: Time, out: &mut Vec<SuperviseOut>) -> Verdict {
@@ -75,7 +80,7 @@ impl SuperviseCore {
     ) -> (Time, Pose) {
         let safe = self.safe_pose(q);
         let (robot, age) = (self.rules.robot.clone(), now.since(at).as_secs_f64());
-        out.push(SuperviseOut::Event(Event::SafePose { robot, q: safe.clone(), age, speed, free: true }));
+        out.push(SuperviseOut::Event(Event::SafePose { robot, q: safe.clone(), age, speed, free: self.rules.reflex }));
         (at, safe)
     }
 
@@ -100,12 +105,18 @@ impl SuperviseCore {
         let escape = safe.is_none();
         let course = self.course(&commit, &here, escape);
         let target = commit.target.pose(&here);
-        let due = now + course.patience();
+        // an escape creeps straight, watched
+        let fields = self.rules.fields.clone().filter(|_| !escape);
+        let due = now + course.patience() * if fields.is_some() { ROUNDABOUT } else { 1 };
         let id = self.open(commit.agent.clone(), target.clone(), safe, (due, now), out);
         self.course = Some((now, distance(&target, &here), course.secs));
         let (robot, agent) = (self.rules.robot.clone(), commit.agent.to_string());
-        out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target, escape }));
+        out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target: target.clone(), escape }));
         self.enter(if escape { Status::Escaping } else { Status::Moving }, out);
+        if let Some(fields) = fields {
+            self.begin_forces(&fields, (&target, &self.caps(&commit)), &here, now, out);
+            return Ok(id);
+        }
         out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Move(course.command)));
         Ok(id)
     }
@@ -138,6 +149,7 @@ impl SuperviseCore {
         match open {
             None => return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() }),
             Some(owner) if owner != commit.agent => return Err(Refusal::Busy),
+            Some(_) if self.forces.is_some() => {}
             Some(_) => self.leave_stream(&commit.target.motors, now, out),
         }
         let escape = self.status == Status::Escaping;
@@ -149,7 +161,7 @@ impl SuperviseCore {
             };
             open.target = commit.target.pose(&open.target);
             open.since = now;
-            let due = now + course.patience();
+            let due = now + course.patience() * if self.forces.is_some() { ROUNDABOUT } else { 1 };
             // motors that go on as they were may need longer
             let all = commit.target.motors.len() == here.len();
             let only = all || open.due == Time(u64::MAX);
@@ -158,10 +170,27 @@ impl SuperviseCore {
         };
         self.done_since = None;
         self.course = Some((now, distance(&target, &here), course.secs));
-        out.push(SuperviseOut::Event(Event::Amended { robot: self.rules.robot.clone(), id, target }));
+        let robot = self.rules.robot.clone();
+        out.push(SuperviseOut::Event(Event::Amended { robot, id, target: target.clone() }));
+        if self.forces.is_some() {
+            let caps = self.caps(&commit);
+            self.aim_forces(&target, &caps, now);
+            return Ok(id);
+        }
         // from a moving start the motors can't be kept in step exactly; the board replans each from where it is
         out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Move(course.command)));
         Ok(id)
+    }
+
+    /// The greatest speed of each motor of a commit, rad/s.
+    fn caps(&self, commit: &Commit) -> Vec<(usize, f64)> {
+        let motors = commit.target.motors.iter().enumerate();
+        let cap = |(i, m): (usize, &usize)| {
+            let most = self.rules.axes.get(*m).map_or(0.0, |a| a.max_speed * commit.target.speed.min(FASTEST));
+            let own = commit.speeds.as_ref().and_then(|v| v.get(i)).copied().unwrap_or(most);
+            (*m, own.min(most))
+        };
+        motors.map(cap).collect()
     }
 
     /// How a commit is driven from `here`: in step, or each motor at its own speed, never above what its axis can do.

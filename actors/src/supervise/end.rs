@@ -118,6 +118,9 @@ impl SuperviseCore {
 
     /// A motion is under way: has it ended, or gone wrong?
     fn moving(&mut self, pulse: &Pulse, now: Time, at_rest: bool, out: &mut Vec<SuperviseOut>) {
+        if self.forces.is_some() {
+            return self.under_forces(pulse, now, at_rest, out);
+        }
         if self.stream.is_some() && !self.streaming(pulse, now, at_rest, out) {
             return;
         }
@@ -146,7 +149,7 @@ impl SuperviseCore {
     }
 
     /// The robot rests at its target.
-    fn done(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
+    pub(super) fn done(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
         let escaped = self.status == Status::Escaping;
         self.restore_modes(Writer::Agent, out);
         self.end(Some(Outcome::Committed), out);

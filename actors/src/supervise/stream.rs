@@ -53,7 +53,7 @@ pub(super) struct Streaming {
 }
 
 impl Streaming {
-    fn new(velocity: bool, here: &Pose, rules: &Rules, now: Time) -> Streaming {
+    pub(super) fn new(velocity: bool, here: &Pose, rules: &Rules, now: Time) -> Streaming {
         let n = here.len();
         let rest = if velocity { vec![0.0; n] } else { clamped(here, rules).to_vec() };
         Streaming {
@@ -73,6 +73,20 @@ impl Streaming {
     /// The motors it has named.
     fn named(&self) -> Vec<usize> {
         self.motors.iter().enumerate().filter(|(_, named)| **named).map(|(m, _)| m).collect()
+    }
+
+    /// Takes in set-points of the controller's own for these motors; a motor without one is asked for what it was asked for.
+    pub(super) fn ask(&mut self, motors: &[usize], all: &[f64], now: Time) {
+        for m in motors {
+            if let Some(named) = self.motors.get_mut(*m) {
+                *named = true;
+            }
+            if let (Some(asked), Some(value)) = (self.asked.get_mut(*m), all.get(*m)) {
+                *asked = *value;
+            }
+        }
+        self.heard = now;
+        self.pending = true;
     }
 
     /// Takes in what was checked.
@@ -186,7 +200,7 @@ impl SuperviseCore {
         }
     }
 
-    fn begin_stream(&mut self, stream: Streaming, here: &Pose, now: Time, out: &mut Vec<SuperviseOut>) {
+    pub(super) fn begin_stream(&mut self, stream: Streaming, here: &Pose, now: Time, out: &mut Vec<SuperviseOut>) {
         let (motors, mode) = match stream.velocity {
             true => (stream.named(), ControlMode::Velocity),
             false => (Vec::new(), ControlMode::PositionDirect),
@@ -212,6 +226,9 @@ impl SuperviseCore {
         };
         if owner != *agent {
             return Err(Refusal::Busy);
+        }
+        if self.forces.is_some() {
+            return not_ready("the end of the move under way");
         }
         let (rules, velocity) = (self.rules.clone(), is_velocity(setpoints));
         let Some(stream) = &mut self.stream else {
@@ -247,7 +264,7 @@ impl SuperviseCore {
         Ok(id)
     }
 
-    fn write_stream(&mut self, here: &[f64], now: Time, out: &mut Vec<SuperviseOut>) {
+    pub(super) fn write_stream(&mut self, here: &[f64], now: Time, out: &mut Vec<SuperviseOut>) {
         let written = self.stream.as_mut().and_then(|s| s.write(here, &self.rules, now));
         out.extend(written.map(|c| SuperviseOut::Command(self.token, Writer::Agent, c)));
     }
@@ -278,18 +295,11 @@ impl SuperviseCore {
     pub(super) fn streaming(&mut self, pulse: &Pulse, now: Time, at_rest: bool, out: &mut Vec<SuperviseOut>) -> bool {
         let rules = self.rules.clone();
         let (at, q) = (pulse.sample.at, &pulse.sample.q);
-        let Some(stream) = &mut self.stream else { return true };
-        if stream.mark.0 != pulse.unchanged {
-            stream.mark = (pulse.unchanged, 0.0);
-        } else if stream.velocity && stream.braking.is_none() {
-            let fastest = stream.written.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-            stream.mark.1 += fastest * at.since(stream.seen).as_secs_f64();
-        }
-        stream.seen = at;
-        if at.since(stream.mark.0) >= FROZEN && stream.mark.1 > FROZEN_WAY {
+        if self.is_stream_frozen(pulse) {
             self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), now, out);
             return false;
         }
+        let Some(stream) = &mut self.stream else { return true };
         match stream.braking {
             None if at >= stream.heard + rules.stream_quiet => {
                 stream.braking = Some(at);
@@ -320,6 +330,20 @@ impl SuperviseCore {
         }
         self.keep_in_history(out);
         false
+    }
+
+    /// Whether the readings have been equal bit for bit while the set-points moved on.
+    pub(super) fn is_stream_frozen(&mut self, pulse: &Pulse) -> bool {
+        let Some(stream) = &mut self.stream else { return false };
+        let at = pulse.sample.at;
+        if stream.mark.0 != pulse.unchanged {
+            stream.mark = (pulse.unchanged, 0.0);
+        } else if stream.velocity && stream.braking.is_none() {
+            let fastest = stream.written.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+            stream.mark.1 += fastest * at.since(stream.seen).as_secs_f64();
+        }
+        stream.seen = at;
+        at.since(stream.mark.0) >= FROZEN && stream.mark.1 > FROZEN_WAY
     }
 
     /// The robot rests: where it does is the stream's target.

@@ -1,11 +1,11 @@
 //! Supervise and reflex together, with a plant of one motor, under random interleavings: I1, I2, I4, I9 and I15.
 
 use super::*;
-use crate::controller::Controller;
+use crate::controller::{Controller, Drive, FieldsSettings};
 use crate::driver::Port;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut};
 use mobee_contract::{Axis, Board, ControlMode, Refusal, Sample, Target, Values};
-use mobee_model::{Contact, ShapeId};
+use mobee_model::{Contact, NodePairs, Part, Robot, ShapeId};
 use proptest::prelude::*;
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use std::time::Duration;
 mod cell;
 mod exhaustive;
 mod reference;
-use cell::{Cell, Op};
+use cell::{Cell, Kind, Op};
 
 fn op() -> impl Strategy<Value = Op> {
     prop_oneof![
@@ -37,8 +37,11 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn any_interleaving_keeps_the_promises(ops in prop::collection::vec(op(), 1..60)) {
-        let mut cell = Cell::new();
+    fn any_interleaving_keeps_the_promises(
+        kind in prop::sample::select(vec![Kind::Straight, Kind::Fields, Kind::NoReflex, Kind::Velocities]),
+        ops in prop::collection::vec(op(), 1..60),
+    ) {
+        let mut cell = Cell::of(kind);
         cell.apply(Op::Samples(30));
         for op in ops {
             cell.apply(op);
@@ -120,4 +123,60 @@ fn a_stream_is_refused_while_the_robot_holds_and_gives_way_to_a_move() {
     assert_eq!(cell.supervise.status(), Status::Holding(Hold::InContact));
     let refused = cell.stream(true, Values::Velocity(vec![0.1]));
     assert_eq!(refused, Err(Refusal::Holding { reason: Hold::InContact }));
+}
+
+#[test]
+fn under_forces_the_target_is_reached_at_once_or_in_velocities() {
+    for kind in [Kind::Fields, Kind::NoReflex, Kind::Velocities] {
+        let mut cell = Cell::of(kind);
+        cell.apply(Op::Samples(30));
+        cell.apply(Op::Commit(1.0, true));
+        cell.apply(Op::Samples(100));
+        assert_eq!(cell.supervise.status(), Status::Moving, "{kind:?}");
+        // another target in mid-motion joins; set-points of anybody's have to wait
+        cell.apply(Op::Commit(-0.5, true));
+        assert_eq!(cell.stream(true, Values::Velocity(vec![0.1])).map_err(|e| e.code()), Err("not_ready"));
+        assert_eq!(cell.stream(false, Values::Velocity(vec![0.1])), Err(Refusal::Busy));
+        cell.heal();
+        assert_eq!((cell.commits, cell.outcomes.len(), cell.supervise.status()), (1, 1, Status::Rest), "{kind:?}");
+        assert!((cell.q + 0.5).abs() <= cell.rules.tolerance, "{kind:?}: {}", cell.q);
+        assert_eq!(cell.mode, ControlMode::Position, "{kind:?}");
+    }
+}
+
+/// A wall in the way: forces alone come to rest before it, and the motion is rolled back as one that missed its target.
+#[test]
+fn where_forces_balance_elsewhere_the_motion_is_rolled_back() {
+    for kind in [Kind::Fields, Kind::NoReflex] {
+        let mut cell = Cell::of(kind);
+        cell.apply(Op::Samples(30));
+        cell.apply(Op::Wall(Some(0.6)));
+        cell.apply(Op::Commit(1.0, true));
+        let mut nearest: f64 = 1.0;
+        for _ in 0..60 {
+            cell.apply(Op::Samples(10));
+            nearest = nearest.min(0.6 - cell.q);
+        }
+        cell.heal();
+        assert!(nearest > 0.06 && nearest < 0.3, "{kind:?}: it came as near as {nearest}");
+        assert_eq!((cell.outcomes.len(), cell.supervise.status()), (1, Status::Rest), "{kind:?}");
+        assert!(cell.q.abs() < 0.01, "{kind:?}: rolled back to where it began, not {}", cell.q);
+    }
+}
+
+/// Contacts stop what has a reflex, and what has none goes through them.
+#[test]
+fn without_a_reflex_contacts_stop_nothing() {
+    let through = |kind: Kind| {
+        let mut cell = Cell::of(kind);
+        cell.apply(Op::Samples(30));
+        cell.apply(Op::Commit(0.4, true));
+        cell.apply(Op::Samples(60));
+        // no field, but a contact, as long as it is on its way
+        cell.touching = true;
+        cell.heal();
+        (cell.q, cell.supervise.status())
+    };
+    assert!(through(Kind::NoReflex).0 > 0.399);
+    assert!(through(Kind::Fields).0 < 0.01);
 }

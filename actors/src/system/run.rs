@@ -200,9 +200,8 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     let homes = setup.scene.home();
     let robots = setup.robots.iter().zip(boards).zip(setup.scene.robots()).enumerate();
     let robots = robots.map(|(i, ((robot, board), model))| {
-        let bodies = model.parts.iter().map(|p| p.name.clone()).collect();
         let plug = Plug(robot.hardware.clone());
-        let parts = Parts::new(&robot.name, bodies, robot.controller.clone(), plug, board.clone());
+        let parts = Parts::new(&robot.name, model.clone(), robot.controller.clone(), plug, board.clone());
         let stream = |link: &str| Stream::new(format!("{}/{link}", robot.name), 64);
         let q = homes.get(i).cloned().unwrap_or_else(|| Vec::new().into());
         let latest = Latest { at: Time::ZERO, q, contacts: none.clone(), status: Status::Starting, ready: false };
@@ -248,7 +247,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
         Some(past) => hub.tell(Event::Resumed { events: past.events }),
     }
     for wires in &hub.robots {
-        hub.tell(wires.rules().described());
+        wires.rules().described().into_iter().for_each(|event| hub.tell(event));
     }
     let scene = hub.scene.lock().clone();
     hub.taps.scene(hub.clock.now(), &scene);

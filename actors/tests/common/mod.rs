@@ -3,7 +3,7 @@
 
 use mobee_actors::check::{Violation, check_events};
 use mobee_actors::clock::ClockKind;
-use mobee_actors::controller::Controller;
+use mobee_actors::controller::{Controller, Drive};
 use mobee_actors::system::{AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, Setup, run_under};
 use mobee_actors::tap::{Collected, Taps};
 use mobee_contract::*;
@@ -98,6 +98,7 @@ pub struct Trial {
     pub script: Vec<ScriptStep>,
     pub limit: Duration,
     pub controls: Vec<(Duration, Control)>,
+    pub drive: Drive,
     pub clock: ClockKind,
     /// Instead of the one that goes through the poses.
     pub agent: Option<AgentMaker>,
@@ -116,6 +117,7 @@ impl Default for Trial {
             script: Vec::new(),
             limit: Duration::from_secs(120),
             controls: Vec::new(),
+            drive: Drive::Straight,
             clock: ClockKind::Virtual,
             agent: None,
         }
@@ -194,7 +196,12 @@ impl Trial {
             robots: vec![RobotSetup {
                 name: "arm".into(),
                 hardware: Arc::new(hardware.clone()),
-                controller: Controller { history: self.history, period_s: self.period_s, ..Controller::default() },
+                controller: Controller {
+                    history: self.history,
+                    period_s: self.period_s,
+                    drive: self.drive,
+                    ..Controller::default()
+                },
                 agent: Some(self.agent.unwrap_or(Arc::new(agent))),
             }],
             seed: self.seed,

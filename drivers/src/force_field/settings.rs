@@ -1,6 +1,7 @@
 //! The force-field controller's settings: what the original kept in `P.ini`.
 
-use mobee_contract::KindError;
+use mobee_contract::{Axis, KindError};
+use mobee_model::JointLaw;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -72,6 +73,25 @@ impl ForceFieldSettings {
             return Err(KindError::new(path, "this is not a finite number", "give a number of 20 or more, or none"));
         }
         Ok(())
+    }
+
+    /// The law of each joint, for lists that were checked against these axes.
+    pub(super) fn joints(&self, axes: &[Axis]) -> Vec<JointLaw> {
+        let at = |list: &[f64], i: usize| list.get(i).copied().unwrap_or_default();
+        let joint = |(i, axis): (usize, &Axis)| JointLaw {
+            weight: at(&self.weight, i),
+            spring_const: at(&self.spring_const, i),
+            max_spring_force: at(&self.max_spring_force, i),
+            damping_const: at(&self.damping_const, i),
+            limit_const: (at(&self.limit_const, i), at(&self.limit_const, i)),
+            max_limit_force: at(&self.max_limit_force, i),
+            max_constraint_force: at(&self.max_constraint_force, i),
+            rpc_force_const: at(&self.rpc_force_const, i),
+            max_rpc_force: at(&self.max_rpc_force, i),
+            limits: (axis.min.to_degrees(), axis.max.to_degrees()),
+            ..JointLaw::default()
+        };
+        axes.iter().enumerate().map(joint).collect()
     }
 
     /// Whether every list has one number per joint.

@@ -3,11 +3,30 @@
 use super::*;
 use std::hash::{Hash, Hasher};
 
-fn rules() -> Arc<Rules> {
+/// The kinds of controllers: straight, under forces, these without a reflex, and at a board that takes velocities only.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Kind {
+    Straight,
+    Fields,
+    NoReflex,
+    Velocities,
+}
+
+fn rules(kind: Kind) -> Arc<Rules> {
     let axis = Axis { name: "m".into(), min: -3.0, max: 3.0, max_speed: 1.7, max_acceleration: 3.5 };
     let period = Duration::from_millis(10);
-    let board = Board { axes: vec![axis], period, latency: Duration::ZERO, position_direct: true };
-    Arc::new(Rules::new("r", vec!["p".into()], &Controller::default(), &board))
+    let board = Board { axes: vec![axis], period, latency: Duration::ZERO, position_direct: kind != Kind::Velocities };
+    let fields = FieldsSettings { reflex: kind != Kind::NoReflex, ..FieldsSettings::default() };
+    let drive = if kind == Kind::Straight { Drive::Straight } else { Drive::Fields(fields) };
+    let controller = Controller { drive, ..Controller::default() };
+    let rules = Rules::new("r", vec!["p".into()], &controller, &board);
+    Arc::new(rules.driving(&controller.drive, &one_motor()))
+}
+
+fn one_motor() -> Robot {
+    let part = Part { name: "p".into(), motors: 0..1, root_node: None, clauses: Vec::new() };
+    let (parts, motors) = (vec![part], Vec::new());
+    Robot { name: "r".into(), parts, motors, nodes: Vec::new(), markers: Vec::new(), pairs: NodePairs::default() }
 }
 
 #[derive(Clone, Debug)]
@@ -73,6 +92,8 @@ pub(super) struct Cell {
     /// The last set-point of supervise: token, position, time.
     written: Option<(u64, f64, Time)>,
     pub wall: Option<f64>,
+    /// Something touches it while it is on its way.
+    pub touching: bool,
     pub commits: u64,
     pub outcomes: Vec<CommitId>,
     /// The last outcome.
@@ -90,16 +111,21 @@ pub(super) struct Cell {
 impl Cell {
     /// With readings every 10 ms.
     pub fn new() -> Cell {
-        Cell::with(Duration::from_millis(10), false, 3000)
+        Cell::of(Kind::Straight)
+    }
+
+    /// The same with a controller of this kind.
+    pub fn of(kind: Kind) -> Cell {
+        Cell::with(kind, Duration::from_millis(10), false, 3000)
     }
 
     /// With readings so far apart that one shows the effect of what was done at the one before, and exact speeds.
     pub fn coarse() -> Cell {
-        Cell::with(Duration::from_millis(40), true, 32)
+        Cell::with(Kind::Straight, Duration::from_millis(40), true, 32)
     }
 
-    fn with(step: Duration, exact: bool, history: usize) -> Cell {
-        let (rules, gate, ledger) = (rules(), Arc::new(Gate::default()), Ledger::new(history));
+    fn with(kind: Kind, step: Duration, exact: bool, history: usize) -> Cell {
+        let (rules, gate, ledger) = (rules(kind), Arc::new(Gate::default()), Ledger::new(history));
         let (supervise, first) = SuperviseCore::new(rules.clone(), gate.clone(), ledger.clone(), Time::ZERO);
         let mut cell = Cell {
             reflex: ReflexCore::new(rules.clone(), gate.clone()),
@@ -122,6 +148,7 @@ impl Cell {
             mode: ControlMode::Position,
             written: None,
             wall: None,
+            touching: false,
             commits: 0,
             outcomes: Vec::new(),
             outcome: None,
@@ -171,8 +198,10 @@ impl Cell {
 
     fn near(&self) -> Arc<[Contact]> {
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
-        let contact = |wall: f64| Contact { pair, distance: (wall - self.q).abs() - 0.05, points: Default::default() };
-        self.wall.map(contact).into_iter().filter(|c| c.distance < 0.012).collect()
+        let contact = |distance: f64| Contact { pair, distance, points: Default::default() };
+        let touching = (self.touching && self.q > 0.1).then_some(0.005);
+        let walls = self.wall.map(|wall| (wall - self.q).abs() - 0.05).into_iter().chain(touching);
+        walls.map(contact).filter(|c| c.distance < 0.012).collect()
     }
 
     fn supervise_out(&mut self, outputs: Vec<SuperviseOut>) {
@@ -247,7 +276,7 @@ impl Cell {
                 ReflexOut::Event(_) => {}
             }
         }
-        let ignored = moving && distance < self.rules.margin && self.gate.is_open();
+        let ignored = self.rules.reflex && moving && distance < self.rules.margin && self.gate.is_open();
         assert!(!ignored, "a contact in mid-motion, {distance} m, closed nothing");
         assert!(!blocked || (stops && !drives), "I9: drives on, {distance} m from what is in the way back");
     }
@@ -357,6 +386,12 @@ impl Cell {
             pulse.speed = way.abs() / secs;
         }
         pulse.contacts = self.near();
+        // where a motion under forces leads, a field as wide as 0.3 rad pushes it off the wall
+        let ahead = self.ledger.book().ahead.as_ref().map_or(self.q, |q| q[0]);
+        pulse.push = self.wall.filter(|wall| (wall - ahead).abs() < 0.3).map(|wall| {
+            let torque = 0.1 * (0.3 - (wall - ahead).abs());
+            vec![if wall > ahead { -torque } else { torque }].into()
+        });
         let mut hasher = std::hash::DefaultHasher::new();
         (self.read, self.now.0, self.q.to_bits()).hash(&mut hasher);
         self.read = hasher.finish();

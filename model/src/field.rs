@@ -1,0 +1,116 @@
+//! The force fields about a robot's shapes: what pushes its motors where something is near.
+//!
+//! A robot's own field primitives are its fields, if its file has any; else every solid shape has a field as wide as it is
+//! told. Two shapes repel by how deep they are in each other's field, along the line between their witness points (the
+//! nearest, or deepest, points on the two), and the motors feel that by the transposed Jacobian:
+//!
+//! ```text
+//! depth = width - signed distance          torque of motor m = depth * d(distance)/d(q_m)      (metres times metres)
+//! ```
+//! The chain runs from the shape to the robot's root. (The original's ended at the root motor of the shape's body part, and
+//! took its lever from the node's origin instead of the witness point.)
+
+use crate::{Contact, Pair, Robot, Scene, ShapeId, Watch};
+use nalgebra::Isometry3;
+use std::sync::Arc;
+
+/// The fields of one robot of a scene.
+#[derive(Clone, Debug)]
+pub struct Field {
+    robot: usize,
+    width: f64,
+    watch: Watch,
+    /// Pairs that are nearer than the width at the target, sorted, and how near.
+    spared: Vec<(Pair, f64)>,
+    frames: Vec<Isometry3<f64>>,
+    torques: Vec<f64>,
+}
+
+impl Field {
+    /// The fields of the robot of this index: its own field primitives, or `width` metres about each of its solid shapes.
+    pub fn new(scene: &Arc<Scene>, robot: usize, width: f64) -> Field {
+        let width = if scene.robots().get(robot).is_some_and(|r| has_fields(r)) { 0.0 } else { width };
+        let watch = Watch::new(fields_of(scene, robot), width);
+        Field { robot, width, watch, spared: Vec::new(), frames: Vec::new(), torques: Vec::new() }
+    }
+
+    /// Goes on in another scene, such as one after an edit. Whoever moves must [`Field::aim`] again.
+    pub fn set_scene(&mut self, scene: &Arc<Scene>) {
+        self.watch.set_scene(fields_of(scene, self.robot));
+        self.spared.clear();
+    }
+
+    /// A motion begins to where these poses have the robot. Pairs that are in each other's field there push only where they are
+    /// nearer than that: else the target would be no place to rest at, and nothing near anything could be reached.
+    pub fn aim<P: AsRef<[f64]>>(&mut self, target: &[P]) {
+        let near = self.watch.scene().contacts(target, self.width);
+        self.spared = near.iter().map(|c| (c.pair, c.distance)).collect();
+    }
+
+    /// The torques on the robot's motors at these poses, one number per motor; nothing pushes where it is zero.
+    pub fn torques<P: AsRef<[f64]>>(&mut self, poses: &[P]) -> &[f64] {
+        let scene = self.watch.scene().clone();
+        let (bodies, robot) = (scene.bodies(), self.robot);
+        self.torques.clear();
+        let Some(skeleton) = bodies.skeletons.get(robot) else { return &self.torques };
+        self.torques.resize(bodies.robots.get(robot).map_or(0, |r| r.motors.len()), 0.0);
+        self.frames.clear();
+        for contact in self.watch.update(poses) {
+            let depth = width_of(&self.spared, contact, self.width) - contact.distance;
+            let apart = contact.points[1] - contact.points[0];
+            if depth <= 0.0 || contact.distance.abs() < 1e-9 {
+                continue; // shapes that just touch give no direction
+            }
+            let push = apart * (depth / contact.distance);
+            for (shape, point, push) in
+                [(contact.pair.0, contact.points[0], -push), (contact.pair.1, contact.points[1], push)]
+            {
+                let ShapeId::Robot { robot: owner, node, .. } = shape else { continue };
+                if usize::from(owner) != robot {
+                    continue;
+                }
+                if self.frames.is_empty() {
+                    skeleton.place(poses.get(robot).map_or(&[], AsRef::as_ref), &mut self.frames);
+                }
+                let mut frame = skeleton.frame.get(usize::from(node)).copied().unwrap_or(0);
+                while let Some(hinge) = frame.checked_sub(1).and_then(|f| skeleton.joints.get(f)) {
+                    let world = &self.frames[frame];
+                    let way = (world.rotation * hinge.axis).cross(&(point.coords - world.translation.vector));
+                    if let Some(torque) = self.torques.get_mut(hinge.motor) {
+                        *torque += hinge.gain * way.dot(&push);
+                    }
+                    frame = hinge.parent;
+                }
+            }
+        }
+        &self.torques
+    }
+}
+
+fn width_of(spared: &[(Pair, f64)], contact: &Contact, width: f64) -> f64 {
+    spared.binary_search_by_key(&contact.pair, |(pair, _)| *pair).map_or(width, |i| width.min(spared[i].1))
+}
+
+fn has_fields(robot: &Robot) -> bool {
+    robot.nodes.iter().any(|n| !n.fields.is_empty())
+}
+
+/// A scene in which this robot's solids are its field primitives, if it has any.
+fn fields_of(scene: &Arc<Scene>, robot: usize) -> Arc<Scene> {
+    if !scene.robots().get(robot).is_some_and(|r| has_fields(r)) {
+        return scene.clone();
+    }
+    let of = |(i, r): (usize, &Arc<Robot>)| {
+        let mut r = r.clone();
+        if i == robot {
+            let fields = Arc::make_mut(&mut r);
+            fields.nodes.iter_mut().for_each(|n| n.solids = std::mem::take(&mut n.fields));
+            fields.pairs.reflex = std::mem::take(&mut fields.pairs.field);
+            fields.pairs.visual_only.clear();
+        }
+        (r, scene.base(i))
+    };
+    let robots = scene.robots().iter().enumerate().map(of).collect();
+    let objects = scene.objects().map(|(_, o)| (**o).clone()).collect();
+    Scene::new(robots, objects).map_or_else(|_| scene.clone(), Arc::new)
+}
