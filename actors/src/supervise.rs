@@ -16,6 +16,7 @@
 
 mod check;
 mod commit;
+mod credit;
 mod end;
 mod forces;
 mod stream;
@@ -25,6 +26,7 @@ use crate::gate::Gate;
 use crate::ledger::{Book, Ledger};
 use crate::pulse::Pulse;
 use crate::reflex::{Motion, Word};
+use credit::Credits;
 use mobee_contract::{
     Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Outcome, Pose, Setpoints, Status, Time, Verdict, Writer,
 };
@@ -131,6 +133,8 @@ pub struct SuperviseCore {
     /// Whether to close at the next border.
     yields: bool,
     shutdown: bool,
+    /// How much of a flood is heard.
+    credits: Credits,
 }
 
 impl SuperviseCore {
@@ -156,6 +160,7 @@ impl SuperviseCore {
             modes: open,
             yields: false,
             shutdown: false,
+            credits: Credits::full(now),
         };
         let mut out = Vec::new();
         if open || Gate::opens(token) {
@@ -185,11 +190,11 @@ impl SuperviseCore {
             SuperviseIn::Commit(commit) => {
                 let agent = commit.agent.clone();
                 let verdict = self.commit(commit, now, &mut out);
-                self.answer(&agent, verdict, &mut out);
+                self.answer(&agent, verdict, now, &mut out);
             }
             SuperviseIn::Stream(agent, setpoints) => {
                 let verdict = self.stream(&agent, setpoints, now, &mut out);
-                self.answer(&agent, verdict, &mut out);
+                self.answer(&agent, verdict, now, &mut out);
             }
             SuperviseIn::Stop(agent) => {
                 if self.is_moving() && self.owner().is_some_and(|a| a == agent) {
@@ -203,6 +208,7 @@ impl SuperviseCore {
             }
             SuperviseIn::Pulse(pulse) => self.pulse(pulse, now, &mut out),
             SuperviseIn::Tick => {
+                self.sum_up(now, &mut out);
                 let stale = self.newest.as_ref().is_none_or(|(at, ..)| now > *at + self.rules.fresh);
                 let known = matches!(self.status, Status::Starting | Status::Holding(Hold::Stale));
                 if stale && !known && !matches!(self.closing, Closing::Settle(_)) {
@@ -258,15 +264,6 @@ impl SuperviseCore {
         let rests = self.newest.as_ref().is_some_and(|(_, _, at_rest, _)| *at_rest);
         let tells = self.token == self.gate.token() && !self.shutdown && self.retry.is_none();
         (self.is_settled() || lost) && rests && tells && self.with_book(|b| b.open.is_none())
-    }
-
-    /// Puts the verdict first, and tells of a refusal.
-    fn answer(&self, agent: &str, verdict: Verdict, out: &mut Vec<SuperviseOut>) {
-        if let Err(refusal) = &verdict {
-            let (robot, agent, refusal) = (self.rules.robot.clone(), agent.to_string(), refusal.clone());
-            out.push(SuperviseOut::Event(Event::Refused { robot, agent, refusal }));
-        }
-        out.insert(0, SuperviseOut::Verdict(verdict));
     }
 
     fn is_moving(&self) -> bool {

@@ -186,8 +186,8 @@ pub enum Refusal {
         /// Why it holds.
         reason: Hold,
     },
-    /// Another agent's motion is under way.
-    #[error("another agent's motion is under way")]
+    /// Another agent's motion is under way, or commands come too quickly.
+    #[error("another agent's motion is under way, or commands come too quickly")]
     Busy,
     /// A position outside a motor's limits.
     #[error("motor {motor}: {q_deg:.3} deg is outside its limits {min_deg:.3} to {max_deg:.3} deg")]
@@ -262,7 +262,9 @@ impl Refusal {
             Refusal::Holding { .. } => {
                 "commit an escape that only lessens the contacts, or clear the cause and `recover`"
             }
-            Refusal::Busy => "wait until the motion has ended, or stop its agent",
+            Refusal::Busy => {
+                "wait until the motion has ended, or stop its agent; send fewer than 250 commands a second"
+            }
             Refusal::Limits { .. } => "choose a position within the limits",
             Refusal::NotFinite { .. } => "check the planner for a division by zero",
             Refusal::Jump { .. } => "begin the stream where the robot is, and step no farther than its motors are fast",

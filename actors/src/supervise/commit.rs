@@ -20,6 +20,9 @@ impl SuperviseCore {
     pub(super) fn commit(&mut self, commit: Commit, now: Time, out: &mut Vec<SuperviseOut>) -> Verdict {
         check(&commit.target, &self.rules)?;
         check_speeds(&commit, &self.rules)?;
+        if !self.credits.commits.take(now) {
+            return Err(Refusal::Busy);
+        }
         match self.admit(now)? {
             Way::Join { here } => self.amend(commit, here, now, out),
             Way::Begin { here, at, q, speed } => {

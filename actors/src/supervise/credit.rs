@@ -1,0 +1,94 @@
+//! Credit: how much of a flood is heard. What is beyond it costs a refusal, and no line in the journal.
+
+use super::{SuperviseCore, SuperviseOut};
+use mobee_contract::{Event, Time, Verdict};
+use std::time::Duration;
+
+/// What comes back in a second: more commands than any program needs that moves its motors one by one.
+const PER_SECOND: f64 = 250.0;
+/// The most that may be used at once.
+const MOST: f64 = 500.0;
+/// How often those refusals are summed up that were not told one by one.
+const SUM_UP: Duration = Duration::from_secs(1);
+
+/// What may still come to one robot.
+#[derive(Debug)]
+pub(super) struct Credits {
+    /// Commits that may be taken.
+    pub(super) commits: Credit,
+    /// Refusals that may be told one by one.
+    telling: Credit,
+    /// Refusals that were not told, and when they were last summed up.
+    untold: (u64, Time),
+}
+
+impl Credits {
+    /// All of it.
+    pub(super) fn full(now: Time) -> Credits {
+        Credits { commits: Credit::full(now), telling: Credit::full(now), untold: (0, now) }
+    }
+}
+
+impl SuperviseCore {
+    /// Puts the verdict first, and tells of a refusal.
+    pub(super) fn answer(&mut self, agent: &str, verdict: Verdict, now: Time, out: &mut Vec<SuperviseOut>) {
+        if let Err(refusal) = &verdict {
+            if self.credits.telling.take(now) {
+                let (robot, agent, refusal) = (self.rules.robot.clone(), agent.to_string(), refusal.clone());
+                out.push(SuperviseOut::Event(Event::Refused { robot, agent, refusal }));
+            } else {
+                self.credits.untold.0 += 1;
+            }
+        }
+        out.insert(0, SuperviseOut::Verdict(verdict));
+    }
+
+    /// Tells how many refusals there were besides those that were told.
+    pub(super) fn sum_up(&mut self, now: Time, out: &mut Vec<SuperviseOut>) {
+        let (count, last) = self.credits.untold;
+        if count > 0 && now >= last + SUM_UP {
+            self.credits.untold = (0, now);
+            let text = format!("{}: {count} more commands were refused; they come too quickly", self.rules.robot);
+            out.push(SuperviseOut::Event(Event::Warning { text }));
+        }
+    }
+}
+
+/// Commands that may still be taken, or refusals that may be told.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Credit {
+    left: f64,
+    at: Time,
+}
+
+impl Credit {
+    /// All of it.
+    fn full(now: Time) -> Credit {
+        Credit { left: MOST, at: now }
+    }
+
+    /// Uses one, if there is one.
+    pub(super) fn take(&mut self, now: Time) -> bool {
+        self.left = (self.left + now.since(self.at).as_secs_f64() * PER_SECOND).min(MOST);
+        self.at = self.at.max(now);
+        let is_left = self.left >= 1.0;
+        if is_left {
+            self.left -= 1.0;
+        }
+        is_left
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_is_heard_in_part_and_a_steady_program_in_full() {
+        let ms = |k: u64| Time(k * 1_000_000);
+        let mut credit = Credit::full(Time::ZERO);
+        let heard = (0..100_000_u64).filter(|k| credit.take(Time(k * 100_000))).count();
+        assert!((2990..=3000).contains(&heard), "ten seconds of ten thousand a second: {heard}");
+        assert!((0..5000).all(|k| credit.take(ms(14_000 + 5 * k))), "two hundred a second");
+    }
+}
