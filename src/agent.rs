@@ -15,6 +15,7 @@ mod surroundings;
 
 use crate::compose::compose;
 use crate::config::{Config, ConfigError, nearest};
+use crate::signals::Interrupt;
 use body::Body;
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::clock::{Clock, ClockKind};
@@ -159,9 +160,10 @@ fn chosen(config: &Config, args: &AgentArgs) -> Result<usize, ConfigError> {
 impl Session {
     async fn run(mut self, secs: Option<f64>) -> Result<ExitCode, Report> {
         let limit = Duration::from_secs_f64(secs.unwrap_or(1e9).clamp(0.0, 1e9));
+        let mut interrupt = Interrupt::new();
         let ended = tokio::select! {
             done = self.work() => Some(done?),
-            _ = tokio::signal::ctrl_c() => None,
+            () = interrupt.wait() => None,
             () = tokio::time::sleep(limit) => None,
         };
         if ended.is_none() {

@@ -28,6 +28,7 @@ use mobee_actors::clock::ClockKind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 /// A whole configuration.
@@ -167,11 +168,13 @@ pub struct Record {
     pub enabled: bool,
     /// Poses per second of the run's clock.
     pub poses_hz: f64,
+    /// Address of a Rerun viewer that follows the run, such as `127.0.0.1:9876`; for runs with a real clock.
+    pub live: Option<SocketAddr>,
 }
 
 impl Default for Record {
     fn default() -> Record {
-        Record { enabled: true, poses_hz: 20.0 }
+        Record { enabled: true, poses_hz: 20.0, live: None }
     }
 }
 

@@ -22,6 +22,7 @@ pub mod new;
 pub mod replay;
 pub mod run;
 pub mod schema;
+mod signals;
 pub mod sim;
 pub mod torture;
 pub mod view;

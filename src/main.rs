@@ -7,6 +7,7 @@ use mobee::{
     agent, check, config, ctl, doctor, inspect, kinds, model_convert, model_eval, model_info, new, replay, run, schema,
     sim, torture, view, yarp,
 };
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -188,11 +189,25 @@ fn clock(text: &str) -> Result<Clock, String> {
     }
 }
 
+/// What `println!` panics with if it can't write.
+const NO_OUTPUT: &str = "failed printing to stdout";
+/// What is logged if `MOBEE_LOG` says nothing: warnings, but not those of Rerun's encoder, whose errors the recorder tells.
+const LOG: &str = "warn,re_log_encoding=error";
+
 fn main() -> ExitCode {
-    // `mobee kinds | head` ends quietly: a closed pipe is no complaint of ours
+    let usual = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |info| match info.payload_as_str() {
+        // `mobee kinds | head` ends quietly: a closed pipe is no complaint of ours
+        Some(what) if what.starts_with(NO_OUTPUT) && what.contains("Broken pipe") => std::process::exit(0),
+        Some(what) if what.starts_with(NO_OUTPUT) => {
+            let _ = writeln!(std::io::stderr(), "{what}");
+            std::process::exit(1);
+        }
+        _ => usual(info),
+    }));
     let cli = Cli::parse();
     tracing_subscriber::fmt()
-        .with_env_filter(tracing_subscriber::EnvFilter::try_from_env("MOBEE_LOG").unwrap_or_else(|_| "warn".into()))
+        .with_env_filter(tracing_subscriber::EnvFilter::try_from_env("MOBEE_LOG").unwrap_or_else(|_| LOG.into()))
         .with_writer(std::io::stderr)
         .init();
     match dispatch(cli.command) {

@@ -11,7 +11,7 @@ mod compare;
 use crate::compose::{Composition, compose};
 use crate::config::{Clock, Config, ConfigError, Source};
 use crate::inspect::journal_error;
-use crate::run::{CtlAt, Done, Extras, Folder, QUEUE, recorder_settings, run_with, show};
+use crate::run::{CtlAt, Done, Extras, Folder, PATIENCE, QUEUE, recorder_settings, run_with, show};
 use changes::changes;
 use compare::{Compare, Verdict};
 use miette::{IntoDiagnostic, Report};
@@ -109,6 +109,7 @@ impl Recorded {
             essential: false,
             poses: None,
             capacity: QUEUE,
+            patience: PATIENCE,
             open: Arc::new(move || Ok(Box::new(compare.clone()))),
         };
         Ok((spec, verdict))

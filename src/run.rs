@@ -1,15 +1,22 @@
 //! `mobee run`: a run from its configuration file to its folder.
 
 mod folder;
+mod guarded;
+mod interrupt;
+mod limits;
 mod progress;
 mod report;
 mod resume;
+mod said;
+mod sinks;
+mod space;
 mod switched;
 mod watch;
 
 pub use folder::Folder;
 pub use report::summary;
 pub use resume::command as resume;
+pub(crate) use sinks::{PATIENCE, QUEUE, recorder_settings};
 
 use crate::compose::{Composition, compose};
 use crate::config::{Clock, Config, ConfigError, Resolved, Source};
@@ -17,11 +24,9 @@ use crate::ctl::CtlService;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::clock::ClockKind;
 use mobee_actors::journal::Journal;
-use mobee_actors::ring::Rings;
 use mobee_actors::system::{Control, Past, Progress, Reason, RunEnd, Setup};
 use mobee_actors::tap::{Open, SinkSpec, Taps};
 use mobee_contract::{Event, Time};
-use mobee_recorder::Recorder;
 use serde_json::json;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -29,14 +34,11 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
-use switched::Switched;
 use tokio::sync::mpsc;
 use watch::WatchService;
 
 /// The program's name and version.
 const BUILD: &str = concat!("mobee ", env!("CARGO_PKG_VERSION"));
-/// How many entries may wait for the journal's and the recorder's threads.
-pub(crate) const QUEUE: usize = 8192;
 
 /// Runs a file and prints a summary.
 ///
@@ -59,6 +61,8 @@ pub fn command(
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }
+    space::to_begin(out)?;
+    limits::check(&composition.config, ctl)?;
     let folder = Folder::create(&composition.config.name, out)?;
     let (controls, receiver) = mpsc::channel(16);
     if watch {
@@ -83,6 +87,8 @@ pub(crate) struct Extras {
     pub(crate) told: Option<serde_json::Value>,
     /// The switch of the recording.
     pub(crate) recording: Option<Arc<AtomicBool>>,
+    /// Where warnings are said at once.
+    pub(crate) bar: Option<progress::Bar>,
 }
 
 /// Runs with a progress bar and signals, and prints the summary.
@@ -108,7 +114,7 @@ pub(crate) fn show(
     (controls, receiver): (mpsc::Sender<Control>, mpsc::Receiver<Control>),
 ) -> Result<Done, Report> {
     let bar = progress::Bar::new(&composition.config, json);
-    interrupt(controls.clone())?;
+    interrupt::listen(controls.clone())?;
     let recording = Arc::new(AtomicBool::new(true));
     let address = match ctl {
         CtlAt::Off => None,
@@ -121,6 +127,7 @@ pub(crate) fn show(
         composition.services.push(Box::new(CtlService::new(folder, address, controls, switch, yarp)));
     }
     extras.recording = Some(recording);
+    extras.bar = Some(bar.clone());
     let done = run_with(composition, folder, extras, receiver, |p| bar.show(p))?;
     bar.finish();
     report::print(&done, folder, json)?;
@@ -180,7 +187,7 @@ pub(crate) fn run_with(
     controls: mpsc::Receiver<Control>,
     progress: impl FnMut(&Progress),
 ) -> Result<Done, Report> {
-    let Extras { past, planned, sinks, recorder, told, recording } = extras;
+    let Extras { past, planned, sinks, recorder, told, recording, bar } = extras;
     let recording = recording.unwrap_or_else(|| Arc::new(AtomicBool::new(true)));
     let Composition { config, file, scene, robots, script, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
@@ -192,8 +199,11 @@ pub(crate) fn run_with(
         None => (Journal::create(folder.path(), &json!({ "build": BUILD })).map_err(Report::msg)?, None),
     };
     let motors = scene.robots().iter().map(|r| r.motors.len()).collect();
-    let mut specs = specs(&config, folder, &journal, motors);
-    specs.extend(recorder_spec(&config, folder, recorder, recording));
+    let mut specs = vec![sinks::journal(&journal)];
+    specs.extend(sinks::rings(&config, folder, motors));
+    specs.extend(bar.map(sinks::terminal));
+    specs.extend(sinks::recorder(&config, folder, recorder, recording));
+    specs.extend(sinks::viewer(&config, folder));
     specs.extend(sinks);
     let taps =
         Taps::spawn(config.clock_kind(), specs).map_err(Report::msg).wrap_err("the run's folder can't be written")?;
@@ -218,77 +228,19 @@ pub(crate) fn run_with(
     let reports = taps.finish(at, Event::Ended { reason });
     let end = end.map_err(|e| Report::msg(e.to_string()))?;
     let complaints = reports.into_iter().filter_map(|r| r.error.map(|e| format!("{}: {e}", r.name))).collect();
-    for (robot, snapshot) in &end.snapshots {
+    let mut done = Done { hash: journal.hash(), wall: started.elapsed(), complaints, end };
+    for (robot, snapshot) in &done.end.snapshots {
         // an agent with a map leaves it behind
         if let Some(map) = snapshot.state.get("map") {
-            folder.write(&format!("roadmap-{robot}.json"), &serde_json::to_string_pretty(map).into_diagnostic()?)?;
+            let map = serde_json::to_string_pretty(map).into_diagnostic()?;
+            let written = folder.write(&format!("roadmap-{robot}.json"), &map);
+            done.complaints.extend(written.err().map(|e| e.message().to_owned()));
         }
     }
-    let done = Done { hash: journal.hash(), wall: started.elapsed(), complaints, end };
-    folder.write("summary.json", &serde_json::to_string_pretty(&summary(&done)).into_diagnostic()?)?;
+    let text = serde_json::to_string_pretty(&summary(&done)).into_diagnostic()?;
+    // it is printed as well
+    done.complaints.extend(folder.write("summary.json", &text).err().map(|e| e.message().to_owned()));
     Ok(done)
-}
-
-/// The journal and, in real time, the rings of poses: each behind a queue and on a thread of its own.
-fn specs(config: &Config, folder: &Folder, journal: &Journal, motors: Vec<usize>) -> Vec<SinkSpec> {
-    let journal = journal.clone();
-    let mut sinks = vec![SinkSpec {
-        name: "journal".into(),
-        essential: true,
-        poses: None,
-        capacity: QUEUE,
-        open: Arc::new(move || Ok(journal.sink())),
-    }];
-    if config.clock == Clock::Real {
-        // what a crash leaves of the way that the robots came; in virtual time there is no robot to find again
-        let rings: Vec<_> =
-            config.robot.iter().zip(motors).map(|(r, n)| (r.name.clone(), n, r.controller.history)).collect();
-        let dir = folder.path().to_owned();
-        sinks.push(SinkSpec {
-            name: "poses".into(),
-            essential: false,
-            poses: Some(Duration::ZERO),
-            capacity: QUEUE,
-            open: Arc::new(move || Rings::create(&dir, &rings).map(|r| Box::new(r) as _)),
-        });
-    }
-    sinks
-}
-
-/// The recorder that the configuration wants: its own, or the one given.
-fn recorder_spec(
-    config: &Config,
-    folder: &Folder,
-    given: Option<Open>,
-    recording: Arc<AtomicBool>,
-) -> Option<SinkSpec> {
-    let settings = recorder_settings(config, folder);
-    let open = given.unwrap_or_else(|| {
-        Arc::new(move || {
-            let recorder = Recorder::new(&settings).map_err(|e| e.to_string())?;
-            Ok(Box::new(Switched::new(recorder, recording.clone())))
-        })
-    });
-    config.record.enabled.then(|| SinkSpec {
-        name: "recorder".into(),
-        essential: false,
-        poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
-        capacity: QUEUE,
-        open,
-    })
-}
-
-/// Where and how a run is recorded.
-pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recorder::Settings {
-    mobee_recorder::Settings {
-        path: folder.unused("recording", "rrd"),
-        name: config.name.clone(),
-        config: config.name.clone(),
-        build: BUILD.to_owned(),
-        live: None,
-        // a real robot may run for days
-        index: config.clock == Clock::Virtual,
-    }
 }
 
 /// Runs a shipped behavior in a folder that is thrown away: for examples and tests.
@@ -304,23 +256,4 @@ pub fn example(file: &str, set: &[&str]) -> Result<Done, Box<dyn std::error::Err
     let folder = Folder::create("example", Some(scratch.path()))?;
     let (_controls, receiver) = mpsc::channel(1);
     Ok(run(composition, &folder, receiver, |_| ())?)
-}
-
-/// Ctrl-C once: end in order. Twice: stop now.
-fn interrupt(controls: mpsc::Sender<Control>) -> Result<(), ConfigError> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let runtime =
-        runtime.map_err(|e| ConfigError::plain(format!("no runtime for signals: {e}"), "free some resources"))?;
-    std::thread::spawn(move || {
-        runtime.block_on(async move {
-            if tokio::signal::ctrl_c().await.is_ok() {
-                eprintln!("\nstopping; once more to stop now");
-                let _ = controls.try_send(Control::Stop);
-            }
-            if tokio::signal::ctrl_c().await.is_ok() {
-                let _ = controls.try_send(Control::Abort);
-            }
-        });
-    });
-    Ok(())
 }

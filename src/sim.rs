@@ -2,6 +2,7 @@
 
 use crate::compose::{derive_seed, driver_of};
 use crate::config::{Config, ConfigError, Robot};
+use crate::signals::Interrupt;
 use miette::Report;
 use mobee_contract::Context;
 use mobee_drivers::{SimBoard, SimClock, SimSettings};
@@ -94,7 +95,7 @@ async fn serve(args: &SimArgs, boards: Vec<(String, SimBoard)>) -> Result<(), Re
     let (host, port) = network.server();
     let whose = if server.is_some() { "our own" } else { "the" };
     println!("{} boards at {whose} name server {host}:{port}; Ctrl-C ends", open.len());
-    let _ = tokio::signal::ctrl_c().await;
+    Interrupt::new().wait().await;
     for board in open {
         board.close().await;
     }

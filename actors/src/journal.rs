@@ -78,7 +78,11 @@ impl Journal {
         let mut gathered = serde_json::json!({ "aside": aside }).to_string().into_bytes();
         gathered.push(b'\n');
         let mut book = Book { file, len: 0, gathered, n: 0, chain: Chain::default() };
-        book.spill(true).map_err(|e| format!("{}: {e}", path.display()))?;
+        book.spill(true).map_err(|e| {
+            // nothing half-made stays
+            let _ = std::fs::remove_file(&path);
+            refused(&path, &e)
+        })?;
         Ok(Journal { path, book: Arc::new(Mutex::new(book)) })
     }
 
@@ -141,8 +145,12 @@ impl Journal {
     }
 
     fn explain(&self, error: std::io::Error) -> String {
-        format!("{}: {error}; make room on the disk or check its permissions", self.path.display())
+        refused(&self.path, &error)
     }
+}
+
+fn refused(path: &Path, error: &std::io::Error) -> String {
+    format!("{}: {error}; make room on the disk or check its permissions", path.display())
 }
 
 /// The hash of a journal that nobody writes: two equal runs end with the same.

@@ -37,6 +37,8 @@ pub struct SinkSpec {
     pub poses: Option<Duration>,
     /// Greatest number of entries that wait for it.
     pub capacity: usize,
+    /// How long it may take for one entry at the end of the run, before it is left behind.
+    pub patience: Duration,
     /// Opens it.
     pub open: Open,
 }

@@ -64,6 +64,7 @@ fn spec(name: &str, essential: bool, board: &Arc<Board>, capacity: usize) -> Sin
         essential,
         poses: (!essential).then_some(Duration::from_millis(50)),
         capacity,
+        patience: Duration::from_millis(200),
         open: Arc::new(move || Ok(Box::new(Slow(board.clone())))),
     }
 }
@@ -144,4 +145,19 @@ fn a_sink_that_fails_or_panics_is_opened_anew_and_writes_the_entry_it_failed_at(
             assert!(written[1].contains("planned") && written[1].contains("opened anew"));
         });
     }
+}
+
+#[test]
+fn a_sink_that_hangs_at_the_end_is_left_behind() {
+    let (frozen, open) = (Arc::new(Board::default()), Arc::new(Board::default()));
+    open.open_gate();
+    let specs = vec![spec("journal", true, &open, 100), spec("viewer", false, &frozen, 10)];
+    let taps = Taps::spawn(ClockKind::Real, specs).unwrap();
+    (0..3).for_each(|k| taps.event(Time(k), warning("x")));
+    let reports = taps.finish(Time(9), Event::Ended { reason: "done".into() });
+    let viewer = &reports[0];
+    assert_eq!((viewer.sent, viewer.handled, viewer.queued), (4, 0, 4));
+    assert!(viewer.error.as_ref().unwrap().contains("left behind"));
+    assert_eq!((reports[1].error.clone(), reports[1].handled), (None, 5), "the journal has the loss");
+    frozen.open_gate();
 }

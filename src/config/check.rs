@@ -71,6 +71,14 @@ impl Config {
             c.range("for_s", secs, 0.001, 1e7, "s");
         }
         c.range("record.poses_hz", self.record.poses_hz, 0.1, 1000.0, "Hz");
+        if self.record.live.is_some() && self.clock == Clock::Virtual {
+            let what = "a viewer can't follow a run in virtual time, which waits for nobody";
+            c.say(
+                "record.live",
+                what,
+                "set clock = \"real\", or take this away and open the recording with `mobee view`",
+            );
+        }
     }
 
     fn check_robots(&self, c: &mut Checks<'_>) {

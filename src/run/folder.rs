@@ -61,6 +61,7 @@ impl Folder {
     pub fn write(&self, name: &str, text: &str) -> Result<(), ConfigError> {
         let (part, file) = (self.0.join(format!("{name}.part")), self.0.join(name));
         std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, &file)).map_err(|e| {
+            let _ = std::fs::remove_file(&part);
             ConfigError::plain(format!("can't write {}: {e}", file.display()), "check the disk's space and permissions")
         })
     }

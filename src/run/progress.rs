@@ -3,8 +3,10 @@
 use crate::config::Config;
 use indicatif::{ProgressBar, ProgressStyle};
 use mobee_actors::system::Progress;
+use std::io::Write;
 
-/// A bar with counters.
+/// A bar with counters. Clones are the same bar.
+#[derive(Clone)]
 pub struct Bar(ProgressBar);
 
 impl Bar {
@@ -38,6 +40,14 @@ impl Bar {
             c.faulted,
             c.hard_contacts
         ));
+    }
+
+    /// Says a line above the bar, on standard error.
+    pub fn say(&self, line: &str) {
+        self.0.suspend(|| {
+            // with the terminal gone there is nobody to be told
+            let _ = writeln!(std::io::stderr(), "{line}");
+        });
     }
 
     /// Takes the bar away.

@@ -2,6 +2,7 @@
 
 use super::{Done, Folder};
 use miette::{IntoDiagnostic, Report};
+use mobee_actors::system::Reason;
 use serde_json::{Value, json};
 
 /// The summary as JSON: what `summary.json` holds.
@@ -57,6 +58,10 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
         row("attention", c.clone());
     }
     let path = folder.path().display();
+    if done.end.reason == Reason::NoJournal {
+        println!("\n  the journal could not be written on, so the robots were brought to rest; when it can:");
+        println!("  mobee run --resume {path}");
+    }
     println!(
         "\n  mobee check {path}      verify the journal and the invariants\n  mobee view {path}       open the recording"
     );

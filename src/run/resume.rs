@@ -4,7 +4,7 @@
 //! measuring where the robot is, before anything moves; if it is at neither end, it holds (`after_crash`) until somebody asks
 //! to `recover`, and then goes back the way that the pose ring shows.
 
-use super::{CtlAt, Extras, Folder, conduct};
+use super::{CtlAt, Extras, Folder, conduct, limits, space};
 use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError, Source};
 use crate::inspect::journal_error;
@@ -27,6 +27,7 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
     for assignment in set {
         source.set(assignment)?;
     }
+    space::to_begin(Some(dir))?;
     let mut past = Past::default();
     let journal = Journal::resume(dir, |line| past.on(line)).map_err(journal_error)?;
     let composition = compose(Config::from_source(&source)?, &source)?;
@@ -39,6 +40,7 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
     let mut composition = stand(composition, source, &past)?;
     let (scene, missing) = past.world(composition.scene);
     composition.scene = scene;
+    limits::check(&composition.config, ctl)?;
     for w in &composition.warnings {
         eprintln!("warning: {w}");
     }

@@ -1,4 +1,4 @@
-//! Standard input as lines, and the wish to end.
+//! Standard input as lines.
 
 use std::io::BufRead;
 use tokio::sync::mpsc;
@@ -27,27 +27,5 @@ impl Lines {
     /// The next line; `None` at the end of the input.
     pub(super) async fn next(&mut self) -> Option<Vec<u8>> {
         self.0.recv().await
-    }
-}
-
-/// Ctrl-C, or the end that `timeout` and service managers ask for.
-pub(super) struct Interrupt(Option<[tokio::signal::unix::Signal; 2]>);
-
-impl Interrupt {
-    /// Listens from now on.
-    pub(super) fn new() -> Interrupt {
-        use tokio::signal::unix::{SignalKind, signal};
-        let both = signal(SignalKind::interrupt()).and_then(|i| Ok([i, signal(SignalKind::terminate())?]));
-        Interrupt(both.ok())
-    }
-
-    /// Waits for it.
-    pub(super) async fn wait(&mut self) {
-        match &mut self.0 {
-            Some([interrupt, terminate]) => {
-                tokio::select! { _ = interrupt.recv() => {}, _ = terminate.recv() => {} }
-            }
-            None => std::future::pending().await,
-        }
     }
 }

@@ -1,7 +1,8 @@
 //! The commands that open ports or talk to one: `read`, `write`, `rpc`.
 
-use super::input::{Interrupt, Lines};
+use super::input::Lines;
 use super::{Failure, because, info};
+use crate::signals::Interrupt;
 use mobee_yarp::{Bottle, CallError, Carrier, Contact, Delivery, Message, Network, Queue, Reader, RpcClient};
 use mobee_yarp::{Value, Vocab, Writer, remote};
 use std::io::Write;

@@ -1,7 +1,7 @@
 //! `mobee yarp server`: the embedded name server as a program of its own.
 
-use super::input::Interrupt;
 use super::{Failure, address_of, because, info};
+use crate::signals::Interrupt;
 use mobee_yarp::config::Env;
 use mobee_yarp::{ConfigError, NameServer, Network, ServerOptions};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};

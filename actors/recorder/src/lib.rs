@@ -16,6 +16,7 @@
 mod blueprint;
 mod body;
 mod contents;
+mod disk;
 mod draw;
 mod front;
 mod layout;

@@ -2,6 +2,7 @@
 
 use crate::blueprint::{self, Page, Shown};
 use crate::body::{Body, entity};
+use crate::disk::{Disk, Trouble};
 use crate::draw::Drawing;
 use crate::front::Front;
 use crate::legend;
@@ -17,6 +18,7 @@ use mobee_model::{Contact, Robot, Scene, ShapeId};
 use nalgebra::Isometry3;
 use rerun::external::arrow::array::StringArray;
 use rerun::log::ChunkBatcherConfig;
+use rerun::sink::SinkFlushError;
 use rerun::{
     AnyValues, Points3D, RecordingStream, RecordingStreamBuilder, SeriesLines, StateChange, StateConfiguration,
     TextDocument, TextLog, ViewCoordinates,
@@ -30,6 +32,10 @@ use std::time::{Duration, Instant};
 const FRAMES: usize = 2048;
 /// Waiting frames are sent after this much real time, so that a killed run loses no more.
 const PATIENCE: Duration = Duration::from_secs(1);
+/// How long a flush is waited for. Later ones are no error: whoever is behind may still catch up.
+const FLUSH: Duration = Duration::from_secs(1);
+/// Bytes that may wait within Rerun for a slow disk or viewer, before its caller has to wait.
+const IN_FLIGHT: u64 = 16 << 20;
 /// At most so many places of past contacts are kept in view.
 const PAST: usize = 300;
 
@@ -44,7 +50,7 @@ pub struct Settings {
     pub config: String,
     /// The program's version and build, kept as a property.
     pub build: String,
-    /// Address of a viewer that is to follow live, such as `rerun+http://127.0.0.1:9876/proxy`.
+    /// Address of a viewer that is to follow live, such as `127.0.0.1:9876`: it is told instead of the file.
     pub live: Option<String>,
     /// Whether the file gets an index at its end, for which the memory grows as long as it is written (tens of megabytes an
     /// hour). Files without one are read whole.
@@ -80,6 +86,9 @@ pub struct Recording {
     rec: RecordingStream,
     /// What each recorder shows, in the order in which they began.
     pages: Arc<Mutex<Vec<Page>>>,
+    is_live: bool,
+    /// Why the file can't be written on.
+    trouble: Trouble,
 }
 
 impl Recording {
@@ -94,27 +103,32 @@ impl Recording {
         };
         // every chunk costs; only somebody who looks on live needs them at once
         let flush_tick = if settings.live.is_some() { ChunkBatcherConfig::DEFAULT.flush_tick } else { PATIENCE };
+        let max_bytes_in_flight = IN_FLIGHT;
         let builder = RecordingStreamBuilder::new("mobee")
             .recording_name(settings.name.clone())
-            .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::DEFAULT });
+            .batcher_config(ChunkBatcherConfig { flush_tick, max_bytes_in_flight, ..ChunkBatcherConfig::DEFAULT });
         let rec = builder.buffered().map_err(|e| file(&e))?;
-        let options = rerun::sink::FileSinkOptions { write_footer: settings.index };
-        let disk = rerun::sink::FileSink::with_options(&settings.path, options).map_err(|e| file(&e))?;
+        let mut trouble = Trouble::default();
         match &settings.live {
-            None => rec.set_sink(Box::new(disk)),
+            None => {
+                let (disk, noted) = Disk::create(&settings.path, settings.index).map_err(|e| file(&e))?;
+                trouble = noted;
+                rec.set_sink(Box::new(disk));
+            }
             Some(address) => {
-                let uri = address.parse().map_err(|e: rerun::external::re_uri::Error| RecorderError::Live {
+                let wrong = |e: rerun::external::re_uri::Error| RecorderError::Live {
                     address: address.clone(),
                     why: e.to_string(),
-                })?;
-                rec.set_sinks((disk, rerun::sink::GrpcSink::new(uri)));
+                };
+                let uri = format!("rerun+http://{address}/proxy").parse().map_err(wrong)?;
+                rec.set_sink(Box::new(rerun::sink::GrpcSink::new(uri)));
             }
         }
         rec.set_log_tick_enabled(false);
         rec.set_log_time_enabled(false);
         let began = property(&rec, "config", &settings.config).and_then(|()| property(&rec, "build", &settings.build));
         began.map_err(|why| file(&why))?;
-        Ok(Recording { rec, pages: Arc::default() })
+        Ok(Recording { rec, pages: Arc::default(), is_live: settings.live.is_some(), trouble })
     }
 
     /// A recorder that draws below the entity `name`; below none if that is empty, as it should be for the only one.
@@ -137,6 +151,8 @@ impl Recording {
             now: Time::ZERO,
             frames: 0,
             flushed: wall(),
+            is_live: self.is_live,
+            trouble: Trouble::clone(&self.trouble),
         })
     }
 }
@@ -157,6 +173,9 @@ pub struct Recorder {
     now: Time,
     frames: usize,
     flushed: Instant,
+    is_live: bool,
+    /// Why the file can't be written on.
+    trouble: Trouble,
 }
 
 /// What is kept of one robot.
@@ -362,6 +381,9 @@ impl Shadow {
 
 impl Sink for Recorder {
     fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
+        if let Some(why) = self.trouble.get() {
+            return Err(unwritable(why));
+        }
         if at > self.now {
             self.draw(false)?;
             self.now = at;
@@ -380,16 +402,24 @@ impl Sink for Recorder {
             return Ok(());
         }
         self.send()?;
-        self.stream.rec.flush_async().map_err(|e| format!("the recording can't be written: {e}; is the disk full?"))
+        match self.stream.rec.flush_with_timeout(FLUSH) {
+            Ok(()) | Err(SinkFlushError::Timeout) => Ok(()),
+            Err(e) if self.is_live => Err(format!("the viewer is not reached: {e}")),
+            Err(e) => Err(unwritable(&e.to_string())),
+        }
     }
 }
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        // nobody is left to be told of an error; the stream itself has logged it
+        // nobody is left to be told of an error
         let _ = self.draw(true).and_then(|()| self.send());
-        let _ = self.stream.rec.flush_blocking();
+        let _ = self.stream.rec.flush_with_timeout(FLUSH);
     }
+}
+
+fn unwritable(why: &str) -> String {
+    format!("the recording can't be written: {why}; make room on the disk")
 }
 
 /// Colors and words of a state lane.

@@ -12,7 +12,7 @@ const MOST: f64 = 500.0;
 const SUM_UP: Duration = Duration::from_secs(1);
 
 /// What may still come to one robot.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Credits {
     /// Commits that may be taken.
     pub(super) commits: Credit,

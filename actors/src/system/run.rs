@@ -173,11 +173,18 @@ async fn conduct(
             break Reason::Time;
         }
     };
-    if let Some(services) = services.take() {
-        services.leave(&hub).await;
+    let in_order = async {
+        if let Some(services) = services.take() {
+            services.leave(&hub).await;
+        }
+        exchanges.end().await;
+        come_to_rest(&hub).await;
+    };
+    tokio::select! {
+        biased;
+        () = in_order => {}
+        () = told_to_abort(&mut controls) => abandon(&hub).await,
     }
-    exchanges.end().await;
-    come_to_rest(&hub).await;
     let _ = ractor::call!(agents, GroupMsg::Stop);
     let _ = ractor::call!(controller, GroupMsg::Stop);
     let _ = ractor::call!(taps, GroupMsg::Stop);
@@ -316,6 +323,17 @@ async fn come_to_rest(hub: &Hub) {
     }
     if !hub.robots.iter().all(resting) {
         abandon(hub).await;
+    }
+}
+
+/// Ready when somebody does not want to wait for the orderly end. Other wishes are too late: who asks finds the run ending.
+async fn told_to_abort(controls: &mut mpsc::Receiver<Control>) {
+    loop {
+        match controls.recv().await {
+            Some(Control::Abort) => return,
+            Some(_) => {}
+            None => std::future::pending().await,
+        }
     }
 }
 

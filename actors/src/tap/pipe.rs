@@ -6,6 +6,7 @@ use mobee_contract::{Entry, Event, Pose, Sink, Time};
 use mobee_model::Contact;
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -49,6 +50,8 @@ struct Shared {
     queue: Mutex<Queue>,
     filled: Condvar,
     emptied: Condvar,
+    /// Entries written and flushes made: a thread that does not get on is left behind at the end.
+    steps: AtomicU64,
 }
 
 #[derive(Default)]
@@ -59,8 +62,12 @@ struct Queue {
     /// The sink's thread sleeps.
     asleep: bool,
     closed: bool,
+    /// The sink is closed and its thread at its end.
+    ended: bool,
     /// Why the thread has ended before its time.
     error: Option<String>,
+    /// The newest scene, for a sink that is opened anew.
+    scene: Option<(Time, Entry)>,
     /// Something was lost that must not be.
     lost: Option<String>,
     sent: u64,
@@ -79,14 +86,15 @@ impl Shared {
 impl Pipe {
     pub(super) fn spawn(clock: ClockKind, spec: SinkSpec) -> Result<Pipe, String> {
         let spec = SinkSpec { capacity: spec.capacity.max(1), ..spec };
-        let shared = Shared { queue: Mutex::default(), filled: Condvar::new(), emptied: Condvar::new() };
+        let (filled, emptied) = (Condvar::new(), Condvar::new());
+        let shared = Shared { queue: Mutex::default(), filled, emptied, steps: AtomicU64::new(0) };
         let pipe = Pipe {
             spec,
             virtual_time: clock == ClockKind::Virtual,
             shared: Arc::new(shared),
             thread: Mutex::new(None),
         };
-        pipe.open()?;
+        pipe.open().map_err(|e| format!("{}: {e}", pipe.spec.name))?;
         Ok(pipe)
     }
 
@@ -100,22 +108,38 @@ impl Pipe {
 
     /// Opens the sink (again) and starts its thread, which begins with what waits in the queue.
     pub(super) fn open(&self) -> Result<(), String> {
-        let mut sink = (self.spec.open)().map_err(|e| format!("{}: {e}", self.spec.name))?;
-        self.shared.lock().error = None;
+        let mut sink = (self.spec.open)()?;
+        let scene = {
+            let mut queue = self.shared.lock();
+            (queue.error, queue.ended) = (None, false);
+            queue.scene.clone()
+        };
         let shared = self.shared.clone();
         let work = move || {
-            let end = catch_unwind(AssertUnwindSafe(|| serve(&shared, sink.as_mut())));
-            let error = match end {
+            let end = catch_unwind(AssertUnwindSafe(|| {
+                if let Some((at, scene)) = scene {
+                    sink.write(at, &scene)?;
+                }
+                serve(&shared, sink.as_mut())
+            }));
+            // what waits in the sink is written here
+            let closed = catch_unwind(AssertUnwindSafe(|| drop(sink)));
+            let error = match end.and_then(|end| closed.map(|()| end)) {
                 Ok(Ok(())) => None,
                 Ok(Err(e)) => Some(e),
                 Err(panic) => Some(panic_text(panic.as_ref())),
             };
             let mut queue = shared.lock();
-            queue.error = error;
+            (queue.error, queue.ended) = (error, true);
             shared.emptied.notify_all();
         };
         let thread = std::thread::Builder::new().name(self.spec.name.clone()).spawn(work);
-        let thread = thread.map_err(|e| format!("{}: no thread: {e}", self.spec.name))?;
+        let thread = thread.map_err(|e| {
+            let why = format!("no thread: {e}");
+            let mut queue = self.shared.lock();
+            (queue.error, queue.ended) = (Some(why.clone()), true);
+            why
+        })?;
         *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread);
         Ok(())
     }
@@ -137,7 +161,11 @@ impl Pipe {
         if self.spec.poses.is_none() && !matches!(entry, Entry::Event(_)) {
             return;
         }
-        self.put(self.shared.lock(), at, entry.clone());
+        let mut queue = self.shared.lock();
+        if let Entry::Scene(_) = entry {
+            queue.scene = Some((at, entry.clone()));
+        }
+        self.put(queue, at, entry.clone());
     }
 
     fn put(&self, mut queue: MutexGuard<'_, Queue>, at: Time, entry: Entry) {
@@ -203,20 +231,41 @@ impl Pipe {
         queue.lost.clone().or_else(|| queue.error.as_ref().map(|e| format!("{}: {e}", self.spec.name)))
     }
 
+    /// Closes the sink, and waits for its thread as long as that gets on. One that hangs is left behind, so that a frozen
+    /// viewer or disk does not keep the run from its end.
     pub(super) fn finish(&self) -> SinkReport {
-        self.shared.lock().closed = true;
+        if self.spec.essential && self.error().is_some() {
+            // a last try: what used up the disk may have ended before
+            let _ = self.open();
+        }
+        let mut queue = self.shared.lock();
+        queue.closed = true;
         self.shared.filled.notify_one();
-        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let joined = thread.is_none_or(|t| t.join().is_ok());
-        let queue = self.shared.lock();
-        SinkReport {
+        let steps = || self.shared.steps.load(Ordering::Relaxed);
+        let mut hangs = false;
+        while !queue.ended && !hangs {
+            let before = steps();
+            let waited = self.shared.emptied.wait_timeout(queue, self.spec.patience);
+            let (locked, late) = waited.unwrap_or_else(PoisonError::into_inner);
+            queue = locked;
+            hangs = late.timed_out() && steps() == before;
+        }
+        let left = format!("it has not answered for {} s, and is left behind", self.spec.patience.as_secs());
+        let report = SinkReport {
             name: self.spec.name.clone(),
             sent: queue.sent,
             handled: queue.handled,
-            queued: queue.entries.len() as u64,
+            queued: (queue.entries.len() + queue.in_hand) as u64,
             dropped: queue.dropped,
-            error: queue.lost.clone().or_else(|| queue.error.clone()).or((!joined).then(|| "its thread died".into())),
+            error: queue.lost.clone().or_else(|| queue.error.clone()).or((hangs && !queue.ended).then_some(left)),
+        };
+        drop(queue);
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(thread) = thread.filter(|_| !hangs) {
+            // its panic has been caught and told
+            let _ = thread.join();
         }
+        report
     }
 }
 
@@ -232,6 +281,7 @@ fn serve(shared: &Shared, sink: &mut dyn Sink) -> Result<(), String> {
         if queue.entries.is_empty() {
             drop(queue);
             sink.flush()?;
+            shared.steps.fetch_add(1, Ordering::Relaxed);
             queue = shared.lock();
         }
         while queue.entries.is_empty() && !queue.closed {
@@ -246,6 +296,7 @@ fn serve(shared: &Shared, sink: &mut dyn Sink) -> Result<(), String> {
             while let Some((at, entry)) = batch.front() {
                 sink.write(*at, entry)?;
                 batch.pop_front();
+                shared.steps.fetch_add(1, Ordering::Relaxed);
             }
             Ok(())
         }));

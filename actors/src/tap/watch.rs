@@ -21,7 +21,8 @@ pub struct Watched {
     name: String,
     reopened: u32,
     given_up: bool,
-    dropped: u64,
+    /// Dropped entries that were told of.
+    told: u64,
 }
 
 /// Time to look at the sink.
@@ -39,7 +40,7 @@ impl Actor for TapActor {
         (taps, clock, name): Self::Arguments,
     ) -> Result<Watched, ActorProcessingErr> {
         myself.send_interval(PERIOD, || Look);
-        Ok(Watched { taps, clock, name, reopened: 0, given_up: false, dropped: 0 })
+        Ok(Watched { taps, clock, name, reopened: 0, given_up: false, told: 0 })
     }
 
     async fn handle(
@@ -51,9 +52,10 @@ impl Actor for TapActor {
         let Some(pipe) = state.taps.0.pipes.iter().find(|p| p.name() == state.name) else { return Ok(()) };
         let warn = |text: String| state.taps.event(state.clock.now(), Event::Warning { text });
         let dropped = pipe.dropped();
-        if dropped > state.dropped {
+        // told whenever they have doubled, so that the warnings are few
+        if dropped > 0 && dropped >= 2 * state.told {
             warn(format!("{}: {dropped} entries dropped so far: it can't keep up", state.name));
-            state.dropped = dropped;
+            state.told = dropped;
         }
         let Some(error) = pipe.error() else { return Ok(()) };
         if !pipe.is_essential() {

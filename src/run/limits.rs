@@ -1,0 +1,50 @@
+//! What the system must give a run: asked for before it begins, since in mid-run it would be too late.
+
+use super::CtlAt;
+use crate::config::{Config, ConfigError};
+use std::net::TcpListener;
+
+/// Files and sockets that a run has open: threads' runtimes, journal, recording, the control port; with room to spare.
+const FILES: u64 = 64;
+/// The same with YARP's ports; each connection to one of them takes another.
+const FILES_OF_YARP: u64 = 256;
+
+/// Whether the run can have what it needs.
+///
+/// # Errors
+/// What is lacking, and how to get it.
+pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
+    let yarp = config.yarp.is_some() || config.robot.iter().any(|r| r.driver["kind"] == "yarp");
+    let needed = if yarp { FILES_OF_YARP } else { FILES };
+    if let Some(most) = most_files(&std::fs::read_to_string("/proc/self/limits").unwrap_or_default())
+        && most < needed
+    {
+        let what = format!("at most {most} files can be open here, and this run may need {needed}");
+        return Err(ConfigError::plain(what, format!("raise the limit: ulimit -n {}", 4 * FILES_OF_YARP)));
+    }
+    if let CtlAt::Address(address) = ctl {
+        TcpListener::bind(address).map_err(|e| {
+            let what = format!("the control port can't listen on {address}: {e}");
+            ConfigError::plain(what, "give another address with --ctl, or --ctl off")
+        })?;
+    }
+    Ok(())
+}
+
+/// The soft limit of open files in Linux' table of limits; `None` if it is not there, or there is none.
+fn most_files(limits: &str) -> Option<u64> {
+    limits.lines().find_map(|line| line.strip_prefix("Max open files")?.split_whitespace().next()?.parse().ok())
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_table_of_limits_is_read() {
+        let table = "Limit                     Soft Limit           Hard Limit           Units     \n\
+                     Max processes             unlimited            unlimited            processes \n\
+                     Max open files            1024                 524288               files     \n";
+        assert_eq!(super::most_files(table), Some(1024));
+        assert_eq!(super::most_files("Max open files            unlimited            unlimited  files"), None);
+        assert_eq!(super::most_files(""), None);
+    }
+}

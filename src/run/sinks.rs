@@ -1,0 +1,126 @@
+//! Who is told what happens in a run: each behind a queue and on a thread of its own.
+
+use super::BUILD;
+use super::folder::Folder;
+use super::guarded::Guarded;
+use super::progress::Bar;
+use super::said::Said;
+use super::space::Room;
+use super::switched::Switched;
+use crate::config::{Clock, Config};
+use mobee_actors::journal::Journal;
+use mobee_actors::ring::Rings;
+use mobee_actors::tap::{Open, SinkSpec};
+use mobee_recorder::Recorder;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// How many entries may wait for a sink's thread.
+pub(crate) const QUEUE: usize = 8192;
+/// How long one entry may take to be written at the end, before the disk is taken for dead.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
+/// The same of a viewer or terminal, which nobody has to wait for.
+const IMPATIENCE: Duration = Duration::from_secs(3);
+
+/// The journal.
+pub(super) fn journal(journal: &Journal) -> SinkSpec {
+    let journal = journal.clone();
+    SinkSpec {
+        name: "journal".into(),
+        essential: true,
+        poses: None,
+        capacity: QUEUE,
+        patience: PATIENCE,
+        open: Arc::new(move || Ok(journal.sink())),
+    }
+}
+
+/// What a crash leaves of the way that the robots came; in virtual time there is no robot to find again.
+pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Option<SinkSpec> {
+    let robots = config.robot.iter().zip(motors);
+    let rings: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.history)).collect();
+    let dir = folder.path().to_owned();
+    (config.clock == Clock::Real).then(|| SinkSpec {
+        name: "poses".into(),
+        essential: false,
+        poses: Some(Duration::ZERO),
+        capacity: QUEUE,
+        patience: PATIENCE,
+        open: Arc::new(move || Rings::create(&dir, &rings).map(|r| Box::new(r) as _)),
+    })
+}
+
+/// Warnings, as they come.
+pub(super) fn terminal(bar: Bar) -> SinkSpec {
+    SinkSpec {
+        name: "terminal".into(),
+        essential: false,
+        poses: None,
+        capacity: QUEUE,
+        patience: IMPATIENCE,
+        open: Arc::new(move || Ok(Box::new(Said::new(bar.clone())))),
+    }
+}
+
+/// The recorder that the configuration wants: its own, or the one given.
+pub(super) fn recorder(
+    config: &Config,
+    folder: &Folder,
+    given: Option<Open>,
+    recording: Arc<AtomicBool>,
+) -> Option<SinkSpec> {
+    if !config.record.enabled {
+        return None;
+    }
+    if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
+        eprintln!("warning: there is no recording of this run: {why}");
+        return None;
+    }
+    let (settings, dir) = (recorder_settings(config, folder), folder.clone());
+    let open = given.unwrap_or_else(|| {
+        Arc::new(move || {
+            Room::at(dir.path()).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
+            // one that is opened anew never writes over what was recorded
+            let settings = mobee_recorder::Settings { path: dir.unused("recording", "rrd"), ..settings.clone() };
+            let recorder = Recorder::new(&settings).map_err(|e| e.to_string())?;
+            let switched = Switched::new(recorder, recording.clone());
+            Ok(Box::new(Guarded::new(Box::new(switched), dir.path().to_owned())))
+        })
+    });
+    Some(SinkSpec {
+        name: "recorder".into(),
+        essential: false,
+        poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
+        capacity: QUEUE,
+        patience: PATIENCE,
+        open,
+    })
+}
+
+/// The viewer that follows live: a sink of its own, so that one that freezes takes nothing from the file.
+pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
+    let live = Some(config.record.live?.to_string());
+    let settings = mobee_recorder::Settings { live, ..recorder_settings(config, folder) };
+    Some(SinkSpec {
+        name: "viewer".into(),
+        essential: false,
+        poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
+        capacity: QUEUE,
+        patience: IMPATIENCE,
+        open: Arc::new(move || Ok(Box::new(Recorder::new(&settings).map_err(|e| e.to_string())?))),
+    })
+}
+
+/// Where and how a run is recorded.
+pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recorder::Settings {
+    mobee_recorder::Settings {
+        path: folder.unused("recording", "rrd"),
+        name: config.name.clone(),
+        config: config.name.clone(),
+        build: BUILD.to_owned(),
+        live: None,
+        // a real robot may run for days
+        index: config.clock == Clock::Virtual,
+    }
+}

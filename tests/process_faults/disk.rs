@@ -1,0 +1,92 @@
+//! Disks that are full, limited or not to be written (F15).
+
+use super::{count, events, holds, mobee, said, text};
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// Runs the program under a limit of the size of its files, in blocks of 512 bytes.
+fn limited(blocks: u32, args: &[&str]) -> Output {
+    let mut shell = Command::new("sh");
+    let line = format!("ulimit -f {blocks}; exec \"$0\" \"$@\"");
+    shell.args(["-c", &line, env!("CARGO_BIN_EXE_mobee")]).args(args);
+    shell.current_dir(env!("CARGO_MANIFEST_DIR")).env("NO_COLOR", "1").output().expect("sh starts")
+}
+
+/// Runs a script of the shell with a small disk of its own at `$D`; `None`, said plainly, where there is no right to mount.
+fn on_a_small_disk(script: &str) -> Option<Output> {
+    let dir = tempfile::tempdir().expect("a folder");
+    let script = format!("D={0}; mount -t tmpfs -o size=2m none $D || exit 77\n{script}", text(dir.path()));
+    let mut shell = Command::new("unshare");
+    shell.args(["-rm", "sh", "-c", &script]).env("M", env!("CARGO_BIN_EXE_mobee")).env("NO_COLOR", "1");
+    let out = shell.current_dir(env!("CARGO_MANIFEST_DIR")).output().ok()?;
+    if matches!(out.status.code(), Some(77)) || said(&out).contains("unshare:") {
+        eprintln!("SKIPPED: no small disk can be mounted here: {}", said(&out));
+        return None;
+    }
+    Some(out)
+}
+
+#[test]
+fn a_journal_that_can_not_grow_ends_the_run_and_is_gone_on_with() {
+    let scratch = tempfile::tempdir().expect("a folder");
+    let run = scratch.path().join("run");
+    let args = ["run", "configs/behaviors/explore.toml", "--no-record", "--for", "2000", "--out", text(&run)];
+    let out = limited(800, &args);
+    assert_eq!(out.status.code(), Some(1), "{}", said(&out));
+    let words = said(&out);
+    assert!(words.contains("no journal") && words.contains("make room on the disk"), "{words}");
+    assert!(words.contains("--resume"), "it says how to go on: {words}");
+    let before = events(&run);
+    assert!(count(&before, "outcome") > 10, "outcomes as far as the journal reaches");
+    let until = ["run", "--resume", text(&run), "--no-record", "--json", "--for", "2000"];
+    let out = mobee().args(until).output().expect("mobee starts");
+    assert!(out.status.success(), "{}", said(&out));
+    assert_eq!(holds(&run)[..before.len()], before, "what was told stays told");
+}
+
+#[test]
+fn a_recording_that_can_not_grow_is_lost_alone() {
+    let scratch = tempfile::tempdir().expect("a folder");
+    let run = scratch.path().join("run");
+    // the journal of a minute needs less, its recording more
+    let args = ["run", "configs/behaviors/explore.toml", "--for", "60", "--out", text(&run)];
+    let out = limited(300, &args);
+    assert!(out.status.success(), "{}", said(&out));
+    assert!(said(&out).contains("recorder: the recording can't be written"), "{}", said(&out));
+    holds(&run);
+}
+
+#[test]
+fn a_folder_that_can_not_be_made_or_written_is_said_at_once() {
+    let below = Path::new("/dev/null/run");
+    let run = |args: &[&str]| mobee().args(["run", "configs/behaviors/ball.toml", "--out"]).args(args).output();
+    let out = run(&[text(below)]).expect("mobee starts");
+    assert_eq!(out.status.code(), Some(2));
+    assert!(said(&out).contains("give an --out that can be written"), "{}", said(&out));
+    let scratch = tempfile::tempdir().expect("a folder");
+    let path = scratch.path().join("run");
+    let out = limited(0, &["run", "configs/behaviors/ball.toml", "--out", text(&path)]);
+    assert_eq!(out.status.code(), Some(2), "{}", said(&out));
+    assert!(said(&out).contains("disk's space and permissions"), "{}", said(&out));
+    assert_eq!(path.read_dir().expect("a folder").count(), 0, "nothing half-made stays");
+}
+
+#[test]
+fn a_disk_that_fills_up_gives_up_first_the_recording_then_the_run() {
+    let begin = "$M run configs/behaviors/ball.toml --out $D/run; echo \"exit $?\"; ls $D/run";
+    let Some(out) = on_a_small_disk(&format!("head -c 2085000 /dev/zero >$D/fill\n{begin}")) else { return };
+    let words = said(&out);
+    assert!(words.contains("exit 2") && words.contains("give an --out on another disk"), "{words}");
+
+    let some = format!("head -c 2010000 /dev/zero >$D/fill\n{begin}; $M check $D/run");
+    let words = said(&on_a_small_disk(&some).expect("a disk, as before"));
+    assert!(words.contains("there is no recording of this run"), "{words}");
+    assert!(words.contains("exit 0") && words.contains("chain intact") && !words.contains(".rrd"), "{words}");
+
+    let all = "$M run configs/behaviors/explore.toml --out $D/run; echo \"exit $?\"; rm $D/run/*.rrd\n\
+               $M run --resume $D/run --no-record --for 1; echo \"exit $?\"; $M check $D/run";
+    let words = said(&on_a_small_disk(all).expect("a disk, as before"));
+    assert!(words.contains("is left to the journal"), "{words}");
+    assert!(words.contains("exit 1") && words.contains("no journal"), "{words}");
+    assert!(words.contains("exit 0") && words.contains("hold"), "{words}");
+}
