@@ -123,6 +123,7 @@ fn good() -> Run {
         (2.1, commit(3, &[0.1, 0.1])),
         (2.1, command(Writer::Agent, 3, "move", &[0.1, 0.1])),
         (2.3, disabled(4)),
+        (2.3, Event::RetreatBegan { robot: R.into(), id: CommitId(3), poses: 10, secs: 0.2 }),
         (2.3, command(Writer::Reflex, 4, "move", &a)),
         (2.4, contact(Status::Retreating)),
         (2.41, command(Writer::Reflex, 4, "stop", &[])),
@@ -305,7 +306,7 @@ fn i4_a_dishonest_safe_pose() {
     for (event, says) in
         [(bad(0.11, 0.0, true), "s old"), (bad(0.0, 0.02, true), "deg/s"), (bad(0.0, 0.0, false), "in contact")]
     {
-        broken("I4", instead(&safe(&[0.04, 0.04]), event.clone()).into_iter().take(40).collect(), Some(&event), says);
+        broken("I4", instead(&safe(&[0.04, 0.04]), event.clone()).into_iter().take(41).collect(), Some(&event), says);
     }
     let in_motion = safe(&[0.0, 0.0]);
     broken("I4", with(&commit(2, &[0.5, 0.5]), &[in_motion]), None, "transaction open");
@@ -424,7 +425,7 @@ fn i9_the_reflex_pushes_on() {
 #[test]
 fn i10_motion_after_a_restart() {
     let mv = command(Writer::Agent, 7, "move", &[0.0, 0.0]);
-    broken("I10", with(&enabled(7), std::slice::from_ref(&mv)).into_iter().take(42).collect(), None, "edge/driver");
+    broken("I10", with(&enabled(7), std::slice::from_ref(&mv)).into_iter().take(43).collect(), None, "edge/driver");
     let early = command(Writer::Agent, 1, "move", &[0.0, 0.0]);
     broken("I10", with(&enabled(1), &[early]), None, "before its first commit");
 }

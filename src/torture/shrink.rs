@@ -21,8 +21,10 @@ pub fn shrink<T: Clone>(all: &[T], mut fails: impl FnMut(&[T]) -> bool) -> Vec<T
                 from += size;
             }
         }
-        if size > 1 || !dropped {
-            size /= 2;
+        if size > 1 {
+            size = size.div_ceil(2);
+        } else if !dropped {
+            size = 0;
         }
     }
     left

@@ -48,9 +48,9 @@ fn a_journal_that_can_not_grow_ends_the_run_and_is_gone_on_with() {
 fn a_recording_that_can_not_grow_is_lost_alone() {
     let scratch = tempfile::tempdir().expect("a folder");
     let run = scratch.path().join("run");
-    // the journal of a minute needs less, its recording more
-    let args = ["run", "configs/behaviors/explore.toml", "--for", "60", "--out", text(&run)];
-    let out = limited(300, &args);
+    // the journal of five minutes needs less, its recording more; the recording is written every 2048 frames
+    let args = ["run", "configs/behaviors/explore.toml", "--for", "300", "--out", text(&run)];
+    let out = limited(900, &args);
     assert!(out.status.success(), "{}", said(&out));
     assert!(said(&out).contains("recorder: the recording can't be written"), "{}", said(&out));
     holds(&run);
