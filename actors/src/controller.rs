@@ -35,6 +35,9 @@ pub struct Controller {
     /// A stream of set-points that is quiet for so long, seconds, has ended: the robot brakes, and rests where it is.
     #[serde(default = "stream_quiet")]
     pub stream_quiet_s: f64,
+    /// Age at which a reading is stale, and the length of a lease, seconds; five control periods if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stale_s: Option<f64>,
     /// How motions are driven, by the controller's kind.
     #[serde(default)]
     pub drive: Drive,
@@ -96,6 +99,7 @@ impl Default for Controller {
             rest_speed_deg: rest_speed(),
             escape_speed: escape_speed(),
             stream_quiet_s: stream_quiet(),
+            stale_s: None,
             drive: Drive::default(),
         }
     }
@@ -105,8 +109,8 @@ impl Default for Controller {
 pub const RELEASE: f64 = 0.002;
 /// What counts as deeper, metres.
 pub const DEEPER: f64 = 0.001;
-/// How many control periods a reading stays fresh, and a lease lasts.
-const FRESH_PERIODS: u32 = 5;
+/// How many control periods a reading stays fresh, and a lease lasts, unless the settings say otherwise.
+pub const FRESH_PERIODS: u32 = 5;
 
 /// Settings and board in the units of the inside: what the cores go by.
 #[derive(Clone, Debug, PartialEq)]
@@ -147,12 +151,13 @@ impl Rules {
     /// The rules for a board under these settings.
     pub fn new(robot: &str, parts: Vec<String>, controller: &Controller, board: &Board) -> Rules {
         let period = Duration::from_secs_f64(controller.period_s.clamp(1e-3, 1e3));
+        let stale = controller.stale_s.map(|s| Duration::from_secs_f64(s.clamp(1e-3, 1e3)));
         Rules {
             robot: robot.to_string(),
             parts,
             axes: board.axes.clone().into(),
             period,
-            fresh: period * FRESH_PERIODS,
+            fresh: stale.unwrap_or(period * FRESH_PERIODS),
             latency: board.latency,
             position_direct: board.position_direct,
             margin: controller.margin_m,

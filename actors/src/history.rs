@@ -8,11 +8,11 @@ use std::time::Duration;
 
 /// How many readings the speed is estimated from: the means of two halves, so that encoder noise hardly counts.
 const WINDOW: usize = 8;
-/// A pause of so many periods is a gap. Fewer readings may be missing, as they are when a thread comes late: the pose
-/// before and the one after are then near each other, and the way back between them is watched like any other.
-const GAP_PERIODS: u32 = 8;
+/// So many readings may be missing, as they are when a thread comes late.
+const FEW: u64 = 8;
 
-/// How far (rad, every motor) a robot may have braked while no process recorded it.
+/// How far (rad, every motor) a robot may have gone on while nobody recorded it, for the path to have no gap there: the way
+/// back between two poses so near each other is watched like any other.
 const BRIDGE: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
 /// A recorded pose.
@@ -24,8 +24,10 @@ pub struct Recorded {
     pub q: Pose,
     /// Greatest motor speed about then, rad/s; infinite if not known.
     pub speed: f64,
-    /// Whether readings are missing between this pose and the one before.
+    /// Whether nobody knows how the robot came here from the pose before.
     pub after_gap: bool,
+    /// Whether more than a few readings are missing before it: no speed is told across that.
+    after_pause: bool,
 }
 
 /// The recorded poses do not reach back that far without a gap.
@@ -46,6 +48,8 @@ pub struct HistoryCore {
     period: f64,
     seq: u64,
     unchanged: Time,
+    /// Set if readings are missing after the newest pose, whatever the next one is.
+    cut: bool,
     /// Set while the newest pose was recorded by an earlier process.
     restored: bool,
 }
@@ -60,14 +64,18 @@ impl HistoryCore {
             period: 0.0,
             seq: 0,
             unchanged: Time::ZERO,
+            cut: false,
             restored: false,
         }
     }
 
     /// Records a pulse's pose and tells it the speed. Readings that are not newer than the last are passed over.
-    pub fn push(&mut self, pulse: &mut Pulse) {
+    ///
+    /// There is a gap before it if it comes so late that the reading before was stale, or if more than a few readings are
+    /// missing and the robot has gone on meanwhile.
+    pub fn push(&mut self, pulse: &mut Pulse, stale: Duration) {
         let (at, q) = (pulse.sample.at, pulse.sample.q.clone());
-        let mut after_gap = true;
+        let (mut after_gap, mut after_pause) = (true, true);
         if let Some(last) = self.ring.back() {
             if at <= last.at {
                 return;
@@ -75,12 +83,13 @@ impl HistoryCore {
             let pause = at.since(last.at).as_secs_f64();
             let near = |q: &Pose| distance(q, &last.q) <= BRIDGE;
             let bridged = std::mem::take(&mut self.restored) && near(&q);
-            let steps = pulse.sample.seq.wrapping_sub(self.seq);
-            after_gap = !bridged
-                && (!(1..=u64::from(GAP_PERIODS)).contains(&steps)
-                    || q.len() != last.q.len()
-                    || (self.period > 0.0 && pause > f64::from(GAP_PERIODS) * self.period));
-            if !after_gap && !bridged {
+            let steps = pulse.sample.seq.checked_sub(self.seq).filter(|n| *n > 0);
+            let late = self.period > 0.0 && pause > FEW as f64 * self.period;
+            after_pause = late || steps.is_none_or(|n| n > FEW);
+            let follows = steps.is_some() && at <= last.at + stale && (!after_pause || near(&q));
+            let cut = std::mem::take(&mut self.cut);
+            after_gap = !bridged && (cut || !follows || q.len() != last.q.len());
+            if let Some(steps) = steps.filter(|_| !after_gap && !after_pause) {
                 // the estimated period: a running mean, as the robot's own clock has jitter
                 let pause = pause / steps as f64;
                 self.period = if self.period > 0.0 { self.period + 0.05 * (pause - self.period) } else { pause };
@@ -95,7 +104,7 @@ impl HistoryCore {
         if self.ring.len() == self.length {
             self.ring.pop_front();
         }
-        self.ring.push_back(Recorded { at, q, speed: f64::INFINITY, after_gap });
+        self.ring.push_back(Recorded { at, q, speed: f64::INFINITY, after_gap, after_pause });
         pulse.speed = self.speed();
         pulse.unchanged = self.unchanged;
         if let Some(last) = self.ring.back_mut() {
@@ -114,7 +123,7 @@ impl HistoryCore {
     pub fn restore(&mut self, poses: &[(Time, Pose)]) {
         for (k, (at, q)) in (1..).zip(poses) {
             let sample = Sample { seq: k, at: *at, q: q.clone(), done: vec![true; q.len()] };
-            self.push(&mut Pulse::new(sample, &Vec::new().into()));
+            self.push(&mut Pulse::new(sample, &Vec::new().into()), Duration::MAX);
         }
         self.restored = !self.ring.is_empty();
     }
@@ -127,7 +136,7 @@ impl HistoryCore {
 
     /// Marks that readings are missing here, as after a restart or a pause.
     pub fn mark_gap(&mut self) {
-        self.seq = self.seq.wrapping_add(1_000_000);
+        self.cut = true;
     }
 
     /// The estimated period between poses, seconds; zero while there is none.
@@ -161,11 +170,12 @@ impl HistoryCore {
         (self.ring.len() == self.length && since <= brink.at).then(|| self.ring.get(self.length / 10 + 2)).flatten()
     }
 
-    /// Greatest motor speed over the window, rad/s.
+    /// Greatest motor speed over the window, rad/s: between the means of its halves, and, so that a motor that turns round
+    /// is not at rest, between those of each half's own halves; these are three times as noisy, and count a third.
     fn speed(&self) -> f64 {
         let half = WINDOW / 2;
         let Some(start) = self.ring.len().checked_sub(WINDOW) else { return f64::INFINITY };
-        if self.ring.range(start + 1..).any(|r| r.after_gap) {
+        if self.ring.range(start + 1..).any(|r| r.after_gap || r.after_pause) {
             return f64::INFINITY;
         }
         let (Some(first), Some(last)) = (self.ring.get(start), self.ring.back()) else { return f64::INFINITY };
@@ -176,10 +186,12 @@ impl HistoryCore {
         if first.q == last.q && self.unchanged <= first.at {
             return 0.0;
         }
-        let way = (0..last.q.len())
-            .map(|m| (sum(start..start + half, m) - sum(start + half..start + WINDOW, m)).abs() / half as f64)
-            .fold(0.0, f64::max);
-        way / secs
+        let way = |from: usize, n: usize, m: usize| {
+            (sum(from..from + n, m) - sum(from + n..from + 2 * n, m)).abs() / n as f64
+        };
+        let motors = 0..last.q.len();
+        let turn = |m: usize| way(start, half / 2, m).max(way(start + half, half / 2, m));
+        motors.map(|m| way(start, half, m).max(turn(m) * 2.0 / 3.0)).fold(0.0, f64::max) / secs
     }
 
     /// How long the ring reaches back.

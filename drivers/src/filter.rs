@@ -2,6 +2,8 @@
 //!
 //! The core is pure: it decides what becomes of a request, and is told what came of it.
 //!
+//! A robot that is only starting is waited for, at most two seconds. Then:
+//!
 //! | Request | While open | While closed |
 //! |---|---|---|
 //! | `[get] X ...` of the list in `reads.rs` | to the board, the reply byte for byte; a simulated robot's from its state | `[fail]` |

@@ -7,9 +7,6 @@ use mobee_model::{Contact, Scene, ShapeId};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// How many control periods old a reading may be and still count.
-const FRESH_PERIODS: f64 = 5.0;
-
 /// All of them.
 pub(super) fn all(
     config: &Config,
@@ -135,10 +132,11 @@ impl Poses<'_> {
 fn readings(config: &Config, source: &Source, built: &[Built], wrong: &mut Complaints) {
     for (i, (r, b)) in config.robot.iter().zip(built).enumerate() {
         let Some(period) = b.hardware.as_ref().and_then(|h| h.known().period) else { continue };
-        let (board_ms, fresh_ms) = (period.as_secs_f64() * 1e3, r.controller.period_ms * FRESH_PERIODS);
+        let (board_ms, fresh_ms) = (period.as_secs_f64() * 1e3, r.controller.stale_after_ms());
         if board_ms > fresh_ms && r.controller.period_ms >= 1.0 {
             let what = format!(
-                "a reading counts for five control periods, {fresh_ms} ms, and the board gives one every {board_ms:.0} ms"
+                "a reading counts for {fresh_ms} ms (`stale_ms`, or five control periods), and the board gives one every \
+                 {board_ms:.0} ms"
             );
             let help = format!("give {:.0} ms or more, or let the driver read more often", (board_ms / 2.0).ceil());
             wrong.push(source.error(&format!("robot[{i}].controller.period_ms"), what, help));

@@ -98,6 +98,9 @@ impl Config {
             let least = if k.margin_mm == 0.0 { 0.0 } else { 0.5 };
             c.range_or(&at("controller.margin_mm"), k.margin_mm, (least, 500.0), "mm", Some(("metres", 1e3)));
             c.range(&at("controller.tolerance_deg"), k.tolerance_deg, 1e-3, 10.0, "deg");
+            if let Some(ms) = k.stale_ms {
+                c.range(&at("controller.stale_ms"), ms, 2.0 * k.period_ms, 10_000.0, "ms");
+            }
             c.position(&at("base.position_m"), &r.base.position_m);
             if let Err(e) = k.drive() {
                 for e in e.under(&at("controller")).all() {

@@ -25,6 +25,11 @@ pub struct Controller {
     /// A pose counts as reached within this, degrees per motor.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
+    /// A reading older than this, milliseconds, is stale, and closes the filter; for so long a board moves on without being
+    /// told to. Five control periods if not given. Longer: a slow network or a busy machine is forgiven, and for so long
+    /// the robot moves unwatched.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stale_ms: Option<f64>,
     /// The settings of the kind.
     #[serde(flatten)]
     #[schemars(skip)]
@@ -32,7 +37,7 @@ pub struct Controller {
 }
 
 /// The settings that all kinds have.
-pub(super) const SHARED: &[&str] = &["period_ms", "history", "margin_mm", "tolerance_deg"];
+pub(super) const SHARED: &[&str] = &["period_ms", "history", "margin_mm", "tolerance_deg", "stale_ms"];
 
 fn kind() -> String {
     DEFAULT_KIND.into()
@@ -67,6 +72,11 @@ pub fn schema(kind: &ControllerKind) -> Value {
 }
 
 impl Controller {
+    /// Age at which a reading is stale, milliseconds.
+    pub fn stale_after_ms(&self) -> f64 {
+        self.stale_ms.unwrap_or(self.period_ms * f64::from(controller::FRESH_PERIODS))
+    }
+
     /// How the kind drives motions.
     ///
     /// # Errors
@@ -92,6 +102,7 @@ impl Controller {
             history: self.history,
             margin_m: self.margin_mm * 1e-3,
             tolerance_deg: self.tolerance_deg,
+            stale_s: self.stale_ms.map(|ms| ms * 1e-3),
             drive: self.drive()?,
             ..controller::Controller::default()
         })

@@ -84,13 +84,16 @@ fn mobee() -> &'static str {
     env!("CARGO_BIN_EXE_mobee")
 }
 
+/// The machine may take all processors away for half a second: what is not about stale readings shall not see them.
+const PATIENT: &str = "robot.icub.controller.stale_ms=3000";
+
 impl Run {
-    /// Starts it.
+    /// Starts it, patient with old readings.
     pub fn start(network: &Network, config: &str) -> Run {
         let out = network.path().join("run");
         let child = network
             .command(mobee())
-            .args(["run", config, "--json", "--out"])
+            .args(["run", config, "--json", "--set", PATIENT, "--out"])
             .arg(&out)
             .current_dir(env!("CARGO_MANIFEST_DIR"))
             .stdout(Stdio::null())

@@ -2,6 +2,9 @@ use super::*;
 use mobee_contract::Sample;
 use proptest::prelude::*;
 
+/// As for a controller with a period of 20 ms.
+const STALE: Duration = Duration::from_millis(100);
+
 fn pulse(seq: u64, ms: u64, q: f64) -> Pulse {
     let sample = Sample { seq, at: Time(ms * 1_000_000), q: vec![q, 0.0].into(), done: vec![true; 2] };
     Pulse::new(sample, &Vec::new().into())
@@ -9,7 +12,7 @@ fn pulse(seq: u64, ms: u64, q: f64) -> Pulse {
 
 fn filled(length: usize, n: u64, q: impl Fn(u64) -> f64) -> HistoryCore {
     let mut history = HistoryCore::new(length);
-    (0..n).for_each(|k| history.push(&mut pulse(k, 10 * k, q(k))));
+    (0..n).for_each(|k| history.push(&mut pulse(k, 10 * k, q(k)), STALE));
     history
 }
 
@@ -17,30 +20,45 @@ fn filled(length: usize, n: u64, q: impl Fn(u64) -> f64) -> HistoryCore {
 fn the_speed_of_a_steady_motion_is_found() {
     let mut history = filled(100, 50, |k| k as f64 * 0.01);
     let mut next = pulse(50, 500, 0.5);
-    history.push(&mut next);
+    history.push(&mut next, STALE);
     assert!((next.speed - 1.0).abs() < 1e-9, "{}", next.speed);
     assert!((history.period() - 0.01).abs() < 1e-12);
 }
 
 #[test]
+fn a_motor_that_turns_round_is_not_at_rest() {
+    let history = filled(100, 8, |k| 0.01 * (k as f64 - 3.5).abs());
+    assert!(history.speed() > 0.3, "{}", history.speed());
+}
+
+#[test]
 fn a_path_across_a_gap_is_refused() {
     let mut history = filled(100, 20, |_| 0.0);
-    history.push(&mut pulse(29, 200, 0.0));
-    assert!(history.path(Time(150_000_000)).is_err());
-    assert_eq!(history.path(Time(200_000_000)).unwrap().len(), 1);
-    history.push(&mut pulse(30, 500, 0.0));
-    assert!(history.path(Time(200_000_000)).is_err(), "a pause is a gap too");
+    history.push(&mut pulse(29, 280, 0.2), STALE);
+    assert!(history.path(Time(150_000_000)).is_err(), "it went on while nobody looked");
+    assert_eq!(history.path(Time(280_000_000)).unwrap().len(), 1);
+    history.push(&mut pulse(30, 500, 0.2), STALE);
+    assert!(history.path(Time(280_000_000)).is_err(), "the reading before was stale");
     history.mark_gap();
-    history.push(&mut pulse(31, 510, 0.0));
-    assert!(history.path(Time(500_000_000)).is_err(), "and so is what a restart leaves");
+    history.push(&mut pulse(31, 510, 0.2), STALE);
+    assert!(history.path(Time(500_000_000)).is_err(), "a restart leaves one");
+    history.push(&mut pulse(3, 520, 0.2), STALE);
+    assert!(history.path(Time(510_000_000)).is_err(), "and so does a board that counts anew");
 }
 
 #[test]
 fn a_few_readings_that_a_late_thread_missed_are_no_gap() {
     let mut history = filled(100, 20, |_| 0.0);
-    history.push(&mut pulse(26, 260, 0.0));
+    history.push(&mut pulse(26, 260, 0.3), STALE);
     assert_eq!(history.path(Time(150_000_000)).unwrap().len(), 6);
     assert!((history.period() - 0.01).abs() < 1e-12, "the period is that of the robot");
+}
+
+#[test]
+fn readings_missing_from_a_short_way_are_no_gap() {
+    let mut history = filled(100, 20, |_| 0.0);
+    history.push(&mut pulse(35, 350, 0.08), Duration::from_secs(1));
+    assert_eq!(history.path(Time(150_000_000)).unwrap().len(), 6);
 }
 
 #[test]

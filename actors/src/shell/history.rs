@@ -36,7 +36,7 @@ impl Actor for HistoryActor {
         (hub, wires): &mut Self::State,
     ) -> Result<(), ActorProcessingErr> {
         while let Some(mut pulse) = wires.to_history.pop() {
-            wires.ledger.book().history.push(&mut pulse);
+            wires.ledger.book().history.push(&mut pulse, wires.rules().fresh);
             hub.to_model.push((wires.robot, pulse));
         }
         Ok(())

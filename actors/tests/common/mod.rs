@@ -200,6 +200,8 @@ impl Trial {
                     history: self.history,
                     period_s: self.period_s,
                     drive: self.drive,
+                    // the machine may take all processors away for half a second
+                    stale_s: (self.clock == ClockKind::Real).then_some(3.0),
                     ..Controller::default()
                 },
                 agent: Some(self.agent.unwrap_or(Arc::new(agent))),

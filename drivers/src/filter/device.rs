@@ -2,7 +2,7 @@
 
 use super::{Client, FilterCore, Seen, Step};
 use crate::services::YarpSettings;
-use mobee_contract::{CommitId, Filtered, Refusal, Running, Time, Verdict};
+use mobee_contract::{CommitId, Filtered, Refusal, Running, Status, Time, Verdict};
 use mobee_model::Robot;
 use mobee_yarp::board::{BoardServer, Device, Reply, Shadow, reply};
 use mobee_yarp::{Bottle, Field, JointData, Message, Network, Payload, PortError, Stamp, Value};
@@ -13,6 +13,8 @@ use tokio::task::JoinHandle;
 
 /// How often, and with which pauses, a robot that is about to be ready is asked again.
 const PATIENCE: (usize, Duration) = (30, Duration::from_millis(10));
+/// How often, with the same pauses, one that is only starting is waited for: a program that finds the port may ask at once.
+const STARTING: usize = 200;
 /// Streamed commands that wait to be given on; more are dropped, as a later one says it anew.
 const WAITING: usize = 64;
 
@@ -103,6 +105,7 @@ struct PartFilter {
 impl PartFilter {
     async fn rpc(self: Arc<Self>, message: Message) -> Payload {
         let dialect = self.robot.network.dialect();
+        self.started().await;
         let client = Client {
             part: self.index,
             connection: message.connection,
@@ -116,6 +119,16 @@ impl PartFilter {
             Step::Reply(reply) => reply.into(),
             Step::Ask => self.ask(&client, &message, &request).await,
             Step::Commit(_) | Step::Stream(_) | Step::Stop => self.act(&client, &step).await.into(),
+        }
+    }
+
+    /// Waits for a robot that is only starting, but not for ever: then it is closed like any other.
+    async fn started(&self) {
+        for _ in 0..STARTING {
+            if self.robot.filtered.latest().status != Status::Starting {
+                return;
+            }
+            tokio::time::sleep(PATIENCE.1).await;
         }
     }
 

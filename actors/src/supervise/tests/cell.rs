@@ -381,7 +381,7 @@ impl Cell {
         let done = vec![self.q == self.goal && self.running.is_none()];
         let sample = Sample { seq: self.seq, at: self.now, q: vec![self.q].into(), done };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
-        self.ledger.book().history.push(&mut pulse);
+        self.ledger.book().history.push(&mut pulse, self.rules.fresh);
         if self.step.1 {
             pulse.speed = way.abs() / secs;
         }
