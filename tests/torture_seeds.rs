@@ -66,3 +66,12 @@ fn arms_under_forces_hold_all_invariants() {
     let tally = seeds_with(ARMS, 201, 10, "", &set);
     assert!(tally.outcomes.iter().sum::<u64>() > 50, "{tally}");
 }
+
+/// 580 and 609: a pair that nearly touched as the way back began touched on it (I9). 78: a stopped robot whose readings
+/// tremble was given its outcome after three seconds (I17).
+#[test]
+fn seeds_that_were_red_are_green() {
+    for (seed, faults) in [(580, ""), (609, ""), (78, "F12")] {
+        seeds(ARMS, seed, 1, faults);
+    }
+}

@@ -22,7 +22,7 @@ use retreat::Retreat;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long the robot may take to come to rest, or to settle at the end of its way.
+/// How long the robot may take to come to rest before it is stopped once more, or to settle at the end of its way.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// Readings equal bit for bit for so long, while set-points moved on by [`FROZEN_WAY`], are no readings.
 pub const FROZEN: Duration = Duration::from_millis(500);
@@ -282,7 +282,8 @@ impl ReflexCore {
                         Then::Say(word) => self.say(token, word, out),
                     }
                 } else if now >= *since + PATIENCE {
-                    self.say(token, Word::GaveUp(Hold::RetreatMissed), out);
+                    let then = then.clone();
+                    self.stop_again(token, then, (now, clock), out);
                 }
             }
             Phase::Retreating { token, retreat, safe, floors, violated, mark } => {
@@ -356,7 +357,8 @@ impl ReflexCore {
                 }
                 let retreat = Retreat::new(&path, &safe, &self.rules, now);
                 let (poses, secs) = retreat.length();
-                out.push(ReflexOut::Event(Event::RetreatBegan { robot, id, poses, secs }));
+                let near = self.near.iter().filter(|c| c.distance < self.rules.margin).copied().collect();
+                out.push(ReflexOut::Event(Event::RetreatBegan { robot, id, poses, secs, near }));
                 out.push(ReflexOut::Command(token, retreat.begin()));
                 out.push(ReflexOut::Word(Word::Retreating));
                 let floors = Floors::new(self.rules.margin, &self.near);
@@ -377,6 +379,18 @@ impl ReflexCore {
         out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
         out.push(ReflexOut::Event(Event::RetreatStopped { robot: self.rules.robot.clone(), reason, what, seen }));
         self.phase = Phase::Stopping { token, since: now, then: Then::Say(Word::GaveUp(reason)) };
+    }
+
+    /// The robot does not come to rest, or its readings don't: stop it once more, and say nothing before it rests (I17). A
+    /// path that it may have left long ago is not driven back.
+    fn stop_again(&mut self, token: u64, then: Then, (seen, now): (Time, Time), out: &mut Vec<ReflexOut>) {
+        if let Then::Say(_) = then {
+            out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
+            self.phase = Phase::Stopping { token, since: now, then };
+        } else {
+            let what = "the robot did not come to rest in time".into();
+            self.give_up(token, Hold::RetreatMissed, what, (seen, now), out);
+        }
     }
 
     /// The robot rests: restore the control modes and tell.

@@ -123,7 +123,7 @@ fn good() -> Run {
         (2.1, commit(3, &[0.1, 0.1])),
         (2.1, command(Writer::Agent, 3, "move", &[0.1, 0.1])),
         (2.3, disabled(4)),
-        (2.3, Event::RetreatBegan { robot: R.into(), id: CommitId(3), poses: 10, secs: 0.2 }),
+        (2.3, Event::RetreatBegan { robot: R.into(), id: CommitId(3), poses: 10, secs: 0.2, near: vec![] }),
         (2.3, command(Writer::Reflex, 4, "move", &a)),
         (2.4, contact(Status::Retreating)),
         (2.41, command(Writer::Reflex, 4, "stop", &[])),
@@ -405,6 +405,35 @@ fn i9_a_graze_may_pass_but_a_touch_may_not() {
     let retreating = Event::State { robot, status: Status::Retreating };
     run.splice(i + 1..=i, [(2.4, retreating), (2.4, hard)]);
     broken("I9", run, None, "did not stop it");
+}
+
+/// The good run, but for its second way back, which begins with a pair at this distance and touches at that one; it is driven on.
+fn touching(start: f64, touch: f64) -> Vec<(f64, Event)> {
+    let mut run = good();
+    run.retain(|(_, e)| !matches!(e, Event::RetreatStopped { .. }));
+    let Event::ContactBegan { contact: start, .. } = contact_at(start, Status::Moving) else { unreachable!() };
+    let Event::ContactBegan { robot, contact, names, during } = contact_at(touch, Status::Retreating) else {
+        unreachable!()
+    };
+    for (_, event) in &mut run {
+        if let Event::RetreatBegan { near, .. } = event {
+            near.push(start);
+        }
+    }
+    let i = run.iter().position(|(_, e)| *e == self::contact(Status::Retreating)).unwrap();
+    let retreating = Event::State { robot: robot.clone(), status: during };
+    let hard = Event::HardContact { robot, contact, names };
+    run.splice(i..=i, [(2.4, retreating), (2.4, hard)]);
+    run
+}
+
+#[test]
+fn i9_a_pair_that_nearly_touched_as_the_way_back_began_may_touch_but_not_deeper() {
+    assert_eq!(run(touching(0.00005, -0.0001)), []);
+    assert_eq!(run(touching(-0.003, -0.0039)), []);
+    broken("I9", touching(0.00005, -0.0011), None, "did not stop it");
+    broken("I9", touching(0.002, -0.0001), None, "did not stop it");
+    broken("I9", touching(0.02, 0.0), None, "did not stop it");
 }
 
 #[test]

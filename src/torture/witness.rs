@@ -8,6 +8,8 @@ use std::time::Duration;
 
 /// How much nearer than its margin a pair must be, metres: the robots' poses in a scene are a reading apart.
 const NEARER: f64 = 0.003;
+/// How much nearer than its margin, or than as it began, a pair may come on the way back, metres: 1 mm, and as above.
+const DEEPER: f64 = 0.001 + NEARER;
 /// How many control periods a contact may go unanswered.
 const PERIODS: u32 = 3;
 /// How long a closed robot may take to come to rest: late commands, a lease that runs out, braking.
@@ -44,13 +46,41 @@ struct Seen {
     last: Time,
     /// Since when it is too near to something.
     near: Option<Time>,
+    /// While it is on the way back: the pairs below the margin as that began.
+    back: Option<Vec<Contact>>,
 }
 
 impl Seen {
     fn new(name: &str, (margin, period, rest_speed): (f64, Duration, f64), at: Time) -> Seen {
-        let (status, open, poses, near) = (Status::Starting, false, 0, None);
-        let reflex = true;
-        Seen { name: name.into(), margin, period, rest_speed, reflex, status, open, since: at, poses, last: at, near }
+        Seen {
+            name: name.into(),
+            margin,
+            period,
+            rest_speed,
+            reflex: true,
+            status: Status::Starting,
+            open: false,
+            since: at,
+            poses: 0,
+            last: at,
+            near: None,
+            back: None,
+        }
+    }
+
+    /// Which promise is to be kept now, and what is too near for it if it was not near from the start.
+    fn watched(&self) -> Option<(&'static str, f64)> {
+        match (&self.back, self.open, self.status) {
+            (Some(_), false, _) => Some(("I9", self.margin - DEEPER)),
+            (None, true, Status::Moving) if self.reflex => Some(("I19", self.margin - NEARER)),
+            _ => None,
+        }
+    }
+
+    /// Whether a contact that is nearer than [`Seen::watched`] says is too near.
+    fn is_too_near(&self, contact: &Contact) -> bool {
+        let start = self.back.iter().flatten().find(|c| c.pair == contact.pair);
+        start.is_none_or(|start| contact.distance < start.distance - DEEPER)
     }
 }
 
@@ -80,8 +110,13 @@ impl Witness {
             }
             Event::Controller { robot, reflex, .. } => self.turn(robot, |r| r.reflex = *reflex),
             Event::Enabled { robot, .. } => self.turn(robot, |r| (r.open, r.since) = (true, at)),
-            Event::Disabled { robot, .. } => self.turn(robot, |r| (r.open, r.since) = (false, at)),
-            Event::State { robot, status } => self.turn(robot, |r| (r.status, r.since) = (*status, at)),
+            Event::Disabled { robot, .. } => self.turn(robot, |r| (r.open, r.since, r.back) = (false, at, None)),
+            Event::RetreatBegan { robot, near, .. } => self.turn(robot, |r| r.back = Some(near.clone())),
+            Event::RetreatStopped { robot, .. } => self.turn(robot, |r| r.back = None),
+            Event::State { robot, status } => self.turn(robot, |r| {
+                (r.status, r.since) = (*status, at);
+                r.back = r.back.take().filter(|_| matches!(status, Status::Stopping | Status::Retreating));
+            }),
             _ => {}
         }
     }
@@ -99,16 +134,15 @@ impl Witness {
         };
         *pose = q.clone();
         (seen.poses, seen.last) = (seen.poses + 1, at);
-        if !(seen.reflex && seen.open && seen.status == Status::Moving) {
+        let Some((promise, within)) = seen.watched() else {
             seen.near = None;
             return;
-        }
+        };
         if !seen.poses.is_multiple_of(2) {
             return;
         }
         let is_own = |s: ShapeId| matches!(s, ShapeId::Robot { robot: r, .. } if usize::from(r) == robot);
-        let within = seen.margin - NEARER;
-        let own = |c: &Contact| (is_own(c.pair.0) || is_own(c.pair.1)) && c.distance < within;
+        let own = |c: &Contact| (is_own(c.pair.0) || is_own(c.pair.1)) && c.distance < within && seen.is_too_near(c);
         let Some(contact) = scene.contacts(&self.poses, within).into_iter().find(own) else {
             seen.near = None;
             return;
@@ -116,9 +150,9 @@ impl Witness {
         let near = *seen.near.get_or_insert(at);
         if at.since(near) > seen.period * PERIODS {
             let (a, b) = (scene.shape_name(contact.pair.0), scene.shape_name(contact.pair.1));
-            let mm = contact.distance * 1e3;
-            let what = format!("{}: {a} and {b} are at {mm:.1} mm at {at}, and the filter is open", seen.name);
-            self.found.push(("I19", what));
+            let (mm, name) = (contact.distance * 1e3, &seen.name);
+            let state = if seen.open { "the filter is open" } else { "the way back goes on" };
+            self.found.push((promise, format!("{name}: {a} and {b} are at {mm:.1} mm at {at}, and {state}")));
         }
     }
 

@@ -309,6 +309,9 @@ pub enum Event {
         poses: usize,
         /// Recorded seconds on the way.
         secs: f64,
+        /// Pairs below the margin as it sets out: on the way none of them may come more than 1 mm nearer.
+        #[serde(default)]
+        near: Vec<Contact>,
     },
     /// The way back was given up.
     RetreatStopped {

@@ -183,7 +183,7 @@ impl Actor<'_> {
             self.stand(Duration::from_millis(300))?;
             self.state(Status::Retreating)?;
             let secs = s as f64 * STEP.as_secs_f64();
-            self.event(Event::RetreatBegan { robot: robot.clone(), id, poses: s, secs })?;
+            self.event(Event::RetreatBegan { robot: robot.clone(), id, poses: s, secs, near: vec![contact] })?;
             for s in (0..s).rev() {
                 self.q = between(s);
                 self.show()?;

@@ -1,16 +1,18 @@
 //! I9: a contact that begins on the way back stops it within one control period, and nothing is driven on.
 //!
-//! A pair may come 1 mm nearer than its margin, since the way back is not followed to the hair; one that is nearer as its
-//! contact begins, or that touches, must stop it. The same holds from the sample that showed a contact deepen
-//! (`RetreatStopped::seen`). After the stop the reflex writes no move and no set-point until a new transaction.
+//! A pair may come 1 mm nearer than its margin, or than it was as the way back began, since that is not followed to the hair
+//! and a pair that all but touches must be able to part. One that is nearer as its contact begins, or as it touches, must
+//! stop it. The same holds from the sample that showed a contact deepen (`RetreatStopped::seen`). After the stop the reflex
+//! writes no move and no set-point until a new transaction.
 
 use super::{Found, Invariant};
 use crate::journal::Line;
 use mobee_contract::{Event, Hold, Status, Time, Writer};
+use mobee_model::Contact;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How much nearer than its margin a pair may come on the way back, metres.
+/// How much nearer than its margin, or than as it began, a pair may come on the way back, metres.
 const DEEPER: f64 = 0.001;
 
 #[derive(Default)]
@@ -22,6 +24,8 @@ pub(super) struct WatchedRetreat {
 struct Way {
     period: Duration,
     margin: f64,
+    /// The pairs that were nearer than the margin as the way back began.
+    near: Vec<Contact>,
     retreating: bool,
     /// A way back is being driven: from its beginning until it has stopped, or the filter was closed anew.
     driven: bool,
@@ -37,8 +41,13 @@ impl Way {
         to.since(from) <= self.period
     }
 
-    fn meet(&mut self, at: Time) {
-        if self.driven && self.stopped.is_none() {
+    /// A contact on the way back, which has to stop it if it is nearer than it may be.
+    fn meet(&mut self, contact: &Contact, at: Time) {
+        let too_near = match self.near.iter().find(|c| c.pair == contact.pair) {
+            Some(start) => contact.distance < start.distance.min(self.margin) - DEEPER,
+            None => contact.distance < self.margin - DEEPER || contact.distance <= 0.0,
+        };
+        if too_near && self.driven && self.stopped.is_none() {
             self.contact.get_or_insert(at);
         }
     }
@@ -62,9 +71,9 @@ impl Invariant for WatchedRetreat {
             Event::State { robot, status } => {
                 self.robots.entry(robot.clone()).or_default().retreating = *status == Status::Retreating;
             }
-            Event::RetreatBegan { robot, .. } => {
+            Event::RetreatBegan { robot, near, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
-                way.driven = true;
+                (way.driven, way.near) = (true, near.clone());
                 if std::mem::take(&mut way.closed) {
                     way.stopped = None;
                 }
@@ -80,15 +89,12 @@ impl Invariant for WatchedRetreat {
                 }
             }
             Event::ContactBegan { robot, contact, during: Status::Retreating, .. } => {
-                let way = self.robots.entry(robot.clone()).or_default();
-                if contact.distance < way.margin - DEEPER {
-                    way.meet(line.at);
-                }
+                self.robots.entry(robot.clone()).or_default().meet(contact, line.at);
             }
-            Event::HardContact { robot, .. } => {
+            Event::HardContact { robot, contact, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 if way.retreating {
-                    way.meet(line.at);
+                    way.meet(contact, line.at);
                 }
             }
             Event::RetreatStopped { robot, reason, seen, .. } => {

@@ -180,3 +180,36 @@ fn without_a_reflex_contacts_stop_nothing() {
     assert!(through(Kind::NoReflex).0 > 0.399);
     assert!(through(Kind::Fields).0 < 0.01);
 }
+
+/// I17: a robot that does not come to rest, by its readings, is stopped again and again, and gets its outcome when it rests.
+#[test]
+fn the_reflex_says_nothing_before_the_robot_rests() {
+    let cell = Cell::new();
+    let mut reflex = ReflexCore::new(cell.rules.clone(), cell.gate.clone());
+    let read = |k: u64, speed: f64, reflex: &mut ReflexCore| {
+        let at = Time::ZERO + Duration::from_millis(10) * k as u32;
+        let sample = Sample { seq: k, at, q: vec![0.0].into(), done: vec![true] };
+        let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
+        pulse.speed = speed;
+        reflex.on(ReflexIn::Pulse(&mut pulse, None, Status::Stopping), at, &|_| Default::default())
+    };
+    let motion = Motion { id: CommitId(1), safe: Some((Time::ZERO, vec![0.0].into())) };
+    let roll_back = ReflexIn::RollBack { token: cell.gate.close(), motion, again: false };
+    reflex.on(roll_back, Time::ZERO, &|_| Default::default());
+    let (mut stops, mut given_up) = (0, 0);
+    for k in 1..1000 {
+        for out in read(k, 0.1, &mut reflex) {
+            match out {
+                ReflexOut::Command(_, Command::Stop { .. }) => stops += 1,
+                ReflexOut::Event(Event::RetreatStopped { .. }) => given_up += 1,
+                other => panic!("{other:?} at step {k}, in motion"),
+            }
+        }
+    }
+    assert_eq!((stops, given_up), (3, 1));
+    let rests: Vec<ReflexOut> = (1000..1100).flat_map(|k| read(k, 0.0, &mut reflex)).collect();
+    assert!(
+        matches!(rests.as_slice(), [ReflexOut::Command(..), ReflexOut::Word(Word::GaveUp(Hold::RetreatMissed))]),
+        "{rests:?}"
+    );
+}
