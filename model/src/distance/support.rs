@@ -137,32 +137,67 @@ fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Sep
     if flat(&a.core) && flat(&b.core) {
         return overlap::by_axes(a, b);
     }
-    let mut best: Option<Separation> = None;
-    let mut consider = |n: Vector3<f64>, points: Option<[Point3<f64>; 2]>| {
-        let distance = along(a, b, &n);
-        if best.is_none_or(|s| distance > s.distance) {
-            let points = points.unwrap_or_else(|| {
-                let p = support_point(a, &n);
-                [p, p + n * distance]
-            });
-            best = Some(Separation { distance, normal: n, points });
+    let mut best: Option<(f64, Vector3<f64>)> = None;
+    let mut consider = |n: Vector3<f64>| {
+        for n in [n, -n] {
+            let distance = along(a, b, &n);
+            if best.is_none_or(|(d, _)| distance > d) {
+                best = Some((distance, n));
+            }
         }
     };
-    if let Some((p, q, n)) = EPA::new().closest_points(here, &a.core, &b.core, simplex) {
+    if let Some((_, _, n)) = EPA::new().closest_points(here, &a.core, &b.core, simplex) {
         let n = Vector3::new(n.x, n.y, n.z);
-        if let Some(n) = n.try_normalize(1e-12) {
-            let points = [Point3::new(p.x, p.y, p.z), Point3::new(q.x, q.y, q.z)];
-            consider(n, Some(points));
-            consider(-n, None);
+        n.try_normalize(1e-12).into_iter().for_each(&mut consider);
+    }
+    candidates(a, b).iter().filter_map(|n| n.try_normalize(1e-9)).for_each(&mut consider);
+    match best {
+        Some((distance, normal)) => Separation { distance, normal, points: pressed(a, b, &normal, distance) },
+        None => Separation { distance: 0.0, normal: Vector3::x(), points: [a.center(), b.center()] },
+    }
+}
+
+/// Where two cores touch once they have been parted by `-distance` along `n`, as points of both. The farthest points of a face,
+/// an edge or a mantle line are many: those are meant where the other core presses on it.
+fn pressed(a: &Placed, b: &Placed, n: &Vector3<f64>, distance: f64) -> [Point3<f64>; 2] {
+    const GOOD: f64 = 1e-10;
+    const ROUNDS: usize = 100;
+    let way = n * distance;
+    let mut p = support_point(a, n);
+    for _ in 0..ROUNDS {
+        let next = farthest_near(a, n, &(farthest_near(b, &-n, &(p + way)) - way));
+        let step = (next - p).norm();
+        p = next;
+        if step < GOOD {
+            break;
         }
     }
-    for n in candidates(a, b) {
-        if let Some(n) = n.try_normalize(1e-9) {
-            consider(n, None);
-            consider(-n, None);
+    [p, p + way]
+}
+
+/// Of the points of a placed core that lie farthest along unit `n`, the one nearest to `point`.
+fn farthest_near(placed: &Placed, n: &Vector3<f64>, point: &Point3<f64>) -> Point3<f64> {
+    /// How far a side may be from square to `n` and still count as a whole, rad.
+    const SQUARE: f64 = 1e-6;
+    let n = placed.pose.rotation.inverse_transform_vector(n);
+    let p = placed.pose.inverse_transform_point(point);
+    let end = |n: f64, half: f64, p: f64| if n.abs() > SQUARE { half.copysign(n) } else { p.clamp(-half, half) };
+    placed.pose
+        * match placed.core {
+            Core::Point => Point3::origin(),
+            Core::Segment { half } => Point3::new(0.0, end(n.y, half, p.y), 0.0),
+            Core::Box { half } => Point3::new(end(n.x, half.x, p.x), end(n.y, half.y, p.y), end(n.z, half.z, p.z)),
+            Core::Cylinder { half, radius } => {
+                let slant = n.x.hypot(n.z);
+                let (x, z) = if slant > SQUARE {
+                    (n.x * radius / slant, n.z * radius / slant)
+                } else {
+                    let k = (radius / p.x.hypot(p.z)).min(1.0);
+                    (p.x * k, p.z * k)
+                };
+                Point3::new(x, end(n.y, half, p.y), z)
+            }
         }
-    }
-    best.unwrap_or(Separation { distance: 0.0, normal: Vector3::x(), points: [a.center(), b.center()] })
 }
 
 /// Directions in which two overlapping shapes often part most easily.
