@@ -3,7 +3,11 @@
 //!
 //!     cargo run --release -p mobee-yarp --example wire -- all [PROGRAM]
 //!
-//! PROGRAM is `tests/yarp/wire.cpp` built against the real library; without it only our side is measured.
+//! PROGRAM is `tests/yarp/wire.cpp` built against the real library; without it only our side is measured. For a fair
+//! comparison the library must be optimized, which the one for the tests is not (see `tests/yarp/install.sh`):
+//!
+//!     MOBEE_YARP=$HOME/.cache/mobee/yarp-fast MOBEE_YARP_FLAGS="-O3 -DNDEBUG" tests/yarp/install.sh
+//!     cargo run --release -p mobee-yarp --example wire -- all $HOME/.cache/mobee/yarp-fast/programs/wire
 
 use std::error::Error;
 use std::io::{BufRead, BufReader, Read};
