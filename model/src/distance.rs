@@ -35,7 +35,7 @@ pub struct Proximity {
 /// The signed distance between shape `a` at `world_from_a` and shape `b` at `world_from_b`. The shapes collide where it
 /// is zero or less.
 ///
-/// Measured (`tests/distance_pairs.rs`: balls, capsules, cylinders, boxes, a 1 mm plate of 1 x 1.5 m, a post and a coin, each
+/// Measured (`tests/it/distance_pairs.rs`: balls, capsules, cylinders, boxes, a 1 mm plate of 1 x 1.5 m, a post and a coin, each
 /// against each, bracketed from both sides): apart, the error is below 1e-12 m without cylinders and below 1e-6 m with them
 /// (GJK alone: 4e-6 m); overlapping, no direction was found that parts a pair by a shorter way than the depth less
 /// 1e-8 m. Where cores touch, cylinders are told apart to about 1e-7 m.

@@ -18,8 +18,8 @@ pub struct Kind {
 }
 
 const PROCESS: Option<&str> = Some("needs a process of its own: see the tests of the program");
-const YARP: Option<&str> = Some("needs YARP's ports: see tests/yarp_cycles.rs and drivers/tests/yarp_faults.rs");
-const FUZZ: Option<&str> = Some("is about files and bytes: see tests/wrong_input.rs and drivers/yarp/fuzz");
+const YARP: Option<&str> = Some("needs YARP's ports: see tests/it/yarp_cycles.rs and drivers/tests/it/yarp_faults.rs");
+const FUZZ: Option<&str> = Some("is about files and bytes: see tests/it/wrong_input.rs and drivers/yarp/fuzz");
 
 const fn kind(name: &'static str, what: &'static str, elsewhere: Option<&'static str>) -> Kind {
     Kind { name, what, elsewhere }

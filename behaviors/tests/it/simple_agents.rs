@@ -1,0 +1,85 @@
+//! The two short agents, and what every registered kind promises.
+
+use crate::world::*;
+use mobee_contract::*;
+use mobee_model::ObjectClass;
+use serde_json::json;
+
+#[test]
+fn scripted_goes_through_its_poses_rests_and_repeats() {
+    let robot = arm(2);
+    let script = json!({
+        "poses": [{ "q_deg": { "joint0": 30 }, "wait_s": 1.5 }, { "q_deg": { "joint1": -90 } }],
+        "repeat": 2, "speed": 0.5,
+    });
+    let mut agent = kind("scripted", &robot, 1, script);
+    let mut view = view(&scene(&robot, vec![]), &[0.0, 0.0]);
+    let run = drive(agent.as_mut(), &mut view, 100, |_, _, _| true);
+    let ends: Vec<Vec<f64>> =
+        run.motions.iter().map(|(_, to, _)| to.iter().map(|q| q.to_degrees().round()).collect()).collect();
+    assert_eq!(ends, [[30.0, 0.0], [30.0, -90.0], [30.0, -90.0], [30.0, -90.0]]);
+    assert_eq!(run.waits, 2);
+    assert_eq!(run.done.unwrap().figures, [("reached".into(), 4.0), ("missed".into(), 0.0)]);
+}
+
+#[test]
+fn scripted_goes_on_after_a_failure() {
+    let robot = arm(2);
+    let mut agent = kind(
+        "scripted",
+        &robot,
+        1,
+        json!({ "poses": [{ "q_deg": { "joint0": 30 }, "wait_s": 9 }, { "q_deg": { "joint0": 0 } }] }),
+    );
+    let mut fail_first = [false, true].into_iter();
+    let run =
+        drive(agent.as_mut(), &mut view(&scene(&robot, vec![]), &[0.0, 0.0]), 9, |_, _, _| fail_first.next().unwrap());
+    assert_eq!((run.motions.len(), run.waits), (2, 0));
+    assert_eq!(run.done.unwrap().figures, [("reached".into(), 1.0), ("missed".into(), 1.0)]);
+}
+
+#[test]
+fn random_stays_within_limits_counts_its_moves_and_looks_first_if_asked_to() {
+    let robot = arm(3);
+    let scene = scene(&robot, vec![ball("ball", 0.5, 0.5, 0.35, ObjectClass::Obstacle)]);
+    let run = |checked: bool, seed: u64| {
+        let mut agent =
+            kind("random", &robot, seed, json!({ "motors": ["joint0", "joint2"], "count": 40, "checked": checked }));
+        drive(agent.as_mut(), &mut view(&scene, &[-1.0, 0.0, 0.0]), 100, |_, _, _| true)
+    };
+    let free = |r: &Run| r.motions.iter().filter(|(_, to, _)| scene.free(&[to], 0.012)).count();
+    let (checked, unchecked) = (run(true, 4), run(false, 4));
+    assert_eq!((checked.motions.len(), free(&checked)), (40, 40));
+    assert!(free(&unchecked) < 40, "the world is too easy for this test");
+    assert!(
+        checked.motions.iter().all(|(_, to, _)| to[1] == 0.0 && to.iter().all(|q| q.abs() <= std::f64::consts::PI))
+    );
+    assert_eq!(run(true, 4).motions, checked.motions);
+    assert_ne!(run(true, 5).motions, checked.motions);
+}
+
+#[test]
+fn every_kind_has_a_paragraph_and_documents_every_setting() {
+    use mobee_behaviors as _;
+    let kinds = agent_kinds();
+    let names: Vec<_> = kinds.iter().map(|k| k.name).collect();
+    assert_eq!(names, ["explorer", "random", "roadmap", "scripted"]);
+    for kind in kinds {
+        assert!(kind.doc.len() > 60, "{}", kind.name);
+        let schema = (kind.schema)().to_value();
+        assert_eq!(schema["additionalProperties"], false, "{}", kind.name);
+        for (setting, doc) in schema["properties"].as_object().unwrap() {
+            assert!(doc["description"].is_string(), "{}.{setting} has no description: {doc}", kind.name);
+        }
+    }
+}
+
+#[test]
+fn a_state_of_another_kind_is_refused() {
+    let robot = arm(1);
+    let mut scripted = kind("scripted", &robot, 1, json!({ "poses": [{ "q_deg": { "joint0": 1 } }] }));
+    let random = kind("random", &robot, 1, json!({ "motors": ["arm"] }));
+    let before = scripted.export();
+    assert_eq!(scripted.import(random.export()).unwrap_err().code(), "state");
+    assert_eq!(scripted.export(), before);
+}

@@ -1,0 +1,9 @@
+//! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
+
+mod conformance;
+mod net;
+mod plant;
+mod sim;
+mod stopping;
+mod yarp_conformance;
+mod yarp_faults;

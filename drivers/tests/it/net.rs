@@ -1,0 +1,151 @@
+//! A YARP network of its own with a simulated robot of two parts, on a thread of its own.
+
+use mobee_contract::Axis;
+use mobee_drivers::{SimBoard, SimClock, SimHardware, SimSettings, YarpDriverSettings};
+use mobee_model::Robot;
+use mobee_yarp::Network;
+use mobee_yarp::board::{BoardServer, Device};
+use mobee_yarp::name::{NameServer, ServerOptions};
+use std::net::SocketAddr;
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
+
+/// Two parts: a trunk of two motors, an arm of three.
+const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="two">
+<bodypart name="trunk">
+  <motor name="yaw" idx="0" minPos="-50" maxPos="50"><joint z="1" minPos="-50" maxPos="50">
+  <link z="0.2" radius="0.02">
+  <motor name="elbow" idx="1" minPos="15" maxPos="106" homePos="60"><joint y="1" minPos="15" maxPos="106">
+  <link z="0.2" radius="0.02">
+  <bodypart name="arm">
+    <motor name="shoulder" idx="0" minPos="-60" maxPos="60"><joint x="1" minPos="-60" maxPos="60">
+    <link z="0.2" radius="0.02">
+    <motor name="wrist" idx="1" minPos="-40" maxPos="40"><joint y="1" minPos="-40" maxPos="40">
+    <link z="0.1" radius="0.02">
+    <motor name="stiff" idx="2" minPos="0" maxPos="1"><joint z="1" minPos="0" maxPos="1">
+    <link z="0.1" radius="0.02"></link>
+    </joint></motor>
+    </link></joint></motor></link></joint></motor>
+  </bodypart>
+  </link></joint></motor></link></joint></motor>
+</bodypart>
+</ZeroPositionKinematicTree>"#;
+
+/// What can be done to the network.
+#[derive(Clone, Copy, Debug)]
+pub enum Act {
+    BoardsDown,
+    BoardsUp,
+    ServerDown,
+    ServerUp,
+}
+
+pub struct Net {
+    pub robot: Robot,
+    /// The simulated boards themselves, whatever the network does.
+    pub boards: Vec<Arc<SimBoard>>,
+    address: SocketAddr,
+    acts: Option<tokio::sync::mpsc::Sender<(Act, mpsc::SyncSender<()>)>>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Net {
+    pub fn start() -> Net {
+        let robot = mobee_model::parse_robot("two.xml", ROBOT).unwrap().value;
+        let clock = SimClock::start(1.0, 1.79e9);
+        let board =
+            |p: &mobee_model::Part| Arc::new(SimBoard::new(&p.name, simulated(&robot, &p.name), clock).unwrap());
+        let boards: Vec<Arc<SimBoard>> = robot.parts.iter().map(board).collect();
+        let (acts, told) = tokio::sync::mpsc::channel(1);
+        let (tell, ready) = mpsc::sync_channel(1);
+        let devices = boards.clone();
+        let thread = std::thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            runtime.block_on(live(devices, told, tell));
+        });
+        Net { robot, boards, address: ready.recv().unwrap(), acts: Some(acts), thread: Some(thread) }
+    }
+
+    pub fn act(&self, act: Act) {
+        let (done, wait) = mpsc::sync_channel(1);
+        self.acts.as_ref().unwrap().blocking_send((act, done)).unwrap();
+        wait.recv().unwrap();
+    }
+
+    pub fn network(&self) -> Network {
+        Network::at(self.address)
+    }
+
+    pub fn settings(&self) -> YarpDriverSettings {
+        let settings = YarpDriverSettings::of([("trunk", "/two/trunk"), ("arm", "/two/arm")]);
+        YarpDriverSettings { max_speed_deg_per_s: 100.0, latency_ms: 80.0, ..settings }
+    }
+
+    /// Where the motors really are, deg.
+    pub fn truth(&self) -> Vec<f64> {
+        self.boards.iter().flat_map(|b| b.state().unwrap().1.position.values).collect()
+    }
+}
+
+async fn live(
+    devices: Vec<Arc<SimBoard>>,
+    mut told: tokio::sync::mpsc::Receiver<(Act, mpsc::SyncSender<()>)>,
+    ready: mpsc::SyncSender<SocketAddr>,
+) {
+    let server = NameServer::bind("127.0.0.1:0".parse().unwrap(), ServerOptions::default()).await.unwrap();
+    let (address, network) = (server.address(), server.network());
+    let mut server = Some(server);
+    let mut boards = open(&network, &devices).await;
+    ready.send(address).unwrap();
+    while let Some((act, done)) = told.recv().await {
+        match act {
+            Act::BoardsDown => {
+                for board in boards.drain(..) {
+                    board.close().await;
+                }
+            }
+            Act::BoardsUp => boards = open(&network, &devices).await,
+            Act::ServerDown => server.take().unwrap().close().await,
+            Act::ServerUp => server = Some(NameServer::bind(address, ServerOptions::default()).await.unwrap()),
+        }
+        done.send(()).unwrap();
+    }
+    for board in boards {
+        board.close().await;
+    }
+    if let Some(server) = server {
+        server.close().await;
+    }
+}
+
+async fn open(network: &Network, devices: &[Arc<SimBoard>]) -> Vec<BoardServer> {
+    let mut boards = Vec::new();
+    for device in devices {
+        let prefix = format!("/two/{}", device.part());
+        boards.push(BoardServer::open(network, &prefix, device.clone(), Duration::from_millis(20)).await.unwrap());
+    }
+    boards
+}
+
+fn simulated(robot: &Robot, part: &str) -> SimHardware {
+    let motors = robot.parts.iter().find(|p| p.name == part).unwrap().motors.clone();
+    let axis = |m: &mobee_model::Motor| Axis {
+        name: m.name.clone(),
+        min: m.min,
+        max: m.max,
+        max_speed: 100f64.to_radians(),
+        max_acceleration: 200f64.to_radians(),
+    };
+    let motors = &robot.motors[motors];
+    let start: Vec<f64> = motors.iter().map(|m| m.home).collect();
+    SimHardware::with_axes(motors.iter().map(axis).collect(), &start, &SimSettings::default(), 11)
+}
+
+impl Drop for Net {
+    fn drop(&mut self) {
+        drop(self.acts.take());
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! Boards that go and come back, a name server that is restarted, another program under our names (F11, F13).
+
+#![allow(clippy::disallowed_methods, reason = "real sockets live in real time")]
+
+use crate::net::{Act, Net};
+use mobee_contract::{Command, Driver, DriverFault, Hardware, Move, Sample, Time};
+use mobee_drivers::YarpHardware;
+use std::time::Duration;
+
+/// Longest wait for anything.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+struct Robot {
+    hardware: YarpHardware,
+    begun: tokio::time::Instant,
+    net: Net,
+}
+
+impl Robot {
+    fn new() -> Robot {
+        let net = Net::start();
+        let hardware = YarpHardware::on(&net.network(), &net.settings(), &net.robot).unwrap();
+        Robot { hardware, begun: tokio::time::Instant::now(), net }
+    }
+
+    fn now(&self) -> Time {
+        Time(self.begun.elapsed().as_nanos() as u64 + 1_000_000_000)
+    }
+
+    fn wait<T>(&self, what: &str, mut there: impl FnMut(Time) -> Option<T>) -> T {
+        let end = self.now() + PATIENCE;
+        while self.now() < end {
+            if let Some(found) = there(self.now()) {
+                return found;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("waited in vain for {what}");
+    }
+
+    /// Keeps the lease until a reading is as wanted.
+    fn reading(&self, driver: &mut Box<dyn Driver>, what: &str, wanted: impl Fn(&Sample) -> bool) -> Sample {
+        self.wait(what, |now| {
+            driver.lease(now, now + Duration::from_millis(500));
+            driver.sample(now).unwrap_or_else(|e| panic!("{what}: {e}")).filter(|s| wanted(s))
+        })
+    }
+
+    /// A move of the yaw, well under way.
+    fn under_way(&self, driver: &mut Box<dyn Driver>) {
+        self.reading(driver, "a first reading", |_| true);
+        let there = Move {
+            motors: vec![0, 2],
+            q: [45f64, 50.0].map(f64::to_radians).to_vec(),
+            relative: false,
+            speed: Some([10f64, 12.0].map(f64::to_radians).to_vec()),
+            acceleration: None,
+        };
+        driver.command(self.now(), &Command::Move(there)).unwrap();
+        self.reading(driver, "the motors to move", |s| s.q[0].to_degrees() > 5.0 && s.q[2].to_degrees() > 5.0);
+    }
+
+    fn rests(&self) -> Vec<f64> {
+        self.wait("rest", |_| {
+            let before = self.net.truth();
+            std::thread::sleep(Duration::from_millis(200));
+            let after = self.net.truth();
+            before.iter().zip(&after).all(|(a, b)| (a - b).abs() < 0.1).then_some(after)
+        })
+    }
+}
+
+#[test]
+fn boards_that_come_back_are_stopped_first_and_nothing_is_resumed() {
+    let robot = Robot::new();
+    let mut driver = robot.hardware.connect().unwrap();
+    robot.under_way(&mut driver);
+    robot.net.act(Act::BoardsDown);
+    robot.wait("the loss", |now| matches!(driver.sample(now), Err(DriverFault::Lost)).then_some(()));
+    assert_eq!(driver.command(robot.now(), &Command::Stop { motors: vec![] }), Err(DriverFault::Lost));
+    assert!(matches!(robot.hardware.connect(), Err(DriverFault::Lost)), "later connections don't wait");
+    robot.net.act(Act::BoardsUp);
+    let mut driver = robot.wait("the boards", |_| robot.hardware.connect().ok());
+    let rest = robot.rests();
+    assert!(rest[0] < 44.0 && rest[2] < 49.0, "they were stopped: {rest:?}");
+    let sample = robot.reading(&mut driver, "a reading at rest", |s| s.done.iter().all(|d| *d));
+    assert!((sample.q[0].to_degrees() - rest[0]).abs() < 0.2, "no jump");
+    assert_eq!(
+        robot.rests().iter().map(|q| q.round()).collect::<Vec<_>>(),
+        rest.iter().map(|q| q.round()).collect::<Vec<_>>()
+    );
+    // and it can be used again
+    robot.under_way(&mut driver);
+}
+
+#[test]
+fn a_name_server_that_is_restarted_learns_all_names_again_while_the_robot_moves_on() {
+    let robot = Robot::new();
+    let mut driver = robot.hardware.connect().unwrap();
+    robot.under_way(&mut driver);
+    robot.net.act(Act::ServerDown);
+    // what is connected needs no name server
+    robot.reading(&mut driver, "the target", |s| s.done.iter().all(|d| *d) && s.q[0].to_degrees() > 44.5);
+    robot.net.act(Act::ServerUp);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let network = robot.net.network();
+    let names = ["/two/trunk/rpc:i", "/two/arm/stateExt:o", "/MoBeE/two/driver/trunk/state:i"];
+    robot.wait("the names", |_| {
+        let known = |n: &&str| runtime.block_on(network.query(n)).ok().flatten().is_some();
+        names.iter().all(known).then_some(())
+    });
+    robot.reading(&mut driver, "a reading afterwards", |_| true);
+}
+
+#[test]
+fn two_programs_under_one_name_are_not_both_let_to_write() {
+    let robot = Robot::new();
+    let mut driver = robot.hardware.connect().unwrap();
+    robot.reading(&mut driver, "a reading", |_| true);
+    let settings = mobee_drivers::YarpDriverSettings { connect_s: 1.0, ..robot.net.settings() };
+    let second = YarpHardware::on(&robot.net.network(), &settings, &robot.net.robot).unwrap();
+    let Err(DriverFault::Hardware(why)) = second.connect().map(|_| ()) else { panic!("two writers") };
+    assert!(why.contains("/MoBeE/two/driver/") && why.contains("another program"), "{why}");
+    robot.reading(&mut driver, "a reading of the first", |_| true);
+    // a thief of the name that registers without asking silences the first
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let network = robot.net.network();
+    runtime.block_on(network.register("/MoBeE/two/driver/trunk/state:i", "127.0.0.1", 9)).unwrap();
+    let why = robot.wait("the thief to be noticed", |now| match driver.sample(now) {
+        Err(DriverFault::Hardware(why)) => Some(why),
+        _ => None,
+    });
+    assert!(why.contains("another program"), "{why}");
+    let stop = driver.command(robot.now(), &Command::Stop { motors: vec![] });
+    assert!(matches!(stop, Err(DriverFault::Hardware(_))), "{stop:?}");
+    runtime.block_on(network.unregister("/MoBeE/two/driver/trunk/state:i")).unwrap();
+    robot.wait("the name to be ours again", |_| robot.hardware.connect().ok());
+}
+
+#[test]
+fn questions_and_references_of_others_are_passed_on_and_motions_are_not() {
+    use mobee_yarp::{Bottle, Dialect};
+    let robot = Robot::new();
+    robot.hardware.connect().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let ask = |part: &str, words: &str| {
+        let words = Bottle::parse(words, Dialect::V3).unwrap().encode(Dialect::V3);
+        runtime.block_on(robot.hardware.ask(part, words).unwrap())
+    };
+    let axes = Bottle::decode(&ask("arm", "[get] [axes]").unwrap(), Dialect::V3).unwrap();
+    assert!(axes.to_string().starts_with("[is] [axes] 3 [tsta]"), "{axes}");
+    let ok = Bottle::decode(&ask("arm", "[set] [vel] 0 20.0").unwrap(), Dialect::V3).unwrap();
+    assert_eq!(ok.to_string(), "[ok]");
+    assert!(matches!(ask("arm", "[set] [pos] 0 10.0"), Err(DriverFault::Refused(_))));
+    assert!(matches!(ask("leg", "[get] [axes]"), Err(DriverFault::Refused(_))));
+}

@@ -1,0 +1,11 @@
+//! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
+
+mod board_words;
+mod common;
+mod exchanges;
+mod hostile;
+mod leaks;
+mod matrix;
+mod name_server;
+mod ports;
+mod vectors;

@@ -1,0 +1,227 @@
+//! Ports of ours among each other, over all carriers.
+
+use crate::common::names;
+use mobee_yarp::{Bottle, Carrier, Delivery, Handler, Message, Payload, Queue, Reader, RpcClient, RpcServer};
+use mobee_yarp::{CallError, Dialect, NameServer, PortOptions, Sender, ServerOptions, Stamp, Value, Vocab, Writer};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::timeout;
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+async fn soon<T>(work: impl Future<Output = T>) -> T {
+    timeout(PATIENCE, work).await.expect("it hangs")
+}
+
+fn greeting(n: i32) -> Bottle {
+    Bottle(vec![Value::String("hello (\"you\")".into()), Value::Int32(n), Value::Float64(0.1)])
+}
+
+fn content(message: &Message) -> Bottle {
+    message.payload.bottle(Dialect::V3).unwrap()
+}
+
+#[tokio::test]
+async fn a_reader_gets_what_a_writer_writes_over_every_carrier() {
+    let (_names, network) = names().await;
+    for carrier in Carrier::ALL {
+        let mut reader = Reader::open(&network, &format!("/reader/{carrier}"), Queue::Bounded(10)).await.unwrap();
+        let writer = Writer::open(&network, &format!("/writer/{carrier}"), Delivery::Strict(10)).await.unwrap();
+        writer.connect(reader.name(), carrier).await.unwrap();
+        assert_eq!(writer.peers(), [reader.name()]);
+        for n in 0..3 {
+            writer.write(greeting(n), Some(Stamp { count: n as u32, time: 12.5 }.envelope()));
+            let message = soon(reader.recv()).await.unwrap();
+            assert_eq!(content(&message), greeting(n), "{carrier}");
+            assert_eq!(message.stamp(), Some(Stamp { count: n as u32, time: 12.5 }));
+            assert_eq!(message.from, writer.name());
+        }
+        let mut sender = Sender::connect(&network, "/sender", reader.name(), carrier).await.unwrap();
+        sender.send(greeting(7), None).await.unwrap();
+        assert_eq!(content(&soon(reader.recv()).await.unwrap()), greeting(7), "{carrier}");
+        sender.close().await;
+        assert!(writer.disconnect(reader.name()).await);
+        assert!(writer.peers().is_empty());
+        soon(async {
+            while !reader.peers().is_empty() {
+                tokio::task::yield_now().await;
+            }
+        })
+        .await;
+        writer.close().await;
+        reader.close().await;
+        assert_eq!(network.query(&format!("/reader/{carrier}")).await.unwrap(), None);
+    }
+}
+
+#[tokio::test]
+async fn long_messages_arrive_whole_over_every_carrier() {
+    let (_names, network) = names().await;
+    // datagrams that come faster than they are read get lost, so not longer than the system holds
+    let numbers = Bottle((0..15_000).map(|i| Value::Float64(f64::from(i) / 7.0)).collect());
+    for carrier in Carrier::ALL {
+        let mut reader = Reader::open(&network, &format!("/reader/{carrier}"), Queue::Newest).await.unwrap();
+        let mut sender = Sender::connect(&network, "/sender", reader.name(), carrier).await.unwrap();
+        sender.send(&numbers, None).await.unwrap();
+        assert_eq!(content(&soon(reader.recv()).await.unwrap()), numbers, "{carrier}");
+    }
+}
+
+struct Echo;
+
+impl Handler for Echo {
+    fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
+        Box::pin(async move {
+            let request = request.payload.bottle(Dialect::V3).unwrap_or_default();
+            if request.0.is_empty() { None } else { Some(Bottle(vec![Value::List(request)]).into()) }
+        })
+    }
+}
+
+#[tokio::test]
+async fn requests_are_answered_over_every_carrier_with_replies() {
+    let (_names, network) = names().await;
+    let server = RpcServer::open(&network, "/echo", Arc::new(Echo)).await.unwrap();
+    for carrier in [Carrier::Tcp, Carrier::FastTcp, Carrier::Text, Carrier::TextAck] {
+        let mut client = RpcClient::connect(&network, "/me", "/echo", carrier).await.unwrap();
+        for n in 0..3 {
+            let reply = soon(client.call(&greeting(n))).await.unwrap();
+            assert_eq!(reply, Bottle(vec![Value::List(greeting(n))]), "{carrier}");
+        }
+        let raw = client.call_raw(&greeting(9).encode(Dialect::V3)).await.unwrap();
+        assert_eq!(raw, Bottle(vec![Value::List(greeting(9))]).encode(Dialect::V3));
+        let version = client.admin(&Bottle(vec![Value::Vocab(Vocab::new("ver"))])).await.unwrap();
+        assert_eq!(version.to_string(), "[ver] 1 2 3");
+        client.close().await;
+    }
+    let mut client = RpcClient::connect(&network, "/me", "/echo", Carrier::Tcp).await.unwrap();
+    assert!(matches!(client.call(&Bottle::default()).await, Err(CallError::NoReply(_))));
+    assert!(client.call(&greeting(1)).await.is_ok(), "an acknowledgement without a reply does no harm");
+    server.close().await;
+}
+
+#[tokio::test]
+async fn the_newest_message_replaces_an_unsent_one_and_slow_readers_hold_up_nobody() {
+    let (_names, network) = names().await;
+    let mut fast = Reader::open(&network, "/fast", Queue::Newest).await.unwrap();
+    let slow = Reader::open(&network, "/slow", Queue::Bounded(1)).await.unwrap();
+    let writer = Writer::open(&network, "/writer", Delivery::Newest).await.unwrap();
+    writer.connect("/fast", Carrier::Tcp).await.unwrap();
+    writer.connect("/slow", Carrier::Tcp).await.unwrap();
+    for n in 0..50 {
+        writer.write(greeting(n), None);
+        assert_eq!(content(&soon(fast.recv()).await.unwrap()), greeting(n));
+    }
+    assert!(writer.dropped() >= 40, "the slow one took at most a few: {}", writer.dropped());
+    assert_eq!(fast.dropped(), 0);
+    drop(slow);
+    writer.close().await;
+}
+
+#[tokio::test]
+async fn a_writer_is_connected_by_asking_it_and_says_no_to_what_it_does_not_know() {
+    let (_names, network) = names().await;
+    let mut reader = Reader::open(&network, "/reader", Queue::Newest).await.unwrap();
+    let writer = Writer::open(&network, "/writer", Delivery::Newest).await.unwrap();
+    reader.connect_from("/writer", Carrier::FastTcp).await.unwrap();
+    reader.connect_from("/writer", Carrier::TextAck).await.unwrap();
+    writer.write(greeting(1), None);
+    assert_eq!(content(&soon(reader.recv()).await.unwrap()), greeting(1));
+    let mut admin = RpcClient::connect(&network, "admin", "/writer", Carrier::TextAck).await.unwrap();
+    for (ask, answer) in [
+        ("[list] [out]", "\"/reader\""),
+        ("[list] [out] /reader", "(from \"/writer\") (to \"/reader\") (carrier text_ack)"),
+        ("[add] tcp://nobody", "-1 \"Do not know how to connect to tcp://nobody\\r\\n\""),
+        ("[add] mcast://reader", "-1 \"Cannot connect to mcast://reader\\r\\n\""),
+        ("[del] /reader", "0 \"Removed connection from /writer to /reader\\r\\n\""),
+        ("[list] [out]", ""),
+    ] {
+        let reply = admin.admin(&Bottle::parse(ask, Dialect::V3).unwrap()).await.unwrap();
+        assert_eq!(reply.to_string(), answer, "{ask}");
+    }
+    let mut admin = RpcClient::connect(&network, "admin", "/reader", Carrier::Tcp).await.unwrap();
+    let reply = admin.admin(&Bottle::parse("[add] /writer", Dialect::V3).unwrap()).await.unwrap();
+    assert_eq!(reply.to_string(), "-1 \"Outputs not allowed\\r\\n\"");
+}
+
+#[tokio::test]
+async fn lost_connections_come_back_by_themselves() {
+    let (_names, network) = names().await;
+    let mut client = RpcClient::keep(&network, "/me", "/echo", Carrier::Tcp);
+    let mut sender = Sender::keep(&network, "/out", "/reader", Carrier::Tcp);
+    assert!(client.call(&greeting(0)).await.is_err());
+    assert!(sender.send(greeting(0), None).await.is_err());
+    for round in 1..3 {
+        let server = RpcServer::open(&network, "/echo", Arc::new(Echo)).await.unwrap();
+        let mut reader = Reader::open(&network, "/reader", Queue::Newest).await.unwrap();
+        soon(async {
+            while client.call(&greeting(round)).await.is_err() {
+                client.pause().await;
+            }
+            while sender.send(greeting(round), None).await.is_err() {
+                sender.pause().await;
+            }
+        })
+        .await;
+        assert_eq!(content(&soon(reader.recv()).await.unwrap()), greeting(round));
+        server.close().await;
+        reader.close().await;
+        // What was lost shows at the next use at the latest.
+        assert!(client.call(&greeting(round)).await.is_err());
+        assert!(sender.send(greeting(round), None).await.is_err());
+    }
+}
+
+#[tokio::test]
+async fn a_late_reply_is_never_taken_for_the_next_one() {
+    struct Slow;
+    impl Handler for Slow {
+        fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
+            Box::pin(async move {
+                if request.payload.bottle(Dialect::V3).is_ok_and(|it| it == greeting(1)) {
+                    std::future::pending::<()>().await;
+                }
+                Some(request.payload)
+            })
+        }
+    }
+    let (_names, network) = names().await;
+    let _server = RpcServer::open(&network, "/slow", Arc::new(Slow)).await.unwrap();
+    let client = RpcClient::keep(&network, "/me", "/slow", Carrier::Tcp);
+    let mut client = client.with_timeout(Duration::from_millis(200));
+    assert!(matches!(client.call(&greeting(1)).await, Err(CallError::Late { .. })));
+    assert!(!client.is_connected());
+    client.pause().await;
+    assert_eq!(soon(client.call(&greeting(2))).await.unwrap(), greeting(2));
+}
+
+#[tokio::test]
+async fn ports_register_again_when_the_name_server_forgot_them() {
+    let (first, network) = names().await;
+    let options = PortOptions { renew: Duration::from_millis(50), ..PortOptions::default() };
+    let reader = Reader::open_with(&network, "/reader", Queue::Newest, options).await.unwrap();
+    let contact = network.query("/reader").await.unwrap();
+    let address = first.address();
+    first.close().await;
+    let again = soon(async {
+        loop {
+            if let Ok(server) = NameServer::bind(address, ServerOptions::default()).await {
+                return server;
+            }
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    soon(async {
+        while network.query("/reader").await.unwrap() != contact {
+            tokio::task::yield_now().await;
+        }
+    })
+    .await;
+    // Who takes the name keeps it, also when the first owner leaves.
+    network.register("/reader", "127.0.0.1", 9).await.unwrap();
+    reader.close().await;
+    assert_eq!(network.query("/reader").await.unwrap().map(|it| it.port), Some(9));
+    again.close().await;
+}

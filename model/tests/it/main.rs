@@ -1,0 +1,12 @@
+//! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
+
+mod distance_pairs;
+mod fields;
+mod oracle;
+mod oracle_load;
+mod own_robots;
+mod pairs_oracle;
+mod urdf_import;
+mod watch_follows;
+mod zrp_load;
+mod zrp_reach;

@@ -1,0 +1,167 @@
+//! What the tests with real YARP programs share: the real YARP's place, a private network, and a running `mobee`.
+
+use serde_json::Value;
+use std::net::{Ipv4Addr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// A private YARP network: a folder with its `yarp.conf`, and a port number for its name server.
+pub struct Network {
+    dir: tempfile::TempDir,
+    pub port: u16,
+}
+
+/// A network of its own for each test.
+pub fn network() -> Network {
+    let dir = tempfile::tempdir().expect("a folder");
+    // a number that was free a moment ago, with room above it for the ports that a real name server gives out
+    let free = || TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|l| l.local_addr()).expect("a free port").port();
+    let port = std::iter::repeat_with(free).find(|p| *p < 60_000).expect("a port");
+    std::fs::write(dir.path().join("yarp.conf"), format!("127.0.0.1 {port} yarp\n")).expect("yarp.conf");
+    Network { dir, port }
+}
+
+impl Network {
+    /// The folder, for runs and files of the test.
+    pub fn path(&self) -> &Path {
+        self.dir.path()
+    }
+
+    /// A command within this network.
+    pub fn command(&self, program: impl AsRef<std::ffi::OsStr>) -> Command {
+        let mut command = Command::new(program);
+        command.env("YARP_CONFIG_HOME", self.path()).env_remove("YARP_NAMESPACE").env_remove("YARP_PORT_PREFIX");
+        command
+    }
+}
+
+/// The real YARP, where `tests/yarp/install.sh` puts it.
+pub struct RealYarp {
+    home: PathBuf,
+}
+
+impl RealYarp {
+    /// `None`, said plainly, where it is not installed.
+    pub fn find() -> Option<RealYarp> {
+        let home = std::env::var_os("MOBEE_YARP").map(PathBuf::from).or_else(|| {
+            let home = std::env::var_os("HOME")?;
+            Some(Path::new(&home).join(".cache/mobee/yarp-3.5.0"))
+        })?;
+        if home.join("build/bin/yarpserver").is_file() {
+            return Some(RealYarp { home });
+        }
+        eprintln!("SKIPPED: the real YARP is not installed; tests/yarp/install.sh installs it");
+        None
+    }
+
+    /// One of its own programs (`yarp`, `yarpserver`, `yarpdev`).
+    pub fn tool(&self, name: &str, network: &Network) -> Command {
+        let mut command = network.command(self.home.join("build/bin").join(name));
+        command.env("YARP_DATA_DIRS", self.home.join("build/share/yarp"));
+        command
+    }
+
+    /// Runs one of the C++ programs of `tests/yarp` to its end, at most three minutes, and returns what it said.
+    pub fn program(&self, name: &str, network: &Network, args: &[&str]) -> String {
+        let mut command = network.command("timeout");
+        command.env("YARP_DATA_DIRS", self.home.join("build/share/yarp"));
+        command.arg("180").arg(self.home.join("programs").join(name)).args(args);
+        let out = command.output().expect("the program starts");
+        String::from_utf8_lossy(&out.stdout).into_owned()
+    }
+}
+
+/// A `mobee run` in another process.
+pub struct Run {
+    child: Child,
+    out: PathBuf,
+    network: PathBuf,
+}
+
+fn mobee() -> &'static str {
+    env!("CARGO_BIN_EXE_mobee")
+}
+
+/// The machine may take all processors away for half a second: what is not about stale readings shall not see them.
+const PATIENT: &str = "robot.icub.controller.stale_ms=3000";
+
+impl Run {
+    /// Starts it, patient with old readings.
+    pub fn start(network: &Network, config: &str) -> Run {
+        let out = network.path().join("run");
+        let child = network
+            .command(mobee())
+            .args(["run", config, "--json", "--set", PATIENT, "--out"])
+            .arg(&out)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .stdout(Stdio::null())
+            .stderr(Stdio::inherit())
+            .spawn()
+            .expect("mobee starts");
+        Run { child, out, network: network.path().to_owned() }
+    }
+
+    /// Waits until a port answers: `mobee yarp exists` tries for this long by itself.
+    pub fn wait_for_port(&mut self, port: &str) {
+        let waited = Command::new(mobee())
+            .args(["yarp", "exists", "--wait", "60", port])
+            .env("YARP_CONFIG_HOME", &self.network)
+            .status()
+            .expect("mobee starts");
+        assert!(waited.success(), "no port {port}; the run says {:?}", self.child.try_wait());
+    }
+
+    /// Ends it in order, and returns what `mobee check` says of it.
+    pub fn end(&mut self) -> String {
+        let kill = Command::new("kill").args(["-INT", &self.child.id().to_string()]).status().expect("kill");
+        assert!(kill.success());
+        let status = self.child.wait().expect("an end");
+        assert!(status.success(), "the run ended with {status}");
+        let checked = Command::new(mobee()).arg("check").arg(&self.out).output().expect("mobee starts");
+        String::from_utf8_lossy(&checked.stdout).into_owned()
+    }
+
+    /// Open file descriptors and resident memory in kB.
+    pub fn used(&self) -> (usize, usize) {
+        let of = |what: &str| PathBuf::from(format!("/proc/{}/{what}", self.child.id()));
+        let files = std::fs::read_dir(of("fd")).map_or(0, Iterator::count);
+        let status = std::fs::read_to_string(of("status")).unwrap_or_default();
+        let resident = status.lines().find_map(|l| l.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse().ok());
+        (files, resident.unwrap_or(0))
+    }
+
+    /// The summary that it left.
+    pub fn summary(&self) -> Value {
+        let text = std::fs::read_to_string(self.out.join("summary.json")).expect("a summary");
+        serde_json::from_str(&text).expect("JSON")
+    }
+}
+
+/// A `mobee sim` in another process; ends when dropped.
+pub struct Sim(Child);
+
+/// Serves the simulated robot of a configuration under this prefix.
+pub fn sim(network: &Network, config: &str, prefix: &str, set: &[String]) -> Sim {
+    let mut command = network.command(mobee());
+    command.args(["sim", config, "--prefix", prefix]).current_dir(env!("CARGO_MANIFEST_DIR"));
+    command.args(set.iter().flat_map(|s| ["--set", s])).stdout(Stdio::null());
+    let sim = Sim(command.spawn().expect("mobee starts"));
+    let port = format!("{prefix}/torso/rpc:i");
+    let waited = network.command(mobee()).args(["yarp", "exists", "--wait", "60", &port]).status();
+    assert!(waited.expect("mobee starts").success(), "no port {port}");
+    sim
+}
+
+impl Drop for Sim {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Drop for Run {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

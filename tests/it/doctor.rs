@@ -1,0 +1,52 @@
+//! `mobee doctor` says what is there, what is not, and what to do about it.
+
+use crate::common::{Network, network, sim};
+
+fn doctor(network: &Network, args: &[&str]) -> (Option<i32>, String) {
+    let mut command = network.command(env!("CARGO_BIN_EXE_mobee"));
+    let out = command.arg("doctor").args(args).current_dir(env!("CARGO_MANIFEST_DIR")).output().expect("mobee starts");
+    (out.status.code(), String::from_utf8_lossy(&out.stdout).into_owned() + &String::from_utf8_lossy(&out.stderr))
+}
+
+#[test]
+fn a_simulated_robot_needs_no_network() {
+    let network = network();
+    let (code, said) = doctor(&network, &["configs/behaviors/explore.toml"]);
+    assert_eq!(code, Some(0), "{said}");
+    for line in [
+        "processor",
+        "timers come",
+        "runs/ can be written",
+        "of disk are free",
+        "explore.toml is right",
+        "icub is simulated",
+    ] {
+        assert!(said.contains(line), "{line}: {said}");
+    }
+    // nobody answers there, and nobody has to
+    assert!(said.contains("warn  the YARP name server"), "{said}");
+    let (code, said) = doctor(&network, &["configs/behaviors/explore.toml", "--set", "robot.icub.agent.sped=1"]);
+    assert!(code == Some(1) && said.contains("did you mean `speed`?"), "{said}");
+}
+
+#[test]
+fn the_boards_of_a_robot_are_looked_for() {
+    let network = network();
+    let server = format!("robot.icub.driver.server=\"127.0.0.1:{}\"", network.port);
+    let file = ["configs/behaviors/explore-yarp.toml", "--set", &server];
+    let boards = sim(&network, "configs/behaviors/explore.toml", "/icubSim", &[]);
+    let (code, said) = doctor(&network, &file);
+    assert_eq!(code, Some(0), "{said}");
+    for line in
+        ["icub torso at /icubSim/torso: 3 joints", "icub right_arm at /icubSim/right_arm", "states per second of 50"]
+    {
+        assert!(said.contains(line), "{line}: {said}");
+    }
+    drop(boards);
+    let (code, said) = doctor(&network, &file);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(
+        said.contains("bad   icub torso at /icubSim/torso") && said.contains("-> start the robot's boards"),
+        "{said}"
+    );
+}

@@ -1,0 +1,86 @@
+//! What happens to the process: signals, a suspended process, full disks, limits, floods, a viewer that freezes. The robot is
+//! brought to rest in order, no outcome is lost as far as the journal reaches, and whoever looks on is told what to do.
+
+mod disk;
+mod floods;
+mod signals;
+mod start;
+mod viewer;
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
+
+/// The program, in the folder of the shipped configurations.
+fn mobee() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mobee"));
+    command.current_dir(env!("CARGO_MANIFEST_DIR")).env("NO_COLOR", "1");
+    command
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("a readable path")
+}
+
+fn said(out: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr))
+}
+
+/// The events of a journal, as far as its lines are whole.
+fn events(run: &Path) -> Vec<Value> {
+    let journal = std::fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default();
+    let line = |l: &str| serde_json::from_str::<Value>(l).ok().map(|v| v["event"].clone());
+    journal.lines().filter_map(line).filter(|e| !e.is_null()).collect()
+}
+
+fn count(events: &[Value], what: &str) -> usize {
+    events.iter().filter(|e| e["event"] == what).count()
+}
+
+/// The journal and its invariants are in order, and every commit has its outcome.
+fn holds(run: &Path) -> Vec<Value> {
+    let out = mobee().args(["check", text(run)]).output().expect("mobee starts");
+    assert!(out.status.success(), "{}", said(&out));
+    let all = events(run);
+    assert_eq!(count(&all, "commit"), count(&all, "outcome"), "every commit has one outcome");
+    all
+}
+
+/// A run in another process.
+struct Run {
+    child: Child,
+    out: PathBuf,
+}
+
+impl Run {
+    /// Starts it with a real clock.
+    fn start(out: PathBuf, args: &[&str]) -> Run {
+        let mut command = mobee();
+        command.args(["run", "--clock", "real", "--json", "--out", text(&out)]).args(args);
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("mobee starts");
+        Run { child, out }
+    }
+
+    /// Waits until the journal says so.
+    fn wait(&mut self, done: impl Fn(&[Value]) -> bool) -> Vec<Value> {
+        loop {
+            let all = events(&self.out);
+            if done(&all) {
+                return all;
+            }
+            assert!(self.child.try_wait().expect("a child").is_none(), "it ended before its time");
+            std::thread::park_timeout(Duration::from_millis(10));
+        }
+    }
+
+    fn signal(&self, name: &str) {
+        let sent = Command::new("kill").args([&format!("-{name}"), &self.child.id().to_string()]).status();
+        assert!(sent.expect("kill").success());
+    }
+
+    /// Waits for its end.
+    fn end(self) -> Output {
+        self.child.wait_with_output().expect("an end")
+    }
+}
