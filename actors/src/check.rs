@@ -18,7 +18,7 @@
 //! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
 //! | I19 | a contact closes | a contact that begins in mid-motion closes the filter within one control period |
 //!
-//! Each is a small state machine in a file of its own, fed with one line after the other. I8 and I17 also want the poses, which a
+//! Each is a small state machine in a file of its own, fed with one line after the other. I4, I8 and I17 also want the poses, which a
 //! journal does not hold and a simulation has; I15 is judged where a simulation says that its faults have healed.
 
 mod closed_means_closed;
@@ -28,6 +28,7 @@ mod home_is_a_vertex;
 mod honest_safe_pose;
 mod limits;
 mod liveness;
+mod measured;
 mod nothing_vanishes;
 mod one_outcome;
 mod orphans;

@@ -91,6 +91,18 @@ pub enum SuperviseOut {
     Event(Event),
 }
 
+/// What supervise keeps of a reading.
+#[derive(Clone, Debug)]
+struct Reading {
+    at: Time,
+    q: Pose,
+    /// The greatest speed of a motor, rad/s.
+    speed: f64,
+    at_rest: bool,
+    /// Whether nothing is there that the reflex would act upon.
+    free: bool,
+}
+
 /// How a closed filter comes to its end.
 #[derive(Clone, Debug, PartialEq)]
 enum Closing {
@@ -114,10 +126,8 @@ pub struct SuperviseCore {
     token: u64,
     status: Status,
     closing: Closing,
-    /// The newest reading: when, where, whether at rest and free.
-    newest: Option<(Time, Pose, bool, bool)>,
-    /// The newest reading at rest and free.
-    rest: Option<(Time, Pose, f64)>,
+    /// The newest reading.
+    newest: Option<Reading>,
     /// Since when the board has said that the motion is done.
     done_since: Option<Time>,
     /// The safe pose of a way back that failed, for another try.
@@ -151,7 +161,6 @@ impl SuperviseCore {
             status: Status::Starting,
             closing: Closing::Settle(now),
             newest: None,
-            rest: None,
             done_since: None,
             retry: None,
             course: None,
@@ -209,7 +218,7 @@ impl SuperviseCore {
             SuperviseIn::Pulse(pulse) => self.pulse(pulse, now, &mut out),
             SuperviseIn::Tick => {
                 self.sum_up(now, &mut out);
-                let stale = self.newest.as_ref().is_none_or(|(at, ..)| now > *at + self.rules.fresh);
+                let stale = self.newest.as_ref().is_none_or(|newest| now > newest.at + self.rules.fresh);
                 let known = matches!(self.status, Status::Starting | Status::Holding(Hold::Stale));
                 if stale && !known && !matches!(self.closing, Closing::Settle(_)) {
                     self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), now, &mut out);
@@ -261,7 +270,7 @@ impl SuperviseCore {
     fn is_at_border(&self) -> bool {
         let lost = matches!(self.status, Status::Holding(Hold::Stale | Hold::BoardFault))
             && matches!(self.closing, Closing::Settle(_));
-        let rests = self.newest.as_ref().is_some_and(|(_, _, at_rest, _)| *at_rest);
+        let rests = self.newest.as_ref().is_some_and(|newest| newest.at_rest);
         let tells = self.token == self.gate.token() && !self.shutdown && self.retry.is_none();
         (self.is_settled() || lost) && rests && tells && self.with_book(|b| b.open.is_none())
     }

@@ -1,11 +1,13 @@
 //! I4: a safe pose is taken only from a fresh reading, at rest, free of contact, with no transaction open.
 //!
 //! The one exception is `SafePoseMoved` in an open transaction. An escape has none, and so is never rolled back; any other
-//! commit has one. A controller without a reflex does not promise that its safe poses are free.
+//! commit has one. A controller without a reflex does not promise that its safe poses are free. Where the poses are known, the
+//! speed is measured, too, whatever was told.
 
+use super::measured::Measured;
 use super::{Found, Invariant};
 use crate::journal::Line;
-use mobee_contract::{Event, Outcome};
+use mobee_contract::{Event, Outcome, Pose, Time};
 use std::collections::BTreeMap;
 
 #[derive(Default)]
@@ -17,6 +19,7 @@ pub(super) struct HonestSafePose {
 struct Rest {
     fresh: f64,
     rest_speed: f64,
+    measured: Measured,
     /// Whether its controller has no reflex: then nobody says that a pose is free.
     no_reflex: bool,
     has_safe: bool,
@@ -27,9 +30,10 @@ struct Rest {
 impl Invariant for HonestSafePose {
     fn on(&mut self, line: &Line, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, fresh, rest_speed, .. } => {
+            Event::Robot { robot, fresh, rest_speed, period, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();
                 (rest.fresh, rest.rest_speed) = (*fresh, *rest_speed);
+                rest.measured = Measured::new(*rest_speed, *period);
             }
             Event::Controller { robot, reflex, .. } => {
                 self.robots.entry(robot.clone()).or_default().no_reflex = !reflex;
@@ -37,6 +41,7 @@ impl Invariant for HonestSafePose {
             Event::SafePose { robot, age, speed, free, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();
                 rest.has_safe = true;
+                let by = Time::from_secs((line.at.secs() - age).max(0.0));
                 let mut wrong = |what: String| found.say(format!("{robot}: a safe pose was taken {what}"));
                 if rest.open.is_some() {
                     wrong("with a transaction open".into());
@@ -46,6 +51,8 @@ impl Invariant for HonestSafePose {
                 }
                 if *speed > rest.rest_speed {
                     wrong(format!("at {:.3} deg/s", speed.to_degrees()));
+                } else if let Some(speed) = rest.measured.moves(by) {
+                    wrong(format!("as the poses moved at {:.3} deg/s", speed.to_degrees()));
                 }
                 if !free && !rest.no_reflex {
                     wrong("in contact".into());
@@ -73,6 +80,12 @@ impl Invariant for HonestSafePose {
                 }
             }
             _ => {}
+        }
+    }
+
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+        if let Some(rest) = self.robots.get_mut(robot) {
+            rest.measured.take(at, q);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Algorithm 5: a command arrives, and is refused, accepted as a new transaction, or joins the open one.
 
 use super::check::{check, check_speeds};
-use super::{Closing, SuperviseCore, SuperviseOut};
+use super::{Closing, Reading, SuperviseCore, SuperviseOut};
 use crate::controller::distance;
 use crate::ledger::Open;
 use mobee_contract::{
@@ -25,8 +25,8 @@ impl SuperviseCore {
         }
         match self.admit(now)? {
             Way::Join { here } => self.amend(commit, here, now, out),
-            Way::Begin { here, at, q, speed } => {
-                let safe = self.take_safe(at, &q, speed, now, out);
+            Way::Begin { here, at, speed } => {
+                let safe = self.take_safe(at, &here, speed, now, out);
                 self.accept(commit, Some(safe), here, now, out)
             }
             Way::Escape { here, .. } => {
@@ -47,9 +47,8 @@ impl SuperviseCore {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
         }
         let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
-        let (at, here, at_rest, free) = match &self.newest {
-            Some((at, q, rest, free)) => (*at, q.clone(), *rest, *free),
-            None => return not_ready("a first reading of the encoders"),
+        let Some(Reading { at, q: here, speed, at_rest, free }) = self.newest.clone() else {
+            return not_ready("a first reading of the encoders");
         };
         if now > at + self.rules.fresh {
             return not_ready("fresh readings of the encoders");
@@ -62,12 +61,10 @@ impl SuperviseCore {
             Status::Moving | Status::Escaping => Ok(Way::Join { here }),
             // the filter may have opened by a reading before the contact began: the reflex will close it at the next one
             Status::Rest if !free => Err(Refusal::Holding { reason: Hold::InContact }),
-            Status::Rest => match self.rest.clone().filter(|(at, ..)| now <= *at + self.rules.fresh) {
-                Some((at, q, speed)) => Ok(Way::Begin { here, at, q, speed }),
-                None => not_ready("the robot to come to rest"),
-            },
             Status::Holding(reason @ Hold::AfterCrash) => Err(Refusal::Holding { reason }),
-            Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
+            // something moves it, though it was at rest: no pose to come back to (I4)
+            Status::Rest | Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
+            Status::Rest => Ok(Way::Begin { here, at, speed }),
             Status::Holding(reason) => Ok(Way::Escape { here, reason }),
         }
     }
@@ -136,7 +133,7 @@ impl SuperviseCore {
         self.retry = None;
         self.done_since = None;
         // the reading that opened the filter may have been the newest: it lets the robot move as the next will
-        out.extend(self.newest.as_ref().map(|(at, ..)| SuperviseOut::Lease(*at + self.rules.fresh)));
+        out.extend(self.newest.as_ref().map(|newest| SuperviseOut::Lease(newest.at + self.rules.fresh)));
         self.with_book(|book| {
             book.last_id += 1;
             let id = CommitId(book.last_id);
@@ -238,11 +235,9 @@ pub(super) enum Way {
     Begin {
         /// The newest reading.
         here: Pose,
-        /// The newest reading at rest: when, where, how fast.
+        /// When it was read.
         at: Time,
-        /// See above.
-        q: Pose,
-        /// See above.
+        /// How fast the robot was.
         speed: f64,
     },
     /// It is an escape from a hold.

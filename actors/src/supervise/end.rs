@@ -1,6 +1,6 @@
 //! How motions end: what each reading decides.
 
-use super::{Closing, SuperviseCore, SuperviseOut};
+use super::{Closing, Reading, SuperviseCore, SuperviseOut};
 use crate::controller::distance;
 use crate::gate::Gate;
 use crate::pulse::Pulse;
@@ -16,13 +16,11 @@ impl SuperviseCore {
     pub(super) fn pulse(&mut self, pulse: &Pulse, now: Time, out: &mut Vec<SuperviseOut>) {
         let at = pulse.sample.at;
         let at_rest = pulse.speed < self.rules.rest_speed;
-        if self.newest.as_ref().is_some_and(|(newest, ..)| at <= *newest) {
+        if self.newest.as_ref().is_some_and(|newest| at <= newest.at) {
             return;
         }
-        self.newest = Some((at, pulse.sample.q.clone(), at_rest, pulse.free));
-        if at_rest && pulse.free {
-            self.rest = Some((at, pulse.sample.q.clone(), pulse.speed));
-        }
+        let (q, speed, free) = (pulse.sample.q.clone(), pulse.speed, pulse.free);
+        self.newest = Some(Reading { at, q, speed, at_rest, free });
         // what was held up on its way is no ground for a decision (I8)
         if now > at + self.rules.fresh {
             return;
@@ -96,7 +94,7 @@ impl SuperviseCore {
         let open = self.with_book(|book| book.open.clone());
         let open = open?;
         let recorded = || self.with_book(|b| b.history.newest().map(|r| r.q.clone()));
-        let newest = self.newest.as_ref().map(|(_, q, ..)| q.clone());
+        let newest = self.newest.as_ref().map(|newest| newest.q.clone());
         let q = newest.or_else(recorded).unwrap_or_else(|| open.target.clone());
         let near = |pose: &[f64]| distance(&q, pose) <= self.rules.tolerance;
         let safe = open.safe.map(|(_, pose)| pose);

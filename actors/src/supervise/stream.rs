@@ -184,11 +184,11 @@ impl SuperviseCore {
             Way::Escape { reason, .. } => Err(Refusal::Holding { reason }),
             Way::Join { .. } if self.status == Status::Escaping => Err(Refusal::Holding { reason: Hold::InContact }),
             Way::Join { here } => self.join_stream(agent, &setpoints, &here, now, out),
-            Way::Begin { here, at, q, speed } => {
+            Way::Begin { here, at, speed } => {
                 let rules = self.rules.clone();
                 let mut stream = Streaming::new(is_velocity(&setpoints), &here, &rules, now);
                 stream.take(&setpoints, &rules, now)?;
-                let safe = self.take_safe(at, &q, speed, now, out);
+                let safe = self.take_safe(at, &here, speed, now, out);
                 let target: Pose = if stream.velocity { here.clone() } else { stream.asked.as_slice().into() };
                 let id = self.open(agent.clone(), target.clone(), Some(safe), (Time(u64::MAX), now), out);
                 let (robot, agent) = (rules.robot.clone(), agent.to_string());

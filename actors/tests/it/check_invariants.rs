@@ -1,7 +1,7 @@
 //! Every invariant has a good journal that passes and a planted fault that is found, by name and line.
 
-use mobee_actors::check::{Violation, check, check_events, summary};
-use mobee_actors::journal::{Journal, NOT_FINITE};
+use mobee_actors::check::{Checker, Violation, check, check_events, summary};
+use mobee_actors::journal::{Journal, Line, NOT_FINITE};
 use mobee_contract::{Cause, CommitId, EdgeState, Entry, Event, Hold, Note, Outcome, Pose, Status, Time, Writer};
 use mobee_model::{Contact, ShapeId};
 use serde_json::json;
@@ -310,6 +310,40 @@ fn i4_a_dishonest_safe_pose() {
     }
     let in_motion = safe(&[0.0, 0.0]);
     broken("I4", with(&commit(2, &[0.5, 0.5]), &[in_motion]), None, "transaction open");
+}
+
+/// What is found where an event follows readings every 10 ms: 0.2 s at rest, then so long at this speed of the first motor, rad/s.
+fn after_readings(speed: f64, secs: f64, event: &dyn Fn(f64) -> Event) -> Vec<&'static str> {
+    let mut checker = Checker::default();
+    let line = |at: f64, event| Line { line: 1, n: 0, at: Time::from_secs(at), event, hash: String::new() };
+    checker.on(&line(0.0, robot()));
+    let (mut at, mut q) = (0.0, 0.0);
+    while at < 0.2 + secs {
+        at += 0.01;
+        q = speed * (at - 0.2_f64).max(0.0);
+        checker.pose(0, Time::from_secs(at), &pose(&[q, 0.0]));
+    }
+    checker.on(&line(at, event(q)));
+    let found = checker.violations().iter().map(|v| v.invariant);
+    found.filter(|i| ["I4", "I17"].contains(i)).collect()
+}
+
+#[test]
+fn i4_a_safe_pose_that_was_told_to_rest_while_the_poses_moved() {
+    let told = |q: f64| safe(&[q, 0.0]);
+    assert_eq!(after_readings(0.1, 0.1, &told), ["I4"]);
+    assert!(after_readings(0.005, 0.1, &told).is_empty());
+    // it was taken from a reading before the robot moved
+    let earlier = |_: f64| Event::SafePose { robot: R.into(), q: pose(&[0.0; 2]), age: 0.055, speed: 0.0, free: true };
+    assert!(after_readings(0.1, 0.05, &earlier).is_empty());
+}
+
+#[test]
+fn i17_an_outcome_is_judged_by_the_reading_that_it_was_given_by() {
+    assert_eq!(after_readings(0.1, 0.1, &|q| outcome(1, Outcome::Faulted, &[q, 0.0], &[0.0; 2])), ["I17"]);
+    assert_eq!(after_readings(0.1, 0.1, &|_| outcome(1, Outcome::Faulted, &[9.0, 0.0], &[0.0; 2])), ["I17"]);
+    assert!(after_readings(0.1, 0.1, &|_| outcome(1, Outcome::Faulted, &[0.0; 2], &[0.0; 2])).is_empty());
+    assert!(after_readings(0.005, 0.1, &|q| outcome(1, Outcome::Faulted, &[q, 0.0], &[0.0; 2])).is_empty());
 }
 
 #[test]

@@ -184,7 +184,7 @@ impl Cell {
     /// All that its future depends on, in one number.
     pub fn state(&self) -> u64 {
         let s = &self.supervise;
-        let of_supervise = (s.token, s.status, &s.closing, &s.newest, &s.rest, s.done_since, &s.retry, s.course);
+        let of_supervise = (s.token, s.status, &s.closing, &s.newest, s.done_since, &s.retry, s.course);
         let book = self.ledger.book();
         let of_book = (&book.open, book.last_id, book.status, &book.died, &book.safe);
         let queues = (&self.driver, &self.to_supervise, &self.to_reflex);
@@ -236,7 +236,11 @@ impl Cell {
                 SuperviseOut::Event(Event::SafePose { q, age, .. }) => {
                     assert!(age <= self.rules.fresh.as_secs_f64(), "I4: the reading is {age} s old");
                     assert!((q[0] - self.q).abs() < 0.01, "I4: {q:?} while the motor is at {}", self.q);
-                    assert!(self.supervise.newest.as_ref().is_some_and(|n| n.3), "I4: the newest reading is not free");
+                    assert!(
+                        self.supervise.newest.as_ref().is_some_and(|n| n.free),
+                        "I4: the newest reading is not free"
+                    );
+                    assert!(self.supervise.newest.as_ref().is_some_and(|n| n.at_rest), "I4: the robot does not rest");
                     assert_eq!(self.commits, self.outcomes.len() as u64, "I4: taken with a transaction open");
                 }
                 _ => {}
