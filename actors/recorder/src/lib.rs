@@ -25,7 +25,9 @@ mod objects;
 mod palette;
 mod poses;
 mod recorder;
+mod recording;
 mod roadmap;
+mod shadow;
 mod shapes;
 pub mod staged;
 mod stream;
@@ -34,4 +36,5 @@ mod words;
 
 pub use contents::Contents;
 pub use poses::Poses;
-pub use recorder::{Recorder, RecorderError, Recording, Settings};
+pub use recorder::Recorder;
+pub use recording::{RecorderError, Recording, Settings};

@@ -1,0 +1,166 @@
+//! A recording being written: one file or one viewer, and what the recorders that draw into it share.
+
+use crate::blueprint::{self, Page};
+use crate::body::entity;
+use crate::disk::{Disk, Trouble};
+use crate::legend;
+use crate::recorder::Recorder;
+use crate::stream::{Stream, Written};
+use rerun::external::arrow::array::StringArray;
+use rerun::log::ChunkBatcherConfig;
+use rerun::sink::SinkFlushError;
+use rerun::{AnyValues, RecordingStream, RecordingStreamBuilder, TextDocument, ViewCoordinates};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Waiting frames are sent after this much real time, so that a killed run loses no more.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
+/// How long a flush is waited for. Later ones are no error: whoever is behind may still catch up.
+const FLUSH: Duration = Duration::from_secs(1);
+/// Bytes that may wait within Rerun for a slow disk or viewer, before its caller has to wait.
+const IN_FLIGHT: u64 = 16 << 20;
+
+/// What a recording is called and where it goes.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Settings {
+    /// The file to write, usually `recording.rrd` in the run's folder.
+    pub path: PathBuf,
+    /// The run's name, shown in the viewer.
+    pub name: String,
+    /// The configuration file's name, kept as a property.
+    pub config: String,
+    /// The program's version and build, kept as a property.
+    pub build: String,
+    /// Address of a viewer that is to follow live, such as `127.0.0.1:9876`: it is told instead of the file.
+    pub live: Option<String>,
+    /// Whether the file gets an index at its end, for which the memory grows as long as it is written (tens of megabytes an
+    /// hour). Files without one are read whole.
+    pub index: bool,
+}
+
+/// A recording could not be begun.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderError {
+    /// The file can't be written.
+    #[error(
+        "the recording {path} can't be begun: {why}; check that the folder exists and can be written, or run with `--no-record`"
+    )]
+    File {
+        /// The file.
+        path: String,
+        /// Why not.
+        why: String,
+    },
+    /// The viewer's address makes no sense.
+    #[error("the viewer {address} can't be connected: {why}; start it with `rerun` and give its address")]
+    Live {
+        /// The address.
+        address: String,
+        /// Why not.
+        why: String,
+    },
+}
+
+/// A recording that is being written: one file, into which several recorders can draw side by side.
+#[derive(Clone)]
+pub struct Recording {
+    rec: RecordingStream,
+    /// What each recorder shows, in the order in which they began.
+    pages: Arc<Mutex<Vec<Page>>>,
+    is_live: bool,
+    /// Why the file can't be written on.
+    trouble: Trouble,
+}
+
+impl Recording {
+    /// Begins a recording.
+    ///
+    /// # Errors
+    /// [`RecorderError`] if the file or the viewer can't be opened.
+    pub fn begin(settings: &Settings) -> Result<Recording, RecorderError> {
+        let file = |why: &dyn std::fmt::Display| RecorderError::File {
+            path: settings.path.display().to_string(),
+            why: why.to_string(),
+        };
+        // every chunk costs; only somebody who looks on live needs them at once
+        let flush_tick = if settings.live.is_some() { ChunkBatcherConfig::DEFAULT.flush_tick } else { PATIENCE };
+        let max_bytes_in_flight = IN_FLIGHT;
+        let builder = RecordingStreamBuilder::new("mobee")
+            .recording_name(settings.name.clone())
+            .batcher_config(ChunkBatcherConfig { flush_tick, max_bytes_in_flight, ..ChunkBatcherConfig::DEFAULT });
+        let rec = builder.buffered().map_err(|e| file(&e))?;
+        let mut trouble = Trouble::default();
+        match &settings.live {
+            None => {
+                let (disk, noted) = Disk::create(&settings.path, settings.index).map_err(|e| file(&e))?;
+                trouble = noted;
+                rec.set_sink(Box::new(disk));
+            }
+            Some(address) => {
+                let wrong = |e: rerun::external::re_uri::Error| RecorderError::Live {
+                    address: address.clone(),
+                    why: e.to_string(),
+                };
+                let uri = format!("rerun+http://{address}/proxy").parse().map_err(wrong)?;
+                rec.set_sink(Box::new(rerun::sink::GrpcSink::new(uri)));
+            }
+        }
+        rec.set_log_tick_enabled(false);
+        rec.set_log_time_enabled(false);
+        let began = property(&rec, "config", &settings.config).and_then(|()| property(&rec, "build", &settings.build));
+        began.map_err(|why| file(&why))?;
+        Ok(Recording { rec, pages: Arc::default(), is_live: settings.live.is_some(), trouble })
+    }
+
+    /// A recorder that draws below the entity `name`; below none if that is empty, as it should be for the only one.
+    ///
+    /// # Errors
+    /// In words, if the stream refuses.
+    pub fn recorder(&self, name: &str) -> Result<Recorder, String> {
+        let root = if name.is_empty() { String::new() } else { format!("{}/", entity(name)) };
+        let stream = Stream { rec: self.rec.clone(), root };
+        stream.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
+        stream.log_static("about", &TextDocument::from_markdown(legend::TEXT))?;
+        Ok(Recorder::on(self.clone(), stream))
+    }
+
+    /// Shows a recorder's page as it now is, beside those of the others.
+    pub(crate) fn lay_out(&self, page: Page) -> Written {
+        let mut pages = self.pages.lock().unwrap_or_else(PoisonError::into_inner);
+        match pages.iter_mut().find(|p| p.root == page.root) {
+            Some(known) => *known = page,
+            None => pages.push(page),
+        }
+        blueprint::send(&self.rec, &pages)
+    }
+
+    /// What is known of the whole recording.
+    pub(crate) fn property(&self, name: &'static str, value: &str) -> Written {
+        property(&self.rec, name, value)
+    }
+
+    /// Whether it can be written on.
+    pub(crate) fn check(&self) -> Written {
+        self.trouble.get().map_or(Ok(()), |why| Err(unwritable(why)))
+    }
+
+    /// Writes what waits, for a while; whoever is behind then may still catch up.
+    pub(crate) fn flush(&self) -> Written {
+        match self.rec.flush_with_timeout(FLUSH) {
+            Ok(()) | Err(SinkFlushError::Timeout) => Ok(()),
+            Err(e) if self.is_live => Err(format!("the viewer is not reached: {e}")),
+            Err(e) => Err(unwritable(&e.to_string())),
+        }
+    }
+}
+
+fn unwritable(why: &str) -> String {
+    format!("the recording can't be written: {why}; make room on the disk")
+}
+
+fn property(rec: &RecordingStream, name: &'static str, value: &str) -> Written {
+    let array = Arc::new(StringArray::from(vec![value]));
+    let values = AnyValues::default().with_component_from_data(name, array);
+    rec.send_property(name, &values).map_err(|e| crate::stream::in_words(name, &e))
+}

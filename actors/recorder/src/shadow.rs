@@ -1,0 +1,80 @@
+//! What is kept of one robot that is drawn.
+
+use crate::blueprint::Shown;
+use crate::body::{Body, entity};
+use crate::draw::Drawing;
+use crate::palette;
+use crate::roadmap::Roadmap;
+use crate::stream::{Stream, Written};
+use crate::traces::Traces;
+use mobee_model::{Contact, Robot};
+use nalgebra::Isometry3;
+use rerun::{SeriesLines, StateChange, StateConfiguration};
+use std::sync::Arc;
+
+/// What is kept of one robot.
+pub(crate) struct Shadow {
+    pub(crate) name: String,
+    pub(crate) robot: Arc<Robot>,
+    pub(crate) body: Body,
+    pub(crate) traces: Traces,
+    pub(crate) roadmap: Roadmap,
+    pub(crate) drawing: Drawing,
+    pub(crate) contacts: Vec<Contact>,
+    pub(crate) rollbacks: u32,
+    /// What the view of its flat roadmap covers.
+    bounds: Option<[f32; 4]>,
+}
+
+impl Shadow {
+    pub(crate) fn new(
+        stream: &Stream,
+        robot: &Arc<Robot>,
+        base: &Isometry3<f64>,
+        index: usize,
+    ) -> Result<Shadow, String> {
+        let name = entity(&robot.name);
+        lane(stream, &format!("state/{name}/filter"), &palette::FILTER)?;
+        lane(stream, &format!("state/{name}/transaction"), &palette::TRANSACTION)?;
+        let rollbacks = SeriesLines::new().with_names(["rollbacks"]).with_colors([palette::NEAR]).with_widths([2.0]);
+        stream.log_static(&format!("progress/{name}/rollbacks"), &rollbacks)?;
+        Ok(Shadow {
+            body: Body::new(stream, robot, base, index as u16)?,
+            traces: Traces::new(stream, robot, base)?,
+            roadmap: Roadmap::default(),
+            drawing: Drawing::new(stream, &name)?,
+            contacts: Vec::new(),
+            rollbacks: 0,
+            bounds: None,
+            robot: Arc::clone(robot),
+            name,
+        })
+    }
+
+    pub(crate) fn shown(&self) -> Shown {
+        Shown { name: self.name.clone(), parts: self.traces.parts(), trails: self.traces.trails(), bounds: self.bounds }
+    }
+
+    /// Whether the roadmap no longer fits its view, which then gets room for some more.
+    pub(crate) fn outgrown(&mut self) -> bool {
+        let Some([left, top, right, bottom]) = self.roadmap.bounds() else { return false };
+        let fits = |[l, t, r, b]: [f32; 4]| l <= left && t <= top && r >= right && b >= bottom;
+        if self.bounds.is_some_and(fits) {
+            return false;
+        }
+        let room = if self.bounds.is_some() { 0.2 * (right - left).max(bottom - top) } else { 0.0 };
+        self.bounds = Some([left - room, top - room, right + room, bottom + room]);
+        true
+    }
+}
+
+/// Colors and words of a state lane.
+fn lane(stream: &Stream, path: &str, states: &[(&str, &str, palette::Rgba)]) -> Written {
+    let look = StateConfiguration::new()
+        .with_values(states.iter().map(|s| s.0))
+        .with_labels(states.iter().map(|s| s.1))
+        .with_colors(states.iter().map(|s| s.2));
+    stream.log_static(path, &look)?;
+    // an empty state opens the lane
+    stream.log(path, &StateChange::new().with_state([""]))
+}
