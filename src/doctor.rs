@@ -104,7 +104,8 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
             None
         }
         Err(_) => {
-            tell(vec![Finding::ok("no YARP network is set up, and none is needed")]);
+            let why = if robots.is_empty() { "none is needed" } else { "each driver names its server" };
+            tell(vec![Finding::ok(format!("no YARP network is set up; {why}"))]);
             None
         }
     };

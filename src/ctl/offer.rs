@@ -29,35 +29,35 @@ impl Offered {
     }
 }
 
-/// Reads and checks a whole file as `mobee check` does, and takes what it has for this part of this robot.
-///
-/// # Errors
-/// Everything that is wrong with it, as it would be printed.
-pub(super) fn read(
-    file: &Path,
-    part: SwapPart,
-    name: &str,
-    model: &Arc<Robot>,
-    fresh: bool,
-    terms: Terms,
-) -> Result<Offered, String> {
-    let (config, source) = Config::load(file, &[]).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
-    take(config, &source, part, name, model, fresh, terms)
+/// What is asked for of a file.
+pub(crate) struct Wanted<'a> {
+    /// Which part.
+    pub part: SwapPart,
+    /// Of which robot.
+    pub name: &'a str,
+    /// Whose motors the file's robot must have.
+    pub model: &'a Arc<Robot>,
+    /// Whether a new agent begins without the state of the old one.
+    pub fresh: bool,
+    /// How the new part is tried.
+    pub terms: Terms,
 }
 
-/// Checks a whole configuration, and takes what it has for this part of this robot.
+/// Reads and checks a whole file as `mobee check` does, and takes what is wanted of it.
 ///
 /// # Errors
 /// Everything that is wrong with it, as it would be printed.
-pub(crate) fn take(
-    mut config: Config,
-    source: &Source,
-    part: SwapPart,
-    name: &str,
-    model: &Arc<Robot>,
-    fresh: bool,
-    terms: Terms,
-) -> Result<Offered, String> {
+pub(super) fn read(file: &Path, wanted: &Wanted<'_>) -> Result<Offered, String> {
+    let (config, source) = Config::load(file, &[]).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
+    take(config, &source, wanted)
+}
+
+/// Checks a whole configuration, and takes what is wanted of it.
+///
+/// # Errors
+/// Everything that is wrong with it, as it would be printed.
+pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> Result<Offered, String> {
+    let Wanted { part, name, model, fresh, terms } = *wanted;
     let file = source.path.display();
     let mut index = config.robot.iter().position(|r| r.name == name);
     if index.is_none() && config.robot.len() == 1 {

@@ -1,5 +1,6 @@
 //! The control port as a service of a run.
 
+use super::offer::Wanted;
 use super::{FILE, PORT, offer, show};
 use crate::run::Folder;
 use mobee_actors::swap::Terms;
@@ -245,7 +246,8 @@ impl Desk {
         let (file, name) = (file.to_owned(), robot.name().to_owned());
         let read = {
             let name = name.clone();
-            tokio::task::spawn_blocking(move || offer::read(&file, part, &name, &model, fresh, terms)).await
+            let read = move || offer::read(&file, &Wanted { part, name: &name, model: &model, fresh, terms });
+            tokio::task::spawn_blocking(read).await
         };
         let offer = read.map_err(|e| format!("the file could not be read: {e}"))??;
         let (reply, done) = oneshot::channel();

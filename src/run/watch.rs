@@ -6,7 +6,7 @@
 //! ```
 
 use crate::config::{Config, Source};
-use crate::ctl::offer;
+use crate::ctl::offer::{self, Wanted};
 use mobee_actors::swap::Terms;
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Event, Running, Service, SwapPart, SwapStep, Time};
@@ -76,7 +76,8 @@ impl WatchService {
             for (robot, part) in changes.swaps {
                 let model = names.iter().position(|n| *n == robot).and_then(|i| models.get(i));
                 let model = model.ok_or_else(|| format!("there is no robot {robot} in this run"))?;
-                let offered = offer::take(config.clone(), &source, part, &robot, model, false, Terms::default())?;
+                let wanted = Wanted { part, name: &robot, model, fresh: false, terms: Terms::default() };
+                let offered = offer::take(config.clone(), &source, &wanted)?;
                 offers.push((robot, part, offered));
             }
             Ok((source, now, offers))
