@@ -84,11 +84,11 @@ impl SuperviseCore {
         (at, safe)
     }
 
-    /// The safe pose for a robot that rests at `q`: the last one if the reading confirms it, so that many rollbacks to
-    /// one vertex do not drift with the encoders' noise.
+    /// The safe pose for a robot that rests at `q`: the last one if the robot counts as being there, so that many rollbacks
+    /// to one vertex do not drift with the encoders' noise.
     fn safe_pose(&self, q: &Pose) -> Pose {
         let mut book = self.ledger.book();
-        let kept = book.safe.clone().filter(|safe| distance(safe, q) <= 0.25 * self.rules.tolerance);
+        let kept = book.safe.clone().filter(|safe| distance(safe, q) <= self.rules.tolerance);
         let safe = kept.unwrap_or_else(|| q.clone());
         book.safe = Some(safe.clone());
         safe
