@@ -2,8 +2,11 @@
 
 use crate::controller::Rules;
 use crate::gate::Gate;
-use mobee_contract::{Command, Event, Sample, Time, Writer};
+use mobee_contract::{Axis, Command, Event, Sample, Time, Writer};
 use std::sync::Arc;
+
+/// Share of a motor's greatest speed that a set-point which had to wait may ask for.
+const SHARE: f64 = 0.95;
 
 /// A stream of set-points that is being written.
 #[derive(Clone, Debug)]
@@ -23,12 +26,14 @@ pub struct Port {
     rules: Arc<Rules>,
     gate: Arc<Gate>,
     streaming: Option<Streaming>,
+    /// Positions that would be a jump if they were written at once, and under which token, by whom.
+    waiting: Option<(u64, Writer, Vec<f64>)>,
 }
 
 impl Port {
     /// A port to one robot.
     pub fn new(rules: Arc<Rules>, gate: Arc<Gate>) -> Port {
-        Port { rules, gate, streaming: None }
+        Port { rules, gate, streaming: None, waiting: None }
     }
 
     /// Whether this command may pass.
@@ -95,6 +100,46 @@ impl Port {
         }
     }
 
+    /// The command if it may be written at once. Set-points of positions that come in a bunch, as after a driver that was
+    /// held up, would make a board without limits of its own jump: the newest of them waits for [`Port::due`].
+    pub fn pace(&mut self, token: u64, writer: Writer, command: Command, now: Time) -> Option<Command> {
+        self.waiting = None;
+        let Command::Direct { q } = command else { return Some(command) };
+        if self.step_to(token, writer, &q, now).is_none_or(|(_, share, _)| share <= 1.0) {
+            return Some(Command::Direct { q });
+        }
+        self.waiting = Some((token, writer, q));
+        None
+    }
+
+    /// What has waited and may be written now: a step towards it, or all of the way.
+    pub fn due(&mut self, now: Time) -> Option<(u64, Writer, Command)> {
+        let (token, writer, q) = self.waiting.take()?;
+        let Some((last, share, secs)) = self.step_to(token, writer, &q, now) else {
+            return Some((token, writer, Command::Direct { q }));
+        };
+        let period = self.rules.period.as_secs_f64();
+        if secs < 0.75 * period {
+            self.waiting = Some((token, writer, q));
+            return None;
+        }
+        let part = SHARE * secs.min(1.5 * period) / (share * secs).max(1e-12);
+        if part >= 1.0 {
+            return Some((token, writer, Command::Direct { q }));
+        }
+        let step = last.iter().zip(&q).map(|(a, b)| a + (b - a) * part).collect();
+        self.waiting = Some((token, writer, q));
+        Some((token, writer, Command::Direct { q: step }))
+    }
+
+    /// The set-point that this stream wrote last, the share of the greatest speed that going on to `q` now would ask for,
+    /// and the seconds since. `None`: it would be the stream's first.
+    fn step_to(&self, token: u64, writer: Writer, q: &[f64], now: Time) -> Option<(&[f64], f64, f64)> {
+        let stream = self.streaming.as_ref().filter(|s| s.token == token && s.writer == writer)?;
+        let (last, secs) = (stream.last.as_deref()?, now.since(stream.span.1).as_secs_f64());
+        Some((last, share(&self.rules.axes, last, q, secs), secs))
+    }
+
     /// What to tell of a command that the driver took.
     pub fn took(&mut self, token: u64, writer: Writer, command: &Command, now: Time) -> Vec<Event> {
         if let Command::Direct { .. } | Command::Velocity { .. } = command {
@@ -138,8 +183,7 @@ impl Port {
             Command::Direct { q } => {
                 let secs = now.since(stream.span.1).as_secs_f64();
                 let last = stream.last.replace(q.clone()).unwrap_or_else(|| q.clone());
-                let motors = axes.iter().zip(q.iter().zip(&last));
-                motors.map(|(axis, (a, b))| (a - b).abs() / (axis.max_speed * secs).max(1e-12)).fold(0.0, f64::max)
+                share(axes, &last, q, secs)
             }
             Command::Velocity { motors, speed } => {
                 let share = |(m, v): (&usize, &f64)| axes.get(*m).map_or(0.0, |axis| v.abs() / axis.max_speed);
@@ -159,3 +203,12 @@ impl Port {
         Some(Event::Streamed { robot, token, writer, count, span, greatest_step, within_limits: true })
     }
 }
+
+/// The greatest share of its axis' speed that a motor would need to get from one pose to the other in this time.
+fn share(axes: &[Axis], from: &[f64], to: &[f64], secs: f64) -> f64 {
+    let motors = axes.iter().zip(from.iter().zip(to));
+    motors.map(|(axis, (a, b))| (a - b).abs() / (axis.max_speed * secs).max(1e-12)).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests;

@@ -72,7 +72,7 @@ impl Actor for DriverActor {
                     let _ = myself.send_message(DriverMsg::Poll);
                 });
             }
-            DriverMsg::Command(token, writer, command) => driving.command(token, writer, &command),
+            DriverMsg::Command(token, writer, command) => driving.command(token, writer, command),
         }
         Ok(())
     }
@@ -93,6 +93,12 @@ impl Driving {
         let now = self.hub.clock.now();
         if self.driver.is_none() {
             self.connect();
+        }
+        if let Some((token, writer, command)) = self.port.due(now) {
+            match self.port.admit(token, writer, &command) {
+                Ok(()) => self.give(token, writer, &command),
+                Err(reason) => self.drop_command(token, writer, reason),
+            }
         }
         let Some(driver) = self.driver.as_mut() else {
             self.back_off = (self.back_off * 2).min(BACK_OFF.1);
@@ -138,10 +144,12 @@ impl Driving {
         now + BACK_OFF.0
     }
 
-    fn command(&mut self, token: u64, writer: Writer, command: &Command) {
-        match self.port.admit(token, writer, command) {
-            Ok(()) => self.give(token, writer, command),
-            Err(reason) => self.drop_command(token, writer, reason),
+    fn command(&mut self, token: u64, writer: Writer, command: Command) {
+        if let Err(reason) = self.port.admit(token, writer, &command) {
+            return self.drop_command(token, writer, reason);
+        }
+        if let Some(command) = self.port.pace(token, writer, command, self.hub.clock.now()) {
+            self.give(token, writer, &command);
         }
     }
 
