@@ -4,7 +4,7 @@
 use crate::common::{Network, Run, network, sim};
 use mobee_yarp::{Bottle, Carrier, Dialect, RpcClient, Value, Vocab};
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// What the filter refuses on purpose where a board obeys, by the second word: joints that yield have no safe pose.
@@ -128,7 +128,12 @@ async fn recorded_sessions_get_the_boards_own_replies_through_the_filter() {
     let network = network();
     let quiet = ["noise_deg", "resolution_deg", "jitter_ms"].map(|key| format!("robot.icub.driver.{key}=0"));
     let _behind = sim(&network, "configs/behaviors/explore.toml", "/icubSim", &quiet);
-    let mut run = Run::start(&network, "configs/robots/icubSim-yarp.toml");
+    // the machine may take all processors away for half a second
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/icubSim-yarp.toml");
+    let patient = network.path().join("patient.toml");
+    let driver = "[[robot]]\nname = \"icub\"\n[robot.driver]\ntimeout_ms = 5000\nstale_ms = 3000\n";
+    std::fs::write(&patient, format!("include = [{shipped:?}]\n{driver}")).expect("a file");
+    let mut run = Run::start(&network, &patient.display().to_string());
     run.wait_for_port("/MoBeE/icub/right_arm/rpc:i");
     let _twin = sim(&network, "configs/behaviors/explore.toml", "/twin", &quiet);
     run.wait_for_port("/twin/right_arm/rpc:i");
