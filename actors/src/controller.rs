@@ -16,7 +16,7 @@ use std::time::Duration;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Controller {
-    /// Control period, seconds: the retreat's set-points are this far apart, and every limit on age counts in it.
+    /// Control period, seconds: the retreat's set-points are this far apart.
     pub period_s: f64,
     /// Length of the history: how many poses it keeps. A motion that outlasts it moves its safe pose.
     pub history: usize,

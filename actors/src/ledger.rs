@@ -49,7 +49,7 @@ pub struct Book {
     pub history: HistoryCore,
     /// An actor that died since supervise last looked.
     pub died: Option<String>,
-    /// The safe pose last taken: kept as long as fresh readings confirm it, so that rollbacks do not drift.
+    /// The safe pose last taken: kept while the robot counts as being there, so that rollbacks do not drift.
     pub safe: Option<Pose>,
     /// How the newest motions ended, oldest first.
     ends: VecDeque<(CommitId, MotionEnd)>,

@@ -1,9 +1,10 @@
 //! A configuration is put together from layers, later ones win, and every value can be traced to where it was written.
 
+use super::common::{mobee_in, said};
 use mobee::config::{Config, Source};
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 const BASE: &str = r#"seed = 3
 world.file = "world.xml"
@@ -48,17 +49,7 @@ fn folder(main: &str, more: &[(&str, &str)]) -> tempfile::TempDir {
 }
 
 fn mobee(dir: &Path, args: &[&str], environment: &[(&str, &str)]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mobee"))
-        .args(args)
-        .current_dir(dir)
-        .env("NO_COLOR", "1")
-        .envs(environment.iter().copied())
-        .output()
-        .expect("mobee starts")
-}
-
-fn said(out: &Output) -> String {
-    String::from_utf8_lossy(&out.stdout).into_owned() + &String::from_utf8_lossy(&out.stderr)
+    mobee_in(dir).args(args).envs(environment.iter().copied()).output().expect("mobee starts")
 }
 
 #[test]

@@ -1,26 +1,16 @@
 //! A run whose process died goes on: its journal's open transaction gets one outcome, measured before anything moves, and
 //! what was learned is there.
 
+use super::common::{events, mobee_here, text};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
 fn mobee(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_mobee"));
-    command.args(args).current_dir(env!("CARGO_MANIFEST_DIR"));
+    let mut command = mobee_here();
+    command.args(args);
     command
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("a readable path")
-}
-
-/// The events of a journal, as far as its lines are whole.
-fn events(run: &Path) -> Vec<Value> {
-    let journal = std::fs::read_to_string(run.join("journal.jsonl")).expect("a journal");
-    let line = |l: &str| serde_json::from_str::<Value>(l).ok().map(|v| v["event"].clone());
-    journal.lines().filter_map(line).filter(|e| !e.is_null()).collect()
 }
 
 fn count(events: &[Value], what: &str) -> usize {

@@ -1,13 +1,8 @@
 //! A run with a real clock is looked at, exchanged in part, paused and stopped by `mobee ctl`, without a name server.
 
+use super::common::mobee_here;
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
-
-fn mobee() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_mobee"));
-    command.current_dir(env!("CARGO_MANIFEST_DIR"));
-    command
-}
+use std::process::{Child, Output, Stdio};
 
 struct Run {
     child: Child,
@@ -17,7 +12,7 @@ struct Run {
 impl Run {
     fn start(dir: &Path, file: &Path, more: &[&str]) -> Run {
         let out = dir.join("run");
-        let child = mobee()
+        let child = mobee_here()
             .arg("run")
             .arg(file)
             .args(["--clock", "real", "--for", "120", "--no-record", "--json"])
@@ -34,7 +29,7 @@ impl Run {
     }
 
     fn ctl(&self, words: &[&str]) -> Output {
-        mobee().args(["ctl", "--run"]).arg(&self.out).args(words).output().expect("mobee starts")
+        mobee_here().args(["ctl", "--run"]).arg(&self.out).args(words).output().expect("mobee starts")
     }
 
     fn says(&self, words: &[&str]) -> String {
@@ -106,7 +101,7 @@ fn a_run_is_controlled_from_outside() {
     run.says(&["stop"]);
     assert!(run.child.wait().expect("an end").success());
     run.refuses(&["status"]);
-    let checked = mobee().arg("check").arg(&run.out).output().expect("mobee starts");
+    let checked = mobee_here().arg("check").arg(&run.out).output().expect("mobee starts");
     assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stdout));
 }
 

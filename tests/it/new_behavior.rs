@@ -1,15 +1,11 @@
 //! `mobee new` writes a file that is ready to run, wherever the program is installed, and writes over nothing.
 
+use super::common::{mobee_in, said};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 fn mobee(dir: &Path, args: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_mobee"));
-    command.args(args).current_dir(dir).env("NO_COLOR", "1").output().expect("mobee starts")
-}
-
-fn said(out: &Output) -> String {
-    String::from_utf8_lossy(&out.stdout).into_owned() + &String::from_utf8_lossy(&out.stderr)
+    mobee_in(dir).args(args).output().expect("mobee starts")
 }
 
 #[test]

@@ -1,20 +1,12 @@
 //! A run in virtual time can be run again from its folder: equal event by event, or with another future from an instant on.
 
+use super::common::{mobee_here, text};
 use mobee_recorder::Contents;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 fn mobee(args: &[&str]) -> Output {
-    let run = Command::new(env!("CARGO_BIN_EXE_mobee"))
-        .args(args)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .env_remove("RERUN")
-        .output();
-    run.expect("mobee starts")
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("a readable path")
+    mobee_here().args(args).env_remove("RERUN").output().expect("mobee starts")
 }
 
 fn said(output: &Output) -> String {

@@ -1,15 +1,12 @@
 //! The shipped behaviors do what the paper shows, as a user would run them.
 
+use super::common::mobee_here;
 use serde_json::Value;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 fn mobee(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mobee"))
-        .args(args)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .output()
-        .expect("mobee starts")
+    mobee_here().args(args).output().expect("mobee starts")
 }
 
 /// Runs a behavior into `out` and returns its summary.

@@ -1,7 +1,8 @@
 //! Whatever a user writes wrong is answered with its place and a remedy, exit code 2, and nothing half-done.
 
+use super::common::mobee_in;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 
 const BEHAVIOR: &str = r#"world.file = "world.xml"
 
@@ -35,12 +36,7 @@ const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="edge"
 "#;
 
 fn mobee(dir: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mobee"))
-        .args(args)
-        .current_dir(dir)
-        .env("NO_COLOR", "1")
-        .output()
-        .expect("mobee starts")
+    mobee_in(dir).args(args).output().expect("mobee starts")
 }
 
 /// A folder with a good behavior, in which one text of one file is replaced.

@@ -1,9 +1,9 @@
-//! What the tests with real YARP programs share: the real YARP's place, a private network, and a running `mobee`.
+//! What the tests share: the program and what it says, the real YARP's place, a private network, and a running `mobee`.
 
 use serde_json::Value;
 use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 /// A private YARP network: a folder with its `yarp.conf`, and a port number for its name server.
 pub struct Network {
@@ -80,6 +80,35 @@ pub struct Run {
 
 fn mobee() -> &'static str {
     env!("CARGO_BIN_EXE_mobee")
+}
+
+/// The program, started in this folder, its words without colors.
+pub fn mobee_in(folder: &Path) -> Command {
+    let mut command = Command::new(mobee());
+    command.current_dir(folder).env("NO_COLOR", "1");
+    command
+}
+
+/// The program in the folder of the project, where the shipped configurations are.
+pub fn mobee_here() -> Command {
+    mobee_in(Path::new(env!("CARGO_MANIFEST_DIR")))
+}
+
+/// All that a program said, on both of its outputs.
+pub fn said(out: &Output) -> String {
+    String::from_utf8_lossy(&out.stdout).into_owned() + &String::from_utf8_lossy(&out.stderr)
+}
+
+/// A path as an argument.
+pub fn text(path: &Path) -> &str {
+    path.to_str().expect("a readable path")
+}
+
+/// The events of a journal, as far as its lines are whole.
+pub fn events(run: &Path) -> Vec<Value> {
+    let journal = std::fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default();
+    let line = |l: &str| serde_json::from_str::<Value>(l).ok().map(|v| v["event"].clone());
+    journal.lines().filter_map(line).filter(|e| !e.is_null()).collect()
 }
 
 /// The machine may take all processors away for half a second: what is not about stale readings shall not see them.

@@ -7,32 +7,11 @@ mod signals;
 mod start;
 mod viewer;
 
+pub(super) use super::common::{events, mobee_here as mobee, said, text};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
-
-/// The program, in the folder of the shipped configurations.
-fn mobee() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_mobee"));
-    command.current_dir(env!("CARGO_MANIFEST_DIR")).env("NO_COLOR", "1");
-    command
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("a readable path")
-}
-
-fn said(out: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr))
-}
-
-/// The events of a journal, as far as its lines are whole.
-fn events(run: &Path) -> Vec<Value> {
-    let journal = std::fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default();
-    let line = |l: &str| serde_json::from_str::<Value>(l).ok().map(|v| v["event"].clone());
-    journal.lines().filter_map(line).filter(|e| !e.is_null()).collect()
-}
 
 fn count(events: &[Value], what: &str) -> usize {
     events.iter().filter(|e| e["event"] == what).count()
