@@ -49,6 +49,10 @@ pub trait Bench {
     fn now(&self) -> Time;
     /// Lets time pass until then: jumps there, or waits.
     fn wait_until(&mut self, then: Time);
+    /// Share of the readings that may come late or get lost because the bench has its machine not to itself; none in virtual time.
+    fn disturbed(&self) -> f64 {
+        0.0
+    }
 }
 
 /// One promise of the driver contract.

@@ -1,11 +1,15 @@
 //! When a state was read, from the board's stamp and the time of its arrival.
 //!
 //! Arrivals jitter, stamps don't, but the board's clock is not ours. The shortest way a state took so far tells the offset between the
-//! two; a state that seems to have taken much longer than that says that the offset is no longer true (a clock was set, or
-//! runs at another rate, as a simulator's does).
+//! two. States that seem to have taken much longer are late, as after a stall of a machine or the network, and as old as their stamps
+//! say; if they stay late, the offset is no longer true (a clock was set, or runs at another rate, as a simulator's does).
 
-/// Longest delay that is believed; beyond it the arrival counts.
-const LONGEST: f64 = 0.030;
+/// A state that took longer than this is late.
+const LATE: f64 = 0.030;
+/// States that are late for longer than this tell the offset anew.
+const LATE_FOR: f64 = 0.100;
+/// No state is believed to be on its way for so long: a clock was set.
+const LONGEST: f64 = 1.0;
 /// States after which the shortest way is looked for afresh, so that a slowly drifting clock is followed.
 const WINDOW: u32 = 500;
 
@@ -16,6 +20,8 @@ pub struct Arrivals {
     /// The shortest way within the present window.
     shortest: Option<f64>,
     seen: u32,
+    /// When the first of the states arrived that have been late since, and the shortest way of these.
+    late: Option<(f64, f64)>,
     last: f64,
 }
 
@@ -35,11 +41,14 @@ impl Arrivals {
         let way = arrival - stamp;
         self.shortest = Some(self.shortest.map_or(way, |s| s.min(way)));
         self.seen += 1;
+        let delay = self.offset.map_or(f64::NAN, |offset| way - offset);
+        let (since, least) = self.late.map_or((arrival, way), |(since, least)| (since, least.min(way)));
+        self.late = (delay > LATE).then_some((since, least));
         let offset = match self.offset {
-            Some(offset) if way >= offset && way - offset <= LONGEST => offset,
+            Some(offset) if delay <= LATE || (delay <= LONGEST && arrival - since <= LATE_FOR) => offset.min(way),
             _ => {
-                (self.shortest, self.seen) = (Some(way), 0);
-                way
+                (self.shortest, self.seen, self.late) = (Some(least), 0, None);
+                least
             }
         };
         self.offset = Some(offset);
@@ -86,10 +95,29 @@ mod tests {
                 _ => None,
             };
             let at = arrivals.read_at(t, stamp);
-            assert!(at > last && at <= t + 1e-6 * f64::from(i + 1) && t - at <= LONGEST + 1e-9, "{i}: {at} of {t}");
+            let oldest = LATE + LATE_FOR + 0.02;
+            assert!(at > last && at <= t + 1e-6 * f64::from(i + 1) && t - at <= oldest, "{i}: {at} of {t}");
             last = at;
         }
         assert!((last - 0.02 * 399.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn states_that_a_stall_held_up_are_as_old_as_their_stamps_say() {
+        let mut arrivals = Arrivals::default();
+        for i in 0..200 {
+            let t = 0.02 * f64::from(i);
+            // from 2 s on nothing arrives for 0.4 s, then all at once
+            let arrival = if (2.0..2.4).contains(&t) { 2.4 } else { t };
+            let at = arrivals.read_at(arrival, Some(1.79e9 + t));
+            assert!((at - t).abs() < 1e-5, "{i}: {at} of {t}");
+        }
+        // a way that is longer for good is an offset
+        let longer = |i: u32| {
+            0.02 * f64::from(i) - arrivals.read_at(0.02 * f64::from(i), Some(1.79e9 + 0.02 * f64::from(i) - 0.1))
+        };
+        let ages: Vec<f64> = (200..220).map(longer).collect();
+        assert!((0.09..0.11).contains(&ages[5]) && ages[6..].iter().all(|a| *a < 1e-5), "{ages:?}");
     }
 
     #[test]
