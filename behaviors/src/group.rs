@@ -197,6 +197,11 @@ pub fn contacts_at(view: &View, q: &[f64], within: f64) -> Vec<mobee_model::Cont
     all
 }
 
+/// Whether the agent's robot at a pose keeps the view's clearance and its constraints. What other robots touch is their matter.
+pub fn free(view: &View, q: &[f64]) -> bool {
+    view.scene.robot_free(view.robot, &with_pose(view, q), view.clearance)
+}
+
 /// A setting's error in an agent's state.
 pub fn state(error: KindError) -> Refusal {
     let place = if error.path.is_empty() { String::new() } else { format!("{}: ", error.path) };

@@ -9,7 +9,7 @@ mod report;
 pub(crate) use placement::{Placement, bound, exact, measure};
 pub use report::{Kind, Reported};
 
-use crate::scene::{Contact, Scene};
+use crate::scene::{Contact, Scene, ShapeId};
 
 impl Scene {
     /// Reflex pairs nearer than `within` metres (and all that touch), sorted by pair. Pairs that can't move against each other
@@ -50,6 +50,25 @@ impl Scene {
         let placement = self.placement(poses);
         let solids = &self.world().solids;
         !self.world().pairs.iter().any(|&(i, j)| placement::touches(solids, &placement, i, j, clearance))
+    }
+
+    /// Whether every reflex pair of one robot (with itself, the others and objects) is farther apart than `clearance` metres and
+    /// its pose is lawful. What the others touch meanwhile is their matter.
+    pub fn robot_free<P: AsRef<[f64]>>(&self, robot: usize, poses: &[P], clearance: f64) -> bool {
+        if poses.get(robot).is_some_and(|q| !self.lawful(robot, q.as_ref())) {
+            return false;
+        }
+        let placement = self.placement(poses);
+        let solids = &self.world().solids;
+        let mut own = self.world().pairs.iter().filter(|&&(i, j)| self.is_of(robot, i, j));
+        !own.any(|&(i, j)| placement::touches(solids, &placement, i, j, clearance))
+    }
+
+    /// Whether one of two solids is a robot's.
+    pub(crate) fn is_of(&self, robot: usize, i: u32, j: u32) -> bool {
+        let solids = &self.world().solids;
+        let own = |k: u32| matches!(solids[k as usize].id, ShapeId::Robot { robot: r, .. } if usize::from(r) == robot);
+        own(i) || own(j)
     }
 
     /// Whether a robot's pose satisfies all of its constraints.

@@ -32,7 +32,8 @@ pub struct LineVerdict {
 
 impl Scene {
     /// Judges the straight line of one robot's motors from `from` to `to`, ends included, while the others stay at
-    /// `poses`. `step` is the longest way, in metres, that any point of the robot goes between two samples.
+    /// `poses`; what they touch themselves does not matter. `step` is the longest way, in metres, that any point of the robot goes
+    /// between two samples.
     ///
     /// The whole line is measured even where it is not free, so that borderline cases can be told.
     pub fn line<P: AsRef<[f64]>>(
@@ -63,7 +64,7 @@ impl Scene {
             *q = to;
         }
         self.violation(robot, from, to).is_none()
-            && self.free(&end, clearance)
+            && self.robot_free(robot, &end, clearance)
             && self.judge(robot, poses, (from, to), step, clearance, false).free
     }
 
@@ -101,7 +102,8 @@ impl Scene {
         let mut pairs: Vec<(f64, (u32, u32))> = Vec::with_capacity(world.pairs.len());
         for group in &world.groups {
             let speed = speed(&group.travel);
-            pairs.extend(group.pairs.iter().map(|pair| (speed, *pair)));
+            let own = group.pairs.iter().filter(|&&(i, j)| self.is_of(robot, i, j));
+            pairs.extend(own.map(|pair| (speed, *pair)));
         }
         pending.extend((0..pairs.len() as u32).map(|p| Reverse((0, p))));
         let mut placement = Placement::default();

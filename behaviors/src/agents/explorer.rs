@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Settings of the kind `explorer`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -68,6 +69,8 @@ fn half() -> f64 {
 const MOST_VERTICES: usize = 100_000;
 /// A goal is drawn from this many of the nearest vertices that have untried edges, so that the exploration spreads.
 const CHOICES: usize = 3;
+/// In how many rounds, a second apart, the samples are drawn while fewer than two are free: somebody may clear the world.
+const ROUNDS: usize = 60;
 
 /// Drives untried edges, near ones first, until no untried edge can be reached any more.
 pub struct Explorer {
@@ -76,6 +79,8 @@ pub struct Explorer {
     ranges: Vec<(usize, f64, f64)>,
     settings: ExplorerSettings,
     walker: Walker,
+    /// How many samples were drawn, and whether that was all of it.
+    drawn: usize,
     sampled: bool,
     seed: u64,
     rng: ChaCha8Rng,
@@ -86,6 +91,8 @@ pub struct Explorer {
 struct State {
     map: Value,
     progress: Progress,
+    #[serde(default)]
+    drawn: usize,
     sampled: bool,
     dice: Dice,
 }
@@ -111,7 +118,7 @@ impl Explorer {
         let seed = settings.seed.unwrap_or(context.seed);
         let walker = Walker::new(Roadmap::new(motors), speed, tolerance, seed);
         let rng = ChaCha8Rng::seed_from_u64(seed);
-        Ok(Explorer { robot, ranges, settings, walker, sampled: false, seed, rng })
+        Ok(Explorer { robot, ranges, settings, walker, drawn: 0, sampled: false, seed, rng })
     }
 
     /// The roadmap as it is now.
@@ -119,7 +126,8 @@ impl Explorer {
         &self.walker.map
     }
 
-    /// Random poses, kept only if free at the view's clearance and lawful; edges to the nearest, all optimistic.
+    /// Random poses, kept only if free at the view's clearance and lawful; edges to the nearest, all optimistic. While there are
+    /// fewer than two, only a share of the samples is drawn.
     fn sample(&mut self, view: &View) {
         let hand = group::hand(&self.robot, self.walker.map.motors());
         // a motor of no concern that stands at home but for the noise of its encoder counts as standing there
@@ -127,9 +135,12 @@ impl Explorer {
         let homes = self.robot.motors.iter().map(|m| m.home);
         let base: Vec<f64> =
             view.pose().iter().zip(homes).map(|(q, h)| if (q - h).abs() <= near_home { h } else { *q }).collect();
-        let mut drawn = 0;
-        while self.walker.map.len() < self.settings.vertices && drawn < self.settings.samples {
-            drawn += 1;
+        let all = self.settings.samples;
+        let round = self.drawn.saturating_add(all.div_ceil(ROUNDS));
+        while self.walker.map.len() < self.settings.vertices
+            && self.drawn < if self.walker.map.len() < 2 { round.min(all) } else { all }
+        {
+            self.drawn += 1;
             let mut q = base.clone();
             for (m, min, max) in &self.ranges {
                 let value = if max > min { self.rng.random_range(*min..=*max) } else { *min };
@@ -137,13 +148,18 @@ impl Explorer {
                     *slot = value;
                 }
             }
-            if view.scene.free(&group::with_pose(view, &q), view.clearance) {
+            if group::free(view, &q) {
                 let at = group::marker_at(view, hand, &q);
                 self.walker.map.add(Vertex { name: None, q, at });
             }
         }
+        self.sampled = self.walker.map.len() >= 2 || self.drawn >= all;
+        if !self.sampled {
+            self.walker.log("fewer than two free poses were found: looking again, in case the world is cleared");
+            return;
+        }
         self.walker.map.join_nearest(self.settings.neighbors);
-        let (vertices, edges) = (self.walker.map.len(), self.walker.map.edges().len());
+        let (vertices, edges, drawn) = (self.walker.map.len(), self.walker.map.edges().len(), self.drawn);
         self.walker.log(format!("roadmap of {vertices} poses from {drawn} samples, {edges} directed edges"));
     }
 
@@ -221,7 +237,9 @@ impl Agent for Explorer {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
         if !self.sampled {
             self.sample(view);
-            self.sampled = true;
+            if !self.sampled {
+                return Intent::Wait(Duration::from_secs(1));
+            }
         }
         if self.walker.map.len() < 2 {
             return Intent::Done(
@@ -253,7 +271,7 @@ impl Agent for Explorer {
 
     fn recall(&mut self, past: &[Note]) {
         self.walker.map.recall(past);
-        self.sampled = !self.walker.map.is_empty();
+        self.sampled = self.walker.map.len() >= 2;
     }
 
     fn means(&self) -> Means {
@@ -263,7 +281,8 @@ impl Agent for Explorer {
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
         let progress = self.walker.progress().clone();
-        seal("explorer", 1, &State { map, progress, sampled: self.sampled, dice: Dice::of(self.seed, &self.rng) })
+        let dice = Dice::of(self.seed, &self.rng);
+        seal("explorer", 1, &State { map, progress, drawn: self.drawn, sampled: self.sampled, dice })
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
@@ -274,7 +293,8 @@ impl Agent for Explorer {
         }
         self.walker.map = map;
         self.walker.resume(state.progress);
-        (self.sampled, self.seed, self.rng) = (state.sampled, state.dice.seed, state.dice.rng());
+        (self.drawn, self.sampled) = (state.drawn, state.sampled);
+        (self.seed, self.rng) = (state.dice.seed, state.dice.rng());
         Ok(())
     }
 }

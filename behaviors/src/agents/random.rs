@@ -98,8 +98,7 @@ impl Agent for Random {
         }
         for _ in 0..DRAWS {
             let target = self.draw();
-            let there = group::with_pose(view, &target.pose(view.pose()));
-            if !self.settings.checked || view.scene.free(&there, view.clearance) {
+            if !self.settings.checked || group::free(view, &target.pose(view.pose())) {
                 return Intent::MoveTo(target);
             }
         }

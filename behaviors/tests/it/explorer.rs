@@ -6,6 +6,7 @@ use mobee_behaviors::roadmap::Roadmap;
 use mobee_behaviors::verdict::judge;
 use mobee_contract::*;
 use mobee_model::ObjectClass;
+use nalgebra::Isometry3;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -165,6 +166,41 @@ fn in_a_real_scene_every_verdict_agrees_with_the_offline_check() {
     let lied = Roadmap::import(&lied, &robot).unwrap();
     let found = judge(&lied, &scene, 0, &v.poses, v.clearance);
     assert_eq!(found.disagree.len() + found.borderline.len(), report.borderline.len() + 1);
+}
+
+#[test]
+fn what_another_robot_touches_is_no_matter_of_the_explorer() {
+    let mut other = mobee_model::Robot::clone(&arm(2));
+    other.name = "other".into();
+    let robots =
+        vec![(arm(2), Isometry3::identity()), (std::sync::Arc::new(other), Isometry3::translation(5.0, 0.0, 0.0))];
+    let on_the_other = ball("ball", 5.3, 0.0, 0.1, ObjectClass::Obstacle);
+    let scene = std::sync::Arc::new(mobee_model::Scene::new(robots, vec![on_the_other]).unwrap());
+    let mut v = view(&scene, &[0.0, 0.0]);
+    v.poses.push(vec![0.0, 0.0].into());
+    let mut agent = explorer(2, 3, 6, 3);
+    assert!(matches!(agent.next(None, &v), Intent::MoveTo(_)));
+    assert_eq!(agent.map().len(), 6);
+}
+
+#[test]
+fn a_world_without_free_poses_may_be_cleared_in_time() {
+    let wall = ball("wall", 0.3, 0.0, 2.0, ObjectClass::Obstacle);
+    let (covered, clear) = (scene(&arm(2), vec![wall]), scene(&arm(2), vec![]));
+    let mut agent = explorer(2, 3, 6, 3);
+    let v = view(&covered, &[0.0, 0.0]);
+    for _ in 0..20 {
+        assert!(matches!(agent.next(None, &v), Intent::Wait(_)));
+    }
+    // a successor waits on
+    let mut second = explorer(2, 4, 6, 3);
+    second.import(agent.export()).unwrap();
+    assert_eq!(second.export(), agent.export());
+    assert!(matches!(second.next(None, &view(&clear, &[0.0, 0.0])), Intent::MoveTo(_)));
+    assert_eq!(second.map().len(), 6);
+    // but not for ever
+    let run = drive(&mut agent, &mut view(&covered, &[0.0, 0.0]), 100, |_, _, _| true);
+    assert!(run.done.unwrap().text.contains("fewer than two") && run.waits < 60);
 }
 
 #[test]

@@ -136,7 +136,10 @@ fn a_line_is_judged_as_its_samples_are() {
                 let t = f64::from(k) / f64::from(verdict.steps);
                 let mut at = from.clone();
                 at[0] = from[0].iter().zip(&to[0]).map(|(a, b)| a + (b - a) * t).collect();
-                let near = scene.clearance(&at, clearance + 0.005).map_or(clearance + 0.005, |c| c.distance);
+                let own = |s: ShapeId| matches!(s, ShapeId::Robot { robot: 0, .. });
+                let near =
+                    scene.contacts(&at, clearance + 0.005).into_iter().filter(|c| own(c.pair.0) || own(c.pair.1));
+                let near = near.map(|c| c.distance).fold(clearance + 0.005, f64::min);
                 least = least.min(near);
                 if near <= clearance && first.is_none() {
                     first = Some(t);
