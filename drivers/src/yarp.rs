@@ -5,6 +5,7 @@
 //!   command ──checked──> a bounded queue per board ──> Hand ──> RemoteBoard ──> the robot
 //!   lease ─────────────> watched there: at its end everything stops
 //!   sample <───────────── Cell: newest of all boards <── Arrivals <── state streams
+//! services: questions ──> Questions, a line per board that is worked by the asker itself ──> the robot
 //! ```
 //! * Every new connection to a board begins with a stop; nothing that was told before it counts any more (F11).
 //! * A board that falls silent gives no readings; one that is gone is [`mobee_contract::DriverFault::Lost`] until it is back.
@@ -18,6 +19,7 @@ mod driver;
 mod hand;
 mod layout;
 mod motion;
+mod questions;
 mod settings;
 mod thread;
 
@@ -31,10 +33,10 @@ use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware,
 use mobee_model::Robot;
 use mobee_yarp::board::{Ask, Set};
 use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
+use questions::Questions;
 use serde_json::Value as Json;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::sync::oneshot;
 
 inventory::submit! {
     DriverKind {
@@ -60,7 +62,7 @@ pub struct YarpHardware {
 /// What there is once the thread runs.
 struct Started {
     reach: Reach,
-    questions: thread::Questions,
+    questions: Vec<Questions>,
     thread: thread::Running,
 }
 
@@ -172,11 +174,7 @@ impl Hardware for YarpHardware {
         let Some(questions) = started.as_ref().and_then(|s| s.questions.get(board)) else {
             return refused("the boards have not been reached yet");
         };
-        let (reply, answer) = oneshot::channel();
-        if questions.try_send((words, reply)).is_err() {
-            return refused("too many questions wait for the board");
-        }
-        Some(Box::pin(async move { answer.await.unwrap_or(Err(DriverFault::Lost)) }))
+        questions.pass(words).or_else(|| refused("too many questions wait for the board"))
     }
 }
 

@@ -5,8 +5,8 @@ use super::cell::{Cell, describe, instant};
 use super::clock::Arrivals;
 use super::driver::Reach;
 use super::hand::{Halt, Hand};
-use super::layout::Layout;
-use mobee_contract::DriverFault;
+use super::layout::{Layout, Patch};
+use super::questions::Questions;
 use mobee_yarp::board::{Link, RemoteBoard, RemoteOptions, RemoteState};
 use mobee_yarp::{Carrier, Network, Vocab};
 use std::io;
@@ -17,14 +17,6 @@ use tokio::time::Instant;
 
 /// Orders that may wait for one board.
 const WAITING: usize = 64;
-/// Questions of others that may wait for one board.
-const ASKED: usize = 32;
-
-/// A question in the board's own words, and where its answer goes.
-type Question = (Vec<u8>, oneshot::Sender<Result<Vec<u8>, DriverFault>>);
-/// A queue of questions per board.
-pub type Questions = Vec<mpsc::Sender<Question>>;
-
 /// The thread while it runs.
 pub struct Running {
     end: oneshot::Sender<()>,
@@ -56,18 +48,19 @@ pub fn start(
     let halt = watch::Sender::new(Arc::new(Halt::default()));
     let lease = watch::Sender::new(None);
     let (orders, order_queues): (Vec<_>, Vec<_>) = layout.patches.iter().map(|_| mpsc::channel(WAITING)).unzip();
-    let (questions, question_queues): (Vec<_>, Vec<_>) =
-        layout.patches.iter().map(|_| mpsc::channel::<Question>(ASKED)).unzip();
     let reach = Reach { layout: layout.clone(), cell: cell.clone(), orders, halt: halt.clone(), lease: lease.clone() };
     let (end, ended) = oneshot::channel::<()>();
     let name = settings.name.clone().unwrap_or_else(|| format!("/MoBeE/{robot}/driver"));
     let (network, settings) = (network.clone(), settings.clone());
+    let passed = network.clone().with_timeout(settings.timeout());
+    let question = |p: &Patch| Questions::new(&passed, &format!("{name}/{}", p.part), &p.port);
+    let questions = layout.patches.iter().map(question).collect();
     let watched = reach.clone();
     let work = async move {
         let mut hands = JoinSet::new();
         let mut others = JoinSet::new();
         let (stopping, stopped) = watch::channel(false);
-        for (index, (queue, asked)) in order_queues.into_iter().zip(question_queues).enumerate() {
+        for (index, queue) in order_queues.into_iter().enumerate() {
             let Some(patch) = layout.patches.get(index) else { continue };
             let options = RemoteOptions {
                 local: format!("{name}/{}", patch.part),
@@ -77,7 +70,6 @@ pub fn start(
             };
             let board = Arc::new(RemoteBoard::new(&network, &patch.port, options));
             others.spawn(states(cell.clone(), layout.clone(), index, board.clone(), settings.clone()));
-            others.spawn(answer(board.clone(), asked));
             let hand = Hand::new(
                 (cell.clone(), layout.clone()),
                 index,
@@ -185,18 +177,6 @@ fn take(cell: &Cell, layout: &Layout, index: usize, state: &RemoteState, at: f64
     drop(inner);
     if ready {
         cell.ring();
-    }
-}
-
-/// Passes questions on, one after the other.
-async fn answer(board: Arc<RemoteBoard>, mut asked: mpsc::Receiver<Question>) {
-    while let Some((words, reply)) = asked.recv().await {
-        let answer = board.pass(&words).await.map_err(|error| {
-            tracing::debug!(board = board.port(), error = error.to_string(), "a question was not answered");
-            DriverFault::Lost
-        });
-        // who asked may have gone
-        let _ = reply.send(answer);
     }
 }
 

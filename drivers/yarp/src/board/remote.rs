@@ -2,7 +2,6 @@
 //!
 //! ```text
 //! LOCAL/rpc:o     ──> PREFIX/rpc:i       orders and readings of our own, one after the other
-//! LOCAL/ask:o     ──> PREFIX/rpc:i       questions passed on for others: they never keep an order waiting
 //! LOCAL/command:o ──> PREFIX/command:i   streamed set-points
 //! LOCAL/state:i   <── PREFIX/stateExt:o  or state:o where there is none
 //! ```
@@ -75,7 +74,6 @@ struct Shared {
     port: String,
     options: RemoteOptions,
     control: Mutex<RpcClient>,
-    questions: Mutex<RpcClient>,
     link: watch::Sender<Link>,
     facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
     state: watch::Sender<Option<Arc<RemoteState>>>,
@@ -91,10 +89,8 @@ impl RemoteBoard {
     /// The client of the board whose ports begin with `port`, such as `/icub/torso`. Must be called within a tokio runtime; waits for nothing.
     pub fn new(network: &Network, port: &str, options: RemoteOptions) -> RemoteBoard {
         let network = network.clone().with_timeout(options.timeout);
-        let client = |own: &str| {
-            let (own, to) = (format!("{}/{own}", options.local), format!("{port}/rpc:i"));
-            RpcClient::keep(&network, &own, &to, Carrier::Tcp)
-        };
+        let (own, to) = (format!("{}/rpc:o", options.local), format!("{port}/rpc:i"));
+        let control = RpcClient::keep(&network, &own, &to, Carrier::Tcp);
         let sender = Sender::keep(
             &network,
             &format!("{}/command:o", options.local),
@@ -102,8 +98,7 @@ impl RemoteBoard {
             options.carrier,
         );
         let shared = Arc::new(Shared {
-            control: Mutex::new(client("rpc:o")),
-            questions: Mutex::new(client("ask:o")),
+            control: Mutex::new(control),
             link: watch::Sender::new(Link::Down("not connected yet".into())),
             facts: watch::Sender::new(None),
             state: watch::Sender::new(None),
@@ -165,14 +160,6 @@ impl RemoteBoard {
     /// As for [`RemoteBoard::ask`].
     pub async fn order(&self, request: &Ask) -> Result<bool, CallError> {
         self.ask(request).await.map(|answer| reply::is_ok(&answer))
-    }
-
-    /// Passes on another's question as the bytes of a bottle, and the board's own answer back.
-    ///
-    /// # Errors
-    /// As for [`RemoteBoard::ask`].
-    pub async fn pass(&self, request: &[u8]) -> Result<Vec<u8>, CallError> {
-        self.shared.questions.lock().await.call_raw(request).await
     }
 
     /// Sends set-points that expect no answer. Never waits; `false` if too many wait already, and they are dropped.

@@ -1,0 +1,36 @@
+//! Questions of others, passed on to a board on a line of their own: they never keep an order waiting.
+
+use mobee_contract::{Answer, DriverFault};
+use mobee_yarp::{Carrier, Network, RpcClient};
+use std::sync::Arc;
+use tokio::sync::{Mutex, Semaphore};
+
+/// Questions that may wait for one board.
+const WAITING: usize = 32;
+
+/// `LOCAL/ask:o ──> PREFIX/rpc:i`. It is worked by the tasks of those who ask, so that no other thread stands between them and the board.
+pub struct Questions {
+    line: Arc<Mutex<RpcClient>>,
+    room: Arc<Semaphore>,
+}
+
+impl Questions {
+    /// A line to the board whose ports begin with `port`; it connects when it is used.
+    pub fn new(network: &Network, local: &str, port: &str) -> Questions {
+        let line = RpcClient::keep(network, &format!("{local}/ask:o"), &format!("{port}/rpc:i"), Carrier::Tcp);
+        Questions { line: Arc::new(Mutex::new(line)), room: Arc::new(Semaphore::new(WAITING)) }
+    }
+
+    /// Passes on the bytes of a bottle, and the board's own answer back. `None`: too many wait already.
+    pub fn pass(&self, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
+        let (line, place) = (self.line.clone(), self.room.clone().try_acquire_owned().ok()?);
+        Some(Box::pin(async move {
+            let answer = line.lock().await.call_raw(&words).await;
+            drop(place);
+            answer.map_err(|error| {
+                tracing::debug!(error = error.to_string(), "a question was not answered");
+                DriverFault::Lost
+            })
+        }))
+    }
+}
