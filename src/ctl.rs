@@ -75,10 +75,13 @@ enum CtlCommand {
         #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
     },
-    /// Switch the recording `on` or `off`; the journal is always kept.
+    /// Switch the recording `on` or `off` (the journal is always kept), or let a Rerun viewer follow: `connect`.
     Record {
         /// `on`, `off` or `connect`.
         what: String,
+        /// Where the viewer listens, as the run sees it; default: 127.0.0.1:9876.
+        #[arg(value_name = "ADDRESS:PORT")]
+        address: Option<String>,
     },
 }
 

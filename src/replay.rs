@@ -110,7 +110,7 @@ impl Recorded {
             poses: None,
             capacity: QUEUE,
             patience: PATIENCE,
-            open: Arc::new(move || Ok(Box::new(compare.clone()))),
+            open: Some(Arc::new(move || Ok(Box::new(compare.clone())))),
         };
         Ok((spec, verdict))
     }

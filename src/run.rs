@@ -5,6 +5,7 @@ mod guarded;
 mod interrupt;
 mod limits;
 mod progress;
+mod record;
 mod report;
 mod resume;
 mod said;
@@ -14,6 +15,7 @@ mod switched;
 mod watch;
 
 pub use folder::Folder;
+pub(crate) use record::Recording;
 pub use report::summary;
 pub use resume::command as resume;
 pub(crate) use sinks::{PATIENCE, QUEUE, recorder_settings};
@@ -85,8 +87,8 @@ pub(crate) struct Extras {
     pub(crate) recorder: Option<Open>,
     /// The configuration that the journal tells of, if it is not the composition's.
     pub(crate) told: Option<serde_json::Value>,
-    /// The switch of the recording.
-    pub(crate) recording: Option<Arc<AtomicBool>>,
+    /// What can be done about the recording while the run goes on.
+    pub(crate) recording: Option<Arc<Recording>>,
     /// Where warnings are said at once.
     pub(crate) bar: Option<progress::Bar>,
 }
@@ -115,16 +117,15 @@ pub(crate) fn show(
 ) -> Result<Done, Report> {
     let bar = progress::Bar::new(&composition.config, json);
     interrupt::listen(controls.clone())?;
-    let recording = Arc::new(AtomicBool::new(true));
+    let recording = Arc::new(Recording::new(composition.config.record.enabled));
     let address = match ctl {
         CtlAt::Off => None,
         CtlAt::Loopback => Some(CtlService::loopback()),
         CtlAt::Address(address) => Some(address),
     };
     if let Some(address) = address.filter(|_| composition.config.clock_kind() == ClockKind::Real) {
-        let switch = composition.config.record.enabled.then(|| recording.clone());
         let yarp = composition.config.yarp.as_ref().and_then(|y| y.network().ok());
-        composition.services.push(Box::new(CtlService::new(folder, address, controls, switch, yarp)));
+        composition.services.push(Box::new(CtlService::new(folder, address, controls, recording.clone(), yarp)));
     }
     extras.recording = Some(recording);
     extras.bar = Some(bar.clone());
@@ -188,7 +189,6 @@ pub(crate) fn run_with(
     progress: impl FnMut(&Progress),
 ) -> Result<Done, Report> {
     let Extras { past, planned, sinks, recorder, told, recording, bar } = extras;
-    let recording = recording.unwrap_or_else(|| Arc::new(AtomicBool::new(true)));
     let Composition { config, file, scene, robots, script, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
@@ -202,11 +202,15 @@ pub(crate) fn run_with(
     let mut specs = vec![sinks::journal(&journal)];
     specs.extend(sinks::rings(&config, folder, motors));
     specs.extend(bar.map(sinks::terminal));
-    specs.extend(sinks::recorder(&config, folder, recorder, recording));
+    let on = recording.as_ref().map_or_else(|| Arc::new(AtomicBool::new(true)), |r| r.on.clone());
+    specs.extend(sinks::recorder(&config, folder, recorder, on));
     specs.extend(sinks::viewer(&config, folder));
     specs.extend(sinks);
     let taps =
         Taps::spawn(config.clock_kind(), specs).map_err(Report::msg).wrap_err("the run's folder can't be written")?;
+    if let Some(recording) = recording {
+        recording.open(taps.clone(), recorder_settings(&config, folder));
+    }
     let kind = config.clock_kind();
     let setup = Setup {
         scene,

@@ -7,10 +7,12 @@
 //!
 //! In virtual time a full queue is waited for, so that nothing is dropped and two runs stay equal. In real time nobody
 //! waits: poses are dropped first, oldest first, then events, and counted. An event that an essential sink lost is a fault
-//! that lasts: see [`Taps::failed`].
+//! that lasts: see [`Taps::failed`]. A viewer may come later ([`Taps::attach`]): it is first told how everything is now.
 
+mod kept;
 mod pipe;
 mod watch;
+pub use kept::Kept;
 pub use pipe::SinkReport;
 pub use watch::TapActor;
 
@@ -39,8 +41,8 @@ pub struct SinkSpec {
     pub capacity: usize,
     /// How long it may take for one entry at the end of the run, before it is left behind.
     pub patience: Duration,
-    /// Opens it.
-    pub open: Open,
+    /// Opens it; none if nobody is there yet, see [`Taps::attach`].
+    pub open: Option<Open>,
 }
 
 /// The handle that everybody tells. Cheap to clone.
@@ -105,6 +107,16 @@ impl Taps {
     pub fn spawn(clock: ClockKind, specs: Vec<SinkSpec>) -> Result<Taps, String> {
         let pipes = specs.into_iter().map(|spec| Pipe::spawn(clock, spec)).collect::<Result<_, _>>()?;
         Ok(Taps(Arc::new(Inner { pipes, memory: None })))
+    }
+
+    /// Puts a sink in the place of the one of this name, or where nobody was yet. It is told how everything is now, and then
+    /// what comes; `open` opens it anew after a failure. Nobody waits for the one that was there.
+    ///
+    /// # Errors
+    /// If there is no such place, or no thread for it.
+    pub fn attach(&self, name: &str, sink: Box<dyn Sink>, open: Open) -> Result<(), String> {
+        let pipe = self.0.pipes.iter().find(|p| p.name() == name);
+        pipe.ok_or_else(|| format!("this run has no place for a {name}"))?.attach(sink, open)
     }
 
     /// The names of the sinks.

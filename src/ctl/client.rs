@@ -32,7 +32,7 @@ pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
         CtlCommand::Resume { robot } => words(&["resume"], robot),
         CtlCommand::Recover { robot } => words(&["recover"], robot),
         CtlCommand::Stop { now } => words(&["stop"], now.then(|| "now".into())),
-        CtlCommand::Record { what } => words(&["record"], Some(what)),
+        CtlCommand::Record { what, address } => words(&["record", &what], address),
         CtlCommand::World { words } => {
             let mut request = Bottle(vec![string("world")]);
             let text = words.join(" ");

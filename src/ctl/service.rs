@@ -2,7 +2,7 @@
 
 use super::offer::Wanted;
 use super::{FILE, PORT, offer, show};
-use crate::run::Folder;
+use crate::run::{Folder, Recording};
 use mobee_actors::swap::Terms;
 use mobee_actors::system::{Control, Report};
 use mobee_contract::{Answer, Running, Service, SwapPart, SwapStep};
@@ -13,7 +13,6 @@ use mobee_yarp::{
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
@@ -23,23 +22,26 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// How often the name server of the run's YARP ports is told of the control port.
 const AGAIN: Duration = Duration::from_secs(5);
 
+/// Where a viewer listens if nobody says otherwise.
+const VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
+
 /// Serves the control port of a run.
 pub struct CtlService {
     folder: PathBuf,
     address: SocketAddr,
     controls: mpsc::Sender<Control>,
-    recording: Option<Arc<AtomicBool>>,
+    recording: Arc<Recording>,
     yarp: Option<Network>,
 }
 
 impl CtlService {
-    /// For the run in this folder. Port 0 of the address: any that is free. `recording` switches the recorder, if there
-    /// is one; `yarp` is a network on which the port is to be known too.
-    pub fn new(
+    /// For the run in this folder. Port 0 of the address: any that is free. `recording` is how it is recorded;
+    /// `yarp` is a network on which the port is to be known too.
+    pub(crate) fn new(
         folder: &Folder,
         address: SocketAddr,
         controls: mpsc::Sender<Control>,
-        recording: Option<Arc<AtomicBool>>,
+        recording: Arc<Recording>,
         yarp: Option<Network>,
     ) -> CtlService {
         CtlService { folder: folder.path().to_owned(), address, controls, recording, yarp }
@@ -132,13 +134,14 @@ struct Desk {
     running: Arc<dyn Running>,
     world: Arc<WorldService>,
     controls: mpsc::Sender<Control>,
-    recording: Option<Arc<AtomicBool>>,
+    recording: Arc<Recording>,
     /// The last report that was asked for, for rates.
     before: Mutex<Option<Report>>,
 }
 
 const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver FILE [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
-                    swapped ROBOT PART; pause|resume|recover [ROBOT]; stop [now]; world ...; record on|off.";
+                    swapped ROBOT PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
+                    record on|off|connect [ADDRESS].";
 
 impl Desk {
     async fn answer(&self, request: Bottle) -> Result<Vec<String>, String> {
@@ -160,7 +163,11 @@ impl Desk {
                 let reply = self.world.answer(Bottle(request.0.into_iter().skip(1).collect())).await;
                 Ok(vec![reply.0.iter().map(word).collect::<Vec<_>>().join(" ")])
             }
-            ["record", what] => self.record(what),
+            ["record", what @ ("on" | "off")] => {
+                self.recording.switch(*what == "on").map(|()| vec![format!("the recording is {what}")])
+            }
+            ["record", "connect", address @ ..] => self.connect(address).await,
+            ["record", ..] => Err("say `record on`, `record off` or `record connect [ADDRESS:PORT]`".into()),
             _ => Err(HELP.into()),
         }
     }
@@ -276,18 +283,17 @@ impl Desk {
         Ok(vec![word.into(), step.to_string()])
     }
 
-    fn record(&self, what: &str) -> Result<Vec<String>, String> {
-        let switch = self.recording.as_ref().ok_or("this run makes no recording; start it without --no-record")?;
-        match what {
-            "on" | "off" => {
-                switch.store(what == "on", Ordering::SeqCst);
-                Ok(vec![format!("the recording is {what}")])
-            }
-            "connect" => Err("a viewer can't be connected while the run goes on; `mobee view RUN` opens what is \
-                              recorded so far"
-                .into()),
-            _ => Err("say `record on` or `record off`".into()),
-        }
+    /// Lets a viewer follow, at its usual port if no address is said.
+    async fn connect(&self, address: &[&str]) -> Result<Vec<String>, String> {
+        let address = match address {
+            [] => Ok(VIEWER),
+            [address] => address.parse().map_err(|e| format!("`{address}`: {e}; give one such as {VIEWER}")),
+            _ => Err(HELP.into()),
+        }?;
+        let recording = self.recording.clone();
+        let connected = tokio::task::spawn_blocking(move || recording.connect(address)).await;
+        connected.map_err(|e| format!("the viewer could not be connected: {e}"))??;
+        Ok(vec![format!("the viewer at {address} follows from now on")])
     }
 }
 

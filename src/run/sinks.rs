@@ -23,6 +23,9 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
 /// The same of a viewer or terminal, which nobody has to wait for.
 const IMPATIENCE: Duration = Duration::from_secs(3);
 
+/// The name of the viewer's sink.
+pub(super) const VIEWER: &str = "viewer";
+
 /// The journal.
 pub(super) fn journal(journal: &Journal) -> SinkSpec {
     let journal = journal.clone();
@@ -32,7 +35,7 @@ pub(super) fn journal(journal: &Journal) -> SinkSpec {
         poses: None,
         capacity: QUEUE,
         patience: PATIENCE,
-        open: Arc::new(move || Ok(journal.sink())),
+        open: Some(Arc::new(move || Ok(journal.sink()))),
     }
 }
 
@@ -47,7 +50,7 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
         poses: Some(Duration::ZERO),
         capacity: QUEUE,
         patience: PATIENCE,
-        open: Arc::new(move || Rings::create(&dir, &rings).map(|r| Box::new(r) as _)),
+        open: Some(Arc::new(move || Rings::create(&dir, &rings).map(|r| Box::new(r) as _))),
     })
 }
 
@@ -59,7 +62,7 @@ pub(super) fn terminal(bar: Bar) -> SinkSpec {
         poses: None,
         capacity: QUEUE,
         patience: IMPATIENCE,
-        open: Arc::new(move || Ok(Box::new(Said::new(bar.clone())))),
+        open: Some(Arc::new(move || Ok(Box::new(Said::new(bar.clone()))))),
     }
 }
 
@@ -94,21 +97,25 @@ pub(super) fn recorder(
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
         capacity: QUEUE,
         patience: PATIENCE,
-        open,
+        open: Some(open),
     })
 }
 
-/// The viewer that follows live: a sink of its own, so that one that freezes takes nothing from the file.
+/// The viewer that follows live, or may come later: a sink of its own, so that one that freezes takes nothing from the file. A
+/// run in virtual time waits for nobody.
 pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
-    let live = Some(config.record.live?.to_string());
-    let settings = mobee_recorder::Settings { live, ..recorder_settings(config, folder) };
-    Some(SinkSpec {
-        name: "viewer".into(),
+    let settings = recorder_settings(config, folder);
+    let open = config.record.live.map(|address| -> Open {
+        let settings = mobee_recorder::Settings { live: Some(address.to_string()), ..settings };
+        Arc::new(move || Ok(Box::new(Recorder::new(&settings).map_err(|e| e.to_string())?)))
+    });
+    (config.clock == Clock::Real).then(|| SinkSpec {
+        name: VIEWER.into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
         capacity: QUEUE,
         patience: IMPATIENCE,
-        open: Arc::new(move || Ok(Box::new(Recorder::new(&settings).map_err(|e| e.to_string())?))),
+        open,
     })
 }
 

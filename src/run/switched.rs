@@ -1,15 +1,16 @@
 //! A sink that can be switched off and on again while the run goes on.
 
+use mobee_actors::tap::Kept;
 use mobee_contract::{Entry, Sink, Time};
-use mobee_model::Scene;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Passes on what it is told while it is on. What the world became meanwhile is told when it is switched on again.
+/// Passes on what it is told while it is on. What became of the world and the robots
+/// meanwhile is told when it is switched on again.
 pub(super) struct Switched<S> {
     sink: S,
     on: Arc<AtomicBool>,
-    missed: Option<(Time, Arc<Scene>)>,
+    missed: Option<Kept>,
 }
 
 impl<S: Sink> Switched<S> {
@@ -21,13 +22,11 @@ impl<S: Sink> Switched<S> {
 impl<S: Sink> Sink for Switched<S> {
     fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
         if !self.on.load(Ordering::SeqCst) {
-            if let Entry::Scene(scene) = entry {
-                self.missed = Some((at, scene.clone()));
-            }
+            self.missed.get_or_insert_default().note(at, entry);
             return Ok(());
         }
-        if let Some((at, scene)) = self.missed.take() {
-            self.sink.write(at, &Entry::Scene(scene))?;
+        for (at, entry) in self.missed.take().into_iter().flat_map(Kept::entries) {
+            self.sink.write(at, &entry)?;
         }
         self.sink.write(at, entry)
     }

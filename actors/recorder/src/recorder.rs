@@ -15,7 +15,7 @@ use mobee_model::{Contact, Scene, ShapeId};
 use rerun::{Points3D, StateChange, TextLog};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Frames that are sent as one column per entity.
 const FRAMES: usize = 2048;
@@ -48,6 +48,14 @@ impl Recorder {
     pub fn new(settings: &Settings) -> Result<Recorder, RecorderError> {
         let path = settings.path.display().to_string();
         Recording::begin(settings)?.recorder("").map_err(|why| RecorderError::File { path, why })
+    }
+
+    /// Waits until a viewer has taken what it was sent so far.
+    ///
+    /// # Errors
+    /// If it has not within this time, in words.
+    pub fn reach(&self, within: Duration) -> Written {
+        self.recording.reach(within)
     }
 
     /// One more that draws into a recording, by this stream.
@@ -187,6 +195,8 @@ impl Recorder {
 
     /// Draws the roadmaps as they were up to now, before time goes on: notes of one instant make one picture.
     fn draw(&mut self, last: bool) -> Written {
+        // what a late viewer is told first bears the times when it happened
+        self.stream.at(self.now);
         let mut outgrown = false;
         for shadow in self.robots.iter_mut().filter(|s| s.roadmap.changed.vertices) {
             outgrown |= shadow.outgrown();

@@ -145,6 +145,11 @@ impl Recording {
         self.trouble.get().map_or(Ok(()), |why| Err(unwritable(why)))
     }
 
+    /// Waits until all is written that was sent.
+    pub(crate) fn reach(&self, within: Duration) -> Written {
+        self.rec.flush_with_timeout(within).map_err(|e| e.to_string())
+    }
+
     /// Writes what waits, for a while; whoever is behind then may still catch up.
     pub(crate) fn flush(&self) -> Written {
         match self.rec.flush_with_timeout(FLUSH) {

@@ -1,6 +1,6 @@
 //! One sink behind its bounded queue, on its own thread.
 
-use super::SinkSpec;
+use super::{Kept, Open, SinkSpec};
 use crate::clock::ClockKind;
 use mobee_contract::{Entry, Event, Pose, Sink, Time};
 use mobee_model::Contact;
@@ -41,6 +41,8 @@ impl SinkReport {
 
 pub(super) struct Pipe {
     spec: SinkSpec,
+    /// Opens the sink; none as long as nobody was attached.
+    open: Mutex<Option<Open>>,
     virtual_time: bool,
     shared: Arc<Shared>,
     thread: Mutex<Option<JoinHandle<()>>>,
@@ -66,8 +68,12 @@ struct Queue {
     ended: bool,
     /// Why the thread has ended before its time.
     error: Option<String>,
-    /// The newest scene, for a sink that is opened anew.
-    scene: Option<(Time, Entry)>,
+    /// What a sink that is opened later has to be told.
+    kept: Kept,
+    /// How many threads were started; only the newest one counts.
+    threads: u64,
+    /// How many sinks were attached while the run went on.
+    attached: u64,
     /// Something was lost that must not be.
     lost: Option<String>,
     sent: u64,
@@ -81,6 +87,15 @@ impl Shared {
     fn lock(&self) -> MutexGuard<'_, Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// A thread is at its end; one that was replaced has nothing to say.
+    fn ended(&self, thread: u64, error: Option<String>) {
+        let mut queue = self.lock();
+        if queue.threads == thread {
+            (queue.error, queue.ended) = (error, true);
+            self.emptied.notify_all();
+        }
+    }
 }
 
 impl Pipe {
@@ -88,7 +103,9 @@ impl Pipe {
         let spec = SinkSpec { capacity: spec.capacity.max(1), ..spec };
         let (filled, emptied) = (Condvar::new(), Condvar::new());
         let shared = Shared { queue: Mutex::default(), filled, emptied, steps: AtomicU64::new(0) };
+        shared.lock().ended = true;
         let pipe = Pipe {
+            open: Mutex::new(spec.open.clone()),
             spec,
             virtual_time: clock == ClockKind::Virtual,
             shared: Arc::new(shared),
@@ -106,21 +123,45 @@ impl Pipe {
         self.spec.essential
     }
 
-    /// Opens the sink (again) and starts its thread, which begins with what waits in the queue.
+    /// Opens the sink (again), if there is one, and starts its thread, which begins with what waits in the queue.
     pub(super) fn open(&self) -> Result<(), String> {
-        let mut sink = (self.spec.open)()?;
-        let scene = {
+        let attached = self.attached();
+        let open = self.open.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        open.map_or(Ok(()), |open| self.start(open()?, attached))
+    }
+
+    /// Puts a sink in the place of the present one, whose thread ends by itself when it can. `open` opens it anew.
+    pub(super) fn attach(&self, sink: Box<dyn Sink>, open: Open) -> Result<(), String> {
+        *self.open.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
+        self.drop_queued();
+        let attached = {
             let mut queue = self.shared.lock();
+            queue.attached += 1;
+            queue.attached
+        };
+        self.start(sink, attached)
+    }
+
+    /// Starts the thread of a sink, unless another one was attached meanwhile.
+    fn start(&self, mut sink: Box<dyn Sink>, attached: u64) -> Result<(), String> {
+        let (mine, kept) = {
+            let mut queue = self.shared.lock();
+            if queue.attached != attached {
+                return Ok(());
+            }
+            queue.dropped += std::mem::take(&mut queue.in_hand) as u64;
             (queue.error, queue.ended) = (None, false);
-            queue.scene.clone()
+            queue.threads += 1;
+            (queue.threads, queue.kept.clone())
         };
         let shared = self.shared.clone();
         let work = move || {
             let end = catch_unwind(AssertUnwindSafe(|| {
-                if let Some((at, scene)) = scene {
-                    sink.write(at, &scene)?;
+                for (at, entry) in kept.entries() {
+                    sink.write(at, &entry)?;
+                    shared.steps.fetch_add(1, Ordering::Relaxed);
                 }
-                serve(&shared, sink.as_mut())
+                serve(&shared, sink.as_mut(), mine)
             }));
             // what waits in the sink is written here
             let closed = catch_unwind(AssertUnwindSafe(|| drop(sink)));
@@ -129,15 +170,12 @@ impl Pipe {
                 Ok(Err(e)) => Some(e),
                 Err(panic) => Some(panic_text(panic.as_ref())),
             };
-            let mut queue = shared.lock();
-            (queue.error, queue.ended) = (error, true);
-            shared.emptied.notify_all();
+            shared.ended(mine, error);
         };
         let thread = std::thread::Builder::new().name(self.spec.name.clone()).spawn(work);
         let thread = thread.map_err(|e| {
             let why = format!("no thread: {e}");
-            let mut queue = self.shared.lock();
-            (queue.error, queue.ended) = (Some(why.clone()), true);
+            self.shared.ended(mine, Some(why.clone()));
             why
         })?;
         *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread);
@@ -147,6 +185,9 @@ impl Pipe {
     pub(super) fn push_pose(&self, at: Time, robot: usize, q: &Pose, contacts: &Arc<[Contact]>) {
         let Some(period) = self.spec.poses else { return };
         let mut queue = self.shared.lock();
+        if queue.threads == 0 {
+            return;
+        }
         let now = (at.0.checked_div(u64::try_from(period.as_nanos()).unwrap_or(u64::MAX)), !contacts.is_empty());
         if let (Some(span), touching) = now
             && queue.last.insert(robot, (span, touching)) == Some((span, touching))
@@ -162,14 +203,14 @@ impl Pipe {
             return;
         }
         let mut queue = self.shared.lock();
-        if let Entry::Scene(_) = entry {
-            queue.scene = Some((at, entry.clone()));
+        if self.spec.poses.is_some() {
+            queue.kept.note(at, entry);
         }
         self.put(queue, at, entry.clone());
     }
 
     fn put(&self, mut queue: MutexGuard<'_, Queue>, at: Time, entry: Entry) {
-        if queue.closed {
+        if queue.closed || queue.threads == 0 {
             return;
         }
         queue.sent += 1;
@@ -215,6 +256,11 @@ impl Pipe {
         let mut queue = self.shared.lock();
         queue.dropped += queue.entries.len() as u64;
         queue.entries.clear();
+    }
+
+    /// How many sinks were attached while the run went on.
+    pub(super) fn attached(&self) -> u64 {
+        self.shared.lock().attached
     }
 
     /// Entries dropped so far.
@@ -269,11 +315,15 @@ impl Pipe {
     }
 }
 
-/// The thread of a sink: writes what comes until the pipe is closed. An entry that failed goes back to the queue.
-fn serve(shared: &Shared, sink: &mut dyn Sink) -> Result<(), String> {
+/// The thread of a sink: writes what comes until the pipe is closed, or it is replaced. An entry that failed goes back to the
+/// queue.
+fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> {
     let mut batch = VecDeque::new();
     loop {
         let mut queue = shared.lock();
+        if queue.threads != mine {
+            return Ok(());
+        }
         if queue.entries.is_empty() && queue.closed {
             drop(queue);
             return sink.flush();
@@ -284,10 +334,13 @@ fn serve(shared: &Shared, sink: &mut dyn Sink) -> Result<(), String> {
             shared.steps.fetch_add(1, Ordering::Relaxed);
             queue = shared.lock();
         }
-        while queue.entries.is_empty() && !queue.closed {
+        while queue.entries.is_empty() && !queue.closed && queue.threads == mine {
             queue.asleep = true;
             queue = shared.filled.wait_timeout(queue, GATHER).unwrap_or_else(PoisonError::into_inner).0;
             queue.asleep = false;
+        }
+        if queue.threads != mine {
+            return Ok(());
         }
         std::mem::swap(&mut batch, &mut queue.entries);
         queue.in_hand = batch.len();
@@ -301,6 +354,9 @@ fn serve(shared: &Shared, sink: &mut dyn Sink) -> Result<(), String> {
             Ok(())
         }));
         let mut queue = shared.lock();
+        if queue.threads != mine {
+            return Ok(());
+        }
         queue.handled += (queue.in_hand - batch.len()) as u64;
         queue.in_hand = 0;
         if !batch.is_empty() {

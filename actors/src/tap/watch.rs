@@ -8,7 +8,7 @@ use std::time::Duration;
 
 /// How often a sink is looked at.
 const PERIOD: Duration = Duration::from_millis(500);
-/// How often in a run a sink is opened anew.
+/// How often in a run a sink is opened anew; one that is attached later, as often again.
 const BUDGET: u32 = 3;
 
 /// Watches the sink of this name. Spawn it with `(taps, clock, name)`; its death harms nobody.
@@ -21,6 +21,8 @@ pub struct Watched {
     name: String,
     reopened: u32,
     given_up: bool,
+    /// Which of those that were attached it is.
+    attached: u64,
     /// Dropped entries that were told of.
     told: u64,
 }
@@ -40,7 +42,7 @@ impl Actor for TapActor {
         (taps, clock, name): Self::Arguments,
     ) -> Result<Watched, ActorProcessingErr> {
         myself.send_interval(PERIOD, || Look);
-        Ok(Watched { taps, clock, name, reopened: 0, given_up: false, told: 0 })
+        Ok(Watched { taps, clock, name, reopened: 0, given_up: false, attached: 0, told: 0 })
     }
 
     async fn handle(
@@ -51,7 +53,11 @@ impl Actor for TapActor {
     ) -> Result<(), ActorProcessingErr> {
         let Some(pipe) = state.taps.0.pipes.iter().find(|p| p.name() == state.name) else { return Ok(()) };
         let warn = |text: String| state.taps.event(state.clock.now(), Event::Warning { text });
-        let dropped = pipe.dropped();
+        let (dropped, attached) = (pipe.dropped(), pipe.attached());
+        if attached != state.attached {
+            // what waited for the one before is no loss: the new one was told how all is
+            (state.attached, state.reopened, state.given_up, state.told) = (attached, 0, false, dropped);
+        }
         // told whenever they have doubled, so that the warnings are few
         if dropped > 0 && dropped >= 2 * state.told {
             warn(format!("{}: {dropped} entries dropped so far: it can't keep up", state.name));

@@ -2,7 +2,7 @@
 
 use mobee_actors::clock::ClockKind;
 use mobee_actors::journal::{Journal, JournalError, Line, NOT_FINITE, read};
-use mobee_actors::tap::{SinkSpec, Taps};
+use mobee_actors::tap::{Open, SinkSpec, Taps};
 use mobee_contract::{CommitId, Entry, Event, Outcome, Time};
 use proptest::prelude::*;
 use serde_json::json;
@@ -123,9 +123,10 @@ fn the_journal_works_behind_the_taps() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::create(dir.path(), &json!({})).unwrap();
     let keep = journal.clone();
-    let open = Arc::new(move || Ok(journal.sink()));
+    let open: Open = Arc::new(move || Ok(journal.sink()));
     let patience = std::time::Duration::from_secs(30);
-    let spec = SinkSpec { name: "journal".into(), essential: true, poses: None, capacity: 16, patience, open };
+    let spec =
+        SinkSpec { name: "journal".into(), essential: true, poses: None, capacity: 16, patience, open: Some(open) };
     let taps = Taps::spawn(ClockKind::Virtual, vec![spec]).unwrap();
     (0..500).for_each(|i| taps.event(Time(i), outcome(i, vec![])));
     let report = taps.finish(Time(500), Event::Ended { reason: "done".into() });

@@ -1,8 +1,9 @@
 //! Taps: nothing is lost unnoticed, and nobody waits in real time.
 
 use mobee_actors::clock::{Clock, ClockKind, runtime};
-use mobee_actors::tap::{SinkSpec, TapActor, Taps};
-use mobee_contract::{Entry, Event, Sink, Time};
+use mobee_actors::tap::{SinkReport, SinkSpec, TapActor, Taps};
+use mobee_contract::{EdgeState, Entry, Event, Note, Sink, Status, Time};
+use mobee_model::Scene;
 use ractor::Actor;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
@@ -65,7 +66,7 @@ fn spec(name: &str, essential: bool, board: &Arc<Board>, capacity: usize) -> Sin
         poses: (!essential).then_some(Duration::from_millis(50)),
         capacity,
         patience: Duration::from_millis(200),
-        open: Arc::new(move || Ok(Box::new(Slow(board.clone())))),
+        open: Some(Arc::new(move || Ok(Box::new(Slow(board.clone()))))),
     }
 }
 
@@ -145,6 +146,63 @@ fn a_sink_that_fails_or_panics_is_opened_anew_and_writes_the_entry_it_failed_at(
             assert!(written[1].contains("planned") && written[1].contains("opened anew"));
         });
     }
+}
+
+fn state(status: Status) -> Event {
+    Event::State { robot: "icub".into(), status }
+}
+
+fn edge(to: u32, state: EdgeState) -> Event {
+    Event::Note { robot: "icub".into(), note: Note::Edge { from: 1, to, state, cause: None } }
+}
+
+/// Puts a sink where nobody was yet, or in another's place.
+fn attach(taps: &Taps, board: &Arc<Board>) {
+    let open = spec("viewer", false, board, 1).open.unwrap();
+    taps.attach("viewer", open().unwrap(), open.clone()).unwrap();
+}
+
+#[test]
+fn who_comes_later_is_told_how_everything_is_now_and_then_what_comes() {
+    let viewer = Arc::new(Board::default());
+    viewer.open_gate();
+    let taps =
+        Taps::spawn(ClockKind::Real, vec![SinkSpec { open: None, ..spec("viewer", false, &viewer, 10) }]).unwrap();
+    let scene = Arc::new(Scene::new(vec![], vec![]).unwrap());
+    taps.scene(Time(1), &scene);
+    let past = [
+        state(Status::Rest),
+        edge(2, EdgeState::Optimistic),
+        edge(3, EdgeState::Optimistic),
+        edge(2, EdgeState::Removed),
+        state(Status::Moving),
+        warning("long gone"),
+    ];
+    past.iter().zip(2..).for_each(|(event, at)| taps.event(Time(at), event.clone()));
+    assert_eq!(viewer.written(), [""; 0], "nobody is there yet");
+    attach(&taps, &viewer);
+    taps.event(Time(9), warning("next"));
+    let reports = taps.finish(Time(10), Event::Ended { reason: "done".into() });
+    let now = [&past[2], &past[3], &past[4]].map(|e| format!("{e:?}"));
+    let written = viewer.written();
+    assert_eq!((written[0].as_str(), &written[1..4], written[4].as_str()), ("scene", &now[..], "next"));
+    assert_eq!((written.len(), reports[0].sent, reports[0].handled, reports[0].dropped), (6, 2, 2, 0));
+    assert!(Taps::none().attach("viewer", Box::new(Slow(viewer.clone())), Arc::new(|| Err("no".into()))).is_err());
+}
+
+#[test]
+fn a_frozen_viewer_is_replaced_and_what_it_missed_is_counted() {
+    let (frozen, viewer) = (Arc::new(Board::default()), Arc::new(Board::default()));
+    let taps = Taps::spawn(ClockKind::Real, vec![spec("viewer", false, &frozen, 4)]).unwrap();
+    (0..20).for_each(|k| taps.event(Time(k), state(if k < 19 { Status::Moving } else { Status::Rest })));
+    viewer.open_gate();
+    attach(&taps, &viewer);
+    taps.event(Time(30), warning("next"));
+    let reports = taps.finish(Time(31), Event::Ended { reason: "done".into() });
+    frozen.open_gate();
+    let SinkReport { sent, handled, queued, dropped, error, .. } = reports[0].clone();
+    assert_eq!((sent, handled, queued, dropped, error), (22, 2, 0, 20, None));
+    assert_eq!(viewer.written()[..2], [format!("{:?}", state(Status::Rest)), "next".to_owned()]);
 }
 
 #[test]

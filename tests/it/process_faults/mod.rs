@@ -3,6 +3,7 @@
 
 mod disk;
 mod floods;
+mod late_viewer;
 mod signals;
 mod start;
 mod viewer;

@@ -1,0 +1,72 @@
+//! What somebody who comes late has to be told: how everything is now, not how it came to be.
+
+use mobee_contract::{Entry, Event, Note, Time};
+use std::collections::BTreeMap;
+
+/// The newest entry of each kind that shows the present: the world, and per robot its state, its open or last transaction, and
+/// its roadmap. As large as the roadmap, however long the run.
+#[derive(Clone, Debug, Default)]
+pub struct Kept {
+    newest: BTreeMap<Key, (Time, Entry)>,
+    robots: Vec<String>,
+    now: Time,
+}
+
+/// What an entry says the newest of, of the robot with this index. Entries of one instant are told in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Key {
+    Started,
+    Scene,
+    State(usize),
+    Transaction(usize),
+    Vertex(usize, u32),
+    Edge(usize, u32, u32),
+    Plan(usize),
+}
+
+impl Kept {
+    /// Takes note of an entry.
+    pub fn note(&mut self, at: Time, entry: &Entry) {
+        self.now = self.now.max(at);
+        if let Some(key) = self.key(entry) {
+            self.newest.insert(key, (at, entry.clone()));
+        }
+    }
+
+    /// What is to be told, each at its own time; first of all the scene as it is now, in which the rest is drawn.
+    pub fn entries(self) -> Vec<(Time, Entry)> {
+        let mut entries: Vec<_> = self.newest.into_values().collect();
+        let is_event = |entry: &Entry| matches!(entry, Entry::Event(_));
+        entries.sort_by_key(|(at, entry)| (is_event(entry), *at));
+        entries.iter_mut().filter(|(_, e)| !is_event(e)).for_each(|(at, _)| *at = self.now);
+        entries
+    }
+
+    fn key(&mut self, entry: &Entry) -> Option<Key> {
+        let event = match entry {
+            Entry::Scene(_) => return Some(Key::Scene),
+            Entry::Pose { .. } => return None,
+            Entry::Event(event) => event,
+        };
+        Some(match &**event {
+            Event::Started { .. } => Key::Started,
+            Event::State { robot, .. } => Key::State(self.index(robot)),
+            Event::Commit { robot, .. } | Event::Outcome { robot, .. } => Key::Transaction(self.index(robot)),
+            Event::Note { robot, note } => match note {
+                Note::Vertex { id, .. } => Key::Vertex(self.index(robot), *id),
+                Note::Edge { from, to, .. } => Key::Edge(self.index(robot), *from, *to),
+                Note::Plan { .. } => Key::Plan(self.index(robot)),
+                Note::Log { .. } => return None,
+            },
+            _ => return None,
+        })
+    }
+
+    fn index(&mut self, robot: &str) -> usize {
+        let known = self.robots.iter().position(|r| r == robot);
+        known.unwrap_or_else(|| {
+            self.robots.push(robot.to_owned());
+            self.robots.len() - 1
+        })
+    }
+}
