@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! unchanged        run again ──every event──> compare with the journal: equal, or the first difference
-//! --at T --set ..  equal up to T, then another agent, world or script: both futures in one recording
+//! --at T --set ..  equal up to T, then another agent, controller, world or script: both futures in one recording
 //! ```
 
 mod changes;
@@ -33,7 +33,7 @@ pub struct ReplayArgs {
     /// From this second of the run on, do what `--set` says; up to it everything must be as it was.
     #[arg(long, value_name = "SECONDS", requires = "set")]
     at: Option<f64>,
-    /// Another agent, world or script: --set robot.icub.agent.speed=0.2
+    /// Another agent, controller, world or script: --set robot.icub.agent.speed=0.2
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Write into this new folder instead of runs/NAME-replay-TIME.
@@ -140,6 +140,9 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
     let other = compose(Config::from_source(&source)?, &source)?;
     let mut composition = recorded.compose()?;
     let planned = changes(&composition, &other, at)?;
+    for warning in other.warnings.iter().filter(|w| !composition.warnings.contains(w)) {
+        eprintln!("warning: {warning}");
+    }
     let folder = Folder::create(&name(&composition), args.out.as_deref())?;
     let recording = match composition.config.record.enabled {
         true => Some(

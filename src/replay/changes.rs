@@ -4,7 +4,7 @@ use crate::compose::Composition;
 use crate::config::ConfigError;
 use mobee_actors::shell::{Maker, Offer};
 use mobee_actors::swap::Terms;
-use mobee_actors::system::Control;
+use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::Time;
 use mobee_model::{Edit, Object, Scene};
 use serde_json::Value;
@@ -16,7 +16,16 @@ use serde_json::Value;
 pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<Vec<(Time, Control)>, ConfigError> {
     fixed(&values(old), &values(new))?;
     let mut controls: Vec<Control> = world(&old.scene, &new.scene).into_iter().map(Control::Edit).collect();
+    let what = "from the replay's settings";
     for (i, (was, is)) in old.config.robot.iter().zip(&new.config.robot).enumerate() {
+        if values_of(&was.controller) != values_of(&is.controller)
+            && let Some(setup) = new.robots.get(i)
+        {
+            let part = NewPart::Controller(setup.controller.clone());
+            let offer = PartOffer { part, what: what.into(), terms: Terms::default() };
+            let (reply, _) = tokio::sync::oneshot::channel();
+            controls.push(Control::SwapPart { robot: was.name.clone(), offer, reply });
+        }
         if was.agent == is.agent {
             continue;
         }
@@ -28,7 +37,7 @@ pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<
         let kind = |agent: &Option<Value>| agent.as_ref().and_then(|a| a.get("kind")).cloned();
         let offer = Offer {
             maker: Maker(maker),
-            what: "from the replay's settings".into(),
+            what: what.into(),
             // another kind knows nothing of this one's state
             fresh: kind(&was.agent) != kind(&is.agent),
             terms: Terms::default(),
@@ -38,7 +47,10 @@ pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<
     }
     let same_script = values_of(&old.config.script) == values_of(&new.config.script);
     if controls.is_empty() && same_script && old.config.for_s == new.config.for_s {
-        return Err(ConfigError::plain("nothing is otherwise", "change an agent, the world, the script or `for_s`"));
+        return Err(ConfigError::plain(
+            "nothing is otherwise",
+            "change an agent, a controller, the world, the script or `for_s`",
+        ));
     }
     Ok(controls.into_iter().map(|control| (at, control)).collect())
 }
@@ -54,14 +66,16 @@ fn values(composition: &Composition) -> Value {
         value.as_object_mut().and_then(|map| map.remove(key));
     }
     for robot in value["robot"].as_array_mut().into_iter().flatten() {
-        robot.as_object_mut().and_then(|map| map.remove("agent"));
+        for part in ["agent", "controller"] {
+            robot.as_object_mut().and_then(|map| map.remove(part));
+        }
     }
     value
 }
 
 fn fixed(old: &Value, new: &Value) -> Result<(), ConfigError> {
     let Some(key) = differing(old, new, "") else { return Ok(()) };
-    let help = "agents, the world, the script and `for_s` can; for all else run the changed file from its beginning";
+    let help = "agents, controllers, the world, the script and `for_s` can; for all else run the changed file from its beginning";
     Err(ConfigError::plain(format!("{key} can't change while a run goes on"), help))
 }
 

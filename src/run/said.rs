@@ -1,7 +1,7 @@
 //! What goes wrong while a run goes on, said on the terminal at once.
 
 use super::progress::Bar;
-use mobee_contract::{Entry, Event, Sink, Time};
+use mobee_contract::{Entry, Event, Sink, SwapStep, Time};
 
 /// After so many warnings the journal alone has them.
 const MOST: u32 = 20;
@@ -24,6 +24,9 @@ impl Sink for Said {
         let Entry::Event(event) = entry else { return Ok(()) };
         let text = match &**event {
             Event::Warning { text } => text.clone(),
+            Event::Swap { robot, part, step: step @ (SwapStep::Refused { .. } | SwapStep::Reverted { .. }) } => {
+                format!("{robot}: swap of the {part}: {step}")
+            }
             Event::GaveUp { group } => format!("{group} used up its restarts"),
             _ => return Ok(()),
         };

@@ -76,6 +76,34 @@ fn both_futures_are_in_one_recording() {
 }
 
 #[test]
+fn another_controller_takes_over_from_that_instant_on() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let first = dir.path().join("first");
+    run(&first);
+    let was = events(&first);
+    let fields = "={ kind = \"fields\", period_ms = 20, history = 6000 }";
+    for (name, set) in [("wider", ".margin_mm=14.0"), ("fields", fields)] {
+        let second = dir.path().join(name);
+        let set = format!("robot.icub.controller{set}");
+        let other = mobee(&["replay", text(&first), "--at", "5", "--set", &set, "--out", text(&second)]);
+        assert!(other.status.success(), "{name}: {}", said(&other));
+        let is = events(&second);
+        let swaps: Vec<serde_json::Value> = is
+            .iter()
+            .map(|e| serde_json::from_str(e).expect("a line of a journal"))
+            .filter(|e: &serde_json::Value| e["event"]["event"] == "swap")
+            .collect();
+        let steps: Vec<&str> = swaps.iter().filter_map(|s| s["event"]["step"].as_str()).collect();
+        assert_eq!(steps, ["offered", "took_over", "settled"], "{name}");
+        assert!(swaps.iter().all(|s| s["event"]["part"] == "controller" && s["t_ns"].as_u64() >= Some(5_000_000_000)));
+        let same = was.iter().zip(&is).take_while(|(a, b)| a == b).count();
+        assert!(is[same].contains("offered"), "{name}: {} was {}", is[same], was[same]);
+        let checked = mobee(&["check", text(&second)]);
+        assert!(checked.status.success(), "{name}: {}{}", said(&checked), String::from_utf8_lossy(&checked.stdout));
+    }
+}
+
+#[test]
 fn what_can_t_be_replayed_is_refused_with_a_remedy() {
     let dir = tempfile::tempdir().expect("a folder");
     let first = dir.path().join("first");
