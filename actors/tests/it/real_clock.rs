@@ -2,9 +2,78 @@
 
 use crate::common::{Trial, ball};
 use mobee_actors::clock::ClockKind;
+use mobee_actors::journal::{Journal, read};
 use mobee_actors::system::Reason;
-use mobee_contract::Outcome;
+use mobee_actors::tap::{Open, SinkSpec};
+use mobee_contract::{Entry, Event, Outcome, Sink, Time};
 use mobee_model::ObjectClass;
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+
+/// A disk that writes nothing before a motion has been rolled back, and whether that came to pass.
+#[derive(Default)]
+struct Disk {
+    rolled_back: Mutex<bool>,
+    changed: Condvar,
+}
+
+/// The journal on that disk.
+struct OnDisk(Box<dyn Sink>, Arc<Disk>);
+
+impl Sink for OnDisk {
+    fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
+        let waits = self.1.rolled_back.lock().unwrap();
+        let limit = Duration::from_secs(60);
+        let (seen, _) = self.1.changed.wait_timeout_while(waits, limit, |seen| !*seen).unwrap();
+        assert!(*seen, "the robot waits for the disk");
+        drop(seen);
+        self.0.write(at, entry)
+    }
+    fn flush(&mut self) -> Result<(), String> {
+        self.0.flush()
+    }
+}
+
+/// Somebody who sees what the robot does.
+struct Onlooker(Arc<Disk>);
+
+impl Sink for Onlooker {
+    fn write(&mut self, _: Time, entry: &Entry) -> Result<(), String> {
+        if let Entry::Event(event) = entry
+            && let Event::Outcome { outcome: Outcome::RolledBack, .. } = **event
+        {
+            *self.0.rolled_back.lock().unwrap() = true;
+            self.0.changed.notify_all();
+        }
+        Ok(())
+    }
+    fn flush(&mut self) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+#[test]
+fn contact_stop_and_the_whole_way_back_wait_for_no_disk() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = Journal::create(dir.path(), &serde_json::Value::Null).unwrap();
+    let disk = Arc::new(Disk::default());
+    let spec = |name: &str, open: Open| {
+        let patience = Duration::from_secs(30);
+        SinkSpec { name: name.into(), essential: false, poses: None, capacity: 8192, patience, open: Some(open) }
+    };
+    let (on, by) = (disk.clone(), disk.clone());
+    let slow: Open = Arc::new(move || Ok(Box::new(OnDisk(journal.sink(), on.clone()))));
+    let quick: Open = Arc::new(move || Ok(Box::new(Onlooker(by.clone()))));
+    let sinks = vec![SinkSpec { essential: true, ..spec("journal", slow) }, spec("onlooker", quick)];
+    let objects = vec![ball("ball", [0.5, 0.25, 0.2], ObjectClass::Obstacle)];
+    let poses = vec![[60.0, 0.0, 0.0], [-5.0, 0.0, 0.0]];
+    let ran = Trial { objects, poses, speed: 0.2, clock: ClockKind::Real, sinks, ..Trial::default() }.run();
+    assert_eq!(ran.end.reason, Reason::Done, "{}", ran.lines());
+    assert!(*disk.rolled_back.lock().unwrap());
+    assert_eq!(ran.violations(), [], "{}", ran.lines());
+    let written = read(dir.path()).unwrap().map(Result::unwrap).count();
+    assert_eq!(written, ran.events().len(), "nothing of it is missing in the journal");
+}
 
 #[test]
 fn a_motion_into_an_obstacle_is_rolled_back_in_real_time() {

@@ -4,7 +4,7 @@ use mobee_actors::check::{Violation, check_events};
 use mobee_actors::clock::ClockKind;
 use mobee_actors::controller::{Controller, Drive};
 use mobee_actors::system::{AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, Setup, run_under};
-use mobee_actors::tap::{Collected, Taps};
+use mobee_actors::tap::{Collected, SinkSpec, Taps};
 use mobee_contract::*;
 use mobee_drivers::{SimFaults, SimHardware, SimSettings};
 use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, parse_robot};
@@ -101,6 +101,8 @@ pub struct Trial {
     pub clock: ClockKind,
     /// Instead of the one that goes through the poses.
     pub agent: Option<AgentMaker>,
+    /// Who is told behind queues, beside what the test sees.
+    pub sinks: Vec<SinkSpec>,
 }
 
 impl Default for Trial {
@@ -119,6 +121,7 @@ impl Default for Trial {
             drive: Drive::Straight,
             clock: ClockKind::Virtual,
             agent: None,
+            sinks: Vec::new(),
         }
     }
 }
@@ -144,6 +147,16 @@ impl Ran {
     pub fn lines(&self) -> String {
         self.events().iter().map(|(at, e)| format!("{at} {e:?}\n")).collect()
     }
+}
+
+/// Sinks, and one beside them that keeps what it is told.
+fn behind(clock: ClockKind, mut sinks: Vec<SinkSpec>) -> (Taps, Collected) {
+    let told = Collected::default();
+    let (keep, patience) = (told.clone(), Duration::from_secs(30));
+    let open: mobee_actors::tap::Open = Arc::new(move || Ok(Box::new(keep.clone())));
+    let (name, essential, poses, capacity) = ("test".into(), false, None, 8192);
+    sinks.push(SinkSpec { name, essential, poses, capacity, patience, open: Some(open) });
+    (Taps::spawn(clock, sinks).unwrap(), told)
 }
 
 impl Trial {
@@ -184,7 +197,7 @@ impl Trial {
             SimHardware::new(&SimSettings::default(), &Context { robot: robot.clone(), seed: self.seed }).unwrap();
         let further = prepare(&hardware);
         let scene = Scene::new(vec![(robot, Isometry3::identity())], self.objects).unwrap();
-        let (taps, told) = Taps::collect();
+        let (taps, told) = if self.sinks.is_empty() { Taps::collect() } else { behind(self.clock, self.sinks) };
         let (poses, speed, pause) = (self.poses, self.speed, self.pause);
         let agent = move || {
             let agent = Poses { poses: poses.clone(), speed, next: 0, pause, rest: false, ends: Vec::new() };
