@@ -45,6 +45,20 @@ pub fn motor(path: &str, name: &str, robot: &Robot) -> Result<usize, KindError> 
     })
 }
 
+/// The index of the marker of this name, if one is named.
+///
+/// # Errors
+/// An unknown name, with the most similar known one.
+pub fn marker(path: &str, name: Option<&str>, robot: &Robot) -> Result<Option<usize>, KindError> {
+    let Some(name) = name else { return Ok(None) };
+    let known: Vec<&str> = robot.markers.iter().map(|m| m.name.as_str()).collect();
+    let index = known.iter().position(|m| *m == name);
+    index.map(Some).ok_or_else(|| {
+        let help = suggestion(name, "marker", &known);
+        KindError::new(path, format!("the robot {} has no marker {name:?}", robot.name), help)
+    })
+}
+
 /// A table of motor positions in degrees to (motor, rad), in the robot's order.
 ///
 /// # Errors

@@ -43,6 +43,10 @@ pub struct ExplorerSettings {
     /// How near every motor must be to a pose of the roadmap for the robot to count as being there, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
+    /// The marker whose place in the world stands for each pose in pictures of the roadmap; without it, the one that most of the
+    /// motors move.
+    #[serde(default)]
+    pub hand: Option<String>,
 }
 
 fn twenty() -> usize {
@@ -78,6 +82,8 @@ pub struct Explorer {
     /// Motor, lower and upper bound of its samples, rad.
     ranges: Vec<(usize, f64, f64)>,
     settings: ExplorerSettings,
+    /// The marker that the settings name.
+    hand: Option<usize>,
     walker: Walker,
     /// How many samples were drawn, and whether that was all of it.
     drawn: usize,
@@ -108,17 +114,19 @@ impl Explorer {
         let ranges = motors.clone().and_then(|motors| ranges(&settings, &motors, &robot));
         let speed = group::speed("speed", settings.speed);
         let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
+        let hand = group::marker("hand", settings.hand.as_deref(), &robot);
         KindError::gather([
             ranges.clone().map(drop),
             speed.clone().map(drop),
             tolerance.clone().map(drop),
+            hand.clone().map(drop),
             counts(&settings),
         ])?;
-        let (motors, ranges, speed, tolerance) = (motors?, ranges?, speed?, tolerance?);
+        let (motors, ranges, speed, tolerance, hand) = (motors?, ranges?, speed?, tolerance?, hand?);
         let seed = settings.seed.unwrap_or(context.seed);
         let walker = Walker::new(Roadmap::new(motors), speed, tolerance, seed);
         let rng = ChaCha8Rng::seed_from_u64(seed);
-        Ok(Explorer { robot, ranges, settings, walker, drawn: 0, sampled: false, seed, rng })
+        Ok(Explorer { robot, ranges, settings, hand, walker, drawn: 0, sampled: false, seed, rng })
     }
 
     /// The roadmap as it is now.
@@ -129,7 +137,7 @@ impl Explorer {
     /// Random poses, kept only if free at the view's clearance and lawful; edges to the nearest, all optimistic. While there are
     /// fewer than two, only a share of the samples is drawn.
     fn sample(&mut self, view: &View) {
-        let hand = group::hand(&self.robot, self.walker.map.motors());
+        let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
         // a motor of no concern that stands at home but for the noise of its encoder counts as standing there
         let near_home = 1f64.to_radians();
         let homes = self.robot.motors.iter().map(|m| m.home);

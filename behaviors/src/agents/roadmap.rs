@@ -46,6 +46,10 @@ pub struct RoadmapSettings {
     /// How near every motor must be to a pose of the roadmap for the robot to count as being there, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
+    /// The marker whose place in the world stands for each pose in pictures of the roadmap; without it, the one that most of the
+    /// motors move.
+    #[serde(default)]
+    pub hand: Option<String>,
 }
 
 /// A pose with a name.
@@ -79,6 +83,8 @@ pub struct RoadmapAgent {
     goals: Vec<u32>,
     repeat: u32,
     wait: Duration,
+    /// The marker that the settings name.
+    hand: Option<usize>,
     /// Whether the vertices know where the hand is at them.
     placed: bool,
     tour: Tour,
@@ -115,14 +121,16 @@ impl RoadmapAgent {
         let speed = group::speed("speed", settings.speed);
         let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
         let wait = group::seconds("wait_s", settings.wait_s);
+        let hand = group::marker("hand", settings.hand.as_deref(), &robot);
         let tour = map(&settings, &robot).and_then(|map| Ok((goals(&settings, &map)?, map)));
         KindError::gather([
             speed.clone().map(drop),
             tolerance.clone().map(drop),
             wait.clone().map(drop),
+            hand.clone().map(drop),
             tour.as_ref().map(drop).map_err(Clone::clone),
         ])?;
-        let (speed, tolerance, wait, (goals, map)) = (speed?, tolerance?, wait?, tour?);
+        let (speed, tolerance, wait, hand, (goals, map)) = (speed?, tolerance?, wait?, hand?, tour?);
         let walker = Walker::new(map, speed, tolerance, context.seed);
         let own = settings.poses.len();
         Ok(RoadmapAgent {
@@ -132,6 +140,7 @@ impl RoadmapAgent {
             goals,
             repeat: settings.repeat,
             wait,
+            hand,
             placed: false,
             tour: Tour::default(),
         })
@@ -171,7 +180,7 @@ impl RoadmapAgent {
 impl Agent for RoadmapAgent {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
         if !self.placed {
-            let hand = group::hand(&self.robot, self.walker.map.motors());
+            let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
             self.walker.map.place(|q| group::marker_at(view, hand, q));
             self.placed = true;
         }

@@ -5,6 +5,7 @@ use crate::world::*;
 use mobee_behaviors::agents::{Explorer, ExplorerSettings};
 use mobee_behaviors::escape::{caught, escape};
 use mobee_behaviors::verdict::judge;
+use mobee_contract::Note;
 use mobee_model::{load_robot, load_world};
 use nalgebra::Isometry3;
 use serde_json::json;
@@ -44,6 +45,33 @@ fn the_icub_finds_out_which_ways_are_blocked() {
         |q: &[f64]| mobee_behaviors::group::marker_at(&view, robot.markers.iter().position(|m| m.name == "r_hand"), q);
     for (_, vertex) in agent.map().vertices() {
         assert_eq!(vertex.at, marker(&vertex.q), "the hand stands for the group");
+    }
+}
+
+#[test]
+fn the_marker_that_is_named_stands_for_the_poses() {
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
+    let robot = Arc::new(load_robot(configs.join("robots/icub.xml")).unwrap().value);
+    let scene = scene(&robot, vec![]);
+    let mut view = view(&scene, &scene.home()[0]);
+    let eye = robot.markers.iter().position(|m| m.name == "l_eye");
+    let pose = |name: &str, deg: f64| json!({ "name": name, "q_deg": { "torso_yaw": deg } });
+    for (kind, settings) in [
+        ("explorer", json!({ "motors": ["torso"], "vertices": 3, "hand": "l_eye" })),
+        (
+            "roadmap",
+            json!({ "poses": [pose("a", 0.0), pose("b", 20.0)], "goals": ["b"], "neighbors": 1, "hand": "l_eye" }),
+        ),
+    ] {
+        let mut agent = try_kind(kind, &robot, 1, settings).unwrap();
+        let run = drive(agent.as_mut(), &mut view, 1, |_, _, _| true);
+        let placed = run.notes.iter().filter_map(|n| match n {
+            Note::Vertex { q, at, .. } => Some((q, *at)),
+            _ => None,
+        });
+        let placed: Vec<_> = placed.collect();
+        assert!(placed.len() >= 2, "{kind}");
+        assert!(placed.iter().all(|(q, at)| *at == mobee_behaviors::group::marker_at(&view, eye, q)), "{kind}");
     }
 }
 
