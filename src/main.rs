@@ -193,6 +193,8 @@ fn clock(text: &str) -> Result<Clock, String> {
 const NO_OUTPUT: &str = "failed printing to stdout";
 /// What is logged if `MOBEE_LOG` says nothing: warnings, but not those of Rerun's encoder, whose errors the recorder tells.
 const LOG: &str = "warn,re_log_encoding=error";
+/// The same for `mobee torture`, where parts break by the dozen, as they should.
+const TORTURE_LOG: &str = "off";
 
 fn main() -> ExitCode {
     let usual = std::panic::take_hook();
@@ -206,8 +208,9 @@ fn main() -> ExitCode {
         _ => usual(info),
     }));
     let cli = Cli::parse();
+    let log = if matches!(cli.command, Command::Torture(_)) { TORTURE_LOG } else { LOG };
     tracing_subscriber::fmt()
-        .with_env_filter(tracing_subscriber::EnvFilter::try_from_env("MOBEE_LOG").unwrap_or_else(|_| LOG.into()))
+        .with_env_filter(tracing_subscriber::EnvFilter::try_from_env("MOBEE_LOG").unwrap_or_else(|_| log.into()))
         .with_writer(std::io::stderr)
         .init();
     match dispatch(cli.command) {

@@ -1,7 +1,8 @@
 //! What can go wrong: the fault list, and which of it a simulation can do.
 
+use super::swaps::Swap;
 use mobee_actors::system::{Blow, Spot};
-use mobee_contract::Target;
+use mobee_contract::{SwapPart, Target};
 use mobee_drivers::Fault;
 use std::fmt;
 use std::time::Duration;
@@ -47,8 +48,8 @@ pub const KINDS: [Kind; 28] = [
     kind("F18", "floods of commits and of edits of the world", None),
     kind("F19", "objects appear on the robot, its path, its safe pose, and go again", None),
     kind("F20", "another agent or robot moves into the way", None),
-    kind("F21", "an agent is swapped in mid-motion", Some("is not built into the simulation yet")),
-    kind("F22", "the controller is swapped", Some("is not built into the simulation yet")),
+    kind("F21", "an agent is swapped at any moment, by a sound one or not", None),
+    kind("F22", "a controller or a driver is swapped at any moment, by a sound one or not", None),
     kind("F23", "a motion outlasts the history", None),
     kind("F24", "a detector sees nothing, two objects or garbage", Some("there are no detectors yet")),
     kind("F25", "a worse value is edited into the configuration", FUZZ),
@@ -56,6 +57,9 @@ pub const KINDS: [Kind; 28] = [
     kind("F27", "signals", PROCESS),
     kind("F28", "a machine under load", PROCESS),
 ];
+
+/// Swaps are no faults of a robot: they come where they are asked for, so that a seed alone stands for what it always stood for.
+const ASKED_FOR: [&str; 2] = ["F21", "F22"];
 
 /// A fault of a plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -122,6 +126,8 @@ pub enum What {
         /// For how long.
         lasts: Duration,
     },
+    /// F21, F22: a part is exchanged.
+    Swap(Swap),
     /// F23: the history is so short from the start, in poses.
     ShortHistory(usize),
 }
@@ -139,6 +145,8 @@ impl What {
             What::Suspend(_) => "F14",
             What::Edits(_) => "F18",
             What::Obstruct { .. } => "F19",
+            What::Swap(Swap { part: SwapPart::Agent, .. }) => "F21",
+            What::Swap(_) => "F22",
             What::ShortHistory(_) => "F23",
         }
     }
@@ -161,25 +169,30 @@ impl fmt::Display for What {
             What::Obstruct { object, robot, spot, lasts } => {
                 write!(f, "{object} is on the way of {robot} for {:.3} s: {spot:?}", lasts.as_secs_f64())
             }
+            What::Swap(swap) => write!(f, "{swap}"),
             What::ShortHistory(poses) => write!(f, "a history of {poses} poses"),
         }
     }
 }
 
-/// The kinds that are meant by `F1,F8,...`; `mild` are those that a robot meets any day; none named: all that can be simulated.
+/// The kinds that are meant by `F1,F8,...`; `mild` are those that a robot meets any day, `all` all that can be simulated; none
+/// named: all of these but the swaps.
 ///
 /// # Errors
 /// A sentence for the first name that is unknown or can't be simulated.
 pub fn chosen(names: &str) -> Result<Vec<&'static str>, String> {
-    if names.is_empty() || names == "mild" {
-        let mild = ["F1", "F2", "F6", "F7", "F11", "F19", "F20"];
-        let all = KINDS.iter().filter(|k| k.elsewhere.is_none()).map(|k| k.name);
-        return Ok(all.filter(|n| names.is_empty() || mild.contains(n)).collect());
+    let mild = ["F1", "F2", "F6", "F7", "F11", "F19", "F20"];
+    let all = KINDS.iter().filter(|k| k.elsewhere.is_none()).map(|k| k.name);
+    match names {
+        "" => return Ok(all.filter(|n| !ASKED_FOR.contains(n)).collect()),
+        "all" => return Ok(all.collect()),
+        "mild" => return Ok(all.filter(|n| mild.contains(n)).collect()),
+        _ => {}
     }
     let known = |name: &str| {
         let kind = KINDS.iter().find(|k| k.name.eq_ignore_ascii_case(name));
         match kind {
-            None => Err(format!("there is no fault `{name}`; they are F1 to F28, or `mild`")),
+            None => Err(format!("there is no fault `{name}`; they are F1 to F28, `mild` and `all`")),
             Some(Kind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
             Some(kind) => Ok(kind.name),
         }

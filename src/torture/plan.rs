@@ -4,11 +4,14 @@
 //! sprinkled evenly miss what goes wrong while something else is being mended. Then all is healed, and progress is demanded.
 
 use super::faults::What;
+use super::swaps::{Flaw, Swap};
+use mobee_actors::swap::Terms;
 use mobee_actors::system::{Blow, Spot};
-use mobee_contract::{Target, Time};
+use mobee_contract::{SwapPart, Target, Time};
 use mobee_drivers::{Fault, Garbage};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde_json::json;
 use std::time::Duration;
 
 /// What a plan is made for.
@@ -138,6 +141,7 @@ impl Planner<'_> {
                 let target = self.target(other);
                 What::Commit { kind, robot: self.facts.robots[other].0.clone(), target, times }
             }
+            "F21" | "F22" => What::Swap(self.swap(kind)),
             "F23" => What::ShortHistory(self.rng.random_range(60..400)),
             _ => {
                 let (fault, lasts) = self.board(kind, robot);
@@ -182,6 +186,35 @@ impl Planner<'_> {
         };
         let lasts = self.secs(0.2, 12.0).min(self.facts.healed().since(at));
         self.all.push(Planned { at, what: What::Obstruct { object, robot: robot.into(), spot, lasts } });
+    }
+
+    /// Another part for some robot.
+    fn swap(&mut self, kind: &str) -> Swap {
+        let robot = self.rng.random_range(0..self.facts.robots.len());
+        let part = match kind {
+            "F21" => SwapPart::Agent,
+            _ if self.rng.random() => SwapPart::Controller,
+            _ => SwapPart::Driver,
+        };
+        let edits = match part {
+            SwapPart::Agent => vec![("speed", json!(self.rng.random_range(0.05..0.3)))],
+            SwapPart::Controller => vec![
+                ("period_ms", json!([10.0, 20.0, 30.0][self.rng.random_range(0..3)])),
+                ("margin_mm", json!(self.rng.random_range(8.0..20.0))),
+                ("history", json!(self.rng.random_range(200..3000))),
+            ],
+            SwapPart::Driver => Vec::new(),
+        };
+        let flaw = match self.rng.random_range(0..6) {
+            0 if part != SwapPart::Controller => Some(Flaw::Useless),
+            1 if part != SwapPart::Controller => Some(Flaw::Breaks),
+            _ => None,
+        };
+        let looks_on = part == SwapPart::Agent && self.rng.random_range(0..3) == 0;
+        let shadow = if looks_on { self.secs(0.1, 3.0) } else { Duration::ZERO };
+        let fresh = part == SwapPart::Agent && self.rng.random_range(0..4) == 0;
+        let terms = Terms { shadow, probation: self.secs(0.1, 5.0), ..Terms::default() };
+        Swap { robot, part, edits, fresh, flaw, terms }
     }
 
     /// Somewhere within the limits, for some motors.
@@ -246,7 +279,7 @@ mod tests {
 
     #[test]
     fn every_kind_that_can_be_simulated_is_planned_by_some_seed() {
-        let (facts, kinds) = (facts(), chosen("").unwrap());
+        let (facts, kinds) = (facts(), chosen("all").unwrap());
         let all: Vec<Planned> = (0..300).flat_map(|seed| plan(seed, &facts, &kinds)).collect();
         for kind in kinds {
             assert!(all.iter().any(|p| p.what.kind() == kind), "{kind}");
@@ -258,6 +291,8 @@ mod tests {
     #[test]
     fn a_fault_that_needs_more_is_answered_with_a_sentence() {
         assert_eq!(chosen("f1, F8").unwrap(), ["F1", "F8"]);
+        let (usual, all) = (chosen("").unwrap(), chosen("all").unwrap());
+        assert!(all.len() == usual.len() + 2 && !usual.contains(&"F21") && all.contains(&"F21"));
         assert!(chosen("F16").unwrap_err().contains("process"));
         assert!(chosen("F99").unwrap_err().contains("no fault"));
     }

@@ -27,6 +27,10 @@ pub struct Tally {
     pub retreats_stopped: u64,
     /// Escapes.
     pub escapes: u64,
+    /// Swaps: settled, reverted, refused.
+    pub swaps: [u64; 3],
+    /// How often several robots were on the way back at once, and by how much two of them came nearer meanwhile at most, metres.
+    pub joint: (u64, f64),
     /// Groups that used up their restarts.
     pub gave_up: u64,
     /// The greatest growth of memory in a run, megabytes per hour, if one was long enough to tell.
@@ -51,6 +55,10 @@ impl Tally {
         for (sum, n) in self.outcomes.iter_mut().zip([c.committed, c.rolled_back, c.faulted]) {
             *sum += n;
         }
+        for (sum, n) in self.swaps.iter_mut().zip(ran.swaps) {
+            *sum += n;
+        }
+        self.joint = (self.joint.0 + ran.joint.times, self.joint.1.max(ran.joint.nearer));
         self.restarts += c.restarts;
         self.retreats_stopped += c.retreats_stopped;
         self.escapes += c.escapes;
@@ -88,6 +96,14 @@ impl fmt::Display for Tally {
         writeln!(f, "commits    {}: {reached} reached, {back} rolled back, {faulted} faulted", self.commits)?;
         let (escapes, stopped) = (self.escapes, self.retreats_stopped);
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
+        let (times, mm) = (self.joint.0, self.joint.1 * 1e3);
+        if times > 0 {
+            writeln!(f, "together   {times} times several were on the way back, and came {mm:.1} mm nearer at most")?;
+        }
+        if self.swaps != [0; 3] {
+            let [settled, reverted, refused] = self.swaps;
+            writeln!(f, "swaps      {settled} settled, {reverted} reverted, {refused} refused")?;
+        }
         if self.gave_up > 0 {
             writeln!(f, "storms     {} groups used up their restarts", self.gave_up)?;
         }

@@ -3,7 +3,7 @@
 use super::faults::What;
 use super::memory::Memory;
 use super::plan::{Facts, Planned};
-use super::witness::Witness;
+use super::witness::{Joint, Witness};
 use crate::compose::{compose, derive_seed};
 use crate::config::{Clock, Config, Source};
 use miette::Report;
@@ -12,7 +12,7 @@ use mobee_actors::clock::ClockKind;
 use mobee_actors::journal::{Fingerprint, Line};
 use mobee_actors::system::{Control, Counts, Injection, Progress, Setup, run_under};
 use mobee_actors::tap::Taps;
-use mobee_contract::{Commit, Context, Entry, Event, Sink, Time};
+use mobee_contract::{Commit, Context, Entry, Event, Sink, SwapStep, Time};
 use mobee_drivers::{SimHardware, SimSettings};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
 use nalgebra::Isometry3;
@@ -46,6 +46,10 @@ pub struct Ran {
     pub simulated: Duration,
     /// The counters.
     pub counts: Counts,
+    /// What became of its swaps: settled, reverted, refused.
+    pub swaps: [u64; 3],
+    /// What several robots did on the way back at once.
+    pub joint: Joint,
     /// The hash of its journal.
     pub hash: String,
     /// By how much the process grew, megabytes per hour of the run, if it was long enough to tell.
@@ -58,6 +62,8 @@ struct Watch {
     witness: Witness,
     n: u64,
     hash: Fingerprint,
+    /// Swaps that were settled, reverted, refused.
+    swaps: [u64; 3],
     /// Deaths that nobody planned.
     bugs: Vec<String>,
     /// Also told, if the run is to be kept.
@@ -74,6 +80,15 @@ impl Sink for Watch {
                     let planned = ["planted", "killed", "used up its restarts"].iter().any(|p| reason.contains(p));
                     if !planned {
                         self.bugs.push(format!("{actor} died at {at}: {reason}"));
+                    }
+                }
+                if let Event::Swap { step, .. } = &**event {
+                    let [settled, reverted, refused] = &mut self.swaps;
+                    match step {
+                        SwapStep::Settled => *settled += 1,
+                        SwapStep::Reverted { .. } => *reverted += 1,
+                        SwapStep::Refused { .. } => *refused += 1,
+                        SwapStep::Offered { .. } | SwapStep::TookOver { .. } => {}
                     }
                 }
                 let event = (**event).clone();
@@ -119,7 +134,7 @@ impl Trial {
     /// If the system can't be put together or started.
     pub fn run(&self, seed: u64, planned: &[Planned], journal: Option<Box<dyn Sink>>) -> Result<Ran, Report> {
         let config = Config { seed, ..self.config.clone() };
-        let mut composed = compose(config, &self.source)?;
+        let mut composed = compose(config.clone(), &self.source)?;
         let mut boards = Vec::new();
         for (i, robot) in composed.robots.iter_mut().enumerate() {
             let of_robot = planned.iter().filter_map(|p| match &p.what {
@@ -143,6 +158,7 @@ impl Trial {
             witness: Witness::default(),
             n: 0,
             hash: Fingerprint::default(),
+            swaps: [0; 3],
             bugs: Vec::new(),
             journal,
         };
@@ -176,8 +192,17 @@ impl Trial {
         };
         let healed = self.facts.healed();
         let limit = healed.since(Time::ZERO) + LIVE;
-        let end = run_under(setup, controls_of(planned, healed), controls, Some(limit), enough)
-            .map_err(|e| Report::msg(e.to_string()))?;
+        let swaps = planned.iter().filter_map(|Planned { at, what }| match what {
+            What::Swap(swap) => {
+                let board = boards.get(swap.robot);
+                Some((*at, swap.control(&config, &self.source, setup.scene.robots(), board)?))
+            }
+            _ => None,
+        });
+        let mut faults = controls_of(planned, healed);
+        faults.extend(swaps);
+        faults.sort_by_key(|(at, _)| *at);
+        let end = run_under(setup, faults, controls, Some(limit), enough).map_err(|e| Report::msg(e.to_string()))?;
         taps.finish(end.ended_at, Event::Ended { reason: end.reason.to_string() });
         let mut watch = look();
         let _ = watch.flush();
@@ -190,12 +215,20 @@ impl Trial {
         if end.counts.gave_up > 0 && !planned.iter().any(|p| p.what.kind() == "F5") {
             violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
         }
-        let (counts, hash) = (end.counts, watch.hash.hex());
+        let (counts, swaps, hash) = (end.counts, watch.swaps, watch.hash.hex());
         let growth = memory.slope();
         if let Some(slope) = growth.filter(|slope| *slope > GROWS) {
             violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));
         }
-        Ok(Ran { violations, simulated: end.ended_at.since(Time::ZERO), counts, hash, growth })
+        Ok(Ran {
+            violations,
+            simulated: end.ended_at.since(Time::ZERO),
+            counts,
+            swaps,
+            joint: watch.witness.joint,
+            hash,
+            growth,
+        })
     }
 
     fn hardware(&self, i: usize, seed: u64, robots: &[Arc<mobee_model::Robot>]) -> Result<SimHardware, Report> {
@@ -212,7 +245,7 @@ impl Trial {
     }
 }
 
-/// What is done to the system when.
+/// What is done to the system when, but for swaps; in no order.
 fn controls_of(planned: &[Planned], healed: Time) -> Vec<(Time, Control)> {
     let mut all: Vec<(Time, Control)> = Vec::new();
     for Planned { at, what } in planned {
@@ -244,11 +277,10 @@ fn controls_of(planned: &[Planned], healed: Time) -> Vec<(Time, Control)> {
                 // the first may have got lost with the model
                 all.push((healed, Control::Edit(Edit::Remove { name })));
             }
-            What::Board { .. } | What::ShortHistory(_) => {}
+            What::Board { .. } | What::ShortHistory(_) | What::Swap(_) => {}
         }
     }
     all.push((healed, Control::Inject(Injection::Heal)));
-    all.sort_by_key(|(at, _)| *at);
     all
 }
 

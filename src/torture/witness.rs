@@ -25,8 +25,19 @@ pub struct Witness {
     scene: Option<Arc<Scene>>,
     poses: Vec<Pose>,
     robots: Vec<Seen>,
+    /// What several robots did on the way back at once.
+    pub joint: Joint,
     /// What was seen to be broken: the invariant, and a sentence.
     pub found: Vec<(&'static str, String)>,
+}
+
+/// Ways back of several robots at once.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Joint {
+    /// How often that began.
+    pub times: u64,
+    /// By how much two of them came nearer to each other than they were as they set out, or than the margin, at most, metres.
+    pub nearer: f64,
 }
 
 #[derive(Debug)]
@@ -111,7 +122,10 @@ impl Witness {
             Event::Controller { robot, reflex, .. } => self.turn(robot, |r| r.reflex = *reflex),
             Event::Enabled { robot, .. } => self.turn(robot, |r| (r.open, r.since) = (true, at)),
             Event::Disabled { robot, .. } => self.turn(robot, |r| (r.open, r.since, r.back) = (false, at, None)),
-            Event::RetreatBegan { robot, near, .. } => self.turn(robot, |r| r.back = Some(near.clone())),
+            Event::RetreatBegan { robot, near, .. } => {
+                self.turn(robot, |r| r.back = Some(near.clone()));
+                self.joint.times += u64::from(self.robots.iter().filter(|r| r.back.is_some()).count() > 1);
+            }
             Event::RetreatStopped { robot, .. } => self.turn(robot, |r| r.back = None),
             Event::State { robot, status } => self.turn(robot, |r| {
                 (r.status, r.since) = (*status, at);
@@ -127,13 +141,13 @@ impl Witness {
 
     /// A pose that was read.
     pub fn pose(&mut self, robot: usize, at: Time, q: &Pose) {
-        let (Some(seen), Some(pose), Some(scene)) =
-            (self.robots.get_mut(robot), self.poses.get_mut(robot), &self.scene)
-        else {
-            return;
-        };
+        let (Some(seen), Some(pose)) = (self.robots.get_mut(robot), self.poses.get_mut(robot)) else { return };
         *pose = q.clone();
         (seen.poses, seen.last) = (seen.poses + 1, at);
+        if seen.back.is_some() {
+            self.together(at);
+        }
+        let (Some(seen), Some(scene)) = (self.robots.get_mut(robot), &self.scene) else { return };
         let Some((promise, within)) = seen.watched() else {
             seen.near = None;
             return;
@@ -156,6 +170,32 @@ impl Witness {
         }
     }
 
+    /// How near those come to each other that are on the way back (I14).
+    fn together(&mut self, at: Time) {
+        let Some(scene) = &self.scene else { return };
+        let back = |robot: u16| self.robots.get(usize::from(robot)).and_then(|r| Some((r.back.as_ref()?, r.margin)));
+        if self.robots.iter().filter(|r| r.back.is_some()).count() < 2 {
+            return;
+        }
+        let margin = self.robots.iter().map(|r| r.margin).fold(0.0, f64::max);
+        for c in scene.contacts(&self.poses, margin) {
+            let (ShapeId::Robot { robot: a, .. }, ShapeId::Robot { robot: b, .. }) = c.pair else { continue };
+            let (Some((of_a, margin_a)), Some((of_b, margin_b))) = (back(a), back(b)) else { continue };
+            let start = of_a.iter().chain(of_b).filter(|s| s.pair == c.pair).map(|s| s.distance);
+            let start = start.fold(margin_a.min(margin_b), f64::min);
+            if a == b || start - c.distance <= self.joint.nearer {
+                continue;
+            }
+            self.joint.nearer = start - c.distance;
+            if self.joint.nearer > DEEPER {
+                let (a, b) = (scene.shape_name(c.pair.0), scene.shape_name(c.pair.1));
+                let [now, start] = [c.distance, start].map(|m| m * 1e3);
+                let what = format!("{a} and {b} are at {now:.1} mm on the way back of both, below {start:.1} mm");
+                self.found.push(("I14", format!("{what} at {at}")));
+            }
+        }
+    }
+
     /// How fast the fastest motor of a robot really is, rad/s.
     pub fn speed(&mut self, robot: usize, at: Time, speed: f64) {
         let Some(seen) = self.robots.get(robot) else { return };
@@ -173,5 +213,58 @@ impl Witness {
                 format!("{name}: moves at {deg:.2} deg/s at {at}, and no reading came through since {}", seen.last);
             self.found.push(("I8", what));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compose::compose;
+    use crate::config::Config;
+    use mobee_contract::CommitId;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn sets_out(robot: &str, near: Vec<Contact>) -> Event {
+        Event::RetreatBegan { robot: robot.into(), id: CommitId(1), poses: 1, secs: 1.0, near }
+    }
+
+    /// I14: the arms come nearer to each other than they were.
+    #[test]
+    fn arms_that_meet_on_the_way_back_of_both_break_i14() {
+        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/torture.toml");
+        let (config, source) = Config::load(&file, &[]).unwrap();
+        let scene = Arc::new(compose(config, &source).unwrap().scene);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut draw = || -> Vec<Pose> {
+            let any = |m: &mobee_model::Motor, rng: &mut ChaCha8Rng| rng.random_range(m.min..=m.max);
+            scene.robots().iter().map(|r| r.motors.iter().map(|m| any(m, &mut rng)).collect()).collect()
+        };
+        let of = |s: ShapeId| if let ShapeId::Robot { robot, .. } = s { robot } else { 9 };
+        let (poses, met) = loop {
+            let poses = draw();
+            let contacts = scene.contacts(&poses, 0.0);
+            let met = |c: &&Contact| of(c.pair.0) != of(c.pair.1) && of(c.pair.1) < 2;
+            if let Some(met) = contacts.iter().find(met) {
+                break (
+                    poses,
+                    contacts.iter().filter(|c| c.distance <= met.distance + 1.0).copied().collect::<Vec<_>>(),
+                );
+            }
+        };
+        let seen = |events: Vec<Event>| {
+            let mut witness = Witness { scene: Some(scene.clone()), poses: scene.home(), ..Witness::default() };
+            witness.robots =
+                ["left", "right"].map(|r| Seen::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
+            events.iter().for_each(|event| witness.event(Time::ZERO, event));
+            for (robot, q) in poses.iter().enumerate() {
+                witness.pose(robot, Time::from_secs(1.0), q);
+            }
+            witness.found.iter().any(|(invariant, _)| *invariant == "I14")
+        };
+        assert!(seen(vec![sets_out("left", vec![]), sets_out("right", vec![])]));
+        // touching as they set out, or alone on the way
+        assert!(!seen(vec![sets_out("left", met), sets_out("right", vec![])]));
+        assert!(!seen(vec![sets_out("left", vec![])]));
     }
 }

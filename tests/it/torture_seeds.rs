@@ -56,6 +56,16 @@ fn the_exploring_icub_holds_all_invariants() {
     assert_eq!(tally.gave_up, 0);
 }
 
+/// Agents, controllers and drivers are exchanged, nothing else happens but obstacles; and all faults with it.
+#[test]
+fn swaps_at_any_moment_hold_all_invariants() {
+    let tally = seeds(ARMS, 301, 40, "F21,F22");
+    let [settled, reverted, refused] = tally.swaps;
+    assert!(settled > 40 && reverted > 5 && refused > 5, "{tally}");
+    let tally = seeds(ARMS, 401, 30, "all");
+    assert!(tally.swaps.iter().sum::<u64>() > 10, "{tally}");
+}
+
 /// One arm under forces with a reflex, the other without.
 #[test]
 fn arms_under_forces_hold_all_invariants() {
@@ -70,10 +80,11 @@ fn arms_under_forces_hold_all_invariants() {
 /// 580 and 609: a pair that nearly touched as the way back began touched on it (I9). 78: a stopped robot whose readings
 /// tremble was given its outcome after three seconds (I17). 2143: readings that came after the one that an outcome was given by
 /// were held against it (I17). 2173: set-points that waited for a stalled driver were written in one instant (I5). 69: an explorer
-/// found no free pose while the other arm touched something, was done with that, and nobody escaped for it later (I15).
+/// found no free pose while the other arm touched something, was done with that, and nobody escaped for it later (I15). 106: an
+/// agent died in the instant in which its motion had been stopped, at the target (I18).
 #[test]
 fn seeds_that_were_red_are_green() {
-    for (seed, faults) in [(580, ""), (609, ""), (78, "F12"), (2143, ""), (2173, ""), (69, "F12,F20")] {
+    for (seed, faults) in [(580, ""), (609, ""), (78, "F12"), (2143, ""), (2173, ""), (69, "F12,F20"), (106, "all")] {
         seeds(ARMS, seed, 1, faults);
     }
 }

@@ -1,13 +1,13 @@
-//! I15: when all faults have healed, each open transaction ends, the filter is open again, and the agent asks for another motion,
-//! all within [`WITHIN`].
+//! I15: when all faults have healed, each open transaction and each swap ends, the filter is open again, and the agent asks for
+//! another motion, all within [`WITHIN`].
 //!
 //! A robot that was escaping at the healing is excused: escapes are slow by design, and may well be long. A robot whose agent has said that it is done need not ask again; one that has no agent, or never asked, need not either. A
 //! group that used up its restarts is down for good.
 
 use super::{Found, Invariant};
 use crate::journal::Line;
-use mobee_contract::{Event, Hold, Status, Time};
-use std::collections::BTreeMap;
+use mobee_contract::{Event, Hold, Status, SwapPart, Time};
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// What a simulation says, as [`Event::Injected`], when all faults have healed.
@@ -36,6 +36,8 @@ struct Robot {
     /// Whether it has an agent that asked for motions before, and has more to do.
     asks: bool,
     asked_since: bool,
+    /// The parts that are being exchanged.
+    swaps: BTreeSet<SwapPart>,
 }
 
 impl Robot {
@@ -46,6 +48,7 @@ impl Robot {
         let lacks = [
             (self.open.is_some(), "its open motion has not ended"),
             (!self.opened, "its filter has not opened"),
+            (!self.swaps.is_empty(), "a swap has not ended"),
             (self.asks && !self.asked_since, "its agent has not asked for another motion"),
         ];
         lacks.into_iter().find(|(lacks, _)| *lacks).map(|(_, what)| what)
@@ -88,6 +91,14 @@ impl Invariant for Liveness {
             Event::Outcome { robot, id, .. } => {
                 let robot = self.of(robot);
                 robot.open = robot.open.filter(|(open, _)| *open != id.0 || robot.ending);
+            }
+            Event::Swap { robot, part, step } => {
+                let robot = self.of(robot);
+                if step.is_last() {
+                    robot.swaps.remove(part);
+                } else {
+                    robot.swaps.insert(*part);
+                }
             }
             Event::Done { robot, .. } => self.of(robot).asks = false,
             _ => {}

@@ -1,5 +1,5 @@
 //! I18: when the agent that owns a motion dies, the motion is cancelled: later than two control periods after the death it is
-//! neither amended nor ends as committed, unless the filter has closed in between.
+//! neither amended nor ends as committed, unless the filter has closed in between, or was closed before.
 
 use super::{Found, Invariant};
 use crate::journal::Line;
@@ -19,6 +19,8 @@ pub(super) struct Orphans {
 struct Motion {
     period: Duration,
     open: Option<(CommitId, String)>,
+    /// Whether the filter is closed: what is under way has been stopped.
+    closed: bool,
     /// When its agent died, as long as nothing has been done about it.
     orphan: Option<Time>,
 }
@@ -33,16 +35,17 @@ impl Invariant for Orphans {
             }
             Event::Commit { robot, id, agent, .. } => {
                 let motion = self.robots.entry(robot.clone()).or_default();
-                (motion.open, motion.orphan) = (Some((*id, agent.clone())), None);
+                (motion.open, motion.orphan, motion.closed) = (Some((*id, agent.clone())), None, false);
                 return;
             }
             Event::Died { actor, .. } => {
-                let owned = |m: &&mut Motion| m.open.as_ref().is_some_and(|(_, agent)| agent == actor);
+                let owned = |m: &&mut Motion| !m.closed && m.open.as_ref().is_some_and(|(_, agent)| agent == actor);
                 self.robots.values_mut().filter(owned).for_each(|m| m.orphan = m.orphan.or(Some(line.at)));
                 return;
             }
             Event::Disabled { robot, .. } => {
-                self.robots.entry(robot.clone()).or_default().orphan = None;
+                let motion = self.robots.entry(robot.clone()).or_default();
+                (motion.orphan, motion.closed) = (None, true);
                 return;
             }
             Event::Amended { robot, id, .. } => (robot, id, "was amended"),

@@ -1,0 +1,174 @@
+//! Swaps (F21, F22): a part of a robot is exchanged at any moment, as `mobee ctl swap` and `mobee run --watch` do it, by one that
+//! does its work or by one that does not.
+
+use crate::config::{Config, Source};
+use crate::ctl::offer::{Offered, Wanted, take};
+use mobee_actors::shell::Maker;
+use mobee_actors::swap::Terms;
+use mobee_actors::system::{Control, NewPart, PartOffer};
+use mobee_contract::{
+    Agent, Board, Command, ControlMode, Driver, DriverFault, Hardware, Intent, MotionEnd, Note, Refusal, Sample,
+    Snapshot, SwapPart, Time, View,
+};
+use mobee_drivers::SimHardware;
+use mobee_model::Robot;
+use serde_json::Value;
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tokio::sync::oneshot;
+
+/// What is wrong with a new part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flaw {
+    /// It can't be used, and is refused: the old part goes on.
+    Useless,
+    /// It breaks when it is used first, and is reverted.
+    Breaks,
+}
+
+/// A part that is offered in the place of another. Nobody waits for what becomes of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Swap {
+    /// The robot.
+    pub robot: usize,
+    /// Which of its parts.
+    pub part: SwapPart,
+    /// In which settings it differs from the part of the configuration.
+    pub edits: Vec<(&'static str, Value)>,
+    /// Whether a new agent begins without the old one's state.
+    pub fresh: bool,
+    /// What is wrong with it: with agents and drivers only.
+    pub flaw: Option<Flaw>,
+    /// What it must go through.
+    pub terms: Terms,
+}
+
+impl Swap {
+    /// The control that offers it; `board` is the one that the robot has. `None` if the edited configuration is refused before
+    /// anything is offered.
+    pub(super) fn control(
+        &self,
+        config: &Config,
+        source: &Source,
+        robots: &[Arc<Robot>],
+        board: Option<&SimHardware>,
+    ) -> Option<Control> {
+        let (robot, model) = config.robot.get(self.robot).zip(robots.get(self.robot))?;
+        let offered = match self.part {
+            SwapPart::Driver => Offered::Part(PartOffer {
+                part: NewPart::Driver(driver(board?, self.flaw)),
+                what: "another driver of the same board".into(),
+                terms: self.terms,
+            }),
+            part => {
+                let mut edited = serde_json::to_value(config).ok()?;
+                for (key, value) in &self.edits {
+                    edited["robot"][self.robot][part.to_string()][*key] = value.clone();
+                }
+                let wanted = Wanted { part, name: &robot.name, model, fresh: self.fresh, terms: self.terms };
+                take(serde_json::from_value(edited).ok()?, source, &wanted).ok()?
+            }
+        };
+        let offered = match (offered, self.flaw) {
+            (Offered::Agent(mut offer), Some(flaw)) => {
+                offer.maker = flawed(offer.maker, flaw);
+                Offered::Agent(offer)
+            }
+            (offered, _) => offered,
+        };
+        let (reply, _nobody_waits) = oneshot::channel();
+        Some(offered.control(robot.name.clone(), reply))
+    }
+}
+
+impl fmt::Display for Swap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Swap { robot, part, fresh, flaw, terms, .. } = self;
+        write!(f, "the {part} of robot {robot} is exchanged")?;
+        for (key, value) in &self.edits {
+            write!(f, ", {key} = {value}")?;
+        }
+        match flaw {
+            None if *fresh => f.write_str(", by one that begins anew")?,
+            None => {}
+            Some(Flaw::Useless) => f.write_str(", by one that is of no use")?,
+            Some(Flaw::Breaks) => f.write_str(", by one that breaks")?,
+        }
+        let [shadow, probation] = [terms.shadow, terms.probation].map(|t| t.as_secs_f64());
+        write!(f, "; it looks on for {shadow:.3} s, and is on probation for {probation:.3} s")
+    }
+}
+
+fn flawed(maker: Maker, flaw: Flaw) -> Maker {
+    Maker(Arc::new(move || match flaw {
+        Flaw::Useless => Err("planted".into()),
+        Flaw::Breaks => Ok(Box::new(Breaking((maker.0)()?))),
+    }))
+}
+
+/// An agent that panics when it is asked.
+struct Breaking(Box<dyn Agent>);
+
+impl Agent for Breaking {
+    fn next(&mut self, _last: Option<MotionEnd>, _view: &View) -> Intent {
+        // unwinds as any panic does, without a word on the terminal
+        std::panic::resume_unwind(Box::new("planted"))
+    }
+    fn notes(&mut self) -> Vec<Note> {
+        self.0.notes()
+    }
+    fn export(&self) -> Snapshot {
+        self.0.export()
+    }
+    fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
+        self.0.import(from)
+    }
+}
+
+fn driver(board: &SimHardware, flaw: Option<Flaw>) -> Arc<dyn Hardware> {
+    let board = board.clone();
+    match flaw {
+        None => Arc::new(board),
+        Some(flaw) => Arc::new(Mute { board, is_mute: AtomicBool::new(flaw == Flaw::Useless) }),
+    }
+}
+
+/// Hardware that gives no reading: from the start, or from the second connection on, which is made when it is used.
+struct Mute {
+    board: SimHardware,
+    is_mute: AtomicBool,
+}
+
+impl Hardware for Mute {
+    fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
+        let (driver, is_mute) = (self.board.connect()?, self.is_mute.swap(true, Ordering::SeqCst));
+        Ok(Box::new(MuteDriver { driver, is_mute }))
+    }
+}
+
+struct MuteDriver {
+    driver: Box<dyn Driver>,
+    is_mute: bool,
+}
+
+impl Driver for MuteDriver {
+    fn board(&self) -> &Board {
+        self.driver.board()
+    }
+    fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault> {
+        self.driver.command(now, command)
+    }
+    fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault> {
+        Ok(self.driver.sample(now)?.filter(|_| !self.is_mute))
+    }
+    fn next_sample(&self, now: Time) -> Time {
+        self.driver.next_sample(now)
+    }
+    fn lease(&mut self, now: Time, until: Time) {
+        self.driver.lease(now, until);
+    }
+    fn modes(&self) -> Vec<ControlMode> {
+        self.driver.modes()
+    }
+}
