@@ -136,7 +136,9 @@ impl SuperviseCore {
             return;
         }
         let reacted = at >= since + self.rules.reaction();
-        self.done_since = if done && reacted { self.done_since.or(Some(at)) } else { None };
+        // there, but not yet known to rest, as after a gap in the readings, is not missed
+        let elsewhere = done && reacted && away > self.rules.tolerance;
+        self.done_since = if elsewhere { self.done_since.or(Some(at)) } else { None };
         if self.done_since.is_some_and(|t| at >= t + MISSED) || at > due {
             self.roll_back(Cause::TargetMissed, now, out);
         } else if away > FROZEN_WAY && self.is_frozen(at, pulse.unchanged) {

@@ -181,6 +181,31 @@ fn without_a_reflex_contacts_stop_nothing() {
     assert!(through(Kind::Fields).0 < 0.01);
 }
 
+/// A robot that is at its target, of which nobody knows for a while whether it rests, as after a gap in the readings, has not
+/// missed it; one that is done elsewhere has.
+#[test]
+fn a_target_that_was_reached_is_not_missed_while_nobody_knows_the_speed() {
+    let end = |q: f64| {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        let commit =
+            Commit { agent: "a".into(), target: Target { motors: vec![0], q: vec![0.2], speed: 0.5 }, speeds: None };
+        cell.supervise.on(SuperviseIn::Commit(commit), cell.now);
+        let mut status = Vec::new();
+        for (k, speed) in (1..=41).map(|k| (k, if k <= 40 { f64::INFINITY } else { 0.0 })) {
+            let at = cell.now + Duration::from_millis(10) * k;
+            let sample = Sample { seq: 100 + u64::from(k), at, q: vec![q].into(), done: vec![true] };
+            let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
+            (pulse.speed, pulse.free) = (speed, true);
+            cell.supervise.on(SuperviseIn::Pulse(&pulse), at);
+            status.push(cell.supervise.status());
+        }
+        (status[39], status[40])
+    };
+    assert_eq!(end(0.2), (Status::Moving, Status::Rest));
+    assert_eq!(end(0.1).0, Status::Stopping);
+}
+
 /// I17: a robot that does not come to rest, by its readings, is stopped again and again, and gets its outcome when it rests.
 #[test]
 fn the_reflex_says_nothing_before_the_robot_rests() {
