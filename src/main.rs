@@ -191,8 +191,9 @@ fn clock(text: &str) -> Result<Clock, String> {
 
 /// What `println!` panics with if it can't write.
 const NO_OUTPUT: &str = "failed printing to stdout";
-/// What is logged if `MOBEE_LOG` says nothing: warnings, but not those of Rerun's encoder, whose errors the recorder tells.
-const LOG: &str = "warn,re_log_encoding=error";
+/// What is logged if `MOBEE_LOG` says nothing: warnings, but not those of Rerun's encoder and of its line to a viewer, whose
+/// errors the recorder tells.
+const LOG: &str = "warn,re_log_encoding=error,re_grpc_client=off";
 /// The same for `mobee torture`, where parts break by the dozen, as they should.
 const TORTURE_LOG: &str = "off";
 
