@@ -13,6 +13,7 @@
 //! | I9 | the retreat is watched | a contact on the way back stops it within one period |
 //! | I10 | a restart does not move | no motion from a start or restart until the next commit |
 //! | I11 | removed stays removed | no plan leads over a removed edge |
+//! | I14 | several robots | while several are on the way back, no contact between two of them begins |
 //! | I15 | liveness | once all faults have healed, motions end, filters open, and agents go on |
 //! | I17 | ended means at rest | an outcome is given only while the robot is measured to rest |
 //! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
@@ -36,6 +37,7 @@ mod removed_stays_removed;
 mod rest_at_the_end;
 mod restart_does_not_move;
 mod summary;
+mod together;
 mod watched_retreat;
 pub use liveness::HEALED;
 pub use summary::{RunSummary, summary};
@@ -167,6 +169,7 @@ impl Default for Checker {
             ("I9", Box::new(watched_retreat::WatchedRetreat::default())),
             ("I10", Box::new(restart_does_not_move::RestartDoesNotMove::default())),
             ("I11", Box::new(removed_stays_removed::RemovedStaysRemoved::default())),
+            ("I14", Box::new(together::Together::default())),
             ("I15", Box::new(liveness::Liveness::default())),
             ("I17", Box::new(rest_at_the_end::RestAtTheEnd::default())),
             ("I18", Box::new(orphans::Orphans::default())),

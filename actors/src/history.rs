@@ -149,16 +149,16 @@ impl HistoryCore {
         self.ring.back()
     }
 
-    /// The recorded path from the pose at `since` to the newest.
+    /// All that was recorded without a gap, oldest first, and which of these is the pose at `since`.
     ///
     /// # Errors
-    /// If it has fallen out of the ring, or there is a gap on the way.
-    pub fn path(&self, since: Time) -> Result<Vec<Recorded>, HistoryTooShort> {
-        let first = self.ring.partition_point(|r| r.at < since);
+    /// If that has fallen out of the ring, or there is a gap since then.
+    pub fn past(&self, since: Time) -> Result<(Vec<Recorded>, usize), HistoryTooShort> {
+        let start = self.ring.partition_point(|r| r.at < since);
         let usable = self.ring.iter().rposition(|r| r.after_gap).unwrap_or(0);
         let oldest = self.ring.get(usable).map_or(Time::ZERO, |r| r.at);
-        match self.ring.get(first) {
-            Some(r) if r.at == since && first >= usable => Ok(self.ring.range(first..).cloned().collect()),
+        match (self.ring.get(start), start.checked_sub(usable)) {
+            (Some(r), Some(start)) if r.at == since => Ok((self.ring.range(usable..).cloned().collect(), start)),
             _ => Err(HistoryTooShort { oldest, asked: since }),
         }
     }

@@ -5,6 +5,7 @@ mod attempt;
 pub mod check;
 pub mod clock;
 pub mod controller;
+pub mod convoy;
 pub mod course;
 pub mod driver;
 pub mod gate;

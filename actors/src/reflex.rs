@@ -12,13 +12,13 @@ mod contacts;
 mod retreat;
 
 use crate::controller::{Rules, distance};
+use crate::convoy::{Answer, Asked, Convoy, Way};
 use crate::gate::Gate;
-use crate::history::{HistoryTooShort, Recorded};
 use crate::pulse::Pulse;
 use contacts::{Contacts, Floors};
 use mobee_contract::{Cause, Command, CommitId, ControlMode, Event, Hold, Pose, Status, Time};
 use mobee_model::{Contact, Pair};
-use retreat::Retreat;
+use retreat::{Parted, Retreat};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -52,8 +52,8 @@ pub enum ReflexIn<'a> {
         /// Whether this is another try after a failed one.
         again: bool,
     },
-    /// The recorded path that was asked for.
-    Path(Result<Vec<Recorded>, HistoryTooShort>),
+    /// What was asked for is with the convoy.
+    Brought,
 }
 
 /// What the reflex wants done.
@@ -68,8 +68,8 @@ pub enum ReflexOut {
         /// Why.
         cause: Cause,
     },
-    /// Ask the history for the path since then.
-    AskPath(Time),
+    /// Bring the convoy what these robots recorded, then say so.
+    Bring(Vec<Asked>),
     /// Tell supervise.
     Word(Word),
     /// Tell the taps.
@@ -81,6 +81,8 @@ pub enum ReflexOut {
 pub enum Word {
     /// The way back begins.
     Retreating,
+    /// It leads beyond the safe pose, to this earlier rest: another robot has to pass there.
+    Farther((Time, Pose)),
     /// The last pose was written.
     Settling,
     /// The robot rests at the safe pose, control modes restored.
@@ -95,24 +97,36 @@ pub enum Word {
 enum Phase {
     Watching,
     Stopping { token: u64, since: Time, then: Then },
-    Retreating { token: u64, retreat: Retreat, safe: Pose, floors: Floors, violated: bool, mark: (Time, Pose, Time) },
-    Settling { token: u64, since: Time, safe: Pose, floors: Floors, violated: bool },
+    Retreating { token: u64, retreat: Retreat, back: Back, floors: Floors, violated: bool, mark: (Time, Pose, Time) },
+    Settling { token: u64, since: Time, way: Way, floors: Floors, violated: bool },
 }
 
 #[derive(Debug, Clone)]
 enum Then {
-    Retreat { motion: Motion, again: bool },
+    Retreat(Back),
     Say(Word),
+}
+
+/// A motion that is taken back: to where, and whether it is another try.
+#[derive(Debug, Clone)]
+struct Back {
+    id: CommitId,
+    safe: (Time, Pose),
+    again: bool,
 }
 
 /// The state machine.
 #[derive(Clone, Debug)]
 pub struct ReflexCore {
+    robot: usize,
     rules: Arc<Rules>,
     gate: Arc<Gate>,
+    convoy: Arc<Convoy>,
     phase: Phase,
     contacts: Contacts,
     near: Arc<[Contact]>,
+    /// How near pairs came since the robot was stopped to be taken back.
+    floors: Floors,
     violated: bool,
     /// The escape under way, how near it may come, and whether a constraint was violated as it set out.
     escape: Option<(CommitId, Floors, bool)>,
@@ -122,12 +136,26 @@ pub struct ReflexCore {
 }
 
 impl ReflexCore {
-    /// A reflex that watches.
-    pub fn new(rules: Arc<Rules>, gate: Arc<Gate>) -> ReflexCore {
+    /// A reflex that watches the robot of this index.
+    pub fn new(robot: usize, rules: Arc<Rules>, gate: Arc<Gate>, convoy: Arc<Convoy>) -> ReflexCore {
+        convoy.leave(robot);
         let contacts = Contacts::new(rules.margin);
         let near = contacts.present().clone();
         let phase = Phase::Watching;
-        ReflexCore { rules, gate, phase, contacts, near, violated: false, escape: None, motion: None, met: Vec::new() }
+        ReflexCore {
+            robot,
+            rules,
+            gate,
+            convoy,
+            phase,
+            contacts,
+            near,
+            floors: Floors::default(),
+            violated: false,
+            escape: None,
+            motion: None,
+            met: Vec::new(),
+        }
     }
 
     /// The present contacts.
@@ -151,10 +179,13 @@ impl ReflexCore {
             ReflexIn::Pulse(pulse, motion, status) => self.pulse(pulse, motion, (status, now), name, &mut out),
             ReflexIn::RollBack { token, motion, again } => {
                 if token == self.gate.token() {
-                    self.phase = Phase::Stopping { token, since: now, then: Then::Retreat { motion, again } };
+                    let back = motion.safe.map(|safe| Then::Retreat(Back { id: motion.id, safe, again }));
+                    let then = back.unwrap_or(Then::Say(Word::GaveUp(Hold::HistoryTooShort)));
+                    self.floors = Floors::new(self.rules.margin, &self.near);
+                    self.turn(Phase::Stopping { token, since: now, then }, now);
                 }
             }
-            ReflexIn::Path(path) => self.set_out(path, now, &mut out),
+            ReflexIn::Brought => self.ask(now, &mut out),
         }
         out
     }
@@ -202,7 +233,7 @@ impl ReflexCore {
         };
         if outdated {
             // somebody closed the filter anew, and stopped the robot
-            self.phase = Phase::Watching;
+            self.turn(Phase::Watching, now);
         }
         if matches!(self.phase, Phase::Watching) {
             if Gate::opens(token) {
@@ -251,13 +282,22 @@ impl ReflexCore {
         out.push(ReflexOut::Event(Event::Disabled { robot: self.rules.robot.clone(), token, cause: cause.clone() }));
         out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
         out.push(ReflexOut::Closed { token, cause });
-        let then = match motion {
-            Some(m) if m.safe.is_some() => Then::Retreat { motion: m.clone(), again: false },
-            Some(_) => Then::Say(Word::Stopped),
-            None => return,
-        };
+        let Some(motion) = motion else { return };
+        let back = |safe| Then::Retreat(Back { id: motion.id, safe, again: false });
+        let then = motion.safe.clone().map_or(Then::Say(Word::Stopped), back);
         // the stop takes effect from now on: a reading that was held up does not show it
-        self.phase = Phase::Stopping { token, since: now, then };
+        self.floors = Floors::new(self.rules.margin, &pulse.contacts);
+        self.turn(Phase::Stopping { token, since: now, then }, now);
+    }
+
+    /// The next phase, and what it means for those who might go back with this robot.
+    fn turn(&mut self, phase: Phase, now: Time) {
+        match &phase {
+            Phase::Stopping { then: Then::Retreat(_), .. } => self.convoy.coming(self.robot, now),
+            Phase::Retreating { .. } | Phase::Settling { .. } => {}
+            Phase::Watching | Phase::Stopping { then: Then::Say(_), .. } => self.convoy.leave(self.robot),
+        }
+        self.phase = phase;
     }
 
     fn constraint(&self, (part, clause): (usize, usize)) -> Cause {
@@ -273,20 +313,20 @@ impl ReflexCore {
             Phase::Watching => {}
             Phase::Stopping { token, since, then } => {
                 let token = *token;
+                self.floors.note(&pulse.contacts);
                 if now >= *since + rules.reaction() && at_rest {
                     match then.clone() {
-                        Then::Retreat { motion, .. } => {
-                            let since = motion.safe.map_or(now, |(at, _)| at);
-                            out.push(ReflexOut::AskPath(since));
-                        }
-                        Then::Say(word) => self.say(token, word, out),
+                        Then::Retreat(_) => self.ask(clock, out),
+                        Then::Say(word) => self.say(token, word, clock, out),
                     }
                 } else if now >= *since + PATIENCE {
                     let then = then.clone();
                     self.stop_again(token, then, (now, clock), out);
+                } else if let Then::Retreat(_) = then {
+                    self.convoy.coming(self.robot, clock);
                 }
             }
-            Phase::Retreating { token, retreat, safe, floors, violated, mark } => {
+            Phase::Retreating { token, retreat, back, floors, violated, mark } => {
                 let token = *token;
                 if mark.0 != pulse.unchanged {
                     *mark = (pulse.unchanged, retreat.written().clone(), now);
@@ -306,16 +346,25 @@ impl ReflexCore {
                     let what = blocked(broken, name);
                     self.give_up(token, Hold::RetreatBlocked, what, (now, clock), out);
                 } else {
-                    out.extend(retreat.step(&pulse.sample, clock, &rules).map(|c| ReflexOut::Command(token, c)));
+                    match retreat.step(&self.convoy, &pulse.sample, clock, &rules) {
+                        Ok(command) => out.extend(command.map(|c| ReflexOut::Command(token, c))),
+                        Err(Parted) => {
+                            let then = Then::Retreat(Back { again: true, ..back.clone() });
+                            out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
+                            self.convoy.leave(self.robot);
+                            self.turn(Phase::Stopping { token, since: clock, then }, clock);
+                            return;
+                        }
+                    }
                     if retreat.is_over() {
-                        let (safe, floors, violated) = (safe.clone(), std::mem::take(floors), *violated);
+                        let (way, floors, violated) = (retreat.way().clone(), std::mem::take(floors), *violated);
                         let since = retreat.arrival(clock);
-                        self.phase = Phase::Settling { token, since, safe, floors, violated };
+                        self.phase = Phase::Settling { token, since, way, floors, violated };
                         out.push(ReflexOut::Word(Word::Settling));
                     }
                 }
             }
-            Phase::Settling { token, since, safe, floors, violated } => {
+            Phase::Settling { token, since, way, floors, violated } => {
                 let token = *token;
                 let broken = floors.broken(&pulse.contacts).copied();
                 if broken.is_some() || (pulse.violated.is_some() && !*violated) {
@@ -323,15 +372,20 @@ impl ReflexCore {
                     self.give_up(token, Hold::RetreatBlocked, what, (now, clock), out);
                 } else if now >= *since + rules.reaction()
                     && at_rest
-                    && distance(&pulse.sample.q, safe) <= rules.tolerance
+                    && distance(&pulse.sample.q, &way.end.1) <= rules.tolerance
                 {
+                    if way.blocked {
+                        let what = "another robot, which stands in the way, can't go back farther".into();
+                        self.give_up(token, Hold::RetreatBlocked, what, (now, clock), out);
+                        return;
+                    }
                     for pair in self.contacts.settle() {
                         out.push(ReflexOut::Event(Event::ContactEnded {
                             robot: rules.robot.clone(),
                             names: name(pair),
                         }));
                     }
-                    self.say(token, Word::Back, out);
+                    self.say(token, Word::Back, clock, out);
                 } else if now >= *since + PATIENCE {
                     self.give_up(
                         token,
@@ -345,32 +399,35 @@ impl ReflexCore {
         }
     }
 
-    /// The path is known: begin the way back, unless the history is too short.
-    fn set_out(&mut self, path: Result<Vec<Recorded>, HistoryTooShort>, now: Time, out: &mut Vec<ReflexOut>) {
-        let Phase::Stopping { token, then: Then::Retreat { motion, again }, .. } = &self.phase else { return };
-        let (token, id, again) = (*token, motion.id, *again);
-        let robot = self.rules.robot.clone();
-        match (path, motion.safe.clone()) {
-            (Ok(mut path), Some((_, safe))) => {
-                if again {
-                    Retreat::without_detour(&mut path, 2.0 * self.rules.tolerance);
+    /// The robot rests: ask for the way back, and begin it once it is known.
+    fn ask(&mut self, now: Time, out: &mut Vec<ReflexOut>) {
+        let Phase::Stopping { token, then: Then::Retreat(back), .. } = &self.phase else { return };
+        let (token, mut back) = (*token, back.clone());
+        let (robot, id) = (self.rules.robot.clone(), back.id);
+        match self.convoy.ask(Asked { robot: self.robot, safe: back.safe.clone(), again: back.again }, now) {
+            Answer::Wait => {}
+            Answer::Bring(asked) => out.push(ReflexOut::Bring(asked)),
+            Answer::Go(way) => {
+                if way.farther {
+                    back.safe = way.end.clone();
                 }
-                let retreat = Retreat::new(&path, &safe, &self.rules, now);
+                let farther = way.farther.then(|| Word::Farther(way.end.clone()));
+                let retreat = Retreat::new(self.robot, way, &self.rules, now);
                 let (poses, secs) = retreat.length();
-                let near = self.near.iter().filter(|c| c.distance < self.rules.margin).copied().collect();
+                let near = self.floors.touched();
                 out.push(ReflexOut::Event(Event::RetreatBegan { robot, id, poses, secs, near }));
                 out.push(ReflexOut::Command(token, retreat.begin()));
                 out.push(ReflexOut::Word(Word::Retreating));
-                let floors = Floors::new(self.rules.margin, &self.near);
+                out.extend(farther.map(ReflexOut::Word));
+                let floors = self.floors.clone();
                 let mark = (Time::ZERO, retreat.written().clone(), now);
                 let violated = self.violated;
-                self.phase = Phase::Retreating { token, retreat, safe, floors, violated, mark };
+                self.phase = Phase::Retreating { token, retreat, back, floors, violated, mark };
             }
-            (path, _) => {
-                let what = path.err().map_or_else(|| "there is no safe pose".to_string(), |e| e.to_string());
-                let reason = Hold::HistoryTooShort;
+            Answer::TooShort(why) => {
+                let (reason, what) = (Hold::HistoryTooShort, why.to_string());
                 out.push(ReflexOut::Event(Event::RetreatStopped { robot, reason, what, seen: now }));
-                self.say(token, Word::GaveUp(reason), out);
+                self.say(token, Word::GaveUp(reason), now, out);
             }
         }
     }
@@ -378,7 +435,7 @@ impl ReflexCore {
     fn give_up(&mut self, token: u64, reason: Hold, what: String, (seen, now): (Time, Time), out: &mut Vec<ReflexOut>) {
         out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
         out.push(ReflexOut::Event(Event::RetreatStopped { robot: self.rules.robot.clone(), reason, what, seen }));
-        self.phase = Phase::Stopping { token, since: now, then: Then::Say(Word::GaveUp(reason)) };
+        self.turn(Phase::Stopping { token, since: now, then: Then::Say(Word::GaveUp(reason)) }, now);
     }
 
     /// The robot does not come to rest, or its readings don't: stop it once more, and say nothing before it rests (I17). A
@@ -386,7 +443,7 @@ impl ReflexCore {
     fn stop_again(&mut self, token: u64, then: Then, (seen, now): (Time, Time), out: &mut Vec<ReflexOut>) {
         if let Then::Say(_) = then {
             out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
-            self.phase = Phase::Stopping { token, since: now, then };
+            self.turn(Phase::Stopping { token, since: now, then }, now);
         } else {
             let what = "the robot did not come to rest in time".into();
             self.give_up(token, Hold::RetreatMissed, what, (seen, now), out);
@@ -394,10 +451,10 @@ impl ReflexCore {
     }
 
     /// The robot rests: restore the control modes and tell.
-    fn say(&mut self, token: u64, word: Word, out: &mut Vec<ReflexOut>) {
+    fn say(&mut self, token: u64, word: Word, now: Time, out: &mut Vec<ReflexOut>) {
         out.push(ReflexOut::Command(token, Command::Mode { motors: Vec::new(), mode: ControlMode::Position }));
         out.push(ReflexOut::Word(word));
-        self.phase = Phase::Watching;
+        self.turn(Phase::Watching, now);
     }
 }
 
@@ -410,12 +467,13 @@ fn blocked(contact: Option<Contact>, name: &dyn Fn(Pair) -> (String, String)) ->
 #[cfg(test)]
 impl ReflexCore {
     /// Another one in the same state, at another gate.
-    pub fn fork(&self, gate: Arc<Gate>) -> ReflexCore {
-        ReflexCore { gate, ..self.clone() }
+    pub fn fork(&self, gate: Arc<Gate>, convoy: Arc<Convoy>) -> ReflexCore {
+        ReflexCore { gate, convoy, ..self.clone() }
     }
 
     /// What its future depends on.
     pub fn state(&self) -> impl std::fmt::Debug + '_ {
-        (&self.phase, &self.contacts, &self.near, self.violated, &self.escape, self.motion, &self.met)
+        let seen = (&self.contacts, &self.near, &self.floors, self.violated);
+        (&self.phase, &self.convoy, seen, &self.escape, self.motion, &self.met)
     }
 }

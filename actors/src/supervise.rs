@@ -366,6 +366,15 @@ impl SuperviseCore {
         match word {
             Word::Retreating => self.enter(Status::Retreating, out),
             Word::Settling => self.enter(Status::Settling, out),
+            Word::Farther((at, q)) => {
+                let moved = self.with_book(|book| {
+                    let open = book.open.as_mut()?;
+                    open.safe = Some((at, q.clone()));
+                    Some(open.id)
+                });
+                let robot = self.rules.robot.clone();
+                out.extend(moved.map(|id| SuperviseOut::Event(Event::SafePoseMoved { robot, id, q })));
+            }
             // the outcome is measured at the next reading, which is the one that the reflex judged by
             Word::Back | Word::Stopped => {
                 self.modes = false;

@@ -2,6 +2,7 @@
 
 use crate::clock::Clock;
 use crate::controller::{Controller, Rules};
+use crate::convoy::Convoy;
 use crate::gate::Gate;
 use crate::ledger::Ledger;
 use crate::pulse::Pulse;
@@ -160,6 +161,8 @@ pub struct Hub {
     pub robots: Vec<Arc<Wires>>,
     /// The scene now.
     pub scene: Cell<Arc<Scene>>,
+    /// Robots that go back together.
+    pub convoy: Arc<Convoy>,
     /// The pulse of all robots into the model.
     pub to_model: Stream<(usize, Pulse)>,
     /// The line to the model.

@@ -93,6 +93,36 @@ pub fn within_limits(path: &str, index: usize, deg: f64, robot: &Robot) -> Resul
     }
 }
 
+/// Ranges in degrees by motor to (motor, min, max) in rad for each motor of a group, in its order: its limits if none is given.
+///
+/// # Errors
+/// An unknown motor or one outside the group, a reversed range, a position outside the motor's limits.
+pub fn ranges(
+    path: &str,
+    range_deg: &BTreeMap<String, [f64; 2]>,
+    motors: &[usize],
+    robot: &Robot,
+) -> Result<Vec<(usize, f64, f64)>, KindError> {
+    let given = KindError::gather(range_deg.iter().map(|(name, [min, max])| {
+        let path = format!("{path}.{name}");
+        let motor = motor(&path, name, robot)?;
+        if !motors.contains(&motor) {
+            let help = "add the motor to `motors`, or take its range away";
+            return Err(KindError::new(path, format!("{name} is not one of the motors that are moved"), help));
+        }
+        if min > max {
+            let help = format!("write [{max}, {min}]");
+            return Err(KindError::new(path, format!("the range is reversed: {min} is above {max}"), help));
+        }
+        let low = within_limits(&format!("{path}[0]"), motor, *min, robot)?;
+        Ok((motor, (low, within_limits(&format!("{path}[1]"), motor, *max, robot)?)))
+    }))?;
+    let given: BTreeMap<usize, (f64, f64)> = given.into_iter().collect();
+    let limits = |m: &usize| robot.motors.get(*m).map(|l| (l.min, l.max));
+    let range = |m: &usize| given.get(m).copied().or_else(|| limits(m)).map(|(min, max)| (*m, min, max));
+    Ok(motors.iter().filter_map(range).collect())
+}
+
 /// Checks a share of the greatest speed.
 ///
 /// # Errors

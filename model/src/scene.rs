@@ -68,6 +68,16 @@ pub enum ShapeId {
     },
 }
 
+impl ShapeId {
+    /// Index of the robot that it is a shape of.
+    pub fn robot(self) -> Option<usize> {
+        match self {
+            ShapeId::Robot { robot, .. } => Some(usize::from(robot)),
+            ShapeId::Object { .. } => None,
+        }
+    }
+}
+
 /// Two shapes, the smaller id first.
 pub type Pair = (ShapeId, ShapeId);
 

@@ -186,13 +186,14 @@ pub fn chosen(names: &str) -> Result<Vec<&'static str>, String> {
     match names {
         "" => return Ok(all.filter(|n| !ASKED_FOR.contains(n)).collect()),
         "all" => return Ok(all.collect()),
+        "none" => return Ok(Vec::new()),
         "mild" => return Ok(all.filter(|n| mild.contains(n)).collect()),
         _ => {}
     }
     let known = |name: &str| {
         let kind = KINDS.iter().find(|k| k.name.eq_ignore_ascii_case(name));
         match kind {
-            None => Err(format!("there is no fault `{name}`; they are F1 to F28, `mild` and `all`")),
+            None => Err(format!("there is no fault `{name}`; they are F1 to F28, `mild`, `all` and `none`")),
             Some(Kind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
             Some(kind) => Ok(kind.name),
         }

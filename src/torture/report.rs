@@ -2,6 +2,7 @@
 
 use super::plan::Planned;
 use super::trial::Ran;
+use super::witness::Joint;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
@@ -29,8 +30,8 @@ pub struct Tally {
     pub escapes: u64,
     /// Swaps: settled, reverted, refused.
     pub swaps: [u64; 3],
-    /// How often several robots were on the way back at once, and by how much two of them came nearer meanwhile at most, metres.
-    pub joint: (u64, f64),
+    /// What several robots did on the way back at once.
+    pub joint: Joint,
     /// Groups that used up their restarts.
     pub gave_up: u64,
     /// The greatest growth of memory in a run, megabytes per hour, if one was long enough to tell.
@@ -58,7 +59,7 @@ impl Tally {
         for (sum, n) in self.swaps.iter_mut().zip(ran.swaps) {
             *sum += n;
         }
-        self.joint = (self.joint.0 + ran.joint.times, self.joint.1.max(ran.joint.nearer));
+        self.joint.add(&ran.joint);
         self.restarts += c.restarts;
         self.retreats_stopped += c.retreats_stopped;
         self.escapes += c.escapes;
@@ -96,9 +97,10 @@ impl fmt::Display for Tally {
         writeln!(f, "commits    {}: {reached} reached, {back} rolled back, {faulted} faulted", self.commits)?;
         let (escapes, stopped) = (self.escapes, self.retreats_stopped);
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
-        let (times, mm) = (self.joint.0, self.joint.1 * 1e3);
+        let Joint { times, nearer } = self.joint;
         if times > 0 {
-            writeln!(f, "together   {times} times several were on the way back, and came {mm:.1} mm nearer at most")?;
+            let mm = nearer * 1e3;
+            writeln!(f, "together   {times} times several were on the way back, and came {mm:.2} mm nearer at most")?;
         }
         if self.swaps != [0; 3] {
             let [settled, reverted, refused] = self.swaps;

@@ -10,6 +10,8 @@ use std::time::Duration;
 const NEARER: f64 = 0.003;
 /// How much nearer than its margin, or than as it began, a pair may come on the way back, metres: 1 mm, and as above.
 const DEEPER: f64 = 0.001 + NEARER;
+/// The same of two robots that are both on the way back, metres (I14).
+const TOGETHER: f64 = 0.001;
 /// How many control periods a contact may go unanswered.
 const PERIODS: u32 = 3;
 /// How long a closed robot may take to come to rest: late commands, a lease that runs out, braking.
@@ -38,6 +40,14 @@ pub struct Joint {
     pub times: u64,
     /// By how much two of them came nearer to each other than they were as they set out, or than the margin, at most, metres.
     pub nearer: f64,
+}
+
+impl Joint {
+    /// With what was seen in another run.
+    pub fn add(&mut self, other: &Joint) {
+        self.times += other.times;
+        self.nearer = self.nearer.max(other.nearer);
+    }
 }
 
 #[derive(Debug)]
@@ -155,7 +165,7 @@ impl Witness {
         if !seen.poses.is_multiple_of(2) {
             return;
         }
-        let is_own = |s: ShapeId| matches!(s, ShapeId::Robot { robot: r, .. } if usize::from(r) == robot);
+        let is_own = |s: ShapeId| s.robot() == Some(robot);
         let own = |c: &Contact| (is_own(c.pair.0) || is_own(c.pair.1)) && c.distance < within && seen.is_too_near(c);
         let Some(contact) = scene.contacts(&self.poses, within).into_iter().find(own) else {
             seen.near = None;
@@ -173,13 +183,13 @@ impl Witness {
     /// How near those come to each other that are on the way back (I14).
     fn together(&mut self, at: Time) {
         let Some(scene) = &self.scene else { return };
-        let back = |robot: u16| self.robots.get(usize::from(robot)).and_then(|r| Some((r.back.as_ref()?, r.margin)));
+        let back = |robot: usize| self.robots.get(robot).and_then(|r| Some((r.back.as_ref()?, r.margin)));
         if self.robots.iter().filter(|r| r.back.is_some()).count() < 2 {
             return;
         }
         let margin = self.robots.iter().map(|r| r.margin).fold(0.0, f64::max);
         for c in scene.contacts(&self.poses, margin) {
-            let (ShapeId::Robot { robot: a, .. }, ShapeId::Robot { robot: b, .. }) = c.pair else { continue };
+            let (Some(a), Some(b)) = (c.pair.0.robot(), c.pair.1.robot()) else { continue };
             let (Some((of_a, margin_a)), Some((of_b, margin_b))) = (back(a), back(b)) else { continue };
             let start = of_a.iter().chain(of_b).filter(|s| s.pair == c.pair).map(|s| s.distance);
             let start = start.fold(margin_a.min(margin_b), f64::min);
@@ -187,7 +197,7 @@ impl Witness {
                 continue;
             }
             self.joint.nearer = start - c.distance;
-            if self.joint.nearer > DEEPER {
+            if self.joint.nearer > TOGETHER {
                 let (a, b) = (scene.shape_name(c.pair.0), scene.shape_name(c.pair.1));
                 let [now, start] = [c.distance, start].map(|m| m * 1e3);
                 let what = format!("{a} and {b} are at {now:.1} mm on the way back of both, below {start:.1} mm");

@@ -56,6 +56,14 @@ fn the_exploring_icub_holds_all_invariants() {
     assert_eq!(tally.gave_up, 0);
 }
 
+/// Two arms in each other's way, without faults: they collide, and are taken back together. No contact begins there, and they come
+/// no nearer than they were (I14).
+#[test]
+fn arms_that_collide_go_back_together() {
+    let tally = seeds("configs/behaviors/collide.toml", 1, 100, "none");
+    assert!(tally.joint.times > 50, "{tally}");
+}
+
 /// Agents, controllers and drivers are exchanged, nothing else happens but obstacles; and all faults with it.
 #[test]
 fn swaps_at_any_moment_hold_all_invariants() {

@@ -309,7 +309,8 @@ pub enum Event {
         poses: usize,
         /// Recorded seconds on the way.
         secs: f64,
-        /// Pairs below the margin as it sets out: on the way none of them may come more than 1 mm nearer.
+        /// Pairs that came below the margin since the filter was closed, each where it was nearest: on the way none of them may
+        /// come more than 1 mm nearer than that.
         #[serde(default)]
         near: Vec<Contact>,
     },

@@ -98,23 +98,40 @@ impl Contacts {
     }
 }
 
-/// How near pairs may come while the robot backs out of contact: none begins, none gets deeper.
+/// How near pairs may come while the robot backs out of contact: none begins, none gets deeper than it has been.
 #[derive(Clone, Debug, Default)]
 pub struct Floors {
     margin: f64,
-    start: Vec<(Pair, f64)>,
+    /// The least distances that were read so far.
+    least: Vec<Contact>,
 }
 
 impl Floors {
-    /// From the pairs near the robot as it sets out.
+    /// From the pairs near the robot as it was stopped, or sets out.
     pub fn new(margin: f64, near: &[Contact]) -> Floors {
-        Floors { margin, start: near.iter().map(|c| (c.pair, c.distance)).collect() }
+        Floors { margin, least: near.to_vec() }
+    }
+
+    /// The pairs near it in another reading, before it is taken back: the way leads through there again.
+    pub fn note(&mut self, near: &[Contact]) {
+        for c in near {
+            match self.least.iter_mut().find(|l| l.pair == c.pair) {
+                Some(least) if least.distance <= c.distance => {}
+                Some(least) => *least = *c,
+                None => self.least.push(*c),
+            }
+        }
+    }
+
+    /// The pairs that touched, each where it was nearest.
+    pub fn touched(&self) -> Vec<Contact> {
+        self.least.iter().filter(|c| c.distance < self.margin).copied().collect()
     }
 
     /// The first pair that is nearer than it may be.
     pub fn broken<'a>(&self, near: &'a [Contact]) -> Option<&'a Contact> {
         near.iter().find(|c| {
-            let start = self.start.iter().find(|(pair, _)| *pair == c.pair).map_or(self.margin, |(_, d)| *d);
+            let start = self.least.iter().find(|l| l.pair == c.pair).map_or(self.margin, |l| l.distance);
             c.distance < start.min(self.margin) - DEEPER
         })
     }

@@ -88,7 +88,8 @@ impl Model {
             let near = self.watch.update(&self.poses);
             if !near.is_empty() {
                 let within = wires.rules().margin + RELEASE;
-                let own = |c: &&Contact| c.distance <= within && (is_of(c.pair.0, robot) || is_of(c.pair.1, robot));
+                let is_own = |s: ShapeId| s.robot() == Some(robot);
+                let own = |c: &&Contact| c.distance <= within && (is_own(c.pair.0) || is_own(c.pair.1));
                 pulse.contacts = near.iter().filter(own).copied().collect();
             }
             pulse.violated = self.scene.robots().get(robot).and_then(|r| r.violated(&pulse.sample.q).next());
@@ -152,10 +153,6 @@ impl Fields {
         let torques = self.field.torques(&poses);
         torques.iter().any(|t| *t != 0.0).then(|| torques.into())
     }
-}
-
-fn is_of(shape: ShapeId, robot: usize) -> bool {
-    matches!(shape, ShapeId::Robot { robot: r, .. } if usize::from(r) == robot)
 }
 
 /// What an edit did, object by object.

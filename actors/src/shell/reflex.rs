@@ -1,5 +1,6 @@
 //! Reflex's shell.
 
+use crate::convoy::Asked;
 use crate::reflex::{Motion, ReflexCore, ReflexIn, ReflexOut};
 use crate::shell::{DriverMsg, SuperviseMsg};
 use crate::wiring::{Hub, Wires};
@@ -36,7 +37,7 @@ impl Actor for ReflexActor {
         myself: ActorRef<ReflexMsg>,
         (hub, wires): Self::Arguments,
     ) -> Result<Reflex, ActorProcessingErr> {
-        let core = ReflexCore::new(wires.rules(), wires.gate.clone());
+        let core = ReflexCore::new(wires.robot, wires.rules(), wires.gate.clone(), hub.convoy.clone());
         wires.reflex.connect(myself.clone());
         wires.to_reflex.attach(Box::new(move || myself.send_message(ReflexMsg::Pulses).is_ok()));
         Ok(Reflex { hub, wires, core })
@@ -87,9 +88,15 @@ impl Reflex {
                 ReflexOut::Closed { token, cause } => {
                     self.wires.supervise.send(SuperviseMsg::Closed(token, cause));
                 }
-                ReflexOut::AskPath(since) => {
-                    let path = self.wires.ledger.book().history.path(since);
-                    self.on(ReflexIn::Path(path));
+                ReflexOut::Bring(asked) => {
+                    let bring = |one: Asked| {
+                        let wires = self.hub.robots.get(one.robot)?;
+                        Some(one.traveller(wires.rules(), &wires.ledger.book().history))
+                    };
+                    let brought = asked.into_iter().filter_map(bring).collect();
+                    let scene = self.hub.scene.lock().clone();
+                    self.hub.convoy.set_out(brought, &scene, self.hub.clock.now());
+                    self.on(ReflexIn::Brought);
                 }
                 ReflexOut::Word(word) => {
                     self.wires.supervise.send(SuperviseMsg::Word(word));

@@ -2,10 +2,12 @@
 
 use super::*;
 use crate::controller::{Controller, Drive, FieldsSettings};
+use crate::convoy::{Asked, Convoy};
 use crate::driver::Port;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut};
 use mobee_contract::{Axis, Board, ControlMode, Refusal, Sample, Target, Values};
-use mobee_model::{Contact, NodePairs, Part, Robot, ShapeId};
+use mobee_model::{Contact, NodePairs, Part, Robot, Scene, ShapeId};
+use nalgebra::Isometry3;
 use proptest::prelude::*;
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -210,7 +212,7 @@ fn a_target_that_was_reached_is_not_missed_while_nobody_knows_the_speed() {
 #[test]
 fn the_reflex_says_nothing_before_the_robot_rests() {
     let cell = Cell::new();
-    let mut reflex = ReflexCore::new(cell.rules.clone(), cell.gate.clone());
+    let mut reflex = ReflexCore::new(0, cell.rules.clone(), cell.gate.clone(), cell.convoy.clone());
     let read = |k: u64, speed: f64, reflex: &mut ReflexCore| {
         let at = Time::ZERO + Duration::from_millis(10) * k as u32;
         let sample = Sample { seq: k, at, q: vec![0.0].into(), done: vec![true] };

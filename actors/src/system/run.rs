@@ -240,6 +240,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     let hub = Arc::new(Hub {
         robots: robots.collect(),
         scene: Cell::new(Arc::new(setup.scene)),
+        convoy: Arc::default(),
         to_model: Stream::new("history>model", 256),
         model: Line::default(),
         clock,

@@ -471,6 +471,37 @@ fn i9_a_pair_that_nearly_touched_as_the_way_back_began_may_touch_but_not_deeper(
 }
 
 #[test]
+fn i14_a_contact_begins_on_the_way_back_of_both() {
+    let of = |robot: &str, mut event: Event| {
+        match &mut event {
+            Event::Robot { robot: r, .. } | Event::RetreatBegan { robot: r, .. } | Event::Outcome { robot: r, .. } => {
+                *r = robot.into();
+            }
+            other => unreachable!("{other:?}"),
+        }
+        event
+    };
+    let began = |robot: &str, near: Vec<Contact>| {
+        of(robot, Event::RetreatBegan { robot: R.into(), id: CommitId(1), poses: 10, secs: 0.2, near })
+    };
+    let Event::ContactBegan { mut contact, names, .. } = contact(Status::Retreating) else { unreachable!() };
+    contact.pair.1 = ShapeId::Robot { robot: 1, node: 1, shape: 0 };
+    let meet = Event::ContactBegan { robot: R.into(), contact, names, during: Status::Retreating };
+    let judged = |events: Vec<Event>| {
+        let mut all = vec![(0.0, started()), (0.0, robot()), (0.0, of("other", robot()))];
+        all.extend((1..).zip(events).map(|(at, e)| (f64::from(at), e)));
+        run(all).iter().filter(|v| v.invariant == "I14").count()
+    };
+    assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), meet.clone()]), 1);
+    // they had touched there before; one of them is at home, or has stopped
+    assert_eq!(judged(vec![began(R, vec![contact]), began("other", vec![]), meet.clone()]), 0);
+    assert_eq!(judged(vec![began(R, vec![]), meet.clone()]), 0);
+    let home = of("other", outcome(1, Outcome::RolledBack, &[0.0, 0.0], &[0.0, 0.0]));
+    assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), home, meet.clone()]), 0);
+    assert_eq!(judged(vec![began("other", vec![]), began(R, vec![]), retreat_stopped(2.0), meet]), 0);
+}
+
+#[test]
 fn i19_a_contact_in_mid_motion_that_closes_nothing() {
     let met = with(&command(Writer::Agent, 3, "move", &[0.1, 0.1]), &[contact(Status::Moving)]);
     broken("I19", met, Some(&disabled(4)), "did not close the filter");

@@ -20,4 +20,5 @@ mod swap_agent;
 mod swap_parts;
 mod tap_threads;
 mod throughput;
+mod together;
 mod told_twice;

@@ -111,7 +111,7 @@ impl Explorer {
     pub fn new(settings: ExplorerSettings, context: &Context) -> Result<Explorer, KindError> {
         let robot = context.robot.clone();
         let motors = group::motors("motors", &settings.motors, &robot);
-        let ranges = motors.clone().and_then(|motors| ranges(&settings, &motors, &robot));
+        let ranges = motors.clone().and_then(|motors| group::ranges("range_deg", &settings.range_deg, &motors, &robot));
         let speed = group::speed("speed", settings.speed);
         let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
         let hand = group::marker("hand", settings.hand.as_deref(), &robot);
@@ -331,27 +331,6 @@ fn counts(settings: &ExplorerSettings) -> Result<(), KindError> {
         ),
     ])?;
     Ok(())
-}
-
-fn ranges(settings: &ExplorerSettings, motors: &[usize], robot: &Robot) -> Result<Vec<(usize, f64, f64)>, KindError> {
-    let given = KindError::gather(settings.range_deg.iter().map(|(name, [min, max])| {
-        let path = format!("range_deg.{name}");
-        let motor = group::motor(&path, name, robot)?;
-        if !motors.contains(&motor) {
-            let help = "add the motor to `motors`, or take its range away";
-            return Err(KindError::new(path, format!("{name} is not one of the motors to explore with"), help));
-        }
-        if min > max {
-            let help = format!("write [{max}, {min}]");
-            return Err(KindError::new(path, format!("the range is reversed: {min} is above {max}"), help));
-        }
-        let low = group::within_limits(&format!("{path}[0]"), motor, *min, robot)?;
-        Ok((motor, (low, group::within_limits(&format!("{path}[1]"), motor, *max, robot)?)))
-    }))?;
-    let given: BTreeMap<usize, (f64, f64)> = given.into_iter().collect();
-    let limits = |m: &usize| robot.motors.get(*m).map(|l| (l.min, l.max));
-    let range = |m: &usize| given.get(m).copied().or_else(|| limits(m)).map(|(min, max)| (*m, min, max));
-    Ok(motors.iter().filter_map(range).collect())
 }
 
 fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {

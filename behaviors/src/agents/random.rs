@@ -3,13 +3,12 @@
 use super::{Dice, open, seal};
 use crate::group;
 use mobee_contract::*;
-use mobee_model::Robot;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::sync::Arc;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Settings of the kind `random`.
@@ -24,6 +23,9 @@ pub struct RandomSettings {
     /// Share of each motor's greatest speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
+    /// Ranges to draw poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; else the motor's limits.
+    #[serde(default)]
+    pub range_deg: BTreeMap<String, [f64; 2]>,
     /// Whether to look in the scene first, and go only to poses that are free and lawful. The way there is not checked.
     #[serde(default)]
     pub checked: bool,
@@ -43,10 +45,11 @@ fn tenth() -> f64 {
 /// How many poses are drawn for one move before the agent waits a second for the world to change.
 const DRAWS: usize = 1000;
 
-/// Goes to random poses within the limits of its motors.
+/// Goes to random poses within the ranges of its motors.
 pub struct Random {
-    robot: Arc<Robot>,
     motors: Vec<usize>,
+    /// Per motor: index, and from where to where it goes, rad.
+    ranges: Vec<(usize, f64, f64)>,
     settings: RandomSettings,
     seed: u64,
     rng: ChaCha8Rng,
@@ -71,14 +74,14 @@ impl Random {
         let motors = group::motors("motors", &settings.motors, &context.robot);
         KindError::gather([motors.clone().map(drop), group::speed("speed", settings.speed).map(drop)])?;
         let motors = motors?;
+        let ranges = group::ranges("range_deg", &settings.range_deg, &motors, &context.robot)?;
         let seed = settings.seed.unwrap_or(context.seed);
         let rng = ChaCha8Rng::seed_from_u64(seed);
-        Ok(Random { robot: context.robot.clone(), motors, settings, seed, rng, reached: 0, failed: 0 })
+        Ok(Random { motors, ranges, settings, seed, rng, reached: 0, failed: 0 })
     }
 
     fn draw(&mut self) -> Target {
-        let limits = self.motors.iter().filter_map(|m| self.robot.motors.get(*m));
-        let q = limits.map(|m| self.rng.random_range(m.min..=m.max)).collect();
+        let q = self.ranges.iter().map(|(_, min, max)| self.rng.random_range(*min..=*max)).collect();
         Target { motors: self.motors.clone(), q, speed: self.settings.speed }
     }
 }

@@ -73,6 +73,8 @@ pub(super) struct Cell {
     pub ledger: Ledger,
     pub supervise: SuperviseCore,
     pub reflex: ReflexCore,
+    pub convoy: Arc<Convoy>,
+    scene: Arc<Scene>,
     port: Port,
     driver: VecDeque<(u64, Writer, Command)>,
     to_supervise: VecDeque<ToSupervise>,
@@ -102,8 +104,9 @@ pub(super) struct Cell {
     restarted: bool,
     /// A way back is being driven: its token, and how near the wall was as it began (I9).
     way: Option<(u64, f64)>,
-    /// How near the wall was in the last reading that the reflex saw.
+    /// How near the wall was in the last reading that the reflex saw, and at least since the filter was closed.
     pub near_at: f64,
+    least: f64,
     /// Everything that was read, in one number.
     read: u64,
 }
@@ -126,9 +129,12 @@ impl Cell {
 
     fn with(kind: Kind, step: Duration, exact: bool, history: usize) -> Cell {
         let (rules, gate, ledger) = (rules(kind), Arc::new(Gate::default()), Ledger::new(history));
+        let convoy = Arc::new(Convoy::default());
         let (supervise, first) = SuperviseCore::new(rules.clone(), gate.clone(), ledger.clone(), Time::ZERO);
         let mut cell = Cell {
-            reflex: ReflexCore::new(rules.clone(), gate.clone()),
+            reflex: ReflexCore::new(0, rules.clone(), gate.clone(), convoy.clone()),
+            convoy,
+            scene: Arc::new(Scene::new(vec![(Arc::new(one_motor()), Isometry3::identity())], Vec::new()).unwrap()),
             port: Port::new(rules.clone(), gate.clone()),
             rules,
             gate,
@@ -155,6 +161,7 @@ impl Cell {
             restarted: false,
             way: None,
             near_at: f64::INFINITY,
+            least: f64::INFINITY,
             read: 0,
         };
         cell.supervise_out(first);
@@ -164,15 +171,18 @@ impl Cell {
     /// Another one in the same state.
     pub fn fork(&self) -> Cell {
         let gate = Arc::new(Gate::resumed(self.gate.token()));
+        let convoy = Arc::new(self.convoy.fork());
         let ledger = Ledger::new(0);
         *ledger.book() = self.ledger.book().clone();
         Cell {
             supervise: SuperviseCore { gate: gate.clone(), ledger: ledger.clone(), ..self.supervise.clone() },
-            reflex: self.reflex.fork(gate.clone()),
+            reflex: self.reflex.fork(gate.clone(), convoy.clone()),
+            convoy,
             port: Port::new(self.rules.clone(), gate.clone()),
             gate,
             ledger,
             rules: self.rules.clone(),
+            scene: self.scene.clone(),
             driver: self.driver.clone(),
             to_supervise: self.to_supervise.clone(),
             to_reflex: self.to_reflex.clone(),
@@ -189,7 +199,8 @@ impl Cell {
         let of_book = (&book.open, book.last_id, book.status, &book.died, &book.safe);
         let queues = (&self.driver, &self.to_supervise, &self.to_reflex);
         let plant = (self.now, self.q, self.goal, self.speed, self.moves, self.mode, self.wall);
-        let watched = (self.written, self.restarted, self.way, self.near_at, self.read, self.gate.token());
+        let watched =
+            (self.written, self.restarted, self.way, (self.near_at, self.least), self.read, self.gate.token());
         let mut hasher = std::hash::DefaultHasher::new();
         let all = (of_supervise, (s.modes, of_book), self.reflex.state(), queues, plant, watched);
         let _ = std::fmt::write(&mut Hashed(&mut hasher), format_args!("{all:?}"));
@@ -253,6 +264,7 @@ impl Cell {
         let near = |c: &Arc<[Contact]>| c.first().map_or(f64::INFINITY, |c| c.distance);
         let distance = read.as_ref().map_or(self.near_at, near);
         self.near_at = distance;
+        self.least = if self.gate.is_open() { distance } else { self.least.min(distance) };
         let watched = self.way.filter(|(token, _)| read.is_some() && *token == self.gate.token());
         let blocked = watched.is_some_and(|(_, start)| distance < start.min(self.rules.margin) - 0.001);
         let moving = read.is_some() && self.gate.is_open() && self.ledger.book().status == Status::Moving;
@@ -271,11 +283,13 @@ impl Cell {
                     }
                     self.to_supervise.push_back(ToSupervise::Word(word));
                 }
-                ReflexOut::AskPath(since) => {
-                    let path = self.ledger.book().history.path(since);
-                    self.reflex_on(ReflexIn::Path(path));
+                ReflexOut::Bring(asked) => {
+                    let bring = |one: Asked| one.traveller(self.rules.clone(), &self.ledger.book().history);
+                    let brought = asked.into_iter().map(bring).collect();
+                    self.convoy.set_out(brought, &self.scene, self.now);
+                    self.reflex_on(ReflexIn::Brought);
                 }
-                ReflexOut::Event(Event::RetreatBegan { .. }) => self.way = Some((self.gate.token(), distance)),
+                ReflexOut::Event(Event::RetreatBegan { .. }) => self.way = Some((self.gate.token(), self.least)),
                 ReflexOut::Event(Event::RetreatStopped { .. }) => self.way = None,
                 ReflexOut::Event(_) => {}
             }
@@ -421,8 +435,8 @@ impl Cell {
         self.gate.close();
         self.ledger.book().died = Some("somebody".into());
         self.to_reflex.clear();
-        (self.restarted, self.way, self.near_at) = (true, None, f64::INFINITY);
-        self.reflex = ReflexCore::new(self.rules.clone(), self.gate.clone());
+        (self.restarted, self.way, self.near_at, self.least) = (true, None, f64::INFINITY, f64::INFINITY);
+        self.reflex = ReflexCore::new(0, self.rules.clone(), self.gate.clone(), self.convoy.clone());
         if supervise {
             self.to_supervise.clear();
             let (core, first) =
@@ -488,6 +502,10 @@ impl Cell {
                 self.flush();
             }),
             Op::Silence(n) => {
+                // a driver without readings still takes what was written, well within the time for a reaction
+                while !self.driver.is_empty() {
+                    self.deliver(0);
+                }
                 self.now = self.now + self.step.0 * u32::from(n);
                 self.tick();
             }

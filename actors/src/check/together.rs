@@ -1,0 +1,58 @@
+//! I14: while several robots are on the way back, no contact between two of them begins.
+//!
+//! A pair that touched as they were stopped may part and touch again: the way leads past there once more, and is watched (I9).
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::Event;
+use mobee_model::{Contact, ShapeId};
+
+#[derive(Default)]
+pub(super) struct Together {
+    /// In the scene's order.
+    robots: Vec<Robot>,
+}
+
+struct Robot {
+    name: String,
+    /// While it is on the way back: the pairs that touched before.
+    back: Option<Vec<Contact>>,
+}
+
+impl Together {
+    fn turn(&mut self, name: &str, back: Option<Vec<Contact>>) {
+        self.robots.iter_mut().filter(|r| r.name == name).for_each(|r| r.back.clone_from(&back));
+    }
+
+    /// The robot that a shape belongs to, if that is on the way back.
+    fn back(&self, shape: ShapeId) -> Option<(&Robot, &Vec<Contact>)> {
+        let robot = self.robots.get(shape.robot()?)?;
+        Some((robot, robot.back.as_ref()?))
+    }
+}
+
+impl Invariant for Together {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Robot { robot, .. } if self.robots.iter().all(|r| r.name != *robot) => {
+                self.robots.push(Robot { name: robot.clone(), back: None });
+            }
+            Event::RetreatBegan { robot, near, .. } => self.turn(robot, Some(near.clone())),
+            Event::Disabled { robot, .. } | Event::RetreatStopped { robot, .. } | Event::Outcome { robot, .. } => {
+                self.turn(robot, None);
+            }
+            Event::ContactBegan { contact, names: (a, b), .. } => {
+                let pair = contact.pair;
+                let (Some((one, of_one)), Some((other, of_other))) = (self.back(pair.0), self.back(pair.1)) else {
+                    return;
+                };
+                if one.name != other.name && !of_one.iter().chain(of_other).any(|c| c.pair == pair) {
+                    let mm = contact.distance * 1e3;
+                    let (one, other) = (&one.name, &other.name);
+                    found.say(format!("{a} and {b} came to {mm:.1} mm while {one} and {other} were on the way back"));
+                }
+            }
+            _ => {}
+        }
+    }
+}

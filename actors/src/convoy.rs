@@ -1,0 +1,311 @@
+//! Robots that are taken back together follow their common past on one clock (I14).
+//!
+//! What was recorded of several robots at the same instants was free of contact between them. Each by itself, they would be
+//! elsewhere on their ways than they were, and might touch. So a reflex whose robot rests asks here; those that are about to
+//! rest are waited for; then one [`Plan`] gives each its way. While they drive, none is ahead of what another has written: a
+//! robot that is late makes the others wait.
+//!
+//! One party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes after it. A robot of which nothing
+//! was heard for [`LOST`] is counted out, so that nobody has to tell of a death; the others stop then, and go on one by one.
+
+mod plan;
+
+pub use plan::{Plan, Traveller, Way};
+
+use crate::controller::Rules;
+use crate::history::{HistoryCore, HistoryTooShort};
+use mobee_contract::{Pose, Time};
+use mobee_model::Scene;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// A robot of which nothing was heard for so long does not come along.
+const LOST: Duration = Duration::from_secs(1);
+/// How long others are waited for.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// How many poses are checked per question: well below a control period's work.
+const SLICE: usize = 32;
+/// By how many of its periods a robot may be behind the clock: it makes up for them in one step.
+const BEHIND: f64 = 1.5;
+
+/// What a reflex is answered.
+#[derive(Clone, Debug)]
+pub enum Answer {
+    /// Ask again at the next reading.
+    Wait,
+    /// Bring what these robots recorded, by [`Convoy::set_out`], and ask again.
+    Bring(Vec<Asked>),
+    /// This is the way.
+    Go(Way),
+    /// There is none.
+    TooShort(HistoryTooShort),
+}
+
+/// A robot that asked for its way back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Asked {
+    /// Its index in the scene.
+    pub robot: usize,
+    /// Its safe pose, and when that was read.
+    pub safe: (Time, Pose),
+    /// Whether it is another try after a failed one.
+    pub again: bool,
+}
+
+impl Asked {
+    /// The robot with what it recorded.
+    ///
+    /// # Errors
+    /// If the history does not reach back to the safe pose.
+    pub fn traveller(self, rules: Arc<Rules>, history: &HistoryCore) -> Result<Traveller, (usize, HistoryTooShort)> {
+        let Asked { robot, safe: (since, safe), again } = self;
+        let (past, start) = history.past(since).map_err(|why| (robot, why))?;
+        let mut traveller = Traveller { robot, rules, past, start, safe };
+        if again {
+            traveller.without_detour();
+        }
+        Ok(traveller)
+    }
+}
+
+/// Shared by the reflexes of all robots.
+#[derive(Debug, Default)]
+pub struct Convoy(Mutex<State>);
+
+#[derive(Clone, Debug, Default)]
+struct State {
+    seats: Vec<Seat>,
+    trip: Option<Trip>,
+}
+
+/// What is known of one robot.
+#[derive(Clone, Debug, Default)]
+enum Seat {
+    /// It goes its own ways.
+    #[default]
+    Away,
+    /// It was stopped, and does not rest yet; last heard of then.
+    Coming(Time),
+    /// It rests, since then, and asked; last then.
+    Ready { since: Time, heard: Time, asked: Asked },
+    /// There is no way for it.
+    Refused(HistoryTooShort),
+}
+
+#[derive(Clone, Debug)]
+struct Trip {
+    /// While it is being checked.
+    plan: Option<Plan>,
+    members: Vec<Member>,
+    /// Seconds on the way, of all.
+    clock: f64,
+    /// When it was last advanced.
+    last: Time,
+}
+
+#[derive(Clone, Debug)]
+struct Member {
+    robot: usize,
+    period: f64,
+    reaction: Duration,
+    heard: Time,
+    /// Until it has been taken.
+    way: Option<Way>,
+    /// How far it is: seconds, or way-points; and how far it has to go.
+    at: f64,
+    end: f64,
+    left: bool,
+}
+
+impl Member {
+    fn is_through(&self) -> bool {
+        self.way.is_none() && self.at >= self.end
+    }
+
+    fn is_lost(&self, now: Time) -> bool {
+        !self.is_through() && (self.left || now > self.heard + LOST)
+    }
+}
+
+impl Convoy {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The robot was stopped, to be taken back once it rests.
+    pub fn coming(&self, robot: usize, now: Time) {
+        let mut state = self.state();
+        if let Some(seat) = state.seat(robot) {
+            *seat = Seat::Coming(now);
+        }
+    }
+
+    /// The robot rests, and asks for its way back: at each reading, until it is answered.
+    pub fn ask(&self, asked: Asked, now: Time) -> Answer {
+        self.state().ask(asked, now)
+    }
+
+    /// What those recorded that [`Answer::Bring`] named. Their ways back begin, or are checked first.
+    pub fn set_out(&self, brought: Vec<Result<Traveller, (usize, HistoryTooShort)>>, scene: &Arc<Scene>, now: Time) {
+        self.state().set_out(brought, scene, now);
+    }
+
+    /// The robot writes a set-point: it is `most` seconds on its way at most. Returns how far all are; nothing once somebody
+    /// who is on the way with it was lost.
+    pub fn step(&self, robot: usize, most: f64, now: Time) -> Option<f64> {
+        let mut state = self.state();
+        let trip = state.trip.as_mut()?;
+        trip.hear(robot, now)?;
+        let elapsed = now.since(trip.last).as_secs_f64();
+        let reach = trip.members.iter().map(|m| m.at + BEHIND * m.period).fold(f64::INFINITY, f64::min);
+        trip.clock = (trip.clock + elapsed).min(reach).max(trip.clock);
+        trip.last = trip.last.max(now);
+        let clock = trip.clock.min(most);
+        let member = trip.member(robot)?;
+        member.at = member.at.max(clock);
+        Some(member.at)
+    }
+
+    /// The robot has reached so many way-points. Returns whether all have; nothing once somebody was lost.
+    pub fn reached(&self, robot: usize, points: usize, now: Time) -> Option<bool> {
+        let mut state = self.state();
+        let trip = state.trip.as_mut()?;
+        trip.hear(robot, now)?;
+        let member = trip.member(robot)?;
+        member.at = member.at.max(points as f64);
+        Some(trip.members.iter().all(|m| m.at >= points as f64))
+    }
+
+    /// The robot is back, or goes no further.
+    pub fn leave(&self, robot: usize) {
+        let mut state = self.state();
+        if let Some(seat) = state.seat(robot) {
+            *seat = Seat::Away;
+        }
+        if let Some(trip) = &mut state.trip {
+            trip.members.iter_mut().filter(|m| m.robot == robot).for_each(|m| m.left = true);
+            if trip.members.iter().all(|m| m.left) {
+                state.trip = None;
+            }
+        }
+    }
+
+    #[cfg(test)]
+    pub(crate) fn fork(&self) -> Convoy {
+        Convoy(Mutex::new(self.state().clone()))
+    }
+}
+
+impl State {
+    fn seat(&mut self, robot: usize) -> Option<&mut Seat> {
+        if self.seats.len() <= robot {
+            self.seats.resize_with(robot + 1, Seat::default);
+        }
+        self.seats.get_mut(robot)
+    }
+
+    fn ask(&mut self, asked: Asked, now: Time) -> Answer {
+        let robot = asked.robot;
+        self.trip = self.trip.take().filter(|trip| !trip.members.iter().all(|m| m.is_through() || m.is_lost(now)));
+        if let Some(trip) = &mut self.trip
+            && let Some(member) = trip.members.iter_mut().find(|m| m.robot == robot && !m.left)
+        {
+            member.heard = now;
+            return trip.proceed(robot, now).map_or(Answer::Wait, Answer::Go);
+        }
+        let Some(seat) = self.seat(robot) else { return Answer::Wait };
+        let since = match seat {
+            Seat::Ready { since, .. } => *since,
+            Seat::Refused(why) => {
+                let why = *why;
+                *seat = Seat::Away;
+                return Answer::TooShort(why);
+            }
+            _ => now,
+        };
+        let again = asked.again;
+        *seat = Seat::Ready { since, heard: now, asked: asked.clone() };
+        let coming = |seat: &Seat| matches!(seat, Seat::Coming(heard) if now <= *heard + LOST);
+        if self.trip.is_some() || (!again && now < since + PATIENCE && self.seats.iter().any(coming)) {
+            return Answer::Wait;
+        }
+        if again {
+            return Answer::Bring(vec![asked]);
+        }
+        let ready = self.seats.iter().filter_map(|seat| match seat {
+            Seat::Ready { heard, asked, .. } if !asked.again && now <= *heard + LOST => Some(asked.clone()),
+            _ => None,
+        });
+        Answer::Bring(ready.collect())
+    }
+
+    fn set_out(&mut self, brought: Vec<Result<Traveller, (usize, HistoryTooShort)>>, scene: &Arc<Scene>, now: Time) {
+        let mut travellers = Vec::new();
+        for one in brought {
+            match one {
+                Ok(traveller) => travellers.push(traveller),
+                Err((robot, why)) => {
+                    if let Some(seat) = self.seat(robot) {
+                        *seat = Seat::Refused(why);
+                    }
+                }
+            }
+        }
+        let member = |t: &Traveller| Member {
+            robot: t.robot,
+            period: t.rules.period.as_secs_f64(),
+            reaction: t.rules.reaction(),
+            heard: now,
+            way: None,
+            at: 0.0,
+            end: f64::INFINITY,
+            left: false,
+        };
+        let members: Vec<Member> = travellers.iter().map(member).collect();
+        for member in &members {
+            if let Some(seat) = self.seat(member.robot) {
+                *seat = Seat::Away;
+            }
+        }
+        if !members.is_empty() {
+            let plan = Some(Plan::new(travellers, scene));
+            self.trip = Some(Trip { plan, members, clock: 0.0, last: now });
+        }
+    }
+}
+
+impl Trip {
+    fn member(&mut self, robot: usize) -> Option<&mut Member> {
+        self.members.iter_mut().find(|m| m.robot == robot && !m.left)
+    }
+
+    /// The robot lives. Nothing if another does not.
+    fn hear(&mut self, robot: usize, now: Time) -> Option<()> {
+        self.member(robot)?.heard = now;
+        (!self.members.iter().any(|m| m.is_lost(now))).then_some(())
+    }
+
+    /// Checks a little more; the robot's way once all has been checked.
+    fn proceed(&mut self, robot: usize, now: Time) -> Option<Way> {
+        if let Some(plan) = &mut self.plan {
+            if !plan.check(SLICE) {
+                return None;
+            }
+            let ways = plan.ways();
+            self.plan = None;
+            for (member, way) in self.members.iter_mut().zip(ways) {
+                member.end = way.end();
+                member.way = Some(way);
+            }
+            // all have heard of it, and their boards are prepared, before the first set-point is due
+            let reaction = self.members.iter().map(|m| m.reaction).max().unwrap_or_default();
+            let period = self.members.iter().map(|m| m.period).fold(0.0, f64::max);
+            let hear = if self.members.len() > 1 { Duration::from_secs_f64(period) } else { Duration::ZERO };
+            self.last = now + reaction + hear;
+        }
+        self.member(robot)?.way.take()
+    }
+}
+
+#[cfg(test)]
+mod tests;

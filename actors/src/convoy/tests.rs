@@ -1,0 +1,188 @@
+//! Two arms that reach each other where both point at the other: what either recorded, where both end, and how near they come.
+
+use super::*;
+use crate::controller::Controller;
+use crate::pulse::Pulse;
+use mobee_contract::{Axis, Board, Sample};
+use mobee_model::parse_robot;
+use nalgebra::{Isometry3, Vector3};
+use proptest::prelude::*;
+
+const ARM: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="arm">
+  <bodypart name="arm">
+    <link z="0.2" radius="0.03">
+      <motor name="pan" minPos="-170" maxPos="170"><joint z="1" length="0.05" minPos="-170" maxPos="170">
+        <link x="0.1"><joint y="1" length="0.05" minPos="0" maxPos="0">
+          <link x="0.4" radius="0.03" capsule="true"/>
+        </joint></link>
+      </joint></motor>
+    </link>
+  </bodypart>
+</ZeroPositionKinematicTree>"#;
+
+const PERIOD: Duration = Duration::from_millis(10);
+
+/// Two of them, 80 cm apart: at zero each points at the other, and they touch if both do.
+fn scene() -> Arc<Scene> {
+    let arm = |name: &str| {
+        let text = ARM.replace("robotName=\"arm\"", &format!("robotName=\"{name}\""));
+        Arc::new(parse_robot("arm.xml", &text).map(|l| l.value).unwrap())
+    };
+    let turned = Isometry3::new(Vector3::new(0.8, 0.0, 0.0), Vector3::new(0.0, 0.0, std::f64::consts::PI));
+    Arc::new(Scene::new(vec![(arm("left"), Isometry3::identity()), (arm("right"), turned)], Vec::new()).unwrap())
+}
+
+fn rules(direct: bool) -> Arc<Rules> {
+    let axis = Axis { name: "pan".into(), min: -3.0, max: 3.0, max_speed: 3.0, max_acceleration: 30.0 };
+    let board = Board { axes: vec![axis], period: PERIOD, latency: Duration::ZERO, position_direct: direct };
+    let controller = Controller { period_s: PERIOD.as_secs_f64(), ..Controller::default() };
+    Arc::new(Rules::new("arm", vec!["arm".into()], &controller, &board))
+}
+
+/// A robot that was at these angles (degrees) at these times (seconds), moved evenly in between, and asks for its way back to
+/// where it was at `safe`.
+fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f64) -> Traveller {
+    let mut history = HistoryCore::new(10_000);
+    let [first, last] = [turns.first(), turns.last()].map(|t| (t.unwrap().0 * 100.0).round() as u64);
+    for k in first..=last {
+        let at = Time::ZERO + PERIOD * k as u32;
+        let leg = turns.windows(2).find(|w| at.secs() <= w[1].0 + 1e-9).unwrap();
+        let part = (at.secs() - leg[0].0) / (leg[1].0 - leg[0].0);
+        let q = (leg[0].1 + (leg[1].1 - leg[0].1) * part).to_radians();
+        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true] };
+        history.push(&mut Pulse::new(sample, &Vec::new().into()), PERIOD * 5);
+    }
+    let at = Time::ZERO + PERIOD * (safe * 100.0).round() as u32;
+    let q = history.recorded_near(at, &[0.0], Duration::ZERO).unwrap().q.clone();
+    Asked { robot, safe: (at, q), again: false }.traveller(rules(direct), &history).unwrap()
+}
+
+/// Where both end, degrees; whether that is beyond their safe poses; and whether they are blocked on the way.
+fn ends(a: &[(f64, f64)], b: &[(f64, f64)], safe: [f64; 2]) -> [(f64, bool, bool); 2] {
+    let travellers = vec![recorded(0, true, a, safe[0]), recorded(1, true, b, safe[1])];
+    let mut plan = Plan::new(travellers, &scene());
+    while !plan.check(SLICE) {}
+    let ways = plan.ways();
+    assert_eq!(ways[0].end(), ways[1].end());
+    [0, 1].map(|i| (ways[i].end.1[0].to_degrees().round(), ways[i].farther, ways[i].blocked))
+}
+
+/// Out of the way until 3 s, at rest in the way until 4 s, and then moved.
+const B: [(f64, f64); 6] = [(0.0, 90.0), (2.0, 90.0), (3.0, 10.0), (4.0, 10.0), (4.5, 0.0), (5.0, -5.0)];
+/// Out of the way at -90, past the other until 2 s, then waits beyond until it comes back into the way.
+const A: [(f64, f64); 6] = [(0.0, -90.0), (0.5, -90.0), (2.0, 90.0), (4.0, 90.0), (4.8, 50.0), (5.0, 42.0)];
+
+#[test]
+fn each_ends_at_its_safe_pose_if_the_others_passed_it_there() {
+    // both set out at 4 s; or one earlier, but past the place where the other rests
+    assert_eq!(ends(&A, &B, [4.0, 4.0]), [(90.0, false, false), (10.0, false, false)]);
+    assert_eq!(ends(&A, &B, [3.0, 4.0]), [(90.0, false, false), (10.0, false, false)]);
+    // one stands where it stood all the time that the other was on its way
+    let still = [(0.0, 30.0), (4.0, 30.0), (5.0, 42.0)];
+    assert_eq!(ends(&[(0.0, -90.0), (0.5, -90.0), (5.0, -20.0)], &still, [0.3, 4.0])[1], (30.0, false, false));
+}
+
+#[test]
+fn who_would_stand_in_the_way_goes_back_to_the_rest_before() {
+    // the older one passed the place where the younger rests now before the younger came there
+    assert_eq!(ends(&A, &B, [0.3, 4.0]), [(-90.0, false, false), (90.0, true, false)]);
+}
+
+#[test]
+fn who_cannot_pass_stops_where_the_common_past_ends() {
+    let short: Vec<(f64, f64)> = B.iter().filter(|(t, _)| *t >= 3.0).copied().collect();
+    assert_eq!(ends(&A, &short, [0.3, 4.0]), [(90.0, false, true), (10.0, false, false)]);
+}
+
+#[test]
+fn dwells_of_all_are_skipped_and_no_motor_is_hurried() {
+    let mut plan = Plan::new(vec![recorded(0, true, &A, 0.3), recorded(1, true, &B, 4.0)], &scene());
+    while !plan.check(SLICE) {}
+    let ways = plan.ways();
+    // both rest from 3 s to 4 s; speeds are told a few readings late
+    assert!((ways[0].end() - 3.5).abs() < 0.2, "{} s", ways[0].end());
+    for pair in ways.iter().flat_map(|w| w.points.windows(2)) {
+        assert!((pair[0].1[0] - pair[1].1[0]).abs() <= 3.0 * (pair[1].0 - pair[0].0) + 1e-9, "{pair:?}");
+    }
+}
+
+/// A robot's reading: it asks for its way until it has one, then writes set-points. Returns how far it is, if it wrote one.
+fn reading(convoy: &Convoy, t: &Traveller, way: &mut Option<(f64, Time)>, now: Time) -> Option<Option<f64>> {
+    if let Some((at, last)) = way {
+        let elapsed = now.since(*last).as_secs_f64();
+        let wrote = convoy.step(t.robot, *at + elapsed.min(1.5 * PERIOD.as_secs_f64()), now);
+        (*at, *last) = (wrote.unwrap_or(*at), now);
+        return Some(wrote);
+    }
+    let safe = (t.past[t.start].at, t.safe.clone());
+    let asked = Asked { robot: t.robot, safe, again: false };
+    match convoy.ask(asked, now) {
+        Answer::Go(_) => *way = Some((0.0, now)),
+        Answer::Bring(asked) => {
+            let both = [recorded(0, true, &A, 4.0), recorded(1, true, &B, 4.0)];
+            convoy.set_out(asked.iter().map(|one| Ok(both[one.robot].clone())).collect(), &scene(), now);
+        }
+        Answer::Wait => {}
+        Answer::TooShort(why) => panic!("{why}"),
+    }
+    None
+}
+
+proptest! {
+    /// On one clock: whatever readings are held up, nobody is ahead of what another will have written in its next step, nobody
+    /// goes back faster than time passes, and both arrive.
+    #[test]
+    fn all_keep_step(phase in 0_u64..10_000_000, stalls in prop::collection::vec((any::<bool>(), 0_u64..300, 1_u64..16), 0..6)) {
+        let (convoy, both) = (Convoy::default(), [recorded(0, true, &A, 4.0), recorded(1, true, &B, 4.0)]);
+        let held = |robot: usize, k: u64| {
+            stalls.iter().any(|(one, from, n)| usize::from(*one) == robot && (*from..from + n).contains(&k))
+        };
+        both.iter().for_each(|t| convoy.coming(t.robot, Time::from_secs(5.0)));
+        let mut ways = [None, None];
+        for k in 0..800 {
+            for robot in 0..2_usize {
+                let now = Time(5_000_000_000 + k * 10_000_000 + robot as u64 * phase);
+                let before = ways[robot];
+                if held(robot, k) {
+                    continue;
+                }
+                let wrote = reading(&convoy, &both[robot], &mut ways[robot], now);
+                let (Some(at), Some((was, last))) = (wrote, before) else { continue };
+                let at = at.unwrap();
+                prop_assert!(at - was <= now.since(last).as_secs_f64() + 1e-9, "{at} after {was}");
+                let other = ways[1 - robot].map_or(0.0, |(at, _)| at);
+                prop_assert!(at - other <= 1.5 * PERIOD.as_secs_f64() + 1e-9, "{at} with {other}");
+            }
+        }
+        let end = 1.0;
+        prop_assert!(ways.iter().all(|w| w.is_some_and(|(at, _)| at >= end)), "{ways:?}");
+    }
+}
+
+#[test]
+fn who_waits_for_one_that_died_goes_on_without() {
+    let convoy = Convoy::default();
+    let both = [recorded(0, true, &A, 4.0), recorded(1, true, &B, 4.0)];
+    let at = |ms: u64| Time(5_000_000_000 + ms * 1_000_000);
+    // the other was stopped, and was not heard of again
+    convoy.coming(1, at(0));
+    let mut way = None;
+    let set_out = (1..500).find(|k| {
+        let _ = reading(&convoy, &both[0], &mut way, at(10 * k));
+        way.is_some()
+    });
+    assert!(set_out.is_some_and(|k| (100..110).contains(&k)), "{set_out:?}");
+
+    // it came along, and dies on the way: the one that is left is told once it is lost, and not before
+    let convoy = Convoy::default();
+    let mut ways = [None, None];
+    both.iter().for_each(|t| convoy.coming(t.robot, at(0)));
+    let parted = (1..500).find(|k| {
+        let told = reading(&convoy, &both[0], &mut ways[0], at(10 * k));
+        if *k < 50 {
+            let _ = reading(&convoy, &both[1], &mut ways[1], at(10 * k));
+        }
+        told == Some(None)
+    });
+    assert!(parted.is_some_and(|k| (149..155).contains(&k)), "{parted:?}");
+}
