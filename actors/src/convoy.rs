@@ -6,7 +6,7 @@
 //! robot that is late makes the others wait.
 //!
 //! One party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes after it. A robot of which nothing
-//! was heard for [`LOST`] is counted out, so that nobody has to tell of a death; the others stop then, and go on one by one.
+//! was heard for a second is counted out, so that nobody has to tell of a death; the others stop then, and go on one by one.
 
 mod plan;
 

@@ -206,7 +206,8 @@ impl ReflexCore {
             self.met.clear();
         }
         let moving = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
-        let changes = self.contacts.update(&pulse.contacts, moving, pulse.epoch);
+        let back = matches!(self.phase, Phase::Retreating { .. } | Phase::Settling { .. });
+        let changes = self.contacts.update(&pulse.contacts, back, moving, pulse.epoch);
         let robot = &self.rules.robot;
         for contact in &changes.began {
             let (robot, names) = (robot.clone(), name(contact.pair));

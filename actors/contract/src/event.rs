@@ -173,7 +173,8 @@ pub enum Event {
         /// Whether it is known to be free of contact; no controller without a reflex says so.
         free: bool,
     },
-    /// A motion outlasted the history: its safe pose moved to the oldest recorded free pose.
+    /// The safe pose of a motion moved: to the oldest recorded free pose, if it outlasted the history; to an earlier rest, if on
+    /// the way back another robot has to pass where it would stand.
     SafePoseMoved {
         /// Robot.
         robot: String,

@@ -48,7 +48,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         Event::State { robot, status: Status::Holding(reason) } => (robot, Error, format!("holds: {reason}")),
         Event::State { .. } | Event::SafePose { .. } | Event::Command { .. } | Event::Streamed { .. } => return None,
         Event::SafePoseMoved { robot, id, .. } => {
-            (robot, Warn, format!("#{}: the motion outlasts the history, its safe pose moved", id.0))
+            (robot, Warn, format!("#{}: its safe pose moved (a long motion, or another robot has to pass there)", id.0))
         }
         Event::Commit { robot, id, agent, escape, .. } => {
             let what = if *escape { "escape" } else { "commit" };

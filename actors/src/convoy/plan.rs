@@ -59,9 +59,13 @@ pub struct Way {
 }
 
 impl Way {
-    /// How far it goes: seconds, or way-points.
+    /// How far it goes until its last pose is written: seconds, or way-points that are reached before.
     pub fn end(&self) -> f64 {
-        if self.direct { self.points.last().map_or(0.0, |(t, _)| *t) } else { self.points.len() as f64 }
+        if self.direct {
+            self.points.last().map_or(0.0, |(t, _)| *t)
+        } else {
+            self.points.len().saturating_sub(1) as f64
+        }
     }
 }
 
@@ -108,7 +112,7 @@ impl Leg {
 
     /// Goes back to the rest before the one it ends in, if one was recorded.
     fn go_farther(&mut self) -> bool {
-        let earlier = (0..self.rest_began()).rev().skip_while(|i| !self.rests(*i)).next();
+        let earlier = (0..self.rest_began()).rev().find(|i| self.rests(*i));
         let found = earlier.filter(|_| !self.blocked);
         found.into_iter().for_each(|index| self.end_at(index));
         found.is_some()

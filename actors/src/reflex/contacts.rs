@@ -38,9 +38,10 @@ impl Contacts {
         Contacts { margin, epoch: 0, present: Vec::new(), shown: Vec::new().into() }
     }
 
-    /// Takes in all pairs nearer than margin + 2 mm. `moving`: whether the robot may be the one who caused them; `epoch`:
+    /// Takes in all pairs nearer than margin + 2 mm. `back`: whether the robot is being taken back, which is not followed to the
+    /// hair: what it passed just beyond the margin touches only once it stops the way back. `moving`: whether the robot may be the one who caused them; `epoch`:
     /// the scene they were found in, since what an edit puts onto the robot is not the robot's doing either.
-    pub fn update(&mut self, near: &[Contact], moving: bool, epoch: u64) -> Changes {
+    pub fn update(&mut self, near: &[Contact], back: bool, moving: bool, epoch: u64) -> Changes {
         let mut changes = Changes::default();
         let edited = std::mem::replace(&mut self.epoch, epoch) != epoch;
         if near.is_empty() && self.present.is_empty() {
@@ -57,7 +58,8 @@ impl Contacts {
                 false
             }
         });
-        for c in near.iter().filter(|c| c.distance < margin) {
+        let begins = if back { margin - DEEPER } else { margin };
+        for c in near.iter().filter(|c| c.distance < begins) {
             if !self.present.iter().any(|t| t.contact.pair == c.pair) {
                 self.present.push(Touch { contact: *c, hard: false });
                 changes.began.push(*c);

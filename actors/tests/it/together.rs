@@ -122,5 +122,5 @@ fn who_comes_from_elsewhere_is_taken_back_to_its_safe_pose() {
     // at 10 deg it would be in the way; at 75 deg the left one passed it
     let events = collide(3000, &LEFT, &[(8.0, 75.0, 1.0), (0.3, -60.0, 0.2)]);
     assert_eq!(homes(&events), [("left".to_owned(), -90.0), ("right".to_owned(), 75.0)]);
-    assert_eq!(moved(&events), [String::new(); 0]);
+    assert!(moved(&events).is_empty(), "{:?}", moved(&events));
 }
