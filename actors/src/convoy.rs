@@ -33,12 +33,10 @@ const BEHIND: f64 = 1.5;
 pub enum Answer {
     /// Ask again at the next reading.
     Wait,
-    /// Bring what these robots recorded, by [`Convoy::set_out`], and ask again.
-    Bring(Vec<Asked>),
+    /// Bring what was recorded, by [`Convoy::enroll`], and ask again.
+    Bring,
     /// This is the way.
     Go(Way),
-    /// There is none.
-    TooShort(HistoryTooShort),
 }
 
 /// A robot that asked for its way back.
@@ -53,14 +51,19 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// The robot with what it recorded.
+    /// The robot with what it recorded, as it is now: the history goes on while others are waited for.
     ///
     /// # Errors
     /// If the history does not reach back to the safe pose.
-    pub fn traveller(self, rules: Arc<Rules>, history: &HistoryCore) -> Result<Traveller, (usize, HistoryTooShort)> {
+    pub fn traveller(
+        self,
+        rules: Arc<Rules>,
+        history: &HistoryCore,
+        scene: Arc<Scene>,
+    ) -> Result<Traveller, HistoryTooShort> {
         let Asked { robot, safe: (since, safe), again } = self;
-        let (past, start) = history.past(since).map_err(|why| (robot, why))?;
-        let mut traveller = Traveller { robot, rules, past, start, safe };
+        let (past, start) = history.past(since)?;
+        let mut traveller = Traveller { robot, rules, past, start, safe, again, scene };
         if again {
             traveller.without_detour();
         }
@@ -87,9 +90,7 @@ enum Seat {
     /// It was stopped, and does not rest yet; last heard of then.
     Coming(Time),
     /// It rests, since then, and asked; last then.
-    Ready { since: Time, heard: Time, asked: Asked },
-    /// There is no way for it.
-    Refused(HistoryTooShort),
+    Ready { since: Time, heard: Time, who: Traveller },
 }
 
 #[derive(Clone, Debug)]
@@ -118,6 +119,19 @@ struct Member {
 }
 
 impl Member {
+    fn new(who: &Traveller, now: Time) -> Member {
+        Member {
+            robot: who.robot,
+            period: who.rules.period.as_secs_f64(),
+            reaction: who.rules.reaction(),
+            heard: now,
+            way: None,
+            at: 0.0,
+            end: f64::INFINITY,
+            left: false,
+        }
+    }
+
     fn is_through(&self) -> bool {
         self.way.is_none() && self.at >= self.end
     }
@@ -141,13 +155,16 @@ impl Convoy {
     }
 
     /// The robot rests, and asks for its way back: at each reading, until it is answered.
-    pub fn ask(&self, asked: Asked, now: Time) -> Answer {
-        self.state().ask(asked, now)
+    pub fn ask(&self, robot: usize, now: Time) -> Answer {
+        self.state().ask(robot, now)
     }
 
-    /// What those recorded that [`Answer::Bring`] named. Their ways back begin, or are checked first.
-    pub fn set_out(&self, brought: Vec<Result<Traveller, (usize, HistoryTooShort)>>, scene: &Arc<Scene>, now: Time) {
-        self.state().set_out(brought, scene, now);
+    /// What [`Answer::Bring`] asked for.
+    pub fn enroll(&self, who: Traveller, now: Time) {
+        let mut state = self.state();
+        if let Some(seat) = state.seat(who.robot) {
+            *seat = Seat::Ready { since: now, heard: now, who };
+        }
     }
 
     /// The robot writes a set-point: it is `most` seconds on its way at most. Returns how far all are; nothing once somebody
@@ -204,73 +221,34 @@ impl State {
         self.seats.get_mut(robot)
     }
 
-    fn ask(&mut self, asked: Asked, now: Time) -> Answer {
-        let robot = asked.robot;
+    fn ask(&mut self, robot: usize, now: Time) -> Answer {
         self.trip = self.trip.take().filter(|trip| !trip.members.iter().all(|m| m.is_through() || m.is_lost(now)));
         if let Some(trip) = &mut self.trip
-            && let Some(member) = trip.members.iter_mut().find(|m| m.robot == robot && !m.left)
+            && let Some(member) = trip.member(robot)
         {
             member.heard = now;
             return trip.proceed(robot, now).map_or(Answer::Wait, Answer::Go);
         }
-        let Some(seat) = self.seat(robot) else { return Answer::Wait };
-        let since = match seat {
-            Seat::Ready { since, .. } => *since,
-            Seat::Refused(why) => {
-                let why = *why;
-                *seat = Seat::Away;
-                return Answer::TooShort(why);
-            }
-            _ => now,
-        };
-        let again = asked.again;
-        *seat = Seat::Ready { since, heard: now, asked: asked.clone() };
+        let Some(Seat::Ready { since, heard, who }) = self.seat(robot) else { return Answer::Bring };
+        *heard = now;
+        let (patient, alone) = (now < *since + PATIENCE, who.again);
         let coming = |seat: &Seat| matches!(seat, Seat::Coming(heard) if now <= *heard + LOST);
-        if self.trip.is_some() || (!again && now < since + PATIENCE && self.seats.iter().any(coming)) {
+        if self.trip.is_some() || (!alone && patient && self.seats.iter().any(coming)) {
             return Answer::Wait;
         }
-        if again {
-            return Answer::Bring(vec![asked]);
-        }
-        let ready = self.seats.iter().filter_map(|seat| match seat {
-            Seat::Ready { heard, asked, .. } if !asked.again && now <= *heard + LOST => Some(asked.clone()),
-            _ => None,
-        });
-        Answer::Bring(ready.collect())
-    }
-
-    fn set_out(&mut self, brought: Vec<Result<Traveller, (usize, HistoryTooShort)>>, scene: &Arc<Scene>, now: Time) {
         let mut travellers = Vec::new();
-        for one in brought {
-            match one {
-                Ok(traveller) => travellers.push(traveller),
-                Err((robot, why)) => {
-                    if let Some(seat) = self.seat(robot) {
-                        *seat = Seat::Refused(why);
-                    }
-                }
+        for seat in &mut self.seats {
+            let goes = |who: &Traveller| if alone { who.robot == robot } else { !who.again };
+            match std::mem::take(seat) {
+                Seat::Ready { heard, who, .. } if goes(&who) && now <= heard + LOST => travellers.push(who),
+                other => *seat = other,
             }
         }
-        let member = |t: &Traveller| Member {
-            robot: t.robot,
-            period: t.rules.period.as_secs_f64(),
-            reaction: t.rules.reaction(),
-            heard: now,
-            way: None,
-            at: 0.0,
-            end: f64::INFINITY,
-            left: false,
-        };
-        let members: Vec<Member> = travellers.iter().map(member).collect();
-        for member in &members {
-            if let Some(seat) = self.seat(member.robot) {
-                *seat = Seat::Away;
-            }
-        }
-        if !members.is_empty() {
-            let plan = Some(Plan::new(travellers, scene));
-            self.trip = Some(Trip { plan, members, clock: 0.0, last: now });
-        }
+        let members = travellers.iter().map(|who| Member::new(who, now)).collect();
+        let mut trip = Trip { plan: Plan::new(travellers), members, clock: 0.0, last: now };
+        let way = trip.proceed(robot, now);
+        self.trip = Some(trip);
+        way.map_or(Answer::Wait, Answer::Go)
     }
 }
 

@@ -14,6 +14,7 @@ mod retreat;
 use crate::controller::{Rules, distance};
 use crate::convoy::{Answer, Asked, Convoy, Way};
 use crate::gate::Gate;
+use crate::history::HistoryTooShort;
 use crate::pulse::Pulse;
 use contacts::{Contacts, Floors};
 use mobee_contract::{Cause, Command, CommitId, ControlMode, Event, Hold, Pose, Status, Time};
@@ -52,8 +53,8 @@ pub enum ReflexIn<'a> {
         /// Whether this is another try after a failed one.
         again: bool,
     },
-    /// What was asked for is with the convoy.
-    Brought,
+    /// The path that was asked for is with the convoy, or there is none.
+    Brought(Result<(), HistoryTooShort>),
 }
 
 /// What the reflex wants done.
@@ -68,8 +69,8 @@ pub enum ReflexOut {
         /// Why.
         cause: Cause,
     },
-    /// Bring the convoy what these robots recorded, then say so.
-    Bring(Vec<Asked>),
+    /// Bring the convoy what the robot recorded, then say so.
+    Bring(Asked),
     /// Tell supervise.
     Word(Word),
     /// Tell the taps.
@@ -185,7 +186,14 @@ impl ReflexCore {
                     self.turn(Phase::Stopping { token, since: now, then }, now);
                 }
             }
-            ReflexIn::Brought => self.ask(now, &mut out),
+            ReflexIn::Brought(Ok(())) => self.ask(now, &mut out),
+            ReflexIn::Brought(Err(why)) => {
+                if let Phase::Stopping { token, then: Then::Retreat(_), .. } = self.phase {
+                    let (robot, reason, what) = (self.rules.robot.clone(), Hold::HistoryTooShort, why.to_string());
+                    out.push(ReflexOut::Event(Event::RetreatStopped { robot, reason, what, seen: now }));
+                    self.say(token, Word::GaveUp(reason), now, &mut out);
+                }
+            }
         }
         out
     }
@@ -405,9 +413,11 @@ impl ReflexCore {
         let Phase::Stopping { token, then: Then::Retreat(back), .. } = &self.phase else { return };
         let (token, mut back) = (*token, back.clone());
         let (robot, id) = (self.rules.robot.clone(), back.id);
-        match self.convoy.ask(Asked { robot: self.robot, safe: back.safe.clone(), again: back.again }, now) {
+        match self.convoy.ask(self.robot, now) {
             Answer::Wait => {}
-            Answer::Bring(asked) => out.push(ReflexOut::Bring(asked)),
+            Answer::Bring => {
+                out.push(ReflexOut::Bring(Asked { robot: self.robot, safe: back.safe, again: back.again }));
+            }
             Answer::Go(way) => {
                 if way.farther {
                     back.safe = way.end.clone();
@@ -424,11 +434,6 @@ impl ReflexCore {
                 let mark = (Time::ZERO, retreat.written().clone(), now);
                 let violated = self.violated;
                 self.phase = Phase::Retreating { token, retreat, back, floors, violated, mark };
-            }
-            Answer::TooShort(why) => {
-                let (reason, what) = (Hold::HistoryTooShort, why.to_string());
-                out.push(ReflexOut::Event(Event::RetreatStopped { robot, reason, what, seen: now }));
-                self.say(token, Word::GaveUp(reason), now, out);
             }
         }
     }

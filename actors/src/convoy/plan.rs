@@ -29,6 +29,10 @@ pub struct Traveller {
     pub start: usize,
     /// The safe pose.
     pub safe: Pose,
+    /// Whether it is another try after a failed one: it goes by itself.
+    pub again: bool,
+    /// What is where.
+    pub scene: Arc<Scene>,
 }
 
 impl Traveller {
@@ -149,8 +153,9 @@ impl Leg {
 }
 
 impl Plan {
-    /// A plan that has yet to be checked.
-    pub fn new(travellers: Vec<Traveller>, scene: &Arc<Scene>) -> Plan {
+    /// A plan that has yet to be checked; none for nobody.
+    pub fn new(travellers: Vec<Traveller>) -> Option<Plan> {
+        let scene = travellers.first()?.scene.clone();
         let leg = |who: Traveller| {
             let start = who.start;
             let mut leg = Leg { who, end: start, rested: Time::ZERO, blocked: false };
@@ -161,7 +166,7 @@ impl Plan {
         let mut times: Vec<Time> = legs.iter().flat_map(|l| l.who.past.iter().map(|r| r.at)).collect();
         times.sort_unstable_by(|a, b| b.cmp(a));
         times.dedup();
-        Plan { legs, times, next: 0, scene: scene.clone(), watch: None }
+        Some(Plan { legs, times, next: 0, scene, watch: None })
     }
 
     /// Checks so many poses more; whether all is checked now.

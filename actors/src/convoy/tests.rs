@@ -54,13 +54,13 @@ fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f64) -> Trav
     }
     let at = Time::ZERO + PERIOD * (safe * 100.0).round() as u32;
     let q = history.recorded_near(at, &[0.0], Duration::ZERO).unwrap().q.clone();
-    Asked { robot, safe: (at, q), again: false }.traveller(rules(direct), &history).unwrap()
+    Asked { robot, safe: (at, q), again: false }.traveller(rules(direct), &history, scene()).unwrap()
 }
 
 /// Where both end, degrees; whether that is beyond their safe poses; and whether they are blocked on the way.
 fn ends(a: &[(f64, f64)], b: &[(f64, f64)], safe: [f64; 2]) -> [(f64, bool, bool); 2] {
     let travellers = vec![recorded(0, true, a, safe[0]), recorded(1, true, b, safe[1])];
-    let mut plan = Plan::new(travellers, &scene());
+    let mut plan = Plan::new(travellers).unwrap();
     while !plan.check(SLICE) {}
     let ways = plan.ways();
     assert_eq!(ways[0].end(), ways[1].end());
@@ -96,7 +96,7 @@ fn who_cannot_pass_stops_where_the_common_past_ends() {
 
 #[test]
 fn dwells_of_all_are_skipped_and_no_motor_is_hurried() {
-    let mut plan = Plan::new(vec![recorded(0, true, &A, 0.3), recorded(1, true, &B, 4.0)], &scene());
+    let mut plan = Plan::new(vec![recorded(0, true, &A, 0.3), recorded(1, true, &B, 4.0)]).unwrap();
     while !plan.check(SLICE) {}
     let ways = plan.ways();
     // both rest from 3 s to 4 s; speeds are told a few readings late
@@ -114,16 +114,10 @@ fn reading(convoy: &Convoy, t: &Traveller, way: &mut Option<(f64, Time)>, now: T
         (*at, *last) = (wrote.unwrap_or(*at), now);
         return Some(wrote);
     }
-    let safe = (t.past[t.start].at, t.safe.clone());
-    let asked = Asked { robot: t.robot, safe, again: false };
-    match convoy.ask(asked, now) {
+    match convoy.ask(t.robot, now) {
         Answer::Go(_) => *way = Some((0.0, now)),
-        Answer::Bring(asked) => {
-            let both = [recorded(0, true, &A, 4.0), recorded(1, true, &B, 4.0)];
-            convoy.set_out(asked.iter().map(|one| Ok(both[one.robot].clone())).collect(), &scene(), now);
-        }
+        Answer::Bring => convoy.enroll(t.clone(), now),
         Answer::Wait => {}
-        Answer::TooShort(why) => panic!("{why}"),
     }
     None
 }

@@ -39,8 +39,9 @@ impl Contacts {
     }
 
     /// Takes in all pairs nearer than margin + 2 mm. `back`: whether the robot is being taken back, which is not followed to the
-    /// hair: what it passed just beyond the margin touches only once it stops the way back. `moving`: whether the robot may be the one who caused them; `epoch`:
-    /// the scene they were found in, since what an edit puts onto the robot is not the robot's doing either.
+    /// hair: what it passed just beyond the margin touches only once it stops the way back. `moving`: whether the robot may be
+    /// the one who caused them; `epoch`: the scene they were found in, since what an edit puts onto the robot is not the
+    /// robot's doing either.
     pub fn update(&mut self, near: &[Contact], back: bool, moving: bool, epoch: u64) -> Changes {
         let mut changes = Changes::default();
         let edited = std::mem::replace(&mut self.epoch, epoch) != epoch;

@@ -1,6 +1,5 @@
 //! Reflex's shell.
 
-use crate::convoy::Asked;
 use crate::reflex::{Motion, ReflexCore, ReflexIn, ReflexOut};
 use crate::shell::{DriverMsg, SuperviseMsg};
 use crate::wiring::{Hub, Wires};
@@ -89,14 +88,10 @@ impl Reflex {
                     self.wires.supervise.send(SuperviseMsg::Closed(token, cause));
                 }
                 ReflexOut::Bring(asked) => {
-                    let bring = |one: Asked| {
-                        let wires = self.hub.robots.get(one.robot)?;
-                        Some(one.traveller(wires.rules(), &wires.ledger.book().history))
-                    };
-                    let brought = asked.into_iter().filter_map(bring).collect();
                     let scene = self.hub.scene.lock().clone();
-                    self.hub.convoy.set_out(brought, &scene, self.hub.clock.now());
-                    self.on(ReflexIn::Brought);
+                    let who = asked.traveller(self.wires.rules(), &self.wires.ledger.book().history, scene);
+                    let enroll = |who| self.hub.convoy.enroll(who, self.hub.clock.now());
+                    self.on(ReflexIn::Brought(who.map(enroll)));
                 }
                 ReflexOut::Word(word) => {
                     self.wires.supervise.send(SuperviseMsg::Word(word));

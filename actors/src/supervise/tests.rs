@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::controller::{Controller, Drive, FieldsSettings};
-use crate::convoy::{Asked, Convoy};
+use crate::convoy::Convoy;
 use crate::driver::Port;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut};
 use mobee_contract::{Axis, Board, ControlMode, Refusal, Sample, Target, Values};

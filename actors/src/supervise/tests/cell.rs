@@ -284,10 +284,12 @@ impl Cell {
                     self.to_supervise.push_back(ToSupervise::Word(word));
                 }
                 ReflexOut::Bring(asked) => {
-                    let bring = |one: Asked| one.traveller(self.rules.clone(), &self.ledger.book().history);
-                    let brought = asked.into_iter().map(bring).collect();
-                    self.convoy.set_out(brought, &self.scene, self.now);
-                    self.reflex_on(ReflexIn::Brought);
+                    let who = {
+                        let history = &self.ledger.book().history;
+                        asked.traveller(self.rules.clone(), history, self.scene.clone())
+                    };
+                    let enrolled = who.map(|who| self.convoy.enroll(who, self.now));
+                    self.reflex_on(ReflexIn::Brought(enrolled));
                 }
                 ReflexOut::Event(Event::RetreatBegan { .. }) => self.way = Some((self.gate.token(), self.least)),
                 ReflexOut::Event(Event::RetreatStopped { .. }) => self.way = None,
