@@ -40,7 +40,8 @@ pub struct BoardServer {
 }
 
 impl BoardServer {
-    /// Opens the four ports and publishes the device's state every period, as long as anybody is connected.
+    /// Opens the four ports and publishes the device's state every period, as long as anybody is connected. `rpc:i` is the last,
+    /// so that a program that finds it finds all of them.
     ///
     /// # Errors
     /// A port that can't be opened; those opened before are closed again.
@@ -52,10 +53,10 @@ impl BoardServer {
     ) -> Result<BoardServer, PortError> {
         let name = |port: &str| format!("{prefix}/{port}");
         let (asking, streaming) = (Arc::new(Asking(device.clone())), Streaming(device.clone(), network.clone()));
-        let rpc = RpcServer::open(network, &name("rpc:i"), asking).await?;
         let command = RpcServer::open(network, &name("command:i"), Arc::new(streaming)).await?;
         let state = Arc::new(Writer::open(network, &name("state:o"), Delivery::Newest).await?);
         let extended = Arc::new(Writer::open(network, &name("stateExt:o"), Delivery::Newest).await?);
+        let rpc = RpcServer::open(network, &name("rpc:i"), asking).await?;
         let publishing = tokio::spawn(publish(network.clone(), device, state.clone(), extended.clone(), period));
         Ok(BoardServer { rpc, command, state, extended, publishing })
     }
