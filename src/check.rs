@@ -36,7 +36,7 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
     }
     let mut good = report.violations.is_empty();
     if good {
-        println!("invariants I1-I7, I9-I11 and I18 hold");
+        println!("invariants I1-I7, I9-I11, I14, I18 and I19 hold");
     }
     if edges {
         good &= judge_edges(path)?;

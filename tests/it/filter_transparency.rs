@@ -157,7 +157,7 @@ async fn recorded_sessions_get_the_boards_own_replies_through_the_filter() {
     assert!(equal >= 100, "{equal} equal");
     latency(&mut lines).await;
     let journal = run.end();
-    assert!(journal.contains("invariants I1-I7, I9-I11 and I18 hold"), "{journal}");
+    assert!(journal.contains("invariants I1-I7, I9-I11, I14, I18 and I19 hold"), "{journal}");
 }
 
 /// Prints what the filter adds to a request, asked in turn here and there.

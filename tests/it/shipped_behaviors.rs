@@ -45,7 +45,7 @@ fn the_icub_explores_by_itself() {
     let share = figure(&s, "edges_removed") / figure(&s, "edges");
     assert!((0.2..=0.4).contains(&share), "{share} of the edges are infeasible");
     let said = check(&out, &["--edges"]);
-    assert!(said.contains("invariants I1-I7, I9-I11 and I18 hold") && said.contains(" 0 disagree"), "{said}");
+    assert!(said.contains("invariants I1-I7, I9-I11, I14, I18 and I19 hold") && said.contains(" 0 disagree"), "{said}");
     assert!(out.join("recording.rrd").metadata().expect("a recording").len() > 100_000);
     assert!(out.join("roadmap-icub.json").is_file() && out.join("config.json").is_file());
     assert!(mobee(&["inspect", out.to_str().expect("a readable path")]).status.success());

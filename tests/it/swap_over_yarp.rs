@@ -37,7 +37,7 @@ fn the_driver_of_a_robot_behind_yarp_is_exchanged_while_it_explores() {
         assert!(done && said.contains("settled"), "{said}");
     }
     let journal = run.end();
-    assert!(journal.contains("invariants I1-I7, I9-I11 and I18 hold"), "{journal}");
+    assert!(journal.contains("invariants I1-I7, I9-I11, I14, I18 and I19 hold"), "{journal}");
     let counters = run.summary()["counters"].clone();
     assert!(counters["committed"].as_u64() > Some(0) && counters["restarts"] == 0, "{counters}");
 }

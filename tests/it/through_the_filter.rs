@@ -108,7 +108,7 @@ async fn a_program_collides_is_refused_waits_and_goes_on() {
     assert_eq!(robot.say("status").await, "rest");
 
     let journal = run.end();
-    assert!(journal.contains("invariants I1-I7, I9-I11 and I18 hold"), "{journal}");
+    assert!(journal.contains("invariants I1-I7, I9-I11, I14, I18 and I19 hold"), "{journal}");
     let summary = run.summary();
     assert_eq!(summary["counters"]["rolled_back"], 1, "{summary}");
 }
