@@ -81,7 +81,7 @@ fn the_icub_explores_under_forces() {
         let c = &s["counters"];
         assert!(c["committed"].as_u64() > c["rolled_back"].as_u64() && c["rolled_back"].as_u64() > Some(0), "{s}");
         let said = check(&out, &["--edges"]);
-        assert!(said.contains("I18 hold") && said.contains("is not driven straight"), "{said}");
+        assert!(said.contains("I19 hold") && said.contains("is not driven straight"), "{said}");
     }
 }
 
