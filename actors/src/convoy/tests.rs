@@ -8,24 +8,13 @@ use mobee_model::parse_robot;
 use nalgebra::{Isometry3, Vector3};
 use proptest::prelude::*;
 
-const ARM: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="arm">
-  <bodypart name="arm">
-    <link z="0.2" radius="0.03">
-      <motor name="pan" minPos="-170" maxPos="170"><joint z="1" length="0.05" minPos="-170" maxPos="170">
-        <link x="0.1"><joint y="1" length="0.05" minPos="0" maxPos="0">
-          <link x="0.4" radius="0.03" capsule="true"/>
-        </joint></link>
-      </joint></motor>
-    </link>
-  </bodypart>
-</ZeroPositionKinematicTree>"#;
-
+const ARM: &str = include_str!("../../tests/data/pan.xml");
 const PERIOD: Duration = Duration::from_millis(10);
 
 /// Two of them, 80 cm apart: at zero each points at the other, and they touch if both do.
 fn scene() -> Arc<Scene> {
     let arm = |name: &str| {
-        let text = ARM.replace("robotName=\"arm\"", &format!("robotName=\"{name}\""));
+        let text = ARM.replace("NAME", name).replace("HOME", "0");
         Arc::new(parse_robot("arm.xml", &text).map(|l| l.value).unwrap())
     };
     let turned = Isometry3::new(Vector3::new(0.8, 0.0, 0.0), Vector3::new(0.0, 0.0, std::f64::consts::PI));
@@ -179,4 +168,65 @@ fn who_waits_for_one_that_died_goes_on_without() {
         told == Some(None)
     });
     assert!(parted.is_some_and(|k| (149..155).contains(&k)), "{parted:?}");
+}
+
+#[test]
+fn way_points_are_left_by_all_at_once() {
+    let both = [recorded(0, false, &A, 4.0), recorded(1, false, &B, 4.0)];
+    let mut plan = Plan::new(both.to_vec()).unwrap();
+    assert!(plan.check(SLICE));
+    let ways = plan.ways();
+    assert!(ways.iter().all(|w| !w.direct && (3..10).contains(&w.points.len())), "{ways:?}");
+    assert!(ways[0].points.iter().zip(&ways[1].points).all(|(a, b)| a.0 == b.0), "{ways:?}");
+
+    let (convoy, now) = (Convoy::default(), Time::from_secs(6.0));
+    both.iter().for_each(|t| convoy.enroll(t.clone(), now));
+    assert!((0..2).all(|robot| matches!(convoy.ask(robot, now), Answer::Go(_))));
+    assert_eq!(convoy.reached(0, 1, now), Some(false));
+    assert_eq!(convoy.reached(1, 0, now), Some(true), "it is on its way to the first, as the other was");
+    assert_eq!(convoy.reached(0, 1, now), Some(false));
+    assert_eq!(convoy.reached(1, 1, now), Some(true));
+    assert_eq!(convoy.reached(0, 1, now), Some(true));
+    assert_eq!(convoy.reached(0, 2, now), Some(false));
+    convoy.leave(1);
+    assert_eq!(convoy.reached(0, 2, now), None, "the other one gave up");
+}
+
+/// The whole way of the reflex of an arm that can't pass the other: it stops where the common past ends, and holds.
+#[test]
+fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
+    use crate::gate::Gate;
+    use crate::reflex::{Motion, ReflexCore, ReflexIn, ReflexOut, Word};
+    use mobee_contract::{Command, CommitId, Hold, Status};
+    let short: Vec<(f64, f64)> = B.iter().filter(|(t, _)| *t >= 3.0).copied().collect();
+    let both = [recorded(0, true, &A, 0.3), recorded(1, true, &short, 4.0)];
+    let (convoy, gate) = (Arc::new(Convoy::default()), Arc::new(Gate::default()));
+    let mut reflex = ReflexCore::new(0, rules(true), gate.clone(), convoy.clone());
+    let safe = Some((both[0].past[both[0].start].at, both[0].safe.clone()));
+    let motion = Motion { id: CommitId(1), safe };
+    let roll_back = ReflexIn::RollBack { token: gate.close(), motion, again: false };
+    reflex.on(roll_back, Time::from_secs(5.0), &|_| Default::default());
+    let (mut q, mut words, mut other) = (both[0].past.last().unwrap().q.clone(), Vec::new(), None);
+    for k in 1..1000 {
+        let now = Time::from_secs(5.0) + PERIOD * k;
+        let _ = reading(&convoy, &both[1], &mut other, now);
+        let sample = Sample { seq: u64::from(k), at: now, q: q.clone(), done: vec![true] };
+        let mut pulse = Pulse::new(sample, &Vec::new().into());
+        pulse.speed = 0.0;
+        let mut out = reflex.on(ReflexIn::Pulse(&mut pulse, None, Status::Stopping), now, &|_| Default::default());
+        while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
+            out.remove(i);
+            convoy.enroll(both[0].clone(), now);
+            out.extend(reflex.on(ReflexIn::Brought(Ok(())), now, &|_| Default::default()));
+        }
+        for told in out {
+            match told {
+                ReflexOut::Command(_, Command::Direct { q: written }) => q = written.into(),
+                ReflexOut::Word(word) => words.push(word),
+                _ => {}
+            }
+        }
+    }
+    assert_eq!(words, [Word::Retreating, Word::Settling, Word::GaveUp(Hold::RetreatBlocked)]);
+    assert_eq!(q[0].to_degrees().round(), 90.0);
 }

@@ -13,18 +13,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Half a metre long, turned about the vertical.
-const ARM: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="NAME">
-  <bodypart name="arm">
-    <link z="0.2" radius="0.03">
-      <motor name="pan" minPos="-170" maxPos="170" home="HOME"><joint z="1" length="0.05" minPos="-170" maxPos="170">
-        <link x="0.1"><joint y="1" length="0.05" minPos="0" maxPos="0">
-          <link x="0.4" radius="0.03" capsule="true"/>
-        </joint></link>
-      </joint></motor>
-    </link>
-  </bodypart>
-</ZeroPositionKinematicTree>"#;
+const ARM: &str = include_str!("../data/pan.xml");
 
 /// Waits, goes to an angle (degrees) at a share of its speed, and so on.
 struct Plan(VecDeque<(Duration, f64, f64)>, bool);
