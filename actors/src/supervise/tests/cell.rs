@@ -39,7 +39,7 @@ pub(super) enum Op {
     Stream(f64, u8),
     /// So many readings.
     Samples(u8),
-    /// Time without readings.
+    /// Time without readings, in which the motor stands still, as in a simulator that is paused.
     Silence(u8),
     /// Something stands beyond this position, or goes away.
     Wall(Option<f64>),
@@ -86,7 +86,7 @@ pub(super) struct Cell {
     pub q: f64,
     pub goal: f64,
     speed: f64,
-    /// Whether it has moved since the reading before.
+    /// Whether it moved as it was read: a step within the tolerance that ends at the goal is over, and no reading can show it.
     moves: bool,
     /// The velocity at which it goes, and until when.
     running: Option<(f64, Time)>,
@@ -394,12 +394,12 @@ impl Cell {
             }
         }
         let way = (self.goal - self.q).clamp(-self.speed * secs, self.speed * secs);
-        self.moves = way.abs() >= self.rules.rest_speed * secs;
         self.q += way;
+        let done = self.q == self.goal && self.running.is_none();
+        self.moves = way.abs() >= self.rules.rest_speed * secs && !(done && way.abs() <= self.rules.tolerance);
         assert!(self.q.abs() <= 3.0 + 1e-9, "I5: past the limit, at {}", self.q);
         self.seq += 1;
-        let done = vec![self.q == self.goal && self.running.is_none()];
-        let sample = Sample { seq: self.seq, at: self.now, q: vec![self.q].into(), done };
+        let sample = Sample { seq: self.seq, at: self.now, q: vec![self.q].into(), done: vec![done] };
         let mut pulse = Pulse::new(sample, &Vec::new().into());
         self.ledger.book().history.push(&mut pulse, self.rules.fresh);
         if self.step.1 {
