@@ -43,8 +43,8 @@ pub fn follow(from: State, leg: Leg, limits: [f64; 2], greatest: Bounds) -> Piec
         return stop_there(from);
     }
     let relative = State { v: from.v - speed, ..from };
-    // room left for catching up, in the direction of the catching up
-    let room = greatest.speed - speed * (leg.from - from.q).signum();
+    // room left for catching up, in the direction of the catching up, which is seen where it has braked
+    let room = greatest.speed - speed * (leg.from - relative.stopping_point(greatest.acceleration)).signum();
     let bounds = Bounds { speed: room, ..greatest };
     let chase = trapezoid(relative, leg.from, bounds, greatest.acceleration).in_moving_frame(speed);
     let path = chase.then(leg.seconds, &stop_there(chase.at_moving(leg.seconds)));

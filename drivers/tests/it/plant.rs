@@ -2,7 +2,7 @@
 
 use mobee_contract::{Axis, Command, ControlMode, Move, Target, Time};
 use mobee_drivers::Plant;
-use mobee_drivers::path::Profile;
+use mobee_drivers::path::{Bounds, Leg, Profile, State, follow};
 use proptest::prelude::*;
 use std::time::Duration;
 
@@ -92,6 +92,19 @@ proptest! {
                 // refusals are fine: they must change nothing
                 Act::Give(command) => drop(plant.command(now, &command, Duration::from_millis(20))),
             }
+        }
+    }
+
+    #[test]
+    fn a_leg_is_followed_within_speed_and_acceleration(
+        q in -1.0..1.0f64, ahead in prop_oneof![Just(0.0), -0.1..0.1f64], share in -1.0..=1.0f64, to in -1.0..1.0f64, interval in 0.01..0.1f64,
+    ) {
+        let greatest = Bounds { speed: 1.7, acceleration: 3.5 };
+        let from = State { q, v: share * greatest.speed, a: 0.0 };
+        let path = follow(from, Leg::new(q + ahead, to, interval, greatest), [-10.0, 10.0], greatest);
+        for (t, state) in path.joints() {
+            prop_assert!(near(greatest.speed, state.v), "speed {} after {t} s", state.v);
+            prop_assert!(near(greatest.acceleration, state.a), "acceleration {} after {t} s", state.a);
         }
     }
 
