@@ -7,7 +7,7 @@
 //!
 //! What is written never jumps: a set-point of position that is farther than its axis can go in [`AHEAD`] is refused, and
 //! one that is nearer is gone to at the axis' own speed. Velocities are lowered to what the axis can do, and to what can
-//! still be braked before a limit. Streams are refused while the robot holds: an escape is a commit.
+//! still be braked before a limit when the lease is over. Streams are refused while the robot holds: an escape is a commit.
 
 use super::check::check_setpoints;
 use super::commit::Way;
@@ -157,11 +157,12 @@ impl Streaming {
     }
 }
 
-/// The velocity towards which a motor at `q` may be driven: it must still be able to brake before its limit, even if
-/// the next command comes late.
+/// The velocity towards which a motor at `q` may be driven: if nothing is heard from now on, the driver brakes it when the
+/// lease is over, and it must still come to rest before its limit.
 fn before_limit(axis: &Axis, q: f64, v: f64, rules: &Rules) -> f64 {
-    let room = if v > 0.0 { axis.max - q } else { q - axis.min } - rules.tolerance;
-    let (a, late) = (axis.max_acceleration, rules.reaction().as_secs_f64());
+    // half of the tolerance, so that a target at the limit is reached
+    let room = if v > 0.0 { axis.max - q } else { q - axis.min } - 0.5 * rules.tolerance;
+    let (a, late) = (axis.max_acceleration, (rules.fresh + rules.latency).as_secs_f64());
     if room <= 0.0 || a <= 0.0 {
         return 0.0;
     }

@@ -227,6 +227,9 @@ impl Cell {
                         assert!((q - old).abs() <= most + 1e-9, "I5: a step from {old} to {q}, {most} is allowed");
                     }
                     self.written = q;
+                    if let Command::Velocity { speed, .. } = &command {
+                        self.abandoned_at(speed[0]);
+                    }
                     self.driver.push_back((token, writer, command));
                 }
                 SuperviseOut::RollBack { token, motion, again } => {
@@ -257,6 +260,14 @@ impl Cell {
                 _ => {}
             }
         }
+    }
+
+    /// Nothing is heard any more after this velocity was written: the motor goes on until its lease is over, then it brakes.
+    fn abandoned_at(&self, speed: f64) {
+        let lease = self.supervise.newest.as_ref().map_or(self.now, |newest| newest.at + self.rules.fresh);
+        let most = self.rules.axes[0].max_acceleration;
+        let rest = self.q + speed * (lease.since(self.now).as_secs_f64() + speed.abs() / (2.0 * most));
+        assert!(rest.abs() <= 3.0, "I5: abandoned at {speed} rad/s, the motor rests past the limit, at {rest}");
     }
 
     fn reflex_on(&mut self, input: ReflexIn) {
