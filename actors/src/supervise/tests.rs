@@ -146,6 +146,17 @@ fn under_forces_the_target_is_reached_at_once_or_in_velocities() {
     }
 }
 
+#[test]
+fn a_target_at_the_limit_is_reached_in_velocities() {
+    for limit in [-3.0, 3.0] {
+        let mut cell = Cell::of(Kind::Velocities);
+        cell.apply(Op::Samples(30));
+        cell.apply(Op::Commit(limit, true));
+        cell.heal();
+        assert_eq!(cell.outcome, Some(Outcome::Committed), "{limit}: at {}", cell.q);
+    }
+}
+
 /// A wall in the way: forces alone come to rest before it, and the motion is rolled back as one that missed its target.
 #[test]
 fn where_forces_balance_elsewhere_the_motion_is_rolled_back() {
