@@ -52,7 +52,7 @@ use std::sync::Arc;
 /// A broken invariant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Violation {
-    /// Which: `I1` to `I11`.
+    /// Which, by its number: `I1` and so on, as in the table above.
     pub invariant: &'static str,
     /// The line of the journal, counted from 1.
     pub line: u64,

@@ -132,7 +132,8 @@ pub struct SuperviseCore {
     done_since: Option<Time>,
     /// The safe pose of a way back that failed, for another try.
     retry: Option<Motion>,
-    /// A commit's start: when it was accepted, from where, and how long it should take.
+    /// A commit's start: when it was accepted, how far it had to go (rad, the motor with the longest way), and how long it
+    /// should take (s).
     course: Option<(Time, f64, f64)>,
     /// The stream of set-points that the open transaction is.
     stream: Option<stream::Streaming>,

@@ -4,7 +4,7 @@
 //! /MoBeE/<robot>/<part>/{rpc:i,command:i,state:o,stateExt:o}   the port filter: a safe board for any YARP program
 //! /MoBeE/world                                                 objects around the robots
 //! /MoBeE/<part>/{rpc,cmd:i,state:o}                            markers and frames; the force-field controller
-//! /MoBeE/<robot>/{rpc,collisions:o,observation:o}              state, exchange of agents, contacts
+//! /MoBeE/<robot>/{rpc,collisions:o,observation:o}              state, pausing the built-in agent, contacts
 //! ```
 
 mod network;

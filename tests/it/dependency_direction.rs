@@ -3,6 +3,8 @@
 
 use serde_json::Value;
 use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
 use std::process::Command;
 
 /// Crate, and the crates of ours that it may use.
@@ -12,7 +14,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-behaviors", &["mobee-contract", "mobee-model"]),
     ("mobee-yarp", &[]),
     ("mobee-drivers", &["mobee-contract", "mobee-model", "mobee-yarp"]),
-    ("mobee-actors", &["mobee-contract", "mobee-model", "mobee-behaviors"]),
+    ("mobee-actors", &["mobee-contract", "mobee-model"]),
     ("mobee-recorder", &["mobee-contract", "mobee-model"]),
     (
         "mobee",
@@ -28,19 +30,26 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
 ];
 
-#[test]
-fn crates_use_only_what_the_table_allows() {
+/// Crate, and a dependency that no line of it names: it is there for the features that it asks for.
+const UNNAMED: &[(&str, &str)] = &[("mobee-recorder", "getrandom")];
+
+fn packages() -> Vec<Value> {
     let out = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version=1", "--no-deps", "--offline"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .expect("cargo metadata runs");
-    let metadata: Value = serde_json::from_slice(&out.stdout).expect("cargo metadata is JSON");
-    let packages = metadata["packages"].as_array().expect("packages");
+    let mut metadata: Value = serde_json::from_slice(&out.stdout).expect("cargo metadata is JSON");
+    serde_json::from_value(metadata["packages"].take()).expect("packages")
+}
+
+#[test]
+fn crates_use_only_what_the_table_allows() {
+    let packages = packages();
     let seen: BTreeSet<&str> = packages.iter().filter_map(|p| p["name"].as_str()).collect();
     let listed: BTreeSet<&str> = ALLOWED.iter().map(|(name, _)| *name).collect();
     assert_eq!(seen, listed, "the table names every crate of the workspace, and no other");
-    for package in packages {
+    for package in &packages {
         let name = package["name"].as_str().expect("a name");
         let allowed = ALLOWED.iter().find(|(n, _)| *n == name).expect("in the table").1;
         for dependency in package["dependencies"].as_array().expect("dependencies") {
@@ -52,4 +61,48 @@ fn crates_use_only_what_the_table_allows() {
             assert!(used != "rerun" || name == "mobee-recorder", "only the recorder names rerun, not {name}");
         }
     }
+}
+
+/// A dependency that nobody uses hides what a crate really depends on.
+#[test]
+fn crates_use_whatever_they_depend_on() {
+    let mut unused = Vec::new();
+    for package in packages() {
+        let name = package["name"].as_str().expect("a name");
+        let manifest = Path::new(package["manifest_path"].as_str().expect("a path"));
+        let folder = manifest.parent().expect("a folder");
+        let shipped = sources(folder, &["src"]);
+        let tested = sources(folder, &["src", "tests", "benches", "examples"]);
+        for dependency in package["dependencies"].as_array().expect("dependencies") {
+            let used = dependency["name"].as_str().expect("a name");
+            let text = if dependency["kind"].is_null() { &shipped } else { &tested };
+            if !names(text, &used.replace('-', "_")) && !UNNAMED.contains(&(name, used)) {
+                unused.push(format!("{name}: {used}"));
+            }
+        }
+    }
+    assert!(unused.is_empty(), "strike these from the manifests: {unused:#?}");
+}
+
+/// The Rust files of a package under these of its folders, as one text.
+fn sources(folder: &Path, parts: &[&str]) -> String {
+    let mut text = String::new();
+    let mut open: Vec<_> = parts.iter().map(|part| folder.join(part)).collect();
+    while let Some(path) = open.pop() {
+        if let Ok(entries) = fs::read_dir(&path) {
+            open.extend(entries.map(|entry| entry.expect("an entry").path()));
+        } else if path.extension().is_some_and(|ending| ending == "rs") {
+            text.push_str(&fs::read_to_string(&path).expect("a source"));
+        }
+    }
+    text
+}
+
+/// Whether the text has the path `name::`, or brings it in by `use name;` or `use name as`.
+fn names(text: &str, name: &str) -> bool {
+    let in_word = |c: char| c.is_alphanumeric() || c == '_';
+    text.match_indices(name).any(|(at, _)| {
+        let after = &text[at + name.len()..];
+        !text[..at].ends_with(in_word) && ["::", ";", " as "].iter().any(|end| after.starts_with(end))
+    })
 }

@@ -237,7 +237,7 @@ pub enum Event {
         token: u64,
         /// Who wrote it.
         writer: Writer,
-        /// `move`, `velocity`, `stop`, `mode` or `reference`.
+        /// `move`, `stop`, `mode` or `reference`.
         kind: String,
         /// Targets per motor index, rad, if any.
         q: Vec<(usize, f64)>,

@@ -1,4 +1,4 @@
-//! A long run in virtual time ends with every reading handled. Its cost per reading is printed, not judged.
+//! A long run in virtual time ends with every reading handled. It ends when its poses or its time are used up.
 
 use crate::common::Trial;
 use mobee_actors::system::Reason;
