@@ -28,6 +28,11 @@
 //! # Ok::<(), mobee_contract::DriverFault>(())
 //! ```
 
+#![cfg_attr(
+    not(test),
+    deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::indexing_slicing)
+)]
+
 mod board_sim;
 mod braking;
 pub mod conformance;

@@ -13,6 +13,11 @@
 //!
 //! Units: radians, metres, seconds, f64. Times are [`Time`], nanoseconds since the run began.
 
+#![cfg_attr(
+    not(test),
+    deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::indexing_slicing)
+)]
+
 mod agent;
 mod board;
 mod event;

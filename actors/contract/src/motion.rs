@@ -34,18 +34,19 @@ impl Target {
 
     /// The board command that takes a robot from `from` to this target with all motors in step, so that the path is a
     /// straight line in joint space: speed and acceleration of every motor are scaled by its share of the slowest
-    /// motor's motion. Assumes that the target's indices were checked against the board.
+    /// motor's motion. A motor that the board does not have gets speed zero: the command is refused where it is checked.
     pub fn in_step(&self, from: &[f64], axes: &[Axis]) -> Move {
-        let way = |i: usize| (self.q[i] - from[self.motors[i]]).abs();
-        let n = self.motors.len();
+        // of each motor: how far it has to go, and the greatest speed and acceleration that it may have
+        let leg = |(m, q): (&usize, &f64)| match (from.get(*m), axes.get(*m)) {
+            (Some(here), Some(axis)) => ((q - here).abs(), self.speed * axis.max_speed, axis.max_acceleration),
+            _ => (0.0, 0.0, 0.0),
+        };
+        let legs: Vec<(f64, f64, f64)> = self.motors.iter().zip(&self.q).map(leg).collect();
         // seconds at full allowed speed, and the accelerations' bound of the common time scale, for the slowest motor
-        let slowest = (0..n).map(|i| way(i) / (self.speed * axes[self.motors[i]].max_speed)).fold(0.0, f64::max);
-        let push = (0..n).map(|i| way(i) / axes[self.motors[i]].max_acceleration).fold(0.0, f64::max);
-        let speed = (0..n)
-            .map(|i| if slowest > 0.0 { way(i) / slowest } else { self.speed * axes[self.motors[i]].max_speed })
-            .collect();
-        let acceleration =
-            (0..n).map(|i| if push > 0.0 { way(i) / push } else { axes[self.motors[i]].max_acceleration }).collect();
+        let slowest = legs.iter().map(|(way, speed, _)| way / speed).fold(0.0, f64::max);
+        let push = legs.iter().map(|(way, _, most)| way / most).fold(0.0, f64::max);
+        let speed = legs.iter().map(|(way, speed, _)| if slowest > 0.0 { way / slowest } else { *speed }).collect();
+        let acceleration = legs.iter().map(|(way, _, most)| if push > 0.0 { way / push } else { *most }).collect();
         Move {
             motors: self.motors.clone(),
             q: self.q.clone(),
@@ -272,5 +273,18 @@ impl Refusal {
             Refusal::Malformed { .. } => "name each motor once, with one position each",
             Refusal::State { .. } => "start the agent without the old state",
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motor_that_the_board_does_not_have_stands_still_and_the_others_go() {
+        let axis = Axis { name: "pan".into(), min: -1.0, max: 1.0, max_speed: 0.5, max_acceleration: 2.0 };
+        let target = Target { motors: vec![0, 7], q: vec![0.5, 0.5], speed: 0.5 };
+        let motion = target.in_step(&[0.0], &[axis]);
+        assert_eq!((motion.speed, motion.acceleration), (Some(vec![0.25, 0.0]), Some(vec![2.0, 0.0])));
     }
 }

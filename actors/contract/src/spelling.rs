@@ -35,8 +35,8 @@ fn distance(a: &str, b: &str) -> usize {
     for (i, x) in a.chars().enumerate() {
         let mut left = i + 1;
         let mut next = vec![left];
-        for (pair, y) in row.windows(2).zip(&b) {
-            left = (left + 1).min(pair[1] + 1).min(pair[0] + usize::from(x != *y));
+        for ((before, above), y) in row.iter().zip(row.iter().skip(1)).zip(&b) {
+            left = (left + 1).min(above + 1).min(before + usize::from(x != *y));
             next.push(left);
         }
         row = next;
