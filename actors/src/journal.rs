@@ -1,7 +1,7 @@
 //! The journal: what a run leaves behind as proof, one JSON line per event, chained by a hash.
 //!
 //! ```text
-//! {"aside":{"build":"0.1.0",...}}                                            not hashed: what differs between equal runs
+//! {"aside":{"build":"0.1.0",...},"version":2}                                not hashed: what differs between equal runs
 //! {"n":0,"t_ns":0,"event":{"event":"started",...},"hash":"9f86d081..."}
 //! {"n":1,"t_ns":20000000,"event":{"event":"enabled",...},"hash":"60303ae2..."}
 //! ```
@@ -25,6 +25,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The journal's name in a run's folder.
 pub const FILE: &str = "journal.jsonl";
+/// The version of the journals that are written. 1 told none; since 2 commits name their motors and the speeds allowed to them.
+pub const VERSION: u32 = 2;
 /// What a warning begins with that stands for an event whose numbers are not finite, since JSON can't hold those.
 pub const NOT_FINITE: &str = "numbers that are not finite in: ";
 /// Lines are gathered up to so many bytes before they are handed to the operating system.
@@ -75,7 +77,7 @@ impl Journal {
             }
             _ => format!("{}: {e}; choose a folder that can be written", path.display()),
         })?;
-        let mut gathered = serde_json::json!({ "aside": aside }).to_string().into_bytes();
+        let mut gathered = serde_json::json!({ "aside": aside, "version": VERSION }).to_string().into_bytes();
         gathered.push(b'\n');
         let mut book = Book { file, len: 0, gathered, n: 0, chain: Chain::default() };
         book.spill(true).map_err(|e| {

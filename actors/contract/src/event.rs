@@ -195,8 +195,12 @@ pub enum Event {
         target: Pose,
         /// Whether it is an escape from a hold.
         escape: bool,
+        /// The motors that it names, by index, each with the greatest speed that it may have, rad/s. Every commit names some;
+        /// none: the journal is older than version 2, and does not tell.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        motors: Vec<(usize, f64)>,
     },
-    /// A command in mid-motion changed the open commit's target.
+    /// A command in mid-motion changed the open commit's target, or more motors joined its stream.
     Amended {
         /// Robot.
         robot: String,
@@ -204,6 +208,10 @@ pub enum Event {
         id: CommitId,
         /// The new whole target pose, rad.
         target: Pose,
+        /// The motors that it names, by index, each with the greatest speed that it may have from now on, rad/s; the others keep
+        /// theirs.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        motors: Vec<(usize, f64)>,
     },
     /// A commit was not accepted and changed nothing.
     Refused {

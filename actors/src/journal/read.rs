@@ -1,6 +1,6 @@
 //! Reading a journal strictly: numbers, hashes and JSON of every line, with the place of the first thing that is wrong.
 
-use super::Chain;
+use super::{Chain, VERSION};
 use mobee_contract::{Event, Time};
 use serde::Deserialize;
 use std::fs::File;
@@ -49,6 +49,7 @@ pub struct JournalError {
 #[derive(Debug)]
 pub struct Lines {
     file: PathBuf,
+    version: u32,
     reader: BufReader<File>,
     line: u64,
     n: u64,
@@ -57,6 +58,18 @@ pub struct Lines {
     good: u64,
     failed: bool,
     text: Vec<u8>,
+}
+
+/// The first line.
+#[derive(Deserialize)]
+struct Head {
+    #[serde(default = "first_version")]
+    version: u32,
+}
+
+/// The version of journals that tell none.
+fn first_version() -> u32 {
+    1
 }
 
 #[derive(Deserialize)]
@@ -83,7 +96,8 @@ pub fn read(path: &Path) -> Result<Lines, JournalError> {
         truncated: false,
     })?;
     let reader = BufReader::with_capacity(1 << 16, opened);
-    Ok(Lines { file, reader, line: 0, n: 0, chain: Chain::default(), good: 0, failed: false, text: Vec::new() })
+    let (version, chain) = (first_version(), Chain::default());
+    Ok(Lines { file, version, reader, line: 0, n: 0, chain, good: 0, failed: false, text: Vec::new() })
 }
 
 impl Iterator for Lines {
@@ -100,6 +114,11 @@ impl Iterator for Lines {
 }
 
 impl Lines {
+    /// The journal's version, which its first line tells: known once a line was read.
+    pub fn version(&self) -> u32 {
+        self.version
+    }
+
     /// The bytes of all good lines so far, and the hash over them.
     pub(super) fn good(&self) -> (u64, Chain) {
         (self.good, self.chain)
@@ -137,11 +156,13 @@ impl Lines {
         let text = std::str::from_utf8(bytes)
             .map_err(|e| self.error(e.valid_up_to() as u64 + 1, "this is not UTF-8 text", BROKEN))?;
         if self.line == 1 && text.starts_with("{\"aside\":") {
-            let aside: Result<serde_json::Value, _> = serde_json::from_str(text);
-            return match aside {
-                Ok(_) => Ok(None),
-                Err(e) => Err(self.error(e.column() as u64, json(&e), BROKEN)),
-            };
+            let head: Head = serde_json::from_str(text).map_err(|e| self.error(e.column() as u64, json(&e), BROKEN))?;
+            if head.version > VERSION {
+                let what = format!("this journal is of version {}; this program reads up to {VERSION}", head.version);
+                return Err(self.error(0, what, "read it with the version of mobee that wrote it"));
+            }
+            self.version = head.version;
+            return Ok(None);
         }
         let raw: Raw = serde_json::from_str(text).map_err(|e| {
             let help = match e.classify() {

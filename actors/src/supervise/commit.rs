@@ -5,7 +5,7 @@ use super::{Closing, Reading, SuperviseCore, SuperviseOut};
 use crate::controller::distance;
 use crate::ledger::Open;
 use mobee_contract::{
-    Axis, Command, Commit, CommitId, Event, Hold, Move, Pose, Refusal, Status, Target, Time, Verdict, Writer,
+    Command, Commit, CommitId, Event, Hold, Move, Pose, Refusal, Status, Target, Time, Verdict, Writer,
 };
 use std::sync::Arc;
 use std::time::Duration;
@@ -111,10 +111,12 @@ impl SuperviseCore {
         let id = self.open(commit.agent.clone(), target.clone(), safe, (due, now), out);
         self.course = Some((now, distance(&target, &here), course.secs));
         let (robot, agent) = (self.rules.robot.clone(), commit.agent.to_string());
-        out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target: target.clone(), escape }));
+        let motors = self.allowed(&commit, escape);
+        let told = Event::Commit { robot, id, agent, target: target.clone(), escape, motors: motors.clone() };
+        out.push(SuperviseOut::Event(told));
         self.enter(if escape { Status::Escaping } else { Status::Moving }, out);
         if let Some(fields) = fields {
-            self.begin_forces(&fields, (&target, &self.caps(&commit)), &here, now, out);
+            self.begin_forces(&fields, (&target, &motors), &here, now, out);
             return Ok(id);
         }
         out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Move(course.command)));
@@ -170,11 +172,10 @@ impl SuperviseCore {
         };
         self.done_since = None;
         self.course = Some((now, distance(&target, &here), course.secs));
-        let robot = self.rules.robot.clone();
-        out.push(SuperviseOut::Event(Event::Amended { robot, id, target: target.clone() }));
+        let (robot, motors) = (self.rules.robot.clone(), self.allowed(&commit, escape));
+        out.push(SuperviseOut::Event(Event::Amended { robot, id, target: target.clone(), motors: motors.clone() }));
         if self.forces.is_some() {
-            let caps = self.caps(&commit);
-            self.aim_forces(&target, &caps, now);
+            self.aim_forces(&target, &motors, now);
             return Ok(id);
         }
         // from a moving start the motors can't be kept in step exactly; the board replans each from where it is
@@ -182,26 +183,29 @@ impl SuperviseCore {
         Ok(id)
     }
 
-    /// The greatest speed of each motor of a commit, rad/s.
-    fn caps(&self, commit: &Commit) -> Vec<(usize, f64)> {
-        let motors = commit.target.motors.iter().enumerate();
+    /// The motors of a commit, each with the greatest speed that it may have, rad/s: its own, or its share of the axis'. An escape
+    /// creeps, and what is streamed under forces must be followed.
+    fn allowed(&self, commit: &Commit, escape: bool) -> Vec<(usize, f64)> {
+        let most = match &self.rules.fields {
+            _ if escape => self.rules.escape_speed,
+            Some(_) => FASTEST,
+            None => 1.0,
+        };
+        let share = commit.target.speed.min(most);
         let cap = |(i, m): (usize, &usize)| {
-            let most = self.rules.axes.get(*m).map_or(0.0, |a| a.max_speed * commit.target.speed.min(FASTEST));
+            let most = self.rules.axes.get(*m).map_or(0.0, |a| a.max_speed * share);
             let own = commit.speeds.as_ref().and_then(|v| v.get(i)).copied().unwrap_or(most);
             (*m, own.min(most))
         };
-        motors.map(cap).collect()
+        commit.target.motors.iter().enumerate().map(cap).collect()
     }
 
     /// How a commit is driven from `here`: in step, or each motor at its own speed, never above what its axis can do.
     fn course(&self, commit: &Commit, here: &Pose, escape: bool) -> Course {
         let share = if escape { self.rules.escape_speed.min(commit.target.speed) } else { commit.target.speed };
         let target = Target { speed: share, ..commit.target.clone() };
-        let axes = target.motors.iter().map(|m| self.rules.axes.get(*m));
-        let own: Option<Vec<f64>> = commit.speeds.as_ref().map(|speeds| {
-            let capped = |(v, axis): (&f64, Option<&Axis>)| v.min(axis.map_or(0.0, |a| a.max_speed * share));
-            speeds.iter().zip(axes).map(capped).collect()
-        });
+        let own: Option<Vec<f64>> =
+            commit.speeds.as_ref().map(|_| self.allowed(commit, escape).into_iter().map(|(_, speed)| speed).collect());
         let mut secs = 0.0;
         for (i, (m, q)) in target.motors.iter().zip(&target.q).enumerate() {
             let (Some(axis), Some(here)) = (self.rules.axes.get(*m), here.get(*m)) else { continue };

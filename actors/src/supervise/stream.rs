@@ -193,7 +193,8 @@ impl SuperviseCore {
                 let target: Pose = if stream.velocity { here.clone() } else { stream.asked.as_slice().into() };
                 let id = self.open(agent.clone(), target.clone(), Some(safe), (Time(u64::MAX), now), out);
                 let (robot, agent) = (rules.robot.clone(), agent.to_string());
-                out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target, escape: false }));
+                let motors = greatest(&stream.named(), &rules);
+                out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target, escape: false, motors }));
                 self.enter(Status::Moving, out);
                 self.begin_stream(stream, &here, now, out);
                 Ok(id)
@@ -239,6 +240,7 @@ impl SuperviseCore {
             // these motors leave the move; the others go on
             let mut stream = Streaming::new(true, here, &rules, now);
             stream.take(setpoints, &rules, now)?;
+            self.tell_joined(id, &stream.named(), out);
             self.begin_stream(stream, here, now, out);
             return Ok(id);
         };
@@ -252,17 +254,25 @@ impl SuperviseCore {
             setpoints.motors.iter().copied().filter(|m| stream.motors.get(*m) == Some(&false)).collect();
         stream.take(setpoints, &rules, now)?;
         let asked: Option<Pose> = (!velocity).then(|| stream.asked.as_slice().into());
-        if !new.is_empty() {
-            let mode = Command::Mode { motors: new, mode: ControlMode::Velocity };
-            out.push(SuperviseOut::Command(self.token, Writer::Agent, mode));
-        }
         self.with_book(|book| {
             if let (Some(open), Some(asked)) = (book.open.as_mut(), asked) {
                 open.target = asked;
             }
         });
+        if !new.is_empty() {
+            self.tell_joined(id, &new, out);
+            let mode = Command::Mode { motors: new, mode: ControlMode::Velocity };
+            out.push(SuperviseOut::Command(self.token, Writer::Agent, mode));
+        }
         self.write_stream(here, now, out);
         Ok(id)
+    }
+
+    /// Tells that these motors joined the open transaction's stream.
+    fn tell_joined(&self, id: CommitId, motors: &[usize], out: &mut Vec<SuperviseOut>) {
+        let Some(target) = self.with_book(|b| b.open.as_ref().map(|o| o.target.clone())) else { return };
+        let (robot, motors) = (self.rules.robot.clone(), greatest(motors, &self.rules));
+        out.push(SuperviseOut::Event(Event::Amended { robot, id, target, motors }));
     }
 
     pub(super) fn write_stream(&mut self, here: &[f64], now: Time, out: &mut Vec<SuperviseOut>) {
@@ -364,7 +374,12 @@ impl SuperviseCore {
         });
         if let Some((id, target, alone)) = rested {
             self.course = self.course.filter(|_| !alone);
-            out.push(SuperviseOut::Event(Event::Amended { robot: self.rules.robot.clone(), id, target }));
+            out.push(SuperviseOut::Event(Event::Amended {
+                robot: self.rules.robot.clone(),
+                id,
+                target,
+                motors: Vec::new(),
+            }));
         }
         self.restore_modes(Writer::Agent, out);
     }
@@ -376,6 +391,11 @@ impl SuperviseCore {
             out.push(SuperviseOut::Command(self.token, writer, mode));
         }
     }
+}
+
+/// The greatest speeds of these motors, rad/s: a stream may use all of them.
+fn greatest(motors: &[usize], rules: &Rules) -> Vec<(usize, f64)> {
+    motors.iter().filter_map(|m| Some((*m, rules.axes.get(*m)?.max_speed))).collect()
 }
 
 fn is_velocity(setpoints: &Setpoints) -> bool {

@@ -86,6 +86,31 @@ fn commits_that_do_not_fit_are_refused_with_their_code() {
 }
 
 #[test]
+fn a_commit_and_what_joins_it_tell_their_motors_and_how_fast_they_may_be() {
+    let told = |out: Vec<SuperviseOut>| {
+        out.into_iter().find_map(|o| match o {
+            SuperviseOut::Event(Event::Commit { motors, .. } | Event::Amended { motors, .. }) => Some(motors),
+            _ => None,
+        })
+    };
+    let target = Target { motors: vec![0], q: vec![2.0], speed: 0.5 };
+    let commit = |speeds| SuperviseIn::Commit(Commit { agent: "a".into(), target: target.clone(), speeds });
+    for (kind, share) in [(Kind::Straight, 0.5), (Kind::Fields, 0.5)] {
+        let mut cell = Cell::of(kind);
+        cell.apply(Op::Samples(30));
+        let most = share * cell.rules.axes[0].max_speed;
+        assert_eq!(told(cell.supervise.on(commit(None), cell.now)), Some(vec![(0, most)]), "its share of the axis'");
+        assert_eq!(told(cell.supervise.on(commit(Some(vec![0.1])), cell.now)), Some(vec![(0, 0.1)]), "its own");
+        assert_eq!(told(cell.supervise.on(commit(Some(vec![9e9])), cell.now)), Some(vec![(0, most)]), "but no more");
+    }
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let setpoints = Setpoints { motors: vec![0], values: Values::Velocity(vec![0.1]) };
+    let stream = SuperviseIn::Stream("a".into(), setpoints);
+    assert_eq!(told(cell.supervise.on(stream, cell.now)), Some(vec![(0, cell.rules.axes[0].max_speed)]));
+}
+
+#[test]
 fn set_points_that_do_not_fit_are_refused_with_their_code() {
     let mut cell = Cell::new();
     let code = |cell: &mut Cell, values: Values| cell.stream(true, values).map_err(|e| e.code());

@@ -66,7 +66,7 @@ impl Past {
                     open.safe = Some((line.at, q.clone()));
                 }
             }
-            Event::Commit { robot, id: CommitId(id), agent, target, escape } => {
+            Event::Commit { robot, id: CommitId(id), agent, target, escape, .. } => {
                 let past = self.of(robot);
                 past.last_id = *id;
                 past.open = Some(Open {

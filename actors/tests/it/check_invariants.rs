@@ -44,7 +44,12 @@ fn safe(q: &[f64]) -> Event {
     Event::SafePose { robot: R.into(), q: pose(q), age: 0.01, speed: 0.0, free: true }
 }
 fn commit(id: u64, q: &[f64]) -> Event {
-    Event::Commit { robot: R.into(), id: CommitId(id), agent: "explorer".into(), target: pose(q), escape: false }
+    commit_of(id, q, &[(0, 0.5), (1, 0.5)])
+}
+/// A commit that names these motors, each with its greatest speed.
+fn commit_of(id: u64, q: &[f64], motors: &[(usize, f64)]) -> Event {
+    let (robot, agent, target) = (R.into(), "explorer".into(), pose(q));
+    Event::Commit { robot, id: CommitId(id), agent, target, escape: false, motors: motors.to_vec() }
 }
 fn outcome(id: u64, outcome: Outcome, q: &[f64], safe: &[f64]) -> Event {
     Event::Outcome { robot: R.into(), id: CommitId(id), outcome, q: pose(q), safe: Some(pose(safe)), cause: None }
@@ -138,6 +143,7 @@ fn good() -> Run {
                 agent: "explorer".into(),
                 target: pose(&[0.04, 0.04]),
                 escape: true,
+                motors: vec![(0, 0.5), (1, 0.5)],
             },
         ),
         (3.0, command(Writer::Agent, 5, "move", &[0.04, 0.04])),
@@ -262,7 +268,7 @@ fn i2_a_commit_that_is_open_at_the_end_is_no_fault_of_a_run_that_was_cut_off() {
 
 #[test]
 fn i2_an_amendment_of_a_commit_that_is_not_open() {
-    let bad = Event::Amended { robot: R.into(), id: CommitId(4), target: pose(&[0.0, 0.0]) };
+    let bad = Event::Amended { robot: R.into(), id: CommitId(4), target: pose(&[0.0, 0.0]), motors: vec![] };
     broken("I2", with(&disabled(6), std::slice::from_ref(&bad)), Some(&bad), "not open");
 }
 

@@ -1,7 +1,7 @@
 //! The journal: every change shows, every crash leaves a readable file (I12), equal runs have equal hashes (I13).
 
 use mobee_actors::clock::ClockKind;
-use mobee_actors::journal::{Journal, JournalError, Line, NOT_FINITE, read};
+use mobee_actors::journal::{Journal, JournalError, Line, NOT_FINITE, VERSION, read};
 use mobee_actors::tap::{Open, SinkSpec, Taps};
 use mobee_contract::{CommitId, Entry, Event, Outcome, Time};
 use proptest::prelude::*;
@@ -56,6 +56,26 @@ fn the_aside_is_not_hashed_and_everything_else_is() {
         journal.sink().write(Time(k as u64 * 1_234_567_891 + 1), &Entry::Event(Arc::new(event))).unwrap();
     }
     assert_ne!(hash, journal.hash(), "one nanosecond later is another run");
+}
+
+#[test]
+fn the_first_line_tells_the_version_and_a_later_one_is_not_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let journal = write(dir.path(), "a");
+    let mut lines = read(dir.path()).unwrap();
+    assert!(lines.next().unwrap().is_ok());
+    assert_eq!(lines.version(), VERSION);
+    let text = std::fs::read_to_string(journal.path()).unwrap();
+    let (head, rest) = text.split_once('\n').unwrap();
+    let first = |head: &str| {
+        std::fs::write(journal.path(), format!("{head}\n{rest}")).unwrap();
+        let mut lines = read(dir.path()).unwrap();
+        (lines.next().unwrap().map_err(|e| e.to_string()), lines.version())
+    };
+    let old = first("{\"aside\":{}}");
+    assert!(old.0.is_ok() && old.1 == 1, "{old:?}");
+    let later = head.replace(&format!("\"version\":{VERSION}"), "\"version\":99");
+    assert!(first(&later).0.unwrap_err().contains("of version 99"));
 }
 
 #[test]

@@ -105,6 +105,22 @@ fn a_velocity_stream_that_goes_quiet_ends_where_it_rests() {
 }
 
 #[test]
+fn motors_that_join_a_stream_are_told() {
+    fn one_more(k: usize, _: &[f64]) -> Setpoints {
+        let motors = if k < 20 { vec![0] } else { vec![0, 2] };
+        Setpoints { values: Values::Velocity(vec![0.1; motors.len()]), motors }
+    }
+    let ran = Trial { agent: streams(1, 50, one_more), ..Trial::default() }.run();
+    let named = ran.events().into_iter().filter_map(|e| match &*e.1 {
+        Event::Commit { motors, .. } | Event::Amended { motors, .. } => {
+            Some(motors.iter().map(|(m, _)| *m).collect::<Vec<_>>())
+        }
+        _ => None,
+    });
+    assert_eq!(named.collect::<Vec<_>>(), [vec![0], vec![2], vec![]], "{}", ran.lines());
+}
+
+#[test]
 fn a_position_stream_is_followed_to_its_end() {
     let ran = Trial { agent: streams(2, 50, position), ..Trial::default() }.run();
     assert_eq!(ran.outcomes(), [Outcome::Committed; 2], "{}", ran.lines());
@@ -192,5 +208,10 @@ fn a_move_in_mid_stream_joins_its_transaction_and_may_take_long() {
         let q = ran.hardware.positions(ran.end.ended_at);
         assert!((q[1].to_degrees() - 60.0).abs() < 0.2, "{q:?}");
         assert!(q[0].to_degrees() > 5.0 || q[2].to_degrees() > 5.0, "{q:?}");
+        let named = ran.events().iter().any(|e| match &*e.1 {
+            Event::Amended { motors, .. } => motors.iter().map(|(m, _)| *m).eq([1]),
+            _ => false,
+        });
+        assert!(named, "the move's motor joins: {}", ran.lines());
     }
 }
