@@ -8,8 +8,13 @@ use mobee_actors::check::check;
 use mobee_actors::controller::{Drive, RELEASE};
 use mobee_behaviors::roadmap::Roadmap;
 use mobee_behaviors::verdict::judge;
+use mobee_model::file::{self, MIB};
+use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
+
+/// How long the roadmap in a run's folder may be, bytes.
+const LONGEST_ROADMAP: u64 = 64 * MIB;
 
 /// Checks what stands at `path`: a run's folder, a journal, or a configuration file.
 ///
@@ -63,7 +68,14 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
     let mut good = true;
     for (i, r) in c.config.robot.iter().enumerate() {
         let file = dir.join(format!("roadmap-{}.json", r.name));
-        let Ok(text) = std::fs::read_to_string(&file) else { continue };
+        let text = match file::read_text(&file, LONGEST_ROADMAP) {
+            Ok(text) => text,
+            Err(e) if e.kind() == ErrorKind::NotFound => continue,
+            Err(e) => {
+                let what = format!("can't read {}: {e}", file.display());
+                return Err(ConfigError::plain(what, "give the folder of a run, as it was written").into());
+            }
+        };
         let value: serde_json::Value =
             serde_json::from_str(&text).into_diagnostic().wrap_err(file.display().to_string())?;
         let map = Roadmap::import(&value, &c.scene.robots()[i]).map_err(|e| {

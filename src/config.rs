@@ -25,11 +25,15 @@ pub use source::Source;
 pub use spelling::did_you_mean;
 
 use mobee_actors::clock::ClockKind;
+use mobee_model::file::{MIB, read_text};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+
+/// How long the resolved configuration in a run's folder may be, bytes.
+const LONGEST: u64 = 16 * MIB;
 
 /// A whole configuration.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
@@ -212,7 +216,7 @@ impl Config {
         let foreign = |what: String| {
             ConfigError::plain(format!("{}: {what}", path.display()), "give the folder of a run, as it was written")
         };
-        let text = std::fs::read_to_string(path).map_err(|e| foreign(e.to_string()))?;
+        let text = read_text(path, LONGEST).map_err(|e| foreign(e.to_string()))?;
         let stored: Resolved = serde_json::from_str(&text).map_err(|e| foreign(e.to_string()))?;
         let source = Source::resolved(&stored.file, stored.config);
         Ok((Config::from_source(&source)?, source))
@@ -237,6 +241,9 @@ impl Config {
         let mut value = source.value.clone();
         for m in shape::misfits(crate::schema::whole(), &source.value) {
             leave_out(&mut value, &m);
+            if wrong.is_full() {
+                continue;
+            }
             wrong.push(source.complain(&m.steps, m.at_key, m.what, m.help));
         }
         let mut config: Config = match serde_path_to_error::deserialize(&value) {

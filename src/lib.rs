@@ -7,6 +7,9 @@
 //! configs/behaviors/explore.toml ──config──> Config ──compose──> Setup ──run──> runs/explore-TIME/
 //! ```
 
+#[macro_use]
+pub mod terminal;
+
 pub mod agent;
 pub mod check;
 pub mod compose;

@@ -5,7 +5,7 @@ use miette::Report;
 use mobee::config::{Clock, ConfigError};
 use mobee::{
     agent, check, config, ctl, doctor, inspect, kinds, model_convert, model_eval, model_info, new, replay, run, schema,
-    sim, torture, view, yarp,
+    sim, terminal, torture, view, yarp,
 };
 use std::io::Write;
 use std::path::PathBuf;
@@ -189,7 +189,7 @@ fn clock(text: &str) -> Result<Clock, String> {
     }
 }
 
-/// What `println!` panics with if it can't write.
+/// What printing panics with if it can't write.
 const NO_OUTPUT: &str = "failed printing to stdout";
 /// What is logged if `MOBEE_LOG` says nothing: warnings, but not those of Rerun's encoder and of its line to a viewer, whose
 /// errors the recorder tells.
@@ -217,7 +217,7 @@ fn main() -> ExitCode {
     match dispatch(cli.command) {
         Ok(code) => code,
         Err(report) => {
-            eprintln!("{report:?}");
+            terminal::complain(&report);
             ExitCode::from(2)
         }
     }
@@ -242,36 +242,36 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         }
         Command::Check { path, set, edges } => check::command(&path, &set, edges),
         Command::Config { command: ConfigCommand::Show { file, set } } => {
-            print!("{}", config::show::text(&file, &set)?);
+            terminal::out(&config::show::text(&file, &set)?);
             Ok(ExitCode::SUCCESS)
         }
         Command::Model { command } => {
             match command {
-                ModelCommand::Info { robot } => print!("{}", model_info::text(&robot)?),
+                ModelCommand::Info { robot } => terminal::out(&model_info::text(&robot)?),
                 ModelCommand::Eval { robot, world, poses, out } => {
                     let what =
                         model_eval::Evaluation { robot: &robot, world: world.as_deref(), poses: &poses, out: &out };
                     let done = model_eval::evaluate(what)?;
-                    println!(
-                        "{} poses, {} colliding pairs of the robot with itself, {} with the world",
+                    terminal::out(&format!(
+                        "{} poses, {} colliding pairs of the robot with itself, {} with the world\n",
                         done.poses, done.self_pairs, done.world_pairs
-                    );
-                    done.files.iter().for_each(|f| println!("{}", f.display()));
+                    ));
+                    done.files.iter().for_each(|f| terminal::out(&format!("{}\n", f.display())));
                 }
-                ModelCommand::Convert(args) => print!("{}", model_convert::command(&args)?),
+                ModelCommand::Convert(args) => terminal::out(&model_convert::command(&args)?),
             }
             Ok(ExitCode::SUCCESS)
         }
         Command::Inspect { run, poses: Some(file), robot, .. } => {
-            println!("{}", inspect::poses(&run, robot.as_deref(), &file)?);
+            terminal::out(&(inspect::poses(&run, robot.as_deref(), &file)? + "\n"));
             Ok(ExitCode::SUCCESS)
         }
         Command::Inspect { run, json, .. } => {
-            print!("{}", inspect::text(&run, json)?);
+            terminal::out(&inspect::text(&run, json)?);
             Ok(ExitCode::SUCCESS)
         }
         Command::View { run } => {
-            println!("{}", view::open(&run).map_err(|e: ConfigError| Report::new(e))?);
+            terminal::out(&(view::open(&run).map_err(|e: ConfigError| Report::new(e))? + "\n"));
             Ok(ExitCode::SUCCESS)
         }
         Command::Replay(args) => replay::command(&args),
@@ -281,17 +281,17 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         }
         Command::Torture(args) => torture::command(&args),
         Command::Kinds { name } => {
-            print!("{}", kinds::listing(name.as_deref())?);
+            terminal::out(&kinds::listing(name.as_deref())?);
             Ok(ExitCode::SUCCESS)
         }
         Command::New { name, from } => {
             for file in new::write(&name, &from)? {
-                println!("{}", file.display());
+                terminal::out(&format!("{}\n", file.display()));
             }
             Ok(ExitCode::SUCCESS)
         }
         Command::Schema => {
-            print!("{}", schema::text());
+            terminal::out(&schema::text());
             Ok(ExitCode::SUCCESS)
         }
         Command::Agent(args) => agent::command(args),

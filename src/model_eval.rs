@@ -5,6 +5,7 @@
 
 use crate::config::ConfigError;
 use miette::{IntoDiagnostic, WrapErr};
+use mobee_model::file::{MIB, read_text};
 use mobee_model::{Kind, Object, Robot, Scene, ShapeId, load_robot, load_world};
 use std::fmt::Write as _;
 use std::fs::File;
@@ -13,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The largest table of poses that is read, bytes.
-const LARGEST_TABLE: u64 = 1 << 28;
+const LARGEST_TABLE: u64 = 64 * MIB;
 /// How far beyond a limit a value may be for having been rounded, degrees.
 const ROUNDING_DEG: f64 = 1e-6;
 
@@ -77,17 +78,10 @@ struct PoseRow {
 fn read_poses(robot: &Robot, path: &Path) -> Result<Vec<PoseRow>, ConfigError> {
     let name = path.display().to_string();
     let unreadable = |e: std::io::Error| {
-        let help = "give --poses a table of poses; its path is relative to the folder the program runs in";
+        let help = "give --poses a table of poses, and split a large one; its path is relative to the folder the program runs in";
         ConfigError::plain(format!("cannot read {name}: {e}"), help)
     };
-    let meta = std::fs::metadata(path).map_err(unreadable)?;
-    if !meta.is_file() || meta.len() > LARGEST_TABLE {
-        return Err(ConfigError::plain(
-            format!("{name} is not a file of at most {LARGEST_TABLE} bytes"),
-            "give --poses a table of poses; split a large one",
-        ));
-    }
-    let text = std::fs::read_to_string(path).map_err(unreadable)?;
+    let text = read_text(path, LARGEST_TABLE).map_err(unreadable)?;
     parse_poses(robot, &name, &text)
 }
 

@@ -2,6 +2,7 @@
 
 use crate::config::{ConfigError, suggestion};
 use crate::kinds::entries;
+use mobee_model::file::{MIB, read_text};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -62,7 +63,7 @@ pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
     // what stands there already and says the same is left; the behavior itself is always new
     let mut missing = Vec::new();
     for (i, (file, text)) in files.into_iter().enumerate() {
-        match std::fs::read_to_string(&file) {
+        match read_text(&file, MIB) {
             Ok(old) if i > 0 && old == text => {}
             _ if file.exists() && !file.ends_with(SCHEMA) => {
                 let help = "give another name, or work in another folder; nothing is written over";

@@ -9,13 +9,15 @@
 
 use mobee_contract::{Entry, Pose, Sink, Time};
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 const MAGIC: &[u8; 14] = b"mobee poses 1\n";
 const HEADER: usize = MAGIC.len() + 8;
 /// A ring with more is no robot's.
 const MOST: usize = 1 << 24;
+/// A longer file is no ring, bytes: a million poses of 30 motors.
+const LONGEST: u64 = 256 << 20;
 
 /// The file of a robot's ring in a run's folder.
 pub fn file(dir: &Path, robot: &str) -> PathBuf {
@@ -87,13 +89,11 @@ impl Sink for Rings {
 /// # Errors
 /// A file that is no ring, or can't be read, in words.
 pub fn read(path: &Path) -> Result<Vec<(Time, Pose)>, String> {
-    let mut file = match File::open(path) {
-        Ok(file) => file,
+    let bytes = match mobee_model::file::read(path, LONGEST) {
+        Ok(bytes) => bytes,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(e) => return Err(format!("{}: {e}", path.display())),
     };
-    let mut bytes = Vec::new();
-    file.read_to_end(&mut bytes).map_err(|e| format!("{}: {e}", path.display()))?;
     let number = |at: usize| {
         let four: [u8; 4] = bytes.get(at..at + 4)?.try_into().ok()?;
         usize::try_from(u32::from_le_bytes(four)).ok()

@@ -9,12 +9,16 @@ use mobee_contract as contract;
 use mobee_contract::{
     Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample, SetPose, Time,
 };
+use mobee_model::file::{MIB, read_text};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
+
+/// How long a table may be, bytes: more than two hours of a humanoid, twenty poses a second.
+const LONGEST: u64 = 64 * MIB;
 
 inventory::submit! {
     contract::DriverKind {
@@ -62,7 +66,7 @@ impl ReplayHardware {
             return Err(KindError::new("encoder_hz", what, "give a number from 1 to 1000"));
         }
         let name = settings.file.display();
-        let text = std::fs::read_to_string(&settings.file).map_err(|e| {
+        let text = read_text(&settings.file, LONGEST).map_err(|e| {
             let help =
                 "make the table by `mobee inspect RUN --poses FILE`; its path is relative to the configuration file";
             KindError::new("file", format!("{name} can't be read: {e}"), help)

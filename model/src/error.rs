@@ -1,15 +1,21 @@
 //! Errors in the files that users write: file, line, column, a caret and a remedy.
 
-use miette::{Diagnostic, LabeledSpan, NamedSource, Severity, SourceCode};
+mod excerpt;
+
+pub use excerpt::Excerpt;
+
+use crate::file;
+use crate::printable::{printable, told};
+use miette::{Diagnostic, LabeledSpan, Severity, SourceCode};
 use std::{fmt, ops::Range, path::Path, sync::Arc};
 
 /// The text of a file together with the name that messages call it by.
 #[derive(Clone, Debug)]
-pub(crate) struct Source(Arc<NamedSource<String>>);
+pub(crate) struct Source(Arc<(String, String)>);
 
 impl Source {
     pub(crate) fn new(name: &str, text: &str) -> Self {
-        Self(Arc::new(NamedSource::new(name, text.to_owned())))
+        Self(Arc::new((name.to_owned(), text.to_owned())))
     }
 
     /// Reads a file that must be UTF-8 of at most `limit` bytes.
@@ -22,21 +28,13 @@ impl Source {
             let help = match e.kind() {
                 std::io::ErrorKind::NotFound => "check the path; it is relative to the folder the program runs in",
                 std::io::ErrorKind::PermissionDenied => "make the file readable for this user",
+                std::io::ErrorKind::IsADirectory => "give the path of a file, not of a folder",
+                std::io::ErrorKind::FileTooLarge => "check that this is the file you mean; split very large models",
                 _ => "check that the path names a readable file",
             };
             no_file(format!("cannot read the file: {e}"), help)
         };
-        let meta = std::fs::metadata(path).map_err(about)?;
-        if !meta.is_file() {
-            return Err(no_file("this is not a file".into(), "give the path of a file, not of a folder"));
-        }
-        if meta.len() > limit {
-            return Err(no_file(
-                format!("the file has {} bytes, more than the {limit} that are read", meta.len()),
-                "check that this is the file you mean; split very large models",
-            ));
-        }
-        let bytes = std::fs::read(path).map_err(about)?;
+        let bytes = file::read(path, limit).map_err(about)?;
         match String::from_utf8(bytes) {
             Ok(text) => Ok(Self::new(&name, &text)),
             Err(e) => {
@@ -49,11 +47,11 @@ impl Source {
     }
 
     pub(crate) fn name(&self) -> &str {
-        self.0.name()
+        &self.0.0
     }
 
     pub(crate) fn text(&self) -> &str {
-        self.0.inner()
+        &self.0.1
     }
 
     /// An error at a place of this file.
@@ -75,10 +73,9 @@ pub struct FileError(Box<Inner>);
 
 #[derive(Clone, Debug)]
 struct Inner {
-    source: Source,
-    span: Option<Range<usize>>,
-    line: usize,
-    column: usize,
+    file: String,
+    /// Where it is; none if the file could not be read at all.
+    place: Option<Excerpt>,
     message: String,
     help: String,
     severity: Severity,
@@ -86,32 +83,23 @@ struct Inner {
 
 impl FileError {
     fn new(source: &Source, span: Option<Range<usize>>, message: String, help: String, severity: Severity) -> Self {
-        let text = source.text();
-        let mut at = span.as_ref().map_or(0, |s| s.start).min(text.len());
-        while !text.is_char_boundary(at) {
-            at -= 1;
-        }
-        let before = &text[..at];
-        let line_start = before.rfind('\n').map_or(0, |i| i + 1);
-        let (line, column) = match span {
-            Some(_) => (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1),
-            None => (0, 0),
-        };
-        let span = span.map(|s| at..s.end.clamp(at, text.len()));
-        Self(Box::new(Inner { source: source.clone(), span, line, column, message, help, severity }))
+        let file = printable(source.name()).into_owned();
+        let place = span.map(|span| Excerpt::new(&file, source.text(), span));
+        let (message, help) = (told(&message), told(&help));
+        Self(Box::new(Inner { file, place, message, help, severity }))
     }
 
     /// The file, as it was named to the loader.
     pub fn file(&self) -> &str {
-        self.0.source.name()
+        &self.0.file
     }
     /// The line, counted from 1; 0 if the file could not be read at all.
     pub fn line(&self) -> usize {
-        self.0.line
+        self.0.place.as_ref().map_or(0, Excerpt::line)
     }
     /// The column in characters, counted from 1; 0 if the file could not be read at all.
     pub fn column(&self) -> usize {
-        self.0.column
+        self.0.place.as_ref().map_or(0, Excerpt::column)
     }
     /// What is wrong.
     pub fn message(&self) -> &str {
@@ -129,7 +117,7 @@ impl FileError {
 
 impl fmt::Display for FileError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0.span {
+        match self.0.place {
             Some(_) => write!(f, "{}:{}:{}: {}", self.file(), self.line(), self.column(), self.message()),
             None => write!(f, "{}: {}", self.file(), self.message()),
         }
@@ -152,10 +140,10 @@ impl Diagnostic for FileError {
         Some(Box::new(&self.0.help))
     }
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.0.span.as_ref().map(|_| &*self.0.source.0 as &dyn SourceCode)
+        self.0.place.as_ref().map(|place| place as &dyn SourceCode)
     }
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let span = self.0.span.clone()?;
+        let span = self.0.place.as_ref()?.place();
         Some(Box::new(std::iter::once(LabeledSpan::new(Some("here".into()), span.start, span.len()))))
     }
 }

@@ -5,6 +5,9 @@ use miette::{Diagnostic, LabeledSpan, Severity, SourceCode};
 use mobee_model::FileError;
 use std::fmt;
 
+/// So many complaints are told at once: nobody mends more before asking again.
+pub(super) const MOST: usize = 50;
+
 /// A complaint about the configuration, or about a robot's or world's file that it names.
 #[derive(Debug)]
 pub enum Complaint {
@@ -56,14 +59,21 @@ impl From<FileError> for Complaint {
 pub struct Complaints(Vec<Complaint>);
 
 impl Complaints {
-    /// Adds one.
+    /// Adds one, if there is room.
     pub fn push(&mut self, e: impl Into<Complaint>) {
-        self.0.push(e.into());
+        if !self.is_full() {
+            self.0.push(e.into());
+        }
     }
 
-    /// Adds all of another list.
+    /// Adds all of another list that there is room for.
     pub fn append(&mut self, other: Complaints) {
-        self.0.extend(other.0);
+        other.0.into_iter().for_each(|e| self.push(e));
+    }
+
+    /// Whether no more are kept.
+    pub fn is_full(&self) -> bool {
+        self.0.len() >= MOST
     }
 
     /// The good result, or `None` with the complaint kept.
@@ -119,6 +129,7 @@ impl fmt::Display for Complaints {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.only() {
             Some(one) => fmt::Display::fmt(one, f),
+            None if self.is_full() => write!(f, "many things are wrong; these are the first {MOST}"),
             None => write!(f, "{} things are wrong", self.0.len()),
         }
     }

@@ -1,6 +1,7 @@
 //! A complaint about something the user wrote: what, where, and what to do.
 
-use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
+use miette::{Diagnostic, LabeledSpan, SourceCode};
+use mobee_model::{Excerpt, printable, told};
 use std::fmt;
 use std::ops::Range;
 
@@ -9,13 +10,13 @@ use std::ops::Range;
 pub struct ConfigError {
     message: String,
     help: String,
-    place: Option<Box<(NamedSource<String>, Range<usize>)>>,
+    place: Option<Box<Excerpt>>,
 }
 
 impl ConfigError {
     /// A complaint that has no place in a file.
     pub fn plain(message: impl Into<String>, help: impl Into<String>) -> ConfigError {
-        ConfigError { message: message.into(), help: help.into(), place: None }
+        ConfigError { message: told(&message.into()), help: told(&help.into()), place: None }
     }
 
     /// A complaint about a span of a file.
@@ -26,18 +27,14 @@ impl ConfigError {
         message: impl Into<String>,
         help: impl Into<String>,
     ) -> ConfigError {
-        let span = span.start.min(text.len())..span.end.min(text.len());
-        ConfigError {
-            message: message.into(),
-            help: help.into(),
-            place: Some(Box::new((NamedSource::new(name, text.to_owned()), span))),
-        }
+        let place = Excerpt::new(&printable(name), text, span);
+        ConfigError { place: Some(Box::new(place)), ..ConfigError::plain(message, help) }
     }
 
     /// The same with another remedy.
     #[must_use]
     pub fn with_help(self, help: impl Into<String>) -> ConfigError {
-        ConfigError { help: help.into(), ..self }
+        ConfigError { help: told(&help.into()), ..self }
     }
 
     /// What is wrong, in one sentence.
@@ -52,16 +49,12 @@ impl ConfigError {
 
     /// The file's name, if there is a place.
     pub fn file(&self) -> Option<&str> {
-        self.place.as_deref().map(|(source, _)| source.name())
+        self.place.as_deref().map(Excerpt::name)
     }
 
     /// Line and column (from 1) of the place, if there is one.
     pub fn line_column(&self) -> Option<(usize, usize)> {
-        let (source, span) = self.place.as_deref()?;
-        let before = source.inner().get(..span.start)?;
-        let line = before.matches('\n').count() + 1;
-        let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
-        Some((line, column))
+        self.place.as_deref().map(|place| (place.line(), place.column()))
     }
 }
 
@@ -79,11 +72,11 @@ impl Diagnostic for ConfigError {
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.place.as_deref().map(|(s, _)| s as &dyn SourceCode)
+        self.place.as_deref().map(|place| place as &dyn SourceCode)
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let (_, span) = self.place.as_deref()?;
+        let span = self.place.as_deref()?.place();
         Some(Box::new(std::iter::once(LabeledSpan::new(Some("here".into()), span.start, span.len().max(1)))))
     }
 }

@@ -2,6 +2,7 @@
 
 use super::layer::{Content, Node};
 use super::{Complaints, ConfigError};
+use mobee_model::file::{MIB, read_text};
 use serde_json::Value;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -9,6 +10,15 @@ use toml::de::DeTable;
 
 /// How deep includes may nest.
 const DEEPEST: usize = 8;
+/// So many files at most make a configuration; one that is included twice counts twice.
+const MOST_FILES: usize = 64;
+/// How long a file may be, bytes.
+const LONGEST: u64 = MIB;
+/// How long all files of a configuration may be together, bytes.
+const LONGEST_TOGETHER: usize = 2 * MIB as usize;
+
+/// What to do about a hidden character.
+const UNSEEN: &str = "write names and texts of characters that show";
 
 /// One file of a configuration.
 #[derive(Clone, Debug)]
@@ -53,7 +63,7 @@ impl Reader {
     /// # Errors
     /// What can't be read or is not TOML, here and in all included files.
     pub fn main(&mut self, path: &Path) -> Result<Node, Complaints> {
-        let text = std::fs::read_to_string(path).map_err(|e| {
+        let text = read_text(path, LONGEST).map_err(|e| {
             ConfigError::plain(
                 format!("can't read {}: {e}", path.display()),
                 "give the path of a configuration file; `configs/behaviors/` has some to start from",
@@ -74,7 +84,7 @@ impl Reader {
         let (document, errors) = DeTable::parse_recoverable(&text);
         // one mistake leads to others on its line
         let mut told = Vec::new();
-        for e in errors {
+        for e in errors.into_iter().take(super::complaints::MOST) {
             let (span, file) = (e.span().unwrap_or(0..0), &self.files[number]);
             if !told.contains(&file.line(span.start)) {
                 told.push(file.line(span.start));
@@ -87,7 +97,11 @@ impl Reader {
         let mut bad = Vec::new();
         let mut own = Node::document(document.get_ref(), document.span(), number, &mut bad);
         for (span, what) in bad {
-            wrong.push(self.files[number].error(span, what, "write an ordinary finite number"));
+            if wrong.is_full() {
+                break;
+            }
+            let help = if what.contains("hidden") { UNSEEN } else { "write an ordinary finite number" };
+            wrong.push(self.files[number].error(span, what, help));
         }
         let below = self.included(&mut own, number, &mut wrong);
         wrong.none_or(below.into_iter().reduce(Node::under).map_or(own.clone(), |below| below.under(own)))
@@ -137,7 +151,15 @@ impl Reader {
                 "include fewer files in a chain",
             ));
         }
-        let text = std::fs::read_to_string(&path).map_err(|e| {
+        let length = |files: &[TextFile]| files.iter().map(|f| f.text.len()).sum::<usize>();
+        if self.files.len() >= MOST_FILES || length(&self.files) >= LONGEST_TOGETHER {
+            let what = format!(
+                "the configuration is made of more than {MOST_FILES} files, or of more than {} MiB",
+                LONGEST_TOGETHER as u64 / MIB
+            );
+            return Err(wrong(what, "include fewer and smaller files"));
+        }
+        let text = read_text(&path, LONGEST).map_err(|e| {
             wrong(format!("can't read {}: {e}", path.display()), "give the path of a text file, relative to this file")
         })?;
         let folder = from_main.parent().map(Path::to_owned).unwrap_or_default();

@@ -1,5 +1,6 @@
 //! A tree of values in which each knows where it was written, and the merging of two such trees: later wins.
 
+use mobee_model::hidden_in;
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -59,7 +60,7 @@ impl Node {
         Node { origin: origin.clone(), content }
     }
 
-    /// A parsed TOML document; numbers that can't be used are told in `bad` and left out.
+    /// A parsed TOML document; numbers and texts that can't be used are told in `bad` and left out.
     pub fn document(table: &DeTable<'_>, span: Range<usize>, file: usize, bad: &mut Vec<Unusable>) -> Node {
         let origin = Origin::File { file, key: None, value: span };
         Node { origin, content: Content::Table(table_nodes(table, file, bad)) }
@@ -140,6 +141,10 @@ fn by_name(list: Vec<Node>, over: Vec<Node>) -> Vec<Node> {
 fn table_nodes(table: &DeTable<'_>, file: usize, bad: &mut Vec<Unusable>) -> BTreeMap<String, Node> {
     let mut map = BTreeMap::new();
     for (key, value) in table.iter() {
+        if let Some(what) = hidden_in(key.get_ref()) {
+            bad.push((key.span(), what));
+            continue;
+        }
         let origin = Origin::File { file, key: Some(key.span()), value: value.span() };
         if let Some(content) = content(value.get_ref(), value.span(), file, bad) {
             map.insert(key.get_ref().to_string(), Node { origin, content });
@@ -171,10 +176,10 @@ fn content(value: &DeValue<'_>, span: Range<usize>, file: usize, bad: &mut Vec<U
 /// A TOML value without its place.
 ///
 /// # Errors
-/// What is wrong with a number.
+/// What is wrong with a number or a text.
 pub fn plain(value: &DeValue<'_>) -> Result<Value, String> {
     Ok(match value {
-        DeValue::String(s) => Value::String(s.to_string()),
+        DeValue::String(s) => hidden_in(s).map_or_else(|| Ok(Value::String(s.to_string())), Err)?,
         DeValue::Boolean(b) => Value::Bool(*b),
         DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix())
             .map(Value::from)

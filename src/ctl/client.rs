@@ -88,7 +88,7 @@ async fn top(client: &mut RpcClient, times: Option<u64>) -> Result<ExitCode, Rep
             }
             Err(e) => return Err(e.into()),
         };
-        let lines = answer.lines.join("\n");
+        let lines = mobee_model::printable(&answer.lines.join("\n")).into_owned();
         // at the top left, over what was there: clearing all first would flicker
         let lines = if terminal {
             format!("\x1b[H{}\x1b[K\n\x1b[J", lines.replace('\n', "\x1b[K\n"))

@@ -46,7 +46,7 @@ impl Bar {
     pub fn say(&self, line: &str) {
         self.0.suspend(|| {
             // with the terminal gone there is nobody to be told
-            let _ = writeln!(std::io::stderr(), "{line}");
+            let _ = writeln!(std::io::stderr(), "{}", mobee_model::printable(line));
         });
     }
 

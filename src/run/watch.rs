@@ -10,6 +10,7 @@ use crate::ctl::offer::{self, Wanted};
 use mobee_actors::swap::Terms;
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Event, Running, Service, SwapPart, SwapStep, Time};
+use mobee_model::file::{MIB, read};
 use serde_json::Value;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
@@ -153,7 +154,7 @@ impl Service for WatchService {
 /// What stands in the files, in one number; a file that can't be read counts as well.
 fn print_of(files: &[PathBuf]) -> u64 {
     let mut hasher = DefaultHasher::new();
-    files.iter().for_each(|file| std::fs::read(file).ok().hash(&mut hasher));
+    files.iter().for_each(|file| read(file, MIB).ok().hash(&mut hasher));
     hasher.finish()
 }
 

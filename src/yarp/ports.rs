@@ -3,9 +3,10 @@
 use super::input::Lines;
 use super::{Failure, because, info};
 use crate::signals::Interrupt;
+use mobee_model::printable;
 use mobee_yarp::{Bottle, CallError, Carrier, Contact, Delivery, Message, Network, Queue, Reader, RpcClient};
 use mobee_yarp::{Value, Vocab, Writer, remote};
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
 /// How often a request is sent again after its connection broke, as the original does.
@@ -29,6 +30,9 @@ fn carrier_of(target: &str, option: Carrier) -> Result<Carrier, Failure> {
 /// Writes a line to standard output at once; `false` when nobody reads it any more.
 fn printed(line: &[u8]) -> bool {
     let mut out = std::io::stdout().lock();
+    // programs are given what came; for people it must not act on their terminal
+    let readable = out.is_terminal().then(|| printable(&String::from_utf8_lossy(line)).into_owned());
+    let line = readable.as_ref().map_or(line, |text| text.as_bytes());
     out.write_all(line).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()).is_ok()
 }
 

@@ -10,6 +10,7 @@ mod ctl;
 mod dependency_direction;
 mod doctor;
 mod filter_transparency;
+mod hostile_files;
 mod new_behavior;
 mod old_program;
 mod planted_defects;

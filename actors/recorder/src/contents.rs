@@ -7,7 +7,6 @@ use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
 use rerun::{StoreKind, TimelineName};
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
@@ -29,7 +28,7 @@ impl Contents {
     /// In words, if there is no such file or it is no recording.
     pub fn read(path: &Path) -> Result<Contents, String> {
         let bad = |why: &dyn std::fmt::Display| format!("{} can't be read as a recording: {why}", path.display());
-        let file = BufReader::new(File::open(path).map_err(|e| bad(&e))?);
+        let file = BufReader::new(mobee_model::file::open(path).map_err(|e| bad(&e))?);
         let messages = DecoderApp::decode_eager(file).map_err(|e| bad(&e))?;
         let mut contents = Contents::default();
         // a file whose writer was killed ends in the middle of a message: what came before counts

@@ -8,7 +8,6 @@ use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
 use rerun::{StoreKind, TimelineName};
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
@@ -32,7 +31,7 @@ impl Poses {
     /// In words, if there is no such file, it is no recording, or it has nothing of the robot.
     pub fn read(path: &Path, robot: &str) -> Result<Poses, String> {
         let bad = |why: &dyn std::fmt::Display| format!("{} can't be read as a recording: {why}", path.display());
-        let file = BufReader::new(File::open(path).map_err(|e| bad(&e))?);
+        let file = BufReader::new(mobee_model::file::open(path).map_err(|e| bad(&e))?);
         let below = format!("/joints/{}/", entity(robot));
         let mut poses = Poses::default();
         for message in DecoderApp::decode_eager(file).map_err(|e| bad(&e))?.map_while(Result::ok) {

@@ -9,6 +9,9 @@ use nalgebra::{Isometry3, Vector3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+/// More pairs that may touch are refused: they could not be watched many times a second.
+const MAX_PAIRS: usize = 1 << 20;
+
 /// A shape of a robot or an object.
 #[derive(Clone, Debug)]
 pub(crate) struct Solid {
@@ -70,14 +73,14 @@ impl Bodies {
             if !names.insert(robot.name.clone()) {
                 return Err(SceneError::Duplicate { kind: "robot", name: robot.name.clone() });
             }
-            bodies.stand(robot, base);
+            bodies.stand(robot, base)?;
         }
         bodies.moving.sort_unstable();
         bodies.fixed.sort_unstable();
         Ok(bodies)
     }
 
-    fn stand(&mut self, robot: Arc<Robot>, base: Isometry3<f64>) {
+    fn stand(&mut self, robot: Arc<Robot>, base: Isometry3<f64>) -> Result<(), SceneError> {
         let index = self.robots.len();
         let skeleton = Skeleton::new(&robot, base);
         let first_solid = self.solids.len();
@@ -100,6 +103,11 @@ impl Bodies {
                 });
             }
             of_node.push(start..self.solids.len() as u32);
+        }
+        let own: usize = robot.pairs.reflex.iter().map(|&(a, b)| of_node[a].len() * of_node[b].len()).sum();
+        if own + first_solid * (self.solids.len() - first_solid) > MAX_PAIRS {
+            let what = format!("pairs of shapes of robot `{}`, with itself and the robots before it", robot.name);
+            return Err(SceneError::TooMany { what, most: MAX_PAIRS as u32 });
         }
         for &(a, b) in &robot.pairs.reflex {
             let same = skeleton.frame[a] == skeleton.frame[b];
@@ -131,6 +139,7 @@ impl Bodies {
         self.frames += skeleton.frames();
         self.skeletons.push(skeleton);
         self.robots.push(robot);
+        Ok(())
     }
 
     /// How far the shapes of two frames of the scene can move against each other.

@@ -14,7 +14,9 @@ use urdf_rs::{Geometry, Pose};
 const SAME_POINT: f64 = 1e-11;
 /// Length of links whose end matters to nobody, metres.
 const STUB: f64 = 0.01;
-const MAX_NODES: usize = 4096;
+const MAX_NODES: usize = 2048;
+/// More shapes of all links together are refused.
+const MAX_SHAPES: usize = 4096;
 
 /// Links held together by fixed joints, with their frames at the zero position.
 struct Body {
@@ -35,6 +37,10 @@ struct Builder<'a> {
     motors: Vec<Option<usize>>,
     link_of_node: Vec<String>,
     bodies: Vec<neighbors::Written>,
+    /// Collision shapes so far.
+    shapes: usize,
+    /// How many bytes of meshes may still be read.
+    meshes: u64,
 }
 
 /// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on, the body before.
@@ -71,6 +77,8 @@ pub(super) fn build(
         motors,
         link_of_node: Vec::new(),
         bodies: Vec::new(),
+        shapes: 0,
+        meshes: mesh::MAX_TOGETHER,
     };
     b.create_motors();
     let mut todo = vec![(tree.root, Isometry3::identity(), None, None)];
@@ -148,6 +156,13 @@ impl Builder<'_> {
         let node = self.node(first, parent, NodeKind::Link { offset })?;
         for (link, link_frame) in &body.links {
             for collision in &self.urdf.links[*link].collision {
+                if self.shapes >= MAX_SHAPES {
+                    let name = self.urdf.links[*link].name.trim();
+                    let message = format!("the robot has more than {MAX_SHAPES} collision shapes");
+                    let help = "cover what is small by one larger shape";
+                    return Err(self.source.error(self.places.of("link", name), message, help));
+                }
+                self.shapes += 1;
                 if let Some(mut solid) = self.shape(*link, collision)? {
                     // Shapes sit at the start of the body's link, which has the orientation of the root.
                     solid.pose = Translation3::from(-start) * link_frame * solid.pose;
@@ -243,7 +258,7 @@ impl Builder<'_> {
             }
             Geometry::Mesh { filename, scale } => {
                 let scale = Vector3::from(scale.map_or([1.0; 3], |s| s.0));
-                let fitted = mesh::points(filename, &self.options.mesh_folders)
+                let fitted = mesh::points(filename, &self.options.mesh_folders, &mut self.meshes)
                     .and_then(|points| fit::fit(points.iter().map(|p| p.component_mul(&scale))))
                     .map_err(|why| {
                         let help = "name the folder of the meshes with --meshes DIR, leave meshes out with --drop-meshes, \

@@ -1,17 +1,21 @@
 //! Points of a mesh file: STL (binary and text) and OBJ.
 
+use crate::file::{self, MIB};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 
-const MAX_BYTES: u64 = 64 << 20;
+/// A longer file is refused, bytes.
+const MAX_BYTES: u64 = 64 * MIB;
+/// How many bytes may be read of all meshes of a robot.
+pub(super) const MAX_TOGETHER: u64 = 256 * MIB;
 
-/// The vertices of a mesh, or what is wrong as the end of a sentence.
-pub(super) fn points(name: &str, folders: &[PathBuf]) -> Result<Vec<Vector3<f64>>, String> {
+/// The vertices of a mesh, or what is wrong as the end of a sentence. What is read is taken from `left`, bytes.
+pub(super) fn points(name: &str, folders: &[PathBuf], left: &mut u64) -> Result<Vec<Vector3<f64>>, String> {
     let path = find(name, folders).ok_or("is not found")?;
-    let bytes = match std::fs::metadata(&path) {
-        Ok(meta) if meta.len() > MAX_BYTES => return Err(format!("has more than {} MB", MAX_BYTES >> 20)),
-        _ => std::fs::read(&path).map_err(|e| format!("cannot be read: {e}"))?,
-    };
+    let bytes = file::read(&path, MAX_BYTES).map_err(|e| format!("cannot be read: {e}"))?;
+    *left = left
+        .checked_sub(bytes.len() as u64)
+        .ok_or_else(|| format!("is too much: all meshes together have more than {} MiB", MAX_TOGETHER / MIB))?;
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let points = match extension.as_str() {
         "stl" => binary_stl(&bytes).or_else(|| text_vertices(&bytes, "vertex")),

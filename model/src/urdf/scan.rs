@@ -1,13 +1,17 @@
 //! A first pass over the text: where each link and joint stands, and whether the XML is sane at all.
 
 use crate::error::{FileError, Source};
-use quick_xml::Reader;
+use crate::printable::hidden_in;
 use quick_xml::events::Event;
+use quick_xml::{Reader, XmlVersion};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Deeper nesting is refused; a URDF needs five levels.
 const MAX_DEPTH: usize = 50;
+/// More links are refused.
+pub(super) const MAX_LINKS: usize = 1000;
 
 /// Where things stand in the text.
 pub(super) struct Places {
@@ -44,6 +48,11 @@ pub(super) fn scan(source: &Source) -> Result<Places, FileError> {
             Event::End(_) => drop(open.pop()),
             Event::Start(tag) => {
                 let name = tag.name().into_inner().to_owned();
+                let values =
+                    tag.attributes().flatten().filter_map(|a| a.normalized_value(XmlVersion::Implicit1_0).ok());
+                if let Some(what) = values.map(Cow::into_owned).find_map(|value| hidden_in(&value)) {
+                    return Err(source.error(at, what, "write names and values of characters that show"));
+                }
                 match open.len() {
                     0 if name != "robot" => {
                         let help = match name.to_ascii_lowercase().as_str() {
@@ -66,6 +75,10 @@ pub(super) fn scan(source: &Source) -> Result<Places, FileError> {
                         if id.is_empty() {
                             let message = format!("a {name} without a name");
                             return Err(source.error(at, message, "give it an attribute name=\"...\""));
+                        }
+                        if places.elements.len() >= 2 * MAX_LINKS {
+                            let message = format!("more than {MAX_LINKS} links with their joints can't be converted");
+                            return Err(source.error(at, message, "split the robot, or merge fixed links"));
                         }
                         if places.elements.insert((name.clone(), id.clone()), at.clone()).is_some() {
                             let message = format!("there is a {name} `{id}` already");

@@ -1,7 +1,7 @@
 //! The tree of links, and what drives each joint.
 
 use super::UrdfOptions;
-use super::scan::Places;
+use super::scan::{MAX_LINKS, Places};
 use crate::error::{FileError, Source};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -9,8 +9,6 @@ use urdf_rs::{Joint, JointType};
 
 /// Longer chains are refused.
 const MAX_DEPTH: usize = 200;
-/// More links are refused.
-const MAX_LINKS: usize = 1000;
 
 /// What a joint does.
 #[derive(Clone, Copy, Debug)]

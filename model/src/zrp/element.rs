@@ -7,6 +7,9 @@ use std::ops::Range;
 /// Larger numbers are refused: no robot needs them, and their squares still fit.
 const MAX_NUMBER: f64 = 1e6;
 
+/// Smaller sizes are refused, metres: nothing that can be touched is so small, and their squares vanish.
+const MIN_SIZE: f64 = 1e-9;
+
 /// Warnings are kept up to this number.
 const MAX_WARNINGS: usize = 100;
 
@@ -113,10 +116,14 @@ impl Element {
     /// A size that must be given and positive.
     pub(super) fn size(&self, name: &str) -> Result<f64, FileError> {
         match self.number(name)? {
-            Some(v) if v > 0.0 => Ok(v),
+            Some(v) if v >= MIN_SIZE => Ok(v),
             Some(v) => Err(self.error_at(
                 name,
-                format!("`{name}` of <{}> is {v}, but must be above 0", self.written),
+                format!(
+                    "`{name}` of <{}> is {v}, but must be {}",
+                    self.written,
+                    if v > 0.0 { "a nanometre or more" } else { "above 0" }
+                ),
                 "give the size in metres",
             )),
             None => Err(self.error(

@@ -10,7 +10,9 @@ use nalgebra::{Unit, Vector3};
 use std::collections::BTreeMap;
 
 /// More nodes are refused: the pair tables grow with the square.
-const MAX_NODES: usize = 4096;
+const MAX_NODES: usize = 2048;
+/// More shapes of all nodes together are refused.
+const MAX_SHAPES: usize = 4096;
 /// More parts, motors or markers are refused, of each kind.
 const MAX_NAMES: usize = 4096;
 /// Motor slots per part.
@@ -65,6 +67,8 @@ struct RobotReader {
     /// The clause of the open `constraintList`.
     clause: Option<Vec<Member>>,
     warnings: Warnings,
+    /// Shapes of all nodes.
+    shapes: usize,
 }
 
 impl RobotReader {
@@ -198,6 +202,14 @@ impl RobotReader {
         let index = self.motors.len();
         let builder = &mut self.parts[part];
         let slot = e.integer("idx")?.unwrap_or(-1);
+        if slot < -1 {
+            let message = format!("motor index {slot} is below 0");
+            return Err(e.error_at(
+                "idx",
+                message,
+                "count the motors of a part from 0; -1 stands for the next that is free",
+            ));
+        }
         if slot >= MAX_SLOTS {
             return Err(e.error_at(
                 "idx",
@@ -299,10 +311,12 @@ impl RobotReader {
         let field = e.flag("field", &mut self.warnings);
         let node = &mut self.nodes[node];
         let list = if field { &mut node.fields } else { &mut node.solids };
-        if list.len() >= usize::from(u16::MAX) {
-            return Err(e.error("this node has too many shapes", "spread them over several links"));
+        if self.shapes >= MAX_SHAPES {
+            let message = format!("the robot has more than {MAX_SHAPES} shapes");
+            return Err(e.error(message, "cover what is small by one larger shape"));
         }
         list.push(primitive);
+        self.shapes += 1;
         Ok(Open::Other)
     }
 

@@ -8,6 +8,10 @@ use crate::{Object, ObjectClass};
 use std::collections::BTreeSet;
 
 const ROOT: &str = "WorldList";
+/// More objects are refused: no robot could watch them all.
+const MAX_OBJECTS: usize = 10_000;
+/// More shapes of all objects together are refused.
+const MAX_SHAPES: usize = 20_000;
 
 pub(super) fn read(source: &Source) -> Result<Loaded<Vec<Object>>, FileError> {
     let mut tokens = Tokens::new(source);
@@ -39,6 +43,8 @@ struct WorldReader {
     objects: Vec<Object>,
     names: BTreeSet<String>,
     unnamed: usize,
+    /// Shapes of all objects.
+    shapes: usize,
     /// The depth of the open `object`, the last of `objects`.
     open_at: Option<usize>,
     warnings: Warnings,
@@ -68,6 +74,10 @@ impl WorldReader {
             if self.open_at.is_some() {
                 return Err(e.error("an object stands within an object", "close the outer one before: </object>"));
             }
+            if self.objects.len() >= MAX_OBJECTS {
+                let message = format!("the world has more than {MAX_OBJECTS} objects");
+                return Err(e.error(message, "leave out what no robot can reach, or put many shapes into one object"));
+            }
             let object = self.object(e)?;
             self.objects.push(object);
             self.open_at = Some(depth);
@@ -82,10 +92,12 @@ impl WorldReader {
         e.warn_unknown(&[sizes, geometry::POSE], &mut self.warnings);
         match self.objects.last_mut().filter(|_| self.open_at.is_some()) {
             None => Err(e.error(format!("<{}> stands outside any object", e.written), "put it into an <object>")),
-            Some(object) if object.shapes.len() >= usize::from(u16::MAX) => {
-                Err(e.error("this object has too many shapes", "spread them over several objects"))
+            Some(_) if self.shapes >= MAX_SHAPES => {
+                let message = format!("the world has more than {MAX_SHAPES} shapes");
+                Err(e.error(message, "leave out what no robot can reach, or replace many small shapes by a large one"))
             }
             Some(object) => {
+                self.shapes += 1;
                 object.shapes.push(geometry::primitive(e)?);
                 Ok(())
             }

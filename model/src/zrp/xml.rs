@@ -2,6 +2,7 @@
 
 use super::element::{Attr, Element};
 use crate::error::{FileError, Source};
+use crate::printable::hidden_in;
 use quick_xml::events::attributes::AttrError;
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
@@ -11,6 +12,8 @@ use std::ops::Range;
 const MAX_DEPTH: usize = 1000;
 /// More attributes in one element are refused: the search for doubles grows with the square.
 const MAX_ATTRIBUTES: usize = 64;
+/// A longer value is refused, bytes.
+const MAX_VALUE: usize = 4096;
 
 pub(super) enum Token {
     Start(Element),
@@ -104,6 +107,13 @@ impl<'a> Tokens<'a> {
                 let help = "write & as &amp;, < as &lt;, and define no entities of your own";
                 self.source.error(value_at.clone(), format!("this value cannot be read: {e}"), help)
             })?;
+            if value.len() > MAX_VALUE {
+                let message = format!("a value has {} bytes, more than {MAX_VALUE}", value.len());
+                return Err(self.source.error(value_at, message, "shorten it"));
+            }
+            if let Some(what) = hidden_in(&value) {
+                return Err(self.source.error(value_at, what, "write names and values of characters that show"));
+            }
             let key = attr.key.into_inner();
             let key_at = self.place(key).unwrap_or_else(|| at.clone());
             element.attrs.push(Attr { name: key.to_owned(), value: value.into_owned(), name_at: key_at, at: value_at });

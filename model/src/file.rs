@@ -1,0 +1,91 @@
+//! Reading files that users name: regular files only, without waiting for anybody, and never more than is asked for.
+//!
+//! A path may lead anywhere: to a FIFO that nobody writes to, to a device without an end, to a file of many gigabytes. All
+//! code that reads what a user named opens it here.
+
+use std::fs::File;
+use std::io::{Error, ErrorKind, Read, Result};
+use std::path::Path;
+
+/// Bytes in a MiB.
+pub const MIB: u64 = 1 << 20;
+
+/// Opens a regular file for reading.
+///
+/// # Errors
+/// If it can't be opened, or is a folder, a FIFO, a device or a socket.
+pub fn open(path: &Path) -> Result<File> {
+    let mut options = File::options();
+    options.read(true);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::OpenOptionsExt;
+        // a FIFO is opened at once, though nobody may ever write to it; what it is shows then
+        options.custom_flags((rustix::fs::OFlags::NONBLOCK | rustix::fs::OFlags::NOCTTY).bits() as i32);
+    }
+    let file = options.open(path)?;
+    let kind = file.metadata()?.file_type();
+    match kind.is_file() {
+        true => Ok(file),
+        false if kind.is_dir() => Err(Error::new(ErrorKind::IsADirectory, "it is a folder, not a file")),
+        false => Err(Error::new(ErrorKind::InvalidInput, "it is a device or a pipe, not a file")),
+    }
+}
+
+/// The bytes of a regular file of at most `most` bytes.
+///
+/// # Errors
+/// As for [`open`], and if the file is longer.
+pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
+    let file = open(path)?;
+    let long = || Error::new(ErrorKind::FileTooLarge, format!("it has more than the {} that are read", size(most)));
+    if file.metadata()?.len() > most {
+        return Err(long());
+    }
+    // a file may grow while it is read, and those of the system say that they are empty
+    let mut bytes = Vec::new();
+    file.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most { Err(long()) } else { Ok(bytes) }
+}
+
+/// The text of a regular file of at most `most` bytes.
+///
+/// # Errors
+/// As for [`read`], and if it is not UTF-8.
+pub fn read_text(path: &Path, most: u64) -> Result<String> {
+    String::from_utf8(read(path, most)?).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        Error::new(ErrorKind::InvalidData, format!("its byte {} is not UTF-8 text", at + 1))
+    })
+}
+
+fn size(bytes: u64) -> String {
+    if bytes.is_multiple_of(MIB) { format!("{} MiB", bytes / MIB) } else { format!("{bytes} bytes") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_read_up_to_its_bound_and_not_beyond() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("f");
+        std::fs::write(&path, "12345").unwrap();
+        assert_eq!(read_text(&path, 5).unwrap(), "12345");
+        assert_eq!(read(&path, 4).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        std::fs::write(&path, b"12\xff").unwrap();
+        let e = read_text(&path, 5).unwrap_err();
+        assert!(e.to_string().contains("byte 3"), "{e}");
+    }
+
+    #[test]
+    fn what_is_no_file_is_refused_at_once() {
+        let dir = tempfile::tempdir().unwrap();
+        assert_eq!(read(dir.path(), 5).unwrap_err().kind(), ErrorKind::IsADirectory);
+        assert_eq!(read(&dir.path().join("nothing"), 5).unwrap_err().kind(), ErrorKind::NotFound);
+        // no length is told of it, and it has no end
+        #[cfg(unix)]
+        assert_eq!(read(Path::new("/dev/zero"), 5).unwrap_err().kind(), ErrorKind::InvalidInput);
+    }
+}

@@ -1,0 +1,68 @@
+//! What the program prints. It tells of files, ports and runs that others wrote, and their words must not move the cursor,
+//! set colors or turn the direction of writing: whatever does is printed in digits, as in `\u001b`.
+//!
+//! The macros here stand in the place of those of the standard library in all of this crate, so that nothing can be printed
+//! by another way unawares.
+
+use crate::config::{Complaints, ConfigError};
+use miette::{GraphicalReportHandler, GraphicalTheme, Report};
+use mobee_model::{FileError, printable};
+
+/// As that of the standard library, for text that may be anybody's.
+macro_rules! println {
+    ($($text:tt)*) => { $crate::terminal::out(&(format!($($text)*) + "\n")) };
+}
+
+/// As that of the standard library, for text that may be anybody's.
+macro_rules! eprintln {
+    ($($text:tt)*) => { $crate::terminal::err(&format!($($text)*)) };
+}
+
+/// Prints on standard output.
+pub fn out(text: &str) {
+    std::print!("{}", printable(text));
+}
+
+/// Prints a line on standard error.
+pub fn err(text: &str) {
+    std::eprintln!("{}", printable(text));
+}
+
+/// Prints a complaint on standard error.
+pub fn complain(report: &Report) {
+    // these are plain text from the beginning, and so what is left of control characters is our own colors
+    let plain = report.is::<ConfigError>() || report.is::<Complaints>() || report.is::<FileError>();
+    if plain {
+        return std::eprintln!("{report:?}");
+    }
+    let handler = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor());
+    let mut text = String::new();
+    match handler.render_report(&mut text, report.as_ref()) {
+        Ok(()) => err(&text),
+        Err(_) => err(&report.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::{Path, PathBuf};
+
+    fn files(dir: &Path) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(dir).expect("a folder").map(|e| e.expect("an entry").path());
+        entries.flat_map(|p| if p.is_dir() { files(&p) } else { vec![p] }).collect()
+    }
+
+    #[test]
+    fn nothing_is_printed_past_this_module() {
+        let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+        for file in files(&src).into_iter().filter(|f| !f.ends_with("terminal.rs")) {
+            let text = std::fs::read_to_string(&file).expect("a text");
+            // the program is a crate of its own, in which these would be the standard library's
+            let program: &[&str] =
+                if file.ends_with("main.rs") { &[" println!", " eprintln!", "(println!"] } else { &[] };
+            let ways = [" print!(", "eprint!(", "std::println", "std::eprintln"].iter().chain(program);
+            let found: Vec<&&str> = ways.filter(|way| text.contains(**way)).collect();
+            assert!(found.is_empty(), "{}: {found:?}", file.display());
+        }
+    }
+}
