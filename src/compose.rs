@@ -46,7 +46,7 @@ pub fn read(path: &Path, overrides: &[String]) -> Result<Composition, Complaints
 /// Every complaint, with its place and remedy.
 pub fn from_source(source: &Source) -> Result<Composition, Complaints> {
     let (config, wrong) = Config::partly(source)?;
-    build(config, source, wrong)
+    build(config, source, wrong, Begin::Anew)
 }
 
 /// Builds everything that a configuration names.
@@ -54,7 +54,22 @@ pub fn from_source(source: &Source) -> Result<Composition, Complaints> {
 /// # Errors
 /// Every complaint, with its place and remedy.
 pub fn compose(config: Config, source: &Source) -> Result<Composition, miette::Report> {
-    build(config, source, Complaints::default()).map_err(miette::Report::new)
+    build(config, source, Complaints::default(), Begin::Anew).map_err(miette::Report::new)
+}
+
+/// The same for a run that goes on: its robots stand where they stand, in contact perhaps.
+///
+/// # Errors
+/// As for [`compose`].
+pub fn compose_again(config: Config, source: &Source) -> Result<Composition, miette::Report> {
+    build(config, source, Complaints::default(), Begin::Again).map_err(miette::Report::new)
+}
+
+/// Whether the run begins, with robots at poses that somebody chose, or goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Begin {
+    Anew,
+    Again,
 }
 
 /// One robot with what was built for it, and what is known of it before it moves.
@@ -64,7 +79,7 @@ struct Built {
     agent: Option<(AgentMaker, Means)>,
 }
 
-fn build(config: Config, source: &Source, mut wrong: Complaints) -> Result<Composition, Complaints> {
+fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -> Result<Composition, Complaints> {
     let mut warnings = Vec::new();
     let mut built: Vec<Option<Built>> = Vec::new();
     for (i, r) in config.robot.iter().enumerate() {
@@ -99,7 +114,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints) -> Result<Compo
             return Err(source.error("world.file", e.to_string(), "mend the world's or the robots' files").into());
         }
     };
-    checks::all(&config, source, &scene, &built, &mut wrong, &mut warnings);
+    checks::all(&config, source, &scene, &built, begin, &mut wrong, &mut warnings);
     let script = script::steps(&config, source, &scene, &mut wrong);
 
     let mut robots = Vec::new();

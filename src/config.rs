@@ -8,6 +8,7 @@
 mod check;
 mod complaints;
 mod controller;
+mod difference;
 mod error;
 mod include;
 mod layer;
@@ -18,6 +19,7 @@ mod spelling;
 
 pub use complaints::{Complaint, Complaints};
 pub use controller::{Controller, schema as controller_schema};
+pub use difference::{Difference, differences};
 pub use error::ConfigError;
 pub use mobee_contract::{nearest, suggestion};
 pub use shape::{Misfit, misfits};

@@ -193,10 +193,13 @@ pub(crate) fn run_with(
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
     let resolved = Resolved { file, config: values.clone() };
-    folder.write("config.json", &serde_json::to_string_pretty(&resolved).into_diagnostic()?)?;
     let (journal, past) = match past {
+        // the file goes on saying what the run began with; what it goes on with stands in the journal, at `resumed`
         Some((journal, past)) => (journal, Some(past)),
-        None => (Journal::create(folder.path(), &json!({ "build": BUILD })).map_err(Report::msg)?, None),
+        None => {
+            folder.write("config.json", &serde_json::to_string_pretty(&resolved).into_diagnostic()?)?;
+            (Journal::create(folder.path(), &json!({ "build": BUILD })).map_err(Report::msg)?, None)
+        }
     };
     let motors = scene.robots().iter().map(|r| r.motors.len()).collect();
     let mut specs = vec![sinks::journal(&journal)];

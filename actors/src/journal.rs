@@ -11,12 +11,15 @@
 //! seed end with the same. Times are nanoseconds of the run's clock; wall time, paths and build names go into the aside.
 //! Numbers are written in full; serde_json reads them back to within the last bit.
 //!
-//! Every outcome of a commit is on disk before the next event is written (fsync); a crash loses at most a last, half line.
+//! What is run, and every outcome of a commit, is on disk before the next event is written (fsync), and the seal beside the journal
+//! says so; a crash loses at most a last, half line.
 
 mod read;
+mod seal;
 pub use read::{JournalError, Line, Lines, read};
 
 use mobee_contract::{Entry, Event, Sink, Time};
+use seal::{Seal, Sealed};
 use sha2::{Digest, Sha256};
 use std::fs::{File, OpenOptions};
 use std::io::{Seek, SeekFrom, Write};
@@ -56,6 +59,7 @@ pub struct Journal {
 #[derive(Debug)]
 struct Book {
     file: File,
+    seal: Sealed,
     /// Bytes of the file that are whole lines.
     len: u64,
     /// Lines not yet in the file.
@@ -79,10 +83,15 @@ impl Journal {
         })?;
         let mut gathered = serde_json::json!({ "aside": aside, "version": VERSION }).to_string().into_bytes();
         gathered.push(b'\n');
-        let mut book = Book { file, len: 0, gathered, n: 0, chain: Chain::default() };
-        book.spill(true).map_err(|e| {
+        let begin = || -> std::io::Result<Book> {
+            let seal = Sealed::open(&path)?;
+            let mut book = Book { file, seal, len: 0, gathered, n: 0, chain: Chain::default() };
+            book.spill(true)?;
+            Ok(book)
+        };
+        let book = begin().map_err(|e| {
             // nothing half-made stays
-            let _ = std::fs::remove_file(&path);
+            let _ = (std::fs::remove_file(&path), std::fs::remove_file(seal::file(&path)));
             refused(&path, &e)
         })?;
         Ok(Journal { path, book: Arc::new(Mutex::new(book)) })
@@ -118,7 +127,8 @@ impl Journal {
         };
         let file = OpenOptions::new().write(true).open(&path).map_err(refused)?;
         file.set_len(len).map_err(refused)?;
-        let book = Book { file, len, gathered: Vec::new(), n, chain };
+        let seal = Sealed::open(&path).map_err(refused)?;
+        let book = Book { file, seal, len, gathered: Vec::new(), n, chain };
         Ok(Journal { path, book: Arc::new(Mutex::new(book)) })
     }
 
@@ -188,7 +198,10 @@ impl Sink for Journal {
         let mut book = self.lock();
         let before = (book.gathered.len(), book.n, book.chain);
         book.append(at, &text);
-        let durable = matches!(**event, Event::Outcome { .. } | Event::Ended { .. });
+        let durable = matches!(
+            **event,
+            Event::Started { .. } | Event::Resumed { .. } | Event::Outcome { .. } | Event::Ended { .. }
+        );
         if durable || book.gathered.len() >= GATHER {
             let end = book.spill(durable);
             if end.is_err() {
@@ -225,6 +238,7 @@ impl Book {
         }
         if durable {
             self.file.sync_data()?;
+            self.seal.write(&Seal { events: self.n, hash: self.chain.hex() })?;
         }
         self.len += self.gathered.len() as u64;
         self.gathered.clear();

@@ -1,6 +1,6 @@
 //! Whether parts that are each fine go together: robots and world, poses and obstacles, agents and boards, ports and names.
 
-use super::{Built, placed};
+use super::{Begin, Built, placed};
 use crate::config::{Complaints, Config, Source};
 use mobee_contract::SetPose;
 use mobee_model::{Contact, Scene, ShapeId};
@@ -13,11 +13,14 @@ pub(super) fn all(
     source: &Source,
     scene: &Scene,
     built: &[Built],
+    begin: Begin,
     wrong: &mut Complaints,
     warnings: &mut Vec<String>,
 ) {
     let poses = Poses { config, source, scene, moved: config.script.iter().map(|s| s.edit.object.as_str()).collect() };
-    poses.starts(built, wrong);
+    if begin == Begin::Anew {
+        poses.starts(built, wrong);
+    }
     // a robot that can't even start is not judged by its poses
     if wrong.is_empty() {
         poses.named(built, wrong, warnings);

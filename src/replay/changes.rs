@@ -1,7 +1,7 @@
 //! What is otherwise from an instant on, as controls of the running system.
 
 use crate::compose::Composition;
-use crate::config::ConfigError;
+use crate::config::{ConfigError, differences};
 use mobee_actors::shell::{Maker, Offer};
 use mobee_actors::swap::Terms;
 use mobee_actors::system::{Control, NewPart, PartOffer};
@@ -74,26 +74,9 @@ fn values(composition: &Composition) -> Value {
 }
 
 fn fixed(old: &Value, new: &Value) -> Result<(), ConfigError> {
-    let Some(key) = differing(old, new, "") else { return Ok(()) };
+    let Some(key) = differences(old, new).into_iter().next().map(|d| d.key) else { return Ok(()) };
     let help = "agents, controllers, the world, the script and `for_s` can; for all else run the changed file from its beginning";
     Err(ConfigError::plain(format!("{key} can't change while a run goes on"), help))
-}
-
-/// The first key that differs.
-fn differing(old: &Value, new: &Value, at: &str) -> Option<String> {
-    let join = |key: &str| if at.is_empty() { key.to_owned() } else { format!("{at}.{key}") };
-    match (old, new) {
-        _ if old == new => None,
-        (Value::Object(a), Value::Object(b)) => {
-            let keys = a.keys().chain(b.keys().filter(|k| !a.contains_key(*k)));
-            keys.filter_map(|k| differing(a.get(k).unwrap_or(&Value::Null), b.get(k).unwrap_or(&Value::Null), &join(k)))
-                .next()
-        }
-        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
-            a.iter().zip(b).enumerate().find_map(|(i, (a, b))| differing(a, b, &join(&i.to_string())))
-        }
-        _ => Some(at.to_owned()),
-    }
 }
 
 /// The edits that make one world the other.

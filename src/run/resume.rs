@@ -4,12 +4,14 @@
 //! measuring where the robot is, before anything moves; if it is at neither end, it holds (`after_crash`) until somebody asks
 //! to `recover`, and then goes back the way that the pose ring shows.
 
+mod evidence;
+
 use super::{CtlAt, Extras, Folder, conduct, limits, space};
-use crate::compose::{Composition, compose};
+use crate::compose::{Composition, compose_again};
 use crate::config::{Config, ConfigError, Source};
 use crate::inspect::journal_error;
 use miette::Report;
-use mobee_actors::journal::Journal;
+use mobee_actors::journal::{Journal, Line};
 use mobee_actors::ring;
 use mobee_actors::system::{Past, RobotSetup};
 use mobee_model::Robot;
@@ -23,19 +25,30 @@ use tokio::sync::mpsc;
 /// Complaints about the folder, its journal or the configuration, before anything moves.
 pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<ExitCode, Report> {
     let folder = Folder::of_run(dir)?;
-    let (_, mut source) = Config::load_resolved(&dir.join("config.json"))?;
+    let (_, stored) = Config::load_resolved(&dir.join("config.json"))?;
+    let ended = evidence::summed_up(dir)?;
+    let mut reaches = ended.is_none();
+    let mut past = Past::default();
+    let lines = |line: &Line| {
+        reaches |= ended.as_ref() == Some(&line.hash);
+        past.on(line);
+    };
+    let journal = Journal::resume(dir, lines).map_err(journal_error)?;
+    evidence::agrees(dir, &past, &stored.value)?;
+    if let Some(hash) = ended.filter(|_| !reaches) {
+        return Err(evidence::cut_off(dir, &hash).into());
+    }
+    let mut source = Source::resolved(&stored.path, past.config.take().unwrap_or(stored.value));
     for assignment in set {
         source.set(assignment)?;
     }
     space::to_begin(Some(dir))?;
-    let mut past = Past::default();
-    let journal = Journal::resume(dir, |line| past.on(line)).map_err(journal_error)?;
-    let composition = compose(Config::from_source(&source)?, &source)?;
-    let names: Vec<String> = composition.config.robot.iter().map(|r| r.name.clone()).collect();
-    for name in &names {
+    let composition = compose_again(Config::from_source(&source)?, &source)?;
+    for (r, model) in composition.config.robot.iter().zip(composition.scene.robots()) {
+        let file = ring::file(dir, &r.name);
         let help = "the run goes on without what it recorded of its way back";
-        let poses = ring::read(&ring::file(dir, name)).map_err(|e| ConfigError::plain(e, help))?;
-        past.recorded(name, poses);
+        let poses = ring::read(&file).map_err(|e| ConfigError::plain(e, help))?;
+        past.recorded(&r.name, evidence::of_robot(&file, model, poses)?);
     }
     let mut composition = stand(composition, source, &past)?;
     let (scene, missing) = past.world(composition.scene);
@@ -66,7 +79,7 @@ fn stand(composition: Composition, mut source: Source, past: &Past) -> Result<Co
             moved = true;
         }
     }
-    if moved { Ok(compose(Config::from_source(&source)?, &source)?) } else { Ok(composition) }
+    if moved { Ok(compose_again(Config::from_source(&source)?, &source)?) } else { Ok(composition) }
 }
 
 /// A pose as settings: motor names and degrees, within limits, which the noise of encoders may exceed.

@@ -16,6 +16,7 @@ mod old_program;
 mod planted_defects;
 mod process_faults;
 mod replay;
+mod resume_evidence;
 mod same_seed_same_run;
 mod schema;
 mod shipped_behaviors;

@@ -104,6 +104,9 @@ pub enum Event {
     Resumed {
         /// How many events were told before.
         events: u64,
+        /// The resolved configuration that it goes on with; older journals do not tell it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        config: Option<serde_json::Value>,
     },
     /// A robot as its controller knows it: what a checker needs.
     Robot {

@@ -30,7 +30,9 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
     use Level::{Debug, Error, Info, Trace, Warn};
     Some(match event {
         Event::Started { seed, clock, .. } => ("system", Info, format!("started: seed {seed}, {clock} clock")),
-        Event::Resumed { events } => ("system", Warn, format!("resumed after {events} events of an earlier process")),
+        Event::Resumed { events, .. } => {
+            ("system", Warn, format!("resumed after {events} events of an earlier process"))
+        }
         Event::Robot { robot, motors, period, margin, .. } => (
             robot,
             Info,

@@ -1,5 +1,6 @@
 //! Reading a journal strictly: numbers, hashes and JSON of every line, with the place of the first thing that is wrong.
 
+use super::seal::{self, Seal};
 use super::{Chain, VERSION};
 use mobee_contract::{Event, Time};
 use serde::Deserialize;
@@ -8,7 +9,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 /// A longer line is no journal's.
-const LONGEST: u64 = 1 << 26;
+const LONGEST: u64 = 1 << 25;
 /// What stands between a line's body and its end: the hash in hexadecimal.
 const HASH_KEY: &str = ",\"hash\":\"";
 
@@ -54,6 +55,8 @@ pub struct Lines {
     line: u64,
     n: u64,
     chain: Chain,
+    /// What its seal says that there is, if it has one.
+    seal: Option<Seal>,
     /// Bytes of the lines that were good.
     good: u64,
     failed: bool,
@@ -87,17 +90,20 @@ struct Raw {
 /// If it can't be opened.
 pub fn read(path: &Path) -> Result<Lines, JournalError> {
     let file = if path.is_dir() { path.join(super::FILE) } else { path.to_path_buf() };
-    let opened = File::open(&file).map_err(|e| JournalError {
+    let wrong = |what: String, help: &str| JournalError {
         file: file.clone(),
         line: 0,
         column: 0,
-        what: e.to_string(),
-        help: "name a run's folder or its journal".into(),
+        what,
+        help: help.into(),
         truncated: false,
-    })?;
+    };
+    let opened =
+        mobee_model::file::open(&file).map_err(|e| wrong(e.to_string(), "name a run's folder or its journal"))?;
+    let seal = seal::read(&file).map_err(|e| wrong(e, "take it away to go by the journal alone"))?;
     let reader = BufReader::with_capacity(1 << 16, opened);
     let (version, chain) = (first_version(), Chain::default());
-    Ok(Lines { file, version, reader, line: 0, n: 0, chain, good: 0, failed: false, text: Vec::new() })
+    Ok(Lines { file, version, reader, line: 0, n: 0, chain, seal, good: 0, failed: false, text: Vec::new() })
 }
 
 impl Iterator for Lines {
@@ -131,9 +137,11 @@ impl Lines {
             let end = self.reader.by_ref().take(LONGEST).read_until(b'\n', &mut self.text);
             end.map_err(|e| self.error(0, e.to_string(), "check the disk"))?;
             if self.text.is_empty() {
+                self.shortened()?;
                 return if self.line == 1 { Err(self.truncated()) } else { Ok(None) };
             }
             if self.text.pop() != Some(b'\n') {
+                self.shortened()?;
                 return Err(self.truncated());
             }
             let text = std::mem::take(&mut self.text);
@@ -184,7 +192,24 @@ impl Lines {
         }
         self.chain = chain;
         self.n += 1;
+        if self.seal.as_ref().is_some_and(|seal| seal.events == self.n && seal.hash != hash) {
+            return Err(self.error(0, "its seal was written for another journal", BROKEN));
+        }
         Ok(Some(Line { line: self.line, n: raw.n, at: Time(raw.t_ns), event: raw.event, hash }))
+    }
+
+    /// A journal that ends before its seal says so lacks what was there.
+    fn shortened(&self) -> Result<(), JournalError> {
+        match &self.seal {
+            Some(seal) if self.n < seal.events => {
+                let what = format!(
+                    "the journal ends after {} events, and {} were on the disk: its end was cut off",
+                    self.n, seal.events
+                );
+                Err(self.error(0, what, "use a copy that is whole; what the robot did since is told nowhere else"))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn truncated(&self) -> JournalError {

@@ -55,8 +55,9 @@ impl SuperviseCore {
         self.closing = Closing::No;
         let hold = match self.status {
             _ if self.shutdown => Some(Hold::ShuttingDown),
-            _ if lost => Some(Hold::AfterCrash),
+            // whatever was before, the way out of a contact is an escape
             _ if !pulse.free => Some(Hold::InContact),
+            _ if lost => Some(Hold::AfterCrash),
             _ => None,
         };
         match hold {

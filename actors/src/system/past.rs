@@ -6,6 +6,7 @@ use crate::journal::Line;
 use crate::ledger::{Ledger, Open};
 use mobee_contract::{Cause, CommitId, Event, Note, Pose, Time};
 use mobee_model::{Edit, Scene};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -23,6 +24,10 @@ pub struct Past {
     pub events: u64,
     /// What was counted.
     pub counts: Counts,
+    /// The configuration that the run began with; `None` if the journal does not tell it.
+    pub begun: Option<Value>,
+    /// The configuration of the newest process.
+    pub config: Option<Value>,
     robots: BTreeMap<String, PastRobot>,
     world: BTreeMap<String, Event>,
 }
@@ -53,6 +58,12 @@ impl Past {
         (self.at, self.events) = (line.at + PAUSE, line.n + 1);
         self.counts.note(&line.event);
         match &line.event {
+            Event::Started { config, .. } => {
+                (self.begun, self.config) = (Some(config.clone()), Some(config.clone()));
+            }
+            // an older program kept what it went on with in config.json alone
+            Event::Resumed { config: None, .. } => (self.begun, self.config) = (None, None),
+            Event::Resumed { config, .. } => self.config = config.clone(),
             Event::World { object, .. } => drop(self.world.insert(object.clone(), line.event.clone())),
             Event::Enabled { robot, token } | Event::Disabled { robot, token, .. } => self.of(robot).token = *token,
             Event::SafePose { robot, q, age, .. } => {

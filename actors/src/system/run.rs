@@ -252,7 +252,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     });
     match setup.past {
         None => hub.tell(Event::Started { seed: setup.seed, clock: setup.clock.to_string(), config: setup.config }),
-        Some(past) => hub.tell(Event::Resumed { events: past.events }),
+        Some(past) => hub.tell(Event::Resumed { events: past.events, config: Some(setup.config) }),
     }
     for wires in &hub.robots {
         wires.rules().described().into_iter().for_each(|event| hub.tell(event));

@@ -166,6 +166,12 @@ proptest! {
         let bytes = std::fs::read(&path).unwrap();
         let cut = (share * bytes.len() as f64) as usize;
         std::fs::write(&path, &bytes[..cut]).unwrap();
+        // its seal knows how much there was
+        let sealed: Vec<_> = read(&path).unwrap().collect();
+        let noticed = matches!(sealed.last(), Some(Err(e)) if !e.truncated && e.what.contains("cut off"));
+        prop_assert!(noticed || cut == bytes.len());
+        // by itself, as a crash leaves what was never sealed
+        std::fs::remove_file(path.with_extension("seal")).unwrap();
         let whole = bytes[..cut].iter().filter(|b| **b == b'\n').count().saturating_sub(1);
         let read: Vec<_> = read(&path).unwrap().collect();
         prop_assert_eq!(read.iter().filter(|l| l.is_ok()).count(), whole);

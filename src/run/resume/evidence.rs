@@ -1,0 +1,88 @@
+//! What else a run's folder tells must agree with its journal: a run is gone on with by what is known of it, and if two things
+//! are known that can't both be true, nobody knows where the robot came from.
+
+use crate::config::{ConfigError, differences};
+use mobee_actors::system::Past;
+use mobee_contract::{Pose, Time};
+use mobee_model::Robot;
+use mobee_model::file::{MIB, read_text};
+use serde_json::Value;
+use std::io::ErrorKind;
+use std::path::Path;
+
+/// How long a summary may be, bytes.
+const LONGEST: u64 = MIB;
+/// So many differences are told.
+const MOST: usize = 5;
+
+/// The last hash of the journal as the summary tells it; `None` if no process of this run came to its end in order.
+///
+/// # Errors
+/// If the summary is not as it was written.
+pub(super) fn summed_up(dir: &Path) -> Result<Option<String>, ConfigError> {
+    let file = dir.join("summary.json");
+    let foreign = |what: String| {
+        let help = "put the file back as it was written, or take it away to go by the journal alone";
+        ConfigError::plain(format!("{}: {what}", file.display()), help)
+    };
+    let text = match read_text(&file, LONGEST) {
+        Ok(text) => text,
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(e) => return Err(foreign(e.to_string())),
+    };
+    let value: Value = serde_json::from_str(&text).map_err(|e| foreign(e.to_string()))?;
+    let hash = value["journal_hash"].as_str().ok_or_else(|| foreign("it has no `journal_hash`".into()))?;
+    Ok(Some(hash.to_owned()))
+}
+
+/// Whether there is a run to go on with, and it is the one that `config.json` tells of.
+///
+/// # Errors
+/// What contradicts the journal.
+pub(super) fn agrees(dir: &Path, past: &Past, stored: &Value) -> Result<(), ConfigError> {
+    let journal = dir.join(mobee_actors::journal::FILE);
+    if past.events == 0 {
+        let what = format!("{} holds no event: nothing tells what this run was, and did", journal.display());
+        let help = "use a copy of the journal that is whole; if the run ended as it began, run its configuration anew";
+        return Err(ConfigError::plain(what, help));
+    }
+    let Some(begun) = &past.begun else { return Ok(()) };
+    let found = differences(begun, stored);
+    if found.is_empty() {
+        return Ok(());
+    }
+    let mut said: Vec<String> = found.iter().take(MOST).map(ToString::to_string).collect();
+    if let Some(more @ 1..) = found.len().checked_sub(MOST) {
+        said.push(format!("and {more} more"));
+    }
+    let what = format!("{} is not what the journal says that the run began with", dir.join("config.json").display());
+    let help = "put the file back as it was written; what is to be otherwise from now on is given by --set";
+    Err(ConfigError::plain(format!("{what}: {}", said.join("; ")), help))
+}
+
+/// The complaint about a journal that does not reach as far as the summary says.
+pub(super) fn cut_off(dir: &Path, hash: &str) -> ConfigError {
+    let what = format!(
+        "{}: the journal ended with {hash} once, and no line of it has this hash: its end was cut off, or it is another run's",
+        dir.join("summary.json").display()
+    );
+    ConfigError::plain(what, "use a copy of the run's folder that is whole")
+}
+
+/// The recorded poses of a robot, if they are its own.
+///
+/// # Errors
+/// If they are of a robot with other motors.
+pub(super) fn of_robot(file: &Path, robot: &Robot, poses: Vec<(Time, Pose)>) -> Result<Vec<(Time, Pose)>, ConfigError> {
+    match poses.iter().find(|(_, q)| q.len() != robot.motors.len()) {
+        None => Ok(poses),
+        Some((_, q)) => {
+            let (n, own) = (q.len(), robot.motors.len());
+            let what = format!("{}: poses of {n} motors, and {} has {own}", file.display(), robot.name);
+            Err(ConfigError::plain(
+                what,
+                "take the file away: the run goes on without what it recorded of its way back",
+            ))
+        }
+    }
+}
