@@ -215,5 +215,10 @@ pub fn distance(a: &[f64], b: &[f64]) -> f64 {
 
 /// Readings near a limit may lie beyond it by the noise; commands never do (I5).
 pub fn clamped(q: &[f64], rules: &Rules) -> Pose {
-    q.iter().zip(rules.axes.iter()).map(|(q, axis)| q.clamp(axis.min.min(axis.max), axis.max.max(axis.min))).collect()
+    q.iter().zip(rules.axes.iter()).map(|(q, axis)| within(*q, axis)).collect()
+}
+
+/// The same of one motor.
+pub fn within(q: f64, axis: &Axis) -> f64 {
+    q.clamp(axis.min.min(axis.max), axis.max.max(axis.min))
 }

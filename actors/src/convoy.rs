@@ -14,6 +14,7 @@ pub use plan::{Plan, Traveller, Way};
 
 use crate::controller::Rules;
 use crate::history::{HistoryCore, HistoryTooShort};
+use crate::ledger::Places;
 use mobee_contract::{Pose, Time};
 use mobee_model::Scene;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -48,6 +49,10 @@ pub struct Asked {
     pub safe: (Time, Pose),
     /// Whether it is another try after a failed one.
     pub again: bool,
+    /// The motors that its motion has named.
+    pub named: Arc<[usize]>,
+    /// Where its motors had been sent when the motion began.
+    pub places: Places,
 }
 
 impl Asked {
@@ -61,9 +66,9 @@ impl Asked {
         history: &HistoryCore,
         scene: Arc<Scene>,
     ) -> Result<Traveller, HistoryTooShort> {
-        let Asked { robot, safe: (since, safe), again } = self;
+        let Asked { robot, safe: (since, safe), again, named, places } = self;
         let (past, start) = history.past(since)?;
-        let mut traveller = Traveller { robot, rules, past, start, safe, again, scene };
+        let mut traveller = Traveller { robot, rules, past, start, safe, again, named, places, scene };
         if again {
             traveller.without_detour();
         }

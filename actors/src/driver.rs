@@ -3,6 +3,7 @@
 use crate::controller::Rules;
 use crate::gate::Gate;
 use mobee_contract::{Axis, Command, Event, Sample, Time, Writer};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Share of a motor's greatest speed that a set-point which had to wait may ask for.
@@ -15,10 +16,13 @@ struct Streaming {
     writer: Writer,
     count: u64,
     span: (Time, Time),
-    /// The last positions; a stream of velocities has none.
-    last: Option<Vec<f64>>,
+    /// The last position of each motor that it named; a stream of velocities has none.
+    last: Option<Setpoints>,
     greatest_step: f64,
 }
+
+/// Positions of some motors.
+type Setpoints = BTreeMap<usize, f64>;
 
 /// The state machine before the driver. It clamps nothing: what does not fit is refused.
 #[derive(Debug)]
@@ -27,7 +31,7 @@ pub struct Port {
     gate: Arc<Gate>,
     streaming: Option<Streaming>,
     /// Positions that would be a jump if they were written at once, and under which token, by whom.
-    waiting: Option<(u64, Writer, Vec<f64>)>,
+    waiting: Option<(u64, Writer, Setpoints)>,
 }
 
 impl Port {
@@ -81,12 +85,15 @@ impl Port {
                 }
                 m.motors.iter().zip(&m.q).try_for_each(|(i, q)| within(*i, *q))
             }
-            Command::Direct { q } if q.len() != self.rules.axes.len() => Err(format!("{} set-points", q.len())),
-            Command::Direct { q } => q.iter().enumerate().try_for_each(|(i, q)| within(i, *q)),
+            Command::Direct { motors, q } if motors.is_empty() || motors.len() != q.len() => {
+                Err(format!("{} set-points for {} motors", q.len(), motors.len()))
+            }
+            Command::Direct { motors, q } => motors.iter().zip(q).try_for_each(|(i, q)| within(*i, *q)),
             Command::Velocity { motors, speed } if motors.is_empty() || motors.len() != speed.len() => {
                 Err(format!("{} velocities for {} motors", speed.len(), motors.len()))
             }
             Command::Velocity { motors, speed } => motors.iter().zip(speed).try_for_each(|(i, v)| self.slow(*i, *v)),
+            Command::Mode { motors, .. } if motors.is_empty() => Err("a mode for no motor".into()),
             Command::Stop { .. } | Command::Reference { .. } | Command::Mode { .. } => Ok(()),
         }
     }
@@ -104,11 +111,12 @@ impl Port {
     /// held up, would make a board without limits of its own jump: the newest of them waits for [`Port::due`].
     pub fn pace(&mut self, token: u64, writer: Writer, command: Command, now: Time) -> Option<Command> {
         self.waiting = None;
-        let Command::Direct { q } = command else { return Some(command) };
-        if self.step_to(token, writer, &q, now).is_none_or(|(_, share, _)| share <= 1.0) {
-            return Some(Command::Direct { q });
+        let Command::Direct { motors, q } = command else { return Some(command) };
+        let all: Setpoints = motors.iter().copied().zip(q.iter().copied()).collect();
+        if self.step_to(token, writer, &all, now).is_none_or(|(_, share, _)| share <= 1.0) {
+            return Some(Command::Direct { motors, q });
         }
-        self.waiting = Some((token, writer, q));
+        self.waiting = Some((token, writer, all));
         None
     }
 
@@ -116,7 +124,7 @@ impl Port {
     pub fn due(&mut self, now: Time) -> Option<(u64, Writer, Command)> {
         let (token, writer, q) = self.waiting.take()?;
         let Some((last, share, secs)) = self.step_to(token, writer, &q, now) else {
-            return Some((token, writer, Command::Direct { q }));
+            return Some((token, writer, direct(q)));
         };
         let period = self.rules.period.as_secs_f64();
         if secs < 0.75 * period {
@@ -125,18 +133,19 @@ impl Port {
         }
         let part = SHARE * secs.min(1.5 * period) / (share * secs).max(1e-12);
         if part >= 1.0 {
-            return Some((token, writer, Command::Direct { q }));
+            return Some((token, writer, direct(q)));
         }
-        let step = last.iter().zip(&q).map(|(a, b)| a + (b - a) * part).collect();
+        let towards = |(m, b): (&usize, &f64)| (*m, last.get(m).map_or(*b, |a| a + (b - a) * part));
+        let step = q.iter().map(towards).collect();
         self.waiting = Some((token, writer, q));
-        Some((token, writer, Command::Direct { q: step }))
+        Some((token, writer, direct(step)))
     }
 
     /// The set-point that this stream wrote last, the share of the greatest speed that going on to `q` now would ask for,
     /// and the seconds since. `None`: it would be the stream's first.
-    fn step_to(&self, token: u64, writer: Writer, q: &[f64], now: Time) -> Option<(&[f64], f64, f64)> {
+    fn step_to(&self, token: u64, writer: Writer, q: &Setpoints, now: Time) -> Option<(&Setpoints, f64, f64)> {
         let stream = self.streaming.as_ref().filter(|s| s.token == token && s.writer == writer)?;
-        let (last, secs) = (stream.last.as_deref()?, now.since(stream.span.1).as_secs_f64());
+        let (last, secs) = (stream.last.as_ref()?, now.since(stream.span.1).as_secs_f64());
         Some((last, share(&self.rules.axes, last, q, secs), secs))
     }
 
@@ -180,10 +189,13 @@ impl Port {
         });
         let axes = &self.rules.axes;
         let step = match command {
-            Command::Direct { q } => {
+            Command::Direct { motors, q } => {
                 let secs = now.since(stream.span.1).as_secs_f64();
-                let last = stream.last.replace(q.clone()).unwrap_or_else(|| q.clone());
-                share(axes, &last, q, secs)
+                let all: Setpoints = motors.iter().copied().zip(q.iter().copied()).collect();
+                let last = stream.last.get_or_insert_default();
+                let step = share(axes, last, &all, secs);
+                last.extend(all);
+                step
             }
             Command::Velocity { motors, speed } => {
                 let share = |(m, v): (&usize, &f64)| axes.get(*m).map_or(0.0, |axis| v.abs() / axis.max_speed);
@@ -204,10 +216,19 @@ impl Port {
     }
 }
 
-/// The greatest share of its axis' speed that a motor would need to get from one pose to the other in this time.
-fn share(axes: &[Axis], from: &[f64], to: &[f64], secs: f64) -> f64 {
-    let motors = axes.iter().zip(from.iter().zip(to));
-    motors.map(|(axis, (a, b))| (a - b).abs() / (axis.max_speed * secs).max(1e-12)).fold(0.0, f64::max)
+fn direct(q: Setpoints) -> Command {
+    let (motors, q) = q.into_iter().unzip();
+    Command::Direct { motors, q }
+}
+
+/// The greatest share of its axis' speed that a motor would need to get from one to the other in this time. One that joins
+/// begins where it is.
+fn share(axes: &[Axis], from: &Setpoints, to: &Setpoints, secs: f64) -> f64 {
+    let step = |(m, b): (&usize, &f64)| {
+        let (axis, a) = (axes.get(*m)?, from.get(m)?);
+        Some((a - b).abs() / (axis.max_speed * secs).max(1e-12))
+    };
+    to.iter().filter_map(step).fold(0.0, f64::max)
 }
 
 #[cfg(test)]

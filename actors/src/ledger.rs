@@ -1,8 +1,9 @@
 //! The ledger: what must survive the death of any actor of a robot's controller.
 
 use crate::history::HistoryCore;
-use mobee_contract::{Cause, CommitId, MotionEnd, Pose, Status, Time};
-use std::collections::VecDeque;
+use crate::reflex::Motion;
+use mobee_contract::{Cause, CommitId, MotionEnd, Outcome, Pose, Status, Time};
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// An open transaction.
@@ -12,8 +13,10 @@ pub struct Open {
     pub id: CommitId,
     /// Who committed it.
     pub agent: Arc<str>,
-    /// The whole target pose, rad.
+    /// The whole target pose, rad. Of motors that it does not name: where they were.
     pub target: Pose,
+    /// The motors that it has named, by its commit, its amendments and its set-points, in order. No other is written to.
+    pub named: Arc<[usize]>,
     /// The safe pose and when it was read; an escape has none.
     pub safe: Option<(Time, Pose)>,
     /// When it was accepted or last amended.
@@ -29,6 +32,43 @@ impl Open {
     pub fn is_escape(&self) -> bool {
         self.safe.is_none()
     }
+}
+
+impl Open {
+    /// Names these motors, too.
+    pub fn name(&mut self, motors: &[usize]) {
+        if motors.iter().any(|m| !self.named.contains(m)) {
+            let all: BTreeSet<usize> = self.named.iter().chain(motors).copied().collect();
+            self.named = all.into_iter().collect();
+        }
+    }
+
+    /// The places of all motors once it has ended so, with the robot at rest at `q`. `places` are those from before it.
+    pub fn places_after(&self, places: &[Option<f64>], outcome: Outcome, q: &[f64], tolerance: f64) -> Places {
+        let mut places = places.to_vec();
+        places.resize(q.len(), None);
+        for m in self.named.iter() {
+            let (Some(place), Some(q)) = (places.get_mut(*m), q.get(*m)) else { continue };
+            let safe = || self.safe.as_ref().and_then(|(_, safe)| safe.get(*m)).copied();
+            let rests = match outcome {
+                Outcome::Committed => self.target.get(*m).copied(),
+                Outcome::RolledBack => safe().map(|safe| home(*place, safe, tolerance)),
+                Outcome::Faulted => None,
+            };
+            *place = rests.or(Some(*q));
+        }
+        places.into()
+    }
+}
+
+/// Where each motor was last sent, rad; nothing for one that never was. What rests is kept there, and not where its encoder
+/// happens to read.
+pub type Places = Arc<[Option<f64>]>;
+
+/// Where a motor is to rest that was recorded at `q`: at its place, if it counts as being there, so that ways back to one
+/// rest do not drift with the noise of its encoder. Half of the tolerance is left for that noise.
+pub fn home(place: Option<f64>, q: f64, tolerance: f64) -> f64 {
+    place.filter(|place| (place - q).abs() <= 0.5 * tolerance).unwrap_or(q)
 }
 
 /// How many ends of motions are remembered.
@@ -49,6 +89,8 @@ pub struct Book {
     pub history: HistoryCore,
     /// An actor that died since supervise last looked.
     pub died: Option<String>,
+    /// Where the motors were last sent, as the last transaction left them.
+    pub places: Places,
     /// The safe pose last taken: kept while the robot counts as being there, so that rollbacks do not drift.
     pub safe: Option<Pose>,
     /// How the newest motions ended, oldest first.
@@ -56,9 +98,29 @@ pub struct Book {
 }
 
 impl Book {
-    /// Closes the open transaction and remembers how it ended, in one step: nobody sees it neither open nor ended.
-    pub fn close(&mut self, id: CommitId, end: MotionEnd) {
+    /// What is under way, for the reflex.
+    pub fn motion(&self) -> Option<Motion> {
+        let open = self.open.as_ref()?;
+        let (safe, named, places) = (open.safe.clone(), open.named.clone(), self.places.clone());
+        Some(Motion { id: open.id, safe, named, places })
+    }
+
+    /// A motion whose outcome was given before has been taken back after all.
+    pub fn send_home(&mut self, motion: &Motion, tolerance: f64) {
+        let Some((_, safe)) = &motion.safe else { return };
+        let place = |m: usize| motion.places.get(m).copied().flatten();
+        let rests = |(m, old): (usize, &Option<f64>)| match safe.get(m).filter(|_| motion.named.contains(&m)) {
+            Some(safe) => Some(home(place(m), *safe, tolerance)),
+            None => *old,
+        };
+        self.places = self.places.iter().enumerate().map(rests).collect();
+    }
+
+    /// Closes the open transaction, whose motors have these places from now on, and remembers how it ended, in one step: nobody
+    /// sees it neither open nor ended.
+    pub fn close(&mut self, id: CommitId, end: MotionEnd, places: Places) {
         self.open = None;
+        self.places = places;
         if self.ends.len() >= ENDS {
             self.ends.pop_front();
         }
@@ -90,6 +152,7 @@ impl Ledger {
             ahead: None,
             history,
             died: None,
+            places: Vec::new().into(),
             safe: None,
             ends: VecDeque::new(),
         };

@@ -16,6 +16,7 @@ use crate::controller::Rules;
 use crate::convoy::{Asked, Convoy, Way};
 use crate::gate::Gate;
 use crate::history::HistoryTooShort;
+use crate::ledger::Places;
 use crate::pulse::Pulse;
 use contacts::{Contacts, Floors};
 use mobee_contract::{Cause, Command, CommitId, Event, Hold, Pose, Status, Time};
@@ -36,6 +37,10 @@ pub struct Motion {
     pub id: CommitId,
     /// Its safe pose; an escape has none.
     pub safe: Option<(Time, Pose)>,
+    /// The motors that it has named, in order: on the way back no other is written to.
+    pub named: Arc<[usize]>,
+    /// Where all motors had been sent when it began.
+    pub places: Places,
 }
 
 /// What the reflex hears.
@@ -81,8 +86,8 @@ pub enum ReflexOut {
 pub enum Word {
     /// The way back begins.
     Retreating,
-    /// It leads beyond the safe pose, to this earlier rest: another robot has to pass there.
-    Farther((Time, Pose)),
+    /// It leads beyond the safe pose, to this earlier rest, and moves these motors: another robot has to pass there.
+    Farther((Time, Pose), Arc<[usize]>),
     /// The last pose was written.
     Settling,
     /// The robot rests at the safe pose, control modes restored.
@@ -97,7 +102,7 @@ pub enum Word {
 enum Phase {
     Watching,
     Stopping { token: u64, since: Time, then: Then },
-    Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, mark: (Time, Pose, Time) },
+    Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, mark: (Time, Vec<f64>, Time) },
     Settling { token: u64, since: Time, way: Way, violated: bool },
 }
 
@@ -110,7 +115,7 @@ enum Then {
 /// A motion that is taken back: to where, and whether it is another try.
 #[derive(Debug, Clone)]
 struct Back {
-    id: CommitId,
+    motion: Motion,
     safe: (Time, Pose),
     again: bool,
 }
@@ -128,6 +133,8 @@ pub struct ReflexCore {
     /// How near pairs came since the robot was stopped to be taken back, and may come on the way.
     floors: Floors,
     violated: bool,
+    /// The motors of the motion that it has stopped: they are put back into the mode of position moves.
+    stopped: Arc<[usize]>,
     /// The escape under way, how near it may come, and whether a constraint was violated as it set out.
     escape: Option<(CommitId, Floors, bool)>,
     /// The last motion, and the contacts that began in it.
@@ -152,6 +159,7 @@ impl ReflexCore {
             near,
             floors: Floors::default(),
             violated: false,
+            stopped: Vec::new().into(),
             escape: None,
             motion: None,
             met: Vec::new(),
@@ -179,7 +187,8 @@ impl ReflexCore {
             ReflexIn::Pulse(pulse, motion, status) => self.pulse(pulse, motion, (status, now), name, &mut out),
             ReflexIn::RollBack { token, motion, again } => {
                 if token == self.gate.token() {
-                    let back = motion.safe.map(|safe| Then::Retreat(Back { id: motion.id, safe, again }));
+                    self.stopped = motion.named.clone();
+                    let back = motion.safe.clone().map(|safe| Then::Retreat(Back { motion, safe, again }));
                     let then = back.unwrap_or(Then::Say(Word::GaveUp(Hold::HistoryTooShort)));
                     self.floors = Floors::new(self.rules.margin, &self.near);
                     self.turn(Phase::Stopping { token, since: now, then }, now);
@@ -291,7 +300,8 @@ impl ReflexCore {
         out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
         out.push(ReflexOut::Closed { token, cause });
         let Some(motion) = motion else { return };
-        let back = |safe| Then::Retreat(Back { id: motion.id, safe, again: false });
+        self.stopped = motion.named.clone();
+        let back = |safe| Then::Retreat(Back { motion: motion.clone(), safe, again: false });
         let then = motion.safe.clone().map_or(Then::Say(Word::Stopped), back);
         // the stop takes effect from now on: a reading that was held up does not show it
         self.floors = Floors::new(self.rules.margin, &pulse.contacts);
@@ -323,6 +333,6 @@ impl ReflexCore {
     /// What its future depends on.
     pub fn state(&self) -> impl std::fmt::Debug + '_ {
         let seen = (&self.contacts, &self.near, &self.floors, self.violated);
-        (&self.phase, &self.convoy, seen, &self.escape, self.motion, &self.met)
+        (&self.phase, &self.convoy, seen, (&self.escape, &self.stopped), self.motion, &self.met)
     }
 }

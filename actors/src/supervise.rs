@@ -30,6 +30,7 @@ use credit::Credits;
 use mobee_contract::{
     Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Outcome, Pose, Setpoints, Status, Time, Verdict, Writer,
 };
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// What supervise hears.
@@ -139,8 +140,8 @@ pub struct SuperviseCore {
     stream: Option<stream::Streaming>,
     /// The motion under forces that the open transaction is; its set-points are the stream.
     forces: Option<forces::Forces>,
-    /// Whether some motors are perhaps in another control mode than that of position moves.
-    modes: bool,
+    /// The motors that are perhaps in another control mode than that of position moves.
+    modes: BTreeSet<usize>,
     /// Whether to close at the next border.
     yields: bool,
     shutdown: bool,
@@ -153,7 +154,8 @@ impl SuperviseCore {
     /// predecessor left one, has its outcome (I10). Returns what is to be done first.
     pub fn new(rules: Arc<Rules>, gate: Arc<Gate>, ledger: Ledger, now: Time) -> (SuperviseCore, Vec<SuperviseOut>) {
         let token = gate.token();
-        let open = ledger.book().open.is_some();
+        let named = ledger.book().open.as_ref().map(|o| o.named.clone());
+        let open = named.is_some();
         let mut core = SuperviseCore {
             rules,
             gate,
@@ -167,7 +169,7 @@ impl SuperviseCore {
             course: None,
             stream: None,
             forces: None,
-            modes: open,
+            modes: named.iter().flat_map(|named| named.iter().copied()).collect(),
             yields: false,
             shutdown: false,
             credits: Credits::full(now),
@@ -339,7 +341,7 @@ impl SuperviseCore {
     }
 
     fn motion(&self) -> Option<Motion> {
-        self.ledger.book().open.as_ref().map(|o| Motion { id: o.id, safe: o.safe.clone() })
+        self.ledger.book().motion()
     }
 
     /// The reflex closed the filter.
@@ -367,9 +369,10 @@ impl SuperviseCore {
         match word {
             Word::Retreating => self.enter(Status::Retreating, out),
             Word::Settling => self.enter(Status::Settling, out),
-            Word::Farther((at, q)) => {
+            Word::Farther((at, q), motors) => {
                 let moved = self.with_book(|book| {
                     let open = book.open.as_mut()?;
+                    open.name(&motors);
                     open.safe = Some((at, q.clone()));
                     Some(open.id)
                 });
@@ -378,11 +381,14 @@ impl SuperviseCore {
             }
             // the outcome is measured at the next reading, which is the one that the reflex judged by
             Word::Back | Word::Stopped => {
-                self.modes = false;
+                self.modes.clear();
+                if let Some(motion) = self.retry.as_ref().filter(|_| word == Word::Back) {
+                    self.with_book(|book| book.send_home(motion, self.rules.tolerance));
+                }
                 self.closing = Closing::Settle(Time::ZERO);
             }
             Word::GaveUp(hold) => {
-                self.modes = false;
+                self.modes.clear();
                 self.retry = self.retry.take().or(self.motion()).filter(|m| m.safe.is_some());
                 self.end(Some(Outcome::Faulted), out);
                 self.closing = if hold == Hold::Stale { Closing::Settle(now) } else { Closing::No };

@@ -245,16 +245,13 @@ impl State {
             Streamed::Move(values) => self.go(now, &Joints::All.on(axes)?, values, false),
             Streamed::Velocity(joints, values) => self.velocity(now, &joints.on(axes)?, values),
             Streamed::Direct(joints, values) => {
-                let all = Joints::All.on(axes)?;
-                if !self.are_in(&all, mode::DIRECT) {
+                let motors = joints.on(axes)?;
+                if !self.are_in(&motors, mode::DIRECT) {
                     return None;
                 }
-                let mut q: Vec<f64> = self.shadow.axes.iter().map(|a| a.direct_ref).collect();
-                for (j, v) in joints.on(axes)?.into_iter().zip(values) {
-                    *q.get_mut(j)? = *v;
-                }
-                self.give(now, &Command::Direct { q: q.iter().map(|d| d.to_radians()).collect() })?;
-                self.note(&all, &q, |a| &mut a.direct_ref);
+                let q = values.iter().map(|d| d.to_radians()).collect();
+                self.give(now, &Command::Direct { motors: motors.clone(), q })?;
+                self.note(&motors, values, |a| &mut a.direct_ref);
                 Some(())
             }
         }

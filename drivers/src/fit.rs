@@ -1,7 +1,7 @@
 //! What every board asks of a command before it believes any of it: motors that there are, numbers that are numbers,
 //! positions within limits.
 
-use mobee_contract::Axis;
+use mobee_contract::{Axis, ControlMode};
 
 /// By how much (rad) a target may lie outside its limits, for rounding between degrees and radians.
 pub(crate) const ROUNDING: f64 = 1e-9;
@@ -68,6 +68,18 @@ pub(crate) fn within(axis: &Axis, q: f64, tolerance: f64) -> Result<f64, String>
         return Err(format!("motor {name}: {q:.3} deg is outside its limits {min:.3} to {max:.3} deg"));
     }
     Ok(q.clamp(*min, *max))
+}
+
+/// A motor takes set-points only in the mode for them.
+pub(crate) fn follows(axis: &Axis, mode: Option<ControlMode>) -> Result<(), String> {
+    match mode {
+        Some(ControlMode::PositionDirect) => Ok(()),
+        mode => Err(format!(
+            "motor {} takes no set-points: it is in mode {:?}",
+            axis.name,
+            mode.unwrap_or(ControlMode::Idle)
+        )),
+    }
 }
 
 /// A list with a value for each of the motors.

@@ -180,8 +180,8 @@ impl Plant {
                     });
                 }
             }
-            Checked::Direct(q) if leased => {
-                for (m, to) in q.into_iter().enumerate() {
+            Checked::Direct(each) if leased => {
+                for (m, to) in each {
                     with(m, &mut |motor, axis| motor.set_point(at, to, axis));
                 }
             }

@@ -67,11 +67,13 @@ pub struct Move {
 pub enum Command {
     /// A position move. Puts its motors into [`ControlMode::Position`] first.
     Move(Move),
-    /// A set-point for every motor, to be followed at once. Refused unless all are in [`ControlMode::PositionDirect`]
-    /// (or will be, by a mode command given before).
+    /// Set-points for these motors, to be followed at once; no other motor is touched. Refused unless all of them are in
+    /// [`ControlMode::PositionDirect`] (or will be, by a mode command given before).
     Direct {
-        /// Positions of all motors, rad. Recorded readings may be streamed: one that exceeds a limit by no more than
-        /// the noise of an encoder (0.1 deg) is taken for the limit.
+        /// Indices of the motors.
+        motors: Vec<usize>,
+        /// Their positions, rad. Recorded readings may be streamed: one that exceeds a limit by no more than the noise of an
+        /// encoder (0.1 deg) is taken for the limit.
         q: Vec<f64>,
     },
     /// Velocities to go at from now on, within the limits of position, until the next command or the board's own
@@ -96,9 +98,9 @@ pub enum Command {
         /// Accelerations.
         acceleration: Vec<f64>,
     },
-    /// Sets the control mode of these motors (all if empty).
+    /// Sets the control mode of these motors, and of no other.
     Mode {
-        /// Indices of the motors.
+        /// Indices of the motors, at least one.
         motors: Vec<usize>,
         /// The mode.
         mode: ControlMode,

@@ -7,6 +7,7 @@
 
 use crate::controller::{RELEASE, Rules, distance};
 use crate::history::Recorded;
+use crate::ledger::{Places, home};
 use mobee_contract::{Axis, Pose, Time};
 use mobee_model::{Scene, ShapeId, Watch};
 use std::sync::Arc;
@@ -31,6 +32,10 @@ pub struct Traveller {
     pub safe: Pose,
     /// Whether it is another try after a failed one: it goes by itself.
     pub again: bool,
+    /// The motors that its motion has named.
+    pub named: Arc<[usize]>,
+    /// Where its motors had been sent when the motion began.
+    pub places: Places,
     /// What is where.
     pub scene: Arc<Scene>,
 }
@@ -52,6 +57,8 @@ impl Traveller {
 pub struct Way {
     /// Seconds from the way's beginning, and the pose there: these times are those of all robots that go together.
     pub points: Vec<(f64, Pose)>,
+    /// The motors that go it, in order: no other is written to.
+    pub motors: Arc<[usize]>,
     /// Whether it is streamed; else the points are few, and moved to.
     pub direct: bool,
     /// Where it ends, and when that was read.
@@ -63,6 +70,11 @@ pub struct Way {
 }
 
 impl Way {
+    /// What a whole pose says of the motors that go it.
+    pub fn of(&self, q: &[f64]) -> Vec<f64> {
+        self.motors.iter().filter_map(|m| q.get(*m)).copied().collect()
+    }
+
     /// How far it goes until its last pose is written: seconds, or way-points that are reached before.
     pub fn end(&self) -> f64 {
         if self.direct {
@@ -128,9 +140,30 @@ impl Leg {
         (self.rested, self.blocked) = (self.ends_at(), true);
     }
 
-    fn last_pose(&self) -> Pose {
+    /// Where the robot rested, as it was recorded.
+    fn recorded(&self) -> Pose {
         let recorded = self.who.past.get(self.end).map(|r| r.q.clone());
         recorded.filter(|_| self.end != self.who.start).unwrap_or_else(|| self.who.safe.clone())
+    }
+
+    /// Where it is sent at its end: motors that had been sent to where they then rested are sent there again.
+    fn last_pose(&self) -> Pose {
+        let (places, tolerance) = (&self.who.places, self.who.rules.tolerance);
+        let sent = |(m, q): (usize, &f64)| home(places.get(m).copied().flatten(), *q, tolerance);
+        self.recorded().iter().enumerate().map(sent).collect()
+    }
+
+    /// The motors that it writes to: those of its motion; and, if it goes farther, those that were sent elsewhere since then.
+    fn motors(&self) -> Arc<[usize]> {
+        if self.end >= self.who.start {
+            return self.who.named.clone();
+        }
+        let (then, half) = (self.recorded(), 0.5 * self.who.rules.tolerance);
+        let moved = |m: &usize| match (then.get(*m), self.who.safe.get(*m), self.who.places.get(*m)) {
+            (Some(then), Some(safe), Some(Some(_))) => (then - safe).abs() > half,
+            _ => false,
+        };
+        (0..then.len()).filter(|m| self.who.named.contains(m) || moved(m)).collect()
     }
 
     /// Where it is when the clock is back at that time, and whether it moved from there.
@@ -257,8 +290,9 @@ impl Plan {
             let own = |(t, q): &(f64, Pose)| (*t, q.get(motors.clone()).unwrap_or_default().into());
             Way {
                 points: points.iter().map(own).collect(),
+                motors: leg.motors(),
                 direct,
-                end: (leg.ends_at(), leg.last_pose()),
+                end: (leg.ends_at(), leg.recorded()),
                 farther: leg.end < leg.who.start,
                 blocked: leg.blocked,
             }

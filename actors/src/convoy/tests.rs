@@ -43,7 +43,8 @@ fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f64) -> Trav
     }
     let at = Time::ZERO + PERIOD * (safe * 100.0).round() as u32;
     let q = history.recorded_near(at, &[0.0], Duration::ZERO).unwrap().q.clone();
-    Asked { robot, safe: (at, q), again: false }.traveller(rules(direct), &history, scene()).unwrap()
+    let asked = Asked { robot, safe: (at, q), again: false, named: vec![0].into(), places: vec![None].into() };
+    asked.traveller(rules(direct), &history, scene()).unwrap()
 }
 
 /// Where both end, degrees; whether that is beyond their safe poses; and whether they are blocked on the way.
@@ -203,7 +204,7 @@ fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
     let (convoy, gate) = (Arc::new(Convoy::default()), Arc::new(Gate::default()));
     let mut reflex = ReflexCore::new(0, rules(true), gate.clone(), convoy.clone());
     let safe = Some((both[0].past[both[0].start].at, both[0].safe.clone()));
-    let motion = Motion { id: CommitId(1), safe };
+    let motion = Motion { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
     let roll_back = ReflexIn::RollBack { token: gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0), &|_| Default::default());
     let (mut q, mut words, mut other) = (both[0].past.last().unwrap().q.clone(), Vec::new(), None);
@@ -221,7 +222,7 @@ fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
         }
         for told in out {
             match told {
-                ReflexOut::Command(_, Command::Direct { q: written }) => q = written.into(),
+                ReflexOut::Command(_, Command::Direct { q: written, .. }) => q = written.into(),
                 ReflexOut::Word(word) => words.push(word),
                 _ => {}
             }

@@ -16,7 +16,7 @@ fn port() -> Port {
 fn write(port: &mut Port, command: Option<Command>, now: Time) -> Option<Vec<f64>> {
     let command = command?;
     assert!(port.took(0, Writer::Reflex, &command, now).is_empty());
-    let Command::Direct { q } = command else { return None };
+    let Command::Direct { q, .. } = command else { return None };
     Some(q)
 }
 
@@ -38,7 +38,7 @@ proptest! {
         for ms in 0..=end {
             let now = Time(ms * 1_000_000);
             for (_, k) in came.iter().filter(|(at, _)| *at == ms) {
-                let paced = port.pace(0, Writer::Reflex, Command::Direct { q: asked(*k) }, now);
+                let paced = port.pace(0, Writer::Reflex, Command::Direct { motors: vec![0, 1], q: asked(*k) }, now);
                 written.extend(write(&mut port, paced, now).map(|q| (ms, q)));
             }
             if ms % 10 == 0 {
@@ -58,7 +58,7 @@ proptest! {
 #[test]
 fn what_waits_is_forgotten_when_anything_else_is_said() {
     let mut port = port();
-    let direct = |q: f64| Command::Direct { q: vec![q, 0.0] };
+    let direct = |q: f64| Command::Direct { motors: vec![0, 1], q: vec![q, 0.0] };
     let first = port.pace(0, Writer::Reflex, direct(0.0), Time(0));
     assert!(write(&mut port, first, Time(0)).is_some());
     assert_eq!(port.pace(0, Writer::Reflex, direct(0.5), Time(1)), None, "a jump");

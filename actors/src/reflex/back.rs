@@ -44,7 +44,7 @@ impl ReflexCore {
             Phase::Retreating { token, retreat, back, violated, mark } => {
                 let token = *token;
                 if mark.0 != pulse.unchanged {
-                    *mark = (pulse.unchanged, retreat.written().clone(), now);
+                    *mark = (pulse.unchanged, retreat.written().to_vec(), now);
                 }
                 let frozen = now.since(mark.2) >= FROZEN && distance(retreat.written(), &mark.1) > FROZEN_WAY;
                 let broken = self.floors.broken(&pulse.contacts).copied();
@@ -118,17 +118,20 @@ impl ReflexCore {
     pub(super) fn ask(&mut self, now: Time, out: &mut Vec<ReflexOut>) {
         let Phase::Stopping { token, then: Then::Retreat(back), .. } = &self.phase else { return };
         let (token, mut back) = (*token, back.clone());
-        let (robot, id) = (self.rules.robot.clone(), back.id);
+        let (robot, id) = (self.rules.robot.clone(), back.motion.id);
         match self.convoy.ask(self.robot, now) {
             Answer::Wait => {}
             Answer::Bring => {
-                out.push(ReflexOut::Bring(Asked { robot: self.robot, safe: back.safe, again: back.again }));
+                let Back { motion, safe, again } = back;
+                let (named, places) = (motion.named, motion.places);
+                out.push(ReflexOut::Bring(Asked { robot: self.robot, safe, again, named, places }));
             }
             Answer::Go(way) => {
                 if way.farther {
                     back.safe = way.end.clone();
                 }
-                let farther = way.farther.then(|| Word::Farther(way.end.clone()));
+                self.stopped = way.motors.clone();
+                let farther = way.farther.then(|| Word::Farther(way.end.clone(), way.motors.clone()));
                 let retreat = Retreat::new(self.robot, way, &self.rules, now);
                 let (poses, secs) = retreat.length();
                 let near = self.floors.touched();
@@ -136,7 +139,7 @@ impl ReflexCore {
                 out.push(ReflexOut::Command(token, retreat.begin()));
                 out.push(ReflexOut::Word(Word::Retreating));
                 out.extend(farther.map(ReflexOut::Word));
-                let mark = (Time::ZERO, retreat.written().clone(), now);
+                let mark = (Time::ZERO, retreat.written().to_vec(), now);
                 let violated = self.violated;
                 self.phase = Phase::Retreating { token, retreat, back, violated, mark };
             }
@@ -163,7 +166,10 @@ impl ReflexCore {
 
     /// The robot rests: restore the control modes and tell.
     pub(super) fn say(&mut self, token: u64, word: Word, now: Time, out: &mut Vec<ReflexOut>) {
-        out.push(ReflexOut::Command(token, Command::Mode { motors: Vec::new(), mode: ControlMode::Position }));
+        let motors = self.stopped.to_vec();
+        if !motors.is_empty() {
+            out.push(ReflexOut::Command(token, Command::Mode { motors, mode: ControlMode::Position }));
+        }
         out.push(ReflexOut::Word(word));
         self.turn(Phase::Watching, now);
     }

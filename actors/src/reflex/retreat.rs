@@ -1,8 +1,8 @@
 //! The way back: the recorded poses backwards at the recorded rate (Algorithm 6), on the clock of all that go back together.
 
-use crate::controller::{Rules, clamped, distance};
+use crate::controller::{Rules, distance, within};
 use crate::convoy::{Convoy, Way};
-use mobee_contract::{Command, ControlMode, Pose, Sample, Target, Time};
+use mobee_contract::{Command, ControlMode, Sample, Target, Time};
 use std::time::Duration;
 
 /// A way back that is being driven.
@@ -14,7 +14,8 @@ pub struct Retreat {
     clock: f64,
     next: usize,
     last: Time,
-    written: Pose,
+    /// What was last written to the way's motors.
+    written: Vec<f64>,
 }
 
 /// Another robot that was on its way back with this one went no further.
@@ -24,7 +25,7 @@ pub struct Parted;
 impl Retreat {
     /// Of a robot, on this way.
     pub fn new(robot: usize, way: Way, rules: &Rules, now: Time) -> Retreat {
-        let written = way.points.first().map_or_else(|| way.end.1.clone(), |(_, q)| q.clone());
+        let written = way.points.first().map(|(_, q)| way.of(q)).unwrap_or_default();
         Retreat { robot, way, clock: 0.0, next: 1, last: now + rules.reaction(), written }
     }
 
@@ -41,11 +42,11 @@ impl Retreat {
     /// The command that prepares the board.
     pub fn begin(&self) -> Command {
         let mode = if self.way.direct { ControlMode::PositionDirect } else { ControlMode::Position };
-        Command::Mode { motors: Vec::new(), mode }
+        Command::Mode { motors: self.way.motors.to_vec(), mode }
     }
 
-    /// The pose last written.
-    pub fn written(&self) -> &Pose {
+    /// The positions last written, of the motors that go back.
+    pub fn written(&self) -> &[f64] {
         &self.written
     }
 
@@ -99,20 +100,28 @@ impl Retreat {
         self.clock = convoy.step(self.robot, most, now).ok_or(Parted)?;
         self.next += self.way.points.iter().skip(self.next).take_while(|(t, _)| *t <= self.clock).count();
         self.last = now;
-        self.written = clamped(&self.pose(), rules);
-        Ok(Some(Command::Direct { q: self.written.to_vec() }))
+        self.written = self.limited(self.positions(), rules);
+        Ok(Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() }))
     }
 
-    /// The pose at the clock's time.
-    fn pose(&self) -> Pose {
+    /// Where its motors are at the clock's time.
+    fn positions(&self) -> Vec<f64> {
         let before = self.next.checked_sub(1).and_then(|i| self.way.points.get(i));
         match (before, self.way.points.get(self.next)) {
             (Some((t0, a)), Some((t1, b))) => {
                 let part = ((self.clock - t0) / (t1 - t0).max(1e-9)).clamp(0.0, 1.0);
-                a.iter().zip(b.iter()).map(|(a, b)| a + (b - a) * part).collect()
+                self.way.of(a).iter().zip(self.way.of(b)).map(|(a, b)| a + (b - a) * part).collect()
             }
-            (a, b) => a.or(b).map_or_else(|| self.written.clone(), |(_, q)| q.clone()),
+            (a, b) => a.or(b).map_or_else(|| self.written.clone(), |(_, q)| self.way.of(q)),
         }
+    }
+
+    /// Within the limits of its motors.
+    fn limited(&self, mut q: Vec<f64>, rules: &Rules) -> Vec<f64> {
+        for (m, q) in self.way.motors.iter().zip(&mut q) {
+            *q = rules.axes.get(*m).map_or(*q, |axis| within(*q, axis));
+        }
+        q
     }
 
     fn way_point(
@@ -123,19 +132,22 @@ impl Retreat {
         rules: &Rules,
     ) -> Result<Option<Command>, Parted> {
         let reacted = sample.at >= self.last + rules.reaction();
-        let near = distance(&sample.q, &self.written) <= 3.0 * rules.tolerance;
+        let here = self.way.of(&sample.q);
+        let near = distance(&here, &self.written) <= 3.0 * rules.tolerance;
         let there = reacted && near && sample.done.iter().all(|d| *d);
         let reached = if there { self.next } else { self.next.saturating_sub(1) };
         let all = convoy.reached(self.robot, reached, now).ok_or(Parted)?;
         let Some((_, q)) = self.way.points.get(self.next).filter(|_| there && all) else { return Ok(None) };
         let secs = self.secs(self.next + 1) - self.secs(self.next);
+        let q = self.limited(self.way.of(q), rules);
         let pace =
-            |(axis, (a, b)): (&mobee_contract::Axis, (&f64, &f64))| (a - b).abs() / (axis.max_speed * secs.max(1e-3));
-        let speed = rules.axes.iter().zip(q.iter().zip(sample.q.iter())).map(pace).fold(0.01, f64::max).min(1.0);
-        self.written = clamped(q, rules);
+            |(axis, (a, b)): (&mobee_contract::Axis, (&f64, f64))| (a - b).abs() / (axis.max_speed * secs.max(1e-3));
+        let axes = self.way.motors.iter().filter_map(|m| rules.axes.get(*m));
+        let speed = axes.zip(q.iter().zip(here)).map(pace).fold(0.01, f64::max).min(1.0);
+        self.written = q;
         self.next += 1;
         self.last = sample.at;
-        let target = Target { motors: (0..self.written.len()).collect(), q: self.written.to_vec(), speed };
+        let target = Target { motors: self.way.motors.to_vec(), q: self.written.clone(), speed };
         Ok(Some(Command::Move(target.in_step(&sample.q, &rules.axes))))
     }
 }

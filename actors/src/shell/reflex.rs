@@ -61,7 +61,7 @@ impl Reflex {
         while let Some(mut pulse) = self.wires.to_reflex.pop() {
             let (motion, status) = {
                 let book = self.wires.ledger.book();
-                (book.open.as_ref().map(|o| Motion { id: o.id, safe: o.safe.clone() }), book.status)
+                (book.motion(), book.status)
             };
             self.on(ReflexIn::Pulse(&mut pulse, motion.as_ref(), status));
             {

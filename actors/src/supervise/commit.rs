@@ -108,7 +108,7 @@ impl SuperviseCore {
         // an escape creeps straight, watched
         let fields = self.rules.fields.clone().filter(|_| !escape);
         let due = now + course.patience() * if fields.is_some() { ROUNDABOUT } else { 1 };
-        let id = self.open(commit.agent.clone(), target.clone(), safe, (due, now), out);
+        let id = self.open(commit.agent.clone(), (target.clone(), &commit.target.motors), safe, (due, now), out);
         self.course = Some((now, distance(&target, &here), course.secs));
         let (robot, agent) = (self.rules.robot.clone(), commit.agent.to_string());
         let motors = self.allowed(&commit, escape);
@@ -123,11 +123,11 @@ impl SuperviseCore {
         Ok(id)
     }
 
-    /// Enters a transaction into the ledger.
+    /// Enters a transaction into the ledger: its target, and the motors that it names.
     pub(super) fn open(
         &mut self,
         agent: Arc<str>,
-        target: Pose,
+        (target, motors): (Pose, &[usize]),
         safe: Option<(Time, Pose)>,
         (due, now): (Time, Time),
         out: &mut Vec<SuperviseOut>,
@@ -139,7 +139,9 @@ impl SuperviseCore {
         self.with_book(|book| {
             book.last_id += 1;
             let id = CommitId(book.last_id);
-            book.open = Some(Open { id, agent, target, safe, since: now, due, cause: None });
+            let mut open = Open { id, agent, target, named: Vec::new().into(), safe, since: now, due, cause: None };
+            open.name(motors);
+            book.open = Some(open);
             id
         })
     }
@@ -162,6 +164,7 @@ impl SuperviseCore {
                 return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() });
             };
             open.target = commit.target.pose(&open.target);
+            open.name(&commit.target.motors);
             open.since = now;
             let due = now + course.patience() * if self.forces.is_some() { ROUNDABOUT } else { 1 };
             // motors that go on as they were may need longer
@@ -175,7 +178,7 @@ impl SuperviseCore {
         let (robot, motors) = (self.rules.robot.clone(), self.allowed(&commit, escape));
         out.push(SuperviseOut::Event(Event::Amended { robot, id, target: target.clone(), motors: motors.clone() }));
         if self.forces.is_some() {
-            self.aim_forces(&target, &motors, now);
+            self.aim_forces(&target, &motors, now, out);
             return Ok(id);
         }
         // from a moving start the motors can't be kept in step exactly; the board replans each from where it is

@@ -30,7 +30,8 @@ impl SuperviseCore {
         }
         match self.closing {
             Closing::Settle(after) => {
-                if at_rest && at >= after {
+                // what is written at a reading must be with the driver before the filter may open at the next
+                if at_rest && at >= after && !self.restore_modes(Writer::Reflex, out) {
                     self.settle(pulse, out);
                 }
             }
@@ -51,7 +52,6 @@ impl SuperviseCore {
     fn settle(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
         let lost = self.end_after_crash(out);
         self.end(None, out);
-        self.restore_modes(Writer::Reflex, out);
         self.closing = Closing::No;
         let hold = match self.status {
             _ if self.shutdown => Some(Hold::ShuttingDown),
@@ -98,7 +98,7 @@ impl SuperviseCore {
         let newest = self.newest.as_ref().map(|newest| newest.q.clone());
         let q = newest.or_else(recorded).unwrap_or_else(|| open.target.clone());
         let near = |pose: &[f64]| distance(&q, pose) <= self.rules.tolerance;
-        let safe = open.safe.map(|(_, pose)| pose);
+        let safe = open.safe.clone().map(|(_, pose)| pose);
         let outcome = told.unwrap_or_else(|| match &safe {
             // a rollback of a motion that was nearly there is still one
             Some(safe) if self.status == Status::Settling && near(safe) => Outcome::RolledBack,
@@ -107,8 +107,11 @@ impl SuperviseCore {
             _ => Outcome::Faulted,
         });
         let end = if outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed };
-        let cause = open.cause.filter(|_| outcome != Outcome::Committed);
-        self.with_book(|book| book.close(open.id, end));
+        let cause = open.cause.clone().filter(|_| outcome != Outcome::Committed);
+        self.with_book(|book| {
+            let places = open.places_after(&book.places, outcome, &q, self.rules.tolerance);
+            book.close(open.id, end, places);
+        });
         let robot = self.rules.robot.clone();
         out.push(SuperviseOut::Event(Event::Outcome { robot, id: open.id, outcome, q, safe, cause }));
         out.push(SuperviseOut::Ended(open.agent, open.id, end));

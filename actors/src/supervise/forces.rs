@@ -51,11 +51,21 @@ impl SuperviseCore {
     }
 
     /// The target changed in mid-motion.
-    pub(super) fn aim_forces(&mut self, target: &Pose, motors: &[(usize, f64)], now: Time) {
+    pub(super) fn aim_forces(
+        &mut self,
+        target: &Pose,
+        motors: &[(usize, f64)],
+        now: Time,
+        out: &mut Vec<SuperviseOut>,
+    ) {
         let Some(fields) = self.rules.fields.clone() else { return };
-        if let Some(forces) = &mut self.forces {
-            forces.course.aim(&fields, target, motors);
-            (forces.aimed, forces.there, forces.still) = (now, None, None);
+        let Some(forces) = &mut self.forces else { return };
+        forces.course.aim(&fields, target, motors);
+        (forces.aimed, forces.there, forces.still) = (now, None, None);
+        let joins = |m: &usize| self.stream.as_ref().is_some_and(|s| !s.names(*m));
+        let new: Vec<usize> = motors.iter().map(|(m, _)| *m).filter(joins).collect();
+        if !new.is_empty() {
+            self.switch_modes(&new, out);
         }
     }
 

@@ -13,6 +13,7 @@ use super::check::check_setpoints;
 use super::commit::Way;
 use super::{SuperviseCore, SuperviseOut};
 use crate::controller::{Rules, clamped};
+use crate::ledger::home;
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
 use mobee_contract::{
@@ -33,7 +34,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 #[derive(Clone, Debug)]
 pub(super) struct Streaming {
     velocity: bool,
-    /// Which motors it has named; a stream of positions holds all.
+    /// Which motors it has named: no other is written to.
     motors: Vec<bool>,
     /// The newest set-point of every motor: rad, or rad/s.
     asked: Vec<f64>,
@@ -58,7 +59,7 @@ impl Streaming {
         let rest = if velocity { vec![0.0; n] } else { clamped(here, rules).to_vec() };
         Streaming {
             velocity,
-            motors: vec![!velocity; n],
+            motors: vec![false; n],
             asked: rest.clone(),
             written: rest,
             wrote: now - rules.period,
@@ -73,6 +74,17 @@ impl Streaming {
     /// The motors it has named.
     fn named(&self) -> Vec<usize> {
         self.motors.iter().enumerate().filter(|(_, named)| **named).map(|(m, _)| m).collect()
+    }
+
+    /// Whether it has named this motor.
+    pub(super) fn names(&self, motor: usize) -> bool {
+        self.motors.get(motor) == Some(&true)
+    }
+
+    /// A whole pose with these values for the motors that it has named.
+    fn with(&self, rest: &[f64], values: &[f64]) -> Pose {
+        let named = |(m, q): (usize, &f64)| values.get(m).filter(|_| self.names(m)).copied().unwrap_or(*q);
+        rest.iter().enumerate().map(named).collect()
     }
 
     /// Takes in set-points of the controller's own for these motors; a motor without one is asked for what it was asked for.
@@ -153,7 +165,9 @@ impl Streaming {
         }
         self.mark.1 += way;
         self.wrote = now;
-        Some(Command::Direct { q: self.written.clone() })
+        let motors = self.named();
+        let q = motors.iter().filter_map(|m| self.written.get(*m)).copied().collect();
+        Some(Command::Direct { motors, q })
     }
 }
 
@@ -190,8 +204,9 @@ impl SuperviseCore {
                 let mut stream = Streaming::new(is_velocity(&setpoints), &here, &rules, now);
                 stream.take(&setpoints, &rules, now)?;
                 let safe = self.take_safe(at, &here, speed, now, out);
-                let target: Pose = if stream.velocity { here.clone() } else { stream.asked.as_slice().into() };
-                let id = self.open(agent.clone(), target.clone(), Some(safe), (Time(u64::MAX), now), out);
+                let target = if stream.velocity { here.clone() } else { stream.with(&here, &stream.asked) };
+                let motors = setpoints.motors.as_slice();
+                let id = self.open(agent.clone(), (target.clone(), motors), Some(safe), (Time(u64::MAX), now), out);
                 let (robot, agent) = (rules.robot.clone(), agent.to_string());
                 let motors = greatest(&stream.named(), &rules);
                 out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target, escape: false, motors }));
@@ -203,13 +218,9 @@ impl SuperviseCore {
     }
 
     pub(super) fn begin_stream(&mut self, stream: Streaming, here: &Pose, now: Time, out: &mut Vec<SuperviseOut>) {
-        let (motors, mode) = match stream.velocity {
-            true => (stream.named(), ControlMode::Velocity),
-            false => (Vec::new(), ControlMode::PositionDirect),
-        };
-        self.modes = true;
-        out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Mode { motors, mode }));
+        let motors = stream.named();
         self.stream = Some(stream);
+        self.switch_modes(&motors, out);
         self.write_stream(here, now, out);
     }
 
@@ -240,6 +251,7 @@ impl SuperviseCore {
             // these motors leave the move; the others go on
             let mut stream = Streaming::new(true, here, &rules, now);
             stream.take(setpoints, &rules, now)?;
+            self.with_book(|b| b.open.iter_mut().for_each(|o| o.name(&setpoints.motors)));
             self.tell_joined(id, &stream.named(), out);
             self.begin_stream(stream, here, now, out);
             return Ok(id);
@@ -250,19 +262,17 @@ impl SuperviseCore {
         if stream.velocity != velocity {
             return not_ready("the end of the present stream");
         }
-        let new: Vec<usize> =
-            setpoints.motors.iter().copied().filter(|m| stream.motors.get(*m) == Some(&false)).collect();
+        let new: Vec<usize> = setpoints.motors.iter().copied().filter(|m| !stream.names(*m)).collect();
         stream.take(setpoints, &rules, now)?;
-        let asked: Option<Pose> = (!velocity).then(|| stream.asked.as_slice().into());
-        self.with_book(|book| {
-            if let (Some(open), Some(asked)) = (book.open.as_mut(), asked) {
-                open.target = asked;
+        if let Some(open) = &mut self.ledger.book().open {
+            open.name(&setpoints.motors);
+            if !velocity {
+                open.target = stream.with(&open.target, &stream.asked);
             }
-        });
+        }
         if !new.is_empty() {
             self.tell_joined(id, &new, out);
-            let mode = Command::Mode { motors: new, mode: ControlMode::Velocity };
-            out.push(SuperviseOut::Command(self.token, Writer::Agent, mode));
+            self.switch_modes(&new, out);
         }
         self.write_stream(here, now, out);
         Ok(id)
@@ -284,8 +294,7 @@ impl SuperviseCore {
     pub(super) fn leave_stream(&mut self, motors: &[usize], now: Time, out: &mut Vec<SuperviseOut>) {
         let Some(mut stream) = self.stream.take() else { return };
         if !stream.velocity {
-            let written: Pose = stream.written.as_slice().into();
-            self.with_book(|b| b.open.iter_mut().for_each(|o| o.target = written.clone()));
+            self.with_book(|b| b.open.iter_mut().for_each(|o| o.target = stream.with(&o.target, &stream.written)));
             return;
         }
         for m in motors {
@@ -357,15 +366,14 @@ impl SuperviseCore {
         at.since(stream.mark.0) >= FROZEN && stream.mark.1 > FROZEN_WAY
     }
 
-    /// The robot rests: where it does is the stream's target.
+    /// The robot rests: where it does is the stream's target, or the last set-point if it counts as being there.
     fn end_stream(&mut self, q: &Pose, since: Time, at: Time, out: &mut Vec<SuperviseOut>) {
         let Some(stream) = self.stream.take() else { return };
         let rested: Option<(CommitId, Pose, bool)> = self.with_book(|book| {
             let open = book.open.as_mut()?;
-            let now = |(m, old): (usize, &f64)| {
-                if stream.motors.get(m) == Some(&true) { q.get(m) } else { None }.copied().unwrap_or(*old)
-            };
-            open.target = open.target.iter().enumerate().map(now).collect();
+            let last = |m: usize| stream.written.get(m).copied().filter(|_| !stream.velocity);
+            let rests: Vec<f64> = q.iter().enumerate().map(|(m, q)| home(last(m), *q, self.rules.tolerance)).collect();
+            open.target = stream.with(&open.target, &rests);
             open.since = since;
             let alone = open.due == Time(u64::MAX);
             // motors that a commit moves may still be on their way
@@ -384,12 +392,23 @@ impl SuperviseCore {
         self.restore_modes(Writer::Agent, out);
     }
 
-    /// Motors that a stream has taken out of the mode of position moves are put back.
-    pub(super) fn restore_modes(&mut self, writer: Writer, out: &mut Vec<SuperviseOut>) {
-        if std::mem::take(&mut self.modes) {
-            let mode = Command::Mode { motors: Vec::new(), mode: ControlMode::Position };
+    /// Motors that join the stream take its set-points from now on.
+    pub(super) fn switch_modes(&mut self, motors: &[usize], out: &mut Vec<SuperviseOut>) {
+        let Some(stream) = &self.stream else { return };
+        self.modes.extend(motors);
+        let mode = if stream.velocity { ControlMode::Velocity } else { ControlMode::PositionDirect };
+        out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Mode { motors: motors.to_vec(), mode }));
+    }
+
+    /// Motors that a stream has taken out of the mode of position moves are put back; whether there were any.
+    pub(super) fn restore_modes(&mut self, writer: Writer, out: &mut Vec<SuperviseOut>) -> bool {
+        let motors: Vec<usize> = std::mem::take(&mut self.modes).into_iter().collect();
+        let any = !motors.is_empty();
+        if any {
+            let mode = Command::Mode { motors, mode: ControlMode::Position };
             out.push(SuperviseOut::Command(self.token, writer, mode));
         }
+        any
     }
 }
 

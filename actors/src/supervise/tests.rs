@@ -256,7 +256,8 @@ fn the_reflex_says_nothing_before_the_robot_rests() {
         pulse.speed = speed;
         reflex.on(ReflexIn::Pulse(&mut pulse, None, Status::Stopping), at, &|_| Default::default())
     };
-    let motion = Motion { id: CommitId(1), safe: Some((Time::ZERO, vec![0.0].into())) };
+    let safe = Some((Time::ZERO, vec![0.0].into()));
+    let motion = Motion { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
     let roll_back = ReflexIn::RollBack { token: cell.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::ZERO, &|_| Default::default());
     let (mut stops, mut given_up) = (0, 0);

@@ -3,7 +3,7 @@
 use super::Counts;
 use crate::gate::Gate;
 use crate::journal::Line;
-use crate::ledger::{Ledger, Open};
+use crate::ledger::{Ledger, Open, Places};
 use mobee_contract::{Cause, CommitId, Event, Note, Pose, Time};
 use mobee_model::{Edit, Scene};
 use serde_json::Value;
@@ -41,6 +41,10 @@ pub struct PastRobot {
     pub last_id: u64,
     /// The transaction that was left open.
     pub open: Option<Open>,
+    /// Where the motors had been sent.
+    pub places: Places,
+    /// At which distance a motor counts as being there, rad.
+    tolerance: f64,
     /// The newest pose that is known of, rad: recorded, or that of the last outcome.
     pub q: Option<Pose>,
     /// The recorded poses, oldest first.
@@ -77,27 +81,35 @@ impl Past {
                     open.safe = Some((line.at, q.clone()));
                 }
             }
-            Event::Commit { robot, id: CommitId(id), agent, target, escape, .. } => {
+            Event::Robot { robot, tolerance, .. } => self.of(robot).tolerance = *tolerance,
+            Event::Commit { robot, id: CommitId(id), agent, target, escape, motors } => {
                 let past = self.of(robot);
+                let named = |motors: &[(usize, f64)]| motors.iter().map(|(m, _)| *m).collect();
+                // an old journal does not tell
+                let named = if motors.is_empty() { (0..target.len()).collect() } else { named(motors) };
                 past.last_id = *id;
                 past.open = Some(Open {
                     id: CommitId(*id),
                     agent: agent.as_str().into(),
                     target: target.clone(),
+                    named,
                     safe: past.safe.clone().filter(|_| !escape),
                     since: line.at,
                     due: line.at,
                     cause: Some(Cause::Crashed),
                 });
             }
-            Event::Amended { robot, target, .. } => {
+            Event::Amended { robot, target, motors, .. } => {
                 if let Some(open) = &mut self.of(robot).open {
                     open.target = target.clone();
+                    open.name(&motors.iter().map(|(m, _)| *m).collect::<Vec<_>>());
                 }
             }
-            Event::Outcome { robot, q, .. } => {
+            Event::Outcome { robot, outcome, q, .. } => {
                 let past = self.of(robot);
-                past.open = None;
+                if let Some(open) = past.open.take() {
+                    past.places = open.places_after(&past.places, *outcome, q, past.tolerance);
+                }
                 past.outcomes += 1;
                 past.q = Some(q.clone());
             }
@@ -190,6 +202,7 @@ impl PastRobot {
             book.history.restore(&self.recorded);
             book.last_id = self.last_id;
             book.open = self.open.clone();
+            book.places = self.places.clone();
             let safe = book.open.as_ref().and_then(|o| o.safe.clone());
             let found = safe.and_then(|(at, q)| book.history.recorded_near(at, &q, ABOUT).map(|r| (r.at, q)));
             if let (Some(open), Some(found)) = (book.open.as_mut(), found) {

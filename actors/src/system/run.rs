@@ -351,9 +351,9 @@ async fn abandon(hub: &Hub) {
 
 /// What a controller that stayed down left open is settled by its newest recorded pose.
 fn settle_ledger(hub: &Hub, wires: &Wires) {
-    let (open, newest) = {
+    let (open, newest, places) = {
         let book = wires.ledger.book();
-        (book.open.clone(), book.history.newest().map(|r| r.q.clone()))
+        (book.open.clone(), book.history.newest().map(|r| r.q.clone()), book.places.clone())
     };
     let Some(open) = open else { return };
     let q = newest.unwrap_or_else(|| open.target.clone());
@@ -367,7 +367,7 @@ fn settle_ledger(hub: &Hub, wires: &Wires) {
         Outcome::Faulted
     };
     let end = if outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed };
-    wires.ledger.book().close(open.id, end);
+    wires.ledger.book().close(open.id, end, places);
     let (robot, cause) = (wires.name.clone(), open.cause.filter(|_| outcome != Outcome::Committed));
     hub.tell(Event::Outcome { robot, id: open.id, outcome, q, safe, cause });
 }

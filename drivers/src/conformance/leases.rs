@@ -20,7 +20,7 @@ fn no_lease(bench: &mut dyn Bench) -> Result<(), String> {
     t.refused(Command::Move(t.to(&motors, &t.away(&motors))), "")?;
     // what moves nothing needs none
     t.give(Command::Stop { motors: vec![] })?;
-    t.give(Command::Mode { motors: vec![], mode: ControlMode::Position })?;
+    t.give(Command::Mode { motors: t.all(), mode: ControlMode::Position })?;
     t.settle(20)?;
     t.rests_at(&here)
 }
@@ -55,7 +55,7 @@ fn stream_without_lease(bench: &mut dyn Bench) -> Result<(), String> {
     if !t.board.position_direct {
         return Ok(());
     }
-    t.give(Command::Mode { motors: vec![], mode: ControlMode::PositionDirect })?;
+    t.give(Command::Mode { motors: t.all(), mode: ControlMode::PositionDirect })?;
     t.until_mode(ControlMode::PositionDirect)?;
     t.keeps_lease = false;
     let (now, here) = (t.now(), t.last.q.clone());
@@ -64,7 +64,10 @@ fn stream_without_lease(bench: &mut dyn Bench) -> Result<(), String> {
     let pose = t.away(&t.motors()?);
     for _ in 0..20 {
         let now = t.now();
-        if !matches!(t.driver.command(now, &Command::Direct { q: pose.clone() }), Err(DriverFault::Refused(_))) {
+        if !matches!(
+            t.driver.command(now, &Command::Direct { motors: t.all(), q: pose.clone() }),
+            Err(DriverFault::Refused(_))
+        ) {
             return Err("a set-point without a lease was not refused".into());
         }
         t.step()?;
@@ -94,7 +97,7 @@ fn restart(bench: &mut dyn Bench) -> Result<(), String> {
     t.give(Command::Move(t.to(&motors, &pose)))?;
     t.until_done()?;
     let mode = if t.board.position_direct { ControlMode::PositionDirect } else { ControlMode::Idle };
-    t.give(Command::Mode { motors: vec![], mode })?;
+    t.give(Command::Mode { motors: t.all(), mode })?;
     t.until_mode(mode)?;
     let before = t.last.clone();
     t.reconnect()?;

@@ -88,18 +88,22 @@ fn all_or_nothing(bench: &mut dyn Bench) -> Result<(), String> {
 fn direct(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = Trial::begin(bench)?;
     let here = t.last.q.to_vec();
-    t.refused(Command::Direct { q: here.clone() }, "")?;
+    t.refused(Command::Direct { motors: t.all(), q: here.clone() }, "")?;
     if !t.board.position_direct {
         return Ok(());
     }
-    t.give(Command::Mode { motors: vec![], mode: ControlMode::PositionDirect })?;
+    let all = t.all();
+    t.refused(Command::Mode { motors: vec![], mode: ControlMode::PositionDirect }, "")?;
+    t.refused(Command::Direct { motors: vec![], q: vec![] }, "")?;
+    t.refused(Command::Direct { motors: all.iter().copied().chain([0]).collect(), q: vec![0.0; all.len() + 1] }, "")?;
+    t.give(Command::Mode { motors: t.all(), mode: ControlMode::PositionDirect })?;
     t.until_mode(ControlMode::PositionDirect)?;
-    t.refused(Command::Direct { q: here.iter().copied().skip(1).collect() }, "")?;
+    t.refused(Command::Direct { motors: t.all(), q: here.iter().copied().skip(1).collect() }, "")?;
     for m in t.motors()? {
         let Some(axis) = t.board.axes.get(m).cloned() else { continue };
         for bad in [axis.min - DEG, axis.max + DEG, f64::NAN] {
             let q = here.iter().enumerate().map(|(i, q)| if i == m { bad } else { *q }).collect();
-            t.refused(Command::Direct { q }, &axis.name)?;
+            t.refused(Command::Direct { motors: t.all(), q }, &axis.name)?;
         }
     }
     Ok(())

@@ -8,6 +8,7 @@ use std::time::Duration;
 pub const PROMISES: &[Promise] = &[
     Promise { name: "control modes read back", check: modes },
     Promise { name: "a stream of set-points is followed closely and held at its end", check: stream },
+    Promise { name: "set-points of one motor touch no other", check: one_alone },
     Promise { name: "a move puts its motors into position mode", check: move_after_stream },
 ];
 
@@ -16,7 +17,7 @@ fn modes(bench: &mut dyn Bench) -> Result<(), String> {
     let here = t.last.q.clone();
     let direct = if t.board.position_direct { ControlMode::PositionDirect } else { ControlMode::Idle };
     for mode in [direct, ControlMode::Position, ControlMode::Idle, ControlMode::Position] {
-        t.give(Command::Mode { motors: vec![], mode })?;
+        t.give(Command::Mode { motors: t.all(), mode })?;
         t.until_mode(mode)?;
         t.settle(3)?;
         t.rests_at(&here).map_err(|e| format!("switching to {mode:?} moved it: {e}"))?;
@@ -28,8 +29,8 @@ fn modes(bench: &mut dyn Bench) -> Result<(), String> {
     see(!t.driver.modes().iter().enumerate().any(wrong), || "a mode set for one motor is not its alone".into())
 }
 
-/// Streams set-points every 20 ms at 5 deg/s to `pose`; the worst lag (rad) behind the newest set-point while at it.
-fn follow(t: &mut Trial, pose: &[f64]) -> Result<f64, String> {
+/// Streams set-points of these motors every 20 ms at 5 deg/s to `pose`; the worst lag (rad) behind the newest set-point while at it.
+fn follow(t: &mut Trial, motors: &[usize], pose: &[f64]) -> Result<f64, String> {
     let (start, tick) = (t.last.q.to_vec(), Duration::from_millis(20));
     let way = start.iter().zip(pose).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
     let ticks = (way / (5.0 * DEG * tick.as_secs_f64())).ceil().max(1.0);
@@ -41,7 +42,8 @@ fn follow(t: &mut Trial, pose: &[f64]) -> Result<f64, String> {
         lag = newest.iter().zip(t.last.q.iter()).map(|(a, b)| (a - b).abs()).fold(lag, f64::max);
         while t.now() >= next && i < ticks {
             i += 1.0;
-            t.give(Command::Direct { q: q(i / ticks) })?;
+            let q = q(i / ticks);
+            t.give(Command::Direct { motors: motors.to_vec(), q: motors.iter().map(|m| at(&q, *m)).collect() })?;
             next = next + tick;
         }
     }
@@ -53,10 +55,11 @@ fn stream(bench: &mut dyn Bench) -> Result<(), String> {
     if !t.board.position_direct {
         return Ok(());
     }
-    t.give(Command::Mode { motors: vec![], mode: ControlMode::PositionDirect })?;
+    t.give(Command::Mode { motors: t.all(), mode: ControlMode::PositionDirect })?;
     t.until_mode(ControlMode::PositionDirect)?;
     let pose = t.away(&t.motors()?);
-    let lag = follow(&mut t, &pose)?;
+    let all = t.all();
+    let lag = follow(&mut t, &all, &pose)?;
     // it starts from rest, commands take their time, and it follows three set-points behind at most
     let late = (t.board.latency + t.board.period + Duration::from_millis(60)).as_secs_f64();
     let most = 5.0 * DEG * late + 0.3 * DEG + NEAR;
@@ -66,11 +69,32 @@ fn stream(bench: &mut dyn Bench) -> Result<(), String> {
     t.rests_at(&pose)
 }
 
+/// One motor is streamed while the others stay in the mode they are in, and where they are.
+fn one_alone(bench: &mut dyn Bench) -> Result<(), String> {
+    let mut t = Trial::begin(bench)?;
+    if !t.board.position_direct {
+        return Ok(());
+    }
+    let m = t.motors()?.first().copied().unwrap_or_default();
+    t.give(Command::Mode { motors: t.all(), mode: ControlMode::Position })?;
+    t.until_mode(ControlMode::Position)?;
+    t.give(Command::Mode { motors: vec![m], mode: ControlMode::PositionDirect })?;
+    t.settle(50)?;
+    let pose = t.away(&[m]);
+    t.refused(Command::Direct { motors: t.all(), q: t.last.q.to_vec() }, "")?;
+    follow(&mut t, &[m], &pose)?;
+    let wrong = |(i, mode): (usize, &ControlMode)| (*mode == ControlMode::PositionDirect) != (i == m);
+    see(!t.driver.modes().iter().enumerate().any(wrong), || "another motor's mode was changed".into())?;
+    t.until_done()?;
+    t.settle(20)?;
+    t.rests_at(&pose)
+}
+
 fn move_after_stream(bench: &mut dyn Bench) -> Result<(), String> {
     let mut t = Trial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let other = if t.board.position_direct { ControlMode::PositionDirect } else { ControlMode::Idle };
-    t.give(Command::Mode { motors: vec![], mode: other })?;
+    t.give(Command::Mode { motors: t.all(), mode: other })?;
     t.until_mode(other)?;
     let pose = t.away(&[m]);
     t.give(Command::Move(t.to(&[m], &pose)))?;

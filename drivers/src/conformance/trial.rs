@@ -188,6 +188,11 @@ impl<'a> Trial<'a> {
         Ok(())
     }
 
+    /// All motors.
+    pub fn all(&self) -> Vec<usize> {
+        (0..self.board.axes.len()).collect()
+    }
+
     /// Up to three motors with room to move.
     pub fn motors(&self) -> Result<Vec<usize>, String> {
         let roomy = |a: &mobee_contract::Axis| a.max - a.min > 4.0 * DEG;

@@ -1,7 +1,7 @@
 //! Commands, checked against the board before any of them is believed.
 
 use super::Plant;
-use crate::fit::{ENCODER_NOISE, ROUNDING, named, named_or_all, references, same_length, velocities, within};
+use crate::fit::{ENCODER_NOISE, ROUNDING, follows, named, named_or_all, references, same_length, velocities, within};
 use mobee_contract::{Command, ControlMode, Move};
 
 /// Where one motor is to go.
@@ -22,8 +22,8 @@ pub struct Way {
 pub enum Checked {
     /// Position moves to absolute targets.
     Move(Vec<Way>),
-    /// A set-point for every motor.
-    Direct(Vec<f64>),
+    /// Set-points of these.
+    Direct(Vec<(usize, f64)>),
     /// Velocities of these.
     Velocity(Vec<(usize, f64)>),
     /// Brake these.
@@ -44,8 +44,7 @@ impl Checked {
     pub fn disturbs(&self) -> Vec<usize> {
         match self {
             Checked::Move(ways) => ways.iter().map(|w| w.motor).collect(),
-            Checked::Direct(q) => (0..q.len()).collect(),
-            Checked::Velocity(speeds) => speeds.iter().map(|(m, _)| *m).collect(),
+            Checked::Direct(each) | Checked::Velocity(each) => each.iter().map(|(m, _)| *m).collect(),
             Checked::Stop(motors) | Checked::Mode(motors, _) => motors.clone(),
             Checked::Reference(_) => Vec::new(),
         }
@@ -56,10 +55,10 @@ impl Checked {
 pub fn check(plant: &Plant, command: &Command) -> Result<Checked, String> {
     match command {
         Command::Move(m) => check_move(plant, m).map(Checked::Move),
-        Command::Direct { q } => check_direct(plant, q).map(Checked::Direct),
+        Command::Direct { motors, q } => check_direct(plant, motors, q).map(Checked::Direct),
         Command::Velocity { motors, speed } => velocities(&plant.axes, motors, speed).map(Checked::Velocity),
         Command::Stop { motors } => named_or_all(&plant.axes, motors).map(Checked::Stop),
-        Command::Mode { motors, mode } => Ok(Checked::Mode(named_or_all(&plant.axes, motors)?, *mode)),
+        Command::Mode { motors, mode } => named(&plant.axes, motors).map(|_| Checked::Mode(motors.clone(), *mode)),
         Command::Reference { motors, speed, acceleration } => {
             let axes = named(&plant.axes, motors)?;
             let speed = references(&axes, speed, "speed")?;
@@ -91,8 +90,9 @@ fn check_move(plant: &Plant, m: &Move) -> Result<Vec<Way>, String> {
         .collect()
 }
 
-fn check_direct(plant: &Plant, q: &[f64]) -> Result<Vec<f64>, String> {
-    same_length(plant.axes.len(), q.len(), "positions")?;
+fn check_direct(plant: &Plant, motors: &[usize], q: &[f64]) -> Result<Vec<(usize, f64)>, String> {
+    let axes = named(&plant.axes, motors)?;
+    same_length(motors.len(), q.len(), "positions")?;
     // the modes that will be in force when it takes effect
     let mut modes = plant.modes();
     for (_, command) in &plant.in_flight {
@@ -108,10 +108,9 @@ fn check_direct(plant: &Plant, q: &[f64]) -> Result<Vec<f64>, String> {
             }
         }
     }
-    for (axis, mode) in plant.axes.iter().zip(modes) {
-        if mode != ControlMode::PositionDirect {
-            return Err(format!("motor {} takes no set-points: it is in mode {mode:?}", axis.name));
-        }
-    }
-    plant.axes.iter().zip(q).map(|(axis, q)| within(axis, *q, ENCODER_NOISE)).collect()
+    let each = motors.iter().zip(axes).zip(q).map(|((motor, axis), q)| {
+        follows(axis, modes.get(*motor).copied())?;
+        Ok((*motor, within(axis, *q, ENCODER_NOISE)?))
+    });
+    each.collect()
 }

@@ -1,6 +1,6 @@
 //! Commands, checked against boards and newest reading before anything of them is sent.
 
-use crate::fit::{ENCODER_NOISE, ROUNDING, named, named_or_all, references, same_length, velocities, within};
+use crate::fit::{ENCODER_NOISE, ROUNDING, follows, named, references, same_length, velocities, within};
 use mobee_contract::{Axis, Command, ControlMode, Move};
 
 /// What a command is checked against.
@@ -21,8 +21,8 @@ pub struct Known<'a> {
 pub enum Checked {
     /// Position moves: motors, targets, reference speeds, reference accelerations.
     Move(Vec<usize>, Vec<f64>, Option<Vec<f64>>, Option<Vec<f64>>),
-    /// A set-point for every motor.
-    Direct(Vec<f64>),
+    /// Set-points.
+    Direct(Vec<usize>, Vec<f64>),
     /// Velocities.
     Velocity(Vec<usize>, Vec<f64>),
     /// Brake these; all if the list is empty.
@@ -36,7 +36,7 @@ pub enum Checked {
 impl Checked {
     /// Whether it starts a motion.
     pub fn moves(&self) -> bool {
-        matches!(self, Checked::Move(..) | Checked::Direct(_) | Checked::Velocity(..))
+        matches!(self, Checked::Move(..) | Checked::Direct(..) | Checked::Velocity(..))
     }
 }
 
@@ -48,14 +48,14 @@ impl Known<'_> {
     pub fn check(&self, command: &Command) -> Result<Checked, String> {
         match command {
             Command::Move(m) => self.check_move(m),
-            Command::Direct { q } => self.check_direct(q),
+            Command::Direct { motors, q } => self.check_direct(motors, q),
             Command::Velocity { motors, speed } => {
                 let (motors, speed) = velocities(self.axes, motors, speed)?.into_iter().unzip();
                 Ok(Checked::Velocity(motors, speed))
             }
             Command::Stop { motors } if motors.is_empty() => Ok(Checked::Stop(Vec::new())),
             Command::Stop { motors } => named(self.axes, motors).map(|_| Checked::Stop(motors.clone())),
-            Command::Mode { motors, mode } => Ok(Checked::Mode(named_or_all(self.axes, motors)?, *mode)),
+            Command::Mode { motors, mode } => named(self.axes, motors).map(|_| Checked::Mode(motors.clone(), *mode)),
             Command::Reference { motors, speed, acceleration } => {
                 let axes = named(self.axes, motors)?;
                 let speed = lowered(&axes, speed, "speed", |a| a.max_speed)?;
@@ -85,15 +85,14 @@ impl Known<'_> {
         Ok(Checked::Move(m.motors.clone(), to.collect::<Result<_, _>>()?, speed, acceleration))
     }
 
-    fn check_direct(&self, q: &[f64]) -> Result<Checked, String> {
-        same_length(self.axes.len(), q.len(), "positions")?;
-        for (axis, mode) in self.axes.iter().zip(self.modes) {
-            if *mode != ControlMode::PositionDirect {
-                return Err(format!("motor {} takes no set-points: it is in mode {mode:?}", axis.name));
-            }
-        }
-        let to = self.axes.iter().zip(q).map(|(axis, q)| within(axis, *q, ENCODER_NOISE));
-        Ok(Checked::Direct(to.collect::<Result<_, _>>()?))
+    fn check_direct(&self, motors: &[usize], q: &[f64]) -> Result<Checked, String> {
+        let axes = named(self.axes, motors)?;
+        same_length(motors.len(), q.len(), "positions")?;
+        let to = motors.iter().zip(axes).zip(q).map(|((motor, axis), q)| {
+            follows(axis, self.modes.get(*motor).copied())?;
+            within(axis, *q, ENCODER_NOISE)
+        });
+        Ok(Checked::Direct(motors.to_vec(), to.collect::<Result<_, _>>()?))
     }
 
     fn is_driven(&self, motor: usize) -> bool {

@@ -201,9 +201,8 @@ fn split(layout: &Layout, checked: &Checked) -> Vec<(usize, Do)> {
             })
             .collect()
         }
-        Checked::Direct(q) => {
-            let all: Vec<usize> = (0..q.len()).collect();
-            layout.split(&all, q).into_iter().map(|(b, joints, to)| (b, Do::Direct { joints, to })).collect()
+        Checked::Direct(motors, q) => {
+            layout.split(motors, q).into_iter().map(|(b, joints, to)| (b, Do::Direct { joints, to })).collect()
         }
         Checked::Velocity(motors, speed) => {
             let split = layout.split(motors, speed).into_iter();

@@ -19,6 +19,15 @@ fn axes() -> Vec<Axis> {
     (0..MOTORS).map(axis).collect()
 }
 
+/// The first so many motors.
+fn first(n: usize) -> Vec<usize> {
+    (0..n).collect()
+}
+
+fn all_direct(q: f64) -> Command {
+    Command::Direct { motors: first(MOTORS), q: vec![q; MOTORS] }
+}
+
 #[derive(Clone, Debug)]
 enum Act {
     Give(Command),
@@ -34,14 +43,15 @@ fn acts() -> impl Strategy<Value = Vec<(u64, Act)>> {
             let q = if relative { 0.3 * q } else { q };
             Act::Give(Command::Move(Move { motors: vec![m], q: vec![q], relative, speed, acceleration }))
         });
-    let direct = prop::collection::vec(q(), MOTORS).prop_map(|q| Act::Give(Command::Direct { q }));
-    let near = (q(), 0.0..0.1f64).prop_map(|(q, d)| Act::Give(Command::Direct { q: vec![q.min(1.4) + d; MOTORS] }));
+    let direct =
+        prop::collection::vec(q(), 1..=MOTORS).prop_map(|q| Act::Give(Command::Direct { motors: first(q.len()), q }));
+    let near = (q(), 0.0..0.1f64).prop_map(|(q, d)| Act::Give(all_direct(q.min(1.4) + d)));
     let velocity =
         (0..MOTORS, -2.0..2.0f64).prop_map(|(m, v)| Act::Give(Command::Velocity { motors: vec![m], speed: vec![v] }));
     let stop =
         (0..=MOTORS).prop_map(|m| Act::Give(Command::Stop { motors: if m < MOTORS { vec![m] } else { vec![] } }));
     let mode = prop_oneof![Just(ControlMode::PositionDirect), Just(ControlMode::Position), Just(ControlMode::Idle)]
-        .prop_map(|mode| Act::Give(Command::Mode { motors: vec![], mode }));
+        .prop_map(|mode| Act::Give(Command::Mode { motors: first(MOTORS), mode }));
     let lease = (0u64..400).prop_map(Act::Lease);
     let act = prop_oneof![4 => motion, 4 => velocity, 3 => direct, 3 => near, 1 => stop, 2 => mode, 3 => lease];
     prop::collection::vec((prop_oneof![Just(20u64), 0u64..600], act), 1..40)
@@ -171,7 +181,7 @@ fn a_ramp_of_set_points_is_followed_closely() {
     for rate_deg in [10f64, 40.0, 90.0] {
         let mut plant = Plant::new(axes(), &[-0.9; MOTORS], Profile::MinimumJerk);
         plant.lease(Time::ZERO, Time(u64::MAX));
-        let direct = Command::Mode { motors: vec![], mode: ControlMode::PositionDirect };
+        let direct = Command::Mode { motors: first(MOTORS), mode: ControlMode::PositionDirect };
         plant.command(Time::ZERO, &direct, Duration::ZERO).unwrap();
         let step = rate_deg.to_radians() * 0.02;
         let mut worst = 0.0f64;
@@ -181,7 +191,7 @@ fn a_ramp_of_set_points_is_followed_closely() {
                 break;
             }
             let now = Time(tick * 20_000_000);
-            plant.command(now, &Command::Direct { q: vec![q; MOTORS] }, Duration::ZERO).unwrap();
+            plant.command(now, &all_direct(q), Duration::ZERO).unwrap();
             for ms in 0..20 {
                 plant.advance(now + Duration::from_millis(ms));
                 // behind the newest set-point, once up to speed

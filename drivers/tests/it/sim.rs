@@ -234,12 +234,12 @@ fn a_recorded_motion_streamed_backwards_keeps_to_its_path() {
         driver.command(now, &Command::Move(target.in_step(&from, &axes))).unwrap();
         let recorded = positions(run(driver.as_mut(), &mut now, 25.0));
         assert_eq!(hardware.positions(now), to);
-        driver.command(now, &Command::Mode { motors: vec![], mode: ControlMode::PositionDirect }).unwrap();
+        driver.command(now, &Command::Mode { motors: vec![0, 1], mode: ControlMode::PositionDirect }).unwrap();
         run(driver.as_mut(), &mut now, 0.1);
         let mut worst = 0.0f64;
         let rests = |q: &&Vec<f64>| (q[0] - to[0]).abs() < 1e-3;
         for q in recorded.iter().rev().skip_while(rests) {
-            driver.command(now, &Command::Direct { q: q.clone() }).unwrap();
+            driver.command(now, &Command::Direct { motors: vec![0, 1], q: q.clone() }).unwrap();
             run(driver.as_mut(), &mut now, 0.009);
             // how far the second motor is off the straight line, given where the first is
             let real = hardware.positions(now);

@@ -196,13 +196,13 @@ impl Cell {
         let s = &self.supervise;
         let of_supervise = (s.token, s.status, &s.closing, &s.newest, s.done_since, &s.retry, s.course);
         let book = self.ledger.book();
-        let of_book = (&book.open, book.last_id, book.status, &book.died, &book.safe);
+        let of_book = (&book.open, book.last_id, book.status, &book.died, (&book.safe, &book.places));
         let queues = (&self.driver, &self.to_supervise, &self.to_reflex);
         let plant = (self.now, self.q, self.goal, self.speed, self.moves, self.mode, self.wall);
         let watched =
             (self.written, self.restarted, self.way, (self.near_at, self.least), self.read, self.gate.token());
         let mut hasher = std::hash::DefaultHasher::new();
-        let all = (of_supervise, (s.modes, of_book), self.reflex.state(), queues, plant, watched);
+        let all = (of_supervise, (&s.modes, of_book), self.reflex.state(), queues, plant, watched);
         let _ = std::fmt::write(&mut Hashed(&mut hasher), format_args!("{all:?}"));
         hasher.finish()
     }
@@ -219,7 +219,7 @@ impl Cell {
         for output in outputs {
             match output {
                 SuperviseOut::Command(token, writer, command) => {
-                    let q = if let Command::Direct { q } = &command { Some((token, q[0], self.now)) } else { None };
+                    let q = if let Command::Direct { q, .. } = &command { Some((token, q[0], self.now)) } else { None };
                     if let (Some((before, old, at)), Some((token, q, now))) = (self.written, q)
                         && before == token
                     {
@@ -332,7 +332,7 @@ impl Cell {
                         self.goal = m.q[0];
                         self.speed = m.speed.map_or(1.0, |s| s[0]);
                     }
-                    Command::Direct { q } => {
+                    Command::Direct { q, .. } => {
                         assert_eq!(self.mode, ControlMode::PositionDirect, "a set-point in the wrong mode");
                         self.goal = q[0];
                         self.speed = 1.7;
@@ -353,7 +353,7 @@ impl Cell {
                 Some(ToReflex::Pulse(mut pulse)) => {
                     let (motion, status) = {
                         let book = self.ledger.book();
-                        (book.open.as_ref().map(|o| Motion { id: o.id, safe: o.safe.clone() }), book.status)
+                        (book.motion(), book.status)
                     };
                     self.reflex_on(ReflexIn::Pulse(&mut pulse, motion.as_ref(), status));
                     self.to_supervise.push_back(ToSupervise::Pulse(pulse));
