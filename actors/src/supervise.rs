@@ -19,6 +19,7 @@ mod commit;
 mod credit;
 mod end;
 mod forces;
+mod hush;
 mod stream;
 
 use crate::controller::Rules;
@@ -138,6 +139,8 @@ pub struct SuperviseCore {
     course: Option<(Time, f64, f64)>,
     /// The stream of set-points that the open transaction is.
     stream: Option<stream::Streaming>,
+    /// Who streamed into something, and is not heard.
+    hushed: Option<hush::Hush>,
     /// The motion under forces that the open transaction is; its set-points are the stream.
     forces: Option<forces::Forces>,
     /// The motors that are perhaps in another control mode than that of position moves.
@@ -168,6 +171,7 @@ impl SuperviseCore {
             retry: None,
             course: None,
             stream: None,
+            hushed: None,
             forces: None,
             modes: named.iter().flat_map(|named| named.iter().copied()).collect(),
             yields: false,
@@ -350,6 +354,7 @@ impl SuperviseCore {
             return; // somebody closed it anew since
         }
         self.token = token;
+        self.hush(now);
         (self.stream, self.forces) = (None, None);
         if self.is_moving() {
             self.give_cause(cause);

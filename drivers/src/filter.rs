@@ -179,7 +179,9 @@ impl FilterCore {
     /// A command of `command:i` came; `None`: nothing is to be done.
     pub fn streamed(&mut self, client: &Client, head: &Bottle, body: &[f64], seen: &Seen) -> Option<Step> {
         self.lines.hear(client, seen);
-        if closed(seen.status) || self.lines.deaf(client, seen.now) {
+        // it is heard while the filter is closed, too: who never paused has not been silent
+        let deaf = self.lines.deaf(client, seen.now);
+        if deaf || closed(seen.status) {
             return None;
         }
         let axes = self.parts.get(client.part)?.shadow.axes.len();

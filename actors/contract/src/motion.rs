@@ -3,6 +3,7 @@
 use crate::{Axis, Move, Pose};
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::time::Duration;
 
 /// The number of an accepted commit, counted per robot from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -168,6 +169,9 @@ pub enum Cause {
     Asked,
 }
 
+/// For how long whoever streamed into something must be silent, once the filter is open again, to be heard again.
+pub const SILENCE: Duration = Duration::from_millis(500);
+
 /// A normal answer to a commit that is not accepted; it changes nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(tag = "code", rename_all = "snake_case")]
@@ -190,6 +194,9 @@ pub enum Refusal {
     /// Another agent's motion is under way, or commands come too quickly.
     #[error("another agent's motion is under way, or commands come too quickly")]
     Busy,
+    /// The agent's last stream ran into something, and it has not been silent for [`SILENCE`] since the filter is open again.
+    #[error("the last stream ran into something, and has not been silent since")]
+    Pushing,
     /// A position outside a motor's limits.
     #[error("motor {motor}: {q_deg:.3} deg is outside its limits {min_deg:.3} to {max_deg:.3} deg")]
     Limits {
@@ -246,6 +253,7 @@ impl Refusal {
             Refusal::NotReady { .. } => "not_ready",
             Refusal::Holding { .. } => "holding",
             Refusal::Busy => "busy",
+            Refusal::Pushing => "pushing",
             Refusal::Limits { .. } => "limits",
             Refusal::NotFinite { .. } => "not_finite",
             Refusal::Jump { .. } => "jump",
@@ -266,6 +274,7 @@ impl Refusal {
             Refusal::Busy => {
                 "wait until the motion has ended, or stop its agent; send fewer than 250 commands a second"
             }
+            Refusal::Pushing => "send nothing for half a second once the robot is back, then stream elsewhere",
             Refusal::Limits { .. } => "choose a position within the limits",
             Refusal::NotFinite { .. } => "check the planner for a division by zero",
             Refusal::Jump { .. } => "begin the stream where the robot is, and step no farther than its motors are fast",

@@ -9,7 +9,9 @@ use crate::shell::SuperviseMsg;
 use crate::swap::Phase;
 use crate::wiring::{Hub, Wires};
 use mind::Mind;
-use mobee_contract::{Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, Setpoints, Target, Verdict, View};
+use mobee_contract::{
+    Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Target, Verdict, View,
+};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -229,6 +231,7 @@ impl Planning {
             }
             // not the target's fault: the robot or the filter is not ready for it
             Some(Err(Refusal::Closed | Refusal::Busy | Refusal::NotReady { .. } | Refusal::Holding { .. })) | None => {}
+            Some(Err(Refusal::Pushing)) => return self.ask_after(myself, SILENCE + PAUSE),
             Some(Err(_)) => self.last = Some(MotionEnd::Failed),
         }
         self.ask_after(myself, PAUSE);

@@ -32,7 +32,9 @@ impl Credits {
 impl SuperviseCore {
     /// Puts the verdict first, and tells of a refusal.
     pub(super) fn answer(&mut self, agent: &str, verdict: Verdict, now: Time, out: &mut Vec<SuperviseOut>) {
-        if let Err(refusal) = &verdict {
+        if let Err(refusal) = &verdict
+            && self.is_news(refusal)
+        {
             if self.credits.telling.take(now) {
                 let (robot, agent, refusal) = (self.rules.robot.clone(), agent.to_string(), refusal.clone());
                 out.push(SuperviseOut::Event(Event::Refused { robot, agent, refusal }));

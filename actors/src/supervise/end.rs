@@ -86,6 +86,7 @@ impl SuperviseCore {
             let Some(token) = self.gate.open(self.token) else { return };
             self.token = token;
             out.push(SuperviseOut::Event(Event::Enabled { robot: self.rules.robot.clone(), token }));
+            self.begin_silence(self.newest.as_ref().map_or(Time::ZERO, |newest| newest.at));
         }
         self.enter(Status::Rest, out);
     }

@@ -152,6 +152,23 @@ fn a_stream_is_refused_while_the_robot_holds_and_gives_way_to_a_move() {
     assert_eq!(refused, Err(Refusal::Holding { reason: Hold::InContact }));
 }
 
+/// A program that never looks streams on while it is taken back, and after: it has run into the wall once.
+#[test]
+fn a_stream_into_a_wall_that_never_pauses_runs_into_it_once() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Wall(Some(0.6)));
+    // 25 seconds
+    (0..5).for_each(|_| cell.apply(Op::Stream(0.3, 250)));
+    assert_eq!((cell.outcomes.len(), cell.outcome), (1, Some(Outcome::RolledBack)));
+    assert_eq!(cell.refused, 1, "one line for the whole burst");
+    assert_eq!(cell.stream(true, Values::Velocity(vec![-0.3])), Err(Refusal::Pushing));
+    cell.apply(Op::Samples(40));
+    assert_eq!(cell.stream(true, Values::Velocity(vec![-0.3])), Err(Refusal::Pushing), "0.4 s are no silence");
+    cell.apply(Op::Samples(51));
+    assert_eq!(cell.stream(true, Values::Velocity(vec![-0.3])), Ok(CommitId(2)));
+}
+
 #[test]
 fn under_forces_the_target_is_reached_at_once_or_in_velocities() {
     for kind in [Kind::Fields, Kind::NoReflex, Kind::Velocities] {

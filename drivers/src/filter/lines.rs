@@ -1,12 +1,8 @@
 //! The clients' connections: who takes part in which motion, and who still has to learn that it failed.
 
 use super::{Client, Seen};
-use mobee_contract::{CommitId, MotionEnd, Time};
+use mobee_contract::{CommitId, MotionEnd, SILENCE, Time};
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::Duration;
-
-/// After so long a silence a failed stream is heard again.
-const SILENCE: Duration = Duration::from_millis(500);
 
 #[derive(Default)]
 pub(super) struct Lines(BTreeMap<u64, Line>);

@@ -243,6 +243,24 @@ fn a_failed_stream_is_not_heard_until_its_client_knows_or_was_silent() {
 }
 
 #[test]
+fn a_stream_that_goes_on_while_the_filter_is_closed_is_not_heard_when_it_opens() {
+    let mut b = Bench::new();
+    assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_some());
+    b.end(MotionEnd::Failed);
+    let heard = |b: &mut Bench, status: Status, n: u32| {
+        b.status = status;
+        (0..n).any(|_| {
+            b.now = b.now + std::time::Duration::from_millis(20);
+            b.stream(7, "[vmos]", &[1.0, 1.0]).is_some()
+        })
+    };
+    assert!(!heard(&mut b, Status::Retreating, 100));
+    assert!(!heard(&mut b, Status::Rest, 100), "it never paused");
+    b.now = b.now + std::time::Duration::from_millis(500);
+    assert!(heard(&mut b, Status::Rest, 1));
+}
+
+#[test]
 fn settings_are_shown_as_the_client_made_them() {
     let mut b = Bench::new();
     b.say(1, "[set] [icmd] [cmod] 0 [vel]");

@@ -98,6 +98,8 @@ pub(super) struct Cell {
     pub touching: bool,
     pub commits: u64,
     pub outcomes: Vec<CommitId>,
+    /// Refusals that were told.
+    pub refused: u64,
     /// The last outcome.
     pub outcome: Option<Outcome>,
     /// An actor was restarted since the last commit (I10).
@@ -157,6 +159,7 @@ impl Cell {
             touching: false,
             commits: 0,
             outcomes: Vec::new(),
+            refused: 0,
             outcome: None,
             restarted: false,
             way: None,
@@ -247,6 +250,7 @@ impl Cell {
                     assert!(!self.moves, "I17: the motor moves as commit {} ends: {outcome:?}", id.0);
                     self.outcome = Some(outcome);
                 }
+                SuperviseOut::Event(Event::Refused { .. }) => self.refused += 1,
                 SuperviseOut::Event(Event::SafePose { q, age, .. }) => {
                     assert!(age <= self.rules.fresh.as_secs_f64(), "I4: the reading is {age} s old");
                     assert!((q[0] - self.q).abs() < 0.01, "I4: {q:?} while the motor is at {}", self.q);
