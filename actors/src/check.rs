@@ -11,7 +11,7 @@
 //! | I7 | bounded | no more wait on a link than its credit allows |
 //! | I8 | stale is not fresh | commits are accepted, and outcomes given, by fresh readings |
 //! | I9 | the retreat is watched | a contact on the way back stops it within one period |
-//! | I10 | a restart does not move | no motion from a start or restart until the next commit |
+//! | I10 | a restart does not move | no motion from a start or restart until the next commit, but a way back |
 //! | I11 | removed stays removed | no plan leads over a removed edge |
 //! | I14 | several robots | while several are on the way back, no contact between two of them begins |
 //! | I15 | liveness | once all faults have healed, motions end, filters open, and agents go on |

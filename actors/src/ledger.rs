@@ -25,6 +25,8 @@ pub struct Open {
     pub due: Time,
     /// Why it will not reach its target, once that is known.
     pub cause: Option<Cause>,
+    /// Whether a way back has begun.
+    pub retreated: bool,
 }
 
 impl Open {

@@ -21,6 +21,7 @@ pub mod pulse;
 pub mod reflex;
 pub mod ring;
 pub mod shell;
+pub mod stop;
 pub mod stream;
 pub mod supervise;
 pub mod supervision;

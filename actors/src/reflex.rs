@@ -18,6 +18,7 @@ use crate::gate::Gate;
 use crate::history::HistoryTooShort;
 use crate::ledger::Places;
 use crate::pulse::Pulse;
+use crate::stop::Stop;
 use contacts::{Contacts, Floors};
 use mobee_contract::{Cause, Command, CommitId, Event, Hold, Pose, Status, Time};
 use mobee_model::{Contact, Pair};
@@ -133,6 +134,8 @@ pub struct ReflexCore {
     /// How near pairs came since the robot was stopped to be taken back, and may come on the way.
     floors: Floors,
     violated: bool,
+    /// The last stop that it told, or was told of.
+    stop: Stop,
     /// The motors of the motion that it has stopped: they are put back into the mode of position moves.
     stopped: Arc<[usize]>,
     /// The escape under way, how near it may come, and whether a constraint was violated as it set out.
@@ -159,6 +162,7 @@ impl ReflexCore {
             near,
             floors: Floors::default(),
             violated: false,
+            stop: Stop::told(Time::ZERO),
             stopped: Vec::new().into(),
             escape: None,
             motion: None,
@@ -310,6 +314,9 @@ impl ReflexCore {
 
     /// The next phase, and what it means for those who might go back with this robot.
     fn turn(&mut self, phase: Phase, now: Time) {
+        if let Phase::Stopping { .. } = phase {
+            self.stop = Stop::told(now);
+        }
         match &phase {
             Phase::Stopping { then: Then::Retreat(_), .. } => self.convoy.coming(self.robot, now),
             Phase::Retreating { .. } | Phase::Settling { .. } => {}
@@ -333,6 +340,6 @@ impl ReflexCore {
     /// What its future depends on.
     pub fn state(&self) -> impl std::fmt::Debug + '_ {
         let seen = (&self.contacts, &self.near, &self.floors, self.violated);
-        (&self.phase, &self.convoy, seen, (&self.escape, &self.stopped), self.motion, &self.met)
+        (&self.phase, &self.convoy, seen, (&self.escape, &self.stopped, self.stop), self.motion, &self.met)
     }
 }

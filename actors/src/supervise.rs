@@ -27,6 +27,7 @@ use crate::gate::Gate;
 use crate::ledger::{Book, Ledger};
 use crate::pulse::Pulse;
 use crate::reflex::{Motion, Word};
+use crate::stop::Stop;
 use credit::Credits;
 use mobee_contract::{
     Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Outcome, Pose, Setpoints, Status, Time, Verdict, Writer,
@@ -128,6 +129,8 @@ pub struct SuperviseCore {
     token: u64,
     status: Status,
     closing: Closing,
+    /// The last stop that was told.
+    stop: Stop,
     /// The newest reading.
     newest: Option<Reading>,
     /// Since when the board has said that the motion is done.
@@ -166,6 +169,7 @@ impl SuperviseCore {
             token,
             status: Status::Starting,
             closing: Closing::Settle(now),
+            stop: Stop::told(now),
             newest: None,
             done_since: None,
             retry: None,
@@ -311,6 +315,7 @@ impl SuperviseCore {
         self.close(cause.clone(), out);
         self.give_cause(cause);
         self.closing = Closing::Settle(now + self.rules.reaction());
+        self.stop = Stop::told(now);
         self.enter(status, out);
     }
 
@@ -372,7 +377,10 @@ impl SuperviseCore {
             return;
         }
         match word {
-            Word::Retreating => self.enter(Status::Retreating, out),
+            Word::Retreating => {
+                self.with_book(|book| book.open.iter_mut().for_each(|open| open.retreated = true));
+                self.enter(Status::Retreating, out);
+            }
             Word::Settling => self.enter(Status::Settling, out),
             Word::Farther((at, q), motors) => {
                 let moved = self.with_book(|book| {

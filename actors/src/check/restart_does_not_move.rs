@@ -1,4 +1,5 @@
-//! I10: starting or restarting an actor of a controller causes no commanded motion until the next commit.
+//! I10: starting or restarting an actor of a controller causes no commanded motion until the next commit, unless the reflex takes
+//! back the motion that was interrupted.
 //!
 //! It is about driver, history, model, supervise and reflex, named `ROBOT/ACTOR` (or `ACTOR` alone for all robots): the death
 //! of an agent or a recorder stops no controller, and the reflex may well be on its way back then. Stops, modes and
@@ -37,6 +38,12 @@ impl Invariant for RestartDoesNotMove {
     fn on(&mut self, line: &Line, found: &mut Found<'_>) {
         match &line.event {
             Event::Commit { robot, .. } => drop(self.robots.insert(robot.clone(), None)),
+            // told before anything of the way back is written, and only with a transaction open (I2, I9)
+            Event::RetreatBegan { robot, .. } => {
+                if let Some(restarted) = self.robots.get_mut(robot) {
+                    *restarted = None;
+                }
+            }
             Event::Restarted { actor, .. } => {
                 let (robot, name) = actor.rsplit_once('/').map_or((None, actor.as_str()), |(r, n)| (Some(r), n));
                 if CHAIN.contains(&name) {

@@ -29,6 +29,9 @@ impl ReflexCore {
             Phase::Stopping { token, since, then } => {
                 let token = *token;
                 self.floors.note(&pulse.contacts);
+                if self.stop.is_ignored(pulse, &rules, clock) {
+                    out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
+                }
                 if now >= *since + rules.reaction() && at_rest {
                     match then.clone() {
                         Then::Retreat(_) => self.ask(clock, out),

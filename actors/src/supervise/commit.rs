@@ -139,7 +139,17 @@ impl SuperviseCore {
         self.with_book(|book| {
             book.last_id += 1;
             let id = CommitId(book.last_id);
-            let mut open = Open { id, agent, target, named: Vec::new().into(), safe, since: now, due, cause: None };
+            let mut open = Open {
+                id,
+                agent,
+                target,
+                named: Vec::new().into(),
+                safe,
+                since: now,
+                due,
+                cause: None,
+                retreated: false,
+            };
             open.name(motors);
             book.open = Some(open);
             id

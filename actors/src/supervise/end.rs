@@ -5,7 +5,7 @@ use crate::controller::distance;
 use crate::gate::Gate;
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
-use mobee_contract::{Cause, Event, Hold, MotionEnd, Outcome, Status, Time, Writer};
+use mobee_contract::{Cause, Command, Event, Hold, MotionEnd, Outcome, Status, Time, Writer};
 use std::time::Duration;
 
 /// How long the board may say "done" away from the target.
@@ -30,6 +30,10 @@ impl SuperviseCore {
         }
         match self.closing {
             Closing::Settle(after) => {
+                let rules = self.rules.clone();
+                if self.stop.is_ignored(pulse, &rules, now) {
+                    out.push(SuperviseOut::Command(self.token, Writer::Reflex, Command::Stop { motors: Vec::new() }));
+                }
                 // what is written at a reading must be with the driver before the filter may open at the next
                 if at_rest && at >= after && !self.restore_modes(Writer::Reflex, out) {
                     self.settle(pulse, out);
@@ -50,6 +54,9 @@ impl SuperviseCore {
 
     /// The robot rests: the open transaction, if any, gets the outcome that the pose shows; then open, or hold.
     fn settle(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
+        if self.take_back(out) {
+            return;
+        }
         let lost = self.end_after_crash(out);
         self.end(None, out);
         self.closing = Closing::No;
@@ -64,6 +71,26 @@ impl SuperviseCore {
             Some(reason) => self.enter(Status::Holding(reason), out),
             None => self.reopen(out),
         }
+    }
+
+    /// A part of the controller was restarted in mid-motion, and is well again: if the path has been recorded without a gap, the
+    /// motion is taken back after all, by a fresh reading and watched as always. Whether it is.
+    fn take_back(&mut self, out: &mut Vec<SuperviseOut>) -> bool {
+        let rested = self.newest.as_ref().map(|newest| newest.q.clone());
+        let recorded = self.with_book(|book| {
+            let (open, here) = (book.open.as_ref()?, rested?);
+            let (since, safe) = open.safe.as_ref()?;
+            let away = |pose: &[f64]| distance(&here, pose) > self.rules.tolerance;
+            let crashed = open.cause == Some(Cause::Crashed);
+            let recorded = !crashed && away(safe) && away(&open.target) && book.history.past(*since).is_ok();
+            recorded.then_some(open.retreated)
+        });
+        let restarted = self.status == Status::Holding(Hold::Restarted) && !self.shutdown;
+        let (Some(again), Some(motion)) = (recorded.filter(|_| restarted), self.motion()) else { return false };
+        self.closing = Closing::Reflex;
+        self.enter(Status::Stopping, out);
+        out.push(SuperviseOut::RollBack { token: self.token, motion, again });
+        true
     }
 
     /// What an earlier process left open gets the outcome that the pose shows. Whether that is neither of its two ends: then

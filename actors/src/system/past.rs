@@ -97,6 +97,7 @@ impl Past {
                     since: line.at,
                     due: line.at,
                     cause: Some(Cause::Crashed),
+                    retreated: false,
                 });
             }
             Event::Amended { robot, target, motors, .. } => {

@@ -197,7 +197,7 @@ impl Cell {
     /// All that its future depends on, in one number.
     pub fn state(&self) -> u64 {
         let s = &self.supervise;
-        let of_supervise = (s.token, s.status, &s.closing, &s.newest, s.done_since, &s.retry, s.course);
+        let of_supervise = (s.token, s.status, &s.closing, &s.newest, s.done_since, &s.retry, s.course, s.stop);
         let book = self.ledger.book();
         let of_book = (&book.open, book.last_id, book.status, &book.died, (&book.safe, &book.places));
         let queues = (&self.driver, &self.to_supervise, &self.to_reflex);
@@ -306,7 +306,11 @@ impl Cell {
                     let enrolled = who.map(|who| self.convoy.enroll(who, self.now));
                     self.reflex_on(ReflexIn::Brought(enrolled));
                 }
-                ReflexOut::Event(Event::RetreatBegan { .. }) => self.way = Some((self.gate.token(), self.least)),
+                ReflexOut::Event(Event::RetreatBegan { .. }) => {
+                    self.way = Some((self.gate.token(), self.least));
+                    assert!(self.commits > self.outcomes.len() as u64 || !self.restarted, "I10: nothing is open");
+                    self.restarted = false;
+                }
                 ReflexOut::Event(Event::RetreatStopped { .. }) => self.way = None,
                 ReflexOut::Event(_) => {}
             }

@@ -71,7 +71,8 @@ impl Reference {
         let lost = End { outcome: Faulted, q: here, status: Status::Rest };
         let plain = self.plain(self.q, to);
         match (when, trouble) {
-            (When::Going, Trouble::AgentDies | Trouble::Wall) => back,
+            (When::Going, Trouble::AgentDies | Trouble::SuperviseDies | Trouble::ReflexDies | Trouble::Wall) => back,
+            (When::Back, Trouble::SuperviseDies | Trouble::ReflexDies) => back,
             (When::Going, Trouble::Commit(other, true)) if other.abs() <= 3.0 => self.plain(here, other),
             (When::Going, Trouble::No | Trouble::Commit(..)) => plain,
             (When::Back, Trouble::No | Trouble::Stop | Trouble::AgentDies | Trouble::Commit(..)) => back,
