@@ -166,3 +166,38 @@ impl Ledger {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three motors of which the second and third were named; they had been sent to 0, nowhere and 0.5.
+    #[test]
+    fn places_are_those_that_the_outcome_leaves() {
+        let safe = Some((Time::ZERO, vec![0.001, 0.2, 0.501].into()));
+        let target = vec![0.001, 1.0, 2.0].into();
+        let since = (Time::ZERO, Time::ZERO);
+        let named: Arc<[usize]> = Vec::new().into();
+        let mut open = Open {
+            id: CommitId(1),
+            agent: "a".into(),
+            target,
+            named,
+            safe,
+            since: since.0,
+            due: since.1,
+            cause: None,
+            retreated: false,
+        };
+        open.name(&[2]);
+        open.name(&[1, 2]);
+        assert_eq!(open.named[..], [1, 2]);
+        let before = [Some(0.0), None, Some(0.5)];
+        let after = |outcome, q: [f64; 3]| open.places_after(&before, outcome, &q, 0.01).to_vec();
+        assert_eq!(after(Outcome::Committed, [0.0, 0.999, 2.001]), [Some(0.0), Some(1.0), Some(2.0)]);
+        assert_eq!(after(Outcome::RolledBack, [0.0, 0.201, 0.499]), [Some(0.0), Some(0.2), Some(0.5)]);
+        assert_eq!(after(Outcome::Faulted, [0.0, 0.7, 0.9]), [Some(0.0), Some(0.7), Some(0.9)]);
+        // never commanded, and not named now
+        assert_eq!(open.places_after(&[], Outcome::Faulted, &[0.0, 0.7, 0.9], 0.01).to_vec()[0], None);
+    }
+}

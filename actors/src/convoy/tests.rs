@@ -231,3 +231,24 @@ fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
     assert_eq!(words, [Word::Retreating, Word::Settling, Word::GaveUp(Hold::RetreatBlocked)]);
     assert_eq!(q[0].to_degrees().round(), 90.0);
 }
+
+/// What rests keeps the place where it was sent: the way ends there, unless it was recorded elsewhere; and a motor that the
+/// motion did not name is not on it.
+#[test]
+fn a_way_ends_where_its_motors_had_been_sent() {
+    let end = |place: Option<f64>, named: &[usize]| {
+        let who = Traveller { places: vec![place].into(), named: named.into(), ..recorded(0, true, &A, 0.3) };
+        let safe = who.safe.clone();
+        let mut plan = Plan::new(vec![who]).unwrap();
+        assert!(plan.check(SLICE));
+        let way = plan.ways().remove(0);
+        assert_eq!(way.end.1, safe, "it is judged by what was recorded");
+        (way.of(&way.points.last().unwrap().1), way.motors.to_vec(), safe[0])
+    };
+    let tolerance = rules(true).tolerance;
+    let (q, motors, safe) = end(None, &[0]);
+    assert_eq!((q, motors), (vec![safe], vec![0]));
+    assert_eq!(end(Some(safe + 0.4 * tolerance), &[0]).0, [safe + 0.4 * tolerance]);
+    assert_eq!(end(Some(safe + 0.6 * tolerance), &[0]).0, [safe], "it was moved by somebody else");
+    assert_eq!(end(Some(safe), &[]), (vec![], vec![], safe));
+}
