@@ -17,10 +17,10 @@ const FAR: f64 = 1.2;
 
 impl Agent for Pushes {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
-        if last.is_some() && self.times == 0 {
+        self.times -= usize::from(last.is_some());
+        if self.times == 0 {
             return Intent::Done(Summary { text: "pushed".into(), figures: Vec::new() });
         }
-        self.times -= 1;
         self.at = view.pose().first().copied().unwrap_or_default();
         let target = Target { motors: vec![0], q: vec![FAR], speed: 0.3 };
         if self.streams { Intent::Stream(setpoint(self.at)) } else { Intent::MoveTo(target) }
