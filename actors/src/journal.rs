@@ -18,7 +18,7 @@ mod read;
 mod seal;
 pub use read::{JournalError, Line, Lines, read};
 
-use mobee_contract::{Entry, Event, Sink, Time};
+use mobee_contract::{Before, Entry, Event, Sink, Time, create_private};
 use seal::{Seal, Sealed};
 use sha2::{Digest, Sha256};
 use std::fs::{File, OpenOptions};
@@ -75,7 +75,7 @@ impl Journal {
     /// If there is one already, or it can't be written.
     pub fn create(dir: &Path, aside: &serde_json::Value) -> Result<Journal, String> {
         let path = dir.join(FILE);
-        let file = OpenOptions::new().write(true).create_new(true).open(&path).map_err(|e| match e.kind() {
+        let file = create_private(&path, Before::Refuse).map_err(|e| match e.kind() {
             std::io::ErrorKind::AlreadyExists => {
                 format!("{} exists already: a journal is never overwritten; choose another folder", path.display())
             }

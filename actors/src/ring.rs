@@ -7,8 +7,8 @@
 //! Records are written round and round, one write each. They reach the operating system at once, and so outlive the process;
 //! they are not forced to the disk, as the journal's outcomes are.
 
-use mobee_contract::{Entry, Pose, Sink, Time};
-use std::fs::{File, OpenOptions};
+use mobee_contract::{Before, Entry, Pose, Sink, Time, create_private};
+use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -46,7 +46,7 @@ impl Rings {
         let begin = |(robot, motors, room): &(String, usize, usize)| {
             let path = file(dir, robot);
             let begin = || -> std::io::Result<File> {
-                let mut file = OpenOptions::new().write(true).create(true).truncate(true).open(&path)?;
+                let mut file = create_private(&path, Before::Empty)?;
                 file.write_all(MAGIC)?;
                 for n in [*motors, *room] {
                     file.write_all(&u32::try_from(n).unwrap_or(u32::MAX).to_le_bytes())?;

@@ -1,7 +1,14 @@
-//! A run's folder: `runs/NAME-TIME/`, made new, never written over.
+//! A run's folder: `runs/NAME-TIME/`, made new, never written over, and its user's alone.
 
 use crate::config::ConfigError;
+use mobee_contract::{Before, create_private};
+use std::fs::{DirBuilder, Permissions};
+use std::io::{self, ErrorKind, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+
+/// Only its owner may look into it or write to it: it holds the way to the control port.
+const OWNER: u32 = 0o700;
 
 /// A new folder for one run.
 #[derive(Clone, Debug)]
@@ -11,31 +18,23 @@ impl Folder {
     /// Makes `out`, or `runs/NAME-TIME` below the working directory.
     ///
     /// # Errors
-    /// If it exists already and is not empty, or can't be made.
+    /// If it exists already and is not empty, belongs to another user, or can't be made.
     pub fn create(name: &str, out: Option<&Path>) -> Result<Folder, ConfigError> {
-        let path = out.map_or_else(|| unused(name), Path::to_owned);
-        let taken = path.read_dir().is_ok_and(|mut d| d.next().is_some());
-        if taken || path.is_file() {
-            return Err(ConfigError::plain(
-                format!("{} exists already", path.display()),
-                "give another --out; a run never writes over another one",
-            ));
-        }
-        std::fs::create_dir_all(&path).map_err(|e| {
-            ConfigError::plain(
-                format!("can't make the folder {}: {e}", path.display()),
-                "give an --out that can be written",
-            )
-        })?;
+        let path = match out {
+            Some(path) => given(path)?,
+            None => unused(name)?,
+        };
+        take(&path)?;
         Ok(Folder(path))
     }
 
     /// The folder of a run that is resumed.
     ///
     /// # Errors
-    /// If it is no run's folder.
+    /// If it is no run's folder, or another user's.
     pub fn of_run(path: &Path) -> Result<Folder, ConfigError> {
         if path.join("config.json").is_file() {
+            take(path)?;
             return Ok(Folder(path.to_owned()));
         }
         let what = format!("{} is no folder of a run: there is no config.json in it", path.display());
@@ -60,25 +59,83 @@ impl Folder {
     /// If the disk refuses.
     pub fn write(&self, name: &str, text: &str) -> Result<(), ConfigError> {
         let (part, file) = (self.0.join(format!("{name}.part")), self.0.join(name));
-        std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, &file)).map_err(|e| {
+        let write = || create_private(&part, Before::Empty)?.write_all(text.as_bytes());
+        write().and_then(|()| std::fs::rename(&part, &file)).map_err(|e| {
             let _ = std::fs::remove_file(&part);
             ConfigError::plain(format!("can't write {}: {e}", file.display()), "check the disk's space and permissions")
         })
     }
 }
 
-fn unused(name: &str) -> PathBuf {
+/// Makes the folder that was asked for; an empty one may stand there.
+fn given(path: &Path) -> Result<PathBuf, ConfigError> {
+    let made = parent(path).and_then(|()| make(path));
+    let empty = || path.read_dir().is_ok_and(|mut d| d.next().is_none());
+    match made {
+        Ok(()) => Ok(path.to_owned()),
+        Err(e) if e.kind() == ErrorKind::AlreadyExists && empty() => Ok(path.to_owned()),
+        Err(e) if e.kind() == ErrorKind::AlreadyExists => Err(ConfigError::plain(
+            format!("{} exists already", path.display()),
+            "give another --out; a run never writes over another one",
+        )),
+        Err(e) => Err(unmade(path, &e)),
+    }
+}
+
+/// Makes a folder that nothing stands at. Whoever makes it has it: somebody else may want the same name at this moment.
+fn unused(name: &str) -> Result<PathBuf, ConfigError> {
     #[expect(
         clippy::disallowed_methods,
         reason = "the folder's name tells people when the run was; nothing depends on it"
     )]
     let now = std::time::SystemTime::now();
     let stamp = stamp(now.duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs()));
-    let base = Path::new("runs").join(format!("{name}-{stamp}"));
-    if !base.exists() {
-        return base;
+    let names = std::iter::once(format!("{name}-{stamp}")).chain((2..).map(|n| format!("{name}-{stamp}-{n}")));
+    for path in names.map(|n| Path::new("runs").join(n)) {
+        match parent(&path).and_then(|()| make(&path)) {
+            Ok(()) => return Ok(path),
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(unmade(&path, &e)),
+        }
     }
-    (2..).map(|n| Path::new("runs").join(format!("{name}-{stamp}-{n}"))).find(|p| !p.exists()).unwrap_or(base)
+    Err(ConfigError::plain("there is no name left for a folder in runs/", "give an --out"))
+}
+
+fn parent(path: &Path) -> io::Result<()> {
+    path.parent().map_or(Ok(()), std::fs::create_dir_all)
+}
+
+fn make(path: &Path) -> io::Result<()> {
+    DirBuilder::new().mode(OWNER).create(path)
+}
+
+fn unmade(path: &Path, why: &io::Error) -> ConfigError {
+    let what = format!("can't make the folder {}: {why}", path.display());
+    ConfigError::plain(what, "give an --out that can be written")
+}
+
+/// Sees that the folder is this user's, and closes it to all others. Another owner could exchange what the run reads again.
+fn take(path: &Path) -> Result<(), ConfigError> {
+    let ours = || -> io::Result<bool> {
+        // a file of our own tells who we are, and whether we may write here
+        let us = tempfile::tempfile_in(path)?.metadata()?.uid();
+        let ours = std::fs::metadata(path)?.uid() == us;
+        if ours {
+            std::fs::set_permissions(path, Permissions::from_mode(OWNER))?;
+        }
+        Ok(ours)
+    };
+    match ours() {
+        Ok(true) => Ok(()),
+        Ok(false) => Err(ConfigError::plain(
+            format!("the folder {} belongs to another user", path.display()),
+            "give an --out in a folder of your own",
+        )),
+        Err(e) => {
+            let what = format!("can't write into the folder {}: {e}", path.display());
+            Err(ConfigError::plain(what, "give an --out that can be written"))
+        }
+    }
 }
 
 /// `20261121-143000` (UTC) of seconds since 1970 (civil-from-days, proleptic Gregorian calendar).

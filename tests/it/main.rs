@@ -14,6 +14,7 @@ mod hostile_files;
 mod new_behavior;
 mod old_program;
 mod planted_defects;
+mod private_runs;
 mod process_faults;
 mod replay;
 mod resume_evidence;

@@ -4,6 +4,7 @@
 //! Rerun's own file sink ends its thread at the first error, tells nobody, and keeps a flush that was asked for meanwhile
 //! waiting for ever.
 
+use mobee_contract::{Before, create_private};
 use rerun::external::re_log_encoding::{CrateVersion, Encoder, EncodingOptions};
 use rerun::log::LogMsg;
 use rerun::sink::{LogSink, SinkFlushError};
@@ -35,7 +36,7 @@ impl Disk {
     /// # Errors
     /// If it can't be written, in words.
     pub(crate) fn create(path: &Path, index: bool) -> Result<(Disk, Trouble), String> {
-        let file = File::create(path).map_err(|e| e.to_string())?;
+        let file = create_private(path, Before::Empty).map_err(|e| e.to_string())?;
         let second = file.try_clone().map_err(|e| e.to_string())?;
         let options = EncodingOptions::PROTOBUF_COMPRESSED;
         let mut encoder = Encoder::new_eager(CrateVersion::LOCAL, options, second).map_err(|e| e.to_string())?;
