@@ -8,9 +8,10 @@ use mobee_actors::controller::Controller;
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
 use mobee_contract::{Context, Hardware, KindError, Means, Service, agent_kinds, driver_kinds};
 use mobee_drivers::YarpServices;
-use mobee_model::{Object, Robot, Scene, load_robot, load_world};
+use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -174,12 +175,18 @@ fn model(
     warnings: &mut Vec<String>,
 ) -> Result<Arc<Robot>, Complaints> {
     let path = Config::beside(source, &r.model);
-    must_exist(source, at, &path, "robot file; `configs/robots/` has some")?;
+    let sent = source.text_sent(at, &path).transpose()?;
+    if sent.is_none() {
+        must_exist(source, at, &path, "robot file; `configs/robots/` has some")?;
+    }
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("urdf")) {
         let help = format!("convert it: mobee model convert {} robot.xml", path.display());
         return Err(source.error(at, "this is a URDF file, and robots are read from ZRP XML", help).into());
     }
-    let loaded = load_robot(&path)?;
+    let loaded = match sent {
+        Some(text) => parse_robot(&path.display().to_string(), text)?,
+        None => load_robot(&path)?,
+    };
     warnings.extend(loaded.warnings.iter().map(ToString::to_string));
     let mut robot = loaded.value;
     robot.name = r.name.clone();
@@ -189,8 +196,13 @@ fn model(
 fn world(config: &Config, source: &Source, warnings: &mut Vec<String>) -> Result<Vec<Object>, Complaints> {
     let Some(file) = &config.world.file else { return Ok(Vec::new()) };
     let path = Config::beside(source, file);
-    must_exist(source, "world.file", &path, "world file; `configs/worlds/` has some")?;
-    let loaded = load_world(&path)?;
+    let loaded = match source.text_sent("world.file", &path).transpose()? {
+        Some(text) => parse_world(&path.display().to_string(), text)?,
+        None => {
+            must_exist(source, "world.file", &path, "world file; `configs/worlds/` has some")?;
+            load_world(&path)?
+        }
+    };
     warnings.extend(loaded.warnings.iter().map(ToString::to_string));
     Ok(loaded.value)
 }
@@ -233,12 +245,26 @@ pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(Str
 fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result<Arc<dyn Hardware>, Complaints> {
     let (name, mut settings) = driver_of(source, at, value)?;
     let kinds = driver_kinds();
+    // a table that was sent, for as long as the kind reads it
+    let mut scratch = None;
     if let Some(Value::String(file)) = settings.get_mut("file") {
         // kinds know no configuration file that their paths could be relative to
-        *file = Config::beside(source, Path::new(file)).to_string_lossy().into_owned();
+        let mut path = Config::beside(source, Path::new(file));
+        let key = format!("{at}.file");
+        if let Some(text) = source.text_sent(&key, &path).transpose()? {
+            let unwritten =
+                |e: std::io::Error| source.error(&key, format!("no room for it: {e}"), "make room on the disk");
+            let mut copy = tempfile::NamedTempFile::new().map_err(unwritten)?;
+            copy.write_all(text.as_bytes()).map_err(unwritten)?;
+            path = copy.path().to_owned();
+            scratch = Some(copy);
+        }
+        *file = path.to_string_lossy().into_owned();
     }
     let found = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds");
-    (found.build)(&settings, context).map_err(|e| placed(source, at, e))
+    let built = (found.build)(&settings, context).map_err(|e| placed(source, at, e));
+    drop(scratch);
+    built
 }
 
 fn services(config: &Config, source: &Source) -> Result<Vec<Box<dyn Service>>, Complaints> {

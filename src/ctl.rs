@@ -1,15 +1,20 @@
 //! `mobee ctl`: look at a running `mobee run`, exchange its parts, pause it, stop it.
 //!
 //! ```text
-//! mobee ctl ──/MoBeE/ctl (the YARP port protocol)──> a service of the run ──Control──> the system
+//! mobee ctl ──RUN/ctl.sock (JSON lines)──> a service of the run ──Control──> the system
 //! ```
-//! A run with a real clock writes the address of this port into its folder, so that it is found without a name server.
+//! Who may do what: the run's own user and root, anything; anybody else, nothing. `mobee ctl` reads the files, the run opens none
+//! that it is told of.
 
 mod client;
+mod desk;
+mod door;
 mod find;
+mod gather;
 pub(crate) mod offer;
 mod service;
 mod show;
+mod wire;
 
 pub use service::CtlService;
 
@@ -18,20 +23,18 @@ use miette::Report;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// The file in a run's folder that says where its control port is.
-const FILE: &str = "ctl";
-/// The control port's name.
-const PORT: &str = "/MoBeE/ctl";
-
 /// The arguments of `mobee ctl`.
 #[derive(Args)]
 pub struct CtlArgs {
     /// The folder of the run; default: the newest one in runs/ that can be controlled.
     #[arg(long, global = true, value_name = "DIR")]
     run: Option<PathBuf>,
-    /// The control port by its name on the YARP network, such as /MoBeE/ctl, instead of the folder.
-    #[arg(long, global = true, value_name = "PORT", conflicts_with = "run")]
-    port: Option<String>,
+    /// The address of a run on another computer that was started with --ctl ADDRESS:PORT, instead of the folder; needs --key.
+    #[arg(long, global = true, value_name = "HOST:PORT", conflicts_with = "run", requires = "key")]
+    at: Option<String>,
+    /// A copy of the file ctl.tcp in the folder of that run.
+    #[arg(long, global = true, value_name = "FILE", requires = "at")]
+    key: Option<PathBuf>,
     #[command(subcommand)]
     command: CtlCommand,
 }

@@ -119,7 +119,8 @@ struct RunArgs {
     /// Override a setting: --set robot.icub.agent.vertices=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Where `mobee ctl` reaches a run with a real clock: ADDRESS:PORT or `off`; default: this computer alone.
+    /// Where `mobee ctl` reaches a run with a real clock: ADDRESS:PORT (by a key in the run's folder) or `off`; default: a socket
+    /// in the run's folder, for its own user alone.
     #[arg(long, value_name = "WHERE", value_parser = ctl_at)]
     ctl: Option<run::CtlAt>,
     /// Take over edits of FILE while the run goes on: agents, controllers and drivers are exchanged. Needs a real clock.

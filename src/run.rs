@@ -120,12 +120,11 @@ pub(crate) fn show(
     let recording = Arc::new(Recording::new(composition.config.record.enabled));
     let address = match ctl {
         CtlAt::Off => None,
-        CtlAt::Loopback => Some(CtlService::loopback()),
-        CtlAt::Address(address) => Some(address),
+        CtlAt::Folder => Some(None),
+        CtlAt::Address(address) => Some(Some(address)),
     };
     if let Some(address) = address.filter(|_| composition.config.clock_kind() == ClockKind::Real) {
-        let yarp = composition.config.yarp.as_ref().and_then(|y| y.network().ok());
-        composition.services.push(Box::new(CtlService::new(folder, address, controls, recording.clone(), yarp)));
+        composition.services.push(Box::new(CtlService::new(folder, address, controls, recording.clone())));
     }
     extras.recording = Some(recording);
     extras.bar = Some(bar.clone());
@@ -138,10 +137,10 @@ pub(crate) fn show(
 /// Where a run with a real clock can be controlled by `mobee ctl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CtlAt {
-    /// On this computer, at any port that is free.
+    /// At a socket in its folder, which only its own user can reach.
     #[default]
-    Loopback,
-    /// At this address.
+    Folder,
+    /// At this address, by a key in its folder.
     Address(SocketAddr),
     /// Nowhere.
     Off,

@@ -26,6 +26,8 @@ pub struct Source {
     pub value: Value,
     root: Node,
     files: Vec<TextFile>,
+    /// What stands in the files that it names, if it was sent along: then none of them is opened.
+    texts: Option<BTreeMap<PathBuf, String>>,
 }
 
 impl Source {
@@ -51,7 +53,7 @@ impl Source {
     ) -> Result<Source, Complaints> {
         let mut reader = Reader::new(path);
         let root = reader.main(path)?;
-        let mut source = Source { path: path.to_owned(), value: root.value(), root, files: reader.files };
+        let mut source = Source { path: path.to_owned(), value: root.value(), root, files: reader.files, texts: None };
         let mut wrong = Complaints::default();
         for (name, raw) in environment {
             let origin = Origin::Environment(format!("{name}={raw}"));
@@ -68,7 +70,22 @@ impl Source {
     /// Values that were resolved before, for a file that stands at `path`. Complaints then have no place in a text.
     pub fn resolved(path: &Path, value: Value) -> Source {
         let root = Node::plain(value.clone(), &Origin::Resolved);
-        Source { path: path.to_owned(), value, root, files: Vec::new() }
+        Source { path: path.to_owned(), value, root, files: Vec::new(), texts: None }
+    }
+
+    /// Values that somebody else resolved, with what stands in the files that they name: nothing is read from this disk.
+    pub fn sent(path: &Path, value: Value, texts: BTreeMap<PathBuf, String>) -> Source {
+        Source { texts: Some(texts), ..Source::resolved(path, value) }
+    }
+
+    /// What was sent in place of the file at `path`, which the value at `at` names; `None` if files are to be read from the disk.
+    ///
+    /// # Errors
+    /// If this one was not sent.
+    pub fn text_sent(&self, at: &str, path: &Path) -> Option<Result<&str, ConfigError>> {
+        let text = self.texts.as_ref()?.get(path).map(String::as_str);
+        let missing = || self.error(at, format!("{} was not sent", path.display()), "send all files that it names");
+        Some(text.ok_or_else(missing))
     }
 
     /// Overrides one value: `robot.icub.agent.vertices=30`. Elements of lists are named by index or by their `name`.

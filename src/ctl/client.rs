@@ -1,9 +1,9 @@
 //! What `mobee ctl` says to a run, and how it shows the answers.
 
-use super::{CtlArgs, CtlCommand, SwapArgs, find};
-use crate::config::ConfigError;
+use super::find::{self, Client};
+use super::wire::{Reply, Request};
+use super::{CtlArgs, CtlCommand, SwapArgs, gather};
 use miette::Report;
-use mobee_yarp::{Bottle, Dialect, RpcClient, Text, Value};
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -12,12 +12,6 @@ use std::time::Duration;
 const PERIOD: Duration = Duration::from_millis(500);
 /// How often `top` is drawn.
 const REDRAWN: Duration = Duration::from_secs(1);
-
-/// An answer: whether it was done, and the lines.
-struct Answer {
-    done: bool,
-    lines: Vec<String>,
-}
 
 pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
     let mut client = find::connect(&args).await?;
@@ -33,38 +27,17 @@ pub(super) async fn run(args: CtlArgs) -> Result<ExitCode, Report> {
         CtlCommand::Recover { robot } => words(&["recover"], robot),
         CtlCommand::Stop { now } => words(&["stop"], now.then(|| "now".into())),
         CtlCommand::Record { what, address } => words(&["record", &what], address),
-        CtlCommand::World { words } => {
-            let mut request = Bottle(vec![string("world")]);
-            let text = words.join(" ");
-            request.0.extend(Bottle::parse(&text, Dialect::V3).map_err(|e| Report::msg(e.to_string()))?.0);
-            return finish(ask(&mut client, &request).await?);
-        }
+        CtlCommand::World { words } => std::iter::once("world".to_owned()).chain(words).collect(),
     };
-    finish(ask(&mut client, &bottle(&request)).await?)
+    finish(&client.ask(&say(request)).await?)
 }
 
-fn string(text: &str) -> Value {
-    Value::String(Text(text.as_bytes().to_vec()))
+/// A request of words alone.
+fn say(words: Vec<String>) -> Request {
+    Request { words, offer: None }
 }
 
-fn bottle(words: &[String]) -> Bottle {
-    Bottle(words.iter().map(|w| string(w)).collect())
-}
-
-async fn ask(client: &mut RpcClient, request: &Bottle) -> Result<Answer, ConfigError> {
-    let reply = client
-        .call(request)
-        .await
-        .map_err(|e| ConfigError::plain(e.to_string(), "see whether the run still goes on, and ask again"))?;
-    let mut lines = reply.0.iter().map(|value| match value {
-        Value::String(Text(bytes)) => String::from_utf8_lossy(bytes).into_owned(),
-        other => Bottle(vec![other.clone()]).to_string(),
-    });
-    let done = lines.next().as_deref() == Some("ok");
-    Ok(Answer { done, lines: lines.collect() })
-}
-
-fn finish(answer: Answer) -> Result<ExitCode, Report> {
+fn finish(answer: &Reply) -> Result<ExitCode, Report> {
     let text = answer.lines.join("\n");
     if answer.done {
         println!("{text}");
@@ -75,13 +48,13 @@ fn finish(answer: Answer) -> Result<ExitCode, Report> {
 }
 
 /// Draws the status again and again, in place in a terminal, one after the other elsewhere; until Ctrl-C, or the run has ended.
-async fn top(client: &mut RpcClient, times: Option<u64>) -> Result<ExitCode, Report> {
+async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report> {
     let terminal = std::io::stdout().is_terminal();
     let mut drawn = 0;
     loop {
-        let answer = match ask(client, &bottle(&["status".into()])).await {
+        let answer = match client.ask(&say(vec!["status".into()])).await {
             Ok(answer) if answer.done => answer,
-            Ok(answer) => return finish(answer),
+            Ok(answer) => return finish(&answer),
             Err(_) if drawn > 0 => {
                 println!("the run has ended");
                 return Ok(ExitCode::SUCCESS);
@@ -111,27 +84,25 @@ async fn top(client: &mut RpcClient, times: Option<u64>) -> Result<ExitCode, Rep
     }
 }
 
-async fn swap(client: &mut RpcClient, args: SwapArgs) -> Result<ExitCode, Report> {
-    let file = args.file.canonicalize().map_err(|e| {
-        ConfigError::plain(format!("{}: {e}", args.file.display()), "give a configuration file that can be read")
-    })?;
+async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
+    let offer = gather::read(&args.file)?;
     let robot = args.robot.unwrap_or_default();
     let numbers = [args.shadow, args.probation, args.budget].map(|n| n.to_string());
-    let mut request = vec!["swap".to_owned(), robot.clone(), args.part.clone(), file.display().to_string()];
-    request.extend(numbers);
-    request.extend(args.fresh.then(|| "fresh".to_owned()));
-    let offered = ask(client, &bottle(&request)).await?;
+    let mut words = vec!["swap".to_owned(), robot.clone(), args.part.clone()];
+    words.extend(numbers);
+    words.extend(args.fresh.then(|| "fresh".to_owned()));
+    let offered = client.ask(&Request { words, offer: Some(offer) }).await?;
     if !offered.done || args.no_wait {
-        return finish(offered);
+        return finish(&offered);
     }
     println!("{}", offered.lines.join("\n"));
     let mut said = String::new();
     loop {
-        let answer = ask(client, &bottle(&["swapped".to_owned(), robot.clone(), args.part.clone()])).await?;
+        let answer = client.ask(&say(vec!["swapped".to_owned(), robot.clone(), args.part.clone()])).await?;
         if !answer.done {
-            return finish(answer);
+            return finish(&answer);
         }
-        let [step, text] = answer.lines.as_slice() else { return finish(answer) };
+        let [step, text] = answer.lines.as_slice() else { return finish(&answer) };
         if *text != said {
             println!("{text}");
             said.clone_from(text);

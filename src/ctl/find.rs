@@ -1,55 +1,99 @@
-//! Finding the control port of a run: by its folder, or by its name on a YARP network.
+//! Finding the control port of a run: by its folder, or by an address and the key.
 
-use super::{CtlArgs, FILE, PORT};
+use super::CtlArgs;
+use super::door::{ADDRESS, SOCKET, enter, enter_at};
+use super::wire::{self, Line, Reply, Request};
 use crate::config::ConfigError;
-use mobee_yarp::{Carrier, Contact, Network, PortOptions, RpcClient};
-use std::net::SocketAddr;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use tokio::io::BufReader;
+use tokio::time::timeout;
 
+/// How long a connection may take.
+const CONNECT: Duration = Duration::from_secs(5);
 /// How long an answer may take: a swap is built and checked meanwhile.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// A connection to a run.
+pub(super) struct Client(BufReader<Box<dyn Line>>);
+
+impl Client {
+    /// Asks, and waits for the answer.
+    ///
+    /// # Errors
+    /// None within time, or the run has ended.
+    pub(super) async fn ask(&mut self, request: &Request) -> Result<Reply, ConfigError> {
+        let asked = async {
+            wire::write(self.0.get_mut(), request).await?;
+            wire::read(&mut self.0).await?.ok_or_else(|| io::ErrorKind::UnexpectedEof.into())
+        };
+        let late = |_| Err(io::Error::new(io::ErrorKind::TimedOut, "the run does not answer"));
+        timeout(PATIENCE, asked).await.unwrap_or_else(late).map_err(|e| {
+            ConfigError::plain(format!("no answer: {e}"), "see whether the run still goes on, and ask again")
+        })
+    }
+}
+
 /// A connection to the run that the arguments mean.
-pub(super) async fn connect(args: &CtlArgs) -> Result<RpcClient, ConfigError> {
-    let (network, to, help) = match &args.port {
-        Some(port) => {
-            let network = Network::from_env()
-                .map_err(|e| ConfigError::plain(e.to_string(), "give --run DIR instead, which needs no name server"))?;
-            (network, Contact::parse(port), "see `mobee yarp list` for the ports there are".to_owned())
+pub(super) async fn connect(args: &CtlArgs) -> Result<Client, ConfigError> {
+    let (what, line) = match (&args.at, &args.key) {
+        (Some(at), Some(file)) => {
+            let (_, key) = address(file)?;
+            (at.clone(), timeout(CONNECT, enter_at(at, &key)).await)
         }
-        None => {
+        _ => {
             let folder = args.run.clone().map_or_else(newest, Ok)?;
-            let address = address(&folder)?;
-            let host = address.ip().to_string();
-            let help = format!("the run {} is not running any more; give another with --run", folder.display());
-            (Network::at(address), Contact::new(PORT, "tcp", &host, address.port()), help)
+            let line = if folder.join(SOCKET).exists() {
+                timeout(CONNECT, enter(&folder)).await
+            } else {
+                let (at, key) = address(&folder.join(ADDRESS))?;
+                timeout(CONNECT, enter_at(&at, &key)).await
+            };
+            (format!("the run {}", folder.display()), line)
         }
     };
-    let network = network.with_timeout(Duration::from_secs(5));
-    let client = RpcClient::connect_to(&network, "/mobee/ctl", to, Carrier::Tcp, PortOptions::default()).await;
-    Ok(client.map_err(|e| ConfigError::plain(e.to_string(), help))?.with_timeout(PATIENCE))
-}
-
-/// What the run wrote into its folder.
-fn address(folder: &Path) -> Result<SocketAddr, ConfigError> {
-    let file = folder.join(FILE);
-    let text = std::fs::read_to_string(&file).map_err(|e| {
-        ConfigError::plain(
-            format!("{}: {e}", file.display()),
-            "a run can be controlled while it runs with clock = \"real\", and without --ctl off",
-        )
+    let late = |_| Err(io::Error::new(io::ErrorKind::TimedOut, "no connection"));
+    let line = line.unwrap_or_else(late).map_err(|e| {
+        let help = match e.kind() {
+            io::ErrorKind::PermissionDenied => "a run is controlled by its own user, or root, with its own key",
+            _ => "it is not running any more; give another with --run",
+        };
+        ConfigError::plain(format!("{what} can't be reached: {e}"), help)
     })?;
-    text.trim().parse().map_err(|_| {
-        ConfigError::plain(format!("{}: there is no address in it", file.display()), "give the folder of a run")
-    })
+    Ok(Client(BufReader::new(line)))
 }
 
-/// The run in runs/ that wrote its address last.
+/// The address and the key that a run wrote into its folder.
+fn address(file: &Path) -> Result<(String, String), ConfigError> {
+    let text = std::fs::read_to_string(file).map_err(|e| {
+        let help = match e.kind() {
+            io::ErrorKind::PermissionDenied => "a run is controlled by its own user, or root",
+            _ => "a run can be controlled while it runs with clock = \"real\", and without --ctl off",
+        };
+        ConfigError::plain(format!("{}: {e}", file.display()), help)
+    })?;
+    let known = text.trim().split_once(' ').and_then(|(at, key)| Some((at.parse::<SocketAddr>().ok()?, key)));
+    let (mut at, key) = known.ok_or_else(|| {
+        let what = format!("{}: there is no address and key in it", file.display());
+        ConfigError::plain(what, "give the folder of a run")
+    })?;
+    // who listens at all addresses is reached at this computer's own
+    if at.ip().is_unspecified() {
+        at.set_ip(if at.is_ipv4() { IpAddr::V4(Ipv4Addr::LOCALHOST) } else { IpAddr::V6(Ipv6Addr::LOCALHOST) });
+    }
+    Ok((at.to_string(), key.to_owned()))
+}
+
+/// The run in runs/ that opened its control port last.
 fn newest() -> Result<PathBuf, ConfigError> {
     let folders = std::fs::read_dir("runs").into_iter().flatten().flatten().map(|e| e.path());
-    let dated = |folder: PathBuf| Some((folder.join(FILE).metadata().ok()?.modified().ok()?, folder));
-    let newest = folders.filter_map(dated).max();
+    let opened = |folder: &Path| {
+        let files = [SOCKET, ADDRESS].map(|file| folder.join(file).metadata().ok()?.modified().ok());
+        files.into_iter().flatten().max()
+    };
+    let newest = folders.filter_map(|folder| Some((opened(&folder)?, folder))).max();
     newest.map(|(_, folder)| folder).ok_or_else(|| {
         ConfigError::plain(
             "no run in runs/ can be controlled",

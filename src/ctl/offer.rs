@@ -1,5 +1,6 @@
 //! A new part of a robot from a configuration file, built and checked before it is offered.
 
+use super::wire::Sent;
 use crate::compose::{compose, margin_warning};
 use crate::config::{Config, Source};
 use mobee_actors::shell::{Maker, Offer};
@@ -8,7 +9,6 @@ use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::SwapPart;
 use mobee_model::Robot;
 use serde_json::{Value, json};
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use tokio::sync::oneshot::Sender;
@@ -43,12 +43,13 @@ pub(crate) struct Wanted<'a> {
     pub terms: Terms,
 }
 
-/// Reads and checks a whole file as `mobee check` does, and takes what is wanted of it.
+/// Checks a whole configuration as it was sent, and takes what is wanted of it.
 ///
 /// # Errors
 /// Everything that is wrong with it, as it would be printed.
-pub(super) fn read(file: &Path, wanted: &Wanted<'_>) -> Result<Offered, String> {
-    let (config, source) = Config::load(file, &[]).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
+pub(super) fn sent(sent: Sent, wanted: &Wanted<'_>) -> Result<Offered, String> {
+    let source = Source::sent(&sent.file, sent.config, sent.texts);
+    let config = Config::from_source(&source).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
     take(config, &source, wanted)
 }
 
@@ -112,4 +113,48 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
 fn ports(robot: &str) -> String {
     static SWAPS: AtomicU32 = AtomicU32::new(2);
     format!("/MoBeE/{robot}/driver/{}", SWAPS.fetch_add(1, Ordering::SeqCst))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::gather;
+    use super::*;
+    use std::path::{Path, PathBuf};
+
+    fn agent_of(file: Sent) -> Result<Offered, String> {
+        let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/icub.xml");
+        let model = Arc::new(mobee_model::load_robot(robot).unwrap().value);
+        let terms = Terms::default();
+        sent(file, &Wanted { part: SwapPart::Agent, name: "icub", model: &model, fresh: false, terms })
+    }
+
+    fn explore() -> Sent {
+        gather::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml")).unwrap()
+    }
+
+    #[test]
+    fn what_was_sent_is_all_that_is_needed() {
+        let mut file = explore();
+        // where nothing of it can be found
+        let moved = |path: PathBuf| Path::new("/nowhere").join(path.strip_prefix("/").unwrap());
+        file.file = moved(file.file);
+        file.texts = file.texts.into_iter().map(|(path, text)| (moved(path), text)).collect();
+        assert!(agent_of(file).is_ok());
+    }
+
+    #[test]
+    fn no_file_is_opened_for_others() {
+        let dir = tempfile::tempdir().unwrap();
+        let secret = dir.path().join("secret.xml");
+        std::fs::write(&secret, "<ZRP KEY=\"4711\">").unwrap();
+        for at in ["/robot/0/model", "/world/file"] {
+            let mut file = explore();
+            *file.config.pointer_mut(at).unwrap() = serde_json::json!(secret);
+            let why = agent_of(file).err().unwrap();
+            assert!(why.contains("was not sent") && !why.contains("4711"), "{why}");
+        }
+        let mut file = explore();
+        file.config["include"] = serde_json::json!([secret]);
+        assert!(agent_of(file).is_ok(), "includes were put in place by who sent them");
+    }
 }

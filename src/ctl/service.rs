@@ -1,55 +1,49 @@
 //! The control port as a service of a run.
 
-use super::offer::Wanted;
-use super::{FILE, PORT, offer, show};
+use super::desk::Desk;
+use super::door::{Door, Guest};
+use super::wire::{self, Reply, Request};
 use crate::run::{Folder, Recording};
-use mobee_actors::swap::Terms;
-use mobee_actors::system::{Control, Report};
-use mobee_contract::{Answer, Running, Service, SwapPart, SwapStep};
-use mobee_drivers::WorldService;
-use mobee_yarp::{
-    Bottle, Dialect, Handler, Message, NameServer, Network, Payload, PortOptions, RpcServer, ServerOptions, Text, Value,
-};
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::{Path, PathBuf};
-use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use mobee_actors::system::Control;
+use mobee_contract::{Answer, Running, Service};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{mpsc, oneshot};
+use tokio::io::BufReader;
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinSet;
+use tokio::time::timeout;
 
-/// How long the system may take for an answer. A swap is built and checked within its budget.
-const PATIENCE: Duration = Duration::from_secs(30);
-/// How often the name server of the run's YARP ports is told of the control port.
-const AGAIN: Duration = Duration::from_secs(5);
-
-/// Where a viewer listens if nobody says otherwise.
-const VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
+/// Connections at a time; more are closed at once.
+const GUESTS: usize = 16;
+/// How long a connection may be silent between two requests.
+const IDLE: Duration = Duration::from_secs(60);
+/// How long a reply may take to be taken.
+const WRITE: Duration = Duration::from_secs(5);
+/// How long replies that are under way may take at the end of the run.
+const LEAVE: Duration = Duration::from_secs(1);
+/// How long to wait if the system gives no connection now.
+const PAUSE: Duration = Duration::from_millis(50);
 
 /// Serves the control port of a run.
 pub struct CtlService {
     folder: PathBuf,
-    address: SocketAddr,
+    address: Option<SocketAddr>,
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
-    yarp: Option<Network>,
 }
 
 impl CtlService {
-    /// For the run in this folder. Port 0 of the address: any that is free. `recording` is how it is recorded;
-    /// `yarp` is a network on which the port is to be known too.
+    /// For the run in this folder: at an address (port 0: any that is free), or else a socket in the folder. `recording` is how
+    /// it is recorded.
     pub(crate) fn new(
         folder: &Folder,
-        address: SocketAddr,
+        address: Option<SocketAddr>,
         controls: mpsc::Sender<Control>,
         recording: Arc<Recording>,
-        yarp: Option<Network>,
     ) -> CtlService {
-        CtlService { folder: folder.path().to_owned(), address, controls, recording, yarp }
-    }
-
-    /// Where it listens if nobody says otherwise: on this computer alone.
-    pub fn loopback() -> SocketAddr {
-        SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0)
+        CtlService { folder: folder.path().to_owned(), address, controls, recording }
     }
 }
 
@@ -64,263 +58,55 @@ impl Service for CtlService {
 
     fn serve(self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
-            // a name server of its own: the port needs none of the network's
-            let names = NameServer::bind(CtlService::loopback(), ServerOptions::default());
-            let names = names.await.map_err(|e| format!("no socket for the control port: {e}"))?;
-            let network = names.network().with_bind(self.address.ip());
-            let desk = Arc::new(Desk {
-                world: Arc::new(WorldService::new(running.clone(), None)),
-                running,
-                controls: self.controls,
-                recording: self.recording,
-                before: Mutex::new(None),
-            });
-            let options = PortOptions { number: self.address.port(), connections: 16, ..PortOptions::default() };
-            let server = RpcServer::open_with(&network, PORT, Arc::new(Port(desk.clone())), options).await;
-            let server = server.map_err(|e| format!("{e}; give another address with --ctl"))?;
-            let port = server.contact().port;
-            let file = self.folder.join(FILE);
-            let at = SocketAddr::new(self.address.ip(), port);
-            std::fs::write(&file, format!("{at}\n")).map_err(|e| format!("can't write {}: {e}", file.display()))?;
-            let host = network.host();
+            let door = Door::open(&self.folder, self.address).await?;
+            let desk = Desk::new(running, self.controls, self.recording);
+            let (mut guests, ending) = (JoinSet::new(), watch::Sender::new(false));
             tokio::select! {
                 () = until => {}
-                () = desk.world.clone().follow() => {}
-                () = tell(self.yarp.as_ref(), &host, port) => {}
+                () = desk.follow() => {}
+                () = receive(&door, &desk, &mut guests, &ending) => {}
             }
-            // nobody is to look for it here any more
-            let _ = std::fs::remove_file(&file);
-            if let Some(yarp) = &self.yarp {
-                let _ = yarp.unregister(PORT).await;
-            }
-            server.close().await;
-            names.close().await;
+            Door::forget(&self.folder);
+            ending.send_replace(true);
+            let _ = timeout(LEAVE, async { while guests.join_next().await.is_some() {} }).await;
             Ok(())
         })
     }
 }
 
-/// Keeps the port registered on the network of the run's YARP ports, whose name server may come later; for ever.
-async fn tell(yarp: Option<&Network>, host: &str, port: u16) {
-    let Some(yarp) = yarp else { return std::future::pending().await };
+/// Receives guests; for ever.
+async fn receive(door: &Door, desk: &Arc<Desk>, guests: &mut JoinSet<()>, ending: &watch::Sender<bool>) {
     loop {
-        if !matches!(yarp.query(PORT).await, Ok(Some(known)) if known.port == port) {
-            let _ = yarp.register(PORT, host, port).await;
-        }
-        tokio::time::sleep(AGAIN).await;
-    }
-}
-
-/// What the port calls.
-struct Port(Arc<Desk>);
-
-impl Handler for Port {
-    fn call(&self, request: Message) -> Pin<Box<dyn Future<Output = Option<Payload>> + Send>> {
-        let desk = self.0.clone();
-        Box::pin(async move {
-            let request = request.payload.bottle(Dialect::V3).unwrap_or_default();
-            let (word, lines) = match desk.answer(request).await {
-                Ok(lines) => ("ok", lines),
-                Err(why) => ("fail", vec![why]),
-            };
-            let all = std::iter::once(word.to_owned()).chain(lines);
-            Some(Bottle(all.map(|line| Value::String(Text(line.into_bytes()))).collect()).into())
-        })
-    }
-}
-
-/// Who answers requests.
-struct Desk {
-    running: Arc<dyn Running>,
-    world: Arc<WorldService>,
-    controls: mpsc::Sender<Control>,
-    recording: Arc<Recording>,
-    /// The last report that was asked for, for rates.
-    before: Mutex<Option<Report>>,
-}
-
-const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver FILE [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
-                    swapped ROBOT PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
-                    record on|off|connect [ADDRESS].";
-
-impl Desk {
-    async fn answer(&self, request: Bottle) -> Result<Vec<String>, String> {
-        let words: Vec<String> = request.0.iter().map(word).collect();
-        let words: Vec<&str> = words.iter().map(String::as_str).collect();
-        match words.as_slice() {
-            ["status"] => self.status().await,
-            ["swap", robot, part, file, rest @ ..] => self.swap(robot, part, Path::new(file), rest).await,
-            ["swapped", robot, part] => self.swapped(robot, part).await,
-            [verb @ ("pause" | "resume"), rest @ ..] => self.act(rest, *verb == "resume"),
-            ["recover", rest @ ..] => {
-                let all = self.running.robots();
-                self.robots(rest)?.iter().filter_map(|i| all.get(*i)).for_each(|robot| robot.recover());
-                Ok(vec!["asked to try again".into()])
-            }
-            ["stop"] => self.tell(Control::Stop).await.map(|()| vec!["the run ends".into()]),
-            ["stop", "now"] => self.tell(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
-            ["world", ..] => {
-                let reply = self.world.answer(Bottle(request.0.into_iter().skip(1).collect())).await;
-                Ok(vec![reply.0.iter().map(word).collect::<Vec<_>>().join(" ")])
-            }
-            ["record", what @ ("on" | "off")] => {
-                self.recording.switch(*what == "on").map(|()| vec![format!("the recording is {what}")])
-            }
-            ["record", "connect", address @ ..] => self.connect(address).await,
-            ["record", ..] => Err("say `record on`, `record off` or `record connect [ADDRESS:PORT]`".into()),
-            _ => Err(HELP.into()),
-        }
-    }
-
-    async fn tell(&self, control: Control) -> Result<(), String> {
-        let sent = tokio::time::timeout(PATIENCE, self.controls.send(control)).await;
-        sent.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| "the run is ending".to_owned())
-    }
-
-    async fn report(&self) -> Result<Report, String> {
-        let (reply, report) = oneshot::channel();
-        self.tell(Control::Status(reply)).await?;
-        let report = tokio::time::timeout(PATIENCE, report).await;
-        report.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| "the run is ending".into())
-    }
-
-    async fn status(&self) -> Result<Vec<String>, String> {
-        let mut before = self.before.lock().unwrap_or_else(PoisonError::into_inner).take();
-        if before.is_none() {
-            before = Some(self.report().await?);
-            tokio::time::sleep(Duration::from_millis(300)).await;
-        }
-        let now = self.report().await?;
-        let lines = show::lines(&now, before.as_ref());
-        *self.before.lock().unwrap_or_else(PoisonError::into_inner) = Some(now);
-        Ok(lines)
-    }
-
-    /// The indices of the robots that are meant: the named one, or all.
-    fn robots(&self, names: &[&str]) -> Result<Vec<usize>, String> {
-        let all = self.running.robots();
-        match names {
-            [] => Ok((0..all.len()).collect()),
-            [name] => all.iter().position(|r| r.name() == *name).map(|i| vec![i]).ok_or_else(|| self.unknown(name)),
-            _ => Err(HELP.into()),
-        }
-    }
-
-    fn unknown(&self, name: &str) -> String {
-        let names: Vec<&str> = self.running.robots().iter().map(|r| r.name()).collect();
-        format!("there is no robot `{name}` in this run; there are: {}", names.join(", "))
-    }
-
-    /// The one robot that is meant.
-    fn robot(&self, name: &str) -> Result<usize, String> {
-        match self.robots(if name.is_empty() { &[] } else { std::slice::from_ref(&name) })?.as_slice() {
-            [one] => Ok(*one),
-            _ => Err(format!("say which robot, with --robot; {}", self.unknown(name))),
-        }
-    }
-
-    fn act(&self, names: &[&str], acts: bool) -> Result<Vec<String>, String> {
-        let mut lines = Vec::new();
-        for i in self.robots(names)? {
-            let Some(robot) = self.running.robots().get(i) else { continue };
-            let state = if acts { "acts" } else { "pauses after its present motion" };
-            match robot.let_agent_act(acts) {
-                Ok(()) => lines.push(format!("{}: its agent {state}", robot.name())),
-                Err(refusal) if !names.is_empty() => return Err(format!("{refusal}; {}", refusal.remedy())),
-                Err(_) => lines.push(format!("{}: has no agent of its own", robot.name())),
+        tokio::select! {
+            Some(_) = guests.join_next() => {}
+            knock = door.knock() => match knock {
+                Ok(guest) if guests.len() < GUESTS => {
+                    guests.spawn(attend(guest, desk.clone(), ending.subscribe()));
+                }
+                Ok(_) => {}
+                Err(_) => tokio::time::sleep(PAUSE).await,
             }
         }
-        Ok(lines)
     }
+}
 
-    async fn swap(&self, robot: &str, part: &str, file: &Path, rest: &[&str]) -> Result<Vec<String>, String> {
-        let i = self.robot(robot)?;
-        let terms = terms(rest)?;
-        let fresh = rest.contains(&"fresh");
-        let models = self.running.models();
-        let (Some(robot), Some(model)) = (self.running.robots().get(i), models.get(i).cloned()) else {
-            return Err(self.unknown(robot));
+/// Answers one guest until it goes, falls silent, or the run ends.
+async fn attend(guest: Guest, desk: Arc<Desk>, mut ending: watch::Receiver<bool>) {
+    let Ok(line) = guest.admit().await else { return };
+    let mut line = BufReader::new(line);
+    loop {
+        let request = tokio::select! {
+            _ = ending.wait_for(|ends| *ends) => return,
+            request = timeout(IDLE, wire::read::<Request>(&mut line)) => request,
         };
-        let all = [SwapPart::Agent, SwapPart::Controller, SwapPart::Driver];
-        let Some(part) = all.into_iter().find(|p| p.to_string() == part) else {
-            return Err(format!("`{part}` can't be exchanged; agent, controller and driver can"));
+        let (reply, last) = match request {
+            Ok(Ok(Some(request))) => (desk.reply(request).await, false),
+            // what follows on a line that was not understood would not be either
+            Ok(Err(why)) => (Reply { done: false, lines: vec![why.to_string()] }, true),
+            Ok(Ok(None)) | Err(_) => return,
         };
-        if part != SwapPart::Agent && (fresh || !terms.shadow.is_zero()) {
-            return Err(format!(
-                "a {part} can't look on, and has no state to begin anew with; leave --shadow and --fresh out"
-            ));
+        if !matches!(timeout(WRITE, wire::write(line.get_mut(), &reply)).await, Ok(Ok(()))) || last {
+            return;
         }
-        let (file, name) = (file.to_owned(), robot.name().to_owned());
-        let read = {
-            let name = name.clone();
-            let read = move || offer::read(&file, &Wanted { part, name: &name, model: &model, fresh, terms });
-            tokio::task::spawn_blocking(read).await
-        };
-        let offer = read.map_err(|e| format!("the file could not be read: {e}"))??;
-        let (reply, done) = oneshot::channel();
-        self.tell(offer.control(name, reply)).await?;
-        let done = tokio::time::timeout(PATIENCE, done).await.map_err(|_| "the run does not answer".to_owned())?;
-        done.map_err(|_| "the run is ending".to_owned())??;
-        Ok(vec!["built and checked".into()])
     }
-
-    async fn swapped(&self, robot: &str, part: &str) -> Result<Vec<String>, String> {
-        let i = self.robot(robot)?;
-        let report = self.report().await?;
-        let step = report
-            .robots
-            .get(i)
-            .and_then(|r| r.swaps.iter().find(|(p, _)| p.to_string() == part))
-            .map(|(_, step)| step.clone());
-        let step = step.ok_or("it was never exchanged")?;
-        let word = match &step {
-            SwapStep::Offered { .. } => "offered",
-            SwapStep::TookOver { .. } => "took over",
-            SwapStep::Refused { .. } => "refused",
-            SwapStep::Reverted { .. } => "reverted",
-            SwapStep::Settled => "settled",
-        };
-        Ok(vec![word.into(), step.to_string()])
-    }
-
-    /// Lets a viewer follow, at its usual port if no address is said.
-    async fn connect(&self, address: &[&str]) -> Result<Vec<String>, String> {
-        let address = match address {
-            [] => Ok(VIEWER),
-            [address] => address.parse().map_err(|e| format!("`{address}`: {e}; give one such as {VIEWER}")),
-            _ => Err(HELP.into()),
-        }?;
-        let recording = self.recording.clone();
-        let connected = tokio::task::spawn_blocking(move || recording.connect(address)).await;
-        connected.map_err(|e| format!("the viewer could not be connected: {e}"))??;
-        Ok(vec![format!("the viewer at {address} follows from now on")])
-    }
-}
-
-/// A value as a word, without quotes.
-fn word(value: &Value) -> String {
-    match value {
-        Value::String(Text(bytes)) => String::from_utf8_lossy(bytes).into_owned(),
-        Value::Vocab(v) => String::from_utf8_lossy(&v.0.to_le_bytes()).trim_end_matches('\0').to_owned(),
-        other => Bottle(vec![other.clone()]).to_string(),
-    }
-}
-
-/// Shadow, probation and budget, seconds.
-fn terms(rest: &[&str]) -> Result<Terms, String> {
-    let secs = |i: usize, name: &str, default: Duration| match rest.get(i).filter(|w| **w != "fresh") {
-        None => Ok(default),
-        Some(word) => word
-            .parse()
-            .ok()
-            .filter(|s| (0.0..=1e6).contains(s))
-            .map(Duration::from_secs_f64)
-            .ok_or_else(|| format!("{word} is no {name} in seconds; give a number from 0")),
-    };
-    let default = Terms::default();
-    Ok(Terms {
-        shadow: secs(0, "shadow", default.shadow)?,
-        probation: secs(1, "probation", default.probation)?,
-        budget: secs(2, "budget", default.budget)?,
-    })
 }

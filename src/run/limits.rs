@@ -23,6 +23,14 @@ pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
         return Err(ConfigError::plain(what, format!("raise the limit: ulimit -n {}", 4 * FILES_OF_YARP)));
     }
     if let CtlAt::Address(address) = ctl {
+        let open = config.yarp.as_ref().is_some_and(|y| y.allow_open_network);
+        if !address.ip().is_loopback() && !open {
+            return Err(ConfigError::plain(
+                format!("--ctl {address} lets other computers reach the control port"),
+                "use `ssh HOST mobee ctl ...` instead, or set allow_open_network = true in the table [yarp] if that \
+                 network is yours alone",
+            ));
+        }
         TcpListener::bind(address).map_err(|e| {
             let what = format!("the control port can't listen on {address}: {e}");
             ConfigError::plain(what, "give another address with --ctl, or --ctl off")

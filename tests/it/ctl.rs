@@ -1,8 +1,15 @@
 //! A run with a real clock is looked at, exchanged in part, paused and stopped by `mobee ctl`, without a name server.
 
-use super::common::mobee_here;
+use super::common::{mobee_here, said};
+use super::private_runs::{NOBODY, is_root};
+use std::fs::Permissions;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Output, Stdio};
+use std::time::Duration;
 
 struct Run {
     child: Child,
@@ -130,4 +137,52 @@ fn an_edit_of_the_running_file_is_taken_over_or_said() {
     assert!(told("did you mean `speed`"));
     write(1, "speed = 0.3");
     assert!(told("took_over"));
+}
+
+/// What another user gets who asks for this.
+fn as_nobody(run: &Run, words: &[&str]) -> Output {
+    let mut command = mobee_here();
+    command.args(["ctl", "--run"]).arg(&run.out).args(words).uid(NOBODY).gid(NOBODY);
+    command.output().expect("mobee starts")
+}
+
+#[test]
+fn another_user_controls_nothing() {
+    let dir = tempfile::tempdir().expect("a folder");
+    if !is_root(dir.path()) {
+        return;
+    }
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml");
+    let open = |path: &Path, mode| std::fs::set_permissions(path, Permissions::from_mode(mode)).expect("opened");
+    open(dir.path(), 0o755);
+    for (ctl, file) in [(&[][..], "ctl.sock"), (&["--ctl", "127.0.0.1:0"][..], "ctl.tcp")] {
+        let mut run = Run::start(dir.path(), &shipped, ctl);
+        let refused = |why: &str| {
+            for words in [&["status"][..], &["stop"], &["swap", "agent", "configs/behaviors/explore.toml"]] {
+                let out = as_nobody(&run, words);
+                assert_eq!(out.status.code(), Some(2), "{words:?}: {}", said(&out));
+                assert!(said(&out).contains(why), "{words:?}: {}", said(&out));
+            }
+        };
+        refused("own user");
+        // even if somebody opens the folder by hand, the system says who is at the other end
+        open(&run.out, 0o755);
+        if file == "ctl.sock" {
+            open(&run.out.join(file), 0o666);
+            refused("another user");
+        } else {
+            refused("own user");
+            let at = std::fs::read_to_string(run.out.join(file)).expect("an address");
+            let mut line = TcpStream::connect(at.split(' ').next().expect("an address")).expect("a connection");
+            line.set_read_timeout(Some(Duration::from_secs(10))).expect("a limit");
+            line.write_all(b"CONNECT attacker\nd\nstatus\n{\"words\":[\"stop\"]}\n").expect("sent");
+            let mut answer = Vec::new();
+            let _ = line.read_to_end(&mut answer);
+            assert!(!String::from_utf8_lossy(&answer).contains("icub"), "{answer:?}");
+        }
+        run.says(&["status"]);
+        run.says(&["stop"]);
+        assert!(run.child.wait().expect("an end").success());
+        std::fs::rename(&run.out, dir.path().join(file)).expect("the next one has its place");
+    }
 }

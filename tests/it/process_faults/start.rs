@@ -32,6 +32,19 @@ fn a_control_port_in_use_is_said_before_anything_moves() {
 }
 
 #[test]
+fn a_control_port_that_others_can_reach_must_be_allowed() {
+    let scratch = tempfile::tempdir().expect("a folder");
+    let run = scratch.path().join("run");
+    for address in ["0.0.0.0:0", "[::]:0", "192.0.2.1:10010"] {
+        let args = ["run", "configs/behaviors/ball.toml", "--clock", "real", "--ctl", address, "--out"];
+        let out = mobee().args(args).arg(&run).output().expect("mobee starts");
+        assert_eq!(out.status.code(), Some(2), "{}", said(&out));
+        assert!(said(&out).contains("allow_open_network"), "{}", said(&out));
+        assert!(!run.exists());
+    }
+}
+
+#[test]
 fn output_that_nobody_takes_is_no_crash() {
     let line = |line: &str| {
         let mut shell = Command::new("sh");

@@ -1,0 +1,251 @@
+//! Who answers at the control port.
+
+use super::offer::Wanted;
+use super::wire::{Reply, Request, Sent};
+use super::{offer, show};
+use crate::run::Recording;
+use mobee_actors::swap::Terms;
+use mobee_actors::system::{Control, Report};
+use mobee_contract::{Running, SwapPart, SwapStep};
+use mobee_drivers::WorldService;
+use mobee_yarp::{Bottle, Dialect, Text, Value};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::sync::{mpsc, oneshot};
+
+/// How long the system may take for an answer. A swap is built and checked within its budget.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Where a viewer listens if nobody says otherwise.
+const VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
+
+/// Answers requests.
+pub(super) struct Desk {
+    running: Arc<dyn Running>,
+    world: Arc<WorldService>,
+    controls: mpsc::Sender<Control>,
+    recording: Arc<Recording>,
+    /// The last report that was asked for, for rates.
+    before: Mutex<Option<Report>>,
+}
+
+const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
+                    swapped ROBOT PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
+                    record on|off|connect [ADDRESS].";
+
+impl Desk {
+    /// For a system, how it is told what to do, and how it is recorded.
+    pub(super) fn new(
+        running: Arc<dyn Running>,
+        controls: mpsc::Sender<Control>,
+        recording: Arc<Recording>,
+    ) -> Arc<Desk> {
+        let world = Arc::new(WorldService::new(running.clone(), None));
+        Arc::new(Desk { running, world, controls, recording, before: Mutex::new(None) })
+    }
+
+    /// Keeps what was grabbed with its marker; for ever.
+    pub(super) async fn follow(&self) {
+        self.world.clone().follow().await;
+    }
+
+    /// Answers one request.
+    pub(super) async fn reply(&self, request: Request) -> Reply {
+        let (done, lines) = match self.answer(request).await {
+            Ok(lines) => (true, lines),
+            Err(why) => (false, vec![why]),
+        };
+        Reply { done, lines }
+    }
+
+    async fn answer(&self, request: Request) -> Result<Vec<String>, String> {
+        let Request { words, offer } = request;
+        // they come into the journal and onto the run's terminal
+        let name = offer.as_ref().map(|o| o.file.to_string_lossy().into_owned());
+        if words.iter().chain(&name).any(|w| w.chars().any(char::is_control)) {
+            return Err("there are control characters in this; say it in plain text".into());
+        }
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        match words.as_slice() {
+            ["status"] => self.status().await,
+            ["swap", robot, part, rest @ ..] => {
+                let sent =
+                    offer.ok_or("the configuration was not sent along; use `mobee ctl` of the run's own version")?;
+                self.swap(robot, part, sent, rest).await
+            }
+            ["swapped", robot, part] => self.swapped(robot, part).await,
+            [verb @ ("pause" | "resume"), rest @ ..] => self.act(rest, *verb == "resume"),
+            ["recover", rest @ ..] => {
+                let all = self.running.robots();
+                self.robots(rest)?.iter().filter_map(|i| all.get(*i)).for_each(|robot| robot.recover());
+                Ok(vec!["asked to try again".into()])
+            }
+            ["stop"] => self.tell(Control::Stop).await.map(|()| vec!["the run ends".into()]),
+            ["stop", "now"] => self.tell(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
+            ["world", words @ ..] => {
+                let request = Bottle::parse(&words.join(" "), Dialect::V3).map_err(|e| e.to_string())?;
+                let reply = self.world.answer(request).await;
+                Ok(vec![reply.0.iter().map(word).collect::<Vec<_>>().join(" ")])
+            }
+            ["record", what @ ("on" | "off")] => {
+                self.recording.switch(*what == "on").map(|()| vec![format!("the recording is {what}")])
+            }
+            ["record", "connect", address @ ..] => self.connect(address).await,
+            ["record", ..] => Err("say `record on`, `record off` or `record connect [ADDRESS:PORT]`".into()),
+            _ => Err(HELP.into()),
+        }
+    }
+
+    async fn tell(&self, control: Control) -> Result<(), String> {
+        let sent = tokio::time::timeout(PATIENCE, self.controls.send(control)).await;
+        sent.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| "the run is ending".to_owned())
+    }
+
+    async fn report(&self) -> Result<Report, String> {
+        let (reply, report) = oneshot::channel();
+        self.tell(Control::Status(reply)).await?;
+        let report = tokio::time::timeout(PATIENCE, report).await;
+        report.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| "the run is ending".into())
+    }
+
+    async fn status(&self) -> Result<Vec<String>, String> {
+        let mut before = self.before.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if before.is_none() {
+            before = Some(self.report().await?);
+            tokio::time::sleep(Duration::from_millis(300)).await;
+        }
+        let now = self.report().await?;
+        let lines = show::lines(&now, before.as_ref());
+        *self.before.lock().unwrap_or_else(PoisonError::into_inner) = Some(now);
+        Ok(lines)
+    }
+
+    /// The indices of the robots that are meant: the named one, or all.
+    fn robots(&self, names: &[&str]) -> Result<Vec<usize>, String> {
+        let all = self.running.robots();
+        match names {
+            [] => Ok((0..all.len()).collect()),
+            [name] => all.iter().position(|r| r.name() == *name).map(|i| vec![i]).ok_or_else(|| self.unknown(name)),
+            _ => Err(HELP.into()),
+        }
+    }
+
+    fn unknown(&self, name: &str) -> String {
+        let names: Vec<&str> = self.running.robots().iter().map(|r| r.name()).collect();
+        format!("there is no robot `{name}` in this run; there are: {}", names.join(", "))
+    }
+
+    /// The one robot that is meant.
+    fn robot(&self, name: &str) -> Result<usize, String> {
+        match self.robots(if name.is_empty() { &[] } else { std::slice::from_ref(&name) })?.as_slice() {
+            [one] => Ok(*one),
+            _ => Err(format!("say which robot, with --robot; {}", self.unknown(name))),
+        }
+    }
+
+    fn act(&self, names: &[&str], acts: bool) -> Result<Vec<String>, String> {
+        let mut lines = Vec::new();
+        for i in self.robots(names)? {
+            let Some(robot) = self.running.robots().get(i) else { continue };
+            let state = if acts { "acts" } else { "pauses after its present motion" };
+            match robot.let_agent_act(acts) {
+                Ok(()) => lines.push(format!("{}: its agent {state}", robot.name())),
+                Err(refusal) if !names.is_empty() => return Err(format!("{refusal}; {}", refusal.remedy())),
+                Err(_) => lines.push(format!("{}: has no agent of its own", robot.name())),
+            }
+        }
+        Ok(lines)
+    }
+
+    async fn swap(&self, robot: &str, part: &str, sent: Sent, rest: &[&str]) -> Result<Vec<String>, String> {
+        let i = self.robot(robot)?;
+        let terms = terms(rest)?;
+        let fresh = rest.contains(&"fresh");
+        let models = self.running.models();
+        let (Some(robot), Some(model)) = (self.running.robots().get(i), models.get(i).cloned()) else {
+            return Err(self.unknown(robot));
+        };
+        let all = [SwapPart::Agent, SwapPart::Controller, SwapPart::Driver];
+        let Some(part) = all.into_iter().find(|p| p.to_string() == part) else {
+            return Err(format!("`{part}` can't be exchanged; agent, controller and driver can"));
+        };
+        if part != SwapPart::Agent && (fresh || !terms.shadow.is_zero()) {
+            return Err(format!(
+                "a {part} can't look on, and has no state to begin anew with; leave --shadow and --fresh out"
+            ));
+        }
+        let name = robot.name().to_owned();
+        let built = {
+            let name = name.clone();
+            let build = move || offer::sent(sent, &Wanted { part, name: &name, model: &model, fresh, terms });
+            tokio::task::spawn_blocking(build).await
+        };
+        let offer = built.map_err(|e| format!("it could not be built: {e}"))??;
+        let (reply, done) = oneshot::channel();
+        self.tell(offer.control(name, reply)).await?;
+        let done = tokio::time::timeout(PATIENCE, done).await.map_err(|_| "the run does not answer".to_owned())?;
+        done.map_err(|_| "the run is ending".to_owned())??;
+        Ok(vec!["built and checked".into()])
+    }
+
+    async fn swapped(&self, robot: &str, part: &str) -> Result<Vec<String>, String> {
+        let i = self.robot(robot)?;
+        let report = self.report().await?;
+        let step = report
+            .robots
+            .get(i)
+            .and_then(|r| r.swaps.iter().find(|(p, _)| p.to_string() == part))
+            .map(|(_, step)| step.clone());
+        let step = step.ok_or("it was never exchanged")?;
+        let word = match &step {
+            SwapStep::Offered { .. } => "offered",
+            SwapStep::TookOver { .. } => "took over",
+            SwapStep::Refused { .. } => "refused",
+            SwapStep::Reverted { .. } => "reverted",
+            SwapStep::Settled => "settled",
+        };
+        Ok(vec![word.into(), step.to_string()])
+    }
+
+    /// Lets a viewer follow, at its usual port if no address is said.
+    async fn connect(&self, address: &[&str]) -> Result<Vec<String>, String> {
+        let address = match address {
+            [] => Ok(VIEWER),
+            [address] => address.parse().map_err(|e| format!("`{address}`: {e}; give one such as {VIEWER}")),
+            _ => Err(HELP.into()),
+        }?;
+        let recording = self.recording.clone();
+        let connected = tokio::task::spawn_blocking(move || recording.connect(address)).await;
+        connected.map_err(|e| format!("the viewer could not be connected: {e}"))??;
+        Ok(vec![format!("the viewer at {address} follows from now on")])
+    }
+}
+
+/// A value as a word, without quotes.
+fn word(value: &Value) -> String {
+    match value {
+        Value::String(Text(bytes)) => String::from_utf8_lossy(bytes).into_owned(),
+        Value::Vocab(v) => String::from_utf8_lossy(&v.0.to_le_bytes()).trim_end_matches('\0').to_owned(),
+        other => Bottle(vec![other.clone()]).to_string(),
+    }
+}
+
+/// Shadow, probation and budget, seconds.
+fn terms(rest: &[&str]) -> Result<Terms, String> {
+    let secs = |i: usize, name: &str, default: Duration| match rest.get(i).filter(|w| **w != "fresh") {
+        None => Ok(default),
+        Some(word) => word
+            .parse()
+            .ok()
+            .filter(|s| (0.0..=1e6).contains(s))
+            .map(Duration::from_secs_f64)
+            .ok_or_else(|| format!("{word} is no {name} in seconds; give a number from 0")),
+    };
+    let default = Terms::default();
+    Ok(Terms {
+        shadow: secs(0, "shadow", default.shadow)?,
+        probation: secs(1, "probation", default.probation)?,
+        budget: secs(2, "budget", default.budget)?,
+    })
+}

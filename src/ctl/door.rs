@@ -1,0 +1,185 @@
+//! The control port's door: who may come in.
+//!
+//! ```text
+//! RUN/ctl.sock   a Unix socket in a folder that only its user can enter; the system says who is at the other end
+//! RUN/ctl.tcp    with --ctl ADDRESS:PORT: the address, and a key that both sides prove to know before anything is said
+//! ```
+
+use super::wire::Line;
+use mobee_contract::{Before, create_private};
+use mobee_yarp::auth::{self, Key};
+use std::fs::{File, Permissions};
+use std::io::{self, Write};
+use std::net::SocketAddr;
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
+
+/// The socket in a run's folder.
+pub(super) const SOCKET: &str = "ctl.sock";
+/// The file in a run's folder with the address and the key of a port that `--ctl` opened.
+pub(super) const ADDRESS: &str = "ctl.tcp";
+/// Systems take paths of sockets up to about this length, bytes.
+const LONGEST: usize = 100;
+/// Bytes of a key.
+const KEY: usize = 32;
+
+/// Where the control port listens.
+pub(super) enum Door {
+    Unix(UnixListener),
+    Tcp(TcpListener, Key),
+}
+
+/// Who knocks.
+pub(super) enum Guest {
+    Unix(UnixStream),
+    Tcp(TcpStream, Key),
+}
+
+impl Door {
+    /// Opens it for the run in this folder, at an address or else as a socket in the folder, and leaves word there.
+    ///
+    /// # Errors
+    /// In words, with the remedy.
+    pub(super) async fn open(folder: &Path, at: Option<SocketAddr>) -> Result<Door, String> {
+        Door::forget(folder);
+        let Some(at) = at else {
+            let wrong = |e: io::Error| format!("no control port at {}: {e}", folder.join(SOCKET).display());
+            let (path, _open) = socket(folder).map_err(wrong)?;
+            let listener = UnixListener::bind(&path).map_err(wrong)?;
+            std::fs::set_permissions(&path, Permissions::from_mode(0o600)).map_err(wrong)?;
+            return Ok(Door::Unix(listener));
+        };
+        let listener = TcpListener::bind(at).await.map_err(|e| format!("{e}; give another address with --ctl"))?;
+        let at = listener.local_addr().map_err(|e| e.to_string())?;
+        let mut key = [0; KEY];
+        getrandom::fill(&mut key).map_err(|e| format!("no key for the control port: {e}"))?;
+        let key: String = key.iter().map(|b| format!("{b:02x}")).collect();
+        let file = folder.join(ADDRESS);
+        let written = create_private(&file, Before::Empty).and_then(|mut f| writeln!(f, "{at} {key}"));
+        written.map_err(|e| format!("can't write {}: {e}", file.display()))?;
+        Ok(Door::Tcp(listener, Key::new(key)))
+    }
+
+    /// Takes the word back: nobody is to look for it here any more.
+    pub(super) fn forget(folder: &Path) {
+        for file in [SOCKET, ADDRESS] {
+            let _ = std::fs::remove_file(folder.join(file));
+        }
+    }
+
+    /// Waits for the next one to knock.
+    ///
+    /// # Errors
+    /// If the system gives no connection.
+    pub(super) async fn knock(&self) -> io::Result<Guest> {
+        Ok(match self {
+            Door::Unix(listener) => Guest::Unix(listener.accept().await?.0),
+            Door::Tcp(listener, key) => Guest::Tcp(listener.accept().await?.0, key.clone()),
+        })
+    }
+}
+
+impl Guest {
+    /// Lets in who is the run's own user or root, or shows to know the key.
+    ///
+    /// # Errors
+    /// Anybody else is not answered.
+    pub(super) async fn admit(self) -> io::Result<Box<dyn Line>> {
+        match self {
+            Guest::Unix(line) => {
+                let user = line.peer_cred()?.uid();
+                if user != us()? && user != 0 {
+                    return Err(io::ErrorKind::PermissionDenied.into());
+                }
+                Ok(Box::new(line))
+            }
+            Guest::Tcp(mut line, key) => {
+                auth::accept(&mut line, &key).await?;
+                Ok(Box::new(line))
+            }
+        }
+    }
+}
+
+/// Knocks at the socket of a run in this folder, and sees that it is this user's run: anybody can lay out a folder with a
+/// socket where runs are looked for.
+///
+/// # Errors
+/// Nobody there, or somebody else.
+pub(super) async fn enter(folder: &Path) -> io::Result<Box<dyn Line>> {
+    let (path, _open) = socket(folder)?;
+    let line = UnixStream::connect(path).await?;
+    let (user, us) = (line.peer_cred()?.uid(), us()?);
+    if user != us && us != 0 {
+        return Err(io::Error::new(io::ErrorKind::PermissionDenied, "this is the run of another user"));
+    }
+    Ok(Box::new(line))
+}
+
+/// Knocks at an address with the key in the text of a run's [`ADDRESS`] file.
+///
+/// # Errors
+/// Nobody there, or another key.
+pub(super) async fn enter_at(address: &str, key: &str) -> io::Result<Box<dyn Line>> {
+    let mut line = TcpStream::connect(address).await?;
+    auth::connect(&mut line, &Key::new(key)).await?;
+    Ok(Box::new(line))
+}
+
+/// The user of this process.
+fn us() -> io::Result<u32> {
+    UnixStream::pair()?.0.peer_cred().map(|c| c.uid())
+}
+
+/// The path of a folder's socket, short enough for the system; good as long as the file is kept.
+fn socket(folder: &Path) -> io::Result<(PathBuf, Option<File>)> {
+    let path = folder.join(SOCKET);
+    if path.as_os_str().len() <= LONGEST {
+        return Ok((path, None));
+    }
+    // Linux has a short name for a folder that is open
+    let open = File::open(folder)?;
+    let path = PathBuf::from(format!("/proc/self/fd/{}", open.as_raw_fd()));
+    if !path.exists() {
+        let what = format!("the folder's path is longer than {LONGEST} bytes; give a shorter --out");
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+    }
+    Ok((path.join(SOCKET), Some(open)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+
+    #[tokio::test]
+    async fn a_socket_in_a_deep_folder_is_reached() {
+        let dir = tempfile::tempdir().unwrap();
+        let deep = dir.path().join("d".repeat(120)).join("e".repeat(120));
+        std::fs::create_dir_all(&deep).unwrap();
+        for folder in [dir.path(), &deep] {
+            let door = Door::open(folder, None).await.unwrap();
+            let mode = folder.join(SOCKET).metadata().unwrap().permissions().mode();
+            assert_eq!(mode & 0o777, 0o600);
+            let (client, guest) = tokio::join!(enter(folder), async { door.knock().await?.admit().await });
+            client.unwrap().write_all(b"x").await.unwrap();
+            assert_eq!(guest.unwrap().read_u8().await.unwrap(), b'x');
+            Door::forget(folder);
+            assert!(enter(folder).await.is_err());
+        }
+    }
+
+    #[tokio::test]
+    async fn an_address_is_of_no_use_without_the_key() {
+        let dir = tempfile::tempdir().unwrap();
+        let door = Door::open(dir.path(), Some(SocketAddr::from(([127, 0, 0, 1], 0)))).await.unwrap();
+        let text = std::fs::read_to_string(dir.path().join(ADDRESS)).unwrap();
+        let (at, key) = text.trim().split_once(' ').unwrap();
+        for (key, comes_in) in [(key, true), ("", false), ("00", false)] {
+            let (client, guest) = tokio::join!(enter_at(at, key), async { door.knock().await?.admit().await });
+            assert_eq!((client.is_ok(), guest.is_ok()), (comes_in, comes_in));
+        }
+    }
+}

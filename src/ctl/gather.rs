@@ -1,0 +1,36 @@
+//! A configuration file as `mobee ctl swap` sends it: read and checked here, by the rights of who asks, with everything that it
+//! names. The run opens nothing for others.
+
+use super::wire::Sent;
+use crate::compose::from_source;
+use crate::config::{Config, ConfigError, Source};
+use miette::{IntoDiagnostic, Report};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Reads and checks a whole file as `mobee check` does.
+///
+/// # Errors
+/// Everything that is wrong with it, with its place.
+pub(super) fn read(file: &Path) -> Result<Sent, Report> {
+    let file = file.canonicalize().map_err(|e| {
+        ConfigError::plain(format!("{}: {e}", file.display()), "give a configuration file that can be read")
+    })?;
+    let source = Source::load(&file, &[])?;
+    let config = from_source(&source)?.config;
+    let mut texts = BTreeMap::new();
+    for path in named(&config, &source) {
+        let text = std::fs::read_to_string(&path)
+            .map_err(|e| ConfigError::plain(format!("{}: {e}", path.display()), "give a text file that can be read"))?;
+        texts.insert(path, text);
+    }
+    Ok(Sent { file, config: serde_json::to_value(&config).into_diagnostic()?, texts })
+}
+
+/// The files that a configuration names.
+fn named(config: &Config, source: &Source) -> Vec<PathBuf> {
+    let models = config.robot.iter().map(|r| r.model.as_path());
+    let tables = config.robot.iter().filter_map(|r| r.driver.get("file")?.as_str()).map(Path::new);
+    let all = models.chain(tables).chain(config.world.file.as_deref());
+    all.map(|path| Config::beside(source, path)).collect()
+}

@@ -1,0 +1,115 @@
+//! What `mobee ctl` and a run say to each other: one JSON object per line, a request and its reply in turn.
+//!
+//! ```text
+//! {"words":["swap","icub","agent"],"offer":{"file":"faster.toml","config":{...},"texts":{"icub.xml":"<ZRP>..."}}}
+//! {"done":true,"lines":["built and checked"]}
+//! ```
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::io;
+use std::path::PathBuf;
+use tokio::io::{AsyncBufRead, AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+
+/// The longest line, bytes: a configuration with its models and a table of recorded poses.
+pub(super) const LONGEST: usize = 32 << 20;
+
+/// What a run is asked.
+#[derive(Debug, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Request {
+    /// The command and its arguments.
+    pub(super) words: Vec<String>,
+    /// With `swap`: where the new part is to be found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) offer: Option<Sent>,
+}
+
+/// A configuration as its sender read it. The run opens no file that is named here.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Sent {
+    /// What its sender calls it.
+    pub(super) file: PathBuf,
+    /// Its values, all layers put together.
+    pub(super) config: Value,
+    /// What stands in the files that it names.
+    pub(super) texts: BTreeMap<PathBuf, String>,
+}
+
+/// What it answers.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Reply {
+    /// Whether it was done.
+    pub(super) done: bool,
+    /// What there is to say.
+    pub(super) lines: Vec<String>,
+}
+
+/// A connection, of whatever kind.
+pub(super) trait Line: AsyncRead + AsyncWrite + Send + Unpin {}
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> Line for T {}
+
+/// The next line; `None` at the end of the connection.
+///
+/// # Errors
+/// A line that is too long or not what is expected, or a connection that broke.
+pub(super) async fn read<T: DeserializeOwned>(from: &mut (impl AsyncBufRead + Unpin)) -> io::Result<Option<T>> {
+    let mut line = Vec::new();
+    let most = LONGEST as u64 + 1;
+    if from.take(most).read_until(b'\n', &mut line).await? == 0 {
+        return Ok(None);
+    }
+    let invalid = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
+    if line.len() > LONGEST {
+        return Err(invalid(format!("more than {} MiB were sent at once", LONGEST >> 20)));
+    }
+    serde_json::from_slice(&line).map(Some).map_err(|e| invalid(format!("this is no request of `mobee ctl`: {e}")))
+}
+
+/// Sends one line.
+///
+/// # Errors
+/// A line that would be too long, or a connection that broke.
+pub(super) async fn write(to: &mut (impl AsyncWrite + Unpin), what: &impl Serialize) -> io::Result<()> {
+    let mut line = serde_json::to_vec(what)?;
+    if line.len() >= LONGEST {
+        let what = format!("the files have more than {} MiB together", LONGEST >> 20);
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+    }
+    line.push(b'\n');
+    to.write_all(&line).await?;
+    to.flush().await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::io::BufReader;
+
+    async fn heard(bytes: &[u8]) -> io::Result<Option<Request>> {
+        read(&mut BufReader::new(bytes)).await
+    }
+
+    #[tokio::test]
+    async fn what_is_written_is_read() {
+        let mut bytes = Vec::new();
+        let words = vec!["world".to_owned(), "mk\n\u{1b}\"".to_owned()];
+        write(&mut bytes, &Request { words: words.clone(), offer: None }).await.expect("it fits");
+        assert_eq!(heard(&bytes).await.expect("a request").expect("one").words, words);
+        assert!(heard(b"").await.expect("the end").is_none());
+    }
+
+    #[tokio::test]
+    async fn nonsense_and_floods_are_errors() {
+        for bytes in [&b"GET / HTTP/1.1\r\n"[..], b"CONNECT attacker\n", b"{\"words\":[\"stop\"]", b"{}\n", b"\xff\n"] {
+            assert_eq!(heard(bytes).await.expect_err("no request").kind(), io::ErrorKind::InvalidData);
+        }
+        let flood = vec![b'['; LONGEST + 2];
+        let error = heard(&flood).await.expect_err("too long").to_string();
+        assert!(error.contains("MiB"), "{error}");
+    }
+}
