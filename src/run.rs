@@ -26,7 +26,7 @@ use crate::ctl::CtlService;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::clock::ClockKind;
 use mobee_actors::journal::Journal;
-use mobee_actors::system::{Control, Past, Progress, Reason, RunEnd, Setup};
+use mobee_actors::system::{Control, Counts, Past, Progress, Reason, RunEnd, Setup};
 use mobee_actors::tap::{Open, SinkSpec, Taps};
 use mobee_contract::{Event, Time};
 use serde_json::json;
@@ -38,6 +38,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use watch::WatchService;
+
+/// Exit code of a run that ended in order on a machine that was too slow for it.
+const OVERLOADED: u8 = 3;
 
 /// The program's name and version.
 const BUILD: &str = concat!("mobee ", env!("CARGO_PKG_VERSION"));
@@ -103,7 +106,11 @@ fn conduct(
     controls: (mpsc::Sender<Control>, mpsc::Receiver<Control>),
 ) -> Result<ExitCode, Report> {
     let done = show(composition, folder, extras, json, ctl, controls)?;
-    Ok(if in_order(&done.end) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(match &done.overload {
+        _ if !in_order(&done.end) => ExitCode::FAILURE,
+        Some((_, true)) => ExitCode::from(OVERLOADED),
+        _ => ExitCode::SUCCESS,
+    })
 }
 
 /// [`conduct`] for who wants to know how it ended.
@@ -156,11 +163,21 @@ pub struct Done {
     pub wall: Duration,
     /// What went wrong with journal or recording.
     pub complaints: Vec<String>,
+    /// That the machine was too slow, in words; and whether that lasted, or something was lost by it.
+    pub overload: Option<(String, bool)>,
 }
 
 /// Whether a run ended as it was meant to.
 pub fn in_order(end: &RunEnd) -> bool {
     matches!(end.reason, Reason::Done | Reason::Time | Reason::Interrupted)
+}
+
+/// [`mobee_actors::system::overload`], with what the run's own files lost: a viewer or terminal that can't keep up is its own
+/// concern.
+pub(crate) fn overload(counts: &Counts, dropped: impl IntoIterator<Item = (String, u64)>) -> Option<(String, bool)> {
+    let own = |name: &str| ![sinks::VIEWER, sinks::TERMINAL].contains(&name);
+    let dropped: Vec<_> = dropped.into_iter().filter(|(name, _)| own(name)).collect();
+    mobee_actors::system::overload(counts, &dropped)
 }
 
 /// Runs a composition into a folder.
@@ -233,8 +250,11 @@ pub(crate) fn run_with(
         end.as_ref().map_or((Time::ZERO, "failed to start".to_owned()), |e| (e.ended_at, e.reason.to_string()));
     let reports = taps.finish(at, Event::Ended { reason });
     let end = end.map_err(|e| Report::msg(e.to_string()))?;
+    // an error says by itself why something is missing
+    let dropped: Vec<_> = reports.iter().filter(|r| r.error.is_none()).map(|r| (r.name.clone(), r.dropped)).collect();
+    let overload = Some(()).filter(|()| kind == ClockKind::Real).and_then(|()| overload(&end.counts, dropped));
     let complaints = reports.into_iter().filter_map(|r| r.error.map(|e| format!("{}: {e}", r.name))).collect();
-    let mut done = Done { hash: journal.hash(), wall: started.elapsed(), complaints, end };
+    let mut done = Done { hash: journal.hash(), wall: started.elapsed(), complaints, overload, end };
     for (robot, snapshot) in &done.end.snapshots {
         // an agent with a map leaves it behind
         if let Some(map) = snapshot.state.get("map") {

@@ -17,6 +17,7 @@ pub use pipe::SinkReport;
 pub use watch::TapActor;
 
 use crate::clock::ClockKind;
+use crate::stream::Counters;
 use mobee_contract::{Entry, Event, Pose, Sink, Time};
 use mobee_model::{Contact, Scene};
 use pipe::Pipe;
@@ -155,6 +156,11 @@ impl Taps {
         if let Some(memory) = &self.0.memory {
             let _ = memory.lock().unwrap_or_else(PoisonError::into_inner).write(at, entry);
         }
+    }
+
+    /// What went to each sink so far.
+    pub fn counters(&self) -> impl Iterator<Item = (String, Counters)> {
+        self.0.pipes.iter().map(|pipe| (format!("tap>{}", pipe.name()), pipe.counters()))
     }
 
     /// Why an essential sink does not keep up the record, if so: the filters are to be closed, since no motion may go

@@ -51,6 +51,8 @@ pub(super) fn lines(now: &Report, before: Option<&Report>) -> Vec<String> {
         c.contacts,
         c.restarts
     ));
+    let taps = now.links.iter().filter_map(|(name, c)| Some((name.strip_prefix("tap>")?.to_owned(), c.dropped)));
+    lines.extend(crate::run::overload(c, taps).map(|(what, _)| what));
     lines.push(String::new());
     for group in &now.tree {
         branch(group, 0, &mut lines);
@@ -122,20 +124,22 @@ mod tests {
                 ..robot(Status::Rest, 10)
             }],
             tree: vec![Health { name: "controller".into(), alive: true, restarts: 0, children: children.clone() }],
-            links: vec![("icub/driver>history".into(), counters(sent))],
+            links: vec![("icub/driver>history".into(), counters(sent)), ("tap>recorder".into(), counters(sent))],
             counts: Counts::default(),
         };
         let lines = lines(&report(12, 700), Some(&report(10, 500)));
         let expected = "\
 icub  ARMED  rest, its agent is paused; swap of the agent: settled: its probation is over
 12.0 s: 0 commits, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
+overload: 2 entries dropped by the recorder; take load off the machine (`mobee doctor` looks at it), or give the controller a longer period_ms or stale_ms
 
 controller
   model
   icub/driver  2 restarts  DOWN
 
 link                             per s  queue  dropped
-icub/driver>history              100.0      1        2";
+icub/driver>history              100.0      1        2
+tap>recorder                     100.0      1        2";
         assert_eq!(lines.join("\n"), expected);
     }
 }

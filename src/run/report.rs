@@ -18,6 +18,7 @@ pub fn summary(done: &Done) -> Value {
         "counters": end.counts,
         "journal_hash": done.hash,
         "complaints": done.complaints,
+        "overload": done.overload.as_ref().map(|(what, _)| what),
     })
 }
 
@@ -56,6 +57,9 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
     row("journal", done.hash.clone());
     for c in &done.complaints {
         row("attention", c.clone());
+    }
+    if let Some((what, _)) = &done.overload {
+        row("attention", what.clone());
     }
     let path = folder.path().display();
     if done.end.reason == Reason::NoJournal {

@@ -25,6 +25,8 @@ const IMPATIENCE: Duration = Duration::from_secs(3);
 
 /// The name of the viewer's sink.
 pub(super) const VIEWER: &str = "viewer";
+/// The name of the terminal's.
+pub(super) const TERMINAL: &str = "terminal";
 
 /// The journal.
 pub(super) fn journal(journal: &Journal) -> SinkSpec {
@@ -57,7 +59,7 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
 /// Warnings, as they come.
 pub(super) fn terminal(bar: Bar) -> SinkSpec {
     SinkSpec {
-        name: "terminal".into(),
+        name: TERMINAL.into(),
         essential: false,
         poses: None,
         capacity: QUEUE,

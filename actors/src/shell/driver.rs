@@ -1,5 +1,6 @@
 //! The driver's shell: owns the connection to one robot's hardware.
 
+use crate::clock::ClockKind;
 use crate::driver::Port;
 use crate::pulse::Pulse;
 use crate::shell::SuperviseMsg;
@@ -35,6 +36,8 @@ pub struct Driving {
     back_off: Duration,
     /// Whether the last reading made no sense.
     nonsense: bool,
+    /// When its next turn is due.
+    due: Option<Time>,
 }
 
 impl Actor for DriverActor {
@@ -49,7 +52,8 @@ impl Actor for DriverActor {
     ) -> Result<Driving, ActorProcessingErr> {
         let plug = wires.parts.lock().plug.clone();
         let port = Port::new(wires.rules(), wires.gate.clone());
-        let mut driving = Driving { hub, wires, plug, driver: None, port, back_off: BACK_OFF.0, nonsense: false };
+        let mut driving =
+            Driving { hub, wires, plug, driver: None, port, back_off: BACK_OFF.0, nonsense: false, due: None };
         driving.wires.lease.store(0, Ordering::SeqCst);
         driving.connect();
         driving.wires.driver.connect(myself.clone());
@@ -65,7 +69,9 @@ impl Actor for DriverActor {
     ) -> Result<(), ActorProcessingErr> {
         match message {
             DriverMsg::Poll => {
+                driving.look_at_the_clock();
                 let next = driving.poll();
+                driving.due = Some(next);
                 let clock = driving.hub.clock.clone();
                 tokio::spawn(async move {
                     clock.sleep_until(next).await;
@@ -86,6 +92,15 @@ impl Driving {
         self.back_off = BACK_OFF.0;
         let token = self.wires.gate.token();
         self.give(token, Writer::Driver, &Command::Stop { motors: Vec::new() });
+    }
+
+    /// Counts the control periods that it was too late for. In virtual time only a planted stall makes it late.
+    fn look_at_the_clock(&self) {
+        let now = self.hub.clock.now();
+        if let Some(due) = self.due.filter(|_| self.hub.clock.kind() == ClockKind::Real) {
+            let period = self.wires.rules().period;
+            self.hub.counts.lock().late.note(Duration::from_nanos(now.0), now.since(due), period);
+        }
     }
 
     /// Reads the encoders, and says when to do so next.

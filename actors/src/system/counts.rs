@@ -1,6 +1,7 @@
 //! What is counted while a run goes on.
 
-use mobee_contract::{Event, Outcome, Status, Summary, SwapPart, SwapStep};
+use super::Late;
+use mobee_contract::{Cause, Event, Outcome, Status, Summary, SwapPart, SwapStep};
 use std::collections::BTreeMap;
 
 /// Counters of a run, all robots together.
@@ -32,6 +33,12 @@ pub struct Counts {
     pub retreats_stopped: u64,
     /// Commands thrown away.
     pub commands_dropped: u64,
+    /// How often a filter was closed because the readings were old.
+    pub stale: u64,
+    /// Readings that were pushed out by newer ones, since an actor did not get its turn.
+    pub readings_dropped: u64,
+    /// Control periods that were missed.
+    pub late: Late,
     /// The filters' states, by robot.
     pub status: BTreeMap<String, Status>,
     /// What the agents said at their end, by robot.
@@ -54,6 +61,11 @@ impl Counts {
             Event::HardContact { .. } => self.hard_contacts += 1,
             Event::RetreatStopped { .. } => self.retreats_stopped += 1,
             Event::CommandDropped { .. } => self.commands_dropped += 1,
+            Event::Disabled { cause: Cause::Stale, .. } => self.stale += 1,
+            // what was lost in a restart was lost in a queue that was not full
+            Event::Link { dropped, most, capacity, .. } if *capacity > 0 && most >= capacity => {
+                self.readings_dropped += dropped;
+            }
             Event::State { robot, status } => {
                 self.status.insert(robot.clone(), *status);
             }

@@ -48,6 +48,7 @@ impl Report {
         let of_robot = |w: &Wires| [&w.to_history, &w.to_reflex, &w.to_supervise].map(|s| (s.name(), s.counters()));
         let mut links: Vec<(String, Counters)> = hub.robots.iter().flat_map(|w| of_robot(w)).collect();
         links.push((hub.to_model.name(), hub.to_model.counters()));
+        links.extend(hub.taps.counters());
         let robots = hub.robots.iter().map(|w| RobotReport::of(w, at)).collect();
         let counts = hub.counts.lock().clone();
         Report { at, robots, tree, links, counts }

@@ -2,6 +2,7 @@
 
 use super::{Kept, Open, SinkSpec};
 use crate::clock::ClockKind;
+use crate::stream::Counters;
 use mobee_contract::{Entry, Event, Pose, Sink, Time};
 use mobee_model::Contact;
 use std::collections::{BTreeMap, VecDeque};
@@ -266,6 +267,13 @@ impl Pipe {
     /// Entries dropped so far.
     pub(super) fn dropped(&self) -> u64 {
         self.shared.lock().dropped
+    }
+
+    /// What went through it so far; what its thread has in hand still waits.
+    pub(super) fn counters(&self) -> Counters {
+        let queue = self.shared.lock();
+        let queued = (queue.entries.len() + queue.in_hand) as u64;
+        Counters { sent: queue.sent, handled: queue.handled, queued, dropped: queue.dropped }
     }
 
     /// For an essential sink: why the record is not complete, or not being written now.

@@ -1,0 +1,99 @@
+//! Overload: what shows that the machine was too slow for a run, in one line with a remedy.
+
+use super::Counts;
+use std::time::Duration;
+
+/// From so many late seconds on it is no single nap of the machine.
+const LASTING: u64 = 10;
+/// What to do about it.
+const REMEDY: &str =
+    "take load off the machine (`mobee doctor` looks at it), or give the controller a longer period_ms or stale_ms";
+
+/// Control periods in which the driver's turn came too late, by the run's clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Late {
+    /// How many.
+    pub periods: u64,
+    /// In how many seconds of the run there were any.
+    pub seconds: u64,
+    /// The newest one of these seconds, and one more.
+    #[serde(skip)]
+    until: u64,
+}
+
+impl Late {
+    /// The driver's turn comes now, and was due `by` earlier.
+    pub fn note(&mut self, now: Duration, by: Duration, period: Duration) {
+        let missed = by.as_nanos() / period.as_nanos().max(1);
+        if missed == 0 {
+            return;
+        }
+        self.periods += u64::try_from(missed).unwrap_or(u64::MAX);
+        let second = now.as_secs() + 1;
+        if second > self.until {
+            (self.seconds, self.until) = (self.seconds + 1, second);
+        }
+    }
+}
+
+/// What there is to say of a machine that was too slow; `dropped` names the sinks that could not keep up, and what they lost.
+///
+/// The second value says whether it lasted or something was lost: then the run was not what it was meant to be.
+pub fn overload(counts: &Counts, dropped: &[(String, u64)]) -> Option<(String, bool)> {
+    let mut seen = Vec::new();
+    let Late { periods, seconds, .. } = counts.late;
+    if periods > 0 && counts.stale > 0 {
+        let stale = counts.stale;
+        seen.push(format!(
+            "{periods} control periods missed in {seconds} s of the run, filters closed {stale} times for old readings"
+        ));
+    }
+    let lasts = !seen.is_empty() && seconds >= LASTING;
+    if counts.readings_dropped > 0 {
+        seen.push(format!("{} readings dropped on their way", counts.readings_dropped));
+    }
+    seen.extend(dropped.iter().filter(|(_, n)| *n > 0).map(|(name, n)| format!("{n} entries dropped by the {name}")));
+    let lost = counts.readings_dropped > 0 || dropped.iter().any(|(_, n)| *n > 0);
+    (!seen.is_empty()).then(|| (format!("overload: {}; {REMEDY}", seen.join(", ")), lasts || lost))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD: Duration = Duration::from_millis(20);
+
+    fn late(times: &[(u64, u64)]) -> Counts {
+        let mut counts = Counts { stale: 1, ..Counts::default() };
+        for (at, by) in times {
+            counts.late.note(Duration::from_millis(*at), Duration::from_millis(*by), PERIOD);
+        }
+        counts
+    }
+
+    #[test]
+    fn a_turn_within_its_period_is_in_time() {
+        assert_eq!(late(&[(1000, 0), (2000, 19)]).late, Late::default());
+        assert_eq!(overload(&late(&[(1000, 19)]), &[]), None);
+    }
+
+    #[test]
+    fn a_nap_is_told_and_lasting_overload_counts() {
+        let nap = late(&[(1000, 550), (1500, 60)]);
+        assert_eq!((nap.late.periods, nap.late.seconds), (30, 1));
+        let (line, grave) = overload(&nap, &[]).unwrap();
+        assert!(line.contains("30 control periods missed") && line.contains("mobee doctor") && !grave, "{line}");
+        let lasting: Vec<_> = (1..=LASTING).map(|s| (1000 * s, 40)).collect();
+        assert!(overload(&late(&lasting), &[]).unwrap().1);
+        let harmless = Counts { stale: 0, ..late(&lasting) };
+        assert_eq!(overload(&harmless, &[]), None, "no filter closed for it");
+    }
+
+    #[test]
+    fn what_is_lost_counts_at_once() {
+        let lost = Counts { readings_dropped: 3, ..Counts::default() };
+        assert!(overload(&lost, &[]).unwrap().1);
+        let (line, grave) = overload(&Counts::default(), &[("recorder".into(), 7), ("journal".into(), 0)]).unwrap();
+        assert!(line.contains("7 entries dropped by the recorder") && !line.contains("journal") && grave, "{line}");
+    }
+}
