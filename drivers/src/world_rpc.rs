@@ -231,6 +231,13 @@ impl WorldRpc {
     }
 }
 
+/// Whether a request may change something, the world or a file.
+pub fn is_change(request: &Bottle) -> bool {
+    let known = words::vocab(request.0.first()).map(|v| v.0.to_le_bytes());
+    known.is_some_and(|c| matches!(&c, b"mk\0\0" | b"set\0" | b"rot\0" | b"def\0" | b"rm\0\0" | b"sim\0"))
+        || known.is_some_and(|c| matches!(&c, b"clr\0" | b"undo" | b"save" | b"load"))
+}
+
 /// Makes edits on a copy of the scene: what would take them back, in order, or why they can't be made.
 fn rehearse(edits: &[Edit], scene: &Scene) -> Result<Vec<Edit>, String> {
     let mut scene = scene.clone();

@@ -20,6 +20,7 @@
 
 mod agent;
 mod board;
+mod credit;
 mod event;
 mod kinds;
 mod motion;
@@ -31,6 +32,7 @@ mod time;
 
 pub use agent::*;
 pub use board::*;
+pub use credit::*;
 pub use event::*;
 pub use kinds::*;
 pub use motion::*;

@@ -1,7 +1,7 @@
 //! Credit: how much of a flood is heard. What is beyond it costs a refusal, and no line in the journal.
 
 use super::{SuperviseCore, SuperviseOut};
-use mobee_contract::{Event, Time, Verdict};
+use mobee_contract::{Credit, Event, Time, Verdict};
 use std::time::Duration;
 
 /// What comes back in a second: more commands than any program needs that moves its motors one by one.
@@ -25,7 +25,8 @@ pub(super) struct Credits {
 impl Credits {
     /// All of it.
     pub(super) fn full(now: Time) -> Credits {
-        Credits { commits: Credit::full(now), telling: Credit::full(now), untold: (0, now) }
+        let all = Credit::full(now, PER_SECOND, MOST);
+        Credits { commits: all, telling: all, untold: (0, now) }
     }
 }
 
@@ -53,44 +54,5 @@ impl SuperviseCore {
             let text = format!("{}: {count} more commands were refused; they come too quickly", self.rules.robot);
             out.push(SuperviseOut::Event(Event::Warning { text }));
         }
-    }
-}
-
-/// Commands that may still be taken, or refusals that may be told.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Credit {
-    left: f64,
-    at: Time,
-}
-
-impl Credit {
-    /// All of it.
-    fn full(now: Time) -> Credit {
-        Credit { left: MOST, at: now }
-    }
-
-    /// Uses one, if there is one.
-    pub(super) fn take(&mut self, now: Time) -> bool {
-        self.left = (self.left + now.since(self.at).as_secs_f64() * PER_SECOND).min(MOST);
-        self.at = self.at.max(now);
-        let is_left = self.left >= 1.0;
-        if is_left {
-            self.left -= 1.0;
-        }
-        is_left
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_flood_is_heard_in_part_and_a_steady_program_in_full() {
-        let ms = |k: u64| Time(k * 1_000_000);
-        let mut credit = Credit::full(Time::ZERO);
-        let heard = (0..100_000_u64).filter(|k| credit.take(Time(k * 100_000))).count();
-        assert!((2990..=3000).contains(&heard), "ten seconds of ten thousand a second: {heard}");
-        assert!((0..5000).all(|k| credit.take(ms(14_000 + 5 * k))), "two hundred a second");
     }
 }

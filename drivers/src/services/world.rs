@@ -1,8 +1,8 @@
 //! The shell of the world's RPC: one request at a time, edits made before the reply.
 
 use crate::words::line;
-use crate::world_rpc::{Answered, Errand, WorldRpc, WorldView};
-use mobee_contract::{Pose, Running};
+use crate::world_rpc::{Answered, Errand, WorldRpc, WorldView, is_change};
+use mobee_contract::{Credit, Event, Pose, Running, Time};
 use mobee_model::{Object, load_world};
 use mobee_yarp::{Bottle, Dialect, Handler, Message, Network, Payload, PortError, RpcServer};
 use std::path::{Path, PathBuf};
@@ -15,18 +15,37 @@ use tokio::sync::Mutex;
 const PERIOD: Duration = Duration::from_millis(20);
 /// Times that a request waits for another one's edits.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// Changes of the world in a second, for all programs together: the model makes each on the thread that watches over the robots,
+/// and each is a line in the journal.
+const PER_SECOND: f64 = 200.0;
+/// The most at once.
+const MOST: f64 = 400.0;
+/// How often refused changes are told of.
+const SUM_UP: Duration = Duration::from_secs(1);
 
 /// The world's RPC in a running system.
 pub struct WorldService {
     running: Arc<dyn Running>,
     folder: Option<PathBuf>,
-    core: Mutex<WorldRpc>,
+    core: Mutex<Core>,
+}
+
+/// What one request at a time has to itself.
+struct Core {
+    rpc: WorldRpc,
+    /// Changes that may still come.
+    credit: Credit,
+    /// Changes that were refused and not told of, and when some last were.
+    refused: (u64, Time),
 }
 
 impl WorldService {
     /// For this system; `folder` is where worlds are saved and loaded, if anywhere.
     pub fn new(running: Arc<dyn Running>, folder: Option<PathBuf>) -> WorldService {
-        WorldService { running, folder, core: Mutex::new(WorldRpc::default()) }
+        let now = running.now();
+        let credit = Credit::full(now, PER_SECOND, MOST);
+        let core = Core { rpc: WorldRpc::default(), credit, refused: (0, now) };
+        WorldService { running, folder, core: Mutex::new(core) }
     }
 
     /// Opens the port.
@@ -51,13 +70,28 @@ impl WorldService {
         loop {
             ticks.tick().await;
             let mut core = self.core.lock().await;
-            if core.holds_anything() {
-                let edits = self.view(|view| core.follow(view));
+            self.sum_up(&mut core.refused);
+            if core.rpc.holds_anything() {
+                let edits = self.view(|view| core.rpc.follow(view));
+                // what is held up is brought after at a later look
+                if edits.is_empty() || !core.credit.take(self.running.now()) {
+                    continue;
+                }
+                core.credit.owe(edits.len() - 1);
                 for edit in edits {
                     // an object that somebody else has just removed is let go at the next look
                     let _ = tokio::time::timeout(PATIENCE, self.running.edit(edit)).await;
                 }
             }
+        }
+    }
+
+    fn sum_up(&self, (count, last): &mut (u64, Time)) {
+        let now = self.running.now();
+        if *count > 0 && now >= *last + SUM_UP {
+            let text = format!("the world: {count} changes were refused; they come too quickly");
+            (*count, *last) = (0, now);
+            self.running.tell(Event::Warning { text });
         }
     }
 
@@ -74,16 +108,21 @@ impl WorldService {
 
     /// Answers one request; edits are made before the reply.
     pub async fn answer(&self, request: Bottle) -> Bottle {
-        let mut core = self.core.lock().await;
-        let answered = self.view(|view| core.on(&request, view));
+        let core = &mut *self.core.lock().await;
+        if is_change(&request) && !core.credit.take(self.running.now()) {
+            core.refused.0 += 1;
+            return line(format!("Busy: the world takes {PER_SECOND} changes a second; send fewer."));
+        }
+        let answered = self.view(|view| core.rpc.on(&request, view));
         let answered = match answered.errand {
             None => answered,
             Some(errand) => match self.run(errand).await {
                 Ok(Done::Saved(file)) => return line(format!("Saved {file}.")),
-                Ok(Done::Loaded(file, objects)) => self.view(|view| core.loaded(&file, objects, view)),
+                Ok(Done::Loaded(file, objects)) => self.view(|view| core.rpc.loaded(&file, objects, view)),
                 Err(sentence) => return line(sentence),
             },
         };
+        core.credit.owe(answered.edits.len().saturating_sub(1));
         self.make(answered).await
     }
 
@@ -137,5 +176,78 @@ impl Handler for Port {
             let request = request.payload.bottle(dialect).unwrap_or_default();
             Some(world.answer(request).await.into())
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mobee_contract::{Answer, Filtered};
+    use mobee_model::{Edit, Robot, Scene};
+    use std::sync::{Mutex as Cell, PoisonError};
+
+    /// A world without robots in which a second passes when it is said.
+    struct Still {
+        scene: Cell<Arc<Scene>>,
+        now: Cell<Time>,
+        told: Cell<Vec<Event>>,
+    }
+
+    fn of<T: Clone>(cell: &Cell<T>) -> T {
+        cell.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    impl Running for Still {
+        fn now(&self) -> Time {
+            of(&self.now)
+        }
+        fn robots(&self) -> &[Arc<dyn Filtered>] {
+            &[]
+        }
+        fn models(&self) -> Vec<Arc<Robot>> {
+            Vec::new()
+        }
+        fn scene(&self) -> Arc<Scene> {
+            of(&self.scene)
+        }
+        fn edit(&self, edit: Edit) -> Answer<Result<(), String>> {
+            let next = self.scene().edit(&edit).map(Arc::new).map_err(|e| e.to_string());
+            let done = next.map(|next| *self.scene.lock().unwrap() = next);
+            Box::pin(std::future::ready(done))
+        }
+        fn tell(&self, event: Event) {
+            self.told.lock().unwrap().push(event);
+        }
+    }
+
+    async fn say(world: &WorldService, words: &str) -> String {
+        world.answer(Bottle::parse(words, Dialect::V3).unwrap()).await.to_string()
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_flood_of_changes_is_refused_and_a_question_is_not() {
+        let scene = Cell::new(Arc::new(Scene::new(Vec::new(), Vec::new()).unwrap()));
+        let still = Arc::new(Still { scene, now: Cell::default(), told: Cell::default() });
+        let world = Arc::new(WorldService::new(still.clone(), None));
+        let mut busy = 0;
+        for _ in 0..500 {
+            busy += usize::from(say(&world, "mk ssph 0.05 3 3 3").await.contains("Busy"));
+        }
+        assert_eq!((busy, still.scene().objects().count()), (100, 400));
+        assert!(say(&world, "ls").await.contains("ssph400"));
+        // what belongs together is made as a whole, and paid for: two seconds for 400 objects
+        *still.now.lock().unwrap() = Time(10_000_000);
+        assert!(say(&world, "clr").await.contains("Removed"));
+        assert!(say(&world, "undo").await.contains("Undone"));
+        assert_eq!(still.scene().objects().count(), 400);
+        *still.now.lock().unwrap() = Time(1_900_000_000);
+        assert!(say(&world, "rm ssph 1").await.contains("Busy"));
+        let follow = tokio::spawn(world.clone().follow());
+        tokio::time::sleep(PERIOD * 2).await;
+        follow.abort();
+        let text = "the world: 101 changes were refused; they come too quickly".to_owned();
+        assert_eq!(of(&still.told), [Event::Warning { text }]);
+        *still.now.lock().unwrap() = Time(2_100_000_000);
+        assert!(say(&world, "rm ssph 1").await.contains("Removed"));
     }
 }
