@@ -2,6 +2,7 @@
 
 use super::CtlAt;
 use crate::config::{Config, ConfigError};
+use mobee_drivers::YarpSettings;
 use std::net::TcpListener;
 
 /// Files and sockets that a run has open: threads' runtimes, journal, recording, the control port; with room to spare.
@@ -21,6 +22,13 @@ pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
     {
         let what = format!("at most {most} files can be open here, and this run may need {needed}");
         return Err(ConfigError::plain(what, format!("raise the limit: ulimit -n {}", 4 * FILES_OF_YARP)));
+    }
+    if config.yarp.as_ref().is_some_and(YarpSettings::is_unguarded) {
+        return Err(ConfigError::plain(
+            "with yarp.allow_open_network everybody on the network could move the robots: there is no key in YARP's auth.conf",
+            "write a key into auth.conf on all computers of the network ([AUTH], key = ...), or set without_auth = true in the \
+             table [yarp] if nobody else can reach it",
+        ));
     }
     if let CtlAt::Address(address) = ctl {
         let open = config.yarp.as_ref().is_some_and(|y| y.allow_open_network);

@@ -25,6 +25,9 @@ pub struct YarpSettings {
     /// Whether ports may be reached from other computers. YARP has neither passwords nor encryption: who reaches a port
     /// moves the robot.
     pub allow_open_network: bool,
+    /// Whether an open network may do without the key of `auth.conf`, by which programs show at each connection that they belong
+    /// to it: then everybody who reaches the ports moves the robot.
+    pub without_auth: bool,
     /// Which YARP is spoken: `3` or `4`. The two can't be told apart on the wire.
     pub dialect: u8,
     /// Whether to open the port filter: a board for each part through which any YARP program moves the robot safely.
@@ -64,6 +67,7 @@ impl Default for YarpSettings {
             name_server: None,
             start_name_server: true,
             allow_open_network: false,
+            without_auth: false,
             dialect: 3,
             filter: true,
             speed: 0.1,
@@ -178,6 +182,11 @@ impl YarpSettings {
         }
         KindError::gather(all)?;
         Ok(())
+    }
+
+    /// Whether everybody who reaches the ports could use them, and nobody said that this is meant.
+    pub fn is_unguarded(&self) -> bool {
+        self.allow_open_network && !self.without_auth && self.network().is_ok_and(|n| n.auth().is_none())
     }
 
     /// The network that these settings and YARP's own configuration name.

@@ -1,6 +1,7 @@
 //! A run that can't have what it needs does not begin, and says why (F26).
 
 use super::{mobee, said};
+use crate::common::network;
 use std::net::{Ipv4Addr, TcpListener};
 use std::process::Command;
 
@@ -42,6 +43,26 @@ fn a_control_port_that_others_can_reach_must_be_allowed() {
         assert!(said(&out).contains("allow_open_network"), "{}", said(&out));
         assert!(!run.exists());
     }
+}
+
+#[test]
+fn an_open_network_needs_a_key() {
+    let network = network();
+    let run = network.path().join("run");
+    let start = |more: &[&str]| {
+        let mut command = network.command(env!("CARGO_BIN_EXE_mobee"));
+        command.current_dir(env!("CARGO_MANIFEST_DIR")).env("NO_COLOR", "1");
+        command.args(["run", "configs/behaviors/filter.toml", "--for", "0.5", "--no-record"]);
+        command.args(["--set", "yarp.allow_open_network=true", "--out"]).arg(&run).args(more);
+        command.output().expect("mobee starts")
+    };
+    let out = start(&[]);
+    assert_eq!(out.status.code(), Some(2), "{}", said(&out));
+    assert!(said(&out).contains("auth.conf") && !run.exists(), "{}", said(&out));
+    assert!(start(&["--set", "yarp.without_auth=true"]).status.code() != Some(2));
+    std::fs::remove_dir_all(&run).expect("a run");
+    std::fs::write(network.path().join("auth.conf"), "[AUTH]\nkey = 4711\n").expect("auth.conf");
+    assert!(start(&[]).status.code() != Some(2));
 }
 
 #[test]
