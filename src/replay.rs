@@ -55,7 +55,7 @@ struct Recorded {
 impl Recorded {
     /// Reads a run's folder, and its journal from end to end.
     fn open(dir: &Path) -> Result<Recorded, Report> {
-        Folder::of_run(dir)?;
+        Folder::must_be_run(dir)?;
         let (config, source) = Config::load_resolved(&dir.join("config.json"))?;
         let refuse =
             |what: &str, help: &str| Report::from(ConfigError::plain(format!("{}: {what}", dir.display()), help));

@@ -151,7 +151,7 @@ mod tests {
             let mut file = explore();
             *file.config.pointer_mut(at).unwrap() = serde_json::json!(secret);
             let why = agent_of(file).err().unwrap();
-            assert!(why.contains("was not sent") && !why.contains("4711"), "{why}");
+            assert!(why.contains("send all files that it names") && !why.contains("4711"), "{why}");
         }
         let mut file = explore();
         file.config["include"] = serde_json::json!([secret]);

@@ -28,14 +28,23 @@ impl Folder {
         Ok(Folder(path))
     }
 
-    /// The folder of a run that is resumed.
+    /// The folder of a run that goes on.
     ///
     /// # Errors
     /// If it is no run's folder, or another user's.
     pub fn of_run(path: &Path) -> Result<Folder, ConfigError> {
+        Folder::must_be_run(path)?;
+        take(path)?;
+        Ok(Folder(path.to_owned()))
+    }
+
+    /// Sees that a folder is a run's; nothing is written.
+    ///
+    /// # Errors
+    /// If it is not.
+    pub fn must_be_run(path: &Path) -> Result<(), ConfigError> {
         if path.join("config.json").is_file() {
-            take(path)?;
-            return Ok(Folder(path.to_owned()));
+            return Ok(());
         }
         let what = format!("{} is no folder of a run: there is no config.json in it", path.display());
         Err(ConfigError::plain(what, "give a folder that `mobee run` made, such as runs/explore-..."))
@@ -106,7 +115,9 @@ fn parent(path: &Path) -> io::Result<()> {
 }
 
 fn make(path: &Path) -> io::Result<()> {
-    DirBuilder::new().mode(OWNER).create(path)
+    DirBuilder::new().mode(OWNER).create(path)?;
+    // the umask may have taken more away
+    std::fs::set_permissions(path, Permissions::from_mode(OWNER))
 }
 
 fn unmade(path: &Path, why: &io::Error) -> ConfigError {
