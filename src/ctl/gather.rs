@@ -1,10 +1,11 @@
 //! A configuration file as `mobee ctl swap` sends it: read and checked here, by the rights of who asks, with everything that it
 //! names. The run opens nothing for others.
 
-use super::wire::Sent;
+use super::wire::{LONGEST, Sent};
 use crate::compose::from_source;
 use crate::config::{Config, ConfigError, Source};
 use miette::{IntoDiagnostic, Report};
+use mobee_model::file::read_text;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -20,7 +21,7 @@ pub(super) fn read(file: &Path) -> Result<Sent, Report> {
     let config = from_source(&source)?.config;
     let mut texts = BTreeMap::new();
     for path in named(&config, &source) {
-        let text = std::fs::read_to_string(&path)
+        let text = read_text(&path, LONGEST as u64)
             .map_err(|e| ConfigError::plain(format!("{}: {e}", path.display()), "give a text file that can be read"))?;
         texts.insert(path, text);
     }

@@ -169,7 +169,7 @@ fn another_user_controls_nothing() {
         open(&run.out, 0o755);
         if file == "ctl.sock" {
             open(&run.out.join(file), 0o666);
-            refused("another user");
+            refused("own user");
         } else {
             refused("own user");
             let at = std::fs::read_to_string(run.out.join(file)).expect("an address");

@@ -16,6 +16,8 @@ pub enum Before {
     Refuse,
     /// It is emptied.
     Empty,
+    /// It is written over from its beginning.
+    Keep,
 }
 
 /// Creates a file for writing that only its owner may read or write (mode 0600).
@@ -27,6 +29,7 @@ pub fn create_private(path: &Path, before: Before) -> io::Result<File> {
     match before {
         Before::Refuse => options.create_new(true),
         Before::Empty => options.create(true).truncate(true),
+        Before::Keep => options.create(true).truncate(false),
     };
     let file = options.write(true).mode(OWNER).open(path)?;
     // the umask may have taken bits away, and a file that stood there keeps those it had

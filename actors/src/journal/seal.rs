@@ -6,8 +6,9 @@
 //! ```
 //! It is written after the journal was forced to the disk (start, outcomes, end), and so is never ahead of it, whatever dies.
 
+use mobee_contract::{Before, create_private};
 use serde::{Deserialize, Serialize};
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -51,8 +52,7 @@ pub(super) struct Sealed(File);
 impl Sealed {
     /// Opens the seal of a journal, and makes it where there is none.
     pub fn open(journal: &Path) -> std::io::Result<Sealed> {
-        let file = OpenOptions::new().write(true).create(true).truncate(false).open(file(journal))?;
-        Ok(Sealed(file))
+        Ok(Sealed(create_private(&file(journal), Before::Keep)?))
     }
 
     /// Writes it.
