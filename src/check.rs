@@ -4,7 +4,7 @@ use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError};
 use crate::inspect::journal_error;
 use miette::{IntoDiagnostic, Report, WrapErr};
-use mobee_actors::check::check;
+use mobee_actors::check::{Poses, check, judged, wants_poses};
 use mobee_actors::controller::{Drive, RELEASE};
 use mobee_behaviors::roadmap::Roadmap;
 use mobee_behaviors::verdict::judge;
@@ -36,12 +36,13 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
         Some(reason) => println!("the run ended in order: {reason}"),
         None => println!("the run did not end in order; open commits and links are not judged"),
     }
+    say_poses(&report.poses);
     for v in &report.violations {
         println!("{v}");
     }
     let mut good = report.violations.is_empty();
     if good {
-        println!("invariants I1-I7, I9-I11, I14, I18 and I19 hold");
+        println!("invariants {} hold", judged(report.poses.readings > 0));
     }
     if edges {
         good &= judge_edges(path)?;
@@ -49,6 +50,21 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
     match report.truncated {
         Some(e) => Err(journal_error(e).into()),
         None => Ok(if good { ExitCode::SUCCESS } else { ExitCode::FAILURE }),
+    }
+}
+
+/// What measured poses there were to judge by.
+fn say_poses(poses: &Poses) {
+    let Poses { readings, missing, wrong } = poses;
+    if *readings > 0 {
+        println!("{readings} measured poses");
+    }
+    if !missing.is_empty() {
+        let (robots, not) = (missing.join(", "), wants_poses());
+        println!("no measured poses of {robots} beside the journal, as of an older run: {not} are not judged there");
+    }
+    for why in wrong {
+        println!("attention: {why}");
     }
 }
 

@@ -114,19 +114,20 @@ pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, R
 }
 
 fn one(trial: &Trial, seed: u64, planned: &[Planned], keep: Option<&Path>) -> Result<Ran, Report> {
-    let Some(dir) = keep else { return trial.run(seed, planned, None) };
+    let Some(dir) = keep else { return trial.run(seed, planned, Vec::new()) };
     let folder = Folder::create("torture", Some(&dir.join(format!("seed-{seed}"))))?;
     let journal = Journal::create(folder.path(), &serde_json::json!({ "torture": seed })).map_err(Report::msg)?;
-    trial.run(seed, planned, Some(journal.sink()))
+    trial.run(seed, planned, vec![journal.sink(), trial.tracks(folder.path())?])
 }
 
-/// I13: the first seed again, with a journal on the disk. Its hash is the same, and the chain is intact.
+/// I13: the first seed again, with a journal and measured poses on the disk. Its hash is the same, the chain is intact, and a check of
+/// them finds what was found in the run.
 fn again(args: &TortureArgs, trial: &Trial, kinds: &[&'static str]) -> Result<Vec<String>, Report> {
     let planned = plan(args.first, &trial.facts, kinds);
     let scratch = tempfile::tempdir().map_err(|e| Report::msg(e.to_string()))?;
     let journal = Journal::create(scratch.path(), &serde_json::Value::Null).map_err(Report::msg)?;
-    let first = trial.run(args.first, &planned, None)?;
-    let second = trial.run(args.first, &planned, Some(journal.sink()))?;
+    let first = trial.run(args.first, &planned, Vec::new())?;
+    let second = trial.run(args.first, &planned, vec![journal.sink(), trial.tracks(scratch.path())?])?;
     let mut wrong = Vec::new();
     if first.hash != second.hash || journal.hash() != second.hash {
         let (a, b, c) = (first.hash, second.hash, journal.hash());
@@ -153,7 +154,7 @@ fn failure(args: &TortureArgs, trial: &Trial, seed: u64, planned: &[Planned], ra
     };
     let still = |part: &[(usize, Planned)]| {
         let faults: Vec<Planned> = part.iter().map(|(_, p)| p.clone()).collect();
-        trial.run(seed, &faults, None).is_ok_and(|ran| ran.violations.iter().any(|(i, _)| i == invariant))
+        trial.run(seed, &faults, Vec::new()).is_ok_and(|ran| ran.violations.iter().any(|(i, _)| i == invariant))
     };
     let least = shrink(&numbered, still);
     let mut text = format!("seed {seed}: {what}\n");

@@ -19,9 +19,12 @@
 //! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
 //! | I19 | a contact closes | a contact that begins in mid-motion closes the filter within one control period |
 //!
-//! Each is a small state machine in a file of its own, fed with one line after the other. I4, I8 and I17 also want the poses, which a
-//! journal does not hold and a simulation has; I15 is judged where a simulation says that its faults have healed.
+//! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
+//! journal where there are any ([`crate::track`]): I4 looks at those, too, I8 and I17 at nothing else. I15 is judged where a simulation
+//! says that its faults have healed. [`ALL`] lists them.
 
+mod all;
+mod bounded;
 mod closed_means_closed;
 mod contact_closes;
 mod fresh_readings;
@@ -33,17 +36,21 @@ mod measured;
 mod nothing_vanishes;
 mod one_outcome;
 mod orphans;
+mod poses;
 mod removed_stays_removed;
 mod rest_at_the_end;
 mod restart_does_not_move;
 mod summary;
 mod together;
 mod watched_retreat;
+pub use all::{ALL, Promise, Wants, judged, wants_poses};
 pub use liveness::HEALED;
+pub use poses::Poses;
 pub use summary::{RunSummary, summary};
 
 use crate::journal::{JournalError, Line, read};
 use mobee_contract::{Event, Pose, Time};
+use poses::Merge;
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
@@ -52,7 +59,7 @@ use std::sync::Arc;
 /// A broken invariant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Violation {
-    /// Which, by its number: `I1` and so on, as in the table above.
+    /// Which, by its name in [`ALL`].
     pub invariant: &'static str,
     /// The line of the journal, counted from 1.
     pub line: u64,
@@ -69,7 +76,7 @@ impl fmt::Display for Violation {
 }
 
 /// What a check found.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Report {
     /// Events read; the chain is right up to the last of them.
     pub events: u64,
@@ -79,6 +86,8 @@ pub struct Report {
     pub ended: Option<String>,
     /// Set if the journal stops in mid-line, as after a crash.
     pub truncated: Option<JournalError>,
+    /// The measured poses beside it.
+    pub poses: Poses,
     /// Broken invariants, by line.
     pub violations: Vec<Violation>,
 }
@@ -88,12 +97,17 @@ pub struct Report {
 /// # Errors
 /// If it can't be opened, or is not as it was written. A journal that merely stops in mid-line is reported on.
 pub fn check(path: &Path) -> Result<Report, JournalError> {
-    let mut checker = Checker::default();
-    let mut report = Report { events: 0, hash: String::new(), ended: None, truncated: None, violations: Vec::new() };
+    let (mut checker, mut merge) = (Checker::default(), Merge::default());
+    let mut report = Report::default();
+    let dir = if path.is_dir() { path } else { path.parent().unwrap_or(path) };
     for line in read(path)? {
         match line {
             Ok(line) => {
+                merge.until(line.at, &mut checker);
                 checker.on(&line);
+                if let Event::Robot { robot, .. } = &line.event {
+                    merge.robot(dir, robot);
+                }
                 report.events += 1;
                 report.hash = line.hash;
             }
@@ -101,6 +115,8 @@ pub fn check(path: &Path) -> Result<Report, JournalError> {
             Err(e) => return Err(e),
         }
     }
+    merge.until(Time(u64::MAX), &mut checker);
+    report.poses = merge.end();
     (report.ended, report.violations) = checker.end();
     Ok(report)
 }
@@ -120,6 +136,8 @@ trait Invariant: Send {
     fn on(&mut self, line: &Line, found: &mut Found<'_>);
     /// Takes a reading of this robot's pose, where there are any.
     fn pose(&mut self, _robot: &str, _at: Time, _q: &Pose) {}
+    /// The readings of this robot that come next are not known.
+    fn blind(&mut self, _robot: &str) {}
     /// Whether it waits for something that is still to come.
     fn waits(&self) -> bool {
         false
@@ -138,11 +156,7 @@ struct Found<'a> {
 
 impl Found<'_> {
     fn say(&mut self, what: impl Into<String>) {
-        self.say_of(self.invariant, what);
-    }
-
-    fn say_of(&mut self, invariant: &'static str, what: impl Into<String>) {
-        let (line, at) = (self.line, self.at);
+        let (invariant, line, at) = (self.invariant, self.line, self.at);
         self.violations.push(Violation { invariant, line, at, what: what.into() });
     }
 }
@@ -158,23 +172,7 @@ pub struct Checker {
 
 impl Default for Checker {
     fn default() -> Checker {
-        let invariants: Vec<(&'static str, Box<dyn Invariant>)> = vec![
-            ("I1", Box::new(closed_means_closed::ClosedMeansClosed::default())),
-            ("I2", Box::new(one_outcome::OneOutcome::default())),
-            ("I3", Box::new(home_is_a_vertex::HomeIsAVertex::default())),
-            ("I4", Box::new(honest_safe_pose::HonestSafePose::default())),
-            ("I5", Box::new(limits::Limits::default())),
-            ("I6", Box::new(nothing_vanishes::NothingVanishes)),
-            ("I8", Box::new(fresh_readings::FreshReadings::default())),
-            ("I9", Box::new(watched_retreat::WatchedRetreat::default())),
-            ("I10", Box::new(restart_does_not_move::RestartDoesNotMove::default())),
-            ("I11", Box::new(removed_stays_removed::RemovedStaysRemoved::default())),
-            ("I14", Box::new(together::Together::default())),
-            ("I15", Box::new(liveness::Liveness::default())),
-            ("I17", Box::new(rest_at_the_end::RestAtTheEnd::default())),
-            ("I18", Box::new(orphans::Orphans::default())),
-            ("I19", Box::new(contact_closes::ContactCloses::default())),
-        ];
+        let invariants = ALL.iter().map(|promise| (promise.name, promise.make())).collect();
         Checker { invariants, violations: Vec::new(), robots: Vec::new(), last: (0, Time::ZERO), ended: None }
     }
 }
@@ -198,6 +196,12 @@ impl Checker {
     pub fn pose(&mut self, robot: usize, at: Time, q: &Pose) {
         let Some(robot) = self.robots.get(robot) else { return };
         self.invariants.iter_mut().for_each(|(_, invariant)| invariant.pose(robot, at, q));
+    }
+
+    /// Readings of the robot of this index were lost: those before say nothing of what comes.
+    pub fn blind(&mut self, robot: usize) {
+        let Some(robot) = self.robots.get(robot) else { return };
+        self.invariants.iter_mut().for_each(|(_, invariant)| invariant.blind(robot));
     }
 
     /// Whether progress is still to be shown after a simulation's faults have healed (I15).

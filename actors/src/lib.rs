@@ -28,4 +28,5 @@ pub mod supervision;
 pub mod swap;
 pub mod system;
 pub mod tap;
+pub mod track;
 pub mod wiring;

@@ -38,4 +38,8 @@ impl Sink for Guarded {
         self.look()?;
         self.sink.flush()
     }
+
+    fn lost(&mut self) {
+        self.sink.lost();
+    }
 }

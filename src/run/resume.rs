@@ -12,8 +12,8 @@ use crate::config::{Config, ConfigError, Source};
 use crate::inspect::journal_error;
 use miette::Report;
 use mobee_actors::journal::{Journal, Line};
-use mobee_actors::ring;
 use mobee_actors::system::{Past, RobotSetup};
+use mobee_actors::{ring, track};
 use mobee_model::Robot;
 use std::path::Path;
 use std::process::ExitCode;
@@ -49,6 +49,8 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
         let help = "the run goes on without what it recorded of its way back";
         let poses = ring::read(&file).map_err(|e| ConfigError::plain(e, help))?;
         past.recorded(&r.name, evidence::of_robot(&file, model, poses)?);
+        let measured = track::read(&track::file(dir, &r.name)).map_err(|e| ConfigError::plain(e, help))?;
+        past.read_until(measured.into_iter().flatten().map(|reading| reading.told).max());
     }
     let mut composition = stand(composition, source, &past)?;
     let (scene, missing) = past.world(composition.scene);

@@ -11,6 +11,7 @@ use crate::config::{Clock, Config};
 use mobee_actors::journal::Journal;
 use mobee_actors::ring::Rings;
 use mobee_actors::tap::{Open, SinkSpec};
+use mobee_actors::track::Tracks;
 use mobee_recorder::Recorder;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -53,6 +54,27 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
         capacity: QUEUE,
         patience: PATIENCE,
         open: Some(Arc::new(move || Rings::create(&dir, &rings).map(|r| Box::new(r) as _))),
+    })
+}
+
+/// The measured poses beside the journal. They end before they take the room that the journal needs.
+///
+/// # Errors
+/// The file that can't be written, in words.
+pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Result<SinkSpec, String> {
+    let robots = config.robot.iter().zip(motors);
+    let robots: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.tolerance_deg.to_radians())).collect();
+    let (tracks, dir) = (Tracks::open(folder.path(), &robots)?, folder.path().to_owned());
+    Ok(SinkSpec {
+        name: "track".into(),
+        essential: false,
+        poses: Some(Duration::ZERO),
+        capacity: QUEUE,
+        patience: PATIENCE,
+        open: Some(Arc::new(move || {
+            Room::at(&dir).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
+            Ok(Box::new(Guarded::new(tracks.sink(), dir.clone())))
+        })),
     })
 }
 

@@ -12,6 +12,7 @@ use mobee_actors::clock::ClockKind;
 use mobee_actors::journal::{Fingerprint, Line};
 use mobee_actors::system::{Control, Counts, Injection, Progress, Setup, run_under};
 use mobee_actors::tap::Taps;
+use mobee_actors::track::Tracks;
 use mobee_contract::{Commit, Context, Entry, Event, Sink, SwapStep, Time};
 use mobee_drivers::{SimHardware, SimSettings};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
@@ -67,7 +68,7 @@ struct Watch {
     /// Deaths that nobody planned.
     bugs: Vec<String>,
     /// Also told, if the run is to be kept.
-    journal: Option<Box<dyn Sink>>,
+    sinks: Vec<Box<dyn Sink>>,
 }
 
 impl Sink for Watch {
@@ -101,11 +102,11 @@ impl Sink for Watch {
             }
             Entry::Scene(scene) => self.witness.scene(scene),
         }
-        self.journal.as_mut().map_or(Ok(()), |journal| journal.write(at, entry))
+        self.sinks.iter_mut().try_for_each(|sink| sink.write(at, entry))
     }
 
     fn flush(&mut self) -> Result<(), String> {
-        self.journal.as_mut().map_or(Ok(()), |journal| journal.flush())
+        self.sinks.iter_mut().try_for_each(|sink| sink.flush())
     }
 }
 
@@ -128,11 +129,23 @@ impl Trial {
         Ok(Trial { config, source, facts: Facts { robots, secs, mild } })
     }
 
-    /// Runs a seed under these faults. `journal` is told everything as well.
+    /// What keeps the measured poses of a run in this folder.
+    ///
+    /// # Errors
+    /// The file that can't be written.
+    pub fn tracks(&self, dir: &Path) -> Result<Box<dyn Sink>, Report> {
+        let motors = self.facts.robots.iter().map(|(_, limits)| limits.len());
+        let robots = self.config.robot.iter().zip(motors);
+        let robots: Vec<_> =
+            robots.map(|(r, n)| (r.name.clone(), n, r.controller.tolerance_deg.to_radians())).collect();
+        Ok(Tracks::open(dir, &robots).map_err(Report::msg)?.sink())
+    }
+
+    /// Runs a seed under these faults. `sinks` are told everything as well.
     ///
     /// # Errors
     /// If the system can't be put together or started.
-    pub fn run(&self, seed: u64, planned: &[Planned], journal: Option<Box<dyn Sink>>) -> Result<Ran, Report> {
+    pub fn run(&self, seed: u64, planned: &[Planned], sinks: Vec<Box<dyn Sink>>) -> Result<Ran, Report> {
         let config = Config { seed, ..self.config.clone() };
         let mut composed = compose(config.clone(), &self.source)?;
         let mut boards = Vec::new();
@@ -160,7 +173,7 @@ impl Trial {
             hash: Fingerprint::default(),
             swaps: [0; 3],
             bugs: Vec::new(),
-            journal,
+            sinks,
         };
         let watch = Arc::new(Mutex::new(watch));
         let look = || watch.lock().unwrap_or_else(PoisonError::into_inner);

@@ -35,6 +35,8 @@ pub trait Sink: Send {
     /// # Errors
     /// As for `write`.
     fn flush(&mut self) -> Result<(), String>;
+    /// Entries were dropped on their way here: what comes next does not follow on what came before.
+    fn lost(&mut self) {}
 }
 
 /// The state of a robot's filter, in the words that a status line shows.

@@ -57,4 +57,10 @@ impl Invariant for FreshReadings {
             reading.newest = reading.newest.max(Some(at));
         }
     }
+
+    fn blind(&mut self, robot: &str) {
+        if let Some(reading) = self.robots.get_mut(robot) {
+            reading.newest = None;
+        }
+    }
 }

@@ -88,4 +88,10 @@ impl Invariant for HonestSafePose {
             rest.measured.take(at, q);
         }
     }
+
+    fn blind(&mut self, robot: &str) {
+        if let Some(rest) = self.robots.get_mut(robot) {
+            rest.measured.forget();
+        }
+    }
 }

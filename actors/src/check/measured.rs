@@ -1,5 +1,7 @@
 //! How fast a robot is by the readings of its poses, for those who want no word for it.
 
+use super::near;
+use crate::track::QUANTUM;
 use mobee_contract::{Pose, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -41,9 +43,14 @@ impl Measured {
         self.readings.push_back((at, q.clone()));
     }
 
-    /// When this very pose was read last; a decision tells the pose that it was made by.
+    /// The readings that come next are not known: those before say nothing of them.
+    pub fn forget(&mut self) {
+        self.readings.clear();
+    }
+
+    /// When this very pose was read last, as far as it was kept; a decision tells the pose that it was made by.
     pub fn read_at(&self, q: &Pose) -> Option<Time> {
-        self.readings.iter().rev().find(|(_, read)| read == q).map(|(at, _)| *at)
+        self.readings.iter().rev().find(|(_, read)| near(read, q, QUANTUM)).map(|(at, _)| *at)
     }
 
     /// The greatest speed of a motor, rad/s, if the readings up to this time tell that the robot moved.

@@ -52,4 +52,10 @@ impl Invariant for RestAtTheEnd {
             newest.measured.take(at, q);
         }
     }
+
+    fn blind(&mut self, robot: &str) {
+        if let Some(newest) = self.robots.get_mut(robot) {
+            newest.measured.forget();
+        }
+    }
 }

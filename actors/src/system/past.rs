@@ -132,6 +132,11 @@ impl Past {
         self.of(robot).recorded = poses;
     }
 
+    /// The last reading there is beside the journal: time goes on after it.
+    pub fn read_until(&mut self, last: Option<Time>) {
+        self.at = self.at.max(last.map_or(Time::ZERO, |last| last + PAUSE));
+    }
+
     /// What was left of this robot.
     pub fn robot(&self, name: &str) -> PastRobot {
         self.robots.get(name).cloned().unwrap_or_default()

@@ -327,6 +327,7 @@ impl Pipe {
 /// queue.
 fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> {
     let mut batch = VecDeque::new();
+    let mut dropped = shared.lock().dropped;
     loop {
         let mut queue = shared.lock();
         if queue.threads != mine {
@@ -352,8 +353,12 @@ fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> 
         }
         std::mem::swap(&mut batch, &mut queue.entries);
         queue.in_hand = batch.len();
+        let lost = std::mem::replace(&mut dropped, queue.dropped) != queue.dropped;
         drop(queue);
         let end = catch_unwind(AssertUnwindSafe(|| {
+            if lost {
+                sink.lost();
+            }
             while let Some((at, entry)) = batch.front() {
                 sink.write(*at, entry)?;
                 batch.pop_front();

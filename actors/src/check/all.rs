@@ -1,0 +1,132 @@
+//! The one list of invariants: what the checker runs, what `mobee check` says, and what the documents must hold.
+
+use super::Invariant;
+use super::bounded::Bounded;
+use super::closed_means_closed::ClosedMeansClosed;
+use super::contact_closes::ContactCloses;
+use super::fresh_readings::FreshReadings;
+use super::home_is_a_vertex::HomeIsAVertex;
+use super::honest_safe_pose::HonestSafePose;
+use super::limits::Limits;
+use super::liveness::Liveness;
+use super::nothing_vanishes::NothingVanishes;
+use super::one_outcome::OneOutcome;
+use super::orphans::Orphans;
+use super::removed_stays_removed::RemovedStaysRemoved;
+use super::rest_at_the_end::RestAtTheEnd;
+use super::restart_does_not_move::RestartDoesNotMove;
+use super::together::Together;
+use super::watched_retreat::WatchedRetreat;
+
+/// An invariant that a journal is checked for.
+#[derive(Clone, Copy)]
+pub struct Promise {
+    /// Its number, such as `I4`.
+    pub name: &'static str,
+    /// What it promises, in a few words: those of the documents' tables.
+    pub what: &'static str,
+    /// What it can't be judged without.
+    pub wants: Wants,
+    make: fn() -> Box<dyn Invariant>,
+}
+
+/// What an invariant is judged by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wants {
+    /// The journal's events; some look at the measured poses, too, where there are any.
+    Events,
+    /// The measured poses beside the journal.
+    Poses,
+    /// A simulation, which knows when its faults have healed.
+    Healing,
+}
+
+impl Promise {
+    pub(super) fn make(&self) -> Box<dyn Invariant> {
+        (self.make)()
+    }
+}
+
+fn boxed<I: Invariant + Default + 'static>() -> Box<dyn Invariant> {
+    Box::new(I::default())
+}
+
+const fn of<I: Invariant + Default + 'static>(name: &'static str, what: &'static str, wants: Wants) -> Promise {
+    Promise { name, what, wants, make: boxed::<I> }
+}
+
+/// All of them, by number.
+pub const ALL: &[Promise] = &[
+    of::<ClosedMeansClosed>("I1", "closed means closed", Wants::Events),
+    of::<OneOutcome>("I2", "one outcome", Wants::Events),
+    of::<HomeIsAVertex>("I3", "home is a vertex", Wants::Events),
+    of::<HonestSafePose>("I4", "safe pose is honest", Wants::Events),
+    of::<Limits>("I5", "limits", Wants::Events),
+    of::<NothingVanishes>("I6", "nothing vanishes", Wants::Events),
+    of::<Bounded>("I7", "bounded", Wants::Events),
+    of::<FreshReadings>("I8", "stale is not fresh", Wants::Poses),
+    of::<WatchedRetreat>("I9", "the retreat is watched", Wants::Events),
+    of::<RestartDoesNotMove>("I10", "a restart does not move", Wants::Events),
+    of::<RemovedStaysRemoved>("I11", "removed stays removed", Wants::Events),
+    of::<Together>("I14", "several robots", Wants::Events),
+    of::<Liveness>("I15", "liveness", Wants::Healing),
+    of::<RestAtTheEnd>("I17", "ended means at rest", Wants::Poses),
+    of::<Orphans>("I18", "orphans are cancelled", Wants::Events),
+    of::<ContactCloses>("I19", "a contact closes", Wants::Events),
+];
+
+/// The names of those that a journal is judged by, with or without measured poses, as a sentence has them: `I1-I7, I9 and I10`.
+pub fn judged(poses: bool) -> String {
+    let is_judged = |p: &&Promise| p.wants == Wants::Events || poses && p.wants == Wants::Poses;
+    spans(ALL.iter().filter(is_judged).filter_map(|p| p.name.strip_prefix('I')?.parse().ok()))
+}
+
+/// The names of those that only measured poses can judge.
+pub fn wants_poses() -> String {
+    spans(ALL.iter().filter(|p| p.wants == Wants::Poses).filter_map(|p| p.name.strip_prefix('I')?.parse().ok()))
+}
+
+/// Numbers in order as spans.
+fn spans(numbers: impl Iterator<Item = u32>) -> String {
+    let mut spans: Vec<(u32, u32)> = Vec::new();
+    for n in numbers {
+        match spans.last_mut() {
+            Some((_, last)) if *last + 1 == n => *last = n,
+            _ => spans.push((n, n)),
+        }
+    }
+    let text = |(a, b): &(u32, u32)| match b - a {
+        0 => vec![format!("I{a}")],
+        1 => vec![format!("I{a}"), format!("I{b}")],
+        _ => vec![format!("I{a}-I{b}")],
+    };
+    let mut words: Vec<String> = spans.iter().flat_map(text).collect();
+    match words.pop() {
+        Some(last) if !words.is_empty() => format!("{} and {last}", words.join(", ")),
+        last => last.unwrap_or_default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_said_as_spans() {
+        assert_eq!(spans([1, 2, 3, 5, 8, 9].into_iter()), "I1-I3, I5, I8 and I9");
+        assert_eq!(spans([4].into_iter()), "I4");
+    }
+
+    /// The documents say of every invariant what it promises, in the words of the list.
+    #[test]
+    fn the_documents_have_every_invariant() {
+        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        for page in ["docs/journal.md", "docs/torture.md", "actors/src/check.rs"] {
+            let text = std::fs::read_to_string(root.join(page)).unwrap();
+            for Promise { name, what, .. } in ALL {
+                let row = format!("| {name} | {what} |");
+                assert!(text.contains(&row), "{page} has no row `{row} ...`");
+            }
+        }
+    }
+}

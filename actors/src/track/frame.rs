@@ -1,0 +1,167 @@
+//! Readings as bytes: numbers of variable length, each as its difference to the reading before.
+//!
+//! ```text
+//! record: 0, time ns, lag ns, each position         as they are: the first after the file was opened, or readings were lost
+//!         1, change of the time's step, each step   positions in units of the quantum, steps zigzag
+//!         2, the same with the lag after the time   a reading that was told later than it was read
+//! ```
+
+use super::{QUANTUM, Reading};
+use mobee_contract::{Pose, Time};
+use std::time::Duration;
+
+/// What a file begins with, before its number of motors.
+const MAGIC: &[u8; 14] = b"mobee track 1\n";
+/// Bytes before the first frame.
+pub(super) const HEADER: u64 = MAGIC.len() as u64 + 4;
+
+const WHOLE: u8 = 0;
+const STEP: u8 = 1;
+const LATE: u8 = 2;
+
+/// The beginning of a file.
+pub(super) fn header(motors: usize) -> Vec<u8> {
+    [MAGIC.as_slice(), &u32::try_from(motors).unwrap_or(u32::MAX).to_le_bytes()].concat()
+}
+
+/// The motors that a file is of, if this is the beginning of one.
+pub(super) fn motors(header: &[u8]) -> Option<usize> {
+    let number: [u8; 4] = header.strip_prefix(MAGIC)?.try_into().ok()?;
+    usize::try_from(u32::from_le_bytes(number)).ok()
+}
+
+/// The reading before, in whole units.
+#[derive(Clone, Debug, Default)]
+struct Last {
+    at: u64,
+    step: u64,
+    q: Vec<i64>,
+}
+
+/// Records that wait to be written.
+#[derive(Debug, Default)]
+pub(super) struct Frame {
+    bytes: Vec<u8>,
+    readings: usize,
+    last: Option<Last>,
+}
+
+impl Frame {
+    pub(super) fn readings(&self) -> usize {
+        self.readings
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.bytes.len()
+    }
+
+    /// What comes next does not follow on what came before.
+    pub(super) fn part(&mut self) {
+        self.last = None;
+    }
+
+    pub(super) fn put(&mut self, reading: &Reading) {
+        let q: Vec<i64> = reading.q.iter().map(|q| (q / QUANTUM).round() as i64).collect();
+        let (at, lag) = (reading.at.0, reading.told.since(reading.at).as_nanos() as u64);
+        let step = match self.last.take().filter(|last| at >= last.at) {
+            None => {
+                self.bytes.push(WHOLE);
+                number(&mut self.bytes, at);
+                number(&mut self.bytes, lag);
+                q.iter().for_each(|q| number(&mut self.bytes, zigzag(*q)));
+                0
+            }
+            Some(last) => {
+                let step = at - last.at;
+                self.bytes.push(if lag == 0 { STEP } else { LATE });
+                number(&mut self.bytes, zigzag(step.wrapping_sub(last.step) as i64));
+                if lag != 0 {
+                    number(&mut self.bytes, lag);
+                }
+                q.iter().zip(&last.q).for_each(|(q, l)| number(&mut self.bytes, zigzag(q - l)));
+                step
+            }
+        };
+        self.last = Some(Last { at, step, q });
+        self.readings += 1;
+    }
+
+    /// The frame with its length and its sum; the next one follows on it.
+    pub(super) fn close(&mut self) -> Vec<u8> {
+        let records = std::mem::take(&mut self.bytes);
+        self.readings = 0;
+        let length = u32::try_from(records.len()).unwrap_or(u32::MAX).to_le_bytes();
+        let sum = crc32fast::hash(&records).to_le_bytes();
+        [length.as_slice(), &records, &sum].concat()
+    }
+}
+
+/// Reads the records of frames again.
+#[derive(Debug, Default)]
+pub(super) struct Decoder(Option<Last>);
+
+impl Decoder {
+    /// The readings of a whole frame; none if it is not as it was written.
+    pub(super) fn frame(&mut self, mut bytes: &[u8], motors: usize) -> Option<Vec<Reading>> {
+        let mut readings = Vec::new();
+        while !bytes.is_empty() {
+            readings.push(self.record(&mut bytes, motors)?);
+        }
+        Some(readings)
+    }
+
+    fn record(&mut self, bytes: &mut &[u8], motors: usize) -> Option<Reading> {
+        let (kind, rest) = bytes.split_first()?;
+        *bytes = rest;
+        let base = match *kind {
+            WHOLE => Last { at: 0, step: 0, q: vec![0; motors] },
+            STEP | LATE => self.0.take()?,
+            _ => return None,
+        };
+        let (at, step) = if *kind == WHOLE {
+            (take(bytes)?, 0)
+        } else {
+            let step = base.step.wrapping_add(unzigzag(take(bytes)?) as u64);
+            (base.at.checked_add(step)?, step)
+        };
+        let lag = if *kind == STEP { 0 } else { take(bytes)? };
+        let mut units = Vec::with_capacity(motors);
+        for before in base.q {
+            units.push(before.wrapping_add(unzigzag(take(bytes)?)));
+        }
+        let q: Pose = units.iter().map(|q| *q as f64 * QUANTUM).collect();
+        self.0 = Some(Last { at, step, q: units });
+        Some(Reading { at: Time(at), told: Time(at) + Duration::from_nanos(lag), q, follows: *kind != WHOLE })
+    }
+}
+
+/// Seven bits a byte, the lowest first.
+fn number(bytes: &mut Vec<u8>, mut n: u64) {
+    while n >= 0x80 {
+        bytes.push(n as u8 | 0x80);
+        n >>= 7;
+    }
+    bytes.push(n as u8);
+}
+
+fn take(bytes: &mut &[u8]) -> Option<u64> {
+    let mut n = 0_u64;
+    for shift in (0..64).step_by(7) {
+        let (byte, rest) = bytes.split_first()?;
+        *bytes = rest;
+        n |= u64::from(byte & 0x7f) << shift;
+        if byte & 0x80 == 0 {
+            return Some(n);
+        }
+    }
+    None
+}
+
+/// Small numbers of either sign as small numbers.
+fn zigzag(n: i64) -> u64 {
+    ((n << 1) ^ (n >> 63)) as u64
+}
+
+fn unzigzag(n: u64) -> i64 {
+    (n >> 1) as i64 ^ -((n & 1) as i64)
+}
