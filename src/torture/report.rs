@@ -22,6 +22,8 @@ pub struct Tally {
     pub commits: u64,
     /// See above.
     pub outcomes: [u64; 3],
+    /// Why commits ended as faulted.
+    pub faulted: BTreeMap<&'static str, u64>,
     /// Restarts of actors.
     pub restarts: u64,
     /// Ways back that were given up.
@@ -56,6 +58,9 @@ impl Tally {
         for (sum, n) in self.outcomes.iter_mut().zip([c.committed, c.rolled_back, c.faulted]) {
             *sum += n;
         }
+        for (cause, n) in &ran.faulted {
+            *self.faulted.entry(cause).or_default() += n;
+        }
         for (sum, n) in self.swaps.iter_mut().zip(ran.swaps) {
             *sum += n;
         }
@@ -65,6 +70,15 @@ impl Tally {
         self.escapes += c.escapes;
         self.gave_up += c.gave_up;
         self.growth = self.growth.into_iter().chain(ran.growth).reduce(f64::max);
+    }
+
+    /// The share of the commits that ended as faulted, percent.
+    pub fn faulted_share(&self) -> f64 {
+        self.share(self.outcomes.iter().skip(2).sum())
+    }
+
+    fn share(&self, commits: u64) -> f64 {
+        100.0 * commits as f64 / self.commits.max(1) as f64
     }
 
     /// How many times faster than real time.
@@ -95,6 +109,11 @@ impl fmt::Display for Tally {
         writeln!(f, "faults     {}", faults.join(", "))?;
         let [reached, back, faulted] = self.outcomes;
         writeln!(f, "commits    {}: {reached} reached, {back} rolled back, {faulted} faulted", self.commits)?;
+        if faulted > 0 {
+            let shares = self.faulted.iter().map(|(cause, n)| format!("{cause} {:.1} %", self.share(*n)));
+            let (share, shares) = (self.faulted_share(), shares.collect::<Vec<_>>().join(", "));
+            writeln!(f, "faulted    {share:.1} % of the commits: {shares}")?;
+        }
         let (escapes, stopped) = (self.escapes, self.retreats_stopped);
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
         let Joint { times, nearer } = self.joint;

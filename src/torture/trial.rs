@@ -13,11 +13,12 @@ use mobee_actors::journal::{Fingerprint, Line};
 use mobee_actors::system::{Control, Counts, Injection, Progress, Setup, run_under};
 use mobee_actors::tap::Taps;
 use mobee_actors::track::Tracks;
-use mobee_contract::{Commit, Context, Entry, Event, Sink, SwapStep, Time};
+use mobee_contract::{Cause, Commit, Context, Entry, Event, Outcome, Sink, SwapStep, Time};
 use mobee_drivers::{SimHardware, SimSettings};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -47,6 +48,8 @@ pub struct Ran {
     pub simulated: Duration,
     /// The counters.
     pub counts: Counts,
+    /// Why commits ended as faulted.
+    pub faulted: BTreeMap<&'static str, u64>,
     /// What became of its swaps: settled, reverted, refused.
     pub swaps: [u64; 3],
     /// What several robots did on the way back at once.
@@ -63,6 +66,8 @@ struct Watch {
     witness: Witness,
     n: u64,
     hash: Fingerprint,
+    /// Why commits ended as faulted.
+    faulted: BTreeMap<&'static str, u64>,
     /// Swaps that were settled, reverted, refused.
     swaps: [u64; 3],
     /// Deaths that nobody planned.
@@ -82,6 +87,9 @@ impl Sink for Watch {
                     if !planned {
                         self.bugs.push(format!("{actor} died at {at}: {reason}"));
                     }
+                }
+                if let Event::Outcome { outcome: Outcome::Faulted, cause, .. } = &**event {
+                    *self.faulted.entry(in_a_word(cause.as_ref())).or_default() += 1;
                 }
                 if let Event::Swap { step, .. } = &**event {
                     let [settled, reverted, refused] = &mut self.swaps;
@@ -171,6 +179,7 @@ impl Trial {
             witness: Witness::default(),
             n: 0,
             hash: Fingerprint::default(),
+            faulted: BTreeMap::new(),
             swaps: [0; 3],
             bugs: Vec::new(),
             sinks,
@@ -229,6 +238,7 @@ impl Trial {
             violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
         }
         let (counts, swaps, hash) = (end.counts, watch.swaps, watch.hash.hex());
+        let faulted = std::mem::take(&mut watch.faulted);
         let growth = memory.slope();
         if let Some(slope) = growth.filter(|slope| *slope > GROWS) {
             violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));
@@ -237,6 +247,7 @@ impl Trial {
             violations,
             simulated: end.ended_at.since(Time::ZERO),
             counts,
+            faulted,
             swaps,
             joint: watch.witness.joint,
             hash,
@@ -255,6 +266,22 @@ impl Trial {
         let settings: SimSettings = mobee_contract::settings(&settings).map_err(|e| Report::msg(e.to_string()))?;
         let context = Context { robot: robot.clone(), seed: derive_seed(seed, &format!("{}/driver", config.name)) };
         SimHardware::new(&settings, &context).map_err(|e| Report::msg(e.to_string()))
+    }
+}
+
+/// Why a motion did not reach its target, for the tally.
+fn in_a_word(cause: Option<&Cause>) -> &'static str {
+    match cause {
+        Some(Cause::Contact(_)) => "contact",
+        Some(Cause::Constraint { .. }) => "constraint",
+        Some(Cause::TargetMissed) => "target missed",
+        Some(Cause::AgentDied) => "agent died",
+        Some(Cause::Stale) => "stale",
+        Some(Cause::ActorDied(_)) => "actor died",
+        Some(Cause::Crashed) => "crashed",
+        Some(Cause::BoardFault(_)) => "board fault",
+        Some(Cause::Asked) => "asked",
+        None => "untold",
     }
 }
 

@@ -1,12 +1,16 @@
 //! The one list of invariants: what the checker runs, what `mobee check` says, and what the documents must hold.
 
 use super::Invariant;
+use super::as_fast_as_allowed::AsFastAsAllowed;
 use super::bounded::Bounded;
 use super::closed_means_closed::ClosedMeansClosed;
+use super::closes_at_once::ClosesAtOnce;
 use super::contact_closes::ContactCloses;
+use super::contacts_hold::ContactsHold;
 use super::fresh_readings::FreshReadings;
 use super::home_is_a_vertex::HomeIsAVertex;
 use super::honest_safe_pose::HonestSafePose;
+use super::idle_motors_stay::IdleMotorsStay;
 use super::limits::Limits;
 use super::liveness::Liveness;
 use super::nothing_vanishes::NothingVanishes;
@@ -15,6 +19,7 @@ use super::orphans::Orphans;
 use super::removed_stays_removed::RemovedStaysRemoved;
 use super::rest_at_the_end::RestAtTheEnd;
 use super::restart_does_not_move::RestartDoesNotMove;
+use super::taken_back::TakenBack;
 use super::together::Together;
 use super::watched_retreat::WatchedRetreat;
 
@@ -73,6 +78,11 @@ pub const ALL: &[Promise] = &[
     of::<RestAtTheEnd>("I17", "ended means at rest", Wants::Poses),
     of::<Orphans>("I18", "orphans are cancelled", Wants::Events),
     of::<ContactCloses>("I19", "a contact closes", Wants::Events),
+    of::<AsFastAsAllowed>("I20", "as fast as allowed", Wants::Poses),
+    of::<IdleMotorsStay>("I21", "idle motors stay", Wants::Poses),
+    of::<TakenBack>("I22", "what is to be taken back is", Wants::Events),
+    of::<ContactsHold>("I27", "contacts have a hysteresis", Wants::Events),
+    of::<ClosesAtOnce>("I28", "what dies closes at once", Wants::Events),
 ];
 
 /// The names of those that a journal is judged by, with or without measured poses, as a sentence has them: `I1-I7, I9 and I10`.

@@ -38,7 +38,7 @@ fn enabled(token: u64) -> Event {
     Event::Enabled { robot: R.into(), token }
 }
 fn disabled(token: u64) -> Event {
-    Event::Disabled { robot: R.into(), token, cause: Cause::TargetMissed }
+    Event::Disabled { robot: R.into(), token, cause: Cause::Asked }
 }
 fn safe(q: &[f64]) -> Event {
     Event::SafePose { robot: R.into(), q: pose(q), age: 0.01, speed: 0.0, free: true }
@@ -68,8 +68,12 @@ fn contact(during: Status) -> Event {
 }
 fn contact_at(distance: f64, during: Status) -> Event {
     let shape = |node| ShapeId::Robot { robot: 0, node, shape: 0 };
-    let contact = Contact { pair: (shape(1), shape(2)), distance, points: Default::default() };
+    let other = if during == Status::Retreating { 3 } else { 2 };
+    let contact = Contact { pair: (shape(1), shape(other)), distance, points: Default::default() };
     Event::ContactBegan { robot: R.into(), contact, names: ("hand".into(), "table".into()), during }
+}
+fn contact_ended() -> Event {
+    Event::ContactEnded { robot: R.into(), names: ("hand".into(), "table".into()) }
 }
 fn note(note: Note) -> Event {
     Event::Note { robot: R.into(), note }
@@ -451,7 +455,7 @@ fn i9_a_graze_may_pass_but_a_touch_may_not() {
 fn touching(start: f64, touch: f64) -> Vec<(f64, Event)> {
     let mut run = good();
     run.retain(|(_, e)| !matches!(e, Event::RetreatStopped { .. }));
-    let Event::ContactBegan { contact: start, .. } = contact_at(start, Status::Moving) else { unreachable!() };
+    let Event::ContactBegan { contact: start, .. } = contact_at(start, Status::Retreating) else { unreachable!() };
     let Event::ContactBegan { robot, contact, names, during } = contact_at(touch, Status::Retreating) else {
         unreachable!()
     };
@@ -509,7 +513,7 @@ fn i14_a_contact_begins_on_the_way_back_of_both() {
 
 #[test]
 fn i19_a_contact_in_mid_motion_that_closes_nothing() {
-    let met = with(&command(Writer::Agent, 3, "move", &[0.1, 0.1]), &[contact(Status::Moving)]);
+    let met = with(&command(Writer::Agent, 3, "move", &[0.1, 0.1]), &[contact_ended(), contact(Status::Moving)]);
     broken("I19", met, Some(&disabled(4)), "did not close the filter");
 }
 
@@ -573,4 +577,133 @@ fn a_journal_on_disk_is_checked_and_summed_up() {
         .replace("\"id\":2,\"outcome\":\"rolled_back\"", "\"id\":2,\"outcome\":\"committed\"");
     std::fs::write(journal.path(), changed).unwrap();
     assert!(!check(dir.path()).unwrap_err().truncated);
+}
+
+/// A run of one motion with its readings 20 ms apart: commits to `motors` at 1 s, which the filter ends at 3 s; where both motors are at
+/// a time is `q`.
+fn moved(motors: &[(usize, f64)], q: impl Fn(f64) -> [f64; 2]) -> Vec<Violation> {
+    let (mut checker, mut n) = (Checker::default(), 0);
+    let mut tell = |checker: &mut Checker, at: f64, event: Event| {
+        checker.on(&Line { line: n + 1, n, at: Time::from_secs(at), event, hash: String::new() });
+        n += 1;
+    };
+    let events = [
+        (0.0, started()),
+        (0.0, robot()),
+        (1.9, safe(&q(1.9))),
+        (1.9, enabled(1)),
+        (2.0, commit_of(1, &q(4.0), motors)),
+        (4.0, outcome(1, Outcome::Committed, &q(4.0), &q(1.9))),
+        (9.0, Event::Warning { text: "the end is near".into() }),
+        (9.0, ended()),
+    ];
+    let mut events = events.into_iter().peekable();
+    for k in 0..450 {
+        let at = 0.02 * f64::from(k);
+        while let Some((time, event)) = events.next_if(|(time, _)| *time <= at) {
+            tell(&mut checker, time, event);
+        }
+        checker.pose(0, Time::from_secs(at), &pose(&q(at)));
+    }
+    events.for_each(|(at, event)| tell(&mut checker, at, event));
+    checker.end().1
+}
+
+/// From 2 s on for a second, at this speed.
+fn ramp(speed: f64, at: f64) -> f64 {
+    speed * (at - 2.0).clamp(0.0, 1.0)
+}
+
+fn of(violations: &[Violation], invariant: &str) -> usize {
+    violations.iter().filter(|v| v.invariant == invariant).count()
+}
+
+#[test]
+fn i20_a_motor_that_is_faster_than_its_commit_allows() {
+    let run = |speed: f64| moved(&[(0, 0.2)], move |at| [ramp(speed, at), 0.5]);
+    assert_eq!(of(&run(0.2), "I20"), 0, "{:?}", run(0.2));
+    assert_eq!(of(&run(0.23), "I20"), 1, "{:?}", run(0.23));
+    assert!(run(0.23)[0].what.contains("motor a was measured"), "{:?}", run(0.23));
+    // an older journal does not tell what is allowed
+    assert_eq!(of(&moved(&[], |at| [ramp(0.9, at), 0.5]), "I20"), 0);
+}
+
+#[test]
+fn i20_an_encoder_that_lies_is_no_evidence() {
+    let noisy = |at: f64| [ramp(0.2, at) + 0.003 * (1e4 * at).sin(), 0.5];
+    assert_eq!(of(&moved(&[(0, 0.2)], noisy), "I20"), 0, "{:?}", moved(&[(0, 0.2)], noisy));
+    let off = |at: f64| [ramp(0.2, at) + if at > 2.5 { 0.05 } else { 0.0 }, 0.5];
+    assert_eq!(of(&moved(&[(0, 0.2)], off), "I20"), 0);
+}
+
+#[test]
+fn i21_a_motor_that_no_commit_names_leaves_its_place() {
+    // the other motor walks, as slowly as no other check would see
+    let walks = |by: f64| move |at: f64| [ramp(0.2, at), 0.5 + by * at / 9.0];
+    assert_eq!(of(&moved(&[(0, 0.2)], walks(0.001)), "I21"), 0);
+    let found = moved(&[(0, 0.2)], walks(0.01));
+    assert!(of(&found, "I21") >= 1, "{found:?}");
+    assert!(found.iter().any(|v| v.what.contains("motor b, which no open commit names")), "{found:?}");
+    // named motors go where they are sent, and then stay
+    assert_eq!(of(&moved(&[(0, 0.2), (1, 0.2)], |at| [ramp(0.2, at), ramp(0.1, at)]), "I21"), 0);
+    let later = |at: f64| [ramp(0.2, at), 0.1 * (at - 6.0).clamp(0.0, 1.0)];
+    assert_eq!(of(&moved(&[(0, 0.2), (1, 0.2)], later), "I21"), 1);
+}
+
+#[test]
+fn i22_a_contact_in_mid_motion_ends_rolled_back_unless_the_journal_says_why_not() {
+    let closing = |cause: Cause| Event::Disabled { robot: R.into(), token: 2, cause };
+    let began = Event::RetreatBegan { robot: R.into(), id: CommitId(1), poses: 3, secs: 0.1, near: vec![] };
+    let judged = |events: &[Event]| {
+        let mut all = vec![(0.0, started()), (0.0, robot()), (0.1, safe(&[0.0, 0.0])), (0.1, enabled(1))];
+        all.push((0.2, commit(1, &[0.5, 0.5])));
+        all.extend(events.iter().map(|e| (0.5, e.clone())));
+        of(&run(all), "I22")
+    };
+    let back = outcome(1, Outcome::RolledBack, &[0.0, 0.0], &[0.0, 0.0]);
+    let faulted = outcome(1, Outcome::Faulted, &[0.2, 0.2], &[0.0, 0.0]);
+    let contact = || closing(Cause::Contact(vec![]));
+    assert_eq!(judged(&[contact(), began.clone(), back.clone()]), 0);
+    assert_eq!(judged(&[contact(), began.clone(), faulted.clone()]), 1);
+    assert_eq!(judged(&[contact(), faulted.clone()]), 1);
+    assert_eq!(judged(&[contact(), back]), 1, "without a way back");
+    assert_eq!(judged(&[closing(Cause::AgentDied), faulted.clone()]), 1);
+    assert_eq!(judged(&[contact(), began.clone(), retreat_stopped(0.5), faulted.clone()]), 0);
+    assert_eq!(judged(&[closing(Cause::Asked), faulted.clone()]), 0);
+    let again = Event::Disabled { robot: R.into(), token: 4, cause: Cause::Stale };
+    assert_eq!(judged(&[contact(), began, again, faulted.clone()]), 0);
+    let died = Event::Died { actor: "edge/reflex".into(), reason: "planted".into() };
+    assert_eq!(judged(&[contact(), died, faulted]), 0);
+}
+
+#[test]
+fn i27_a_contact_begins_below_the_margin_and_not_twice() {
+    let far = contact_at(0.0101, Status::Moving);
+    broken("I27", instead(&contact(Status::Moving), far.clone()), Some(&far), "beyond the margin");
+    let again = contact_at(0.007, Status::Moving);
+    let ended = &[contact_ended(), again.clone()];
+    assert_eq!(of(&run(with(&contact(Status::Moving), ended)), "I27"), 0);
+    broken("I27", with(&contact(Status::Moving), std::slice::from_ref(&again)), Some(&again), "a second time");
+}
+
+#[test]
+fn i28_a_death_that_leaves_the_filter_open() {
+    let judged = |actor: &str, closes: f64| {
+        let died = Event::Died { actor: actor.into(), reason: "planted".into() };
+        let events = [
+            (0.0, started()),
+            (0.0, robot()),
+            (0.1, enabled(1)),
+            (1.0, died),
+            (closes, disabled(2)),
+            (3.0, Event::Warning { text: "later".into() }),
+            (4.0, ended()),
+        ];
+        of(&run(events.to_vec()), "I28")
+    };
+    for actor in ["model", "edge/driver", "edge/history", "edge/supervise", "edge/reflex"] {
+        assert_eq!((judged(actor, 1.15), judged(actor, 1.25)), (0, 1), "{actor}");
+    }
+    assert_eq!(judged("edge/agent", 2.0), 0);
+    assert_eq!(judged("other/driver", 2.0), 0);
 }

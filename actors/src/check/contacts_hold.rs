@@ -1,0 +1,54 @@
+//! I27: contacts have a hysteresis: one begins below the margin (on the way back 1 mm below it), and begins again only after it has ended.
+//!
+//! Whoever starts anew, as a reflex that died, or judges by another margin, finds contacts that were known before.
+
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::Event;
+use mobee_model::Contact;
+use std::collections::BTreeMap;
+
+/// What rounding may add, metres.
+const ROUNDING: f64 = 1e-9;
+
+#[derive(Default)]
+pub(super) struct ContactsHold {
+    robots: BTreeMap<String, Robot>,
+}
+
+#[derive(Default)]
+struct Robot {
+    margin: f64,
+    present: Vec<(Contact, (String, String))>,
+}
+
+impl Invariant for ContactsHold {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Robot { robot, margin, .. } => {
+                self.robots.insert(robot.clone(), Robot { margin: *margin, present: Vec::new() });
+            }
+            Event::Died { .. } | Event::Restarted { .. } | Event::Resumed { .. } | Event::World { .. } => {
+                self.robots.values_mut().for_each(|r| r.present.clear());
+            }
+            Event::ContactBegan { robot, contact, names, .. } => {
+                let Some(state) = self.robots.get_mut(robot) else { return };
+                let (mm, margin) = (contact.distance * 1e3, state.margin * 1e3);
+                if contact.distance > state.margin + ROUNDING {
+                    found.say(format!("{robot}: a contact began at {mm:.2} mm, beyond the margin of {margin:.2} mm"));
+                }
+                if state.present.iter().any(|(known, _)| known.pair == contact.pair) {
+                    found.say(format!("{robot}: the contact of {} and {} began a second time", names.0, names.1));
+                } else {
+                    state.present.push((*contact, names.clone()));
+                }
+            }
+            Event::ContactEnded { robot, names } => {
+                if let Some(state) = self.robots.get_mut(robot) {
+                    state.present.retain(|(_, known)| known != names);
+                }
+            }
+            _ => {}
+        }
+    }
+}

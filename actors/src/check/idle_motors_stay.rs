@@ -1,0 +1,132 @@
+//! I21: a motor that no open commit names does not leave its place: where it rested as the last motion that named it ended, over the
+//! whole run, so that it does not walk either.
+//!
+//! Wants the poses, and a journal that tells which motors a commit names (version 2). A place is the mean of sixteen readings, and so is
+//! where the motor is now. An encoder that jumps says nothing of its motor, which has its place where it is then said to be.
+
+use super::window::Window;
+use super::{Found, Invariant};
+use crate::journal::Line;
+use mobee_contract::{Event, Pose, Time};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How long a motor may take to come to rest after the motion that named it has ended.
+const SETTLES: Duration = Duration::from_secs(1);
+
+/// A kink of so many tolerances is no motion.
+const JUMPS: f64 = 2.0;
+
+#[derive(Default)]
+pub(super) struct IdleMotorsStay {
+    robots: BTreeMap<String, Robot>,
+    found: Vec<String>,
+}
+
+#[derive(Default)]
+struct Robot {
+    names: Vec<String>,
+    tolerance: f64,
+    window: Window,
+    motors: Vec<Motor>,
+    /// From when on places are taken: not before the robot has settled.
+    settled: Time,
+    /// Whether a commit is open that does not tell its motors.
+    untold: bool,
+}
+
+#[derive(Clone, Default)]
+struct Motor {
+    /// Whether the open commit names it.
+    named: bool,
+    place: Option<f64>,
+}
+
+impl Robot {
+    fn name(&mut self, motors: &[(usize, f64)]) {
+        for (m, _) in motors {
+            if let Some(motor) = self.motors.get_mut(*m) {
+                *motor = Motor { named: true, place: None };
+            }
+        }
+    }
+
+    fn judge(&mut self, robot: &str, at: Time) -> Vec<String> {
+        let mut wrong = Vec::new();
+        let settled = self.window.since() >= self.settled;
+        for (m, motor) in self.motors.iter_mut().enumerate() {
+            if motor.named || self.untold {
+                continue;
+            }
+            let (here, kink) = (self.window.mean(m), self.window.kink(m));
+            match motor.place {
+                _ if kink > JUMPS * self.tolerance => motor.place = None,
+                None if settled && self.window.way(m).0 <= 0.25 * self.tolerance => motor.place = Some(here),
+                Some(place) if (here - place).abs() > self.tolerance + kink => {
+                    motor.place = None;
+                    let (name, by) = (self.names.get(m).map_or("?", String::as_str), (here - place).abs().to_degrees());
+                    wrong.push(format!(
+                        "{robot}: motor {name}, which no open commit names, is {by:.3} deg from its place at {at}"
+                    ));
+                }
+                _ => {}
+            }
+        }
+        wrong
+    }
+}
+
+impl Invariant for IdleMotorsStay {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        self.found.drain(..).for_each(|what| found.say(what));
+        match &line.event {
+            Event::Robot { robot, motors, period, tolerance, .. } => {
+                let window = Window::new(*period);
+                let (names, n) = (motors.clone(), motors.len());
+                let known = self.robots.remove(robot).map(|r| r.motors).filter(|motors| motors.len() == n);
+                let motors = known.unwrap_or_else(|| vec![Motor::default(); n]);
+                let (tolerance, settled) = (*tolerance, line.at + SETTLES);
+                self.robots.insert(robot.clone(), Robot { names, tolerance, window, motors, settled, untold: false });
+            }
+            // nobody saw where it was while no process ran
+            Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.motors.fill(Motor::default())),
+            Event::Commit { robot, motors, .. } => self.of(robot, |r| {
+                r.untold = motors.is_empty();
+                if r.untold {
+                    r.motors.fill(Motor::default());
+                }
+                r.name(motors);
+            }),
+            Event::Amended { robot, motors, .. } => self.of(robot, |r| r.name(motors)),
+            Event::Outcome { robot, .. } => self.of(robot, |r| {
+                r.settled = line.at + SETTLES;
+                r.untold = false;
+                r.motors.iter_mut().for_each(|m| m.named = false);
+            }),
+            _ => {}
+        }
+    }
+
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+        let Some(state) = self.robots.get_mut(robot) else { return };
+        if state.window.take(at, q) {
+            self.found.extend(state.judge(robot, at));
+        }
+    }
+
+    fn blind(&mut self, robot: &str) {
+        self.of(robot, |r| r.window.forget());
+    }
+
+    fn end(&mut self, found: &mut Found<'_>) {
+        self.found.drain(..).for_each(|what| found.say(what));
+    }
+}
+
+impl IdleMotorsStay {
+    fn of(&mut self, robot: &str, change: impl FnOnce(&mut Robot)) {
+        if let Some(robot) = self.robots.get_mut(robot) {
+            change(robot);
+        }
+    }
+}

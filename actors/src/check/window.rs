@@ -1,0 +1,87 @@
+//! The newest readings of a robot, for those who judge its motors one by one.
+//!
+//! Encoders may lie: an offset that comes and goes, noise, readings that were held up. Each of them is a kink, which a second
+//! difference shows, and a motor that obeys its bounds of acceleration hardly has one: what a kink could have feigned is no evidence.
+
+use mobee_contract::{Pose, Time};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// How many readings are looked at.
+pub(super) const WINDOW: usize = 16;
+
+/// The newest readings.
+#[derive(Default)]
+pub(super) struct Window {
+    period: Duration,
+    readings: VecDeque<(Time, Pose)>,
+}
+
+impl Window {
+    /// Of a robot that is controlled with this period, seconds.
+    pub fn new(period: f64) -> Window {
+        Window { period: Duration::try_from_secs_f64(period).unwrap_or_default(), readings: VecDeque::new() }
+    }
+
+    /// Takes the next reading; whether there are enough of them now.
+    pub fn take(&mut self, at: Time, q: &Pose) -> bool {
+        match self.readings.back() {
+            Some((last, _)) if at <= *last => return false,
+            // after a pause the readings before say nothing
+            Some((last, _)) if at.since(*last) > self.period * 2 => self.readings.clear(),
+            _ => {}
+        }
+        if self.readings.len() == WINDOW {
+            self.readings.pop_front();
+        }
+        self.readings.push_back((at, q.clone()));
+        self.readings.len() == WINDOW
+    }
+
+    /// Forgets all of them.
+    pub fn forget(&mut self) {
+        self.readings.clear();
+    }
+
+    /// When the oldest was read.
+    pub fn since(&self) -> Time {
+        self.readings.front().map_or(Time::ZERO, |(at, _)| *at)
+    }
+
+    /// The mean position of a motor, rad.
+    pub fn mean(&self, motor: usize) -> f64 {
+        mean(self.of(motor).map(|(_, q)| q))
+    }
+
+    /// How far a motor came from the older half of the readings to the newer one, rad, and in which time, s.
+    pub fn way(&self, motor: usize) -> (f64, f64) {
+        let half = self.readings.len() / 2;
+        let part = |skip: usize| {
+            let part = || self.of(motor).skip(skip).take(half);
+            (mean(part().map(|(t, _)| t)), mean(part().map(|(_, q)| q)))
+        };
+        let ((t0, q0), (t1, q1)) = (part(0), part(half));
+        ((q1 - q0).abs(), t1 - t0)
+    }
+
+    /// The greatest kink of a motor's readings, rad: how far one was from the line through the two before.
+    pub fn kink(&self, motor: usize) -> f64 {
+        let readings: Vec<(f64, f64)> = self.of(motor).collect();
+        let kink = |three: &[(f64, f64)]| match three {
+            [(t0, a), (t1, b), (t2, c)] => (c - b - (b - a) * (t2 - t1) / (t1 - t0).max(1e-9)).abs(),
+            _ => 0.0,
+        };
+        readings.windows(3).map(kink).fold(0.0, f64::max)
+    }
+
+    /// Seconds since the oldest reading, and positions, of a motor.
+    fn of(&self, motor: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
+        let since = self.since();
+        self.readings.iter().filter_map(move |(at, q)| Some((at.since(since).as_secs_f64(), *q.get(motor)?)))
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (n, sum) = values.fold((0.0, 0.0), |(n, sum), v| (n + 1.0, sum + v));
+    sum / f64::max(n, 1.0)
+}
