@@ -8,7 +8,7 @@
 //! A sample that reaches supervise proves that all five live; supervise then renews the driver's lease. A death anywhere
 //! breaks the chain, the lease runs out, and the robot brakes without anybody being told.
 
-use mobee_contract::{Sample, Time};
+use mobee_contract::{AnswerTime, Sample, Time};
 use mobee_model::Contact;
 use std::sync::Arc;
 
@@ -17,6 +17,8 @@ use std::sync::Arc;
 pub struct Pulse {
     /// The reading.
     pub sample: Sample,
+    /// How long the board took to answer of late, if that is known (driver).
+    pub answers: Option<AnswerTime>,
     /// Greatest motor speed over the last readings, rad/s; infinite while there are too few (history).
     pub speed: f64,
     /// Since when the readings have been equal bit for bit (history).
@@ -39,6 +41,7 @@ impl Pulse {
         let unchanged = sample.at;
         Pulse {
             sample,
+            answers: None,
             speed: f64::INFINITY,
             unchanged,
             contacts: none.clone(),

@@ -10,7 +10,7 @@ use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, Slot, SuperviseMsg}
 use crate::stream::Stream;
 use crate::system::{Counts, Cues, Troubles};
 use crate::tap::Taps;
-use mobee_contract::{Board, Event, Hardware, Latest, Note, Snapshot, SwapPart, SwapStep};
+use mobee_contract::{AnswerTime, Board, Event, Hardware, Latest, Note, Snapshot, SwapPart, SwapStep};
 use mobee_model::{Contact, Pair, Robot, Scene};
 use ractor::{ActorRef, Message};
 use std::collections::BTreeMap;
@@ -75,6 +75,8 @@ pub struct Wires {
     pub lease: AtomicU64,
     /// What its readers may know.
     pub latest: Cell<Latest>,
+    /// How long its board took to answer of late.
+    pub answers: Cell<Option<AnswerTime>>,
     /// The first three links of the pulse; the last is [`Hub::to_model`].
     pub to_history: Stream<Pulse>,
     /// See above.

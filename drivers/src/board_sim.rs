@@ -111,10 +111,11 @@ impl SimBoard {
         let now = self.clock.now();
         let mut state = self.lock();
         state.look(now);
-        let stamp = state.answers;
+        // as boards do: an answer is stamped when it is made
+        let stamp = state.answers.next(self.clock.wall(now));
         if let Some(answer) = state.shadow.answer(request, stamp) {
             if answer.len() > 1 {
-                state.answers = stamp.next(self.clock.wall(now));
+                state.answers = stamp;
             }
             return answer;
         }

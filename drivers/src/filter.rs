@@ -10,7 +10,7 @@
 //! | `[set]` `pos* rel*` | a commit: absolute, finite, within limits, at the joint's reference speed | `[fail]` |
 //! | `[set] [vmos]`, `command:i` with `vmo* dpo*` | a stream, which ends when it goes quiet | `[fail]`, dropped |
 //! | `[set]` `sto*` | brakes; of some moving joints only: holds these where they are | `[fail]` |
-//! | `[set]` `vel* acc*` | to the board, and kept for this part's moves | `[fail]` |
+//! | `[set]` `vel* acc*` | kept and shown; this part's moves go by them, up to the greatest speed allowed | `[fail]` |
 //! | `[set] [icmd]` with `pos posd vel mix`, `[set] [intm]` with `stif` | kept and shown; the driver sets the real ones | `[fail]` |
 //! | fewer than two words | `[nak]` | `[fail]` |
 //! | all else: limits, encoders, torque, PWM, PID, calibration, amplifiers, other modes, the unknown | `[fail]` | `[fail]` |
@@ -68,7 +68,7 @@ pub fn closed(status: Status) -> bool {
 pub enum Step {
     /// This is the reply.
     Reply(Bottle),
-    /// The request goes to the board as it is; its reply to [`FilterCore::asked`], or if it has no words of its own,
+    /// The request is a question, and goes to the board as it is; its reply to [`FilterCore::asked`], or if it has no words of its own,
     /// [`FilterCore::answer`] does.
     Ask,
     /// To be committed; the verdict to [`FilterCore::accepted`].
@@ -206,10 +206,9 @@ impl FilterCore {
             }
             Set::Velocity(values) => self.velocities(client, &Joints::All, values),
             Set::Stop(joints) => self.stop(client, joints, seen),
-            // forwarded; remembered when the board has said yes
-            Set::Speed(_, values) | Set::Acceleration(_, values) => {
-                values.iter().all(|v| v.is_finite()).then_some(Step::Ask)
-            }
+            // never passed on: the board would go by them in whatever motion it is told next
+            Set::Speed(joints, values) => self.refer(client.part, joints, 1, values, |axis| &mut axis.ref_speed),
+            Set::Acceleration(joints, values) => self.refer(client.part, joints, 2, values, |axis| &mut axis.ref_acc),
             Set::Mode(joints, modes) => {
                 let known = [mode::POSITION, mode::DIRECT, mode::VELOCITY, mode::MIXED];
                 modes.iter().all(|m| known.contains(m)).then_some(())?;
@@ -235,6 +234,19 @@ impl FilterCore {
             *part.set.get_mut(joint)?.get_mut(which)? = true;
         }
         Some(Step::Reply(reply::ok()))
+    }
+
+    /// Keeps references. Boards take the amount: a negative one means the same.
+    fn refer(
+        &mut self,
+        part: usize,
+        joints: &Joints,
+        which: usize,
+        values: &[f64],
+        slot: fn(&mut ShadowAxis) -> &mut f64,
+    ) -> Option<Step> {
+        values.iter().all(|v| v.is_finite()).then_some(())?;
+        self.keep(part, joints, which, values, |axis, v| *slot(axis) = v.abs())
     }
 
     /// The verdict on a commit or a stream: the reply.
@@ -267,9 +279,6 @@ impl FilterCore {
             return Some(self.fail(client));
         }
         let Some(replied) = replied else { return Some(reply::fail()) };
-        if reply::is_ok(replied) {
-            self.remember(client.part, request);
-        }
         let part = self.parts.get(client.part)?;
         let Some(Ask::Get(get)) = Ask::parse(request) else { return None };
         patch::patched(&get, replied, part, &self.lines.moving(seen))
@@ -281,10 +290,6 @@ impl FilterCore {
         if closed(seen.status) || self.lines.failed(client) {
             return self.fail(client);
         }
-        if let Some(Ask::Set(Set::Speed(..) | Set::Acceleration(..))) = Ask::parse(request) {
-            self.remember(client.part, request);
-            return reply::ok();
-        }
         let moving = self.lines.moving(seen);
         let Some(part) = self.parts.get_mut(client.part) else { return reply::fail() };
         part.answers = part.answers.next(seen.now.secs());
@@ -292,19 +297,6 @@ impl FilterCore {
         match Ask::parse(request) {
             Some(Ask::Get(get @ Get::Done(_))) => patch::patched(&get, &answer, part, &moving).unwrap_or(answer),
             _ => answer,
-        }
-    }
-
-    /// Keeps reference speeds and accelerations that a board has taken.
-    fn remember(&mut self, part: usize, request: &Bottle) {
-        match Ask::parse(request) {
-            Some(Ask::Set(Set::Speed(joints, values))) => {
-                self.keep(part, &joints, 1, &values, |axis, v| axis.ref_speed = *v);
-            }
-            Some(Ask::Set(Set::Acceleration(joints, values))) => {
-                self.keep(part, &joints, 2, &values, |axis, v| axis.ref_acc = *v);
-            }
-            _ => {}
         }
     }
 

@@ -54,6 +54,18 @@ mod words;
 pub mod world_rpc;
 mod yarp;
 
+// the robot on a network of its own that the tests from outside have, for those that need to look inside
+#[cfg(test)]
+extern crate self as mobee_drivers;
+#[cfg(test)]
+#[path = "../tests/it/net.rs"]
+#[allow(dead_code, reason = "the tests from outside use all of it")]
+mod net;
+#[cfg(test)]
+#[path = "../tests/it/way.rs"]
+#[allow(dead_code, reason = "the tests from outside use all of it")]
+mod way;
+
 pub use board_sim::{SimBoard, SimClock};
 pub use braking::{StoppingPath, stopping_path};
 pub use faults::{Fault, FaultId, Garbage, SimFaults};

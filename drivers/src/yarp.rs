@@ -1,26 +1,37 @@
 //! A robot behind YARP: its control boards as one board, in radians and the model's order of motors.
 //!
 //! ```text
-//! drivers (one per life of a driver actor)          the network thread, which outlives them
+//! drivers (one per life of a driver actor)          two threads, which outlive them and watch each other
 //!   command ──checked──> a bounded queue per board ──> Hand ──> RemoteBoard ──> the robot
-//!   lease ─────────────> watched there: at its end everything stops
+//!   stop ──────────────> at once ────────────────────> Brake ──> a line of its own ──> the robot
+//!   lease ─────────────> watched beside the brakes: at its end everything stops
 //!   sample <───────────── Cell: newest of all boards <── Arrivals <── state streams
 //! services: questions ──> Questions, a line per board that is worked by the asker itself ──> the robot
 //! ```
 //! * Every new connection to a board begins with a stop; nothing that was told before it counts any more (F11).
 //! * A board that falls silent gives no readings; one that is gone is [`mobee_contract::DriverFault::Lost`] until it is back.
 //! * While another program holds our port names, nothing is written, and the fault says so (F13).
+//! * A stop never waits for the answer to something else, and is said again until the readings show it. If anybody dies who could
+//!   stop the robot, whoever is left stops it, and it is not used until all are back.
+//! * A board that answers within no more than `latency_ms` is told of by [`mobee_contract::Driver::answer_time`]; the filter opens under no other.
 //! * Degrees and joint order of YARP exist here and nowhere else.
 
+mod answers;
+mod brake;
 mod cell;
 mod check;
 mod clock;
+mod crew;
+#[cfg(test)]
+mod deaths;
 mod driver;
 mod hand;
 mod layout;
 mod motion;
+mod pace;
 mod questions;
 mod settings;
+mod states;
 mod thread;
 
 pub use driver::YarpDriver;
@@ -31,7 +42,6 @@ use driver::Reach;
 use layout::Layout;
 use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known};
 use mobee_model::Robot;
-use mobee_yarp::board::{Ask, Set};
 use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
 use questions::Questions;
 use serde_json::Value as Json;
@@ -50,7 +60,7 @@ inventory::submit! {
     }
 }
 
-/// A robot behind YARP. Its thread begins with the first connection and lives as long as this does, whatever happens to drivers.
+/// A robot behind YARP. Its threads begin with the first connection and live as long as this does, whatever happens to drivers.
 pub struct YarpHardware {
     settings: YarpDriverSettings,
     robot: String,
@@ -119,6 +129,19 @@ impl YarpHardware {
             .map_err(|e| DriverFault::Hardware(format!("no thread for the robot's network: {e}")))
     }
 
+    /// The way to the threads, started if they are not there or one of them has died; whether they are not the first.
+    fn reach(&self) -> Result<(Reach, bool), DriverFault> {
+        let mut started = self.started();
+        let broken = started.as_ref().is_some_and(|running| running.thread.is_broken());
+        if let Some(broken) = started.take_if(|_| broken) {
+            broken.thread.leave();
+        }
+        match &*started {
+            Some(running) => Ok((running.reach.clone(), false)),
+            None => Ok((started.insert(self.start()?).reach.clone(), broken)),
+        }
+    }
+
     fn started(&self) -> MutexGuard<'_, Option<Started>> {
         self.started.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -126,20 +149,14 @@ impl YarpHardware {
 
 impl Hardware for YarpHardware {
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
-        let reach = {
-            let mut started = self.started();
-            match &*started {
-                Some(running) => running.reach.clone(),
-                None => started.insert(self.start()?).reach.clone(),
-            }
-        };
-        let known_before = reach.cell.lock().board.is_some();
+        let (reach, again) = self.reach()?;
+        let known_before = again || reach.cell.lock().board.is_some();
         // the first connection waits for the boards; later ones must not keep a running system waiting
         let patience = if known_before { Duration::ZERO } else { self.settings.patience() };
         let inner = reach.cell.wait(patience);
         match (inner.trouble(), &inner.board) {
-            (Some(Trouble::Forbidden(why)), _) => Err(DriverFault::Hardware(why.clone())),
-            (Some(Trouble::Lost(_)), Some(_)) if known_before => Err(DriverFault::Lost),
+            (Some(Trouble::Forbidden(why)), _) => Err(DriverFault::Hardware(why)),
+            (Some(Trouble::Lost(_)), _) if known_before => Err(DriverFault::Lost),
             (Some(Trouble::Lost(why)), _) => Err(DriverFault::Hardware(format!("it can't be reached: {why}"))),
             (None, Some(board)) if inner.joined.is_some() => {
                 Ok(Box::new(YarpDriver::new(reach.clone(), board.clone())))
@@ -168,7 +185,7 @@ impl Hardware for YarpHardware {
             return refused("there is no such part");
         };
         if !Bottle::decode(&words, Dialect::V3).is_ok_and(|asked| may_pass(&asked)) {
-            return refused("only questions and references are passed on");
+            return refused("only questions are passed on");
         }
         let started = self.started();
         let Some(questions) = started.as_ref().and_then(|s| s.questions.get(board)) else {
@@ -187,10 +204,10 @@ impl Drop for YarpHardware {
     }
 }
 
-/// Questions, and references of speed and acceleration: what moves nothing. Our own moves set their references themselves.
+/// Questions: what changes nothing. References of speed and acceleration are none: between our own and the move that is to go by
+/// them, another's would make the robot as fast as that one likes.
 fn may_pass(asked: &Bottle) -> bool {
-    let question = asked.get(0).and_then(Value::as_vocab) == Some(Vocab::new("get"));
-    question || matches!(Ask::parse(asked), Some(Ask::Set(Set::Speed(..) | Set::Acceleration(..))))
+    asked.get(0).and_then(Value::as_vocab) == Some(Vocab::new("get"))
 }
 
 /// The network of a name server given as `HOST:PORT`.

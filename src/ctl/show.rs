@@ -13,6 +13,7 @@ pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
     let exchanged = |(part, step): (&SwapPart, &SwapStep)| *part != SwapPart::Agent && !step.is_last();
     match robot.status {
         Status::Holding(Hold::BoardFault) => "FAULT(board)".into(),
+        Status::Holding(Hold::SlowBoard) => "CLOSED(slow board)".into(),
         Status::Holding(Hold::Stale) => format!("STALE({:.1} s)", robot.age.as_secs_f64()),
         Status::Starting if robot.swaps.iter().any(exchanged) => "CLOSED(swap)".into(),
         Status::Starting => "CLOSED(starting)".into(),
@@ -31,6 +32,9 @@ pub(super) fn lines(now: &Report, before: Option<&Report>) -> Vec<String> {
     for robot in &now.robots {
         let gave_up = now.counts.gave_up > 0;
         let mut line = format!("{:wide$}  {}  {}", robot.name, state(robot, gave_up), robot.status.word());
+        if let Some(answers) = robot.answers {
+            let _ = write!(line, "; its board {answers}");
+        }
         if !robot.acts {
             line.push_str(", its agent is paused");
         }
@@ -88,13 +92,13 @@ mod tests {
     use super::*;
     use mobee_actors::stream::Counters;
     use mobee_actors::system::Counts;
-    use mobee_contract::Time;
+    use mobee_contract::{AnswerTime, Time};
     use std::collections::BTreeMap;
     use std::time::Duration;
 
     fn robot(status: Status, age_ms: u64) -> RobotReport {
         let (age, fresh) = (Duration::from_millis(age_ms), Duration::from_millis(100));
-        RobotReport { name: "icub".into(), status, age, fresh, acts: true, swaps: BTreeMap::new() }
+        RobotReport { name: "icub".into(), status, age, fresh, answers: None, acts: true, swaps: BTreeMap::new() }
     }
 
     #[test]
@@ -106,6 +110,7 @@ mod tests {
         assert_eq!(says(Status::Settling, 10), "RETREATING");
         assert_eq!(says(Status::Holding(Hold::RetreatBlocked), 10), "HOLDING(the way back is blocked)");
         assert_eq!(says(Status::Holding(Hold::BoardFault), 10), "FAULT(board)");
+        assert_eq!(says(Status::Holding(Hold::SlowBoard), 10), "CLOSED(slow board)");
         assert_eq!(state(&robot(Status::Rest, 10), true), "FAULT(gave_up)");
         let swaps = BTreeMap::from([(SwapPart::Driver, SwapStep::TookOver { gap: 0.0, map: None })]);
         assert_eq!(state(&RobotReport { swaps, ..robot(Status::Starting, 10) }, false), "CLOSED(swap)");
@@ -119,6 +124,11 @@ mod tests {
         let report = |secs: u64, sent| Report {
             at: Time(secs * 1_000_000_000),
             robots: vec![RobotReport {
+                answers: Some(AnswerTime {
+                    median: Duration::from_micros(1200),
+                    most: Duration::from_millis(3),
+                    greatest: Duration::from_millis(40),
+                }),
                 acts: false,
                 swaps: BTreeMap::from([(SwapPart::Agent, SwapStep::Settled)]),
                 ..robot(Status::Rest, 10)
@@ -129,7 +139,7 @@ mod tests {
         };
         let lines = lines(&report(12, 700), Some(&report(10, 500)));
         let expected = "\
-icub  ARMED  rest, its agent is paused; swap of the agent: settled: its probation is over
+icub  ARMED  rest; its board answers in 1.2 ms, nine of ten in 3.0 ms, all in 40.0 ms, its agent is paused; swap of the agent: settled: its probation is over
 12.0 s: 0 commits, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
 overload: 2 entries dropped by the recorder; take load off the machine (`mobee doctor` looks at it), or give the controller a longer period_ms or stale_ms
 

@@ -1,10 +1,12 @@
 //! The network: the name server, and the control boards of a robot.
 
 use super::{Finding, PATIENCE, Remote};
-use mobee_yarp::board::{Link, RemoteBoard, RemoteOptions};
+use mobee_yarp::board::{Ask, Get, Link, RemoteBoard, RemoteOptions};
 use mobee_yarp::{Carrier, Network};
 use std::time::Duration;
 
+/// How often a board is asked something to see how long it takes.
+const ASKED: usize = 10;
 /// For how long states are counted.
 const COUNTED: Duration = Duration::from_secs(1);
 
@@ -67,6 +69,7 @@ async fn board(robot: &Remote, network: &Network, port: &str, motors: usize, wha
         let remedy = "give the model of this robot, and the ports of this part";
         return Finding::bad(format!("{what}: {axes} joints, {motors} in the model"), remedy);
     }
+    let answers = answer_time(&board).await;
     let first = async { state.wait_for(Option::is_some).await.is_ok() };
     let streams = tokio::time::timeout(PATIENCE, first).await.unwrap_or(false);
     let seq = || board.state().borrow().as_ref().map_or(0, |s| s.seq);
@@ -76,7 +79,7 @@ async fn board(robot: &Remote, network: &Network, port: &str, motors: usize, wha
     }
     let rate = seq().saturating_sub(before) as f64 / COUNTED.as_secs_f64();
     let wanted = 1.0 / robot.settings.period().as_secs_f64();
-    let what = format!("{what}: {axes} joints, {rate:.0} states per second of {wanted:.0}");
+    let what = format!("{what}: {axes} joints, {rate:.0} states per second of {wanted:.0}, answers in {answers:.0?}");
     if rate == 0.0 {
         return Finding::bad(what, format!("see whether {port}/state:o is there and sends"));
     }
@@ -86,5 +89,28 @@ async fn board(robot: &Remote, network: &Network, port: &str, motors: usize, wha
             "set the driver\'s period_ms to what the board really sends, or look at the network",
         );
     }
+    if answers > robot.settings.latency() {
+        let remedy = "the filter does not open while that is longer than the driver's latency_ms: find out what slows the board, \
+                      or allow more and keep a wider margin";
+        return Finding::warn(what, remedy);
+    }
     Finding::ok(what)
+}
+
+/// The longest of some round trips but for one.
+async fn answer_time(board: &RemoteBoard) -> Duration {
+    let mut took = Vec::new();
+    for _ in 0..ASKED {
+        let begun = now();
+        if board.ask(&Ask::Get(Get::Axes)).await.is_ok() {
+            took.push(begun.elapsed());
+        }
+    }
+    took.sort();
+    took.get(took.len().saturating_sub(2)).copied().unwrap_or(PATIENCE)
+}
+
+#[expect(clippy::disallowed_methods, reason = "it is real time that a board takes to answer")]
+fn now() -> tokio::time::Instant {
+    tokio::time::Instant::now()
 }

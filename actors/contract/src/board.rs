@@ -120,6 +120,24 @@ pub struct Sample {
     pub done: Vec<bool>,
 }
 
+/// How long a board took to answer of late: the round trips of what it was asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AnswerTime {
+    /// Half of the answers took no longer.
+    pub median: Duration,
+    /// Nine of ten answers took no longer: what the filter goes by. A machine that was held up once is no slow board.
+    pub most: Duration,
+    /// The longest.
+    pub greatest: Duration,
+}
+
+impl std::fmt::Display for AnswerTime {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [median, most, greatest] = [self.median, self.most, self.greatest].map(|d| d.as_secs_f64() * 1e3);
+        write!(f, "answers in {median:.1} ms, nine of ten in {most:.1} ms, all in {greatest:.1} ms")
+    }
+}
+
 /// Recoverable trouble with a board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
@@ -152,6 +170,11 @@ pub trait Driver: Send {
     /// Lets the board move until then; at the end of its lease it brakes by itself. Without a lease it never moves,
     /// and what it was doing is not taken up again under the next one. The newest lease counts; it holds at once.
     fn lease(&mut self, now: Time, until: Time);
+    /// How long the board took to answer of late; `None` if it is not asked, or not known yet. While it is longer than
+    /// [`Board::latency`] the filter does not open.
+    fn answer_time(&self) -> Option<AnswerTime> {
+        None
+    }
     /// The control modes as the board last reported them: a switch shows only once it is in force.
     fn modes(&self) -> Vec<ControlMode>;
 }

@@ -129,8 +129,8 @@ pub trait Hardware: Send + Sync {
     }
 
     /// Passes a request to a part's board in the board's own words (a YARP bottle in binary form), and its answer back,
-    /// so that a proxy can be transparent. `None`: the board has no words of its own. Never used for motion: that is
-    /// the driver's alone.
+    /// so that a proxy can be transparent. `None`: the board has no words of its own. Questions only: whatever changes
+    /// how the board moves is the driver's alone.
     fn ask(&self, _part: &str, _words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
         None
     }

@@ -117,6 +117,8 @@ pub enum Hold {
     Restarted,
     /// The board reports a fault.
     BoardFault,
+    /// The board answers more slowly than it was said to act: nothing of what is reckoned with its latency holds.
+    SlowBoard,
     /// The process ended in mid-motion, and the robot rests neither at its target nor at its safe pose. Nothing moves
     /// before somebody asks to `recover`.
     AfterCrash,
@@ -134,6 +136,9 @@ impl fmt::Display for Hold {
             Hold::Stale => "the encoders are stale",
             Hold::Restarted => "a part of the controller was restarted in mid-motion",
             Hold::BoardFault => "the board reports a fault",
+            Hold::SlowBoard => {
+                "the board answers more slowly than its `latency_ms`: find out what slows it, or allow more and keep a wider margin"
+            }
             Hold::AfterCrash => "the process ended in mid-motion: ask to `recover`",
             Hold::ShuttingDown => "the run is ending",
         })

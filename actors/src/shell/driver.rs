@@ -145,7 +145,9 @@ impl Driving {
         self.nonsense = wrong.is_some();
         self.hub.counts.lock().samples += 1;
         if !self.nonsense {
-            self.wires.to_history.push(Pulse::new(sample, &self.hub.none));
+            let answers = self.driver.as_ref().and_then(|driver| driver.answer_time());
+            *self.wires.answers.lock() = answers;
+            self.wires.to_history.push(Pulse { answers, ..Pulse::new(sample, &self.hub.none) });
         }
     }
 

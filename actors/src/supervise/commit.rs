@@ -61,7 +61,7 @@ impl SuperviseCore {
             Status::Moving | Status::Escaping => Ok(Way::Join { here }),
             // the filter may have opened by a reading before the contact began: the reflex will close it at the next one
             Status::Rest if !free => Err(Refusal::Holding { reason: Hold::InContact }),
-            Status::Holding(reason @ Hold::AfterCrash) => Err(Refusal::Holding { reason }),
+            Status::Holding(reason @ (Hold::AfterCrash | Hold::SlowBoard)) => Err(Refusal::Holding { reason }),
             // something moves it, though it was at rest: no pose to come back to (I4)
             Status::Rest | Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
             Status::Rest => Ok(Way::Begin { here, at, speed }),

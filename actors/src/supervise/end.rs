@@ -45,7 +45,9 @@ impl SuperviseCore {
                 out.push(SuperviseOut::Lease(at + self.rules.fresh));
                 match self.status {
                     Status::Moving | Status::Escaping => self.moving(pulse, now, at_rest, out),
-                    Status::Holding(Hold::InContact) if at_rest && pulse.free => self.reopen(out),
+                    Status::Holding(Hold::InContact | Hold::SlowBoard) if at_rest && pulse.free => {
+                        self.open_or_hold(pulse, out)
+                    }
                     _ => {}
                 }
             }
@@ -69,7 +71,7 @@ impl SuperviseCore {
         };
         match hold {
             Some(reason) => self.enter(Status::Holding(reason), out),
-            None => self.reopen(out),
+            None => self.open_or_hold(pulse, out),
         }
     }
 
@@ -93,6 +95,21 @@ impl SuperviseCore {
         true
     }
 
+    /// All is well: open the filter, unless the board answers too slowly for what is reckoned with its latency.
+    fn open_or_hold(&mut self, pulse: &Pulse, out: &mut Vec<SuperviseOut>) {
+        let Some(answers) = pulse.answers.filter(|answers| answers.most > self.rules.latency) else {
+            return self.reopen(out);
+        };
+        if self.status != Status::Holding(Hold::SlowBoard) {
+            let (robot, allowed) = (&self.rules.robot, self.rules.latency.as_secs_f64() * 1e3);
+            let text = format!(
+                "{robot}: the filter stays closed: the board {answers}, and its `latency_ms` is {allowed}; find out what slows it, or allow more and keep a wider margin"
+            );
+            out.push(SuperviseOut::Event(Event::Warning { text }));
+        }
+        self.enter(Status::Holding(Hold::SlowBoard), out);
+    }
+
     /// What an earlier process left open gets the outcome that the pose shows. Whether that is neither of its two ends: then
     /// nothing moves before somebody asks for it, and the way back can be tried.
     fn end_after_crash(&mut self, out: &mut Vec<SuperviseOut>) -> bool {
@@ -106,7 +123,6 @@ impl SuperviseCore {
         lost
     }
 
-    /// All is well: open the filter.
     fn reopen(&mut self, out: &mut Vec<SuperviseOut>) {
         self.retry = None;
         if !Gate::opens(self.token) {

@@ -5,7 +5,7 @@ use crate::controller::{Controller, Drive, FieldsSettings};
 use crate::convoy::Convoy;
 use crate::driver::Port;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut};
-use mobee_contract::{Axis, Board, ControlMode, Refusal, Sample, Target, Values};
+use mobee_contract::{AnswerTime, Axis, Board, ControlMode, Refusal, Sample, Target, Values};
 use mobee_model::{Contact, NodePairs, Part, Robot, Scene, ShapeId};
 use nalgebra::Isometry3;
 use proptest::prelude::*;
@@ -319,4 +319,31 @@ fn the_reflex_says_nothing_before_the_robot_rests() {
         matches!(rests.as_slice(), [ReflexOut::Command(..), ReflexOut::Word(Word::GaveUp(Hold::RetreatMissed))]),
         "{rests:?}"
     );
+}
+
+/// A board that answers more slowly than it was said to act is not moved: every reckoning with its latency would be wrong.
+#[test]
+fn the_filter_does_not_open_while_the_board_answers_too_slowly() {
+    let mut cell = Cell::new();
+    let mut read = |k: u32, over_ms: u64| {
+        let at = Time::ZERO + Duration::from_millis(10) * k;
+        let sample = Sample { seq: u64::from(k), at, q: vec![0.0].into(), done: vec![true] };
+        let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
+        let most = cell.rules.latency + Duration::from_millis(over_ms);
+        pulse.answers = Some(AnswerTime { median: most, most, greatest: Duration::from_secs(1) });
+        (pulse.speed, pulse.free) = (0.0, true);
+        let out = cell.supervise.on(SuperviseIn::Pulse(&pulse), at);
+        let warned = out.iter().filter(|o| matches!(o, SuperviseOut::Event(Event::Warning { .. }))).count();
+        let commit =
+            Commit { agent: "a".into(), target: Target { motors: vec![0], q: vec![0.0], speed: 0.5 }, speeds: None };
+        let verdict = cell.supervise.on(SuperviseIn::Commit(commit), at).into_iter().find_map(|o| match o {
+            SuperviseOut::Verdict(verdict) => Some(verdict.map_err(|refusal| refusal.code())),
+            _ => None,
+        });
+        (cell.supervise.status(), warned, verdict)
+    };
+    let slow: Vec<_> = (1..60).map(|k| read(k, 20)).collect();
+    assert_eq!(slow.last(), Some(&(Status::Holding(Hold::SlowBoard), 0, Some(Err("holding")))));
+    assert_eq!(slow.iter().map(|(_, warned, _)| warned).sum::<usize>(), 1, "it is told once");
+    assert_eq!(read(60, 0).0, Status::Moving, "it opens, and the commit is taken");
 }

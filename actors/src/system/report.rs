@@ -4,7 +4,7 @@ use super::Counts;
 use crate::stream::Counters;
 use crate::supervision::Health;
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{Status, SwapPart, SwapStep, Time};
+use mobee_contract::{AnswerTime, Status, SwapPart, SwapStep, Time};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -35,6 +35,8 @@ pub struct RobotReport {
     pub age: Duration,
     /// The greatest age of a reading that is still fresh.
     pub fresh: Duration,
+    /// How long its board took to answer of late, if that is known.
+    pub answers: Option<AnswerTime>,
     /// Whether its own agent may make motions.
     pub acts: bool,
     /// The last step of the exchange of each part that was ever exchanged.
@@ -63,6 +65,7 @@ impl RobotReport {
             status: latest.status,
             age: now.since(latest.at),
             fresh: wires.rules().fresh,
+            answers: *wires.answers.lock(),
             acts: wires.agent_acts.load(Ordering::SeqCst),
             swaps: wires.swaps.lock().clone(),
         }

@@ -223,6 +223,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
             ledger: past.ledger(robot.controller.history),
             lease: AtomicU64::new(0),
             latest: Cell::new(latest),
+            answers: Cell::default(),
             to_history: stream("driver>history"),
             to_reflex: stream("model>reflex"),
             to_supervise: stream("reflex>supervise"),

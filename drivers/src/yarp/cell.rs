@@ -1,10 +1,12 @@
 //! What drivers and the network thread share: the newest of everything, behind one lock held for moments only.
 
+use super::answers::Answers;
 use super::layout::Layout;
 use super::motion::Motions;
-use mobee_contract::{Axis, Board, ControlMode, Pose};
-use mobee_yarp::Vocab;
+use super::pace::Pace;
+use mobee_contract::{AnswerTime, Axis, Board, ControlMode, Pose};
 use mobee_yarp::board::{AxisFacts, mode};
+use mobee_yarp::{Bottle, Vocab};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -45,6 +47,10 @@ pub struct Inner {
 pub struct Known {
     /// Why it can't be used; `None`: it can.
     pub trouble: Option<Trouble>,
+    /// Why it can't be stopped on the line for stops; `None`: it can.
+    pub brake: Option<String>,
+    /// Whether it was reached and is nobody else's.
+    pub reached: bool,
     /// What it says of its axes.
     pub facts: Option<Arc<[AxisFacts]>>,
     /// Positions, deg.
@@ -61,6 +67,33 @@ pub struct Known {
     pub interactions: Vec<Vocab>,
     /// Its motions.
     pub motions: Motions,
+    /// The ticket of the newest order that moves something.
+    pub moved: u64,
+    /// How fast its joints may be.
+    pub pace: Pace,
+    /// What went wrong that the filter must hear of, until it has.
+    pub alarm: Option<String>,
+    /// How long it takes to answer.
+    pub answers: Answers,
+    /// The most by which our clock can be ahead of its, s: as its newest stamped answer shows.
+    pub ahead: Option<f64>,
+}
+
+impl Known {
+    /// It answered a question of `asked` now. An answer's stamp is of some time in between.
+    pub fn answered(&mut self, asked: f64, now: f64, answer: &Bottle) {
+        self.answers.note(now, now - asked);
+        if let Some(stamp) = stamp_of(answer) {
+            self.ahead = Some(now - stamp);
+        }
+    }
+}
+
+/// The time in an answer that ends with `[tsta] COUNT TIME [ok]`, s on the board's clock.
+fn stamp_of(answer: &Bottle) -> Option<f64> {
+    let [.., word, _, time, _] = answer.0.as_slice() else { return None };
+    (word.as_vocab() == Some(Vocab::new("tsta"))).then_some(())?;
+    time.as_f64().filter(|t| t.is_finite() && *t > 0.0)
 }
 
 /// Why a board can't be used.
@@ -90,6 +123,8 @@ impl Cell {
     pub fn new(layout: &Layout) -> Cell {
         let known = |p: &super::layout::Patch| Known {
             trouble: Some(Trouble::Lost("not reached yet".into())),
+            brake: Some(format!("{}: not reached yet", p.port)),
+            reached: false,
             facts: None,
             q: vec![0.0; p.motors.len()],
             read_at: 0.0,
@@ -98,6 +133,11 @@ impl Cell {
             modes: vec![mode::UNKNOWN; p.motors.len()],
             interactions: vec![mode::UNKNOWN; p.motors.len()],
             motions: Motions::new(p.motors.len()),
+            moved: 0,
+            pace: Pace::new(p.motors.len()),
+            alarm: None,
+            answers: Answers::default(),
+            ahead: None,
         };
         let inner = Inner {
             boards: layout.patches.iter().map(known).collect(),
@@ -138,6 +178,14 @@ impl Cell {
         waited.unwrap_or_else(PoisonError::into_inner).0
     }
 
+    /// The greatest speeds of some of a board's joints, deg/s.
+    pub fn greatest(&self, layout: &Layout, board: usize, joints: &[usize]) -> Vec<f64> {
+        let inner = self.lock();
+        let first = layout.patches.get(board).map_or(0, |p| p.motors.start);
+        let axis = |j: &usize| inner.board.as_ref().and_then(|b| b.axes.get(first + j));
+        joints.iter().map(|j| axis(j).map_or(f64::INFINITY, |a| a.max_speed.to_degrees())).collect()
+    }
+
     /// Limits of a board's joints, deg.
     pub fn limits(&self, layout: &Layout, board: usize) -> Vec<(f64, f64)> {
         let inner = self.lock();
@@ -159,10 +207,16 @@ impl Inner {
     }
 
     /// The first board that can't be used.
-    pub fn trouble(&self) -> Option<&Trouble> {
+    pub fn trouble(&self) -> Option<Trouble> {
         let all = || self.boards.iter().filter_map(|b| b.trouble.as_ref());
         let forbidden = || all().find(|t| matches!(t, Trouble::Forbidden(_)));
-        self.misfit.as_ref().or_else(forbidden).or_else(|| all().next())
+        let brake = || self.boards.iter().find_map(|b| b.brake.clone()).map(Trouble::Lost);
+        self.misfit.as_ref().or_else(forbidden).or_else(|| all().next()).cloned().or_else(brake)
+    }
+
+    /// The answers of the slowest board.
+    pub fn answer_time(&self, now: f64) -> Option<AnswerTime> {
+        self.boards.iter().filter_map(|b| b.answers.summary(now)).max_by_key(|a| a.most)
     }
 
     /// The first motor that reports a fault of its hardware.

@@ -3,6 +3,9 @@
 //! Arrivals jitter, stamps don't, but the board's clock is not ours. The shortest way a state took so far tells the offset between the
 //! two. States that seem to have taken much longer are late, as after a stall of a machine or the network, and as old as their stamps
 //! say; if they stay late, the offset is no longer true (a clock was set, or runs at another rate, as a simulator's does).
+//!
+//! A steady delay of the states looks like an offset. What tells them apart are the stamps of the board's answers: one was made after
+//! its question went out and before it came, so our clock is ahead of the board's by no more than from its stamp to its arrival.
 
 /// A state that took longer than this is late.
 const LATE: f64 = 0.030;
@@ -10,6 +13,8 @@ const LATE: f64 = 0.030;
 const LATE_FOR: f64 = 0.100;
 /// No state is believed to be on its way for so long: a clock was set.
 const LONGEST: f64 = 1.0;
+/// Answers and states whose stamps differ by more than this are told by two clocks, s: no network keeps a state so long.
+const TWO_CLOCKS: f64 = 10.0;
 /// States after which the shortest way is looked for afresh, so that a slowly drifting clock is followed.
 const WINDOW: u32 = 500;
 
@@ -27,9 +32,15 @@ pub struct Arrivals {
 
 impl Arrivals {
     /// When the state was read that arrived at `arrival` with this stamp; always later than the one before, never after its arrival.
-    pub fn read_at(&mut self, arrival: f64, stamp: Option<f64>) -> f64 {
+    /// `ahead` is the most by which our clock can be ahead of the board's, if its answers tell.
+    pub fn read_at(&mut self, arrival: f64, stamp: Option<f64>, ahead: Option<f64>) -> f64 {
         let at = match stamp.filter(|s| s.is_finite()) {
-            Some(stamp) => self.stamped(arrival, stamp),
+            Some(stamp) => {
+                let told = self.stamped(arrival, stamp);
+                // the jitter of answers is kept out of the times of states that are in time
+                let latest = ahead.map(|ahead| stamp + ahead + LATE).filter(|latest| arrival - latest < TWO_CLOCKS);
+                told.min(latest.unwrap_or(f64::INFINITY))
+            }
             None => arrival,
         };
         let at = at.max(self.last + 1e-6).min(arrival.max(self.last + 1e-6));
@@ -75,7 +86,7 @@ mod tests {
         let mut read = Vec::new();
         for i in 0..80 {
             let t = 0.02 * f64::from(i);
-            read.push(arrivals.read_at(100.0 + t + jitter[i as usize % 8], Some(1.79e9 + t)));
+            read.push(arrivals.read_at(100.0 + t + jitter[i as usize % 8], Some(1.79e9 + t), None));
         }
         for pair in read[8..].windows(2) {
             assert!((pair[1] - pair[0] - 0.02).abs() < 1e-4, "{pair:?}");
@@ -94,7 +105,7 @@ mod tests {
                 200..300 => Some(1e6 + t),
                 _ => None,
             };
-            let at = arrivals.read_at(t, stamp);
+            let at = arrivals.read_at(t, stamp, None);
             let oldest = LATE + LATE_FOR + 0.02;
             assert!(at > last && at <= t + 1e-6 * f64::from(i + 1) && t - at <= oldest, "{i}: {at} of {t}");
             last = at;
@@ -109,15 +120,47 @@ mod tests {
             let t = 0.02 * f64::from(i);
             // from 2 s on nothing arrives for 0.4 s, then all at once
             let arrival = if (2.0..2.4).contains(&t) { 2.4 } else { t };
-            let at = arrivals.read_at(arrival, Some(1.79e9 + t));
+            let at = arrivals.read_at(arrival, Some(1.79e9 + t), None);
             assert!((at - t).abs() < 1e-5, "{i}: {at} of {t}");
         }
         // a way that is longer for good is an offset
         let longer = |i: u32| {
-            0.02 * f64::from(i) - arrivals.read_at(0.02 * f64::from(i), Some(1.79e9 + 0.02 * f64::from(i) - 0.1))
+            0.02 * f64::from(i) - arrivals.read_at(0.02 * f64::from(i), Some(1.79e9 + 0.02 * f64::from(i) - 0.1), None)
         };
         let ages: Vec<f64> = (200..220).map(longer).collect();
         assert!((0.09..0.11).contains(&ages[5]) && ages[6..].iter().all(|a| *a < 1e-5), "{ages:?}");
+    }
+
+    #[test]
+    fn a_steady_delay_is_no_offset_where_answers_tell_the_clock() {
+        // the board's clock is an hour behind ours, or far ahead; its answers take 5 ms, its states 0.9 s from some time on
+        for offset in [3600.0, -1.79e9, 0.0] {
+            let mut arrivals = Arrivals::default();
+            for i in 0..300 {
+                let t = 0.02 * f64::from(i);
+                let late = if i < 100 { 0.002 } else { 0.9 };
+                let at = arrivals.read_at(t + late, Some(t - offset), Some(offset + 0.005));
+                assert!((t + late - at) >= late - LATE - 0.006 && at <= t + late + 1e-6, "{offset} {i}: {at} of {t}");
+            }
+        }
+        // answers by another clock than the states tell nothing
+        let mut arrivals = Arrivals::default();
+        assert_eq!(arrivals.read_at(1.0, Some(1.0), Some(-1e9)), 1.0);
+    }
+
+    #[test]
+    fn a_clock_at_half_speed_is_followed_where_answers_tell_it() {
+        let mut arrivals = Arrivals::default();
+        let mut ahead = 0.0;
+        for i in 0..1000 {
+            let t = 0.02 * f64::from(i);
+            // the board is asked every 100 ms
+            if i % 5 == 0 {
+                ahead = t - 0.5 * t + 0.001;
+            }
+            let at = arrivals.read_at(t, Some(0.5 * t), Some(ahead));
+            assert!(t - at < 0.1, "{i}: {at} of {t}");
+        }
     }
 
     #[test]
@@ -127,10 +170,10 @@ mod tests {
         let mut t = 0.0;
         for i in 0..5000 {
             t = 0.02 * f64::from(i);
-            at = arrivals.read_at(t, Some(1.0001 * t));
+            at = arrivals.read_at(t, Some(1.0001 * t), None);
         }
         assert!((t - at).abs() < 0.001, "{}", t - at);
         arrivals.reset();
-        assert_eq!(arrivals.read_at(t + 1.0, Some(3.0)), t + 1.0);
+        assert_eq!(arrivals.read_at(t + 1.0, Some(3.0), None), t + 1.0);
     }
 }

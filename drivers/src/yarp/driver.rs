@@ -5,7 +5,7 @@ use super::check::{Checked, Known};
 use super::hand::{Do, Halt, Order};
 use super::layout::Layout;
 use super::motion::End;
-use mobee_contract::{Board, Command, ControlMode, Driver, DriverFault, Sample, Time};
+use mobee_contract::{AnswerTime, Board, Command, ControlMode, Driver, DriverFault, Sample, Time};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
@@ -87,6 +87,9 @@ impl Driver for YarpDriver {
         let cell = self.reach.cell.clone();
         let mut inner = cell.lock();
         usable(&inner, &self.reach.layout)?;
+        if let Some(what) = inner.boards.iter_mut().find_map(|b| b.alarm.take()) {
+            return Err(DriverFault::Hardware(what));
+        }
         if !std::mem::take(&mut inner.unread) {
             return Ok(None);
         }
@@ -116,6 +119,10 @@ impl Driver for YarpDriver {
         });
     }
 
+    fn answer_time(&self) -> Option<AnswerTime> {
+        self.reach.cell.lock().answer_time(self.reach.cell.secs(instant()))
+    }
+
     fn modes(&self) -> Vec<ControlMode> {
         self.reach.cell.lock().modes(&self.reach.layout)
     }
@@ -125,7 +132,7 @@ impl Driver for YarpDriver {
 fn usable(inner: &Inner, layout: &Layout) -> Result<(), DriverFault> {
     match inner.trouble() {
         Some(Trouble::Lost(_)) => Err(DriverFault::Lost),
-        Some(Trouble::Forbidden(why)) => Err(DriverFault::Hardware(why.clone())),
+        Some(Trouble::Forbidden(why)) => Err(DriverFault::Hardware(why)),
         None => inner.fault(layout).map_or(Ok(()), |fault| Err(DriverFault::Hardware(fault))),
     }
 }
@@ -162,6 +169,9 @@ impl Reach {
             let (joints, end) = what.disturbs();
             let Some(known) = inner.boards.get_mut(board) else { continue };
             let ticket = known.motions.order(&joints, end);
+            if what.moves() {
+                known.moved = ticket;
+            }
             let first = self.layout.patches.get(board).map_or(0, |p| p.motors.start);
             if switched.is_some() {
                 for j in &joints {

@@ -1,6 +1,7 @@
 //! The hand at one board: carries out what drivers queued, one order after the other, and stops before all else.
 
 mod modes;
+mod references;
 mod speed;
 
 use super::cell::Cell;
@@ -8,16 +9,19 @@ use super::layout::{Layout, Patch};
 use super::motion::End;
 use mobee_contract::ControlMode;
 use mobee_yarp::board::{Ask, Get, Joints, Link, RemoteBoard, Set, Streamed, reply};
+use mobee_yarp::{Bottle, CallError};
 use speed::Speeds;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::{Mutex, mpsc, watch};
 use tokio::time::{MissedTickBehavior, interval};
 
 /// How often a motion's end is asked for.
 const ASKING: Duration = Duration::from_millis(10);
 /// How often velocities are said again: real boards stop a joint that hears nothing for 0.1 s.
 const REFRESH: Duration = Duration::from_millis(40);
+/// How old the newest answer may be before the board is asked for one, to know how long it takes, s.
+const UNASKED: f64 = 0.1;
 /// A board that takes a speed of nothing for no speed at all gets at least this, deg/s.
 const SLOWEST: f64 = 0.01;
 
@@ -70,7 +74,8 @@ impl Do {
         }
     }
 
-    fn moves(&self) -> bool {
+    /// Whether it moves something.
+    pub fn moves(&self) -> bool {
         matches!(self, Do::Move { .. } | Do::Direct { .. } | Do::Velocity { .. })
     }
 }
@@ -83,7 +88,8 @@ pub struct Hand {
     pub index: usize,
     pub board: Arc<RemoteBoard>,
     pub halt: watch::Receiver<Arc<Halt>>,
-    pub orders: mpsc::Receiver<Order>,
+    /// A successor goes on with the same queue.
+    pub orders: Arc<Mutex<mpsc::Receiver<Order>>>,
     /// How late the board may act, s; velocities keep so far from limits.
     pub latency: f64,
     handled: u64,
@@ -96,7 +102,7 @@ impl Hand {
         index: usize,
         board: Arc<RemoteBoard>,
         halt: watch::Receiver<Arc<Halt>>,
-        orders: mpsc::Receiver<Order>,
+        orders: Arc<Mutex<mpsc::Receiver<Order>>>,
         latency: f64,
     ) -> Hand {
         Hand { cell, layout, index, board, halt, orders, latency, handled: 0, speeds: Speeds::default() }
@@ -104,6 +110,8 @@ impl Hand {
 
     /// Works until it is told to end; stops the board then.
     pub async fn work(mut self, mut end: watch::Receiver<bool>) {
+        let orders = self.orders.clone();
+        let mut orders = orders.lock().await;
         let mut link = self.board.link();
         let mut asking = interval(ASKING);
         let mut refresh = interval(REFRESH);
@@ -117,14 +125,22 @@ impl Hand {
                 _ = self.halt.changed() => self.halt_if_told().await,
                 _ = link.changed() => {
                     let now = link.borrow_and_update().clone();
+                    if let Link::Up(_) = now {
+                        while let Ok(order) = orders.try_recv() {
+                            self.finish(&order);
+                        }
+                    }
                     self.linked(now).await;
                 }
-                order = self.orders.recv() => {
+                order = orders.recv() => {
                     let Some(order) = order else { break };
                     self.carry_out(order).await;
                 }
                 _ = refresh.tick(), if !self.speeds.is_empty() => self.say_speeds(),
-                _ = asking.tick() => self.ask_done().await,
+                _ = asking.tick() => {
+                    self.ask_done().await;
+                    self.ask_anything().await;
+                }
             }
         }
         self.stop_all().await;
@@ -143,14 +159,14 @@ impl Hand {
     async fn linked(&mut self, link: Link) {
         use super::cell::Trouble;
         let port = self.board.port().to_owned();
+        if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
+            known.reached = matches!(link, Link::Up(_)) || (known.reached && !matches!(link, Link::Taken(_)));
+        }
         let trouble = match link {
             Link::Down(why) => Some(Trouble::Lost(format!("{port}: {why}"))),
             Link::Taken(why) => Some(Trouble::Forbidden(format!("{port}: {why}"))),
             Link::Up(_) => {
                 self.speeds.clear();
-                while let Ok(order) = self.orders.try_recv() {
-                    self.finish(&order);
-                }
                 match self.stop_all().await {
                     true => {
                         self.learn_modes().await;
@@ -193,9 +209,9 @@ impl Hand {
         }
         self.board.hush();
         for _ in 0..3 {
-            match self.board.order(&Ask::Set(Set::Stop(Joints::All))).await {
-                Ok(true) => return true,
-                Ok(false) => tracing::warn!(board = self.board.port(), "the board answers [fail] to stop"),
+            match self.say(&Ask::Set(Set::Stop(Joints::All))).await {
+                Ok(answer) if reply::is_ok(&answer) => return true,
+                Ok(_) => tracing::warn!(board = self.board.port(), "the board answers [fail] to stop"),
                 Err(error) => {
                     tracing::warn!(board = self.board.port(), error = error.to_string(), "the board can't be stopped");
                     return false;
@@ -233,6 +249,8 @@ impl Hand {
                 self.bring(joints, ControlMode::Position, Some(order.epoch)).await?;
                 self.refer(joints, speed.as_deref(), acceleration.as_deref()).await?;
                 self.interrupted(order.epoch).await?;
+                let most = speed.clone().unwrap_or_else(|| self.cell.greatest(&self.layout, self.index, joints));
+                self.paced(joints, &most);
                 let group = Joints::Group(joints.clone());
                 self.set(Set::Move { joints: group, values: to.clone(), relative: false }).await
             }
@@ -240,12 +258,14 @@ impl Hand {
                 if !self.are_in(joints, ControlMode::PositionDirect) {
                     return Err("it is not in the mode for set-points".into());
                 }
+                self.paced(joints, &self.cell.greatest(&self.layout, self.index, joints));
                 self.board.stream(Streamed::Direct(Joints::Group(joints.clone()), to.clone()));
                 Ok(())
             }
             Do::Velocity { joints, speed } => {
                 self.bring(joints, ControlMode::Velocity, Some(order.epoch)).await?;
                 self.interrupted(order.epoch).await?;
+                self.paced(joints, &self.cell.greatest(&self.layout, self.index, joints));
                 self.speeds.set(joints, speed, self.cell.secs(super::cell::instant()));
                 self.say_speeds();
                 Ok(())
@@ -256,26 +276,32 @@ impl Hand {
         }
     }
 
-    /// Sets references. A board without accelerations of its own to set is no reason not to move.
-    async fn refer(&self, joints: &[usize], speed: Option<&[f64]>, acc: Option<&[f64]>) -> Result<(), String> {
-        let group = || Joints::Group(joints.to_vec());
-        let some = |v: &[f64]| v.iter().map(|v| v.max(SLOWEST)).collect::<Vec<f64>>();
-        if let Some(speed) = speed {
-            self.set(Set::Speed(group(), some(speed))).await?;
+    async fn set(&self, set: Set) -> Result<(), String> {
+        let ask = Ask::Set(set);
+        match self.say(&ask).await {
+            Ok(answer) if reply::is_ok(&answer) => Ok(()),
+            Ok(_) => Err(format!("the board answers [fail] to {}", ask.bottle())),
+            Err(error) => Err(error.to_string()),
         }
-        if let Some(acc) = acc
-            && let Err(why) = self.set(Set::Acceleration(group(), some(acc))).await
-        {
-            tracing::debug!(board = self.board.port(), why, "no accelerations");
-        }
-        Ok(())
     }
 
-    async fn set(&self, set: Set) -> Result<(), String> {
-        match self.board.order(&Ask::Set(set.clone())).await {
-            Ok(true) => Ok(()),
-            Ok(false) => Err(format!("the board answers [fail] to {}", Ask::Set(set).bottle())),
-            Err(error) => Err(error.to_string()),
+    /// Says something to the board, and notes how long its answer took.
+    async fn say(&self, ask: &Ask) -> Result<Bottle, CallError> {
+        let now = || self.cell.secs(super::cell::instant());
+        let asked = now();
+        let answer = self.board.ask(ask).await;
+        let came = now();
+        if let (Ok(answer), Some(known)) = (&answer, self.cell.lock().boards.get_mut(self.index)) {
+            known.answered(asked, came, answer);
+        }
+        answer
+    }
+
+    /// So fast these joints may be from now on, deg/s.
+    fn paced(&self, joints: &[usize], most: &[f64]) {
+        let now = self.cell.secs(super::cell::instant());
+        if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
+            known.pace.told(joints, most, now);
         }
     }
 
@@ -300,12 +326,23 @@ impl Hand {
         self.board.stream(Streamed::Velocity(Joints::Group(joints), speeds));
     }
 
+    /// Asks for something if nothing was asked for a while: how long the board takes to answer is known at any time.
+    async fn ask_anything(&mut self) {
+        let now = self.cell.secs(super::cell::instant());
+        let due = self.cell.lock().boards.get(self.index).is_some_and(|known| {
+            known.trouble.is_none() && known.answers.newest().is_none_or(|newest| now >= newest + UNASKED)
+        });
+        if due && !self.cell.is_let_go() {
+            let _ = self.say(&Ask::Get(Get::Axes)).await;
+        }
+    }
+
     /// Asks for the end of motions that only the board knows.
     async fn ask_done(&mut self) {
         let asked = self.cell.lock().boards.get(self.index).and_then(|b| b.motions.ask());
         let Some((joints, ticket)) = asked else { return };
         let group = Joints::Group(joints.clone());
-        let Ok(answer) = self.board.ask(&Ask::Get(Get::Done(group))).await else { return };
+        let Ok(answer) = self.say(&Ask::Get(Get::Done(group))).await else { return };
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
         match answer.get(2).and_then(mobee_yarp::Value::as_i64) {

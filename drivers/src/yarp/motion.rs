@@ -10,7 +10,7 @@
 use std::collections::VecDeque;
 
 /// How long encoders must rest, s.
-const WHILE: f64 = 0.1;
+pub const WHILE: f64 = 0.1;
 /// By how much encoders at rest may differ within that time, deg: their noise.
 const NOISE: f64 = 0.08;
 /// Most states that are kept for this.
@@ -23,6 +23,17 @@ pub enum End {
     Told,
     /// The encoders rest.
     Seen,
+}
+
+/// How fast joints are, over the states of a moment.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Speeds {
+    /// There are no states that tell.
+    Unknown,
+    /// All rest, but for the noise of encoders.
+    Rest,
+    /// At least one moves, deg/s.
+    At(Vec<f64>),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -137,6 +148,21 @@ impl Motions {
     /// Motion done, per joint.
     pub fn done(&self) -> impl Iterator<Item = bool> + '_ {
         self.joints.iter().map(|d| *d == Doing::Rest)
+    }
+
+    /// How fast the joints are, as far as states tell that are no older than `since`.
+    pub fn speeds(&self, since: f64) -> Speeds {
+        let (Some((begun, from)), Some((ended, to))) = (self.window.front(), self.window.back()) else {
+            return Speeds::Unknown;
+        };
+        let secs = ended - begun;
+        if *ended < since || secs < 0.5 * WHILE {
+            return Speeds::Unknown;
+        }
+        if (0..to.len()).all(|j| rests(&self.window, j)) {
+            return Speeds::Rest;
+        }
+        Speeds::At(from.iter().zip(to).map(|(a, b)| (b - a).abs() / secs).collect())
     }
 
     /// Whether any motion is under way.

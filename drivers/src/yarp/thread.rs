@@ -1,39 +1,76 @@
-//! The network thread of one robot: boards, hands, the watch over the lease.
+//! The two threads of one robot: one speaks with its boards, the other can stop them whatever befalls the first.
+//!
+//! ```text
+//! yarp ROBOT        per board: its connection, the states that come, the hand that carries out orders
+//! yarp stop ROBOT   per board: its brake; the watch over the lease
+//! ```
+//! Every task of both is watched. If one ends, the boards are stopped at once by whatever is still alive, no driver can use
+//! them, and all tasks of its thread begin anew, with a stop. If a whole thread ends the other one stops the boards, and the next
+//! connection of a driver starts both again.
 
 use super::YarpDriverSettings;
-use super::cell::{Cell, describe, instant};
-use super::clock::Arrivals;
+use super::brake::Brake;
+use super::cell::{Cell, Trouble, instant};
+use super::crew::Crew;
 use super::driver::Reach;
-use super::hand::{Halt, Hand};
+use super::hand::{Halt, Hand, Order};
 use super::layout::{Layout, Patch};
 use super::questions::Questions;
-use mobee_yarp::board::{Link, RemoteBoard, RemoteOptions, RemoteState};
-use mobee_yarp::{Carrier, Network, Vocab};
+use super::states::states;
+use mobee_yarp::board::{RemoteBoard, RemoteOptions};
+use mobee_yarp::{Carrier, Network, RpcClient};
 use std::io;
 use std::sync::Arc;
-use tokio::sync::{mpsc, oneshot, watch};
-use tokio::task::JoinSet;
+use std::time::Duration;
+use tokio::sync::{Mutex, mpsc, watch};
 use tokio::time::Instant;
 
 /// Orders that may wait for one board.
 const WAITING: usize = 64;
-/// The thread while it runs.
+/// How long is waited before tasks are started again.
+const AGAIN: Duration = Duration::from_millis(200);
+
+/// The threads while they run.
 pub struct Running {
-    end: oneshot::Sender<()>,
-    thread: std::thread::JoinHandle<()>,
+    end: watch::Sender<bool>,
+    threads: Vec<std::thread::JoinHandle<()>>,
 }
 
 impl Running {
-    /// Stops the boards and ends the thread.
+    /// Whether one of the threads has ended, though nobody asked for it.
+    pub fn is_broken(&self) -> bool {
+        self.threads.iter().any(std::thread::JoinHandle::is_finished)
+    }
+
+    /// Lets the thread that is left stop the boards and end, without waiting for it.
+    pub fn leave(self) {
+        self.end.send_replace(true);
+    }
+
+    /// Stops the boards and ends the threads.
     pub fn end(self) {
-        drop(self.end);
-        if self.thread.join().is_err() {
-            tracing::error!("the thread of a robot's network had panicked");
+        self.end.send_replace(true);
+        for thread in self.threads {
+            if thread.join().is_err() {
+                tracing::error!("a thread of a robot's network had panicked");
+            }
         }
     }
 }
 
-/// Starts the thread of one robot.
+/// What both threads know.
+#[derive(Clone)]
+struct Shared {
+    network: Network,
+    settings: YarpDriverSettings,
+    /// First part of our own port names.
+    name: String,
+    reach: Reach,
+    queues: Vec<Arc<Mutex<mpsc::Receiver<Order>>>>,
+    end: watch::Receiver<bool>,
+}
+
+/// Starts the threads of one robot.
 ///
 /// # Errors
 /// If the system gives no thread or no sockets.
@@ -44,56 +81,169 @@ pub fn start(
     layout: Arc<Layout>,
     cell: Arc<Cell>,
 ) -> io::Result<super::Started> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let halt = watch::Sender::new(Arc::new(Halt::default()));
-    let lease = watch::Sender::new(None);
-    let (orders, order_queues): (Vec<_>, Vec<_>) = layout.patches.iter().map(|_| mpsc::channel(WAITING)).unzip();
-    let reach = Reach { layout: layout.clone(), cell: cell.clone(), orders, halt: halt.clone(), lease: lease.clone() };
-    let (end, ended) = oneshot::channel::<()>();
+    let (orders, queues): (Vec<_>, Vec<_>) = layout.patches.iter().map(|_| mpsc::channel(WAITING)).unzip();
+    let (halt, lease) = (watch::Sender::new(Arc::new(Halt::default())), watch::Sender::new(None));
+    let reach = Reach { layout: layout.clone(), cell, orders, halt, lease };
     let name = settings.name.clone().unwrap_or_else(|| format!("/MoBeE/{robot}/driver"));
-    let (network, settings) = (network.clone(), settings.clone());
     let passed = network.clone().with_timeout(settings.timeout());
     let question = |p: &Patch| Questions::new(&passed, &format!("{name}/{}", p.part), &p.port);
     let questions = layout.patches.iter().map(question).collect();
-    let watched = reach.clone();
-    let work = async move {
-        let mut hands = JoinSet::new();
-        let mut others = JoinSet::new();
-        let (stopping, stopped) = watch::channel(false);
-        for (index, queue) in order_queues.into_iter().enumerate() {
-            let Some(patch) = layout.patches.get(index) else { continue };
+    let (end, ended) = watch::channel(false);
+    let queues = queues.into_iter().map(|q| Arc::new(Mutex::new(q))).collect();
+    let shared =
+        Shared { network: network.clone(), settings: settings.clone(), name, reach: reach.clone(), queues, end: ended };
+    let mut running = Running { end, threads: Vec::new() };
+    let brakes: (Side, Muster) = (Side::Brakes, Shared::brakes);
+    for (name, crew) in
+        [(format!("yarp stop {robot}"), brakes), (format!("yarp {robot}"), (Side::Boards, Shared::boards))]
+    {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let work = shared.clone().watch(name.clone(), crew);
+        #[cfg(test)]
+        let work = super::crew::poison::may_befall(format!("thread {name}"), work);
+        running.threads.push(std::thread::Builder::new().name(name).spawn(move || runtime.block_on(work))?);
+    }
+    Ok(super::Started { reach, questions, thread: running })
+}
+
+/// Which of the two ways to the boards.
+#[derive(Clone, Copy, PartialEq)]
+enum Side {
+    Boards,
+    Brakes,
+}
+
+/// Who calls the tasks of a thread together.
+type Muster = fn(&Shared, &watch::Receiver<bool>) -> Crew;
+
+impl Shared {
+    /// Keeps the tasks of a thread alive until the end.
+    async fn watch(self, thread: String, (side, muster): (Side, Muster)) {
+        let _guard = Guard { reach: self.reach.clone(), thread, end: self.end.clone() };
+        let mut end = self.end.clone();
+        while !*self.end.borrow() {
+            let mut crew = muster(&self, &self.end);
+            tokio::select! {
+                () = told(&mut end) => {
+                    // a board that does not answer is no reason to wait for ever
+                    let _ = tokio::time::timeout(3 * self.settings.timeout(), crew.ended()).await;
+                    return;
+                }
+                why = crew.lost() => self.reach.died(&why, side),
+            }
+            drop(crew);
+            tokio::time::sleep(AGAIN).await;
+        }
+    }
+
+    fn patches(&self) -> impl Iterator<Item = (usize, &Patch)> {
+        self.reach.layout.patches.iter().enumerate()
+    }
+
+    /// Connections, states and hands.
+    fn boards(&self, end: &watch::Receiver<bool>) -> Crew {
+        let (mut crew, cell, layout) = (Crew::default(), &self.reach.cell, &self.reach.layout);
+        for ((index, patch), queue) in self.patches().zip(&self.queues) {
             let options = RemoteOptions {
-                local: format!("{name}/{}", patch.part),
-                carrier: settings.carrier.parse().unwrap_or(Carrier::FastTcp),
-                timeout: settings.timeout(),
-                stale: settings.stale(),
+                local: format!("{}/{}", self.name, patch.part),
+                carrier: self.settings.carrier.parse().unwrap_or(Carrier::FastTcp),
+                timeout: self.settings.timeout(),
+                stale: self.settings.stale(),
             };
-            let board = Arc::new(RemoteBoard::new(&network, &patch.port, options));
-            others.spawn(states(cell.clone(), layout.clone(), index, board.clone(), settings.clone()));
+            let board = Arc::new(RemoteBoard::new(&self.network, &patch.port, options));
             let hand = Hand::new(
                 (cell.clone(), layout.clone()),
                 index,
-                board,
-                halt.subscribe(),
-                queue,
-                settings.latency().as_secs_f64(),
+                board.clone(),
+                self.reach.halt.subscribe(),
+                queue.clone(),
+                self.settings.latency().as_secs_f64(),
             );
-            hands.spawn(hand.work(stopped.clone()));
+            let states = states(cell.clone(), layout.clone(), index, board.clone(), self.settings.clone());
+            crew.add(format!("hand at {}", patch.port), hand.work(end.clone()));
+            crew.add(format!("reader of {}", patch.port), until(end.clone(), states));
+            crew.add(format!("connection to {}", patch.port), until(end.clone(), async move { board.died().await }));
         }
-        others.spawn(watch_lease(watched, lease.subscribe()));
-        let _ = ended.await;
-        let _ = stopping.send(true);
-        // a board that does not answer is no reason to wait for ever
-        let _ =
-            tokio::time::timeout(3 * settings.timeout(), async { while hands.join_next().await.is_some() {} }).await;
-    };
-    let thread = std::thread::Builder::new().name(format!("yarp {robot}")).spawn(move || runtime.block_on(work))?;
-    Ok(super::Started { reach, questions, thread: Running { end, thread } })
+        crew
+    }
+
+    /// Brakes, and the watch over the lease.
+    fn brakes(&self, end: &watch::Receiver<bool>) -> Crew {
+        let mut crew = Crew::default();
+        let network = self.network.clone().with_timeout(self.settings.timeout());
+        for (index, patch) in self.patches() {
+            let own = format!("{}/{}/stop:o", self.name, patch.part);
+            let brake = Brake {
+                cell: self.reach.cell.clone(),
+                index,
+                port: patch.port.clone(),
+                line: RpcClient::keep(&network, &own, &format!("{}/rpc:i", patch.port), Carrier::Tcp),
+                halt: self.reach.halt.subscribe(),
+                latency: self.settings.latency().as_secs_f64(),
+            };
+            crew.add(format!("brake of {}", patch.port), brake.work(end.clone()));
+        }
+        let lease = watch_lease(self.reach.clone(), self.reach.lease.subscribe());
+        crew.add("watch over the lease".into(), until(end.clone(), lease));
+        crew
+    }
+}
+
+/// Ready at the end.
+async fn told(end: &mut watch::Receiver<bool>) {
+    // an error means that nobody is left to say so
+    let _ = end.wait_for(|end| *end).await;
+}
+
+/// Works until the end.
+async fn until(mut end: watch::Receiver<bool>, work: impl Future<Output = ()>) {
+    tokio::select! {
+        () = told(&mut end) => {}
+        () = work => {}
+    }
+}
+
+/// Says so if a thread ends unasked.
+struct Guard {
+    reach: Reach,
+    thread: String,
+    end: watch::Receiver<bool>,
+}
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        if !*self.end.borrow() {
+            let who = format!("thread `{}` ended", self.thread);
+            self.reach.died(&who, Side::Boards);
+            self.reach.died(&who, Side::Brakes);
+        }
+    }
+}
+
+impl Reach {
+    /// Somebody who could stop the robot is no more: it is stopped by whoever still can, and no driver uses it until all are
+    /// back, which begin with a stop.
+    fn died(&self, who: &str, side: Side) {
+        tracing::error!("{who}: the robot is stopped, and its boards are connected to anew");
+        let mut inner = self.cell.lock();
+        for (known, patch) in inner.boards.iter_mut().zip(&self.layout.patches) {
+            let why = format!("{}: {who}", patch.port);
+            match side {
+                Side::Brakes => known.brake = Some(why),
+                Side::Boards if matches!(known.trouble, Some(Trouble::Forbidden(_))) => {}
+                Side::Boards => known.trouble = Some(Trouble::Lost(why)),
+            }
+        }
+        self.stop_all(&mut inner);
+        drop(inner);
+        self.cell.ring();
+    }
 }
 
 /// At the end of the lease everything stops.
 async fn watch_lease(reach: Reach, mut lease: watch::Receiver<Option<Instant>>) {
-    let mut leased = false;
+    // a watch that takes over from one that died does not know what that had seen
+    let mut leased = lease.borrow().is_some();
     loop {
         let until = *lease.borrow_and_update();
         match until {
@@ -117,82 +267,5 @@ async fn watch_lease(reach: Reach, mut lease: watch::Receiver<Option<Instant>>) 
         if lease.changed().await.is_err() {
             return;
         }
-    }
-}
-
-/// Takes the states of one board as they come.
-async fn states(
-    cell: Arc<Cell>,
-    layout: Arc<Layout>,
-    index: usize,
-    board: Arc<RemoteBoard>,
-    settings: YarpDriverSettings,
-) {
-    let (mut state, mut link, mut facts) = (board.state(), board.link(), board.facts());
-    let mut arrivals = Arrivals::default();
-    loop {
-        tokio::select! {
-            biased;
-            _ = link.changed() => {
-                if let Link::Up(_) = *link.borrow_and_update() {
-                    arrivals.reset();
-                }
-            }
-            _ = facts.changed() => {
-                let facts = facts.borrow_and_update().clone();
-                if let Some(known) = cell.lock().boards.get_mut(index) {
-                    known.facts = facts;
-                }
-                cell.describe(&layout, &settings);
-            }
-            _ = state.changed() => {
-                let Some(newest) = state.borrow_and_update().clone() else { continue };
-                let at = arrivals.read_at(cell.secs(newest.arrived), newest.stamp.map(|s| s.time));
-                take(&cell, &layout, index, &newest, at, board.lost());
-            }
-        }
-    }
-}
-
-fn take(cell: &Cell, layout: &Layout, index: usize, state: &RemoteState, at: f64, lost: u64) {
-    let mut inner = cell.lock();
-    let Some(known) = inner.boards.get_mut(index) else { return };
-    known.q.iter_mut().zip(&state.joints.position.values).for_each(|(slot, q)| *slot = *q);
-    let words = |slots: &mut Vec<Vocab>, field: &mobee_yarp::Field<i32>| {
-        for (slot, word) in slots.iter_mut().zip(field.valid().unwrap_or_default()) {
-            *slot = Vocab(u32::from_le_bytes(word.to_le_bytes()));
-        }
-    };
-    words(&mut known.modes, &state.joints.control_modes);
-    words(&mut known.interactions, &state.joints.interaction_modes);
-    known.lost.0 = lost;
-    known.read_at = at;
-    known.fresh = true;
-    let q = std::mem::take(&mut known.q);
-    known.motions.read(at, &q);
-    known.q = q;
-    let first = inner.joined.is_none();
-    inner.join(layout);
-    let ready = first && inner.joined.is_some();
-    drop(inner);
-    if ready {
-        cell.ring();
-    }
-}
-
-impl Cell {
-    /// Describes the robot's board, once the facts of all its boards are known.
-    fn describe(&self, layout: &Layout, settings: &YarpDriverSettings) {
-        use super::cell::Trouble;
-        let mut inner = self.lock();
-        if inner.board.is_some() {
-            return;
-        }
-        match describe(layout, &inner.boards, settings) {
-            Ok(board) => inner.board = board,
-            Err(why) => inner.misfit = Some(Trouble::Forbidden(why)),
-        }
-        drop(inner);
-        self.ring();
     }
 }

@@ -5,5 +5,7 @@ mod net;
 mod plant;
 mod sim;
 mod stopping;
+mod way;
 mod yarp_conformance;
 mod yarp_faults;
+mod yarp_stops;

@@ -1,7 +1,10 @@
 //! A YARP network of its own with a simulated robot of two parts, on a thread of its own.
 
-use mobee_contract::Axis;
-use mobee_drivers::{SimBoard, SimClock, SimHardware, SimSettings, YarpDriverSettings};
+#![allow(clippy::disallowed_methods, reason = "real sockets live in real time")]
+
+use crate::way::Way;
+use mobee_contract::{Axis, Command, Driver, Move, Sample, Time};
+use mobee_drivers::{SimBoard, SimClock, SimHardware, SimSettings, YarpDriverSettings, YarpHardware};
 use mobee_model::Robot;
 use mobee_yarp::Network;
 use mobee_yarp::board::{BoardServer, Device};
@@ -44,6 +47,8 @@ pub struct Net {
     pub robot: Robot,
     /// The simulated boards themselves, whatever the network does.
     pub boards: Vec<Arc<SimBoard>>,
+    /// The way to each of them.
+    pub ways: Vec<Arc<Way>>,
     address: SocketAddr,
     acts: Option<tokio::sync::mpsc::Sender<(Act, mpsc::SyncSender<()>)>>,
     thread: Option<std::thread::JoinHandle<()>>,
@@ -56,14 +61,15 @@ impl Net {
         let board =
             |p: &mobee_model::Part| Arc::new(SimBoard::new(&p.name, simulated(&robot, &p.name), clock).unwrap());
         let boards: Vec<Arc<SimBoard>> = robot.parts.iter().map(board).collect();
+        let ways: Vec<Arc<Way>> = boards.iter().map(|b| Arc::new(Way::to(b.clone()))).collect();
         let (acts, told) = tokio::sync::mpsc::channel(1);
         let (tell, ready) = mpsc::sync_channel(1);
-        let devices = boards.clone();
+        let devices = ways.clone();
         let thread = std::thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(live(devices, told, tell));
         });
-        Net { robot, boards, address: ready.recv().unwrap(), acts: Some(acts), thread: Some(thread) }
+        Net { robot, boards, ways, address: ready.recv().unwrap(), acts: Some(acts), thread: Some(thread) }
     }
 
     pub fn act(&self, act: Act) {
@@ -88,7 +94,7 @@ impl Net {
 }
 
 async fn live(
-    devices: Vec<Arc<SimBoard>>,
+    devices: Vec<Arc<Way>>,
     mut told: tokio::sync::mpsc::Receiver<(Act, mpsc::SyncSender<()>)>,
     ready: mpsc::SyncSender<SocketAddr>,
 ) {
@@ -118,10 +124,10 @@ async fn live(
     }
 }
 
-async fn open(network: &Network, devices: &[Arc<SimBoard>]) -> Vec<BoardServer> {
+async fn open(network: &Network, devices: &[Arc<Way>]) -> Vec<BoardServer> {
     let mut boards = Vec::new();
     for device in devices {
-        let prefix = format!("/two/{}", device.part());
+        let prefix = format!("/two/{}", device.board.part());
         boards.push(BoardServer::open(network, &prefix, device.clone(), Duration::from_millis(20)).await.unwrap());
     }
     boards
@@ -147,5 +153,83 @@ impl Drop for Net {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
+    }
+}
+
+/// Longest wait for anything.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A robot on a network of its own, as its driver sees it.
+pub struct Rig {
+    pub hardware: YarpHardware,
+    begun: tokio::time::Instant,
+    pub net: Net,
+}
+
+impl Rig {
+    pub fn new() -> Rig {
+        let net = Net::start();
+        let hardware = YarpHardware::on(&net.network(), &net.settings(), &net.robot).unwrap();
+        Rig { hardware, begun: tokio::time::Instant::now(), net }
+    }
+
+    pub fn now(&self) -> Time {
+        Time(self.begun.elapsed().as_nanos() as u64 + 1_000_000_000)
+    }
+
+    pub fn wait<T>(&self, what: &str, mut there: impl FnMut(Time) -> Option<T>) -> T {
+        let end = self.now() + PATIENCE;
+        while self.now() < end {
+            if let Some(found) = there(self.now()) {
+                return found;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        panic!("waited in vain for {what}");
+    }
+
+    /// Keeps the lease until a reading is as wanted.
+    pub fn reading(&self, driver: &mut Box<dyn Driver>, what: &str, wanted: impl Fn(&Sample) -> bool) -> Sample {
+        self.wait(what, |now| {
+            driver.lease(now, now + Duration::from_millis(500));
+            driver.sample(now).unwrap_or_else(|e| panic!("{what}: {e}")).filter(|s| wanted(s))
+        })
+    }
+
+    /// Keeps the lease until something is so.
+    pub fn keep<T>(&self, driver: &mut Box<dyn Driver>, what: &str, mut there: impl FnMut(Time) -> Option<T>) -> T {
+        self.wait(what, |now| {
+            driver.lease(now, now + Duration::from_millis(500));
+            there(now)
+        })
+    }
+
+    /// A move of the yaw, in degrees.
+    pub fn yaw(&self, to: f64, speed: f64) -> Command {
+        let (q, speed) = (vec![to.to_radians()], Some(vec![speed.to_radians()]));
+        Command::Move(Move { motors: vec![0], q, relative: false, speed, acceleration: None })
+    }
+
+    /// A move of the yaw, well under way.
+    pub fn under_way(&self, driver: &mut Box<dyn Driver>) {
+        self.reading(driver, "a first reading", |_| true);
+        let there = Move {
+            motors: vec![0, 2],
+            q: [45f64, 50.0].map(f64::to_radians).to_vec(),
+            relative: false,
+            speed: Some([10f64, 12.0].map(f64::to_radians).to_vec()),
+            acceleration: None,
+        };
+        driver.command(self.now(), &Command::Move(there)).unwrap();
+        self.reading(driver, "the motors to move", |s| s.q[0].to_degrees() > 5.0 && s.q[2].to_degrees() > 5.0);
+    }
+
+    pub fn rests(&self) -> Vec<f64> {
+        self.wait("rest", |_| {
+            let before = self.net.truth();
+            std::thread::sleep(Duration::from_millis(200));
+            let after = self.net.truth();
+            before.iter().zip(&after).all(|(a, b)| (a - b).abs() < 0.1).then_some(after)
+        })
     }
 }

@@ -82,8 +82,8 @@ impl Hand {
         let vocabs = |answer: &Bottle, nth: usize| -> Option<Vec<Vocab>> {
             answer.get(nth)?.as_list()?.0.iter().map(Value::as_vocab).collect()
         };
-        let modes = self.board.ask(&Ask::Get(Get::Modes(Joints::All))).await;
-        let interactions = self.board.ask(&Ask::Get(Get::Interactions(Joints::All))).await;
+        let modes = self.say(&Ask::Get(Get::Modes(Joints::All))).await;
+        let interactions = self.say(&Ask::Get(Get::Interactions(Joints::All))).await;
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
         if let Some(modes) = modes.ok().and_then(|a| vocabs(&a, 2)) {

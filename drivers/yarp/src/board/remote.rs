@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::sync::{Mutex, Notify, mpsc, watch};
-use tokio::task::JoinHandle;
+use tokio::task::JoinSet;
 use tokio::time::Instant;
 
 /// Streamed commands that may wait to be sent; more are refused.
@@ -64,7 +64,7 @@ pub struct RemoteState {
 /// The client of one real board. It connects in the background and for ever again; dropping it ends that.
 pub struct RemoteBoard {
     shared: Arc<Shared>,
-    tasks: Vec<JoinHandle<()>>,
+    tasks: Mutex<JoinSet<()>>,
     commands: mpsc::Sender<(u64, Streamed)>,
 }
 
@@ -111,9 +111,15 @@ impl RemoteBoard {
             options,
         });
         let (commands, queue) = mpsc::channel(WAITING);
-        let tasks =
-            vec![tokio::spawn(session::run(shared.clone())), tokio::spawn(send_all(shared.clone(), sender, queue))];
-        RemoteBoard { shared, tasks, commands }
+        let mut tasks = JoinSet::new();
+        tasks.spawn(session::run(shared.clone()));
+        tasks.spawn(send_all(shared.clone(), sender, queue));
+        RemoteBoard { shared, tasks: Mutex::new(tasks), commands }
+    }
+
+    /// Ready when a task of this client has died: it is of no use any more, and another one is to be made.
+    pub async fn died(&self) {
+        let _ = self.tasks.lock().await.join_next().await;
     }
 
     /// First part of the board's port names.
@@ -175,12 +181,6 @@ impl RemoteBoard {
     /// Throws away the set-points that still wait to be sent.
     pub fn hush(&self) {
         self.shared.age.fetch_add(1, Ordering::SeqCst);
-    }
-}
-
-impl Drop for RemoteBoard {
-    fn drop(&mut self) {
-        self.tasks.iter().for_each(JoinHandle::abort);
     }
 }
 

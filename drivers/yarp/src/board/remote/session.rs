@@ -15,14 +15,15 @@ pub(super) async fn run(shared: Arc<Shared>) {
     let mut stream = None;
     loop {
         match reach(&shared, &mut stream).await {
-            Ok(stream) => {
+            Ok(up) => {
                 pause = BACK_OFF.0;
                 generation += 1;
                 tracing::info!(board = shared.port, "connected");
                 shared.link.send_replace(Link::Up(generation));
-                let why = watch(&shared, stream).await;
+                let why = watch(&shared, up).await;
                 tracing::warn!(board = shared.port, why = ?why, "lost");
                 shared.link.send_replace(why);
+                stream = stream.take().filter(|stream| !stream.is_over());
             }
             Err(why) => {
                 shared.link.send_if_modified(|link| {
@@ -100,6 +101,7 @@ async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> Link {
                     tracing::debug!(board = shared.port, why, "no states");
                 }
             }
+            () = stream.over() => return Link::Down("the reader of its states died".into()),
             other = port.name_taken() => return taken(&other),
         }
     }

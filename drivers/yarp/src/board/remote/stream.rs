@@ -54,6 +54,20 @@ impl Stream {
     }
 }
 
+impl Stream {
+    /// Whether its task has ended: nobody reads the states.
+    pub fn is_over(&self) -> bool {
+        self.task.is_finished()
+    }
+
+    /// Ready when its task has ended.
+    pub async fn over(&mut self) {
+        if !self.task.is_finished() {
+            let _ = (&mut self.task).await;
+        }
+    }
+}
+
 impl Drop for Stream {
     fn drop(&mut self) {
         self.task.abort();

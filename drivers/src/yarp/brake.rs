@@ -1,0 +1,204 @@
+//! The brake of one board: stops go out on a line of their own, so that none waits for the answer to something else.
+//!
+//! An order that is under way when a stop overtakes it may be carried out after it: the hand stops the board once more on
+//! the line of the orders. A stop that shows no effect in the readings is said again until the board rests.
+
+use super::cell::{Cell, instant};
+use super::hand::Halt;
+use super::motion::Speeds;
+use mobee_yarp::board::{Ask, Get, Joints, Set, reply};
+use mobee_yarp::{Bottle, CallError, RpcClient};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::time::{MissedTickBehavior, interval};
+
+/// How often it is looked whether the board obeys.
+const LOOK: Duration = Duration::from_millis(20);
+/// How often the line is tried while the board rests, s: one that broke unnoticed would cost a stop the time to connect.
+const TRIED: f64 = 0.5;
+/// A stop has an effect if it takes off this share of a joint's speed, from one look at its effect to the next.
+const SLOWER: f64 = 0.9;
+
+/// The brake of one board.
+pub struct Brake {
+    /// What is known of the board.
+    pub cell: Arc<Cell>,
+    /// The board's index.
+    pub index: usize,
+    /// First part of the board's port names.
+    pub port: String,
+    /// The line that nothing else uses.
+    pub line: RpcClient,
+    /// Everything stops.
+    pub halt: watch::Receiver<Arc<Halt>>,
+    /// How late the board may act, s.
+    pub latency: f64,
+}
+
+impl Brake {
+    /// Works until it is told to end; stops the board then.
+    pub async fn work(mut self, mut end: watch::Receiver<bool>) {
+        let mut look = interval(LOOK);
+        look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let (mut effect, mut tried) = (None, f64::NEG_INFINITY);
+        // the first word on a line is a stop
+        let mut open = false;
+        loop {
+            tokio::select! {
+                biased;
+                _ = end.changed() => break,
+                _ = self.halt.changed() => {
+                    let halt = self.halt.borrow_and_update().clone();
+                    effect = Some(self.watch(halt.tickets.get(self.index).copied().unwrap_or_default()));
+                    open = self.stop().await;
+                }
+                _ = look.tick() => {
+                    if !open {
+                        open = self.stop().await;
+                    } else if self.shows_none(&mut effect) {
+                        tracing::warn!(board = self.port, "a stop shows no effect, and is said again");
+                        open = self.stop().await;
+                    } else if self.is_idle() && self.now() >= tried + TRIED {
+                        tried = self.now();
+                        open = self.say(&Ask::Get(Get::Axes)).await.is_ok();
+                    }
+                }
+            }
+        }
+        self.stop().await;
+    }
+
+    fn now(&self) -> f64 {
+        self.cell.secs(instant())
+    }
+
+    /// Whether the board is ours to stop: another program that drives it under our names is not disturbed (F13).
+    fn is_ours(&self) -> bool {
+        !self.cell.is_let_go() && self.cell.lock().boards.get(self.index).is_some_and(|known| known.reached)
+    }
+
+    /// Says a stop; whether the line is good. Drivers are told if it is not: without a brake a board is not used.
+    async fn stop(&mut self) -> bool {
+        if !self.is_ours() {
+            return false;
+        }
+        let trouble = match self.say(&Ask::Set(Set::Stop(Joints::All))).await {
+            Ok(answer) if reply::is_ok(&answer) => None,
+            Ok(answer) => Some(format!("{}: it answers {answer} to a stop", self.port)),
+            Err(error) => Some(format!("{}: no way for stops: {error}", self.port)),
+        };
+        let good = trouble.is_none();
+        let mut inner = self.cell.lock();
+        let news = inner.boards.get_mut(self.index).is_some_and(|known| {
+            let before = std::mem::replace(&mut known.brake, trouble);
+            before.is_some() == good
+        });
+        drop(inner);
+        if news {
+            self.cell.ring();
+        }
+        good
+    }
+
+    async fn say(&mut self, ask: &Ask) -> Result<Bottle, CallError> {
+        let asked = self.now();
+        let answer = self.line.call(&ask.bottle()).await;
+        let now = self.now();
+        if let (Ok(answer), Some(known)) = (&answer, self.cell.lock().boards.get_mut(self.index)) {
+            known.answered(asked, now, answer);
+        }
+        answer
+    }
+
+    /// Whether a question on this line would keep no stop waiting: nothing moves.
+    fn is_idle(&self) -> bool {
+        self.is_ours() && self.cell.lock().boards.get(self.index).is_some_and(|known| !known.motions.is_busy())
+    }
+
+    fn watch(&self, ticket: u64) -> Effect {
+        let said = self.now();
+        let speeds =
+            self.cell.lock().boards.get(self.index).map(|known| known.motions.speeds(said - super::motion::WHILE));
+        let speeds = match speeds {
+            Some(Speeds::At(speeds)) => Some(speeds),
+            _ => None,
+        };
+        Effect { ticket, said, speeds }
+    }
+
+    /// Whether the last stop is to be said again.
+    fn shows_none(&self, effect: &mut Option<Effect>) -> bool {
+        let Some(watched) = effect else { return false };
+        let now = self.now();
+        let inner = self.cell.lock();
+        let Some(known) = inner.boards.get(self.index) else { return false };
+        if known.moved > watched.ticket || self.cell.is_let_go() {
+            *effect = None;
+            return false;
+        }
+        if now < watched.said + self.latency + super::motion::WHILE {
+            return false;
+        }
+        match watched.seen(now, known.motions.speeds(watched.said + self.latency)) {
+            Seen::Rest => {
+                *effect = None;
+                false
+            }
+            Seen::Slower => false,
+            Seen::Nothing => true,
+        }
+    }
+}
+
+/// What a stop does, as far as the readings show.
+#[derive(Debug)]
+struct Effect {
+    /// The halt's ticket: what is ordered after it may move.
+    ticket: u64,
+    /// When it was said last, or seen to have an effect, s.
+    said: f64,
+    /// How fast the joints were at the last look, deg/s.
+    speeds: Option<Vec<f64>>,
+}
+
+#[derive(Debug, PartialEq)]
+enum Seen {
+    Rest,
+    Slower,
+    Nothing,
+}
+
+impl Effect {
+    /// The speeds of the joints since the stop should act, if readings show them.
+    fn seen(&mut self, now: f64, speeds: Speeds) -> Seen {
+        self.said = now;
+        let speeds = match speeds {
+            Speeds::Rest => return Seen::Rest,
+            // without readings nobody knows: one stop more does no harm
+            Speeds::Unknown => return Seen::Nothing,
+            Speeds::At(speeds) => speeds,
+        };
+        let before = self.speeds.replace(speeds.clone());
+        let slower = |(now, before): (&f64, &f64)| *now <= SLOWER * before;
+        let all = before.is_some_and(|before| speeds.iter().zip(&before).all(slower));
+        if all { Seen::Slower } else { Seen::Nothing }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_joint_that_slows_down_obeys_and_one_that_goes_on_does_not() {
+        let mut effect = Effect { ticket: 1, said: 0.0, speeds: None };
+        let mut look = |speeds: &[f64]| effect.seen(0.0, Speeds::At(speeds.to_vec()));
+        assert_eq!(look(&[20.0, 0.0]), Seen::Nothing, "nothing to compare with yet");
+        assert_eq!(look(&[12.0, 0.0]), Seen::Slower);
+        assert_eq!(look(&[11.9, 0.0]), Seen::Nothing);
+        assert_eq!(look(&[6.0, 8.0]), Seen::Nothing, "another one sets out");
+        assert_eq!(effect.seen(0.0, Speeds::Unknown), Seen::Nothing);
+        assert_eq!(effect.seen(0.0, Speeds::Rest), Seen::Rest);
+    }
+}

@@ -1,0 +1,81 @@
+//! Tasks none of which may end before it is told to: whatever can stop the robot is watched.
+
+use std::future::Future;
+use tokio::task::{Id, JoinSet};
+
+/// The tasks of one thread. Dropping it ends them.
+#[derive(Debug, Default)]
+pub struct Crew {
+    tasks: JoinSet<()>,
+    names: Vec<(Id, String)>,
+}
+
+impl Crew {
+    /// One task more.
+    pub fn add(&mut self, name: String, task: impl Future<Output = ()> + Send + 'static) {
+        #[cfg(test)]
+        let task = poison::may_befall(name.clone(), task);
+        let id = self.tasks.spawn(task).id();
+        self.names.push((id, name));
+    }
+
+    /// Waits for the first that ends, and says which and why. Never ready while all of them work.
+    pub async fn lost(&mut self) -> String {
+        if std::env::var_os("MOBEE_BLIND").is_some() {
+            return std::future::pending().await;
+        }
+        match self.tasks.join_next_with_id().await {
+            None => std::future::pending().await,
+            Some(Ok((id, ()))) => format!("{} ended", self.name(id)),
+            Some(Err(error)) if error.is_panic() => format!("{} panicked", self.name(error.id())),
+            Some(Err(error)) => format!("{}: {error}", self.name(error.id())),
+        }
+    }
+
+    /// Waits until all have ended.
+    pub async fn ended(&mut self) {
+        while self.tasks.join_next().await.is_some() {}
+    }
+
+    fn name(&self, id: Id) -> &str {
+        self.names.iter().find(|(of, _)| *of == id).map_or("a task", |(_, name)| name)
+    }
+}
+
+/// Panics on demand, so that tests can see what the death of each task does.
+#[cfg(test)]
+pub mod poison {
+    use std::future::Future;
+    use std::sync::Mutex;
+    use tokio::sync::watch;
+
+    static VICTIM: Mutex<Option<watch::Sender<String>>> = Mutex::new(None);
+
+    fn victim() -> watch::Receiver<String> {
+        VICTIM.lock().unwrap().get_or_insert_with(|| watch::Sender::new(String::new())).subscribe()
+    }
+
+    /// The tasks whose name begins so panic now.
+    pub fn kill(name: &str) {
+        drop(victim());
+        let victim = VICTIM.lock().unwrap();
+        victim.as_ref().unwrap().send_replace(name.to_owned());
+    }
+
+    pub async fn may_befall(name: String, task: impl Future<Output = ()>) {
+        let mut victim = victim();
+        let befallen = async {
+            loop {
+                victim.changed().await.unwrap();
+                let who = victim.borrow_and_update().clone();
+                if name.starts_with(&who) {
+                    return;
+                }
+            }
+        };
+        tokio::select! {
+            () = befallen => panic!("poisoned: {name}"),
+            () = task => {}
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! How fast joints may be by what they were told, and whether they are: a board that somebody else gave other references goes its own pace.
+
+use super::layout::Layout;
+
+/// Boards that ease in and out are at their fastest 1.875 times as fast as they were told (a minimum-jerk trajectory).
+const EASED: f64 = 2.0;
+/// What the noise of encoders and a board's own control make of a slow joint, deg/s.
+const NOISE: f64 = 5.0;
+/// How long a joint that was told to go slower may take for it, s.
+const SLOWING: f64 = 1.0;
+
+/// The pace of one board's joints, deg/s.
+#[derive(Clone, Debug)]
+pub struct Pace(Vec<Told>);
+
+#[derive(Clone, Copy, Debug)]
+struct Told {
+    most: f64,
+    before: f64,
+    at: f64,
+}
+
+/// A joint that is too fast, deg/s.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TooFast {
+    joint: usize,
+    speed: f64,
+    most: f64,
+}
+
+impl Pace {
+    /// Nothing was told yet.
+    pub fn new(axes: usize) -> Pace {
+        Pace(vec![Told { most: f64::INFINITY, before: f64::INFINITY, at: f64::NEG_INFINITY }; axes])
+    }
+
+    /// These joints were told to go so fast at most.
+    pub fn told(&mut self, joints: &[usize], most: &[f64], now: f64) {
+        for (j, most) in joints.iter().zip(most) {
+            if let Some(told) = self.0.get_mut(*j) {
+                *told = Told { most: *most, before: told.most, at: now };
+            }
+        }
+    }
+
+    /// The first joint that is faster than it was told, by more than a board's own way to move explains.
+    pub fn exceeded(&self, speeds: &[f64], now: f64) -> Option<TooFast> {
+        let too_fast = |(joint, (told, speed)): (usize, (&Told, &f64))| {
+            let most = if now < told.at + SLOWING { told.most.max(told.before) } else { told.most };
+            (*speed > EASED * most + NOISE).then_some(TooFast { joint, speed: *speed, most })
+        };
+        self.0.iter().zip(speeds).enumerate().find_map(too_fast)
+    }
+}
+
+impl TooFast {
+    /// For people: which motor, how fast, and what to do.
+    pub fn in_words(&self, layout: &Layout, board: usize) -> String {
+        let TooFast { joint, speed, most } = self;
+        let patch = layout.patches.get(board);
+        let name = patch.and_then(|p| layout.names.get(p.motors.start + joint)).map_or("?", String::as_str);
+        let port = patch.map_or("", |p| p.port.as_str());
+        format!(
+            "motor {name} (joint {joint} of {port}) moves at {speed:.0} deg/s and was told {most:.0}: end the program that writes to {port} beside MoBeE"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_joint_may_ease_and_slow_down_but_not_outrun_what_it_was_told() {
+        let mut pace = Pace::new(2);
+        assert_eq!(pace.exceeded(&[500.0, 500.0], 0.0), None, "nothing was told");
+        pace.told(&[0, 1], &[20.0, 50.0], 0.0);
+        pace.told(&[0, 1], &[20.0, 50.0], 1.0);
+        assert_eq!(pace.exceeded(&[1.9 * 20.0, 90.0], 2.5), None);
+        let fast = pace.exceeded(&[10.0, 150.0], 2.5).unwrap();
+        assert_eq!((fast.joint, fast.most), (1, 50.0));
+        pace.told(&[1], &[5.0], 3.0);
+        assert_eq!(pace.exceeded(&[0.0, 90.0], 3.5), None, "it is still slowing down");
+        assert!(pace.exceeded(&[0.0, 90.0], 4.5).is_some());
+    }
+}

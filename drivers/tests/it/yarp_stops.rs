@@ -1,0 +1,125 @@
+//! Stops of boards that answer late or do not obey at once, and readings that are older than they look.
+
+#![allow(clippy::disallowed_methods, reason = "real sockets live in real time")]
+
+use crate::net::Rig;
+use mobee_contract::{Command, Driver, Hardware, Sample};
+use mobee_yarp::board::{Joints, Set};
+use mobee_yarp::{Bottle, Carrier, Dialect, RpcClient};
+use std::sync::atomic::Ordering::SeqCst;
+use std::time::Duration;
+use tokio::time::Instant;
+
+const STOP: Command = Command::Stop { motors: Vec::new() };
+const TRUNK: usize = 0;
+
+/// How long a stop takes from the driver to the board while the board answers an order, ms; the median of some.
+fn stop_latency(late_ms: u64) -> f64 {
+    let robot = Rig::new();
+    let trunk = &robot.net.ways[TRUNK];
+    let mut driver = robot.hardware.connect().unwrap();
+    trunk.late.store(late_ms, SeqCst);
+    let mut all: Vec<f64> = (0..7).map(|_| one_stop(&robot, &mut driver)).collect();
+    all.sort_by(f64::total_cmp);
+    all[all.len() / 2]
+}
+
+fn one_stop(robot: &Rig, driver: &mut Box<dyn Driver>) -> f64 {
+    let trunk = &robot.net.ways[TRUNK];
+    robot.reading(driver, "rest", |s| s.done.iter().all(|d| *d));
+    let begun = Instant::now();
+    let target = if robot.net.truth()[0] > 0.0 { -30.0 } else { 30.0 };
+    driver.command(robot.now(), &robot.yaw(target, 10.0)).unwrap();
+    let refers = |(_, set): &(Instant, Set)| matches!(set, Set::Speed(..));
+    robot.keep(driver, "the order under way", |_| trunk.since(begun).iter().any(refers).then_some(()));
+    let told = Instant::now();
+    driver.command(robot.now(), &STOP).unwrap();
+    let came = robot.keep(driver, "the stop", |_| trunk.stopped(told));
+    came.duration_since(told).as_secs_f64() * 1e3
+}
+
+#[test]
+fn a_stop_does_not_wait_for_the_answer_that_is_under_way() {
+    for late in [0, 100, 200] {
+        let took = stop_latency(late);
+        eprintln!("a board that answers in {late} ms hears a stop after {took:.1} ms");
+        assert!(took < 50.0, "a board that answers in {late} ms hears a stop after {took:.1} ms");
+    }
+}
+
+#[test]
+fn a_stop_without_effect_is_said_again() {
+    let robot = Rig::new();
+    let mut driver = robot.hardware.connect().unwrap();
+    robot.under_way(&mut driver);
+    robot.net.ways.iter().for_each(|way| way.deaf.store(5, SeqCst));
+    driver.command(robot.now(), &STOP).unwrap();
+    let rest = robot.reading(&mut driver, "rest", |s| s.done.iter().all(|d| *d));
+    assert!(rest.q[0].to_degrees() < 40.0, "it went on to its target: {:?}", rest.q);
+}
+
+/// The age of a reading, s, by a motor that moves at 10 deg/s.
+fn age(robot: &Rig, sample: &Sample) -> f64 {
+    robot.now().since(sample.at).as_secs_f64()
+}
+
+#[test]
+fn a_steady_delay_is_no_offset_of_a_clock() {
+    let robot = Rig::new();
+    let mut driver = robot.hardware.connect().unwrap();
+    robot.reading(&mut driver, "a reading", |s| age(&robot, s) < 0.1);
+    robot.net.ways.iter().for_each(|way| way.old.store(900, SeqCst));
+    robot.reading(&mut driver, "a late reading", |s| age(&robot, s) > 0.5);
+    // and it stays late, for longer than it takes to believe in another clock
+    let end = Instant::now() + Duration::from_secs(2);
+    while Instant::now() < end {
+        let late = robot.reading(&mut driver, "a late reading", |_| true);
+        assert!(age(&robot, &late) > 0.5, "a reading of 0.9 s ago counts as {:.3} s old", age(&robot, &late));
+    }
+}
+
+#[test]
+fn references_that_somebody_else_sets_meanwhile_are_seen_before_the_move() {
+    let robot = Rig::new();
+    let mut driver = robot.hardware.connect().unwrap();
+    robot.reading(&mut driver, "a reading", |_| true);
+    let (address, over) = (robot.net.network(), std::sync::atomic::AtomicBool::new(false));
+    let fastest = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            runtime.block_on(async {
+                let mut line = RpcClient::connect(&address, "/other", "/two/trunk/rpc:i", Carrier::Tcp).await.unwrap();
+                let fast = Bottle::parse("[set] [vels] (100.0 100.0)", Dialect::V3).unwrap();
+                while !over.load(SeqCst) {
+                    line.call(&fast).await.unwrap();
+                }
+            });
+        });
+        let mut fastest = 0.0_f64;
+        for round in 0..6 {
+            let target = if round % 2 == 0 { 30.0 } else { -30.0 };
+            let moved = driver.command(robot.now(), &robot.yaw(target, 10.0));
+            let end = Instant::now() + Duration::from_millis(700);
+            let mut before = (Instant::now(), robot.net.truth()[0]);
+            while moved.is_ok() && Instant::now() < end {
+                let now = robot.now();
+                driver.lease(now, now + Duration::from_millis(500));
+                if driver.sample(now).is_err() {
+                    break;
+                }
+                std::thread::sleep(Duration::from_millis(50));
+                let here = (Instant::now(), robot.net.truth()[0]);
+                fastest = fastest.max((here.1 - before.1).abs() / here.0.duration_since(before.0).as_secs_f64());
+                before = here;
+            }
+            let _ = driver.command(robot.now(), &STOP);
+            std::thread::sleep(Duration::from_millis(300));
+        }
+        over.store(true, SeqCst);
+        fastest
+    });
+    let reads_back = |(_, set): &(Instant, Set)| matches!(set, Set::Move { joints: Joints::Group(_), .. });
+    let moves = robot.net.ways[TRUNK].told.lock().unwrap().iter().filter(|told| reads_back(told)).count();
+    eprintln!("{moves} moves, at most at {fastest:.0} deg/s");
+    assert!(fastest < 40.0, "told to move at 10 deg/s it moved at {fastest:.0}");
+}
