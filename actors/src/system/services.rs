@@ -78,6 +78,7 @@ async fn wait(mut until: watch::Receiver<bool>) {
 async fn attend(service: Box<dyn Service>, access: Arc<Access>, hub: Arc<Hub>, until: watch::Receiver<bool>) {
     let name = service.name();
     let (running, leave) = (access.clone(), until.clone());
+    let orphans = Orphans(access);
     // a task of its own: its panic ends nobody else
     let served = tokio::spawn(async move { service.serve(running, Box::pin(wait(leave))).await });
     let _abort = AbortOnDrop(served.abort_handle());
@@ -87,9 +88,18 @@ async fn attend(service: Box<dyn Service>, access: Arc<Access>, hub: Arc<Hub>, u
         Ok(Err(why)) => Some(why),
         Err(e) => Some(if e.is_panic() { "it panicked".into() } else { e.to_string() }),
     };
-    access.orphan();
+    drop(orphans);
     if let Some(why) = why {
         hub.tell(Event::Warning { text: format!("service {name} is gone until the next run: {why}") });
+    }
+}
+
+/// However a service ends, with its thread even: its motions do not outlive it.
+struct Orphans(Arc<Access>);
+
+impl Drop for Orphans {
+    fn drop(&mut self) {
+        self.0.orphan();
     }
 }
 

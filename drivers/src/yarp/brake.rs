@@ -54,7 +54,7 @@ impl Brake {
                     open = self.stop().await;
                 }
                 _ = look.tick() => {
-                    if !open {
+                    if !open || self.is_doubted() {
                         open = self.stop().await;
                     } else if self.shows_none(&mut effect) {
                         tracing::warn!(board = self.port, "a stop shows no effect, and is said again");
@@ -76,6 +76,11 @@ impl Brake {
     /// Whether the board is ours to stop: another program that drives it under our names is not disturbed (F13).
     fn is_ours(&self) -> bool {
         !self.cell.is_let_go() && self.cell.lock().boards.get(self.index).is_some_and(|known| known.reached)
+    }
+
+    /// Whether the line has to show anew that it is good.
+    fn is_doubted(&self) -> bool {
+        self.cell.lock().boards.get(self.index).is_some_and(|known| known.brake.is_some())
     }
 
     /// Says a stop; whether the line is good. Drivers are told if it is not: without a brake a board is not used.

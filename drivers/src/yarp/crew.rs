@@ -21,9 +21,6 @@ impl Crew {
 
     /// Waits for the first that ends, and says which and why. Never ready while all of them work.
     pub async fn lost(&mut self) -> String {
-        if std::env::var_os("MOBEE_BLIND").is_some() {
-            return std::future::pending().await;
-        }
         match self.tasks.join_next_with_id().await {
             None => std::future::pending().await,
             Some(Ok((id, ()))) => format!("{} ended", self.name(id)),

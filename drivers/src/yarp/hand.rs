@@ -161,6 +161,8 @@ impl Hand {
         let port = self.board.port().to_owned();
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
             known.reached = matches!(link, Link::Up(_)) || (known.reached && !matches!(link, Link::Taken(_)));
+            // the line for stops broke with the other one, or may have: it counts when a stop was answered on it
+            known.brake = Some(format!("{port}: no stop was answered yet on the line for stops"));
         }
         let trouble = match link {
             Link::Down(why) => Some(Trouble::Lost(format!("{port}: {why}"))),
