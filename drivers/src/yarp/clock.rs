@@ -159,7 +159,7 @@ mod tests {
                 ahead = t - 0.5 * t + 0.001;
             }
             let at = arrivals.read_at(t, Some(0.5 * t), Some(ahead));
-            assert!(t - at < 0.1, "{i}: {at} of {t}");
+            assert!(t - at < LATE + LATE_FOR + 0.02, "{i}: {at} of {t}");
         }
     }
 

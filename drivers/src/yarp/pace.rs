@@ -46,7 +46,8 @@ impl Pace {
     /// The first joint that is faster than it was told, by more than a board's own way to move explains.
     pub fn exceeded(&self, speeds: &[f64], now: f64) -> Option<TooFast> {
         let too_fast = |(joint, (told, speed)): (usize, (&Told, &f64))| {
-            let most = if now < told.at + SLOWING { told.most.max(told.before) } else { told.most };
+            let slowing = now < told.at + SLOWING && told.before.is_finite();
+            let most = if slowing { told.most.max(told.before) } else { told.most };
             (*speed > EASED * most + NOISE).then_some(TooFast { joint, speed: *speed, most })
         };
         self.0.iter().zip(speeds).enumerate().find_map(too_fast)
@@ -74,10 +75,9 @@ mod tests {
     fn a_joint_may_ease_and_slow_down_but_not_outrun_what_it_was_told() {
         let mut pace = Pace::new(2);
         assert_eq!(pace.exceeded(&[500.0, 500.0], 0.0), None, "nothing was told");
-        pace.told(&[0, 1], &[20.0, 50.0], 0.0);
         pace.told(&[0, 1], &[20.0, 50.0], 1.0);
-        assert_eq!(pace.exceeded(&[1.9 * 20.0, 90.0], 2.5), None);
-        let fast = pace.exceeded(&[10.0, 150.0], 2.5).unwrap();
+        assert_eq!(pace.exceeded(&[1.9 * 20.0, 90.0], 1.1), None);
+        let fast = pace.exceeded(&[10.0, 150.0], 1.1).unwrap();
         assert_eq!((fast.joint, fast.most), (1, 50.0));
         pace.told(&[1], &[5.0], 3.0);
         assert_eq!(pace.exceeded(&[0.0, 90.0], 3.5), None, "it is still slowing down");

@@ -4,6 +4,7 @@ use super::dial::{self, Line};
 use super::{PortError, PortOptions, output};
 use crate::{Carrier, Contact, Network};
 use std::pin::Pin;
+use std::task::Poll;
 use std::time::Duration;
 use tokio::time::{Sleep, sleep};
 
@@ -70,12 +71,18 @@ impl Keeper {
         if !self.keep {
             return Err(self.lost("the connection was lost"));
         }
-        if self.pause.as_ref().is_some_and(|pause| !pause.is_elapsed()) {
+        if self.is_pausing().await {
             return Err(self.lost("the connection was lost; waiting before the next attempt"));
         }
         self.pause = Some(Box::pin(sleep(self.delay)));
         self.delay = (self.delay * 2).min(LONGEST);
         self.dial().await
+    }
+
+    /// Whether it is too early for another attempt. A sleep that nobody polls never ends, so it is polled.
+    async fn is_pausing(&mut self) -> bool {
+        let Some(pause) = &mut self.pause else { return false };
+        std::future::poll_fn(|cx| Poll::Ready(pause.as_mut().poll(cx).is_pending())).await
     }
 
     /// Waits until it is time to try again, if there is need.
