@@ -218,3 +218,60 @@ impl PastRobot {
         ledger
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mobee_contract::Outcome;
+
+    /// What the journal told: the second of three motors was sent to 1, and then on its way to 2 as the process died.
+    #[test]
+    fn places_are_known_again_from_what_was_committed() {
+        let r = || "r".to_owned();
+        let pose = |q: [f64; 3]| -> Pose { q.to_vec().into() };
+        let commit = |id: u64, q: f64| {
+            let target = pose([0.0, q, 0.5]);
+            Event::Commit {
+                robot: r(),
+                id: CommitId(id),
+                agent: "a".into(),
+                target,
+                escape: false,
+                motors: vec![(1, 0.3)],
+            }
+        };
+        let safe = |q: f64| {
+            let q = pose([0.0, q, 0.5]);
+            Event::SafePose { robot: r(), q, age: 0.0, speed: 0.0, free: true }
+        };
+        let robot = Event::Robot {
+            robot: r(),
+            motors: vec![r(), r(), r()],
+            min: vec![-3.0; 3],
+            max: vec![3.0; 3],
+            max_speed: vec![1.0; 3],
+            period: 0.02,
+            fresh: 0.1,
+            margin: 0.01,
+            tolerance: 0.002,
+            rest_speed: 0.01,
+        };
+        let reached = Event::Outcome {
+            robot: r(),
+            id: CommitId(1),
+            outcome: Outcome::Committed,
+            q: pose([0.0, 0.999, 0.5]),
+            safe: None,
+            cause: None,
+        };
+        let mut past = Past::default();
+        for (n, event) in (0..).zip([robot, safe(0.0), commit(1, 1.0), reached, safe(0.999), commit(2, 2.0)]) {
+            past.on(&Line { line: n + 2, n, at: Time(n), event, hash: String::new() });
+        }
+        let robot = past.robot("r");
+        assert_eq!(robot.places.to_vec(), [None, Some(1.0), None]);
+        let ledger = robot.ledger(100);
+        let motion = ledger.book().motion().unwrap();
+        assert_eq!((motion.named.to_vec(), motion.places.to_vec()), (vec![1], vec![None, Some(1.0), None]));
+    }
+}
