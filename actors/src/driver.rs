@@ -3,7 +3,7 @@
 use crate::controller::Rules;
 use crate::gate::Gate;
 use mobee_contract::{Axis, Command, Event, Sample, Time, Writer};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// Share of a motor's greatest speed that a set-point which had to wait may ask for.
@@ -15,6 +15,9 @@ struct Streaming {
     token: u64,
     writer: Writer,
     count: u64,
+    motors: BTreeSet<usize>,
+    /// Whether all of them were finite and within limits.
+    within: bool,
     span: (Time, Time),
     /// The last position of each motor that it named; a stream of velocities has none.
     last: Option<Setpoints>,
@@ -160,22 +163,26 @@ impl Port {
             return told.into_iter().collect();
         }
         let mut told: Vec<Event> = self.end_stream().into_iter().collect();
-        let (kind, q, speed) = match command {
-            Command::Move(m) => {
-                let q = m.motors.iter().copied().zip(m.q.iter().copied()).collect();
-                let speed = m.motors.iter().copied().zip(m.speed.iter().flatten().copied()).collect();
-                ("move", q, speed)
-            }
-            Command::Stop { .. } => ("stop", Vec::new(), Vec::new()),
-            Command::Reference { motors, speed, .. } => {
-                ("reference", Vec::new(), motors.iter().copied().zip(speed.iter().copied()).collect())
-            }
-            Command::Mode { .. } | Command::Direct { .. } | Command::Velocity { .. } => {
-                ("mode", Vec::new(), Vec::new())
-            }
-        };
-        told.push(Event::Command { robot: self.rules.robot.clone(), token, writer, kind: kind.into(), q, speed });
+        told.push(self.told(token, writer, command));
         told
+    }
+
+    /// A command as the journal tells it.
+    fn told(&self, token: u64, writer: Writer, command: &Command) -> Event {
+        let by_motor = |motors: &[usize], values: &[f64]| motors.iter().copied().zip(values.iter().copied()).collect();
+        let none = Vec::new;
+        let (kind, motors, q, speed) = match command {
+            Command::Move(m) => {
+                let speed = m.speed.as_deref().unwrap_or_default();
+                ("move", &m.motors, by_motor(&m.motors, &m.q), by_motor(&m.motors, speed))
+            }
+            Command::Stop { motors } => ("stop", motors, none(), none()),
+            Command::Reference { motors, speed, .. } => ("reference", motors, none(), by_motor(motors, speed)),
+            Command::Mode { motors, .. } => ("mode", motors, none(), none()),
+            Command::Direct { motors, .. } | Command::Velocity { motors, .. } => ("set-point", motors, none(), none()),
+        };
+        let (robot, kind, motors) = (self.rules.robot.clone(), kind.to_owned(), motors.clone());
+        Event::Command { robot, token, writer, kind, motors, q, speed }
     }
 
     fn stream(&mut self, token: u64, writer: Writer, command: &Command, now: Time) {
@@ -183,6 +190,8 @@ impl Port {
             token,
             writer,
             count: 0,
+            motors: BTreeSet::new(),
+            within: true,
             span: (now, now),
             last: None,
             greatest_step: 0.0,
@@ -203,6 +212,10 @@ impl Port {
             }
             _ => 0.0,
         };
+        if let Command::Direct { motors, .. } | Command::Velocity { motors, .. } = command {
+            stream.motors.extend(motors);
+        }
+        stream.within &= within_limits(axes, command);
         stream.greatest_step = stream.greatest_step.max(step);
         stream.count += 1;
         stream.span.1 = now;
@@ -210,9 +223,21 @@ impl Port {
 
     /// Ends the stream of set-points, if there is one.
     pub fn end_stream(&mut self) -> Option<Event> {
-        let Streaming { token, writer, count, span, greatest_step, .. } = self.streaming.take()?;
-        let robot = self.rules.robot.clone();
-        Some(Event::Streamed { robot, token, writer, count, span, greatest_step, within_limits: true })
+        let Streaming { token, writer, count, motors, within, span, greatest_step, .. } = self.streaming.take()?;
+        let (robot, motors) = (self.rules.robot.clone(), motors.into_iter().collect());
+        Some(Event::Streamed { robot, token, writer, motors, count, span, greatest_step, within_limits: within })
+    }
+}
+
+/// What the journal is told of a set-point that was written, whoever let it pass.
+fn within_limits(axes: &[Axis], command: &Command) -> bool {
+    match command {
+        Command::Direct { motors, q } => {
+            let fits = |(m, q): (&usize, &f64)| axes.get(*m).is_some_and(|axis| (axis.min..=axis.max).contains(q));
+            motors.iter().zip(q).all(fits)
+        }
+        Command::Velocity { speed, .. } => speed.iter().all(|v| v.is_finite()),
+        _ => true,
     }
 }
 

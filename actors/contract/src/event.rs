@@ -252,6 +252,9 @@ pub enum Event {
         writer: Writer,
         /// `move`, `stop`, `mode` or `reference`.
         kind: String,
+        /// The motors that it names, by index; a stop that names none stops all. Older journals don't tell.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        motors: Vec<usize>,
         /// Targets per motor index, rad, if any.
         q: Vec<(usize, f64)>,
         /// Reference speeds per motor index, rad/s, if any.
@@ -276,6 +279,9 @@ pub enum Event {
         token: u64,
         /// Who wrote it.
         writer: Writer,
+        /// The motors that they named, by index. Older journals don't tell.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        motors: Vec<usize>,
         /// How many set-points.
         count: u64,
         /// When the first and the last were written.

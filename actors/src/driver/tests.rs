@@ -66,3 +66,15 @@ fn what_waits_is_forgotten_when_anything_else_is_said() {
     assert_eq!(port.pace(0, Writer::Reflex, stop.clone(), Time(2)), Some(stop));
     assert_eq!(port.due(Time(1_000_000_000)), None);
 }
+
+/// The journal is told what was written, also of what should never have passed (I5).
+#[test]
+fn a_set_point_beyond_a_limit_is_told() {
+    for (q, within) in [(3.0, true), (3.001, false), (f64::NAN, false)] {
+        let mut port = port();
+        let command = Command::Direct { motors: vec![1], q: vec![q] };
+        assert!(port.took(0, Writer::Reflex, &command, Time(0)).is_empty());
+        let Some(Event::Streamed { motors, within_limits, .. }) = port.end_stream() else { panic!("it was streamed") };
+        assert_eq!((motors, within_limits), (vec![1], within), "{q}");
+    }
+}

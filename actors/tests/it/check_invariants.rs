@@ -57,11 +57,13 @@ fn outcome(id: u64, outcome: Outcome, q: &[f64], safe: &[f64]) -> Event {
 fn command(writer: Writer, token: u64, kind: &str, q: &[f64]) -> Event {
     let q: Vec<(usize, f64)> = q.iter().copied().enumerate().collect();
     let speed = q.iter().map(|(m, _)| (*m, 0.5)).collect();
-    Event::Command { robot: R.into(), token, writer, kind: kind.into(), q, speed }
+    let motors = q.iter().map(|(m, _)| *m).collect();
+    Event::Command { robot: R.into(), token, writer, kind: kind.into(), motors, q, speed }
 }
 fn streamed(writer: Writer, token: u64, from: f64, to: f64) -> Event {
     let span = (Time::from_secs(from), Time::from_secs(to));
-    Event::Streamed { robot: R.into(), token, writer, count: 10, span, greatest_step: 0.5, within_limits: true }
+    let motors = vec![0];
+    Event::Streamed { robot: R.into(), token, writer, motors, count: 10, span, greatest_step: 0.5, within_limits: true }
 }
 fn contact(during: Status) -> Event {
     contact_at(0.008, during)
