@@ -128,7 +128,10 @@ fn find(root: &Path, edit: &Edit) -> Result<Range<usize>, String> {
     let text = fs::read_to_string(root.join(&edit.file)).map_err(|_| "there is no such file")?;
     let from = match &edit.function {
         None => 0,
-        Some(name) => text.find(&format!("fn {name}(")).ok_or(format!("there is no function {name}"))?,
+        Some(name) => {
+            let head = |end| text.find(&format!("fn {name}{end}"));
+            head("(").or_else(|| head("<")).ok_or(format!("there is no function {name}"))?
+        }
     };
     let mut found = matches(&text[from..], &edit.old);
     match (found.next(), edit.function.is_none() && found.next().is_some()) {
