@@ -1,7 +1,6 @@
 //! The one list of invariants: what the checker runs, what `mobee check` says, and what the documents must hold.
 
 use super::Invariant;
-use super::as_fast_as_allowed::AsFastAsAllowed;
 use super::bounded::Bounded;
 use super::closed_means_closed::ClosedMeansClosed;
 use super::closes_at_once::ClosesAtOnce;
@@ -78,7 +77,6 @@ pub const ALL: &[Promise] = &[
     of::<RestAtTheEnd>("I17", "ended means at rest", Wants::Poses),
     of::<Orphans>("I18", "orphans are cancelled", Wants::Events),
     of::<ContactCloses>("I19", "a contact closes", Wants::Events),
-    of::<AsFastAsAllowed>("I20", "as fast as allowed", Wants::Poses),
     of::<IdleMotorsStay>("I21", "idle motors stay", Wants::Poses),
     of::<TakenBack>("I22", "what is to be taken back is", Wants::Events),
     of::<ContactsHold>("I27", "contacts have a hysteresis", Wants::Events),

@@ -571,6 +571,8 @@ fn a_journal_on_disk_is_checked_and_summed_up() {
 
     let bytes = std::fs::read(journal.path()).unwrap();
     std::fs::write(journal.path(), &bytes[..bytes.len() - 40]).unwrap();
+    assert!(!check(dir.path()).unwrap_err().truncated, "it ends before what was known to be on the disk");
+    std::fs::remove_file(dir.path().join("journal.seal")).unwrap();
     let report = check(dir.path()).unwrap();
     assert!(report.truncated.is_some() && report.ended.is_none() && report.violations.is_empty());
     assert!(summary(dir.path()).unwrap().truncated.is_some());
@@ -618,24 +620,6 @@ fn ramp(speed: f64, at: f64) -> f64 {
 
 fn of(violations: &[Violation], invariant: &str) -> usize {
     violations.iter().filter(|v| v.invariant == invariant).count()
-}
-
-#[test]
-fn i20_a_motor_that_is_faster_than_its_commit_allows() {
-    let run = |speed: f64| moved(&[(0, 0.2)], move |at| [ramp(speed, at), 0.5]);
-    assert_eq!(of(&run(0.2), "I20"), 0, "{:?}", run(0.2));
-    assert_eq!(of(&run(0.23), "I20"), 1, "{:?}", run(0.23));
-    assert!(run(0.23)[0].what.contains("motor a was measured"), "{:?}", run(0.23));
-    // an older journal does not tell what is allowed
-    assert_eq!(of(&moved(&[], |at| [ramp(0.9, at), 0.5]), "I20"), 0);
-}
-
-#[test]
-fn i20_an_encoder_that_lies_is_no_evidence() {
-    let noisy = |at: f64| [ramp(0.2, at) + 0.003 * (1e4 * at).sin(), 0.5];
-    assert_eq!(of(&moved(&[(0, 0.2)], noisy), "I20"), 0, "{:?}", moved(&[(0, 0.2)], noisy));
-    let off = |at: f64| [ramp(0.2, at) + if at > 2.5 { 0.05 } else { 0.0 }, 0.5];
-    assert_eq!(of(&moved(&[(0, 0.2)], off), "I20"), 0);
 }
 
 #[test]
