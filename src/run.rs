@@ -220,7 +220,7 @@ pub(crate) fn run_with(
     let motors: Vec<usize> = scene.robots().iter().map(|r| r.motors.len()).collect();
     let mut specs = vec![sinks::journal(&journal)];
     specs.extend(sinks::rings(&config, folder, motors.clone()));
-    specs.push(sinks::tracks(&config, folder, motors).map_err(Report::msg)?);
+    specs.extend(sinks::tracks(&config, folder, motors).map_err(Report::msg)?);
     specs.extend(bar.map(sinks::terminal));
     let on = recording.as_ref().map_or_else(|| Arc::new(AtomicBool::new(true)), |r| r.on.clone());
     specs.extend(sinks::recorder(&config, folder, recorder, on));

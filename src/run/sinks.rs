@@ -57,15 +57,20 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
     })
 }
 
-/// The measured poses beside the journal. They end before they take the room that the journal needs.
+/// The measured poses beside the journal. They end before they take the room that the journal needs, and a run that finds too
+/// little of it goes without them: only the invariants that want poses are not judged then.
 ///
 /// # Errors
 /// The file that can't be written, in words.
-pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Result<SinkSpec, String> {
+pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Result<Option<SinkSpec>, String> {
+    if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
+        eprintln!("warning: the measured poses of this run are not kept: {why}");
+        return Ok(None);
+    }
     let robots = config.robot.iter().zip(motors);
     let robots: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.tolerance_deg.to_radians())).collect();
     let (tracks, dir) = (Tracks::open(folder.path(), &robots)?, folder.path().to_owned());
-    Ok(SinkSpec {
+    Ok(Some(SinkSpec {
         name: "track".into(),
         essential: false,
         poses: Some(Duration::ZERO),
@@ -75,7 +80,7 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
             Room::at(&dir).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
             Ok(Box::new(Guarded::new(tracks.sink(), dir.clone())))
         })),
-    })
+    }))
 }
 
 /// Warnings, as they come.
