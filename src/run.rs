@@ -159,6 +159,8 @@ pub struct Done {
     pub end: RunEnd,
     /// The journal's last hash.
     pub hash: String,
+    /// Whether the journal is on the disk up to there.
+    pub whole: bool,
     /// Seconds by the wall clock.
     pub wall: Duration,
     /// What went wrong with journal or recording.
@@ -255,7 +257,8 @@ pub(crate) fn run_with(
     let dropped: Vec<_> = reports.iter().filter(|r| r.error.is_none()).map(|r| (r.name.clone(), r.dropped)).collect();
     let overload = Some(()).filter(|()| kind == ClockKind::Real).and_then(|()| overload(&end.counts, dropped));
     let complaints = reports.into_iter().filter_map(|r| r.error.map(|e| format!("{}: {e}", r.name))).collect();
-    let mut done = Done { hash: journal.hash(), wall: started.elapsed(), complaints, overload, end };
+    let mut done =
+        Done { hash: journal.hash(), whole: journal.is_whole(), wall: started.elapsed(), complaints, overload, end };
     for (robot, snapshot) in &done.end.snapshots {
         // an agent with a map leaves it behind
         if let Some(map) = snapshot.state.get("map") {

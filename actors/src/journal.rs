@@ -147,6 +147,11 @@ impl Journal {
         self.lock().n
     }
 
+    /// Whether all that it was told is in its file; not so on a disk that is full.
+    pub fn is_whole(&self) -> bool {
+        self.lock().gathered.is_empty()
+    }
+
     /// The file.
     pub fn path(&self) -> &Path {
         &self.path

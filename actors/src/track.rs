@@ -14,9 +14,9 @@ mod read;
 pub use read::{Reading, Readings, read};
 
 use frame::{Frame, HEADER, header};
-use mobee_contract::{Entry, Event, Pose, Sink, Status, Time};
+use mobee_contract::{Before, Entry, Event, Pose, Sink, Status, Time, create_private};
 use std::collections::VecDeque;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -144,7 +144,7 @@ impl Track {
             readings.by_ref().for_each(drop);
             whole = if readings.motors() == motors { readings.whole() } else { 0 };
         }
-        let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(&path).map_err(explain)?;
+        let mut file = create_private(&path, Before::Keep).map_err(explain)?;
         file.set_len(whole).map_err(explain)?;
         if whole == 0 {
             file.write_all(&header(motors)).map_err(explain)?;

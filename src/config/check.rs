@@ -4,6 +4,8 @@ use super::{Clock, Complaints, Config, Source, When, did_you_mean, suggestion};
 
 /// The farthest from the world's origin that anything may stand, metres: what is farther was meant in millimetres.
 const FARTHEST_M: f64 = 50.0;
+/// The longest name of a behavior, bytes: with the time of a run behind it, it is a folder's name.
+const LONGEST_NAME: usize = 100;
 
 /// The checks of one configuration, and what they have found.
 struct Checks<'a> {
@@ -63,6 +65,9 @@ impl Config {
         }
         if self.name.contains(['/', '\\']) || self.name.starts_with('.') {
             c.say("name", "the name can't be part of a folder's name", "use letters, digits, - and _");
+        } else if self.name.len() > LONGEST_NAME {
+            let what = format!("the name has {} bytes, too many for a folder's name", self.name.len());
+            c.say("name", what, format!("{LONGEST_NAME} are enough"));
         }
         if self.robot.is_empty() {
             c.say("robot", "there is no robot", "add a [[robot]] table with name, model and controller");

@@ -84,7 +84,7 @@ impl Desk {
             ["stop"] => self.tell(Control::Stop).await.map(|()| vec!["the run ends".into()]),
             ["stop", "now"] => self.tell(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
             ["world", words @ ..] => {
-                let request = Bottle::parse(&words.join(" "), Dialect::V3).map_err(|e| e.to_string())?;
+                let request = Bottle::parse(words.join(" "), Dialect::V3).map_err(|e| e.to_string())?;
                 let reply = self.world.answer(request).await;
                 Ok(vec![reply.0.iter().map(word).collect::<Vec<_>>().join(" ")])
             }

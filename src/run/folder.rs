@@ -78,9 +78,9 @@ impl Folder {
 
 /// Makes the folder that was asked for; an empty one may stand there.
 fn given(path: &Path) -> Result<PathBuf, ConfigError> {
-    let made = parent(path).and_then(|()| make(path));
+    path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(|e| unmade(path, &e))?;
     let empty = || path.read_dir().is_ok_and(|mut d| d.next().is_none());
-    match made {
+    match make(path) {
         Ok(()) => Ok(path.to_owned()),
         Err(e) if e.kind() == ErrorKind::AlreadyExists && empty() => Ok(path.to_owned()),
         Err(e) if e.kind() == ErrorKind::AlreadyExists => Err(ConfigError::plain(
@@ -100,18 +100,16 @@ fn unused(name: &str) -> Result<PathBuf, ConfigError> {
     let now = std::time::SystemTime::now();
     let stamp = stamp(now.duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs()));
     let names = std::iter::once(format!("{name}-{stamp}")).chain((2..).map(|n| format!("{name}-{stamp}-{n}")));
-    for path in names.map(|n| Path::new("runs").join(n)) {
-        match parent(&path).and_then(|()| make(&path)) {
+    let runs = Path::new("runs");
+    std::fs::create_dir_all(runs).map_err(|e| unmade(runs, &e))?;
+    for path in names.map(|n| runs.join(n)) {
+        match make(&path) {
             Ok(()) => return Ok(path),
             Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
             Err(e) => return Err(unmade(&path, &e)),
         }
     }
     Err(ConfigError::plain("there is no name left for a folder in runs/", "give an --out"))
-}
-
-fn parent(path: &Path) -> io::Result<()> {
-    path.parent().map_or(Ok(()), std::fs::create_dir_all)
 }
 
 fn make(path: &Path) -> io::Result<()> {

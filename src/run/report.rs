@@ -16,7 +16,7 @@ pub fn summary(done: &Done) -> Value {
         "wall_s": wall,
         "real_time_factor": if wall > 0.0 { simulated / wall } else { 0.0 },
         "counters": end.counts,
-        "journal_hash": done.hash,
+        "journal_hash": done.whole.then_some(&done.hash),
         "complaints": done.complaints,
         "overload": done.overload.as_ref().map(|(what, _)| what),
     })

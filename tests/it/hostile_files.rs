@@ -28,7 +28,7 @@ fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().expect("a folder");
     put(&dir, "behavior.toml", BEHAVIOR);
     put(&dir, "world.xml", WORLD);
-    put(&dir, "robot.xml", &ROBOT.replace("HERE", ""));
+    put(&dir, "robot.xml", ROBOT.replace("HERE", ""));
     dir
 }
 
@@ -60,8 +60,10 @@ fn answered(what: &str, dir: &tempfile::TempDir, args: &[&str], codes: &[i32]) -
     said
 }
 
-/// Files that stand in the place of a good one: what it is, its name, its text, what is asked, and the codes it may end with.
-fn texts() -> Vec<(&'static str, &'static str, String, &'static [&'static str], &'static [i32])> {
+/// A file in the place of a good one: what it is, its name, its text, what is asked, and the codes that may be answered.
+type Text = (&'static str, &'static str, String, &'static [&'static str], &'static [i32]);
+
+fn texts() -> Vec<Text> {
     let info: &[&str] = &["model", "info", "robot.xml"];
     let check: &[&str] = &["check", "behavior.toml"];
     let convert: &[&str] = &["model", "convert", "robot.urdf", "out.xml"];

@@ -31,8 +31,12 @@ pub(super) fn summed_up(dir: &Path) -> Result<Option<String>, ConfigError> {
         Err(e) => return Err(foreign(e.to_string())),
     };
     let value: Value = serde_json::from_str(&text).map_err(|e| foreign(e.to_string()))?;
-    let hash = value["journal_hash"].as_str().ok_or_else(|| foreign("it has no `journal_hash`".into()))?;
-    Ok(Some(hash.to_owned()))
+    match value.get("journal_hash") {
+        Some(Value::String(hash)) => Ok(Some(hash.clone())),
+        // the disk was full before the journal's end
+        Some(Value::Null) => Ok(None),
+        _ => Err(foreign("it has no `journal_hash`".into())),
+    }
 }
 
 /// Whether there is a run to go on with, and it is the one that `config.json` tells of.
