@@ -1,6 +1,6 @@
 //! A resumed run believes nothing that its journal contradicts, and one that died in contact goes on from there.
 
-use super::common::{events, mobee_in, said, text};
+use super::common::{EDGE, events, mobee_in, said, text};
 use mobee_actors::ring;
 use mobee_contract::{Entry, Sink, Time};
 use serde_json::Value;
@@ -16,24 +16,13 @@ agent = { kind = "random", motors = ["base"], count = 40, speed = 0.5 }
 "#;
 const WORLD: &str =
     r#"<WorldList><object name="post" px="0.306" py="0.257" pz="0.2"><sphere radius="0.05"/></object></WorldList>"#;
-const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="edge">
-  <bodypart name="base">
-    <link z="0.2" radius="0.03">
-      <motor name="M_first" minPos="-30" maxPos="60" home="0">
-        <joint z="1" minPos="-30" maxPos="60"><link x="0.3" radius="0.02">
-          <motor name="M_second" minPos="-30" maxPos="30"><joint z="1"><link x="0.2" radius="0.02"/></joint></motor>
-        </link></joint>
-      </motor>
-    </link>
-  </bodypart>
-</ZeroPositionKinematicTree>"#;
 /// Where the forearm is 3 mm from the post, rad of both motors.
 const AT_THE_POST: [f64; 2] = [0.5146, 0.0];
 
 /// A folder with a behavior, and a run of it that ended in order.
 fn ended() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().expect("a folder");
-    for (name, text) in [("behavior.toml", BEHAVIOR), ("world.xml", WORLD), ("robot.xml", ROBOT)] {
+    for (name, text) in [("behavior.toml", BEHAVIOR), ("world.xml", WORLD), ("robot.xml", EDGE)] {
         std::fs::write(dir.path().join(name), text).expect("a file");
     }
     let run = dir.path().join("run");

@@ -1,6 +1,6 @@
 //! Whatever a user writes wrong is answered with its place and a remedy, exit code 2, and nothing half-done.
 
-use super::common::mobee_in;
+use super::common::{EDGE, mobee_in};
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -22,19 +22,6 @@ const WORLD: &str = r#"<WorldList version="1.0">
 </WorldList>
 "#;
 
-const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="edge">
-  <bodypart name="base">
-    <link z="0.2" radius="0.03">
-      <motor name="M_first" minPos="-30" maxPos="60" home="0">
-        <joint z="1" minPos="-30" maxPos="60"><link x="0.3" radius="0.02">
-          <motor name="M_second" minPos="-30" maxPos="30"><joint z="1"><link x="0.2" radius="0.02"/></joint></motor>
-        </link></joint>
-      </motor>
-    </link>
-  </bodypart>
-</ZeroPositionKinematicTree>
-"#;
-
 fn mobee(dir: &Path, args: &[&str]) -> Output {
     mobee_in(dir).args(args).output().expect("mobee starts")
 }
@@ -42,7 +29,7 @@ fn mobee(dir: &Path, args: &[&str]) -> Output {
 /// A folder with a good behavior, in which one text of one file is replaced.
 fn folder(file: &str, from: &str, to: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().expect("a folder");
-    for (name, text) in [("behavior.toml", BEHAVIOR), ("world.xml", WORLD), ("robot.xml", ROBOT)] {
+    for (name, text) in [("behavior.toml", BEHAVIOR), ("world.xml", WORLD), ("robot.xml", EDGE)] {
         let text = if name == file {
             assert!(text.contains(from), "the good {name} holds {from:?}");
             text.replacen(from, to, 1)

@@ -97,6 +97,19 @@ pub fn mobee_here() -> Command {
     mobee_in(Path::new(env!("CARGO_MANIFEST_DIR")))
 }
 
+/// A robot file with two motors, for behaviors that are written in a test.
+pub const EDGE: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="edge">
+  <bodypart name="base">
+    <link z="0.2" radius="0.03">
+      <motor name="M_first" minPos="-30" maxPos="60" home="0">
+        <joint z="1" minPos="-30" maxPos="60"><link x="0.3" radius="0.02">
+          <motor name="M_second" minPos="-30" maxPos="30"><joint z="1"><link x="0.2" radius="0.02"/></joint></motor>
+        </link></joint>
+      </motor>
+    </link>
+  </bodypart>
+</ZeroPositionKinematicTree>"#;
+
 /// All that a program said, on both of its outputs.
 pub fn said(out: &Output) -> String {
     String::from_utf8_lossy(&out.stdout).into_owned() + &String::from_utf8_lossy(&out.stderr)
