@@ -55,6 +55,9 @@ impl Port {
         if writer == Writer::Agent && !Gate::opens(token) {
             return Err("the filter is closed".into());
         }
+        if writer == Writer::Supervise && !matches!(command, Command::Stop { .. } | Command::Mode { .. }) {
+            return Err("supervise itself only stops and sets modes".into());
+        }
         self.fits(command)
     }
 
@@ -152,26 +155,19 @@ impl Port {
         Some((last, share(&self.rules.axes, last, q, secs), secs))
     }
 
-    /// What to tell of a command that the driver took.
+    /// What to tell of a command that the driver took: a stream only at its end.
     pub fn took(&mut self, token: u64, writer: Writer, command: &Command, now: Time) -> Vec<Event> {
-        if let Command::Direct { .. } | Command::Velocity { .. } = command {
-            let velocity = matches!(command, Command::Velocity { .. });
-            let goes_on = |s: &Streaming| s.token == token && s.writer == writer && s.last.is_none() == velocity;
-            let ended = self.streaming.as_ref().is_some_and(|s| !goes_on(s));
-            let told = if ended { self.end_stream() } else { None };
-            self.stream(token, writer, command, now);
-            return told.into_iter().collect();
-        }
-        let mut told: Vec<Event> = self.end_stream().into_iter().collect();
-        told.push(self.told(token, writer, command));
-        told
-    }
-
-    /// A command as the journal tells it.
-    fn told(&self, token: u64, writer: Writer, command: &Command) -> Event {
         let by_motor = |motors: &[usize], values: &[f64]| motors.iter().copied().zip(values.iter().copied()).collect();
         let none = Vec::new;
         let (kind, motors, q, speed) = match command {
+            Command::Direct { .. } | Command::Velocity { .. } => {
+                let velocity = matches!(command, Command::Velocity { .. });
+                let goes_on = |s: &Streaming| s.token == token && s.writer == writer && s.last.is_none() == velocity;
+                let ended = self.streaming.as_ref().is_some_and(|s| !goes_on(s));
+                let told = if ended { self.end_stream() } else { None };
+                self.stream(token, writer, command, now);
+                return told.into_iter().collect();
+            }
             Command::Move(m) => {
                 let speed = m.speed.as_deref().unwrap_or_default();
                 ("move", &m.motors, by_motor(&m.motors, &m.q), by_motor(&m.motors, speed))
@@ -179,10 +175,10 @@ impl Port {
             Command::Stop { motors } => ("stop", motors, none(), none()),
             Command::Reference { motors, speed, .. } => ("reference", motors, none(), by_motor(motors, speed)),
             Command::Mode { motors, .. } => ("mode", motors, none(), none()),
-            Command::Direct { motors, .. } | Command::Velocity { motors, .. } => ("set-point", motors, none(), none()),
         };
         let (robot, kind, motors) = (self.rules.robot.clone(), kind.to_owned(), motors.clone());
-        Event::Command { robot, token, writer, kind, motors, q, speed }
+        let command = Event::Command { robot, token, writer, kind, motors, q, speed };
+        self.end_stream().into_iter().chain([command]).collect()
     }
 
     fn stream(&mut self, token: u64, writer: Writer, command: &Command, now: Time) {

@@ -1,8 +1,9 @@
 //! The ledger: what must survive the death of any actor of a robot's controller.
 
+use crate::controller::distance;
 use crate::history::HistoryCore;
 use crate::reflex::Motion;
-use mobee_contract::{Cause, CommitId, MotionEnd, Outcome, Pose, Status, Time};
+use mobee_contract::{Cause, CommitId, Event, MotionEnd, Outcome, Pose, Status, Time};
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -21,19 +22,12 @@ pub struct Open {
     pub safe: Option<(Time, Pose)>,
     /// When it was accepted or last amended.
     pub since: Time,
-    /// When it must have ended.
-    pub due: Time,
+    /// When it must have ended. A stream of set-points lasts as long as its agent likes.
+    pub due: Option<Time>,
     /// Why it will not reach its target, once that is known.
     pub cause: Option<Cause>,
     /// Whether a way back has begun.
     pub retreated: bool,
-}
-
-impl Open {
-    /// Whether it is an escape from a hold.
-    pub fn is_escape(&self) -> bool {
-        self.safe.is_none()
-    }
 }
 
 impl Open {
@@ -42,6 +36,19 @@ impl Open {
         if motors.iter().any(|m| !self.named.contains(m)) {
             let all: BTreeSet<usize> = self.named.iter().chain(motors).copied().collect();
             self.named = all.into_iter().collect();
+        }
+    }
+
+    /// Which outcome it shows that the robot rests at `q` (I2): what was being taken back has not reached its target, not even where
+    /// that lies beside the safe pose.
+    pub fn shown_at(&self, q: &[f64], tolerance: f64) -> Outcome {
+        let near = |pose: &Pose| distance(q, pose) <= tolerance;
+        if !self.retreated && near(&self.target) {
+            Outcome::Committed
+        } else if self.safe.as_ref().is_some_and(|(_, safe)| near(safe)) {
+            Outcome::RolledBack
+        } else {
+            Outcome::Faulted
         }
     }
 
@@ -60,6 +67,31 @@ impl Open {
             *place = rests.or(Some(*q));
         }
         places.into()
+    }
+}
+
+/// A transaction that has got its outcome.
+#[derive(Clone, Debug)]
+pub struct Ended {
+    /// What was open.
+    pub open: Open,
+    /// Its outcome.
+    pub outcome: Outcome,
+    /// Where the robot rests, rad.
+    pub q: Pose,
+}
+
+impl Ended {
+    /// What its agent is told.
+    pub fn end(&self) -> MotionEnd {
+        if self.outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed }
+    }
+
+    /// What the journal tells.
+    pub fn event(self, robot: String) -> Event {
+        let Ended { open: Open { id, safe, cause, .. }, outcome, q } = self;
+        let (safe, cause) = (safe.map(|(_, pose)| pose), cause.filter(|_| outcome != Outcome::Committed));
+        Event::Outcome { robot, id, outcome, q, safe, cause }
     }
 }
 
@@ -118,15 +150,24 @@ impl Book {
         self.places = self.places.iter().enumerate().map(rests).collect();
     }
 
-    /// Closes the open transaction, whose motors have these places from now on, and remembers how it ended, in one step: nobody
-    /// sees it neither open nor ended.
-    pub fn close(&mut self, id: CommitId, end: MotionEnd, places: Places) {
-        self.open = None;
-        self.places = places;
+    /// Gives the open transaction its one outcome (I2), with the robot at rest at `q`: as told, or as the pose shows. Its end and the
+    /// motors' places are remembered in the same step, so that nobody sees it neither open nor ended.
+    pub fn settle(&mut self, told: Option<Outcome>, q: Pose, tolerance: f64) -> Option<Ended> {
+        let open = self.open.take()?;
+        let outcome = told.unwrap_or_else(|| open.shown_at(&q, tolerance));
+        self.places = open.places_after(&self.places, outcome, &q, tolerance);
+        let ended = Ended { open, outcome, q };
         if self.ends.len() >= ENDS {
             self.ends.pop_front();
         }
-        self.ends.push_back((id, end));
+        self.ends.push_back((ended.open.id, ended.end()));
+        Some(ended)
+    }
+
+    /// Where the robot is, as far as anybody knows: its newest recorded pose, or where the open transaction sent it.
+    pub fn last_known(&self) -> Option<Pose> {
+        let recorded = self.history.newest().map(|r| r.q.clone());
+        recorded.or_else(|| self.open.as_ref().map(|open| open.target.clone()))
     }
 
     /// How a motion ended; `None` while it is under way. Those too old to be remembered, and any that never was, failed.
@@ -171,24 +212,54 @@ impl Ledger {
 mod tests {
     use super::*;
 
+    /// A motion of the second of three motors, from rest at 0.2 to 1.
+    fn open(retreated: bool) -> Open {
+        let safe = Some((Time::ZERO, vec![0.001, 0.2, 0.501].into()));
+        let target = vec![0.001, 1.0, 2.0].into();
+        let (named, agent) = (vec![1].into(), "a".into());
+        let (since, due) = (Time::ZERO, Some(Time::ZERO));
+        Open { id: CommitId(1), agent, target, named, safe, since, due, cause: None, retreated }
+    }
+
+    #[test]
+    fn the_pose_shows_the_outcome() {
+        let shown = |open: &Open, q: f64| open.shown_at(&[0.001, q, 2.0], 0.01);
+        let (mut forth, mut back) = (open(false), open(true));
+        for (q, outcome) in [(1.005, Outcome::Committed), (1.02, Outcome::Faulted)] {
+            assert_eq!(shown(&forth, q), outcome);
+            // what came to rest at the target on its way back was not reached by the motion
+            assert_eq!(shown(&back, q), Outcome::Faulted);
+        }
+        (forth.target, back.target) = (vec![0.0, 0.205, 0.5].into(), vec![0.0, 0.205, 0.5].into());
+        assert_eq!(forth.shown_at(&[0.0, 0.2, 0.5], 0.01), Outcome::Committed);
+        assert_eq!(back.shown_at(&[0.0, 0.2, 0.5], 0.01), Outcome::RolledBack);
+        back.safe = None;
+        assert_eq!(back.shown_at(&[0.0, 0.2, 0.5], 0.01), Outcome::Faulted);
+    }
+
+    #[test]
+    fn what_is_settled_is_remembered_with_its_places() {
+        let ledger = Ledger::new(1);
+        let mut book = ledger.book();
+        book.open = Some(open(false));
+        assert_eq!(book.end_of(CommitId(1)), None);
+        let q: Pose = vec![0.0, 0.999, 2.0].into();
+        let ended = book.settle(None, q.clone(), 0.01).unwrap();
+        assert_eq!((ended.outcome, ended.end()), (Outcome::Committed, MotionEnd::Reached));
+        assert_eq!(
+            (book.end_of(CommitId(1)), &book.places[..]),
+            (Some(MotionEnd::Reached), &[None, Some(1.0), None][..])
+        );
+        assert!(book.settle(None, q.clone(), 0.01).is_none(), "one outcome");
+        // as told, whatever the pose shows
+        book.open = Some(Open { id: CommitId(2), ..open(false) });
+        assert_eq!(book.settle(Some(Outcome::Faulted), q, 0.01).unwrap().end(), MotionEnd::Failed);
+    }
+
     /// Three motors of which the second and third were named; they had been sent to 0, nowhere and 0.5.
     #[test]
     fn places_are_those_that_the_outcome_leaves() {
-        let safe = Some((Time::ZERO, vec![0.001, 0.2, 0.501].into()));
-        let target = vec![0.001, 1.0, 2.0].into();
-        let since = (Time::ZERO, Time::ZERO);
-        let named: Arc<[usize]> = Vec::new().into();
-        let mut open = Open {
-            id: CommitId(1),
-            agent: "a".into(),
-            target,
-            named,
-            safe,
-            since: since.0,
-            due: since.1,
-            cause: None,
-            retreated: false,
-        };
+        let mut open = Open { named: Vec::new().into(), ..open(false) };
         open.name(&[2]);
         open.name(&[1, 2]);
         assert_eq!(open.named[..], [1, 2]);

@@ -44,6 +44,13 @@ pub struct Motion {
     pub places: Places,
 }
 
+impl Motion {
+    /// Whether it leads out of a contact, and has nowhere to be taken back to.
+    pub fn is_escape(&self) -> bool {
+        self.safe.is_none()
+    }
+}
+
 /// What the reflex hears.
 #[derive(Debug)]
 pub enum ReflexIn<'a> {
@@ -280,7 +287,7 @@ impl ReflexCore {
         newly: bool,
         out: &mut Vec<ReflexOut>,
     ) {
-        let escape = motion.filter(|m| m.safe.is_none() && status == Status::Escaping);
+        let escape = motion.filter(|m| m.is_escape() && status == Status::Escaping);
         let cause = if let Some(m) = escape {
             if self.escape.as_ref().is_none_or(|(id, ..)| *id != m.id) {
                 self.escape = Some((m.id, Floors::new(self.rules.margin, &pulse.contacts), pulse.violated.is_some()));

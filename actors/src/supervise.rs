@@ -307,7 +307,7 @@ impl SuperviseCore {
         self.token = self.gate.close();
         let (robot, token) = (self.rules.robot.clone(), self.token);
         out.push(SuperviseOut::Event(Event::Disabled { robot, token, cause }));
-        out.push(SuperviseOut::Command(token, Writer::Reflex, Command::Stop { motors: Vec::new() }));
+        out.push(SuperviseOut::Command(token, Writer::Supervise, Command::Stop { motors: Vec::new() }));
     }
 
     /// Something ends the motion that is no matter for the reflex: close, stop, then measure.
@@ -337,7 +337,7 @@ impl SuperviseCore {
     /// The motion is to be rolled back for a reason that supervise saw. An escape has no way back: it is measured.
     fn roll_back(&mut self, cause: Cause, now: Time, out: &mut Vec<SuperviseOut>) {
         let motion = self.motion();
-        match motion.filter(|m| m.safe.is_some()) {
+        match motion.filter(|m| !m.is_escape()) {
             Some(motion) => {
                 self.close(cause.clone(), out);
                 self.give_cause(cause);
@@ -402,7 +402,7 @@ impl SuperviseCore {
             }
             Word::GaveUp(hold) => {
                 self.modes.clear();
-                self.retry = self.retry.take().or(self.motion()).filter(|m| m.safe.is_some());
+                self.retry = self.retry.take().or(self.motion()).filter(|m| !m.is_escape());
                 self.end(Some(Outcome::Faulted), out);
                 self.closing = if hold == Hold::Stale { Closing::Settle(now) } else { Closing::No };
                 self.enter(Status::Holding(hold), out);

@@ -85,6 +85,9 @@ pub enum Writer {
     Agent,
     /// The reflex.
     Reflex,
+    /// Supervise on its own behalf: the stop when it closes the filter, and the control modes before it opens again. Older
+    /// journals tell these as the reflex's.
+    Supervise,
     /// The driver itself: the stop that follows every start.
     Driver,
 }

@@ -2,7 +2,8 @@
 //!
 //! A token is open if an `Enabled` brought it and closed otherwise, from then until the next token. Every command must carry
 //! the token of its moment and its writer must be the one that this token lets pass: agents through open ones, the reflex
-//! through closed ones. A stream is told at its end, so it is judged by when it was written. The driver itself only stops.
+//! through closed ones. Supervise writes through closed ones too, stops and modes alone. A stream is told at its end, so it is
+//! judged by when it was written. The driver itself only stops.
 
 use super::{Found, Invariant};
 use crate::journal::Line;
@@ -39,7 +40,7 @@ impl Filter {
         let open = self.tokens.get(&token).map(|t| t.0);
         match writer {
             Writer::Agent => open == Some(true),
-            Writer::Reflex => open == Some(false),
+            Writer::Reflex | Writer::Supervise => open == Some(false),
             Writer::Driver => true,
         }
     }
@@ -62,12 +63,11 @@ impl Invariant for ClosedMeansClosed {
             Event::Command { robot, token, writer, kind, .. } => {
                 let filter = self.robots.entry(robot.clone()).or_default();
                 let now = filter.token;
-                if *writer == Writer::Driver {
-                    if kind != "stop" && kind != "mode" {
-                        found.say(format!(
-                            "{robot}: the driver itself wrote a `{kind}`; it may only stop and set modes"
-                        ));
-                    }
+                if matches!(writer, Writer::Driver | Writer::Supervise) && kind != "stop" && kind != "mode" {
+                    let who = if *writer == Writer::Driver { "the driver" } else { "supervise" };
+                    found.say(format!("{robot}: {who} itself wrote a `{kind}`; it may only stop and set modes"));
+                } else if *writer == Writer::Driver {
+                    // the stop that follows every start comes whatever the filter's state
                 } else if *token != now || !filter.may_write(*writer, *token) {
                     let state = if filter.may_write(Writer::Agent, now) { "open" } else { "closed" };
                     found.say(format!(
@@ -77,7 +77,7 @@ impl Invariant for ClosedMeansClosed {
             }
             Event::Streamed { robot, token, writer, span, .. } => {
                 let filter = self.robots.entry(robot.clone()).or_default();
-                if !filter.may_write(*writer, *token) {
+                if *writer == Writer::Supervise || !filter.may_write(*writer, *token) {
                     found.say(format!("{robot}: {writer:?} streamed under token {token}, which is not its own"));
                 } else if let Some(until) = filter.until(*token).filter(|until| span.1 > *until) {
                     found.say(format!(

@@ -56,6 +56,13 @@ proptest! {
 }
 
 #[test]
+fn supervise_itself_stops_and_moves_nothing() {
+    let port = port();
+    assert_eq!(port.admit(0, Writer::Supervise, &Command::Stop { motors: vec![] }), Ok(()));
+    assert!(port.admit(0, Writer::Supervise, &Command::Velocity { motors: vec![0], speed: vec![0.1] }).is_err());
+}
+
+#[test]
 fn what_waits_is_forgotten_when_anything_else_is_said() {
     let mut port = port();
     let direct = |q: f64| Command::Direct { motors: vec![0, 1], q: vec![q, 0.0] };

@@ -4,7 +4,7 @@ use crate::controller::RELEASE;
 use crate::ledger::Open;
 use crate::shell::AgentMsg;
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{CommitId, Event, Pose, Status, Time};
+use mobee_contract::{CommitId, Event, Pose, Status};
 use mobee_model::{Contact, Edit, Field, Object, Scene, ShapeId, Watch};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
@@ -139,7 +139,7 @@ impl Fields {
         let (open, ahead) = {
             let book = wires.ledger.book();
             // a stream of somebody's set-points follows no forces
-            let forced = |o: &&Open| book.status == Status::Moving && o.due != Time(u64::MAX);
+            let forced = |o: &&Open| book.status == Status::Moving && o.due.is_some();
             (book.open.as_ref().filter(forced).map(|o| (o.id, o.target.clone())), book.ahead.clone())
         };
         let (_, target) = open.as_ref()?;

@@ -108,7 +108,7 @@ impl SuperviseCore {
         // an escape creeps straight, watched
         let fields = self.rules.fields.clone().filter(|_| !escape);
         let due = now + course.patience() * if fields.is_some() { ROUNDABOUT } else { 1 };
-        let id = self.open(commit.agent.clone(), (target.clone(), &commit.target.motors), safe, (due, now), out);
+        let id = self.open(commit.agent.clone(), (target.clone(), &commit.target.motors), safe, (Some(due), now), out);
         self.course = Some((now, distance(&target, &here), course.secs));
         let (robot, agent) = (self.rules.robot.clone(), commit.agent.to_string());
         let motors = self.allowed(&commit, escape);
@@ -129,7 +129,7 @@ impl SuperviseCore {
         agent: Arc<str>,
         (target, motors): (Pose, &[usize]),
         safe: Option<(Time, Pose)>,
-        (due, now): (Time, Time),
+        (due, now): (Option<Time>, Time),
         out: &mut Vec<SuperviseOut>,
     ) -> CommitId {
         self.retry = None;
@@ -179,8 +179,7 @@ impl SuperviseCore {
             let due = now + course.patience() * if self.forces.is_some() { ROUNDABOUT } else { 1 };
             // motors that go on as they were may need longer
             let all = commit.target.motors.len() == here.len();
-            let only = all || open.due == Time(u64::MAX);
-            open.due = if only { due } else { due.max(open.due) };
+            open.due = open.due.filter(|_| !all).max(Some(due));
             (open.id, open.target.clone())
         };
         self.done_since = None;

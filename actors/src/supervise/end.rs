@@ -5,7 +5,7 @@ use crate::controller::distance;
 use crate::gate::Gate;
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
-use mobee_contract::{Cause, Command, Event, Hold, MotionEnd, Outcome, Status, Time, Writer};
+use mobee_contract::{Cause, Command, Event, Hold, Outcome, Status, Time, Writer};
 use std::time::Duration;
 
 /// How long the board may say "done" away from the target.
@@ -32,10 +32,14 @@ impl SuperviseCore {
             Closing::Settle(after) => {
                 let rules = self.rules.clone();
                 if self.stop.is_ignored(pulse, &rules, now) {
-                    out.push(SuperviseOut::Command(self.token, Writer::Reflex, Command::Stop { motors: Vec::new() }));
+                    out.push(SuperviseOut::Command(
+                        self.token,
+                        Writer::Supervise,
+                        Command::Stop { motors: Vec::new() },
+                    ));
                 }
                 // what is written at a reading must be with the driver before the filter may open at the next
-                if at_rest && at >= after && !self.restore_modes(Writer::Reflex, out) {
+                if at_rest && at >= after && !self.restore_modes(Writer::Supervise, out) {
                     self.settle(pulse, out);
                 }
             }
@@ -119,7 +123,7 @@ impl SuperviseCore {
         }
         let motion = self.motion();
         let lost = self.end(None, out) == Some(Outcome::Faulted);
-        self.retry = motion.filter(|m| lost && m.safe.is_some());
+        self.retry = motion.filter(|m| lost && !m.is_escape());
         lost
     }
 
@@ -136,29 +140,12 @@ impl SuperviseCore {
 
     /// Gives the open transaction its one outcome (I2): as told, or as the newest reading shows.
     pub(super) fn end(&mut self, told: Option<Outcome>, out: &mut Vec<SuperviseOut>) -> Option<Outcome> {
-        let open = self.with_book(|book| book.open.clone());
-        let open = open?;
-        let recorded = || self.with_book(|b| b.history.newest().map(|r| r.q.clone()));
-        let newest = self.newest.as_ref().map(|newest| newest.q.clone());
-        let q = newest.or_else(recorded).unwrap_or_else(|| open.target.clone());
-        let near = |pose: &[f64]| distance(&q, pose) <= self.rules.tolerance;
-        let safe = open.safe.clone().map(|(_, pose)| pose);
-        let outcome = told.unwrap_or_else(|| match &safe {
-            // a rollback of a motion that was nearly there is still one
-            Some(safe) if self.status == Status::Settling && near(safe) => Outcome::RolledBack,
-            _ if self.status != Status::Settling && near(&open.target) => Outcome::Committed,
-            Some(safe) if near(safe) => Outcome::RolledBack,
-            _ => Outcome::Faulted,
-        });
-        let end = if outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed };
-        let cause = open.cause.clone().filter(|_| outcome != Outcome::Committed);
-        self.with_book(|book| {
-            let places = open.places_after(&book.places, outcome, &q, self.rules.tolerance);
-            book.close(open.id, end, places);
-        });
-        let robot = self.rules.robot.clone();
-        out.push(SuperviseOut::Event(Event::Outcome { robot, id: open.id, outcome, q, safe, cause }));
-        out.push(SuperviseOut::Ended(open.agent, open.id, end));
+        let (newest, tolerance) = (self.newest.as_ref().map(|newest| newest.q.clone()), self.rules.tolerance);
+        let ended = self.with_book(|book| book.settle(told, newest.or_else(|| book.last_known())?, tolerance))?;
+        let (outcome, end) = (ended.outcome, ended.end());
+        let (agent, id) = (ended.open.agent.clone(), ended.open.id);
+        out.push(SuperviseOut::Event(ended.event(self.rules.robot.clone())));
+        out.push(SuperviseOut::Ended(agent, id, end));
         Some(outcome)
     }
 
@@ -187,7 +174,7 @@ impl SuperviseCore {
         // there, but not yet known to rest, as after a gap in the readings, is not missed
         let elsewhere = done && reacted && away > self.rules.tolerance;
         self.done_since = if elsewhere { self.done_since.or(Some(at)) } else { None };
-        if self.done_since.is_some_and(|t| at >= t + MISSED) || at > due {
+        if self.done_since.is_some_and(|t| at >= t + MISSED) || due.is_some_and(|due| at > due) {
             self.roll_back(Cause::TargetMissed, now, out);
         } else if away > FROZEN_WAY && self.is_frozen(at, pulse.unchanged) {
             self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), now, out);

@@ -100,7 +100,7 @@ impl SuperviseCore {
         if arrived && at_rest && at >= set_out && distance(q, &target) <= rules.tolerance {
             (self.stream, self.forces) = (None, None);
             self.done(pulse, out);
-        } else if still || at > due {
+        } else if still || due.is_some_and(|due| at > due) {
             self.roll_back(Cause::TargetMissed, now, out);
         } else {
             self.keep_in_history(out);

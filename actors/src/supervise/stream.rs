@@ -207,7 +207,7 @@ impl SuperviseCore {
                 let safe = self.take_safe(at, &here, speed, now, out);
                 let target = if stream.velocity { here.clone() } else { stream.with(&here, &stream.asked) };
                 let motors = setpoints.motors.as_slice();
-                let id = self.open(agent.clone(), (target.clone(), motors), Some(safe), (Time(u64::MAX), now), out);
+                let id = self.open(agent.clone(), (target.clone(), motors), Some(safe), (None, now), out);
                 let (robot, agent) = (rules.robot.clone(), agent.to_string());
                 let motors = greatest(&stream.named(), &rules);
                 out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target, escape: false, motors }));
@@ -376,9 +376,9 @@ impl SuperviseCore {
             let rests: Vec<f64> = q.iter().enumerate().map(|(m, q)| home(last(m), *q, self.rules.tolerance)).collect();
             open.target = stream.with(&open.target, &rests);
             open.since = since;
-            let alone = open.due == Time(u64::MAX);
+            let alone = open.due.is_none();
             // motors that a commit moves may still be on their way
-            open.due = if alone { at + PATIENCE } else { open.due.max(at + PATIENCE) };
+            open.due = open.due.max(Some(at + PATIENCE));
             Some((open.id, open.target.clone(), alone))
         });
         if let Some((id, target, alone)) = rested {

@@ -283,7 +283,7 @@ fn a_stop_that_shows_no_effect_is_said_again() {
 }
 
 fn is_stop(out: &SuperviseOut) -> bool {
-    matches!(out, SuperviseOut::Command(_, Writer::Reflex, Command::Stop { motors }) if motors.is_empty())
+    matches!(out, SuperviseOut::Command(_, Writer::Supervise, Command::Stop { motors }) if motors.is_empty())
 }
 
 /// I17: a robot that does not come to rest, by its readings, is stopped again and again, and gets its outcome when it rests.

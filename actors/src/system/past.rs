@@ -4,7 +4,7 @@ use super::Counts;
 use crate::gate::Gate;
 use crate::journal::Line;
 use crate::ledger::{Ledger, Open, Places};
-use mobee_contract::{Cause, CommitId, Event, Note, Pose, Time};
+use mobee_contract::{Cause, CommitId, Event, Note, Pose, Status, Time};
 use mobee_model::{Edit, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -95,10 +95,13 @@ impl Past {
                     named,
                     safe: past.safe.clone().filter(|_| !escape),
                     since: line.at,
-                    due: line.at,
+                    due: Some(line.at),
                     cause: Some(Cause::Crashed),
                     retreated: false,
                 });
+            }
+            Event::State { robot, status: Status::Retreating } => {
+                self.of(robot).open.iter_mut().for_each(|open| open.retreated = true);
             }
             Event::Amended { robot, target, motors, .. } => {
                 if let Some(open) = &mut self.of(robot).open {
@@ -273,5 +276,9 @@ mod tests {
         let ledger = robot.ledger(100);
         let motion = ledger.book().motion().unwrap();
         assert_eq!((motion.named.to_vec(), motion.places.to_vec()), (vec![1], vec![None, Some(1.0), None]));
+        // dead on its way back: resting beside the target would not be reaching it
+        let back = Event::State { robot: r(), status: Status::Retreating };
+        past.on(&Line { line: 9, n: 7, at: Time(7), event: back, hash: String::new() });
+        assert!(past.robot("r").open.is_some_and(|open| open.retreated));
     }
 }

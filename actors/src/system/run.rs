@@ -6,13 +6,12 @@ use super::services::Services;
 use super::{Control, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, Troubles, tree};
 use crate::access::Access;
 use crate::clock::{Clock, ClockKind, runtime};
-use crate::controller::distance;
 use crate::gate::Gate;
 use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Slot, SuperviseMsg};
 use crate::stream::Stream;
 use crate::supervision::{Group, GroupMsg};
 use crate::wiring::{Cell, Hub, Line, Parts, Plug, Wires};
-use mobee_contract::{Board, Event, Latest, MotionEnd, Outcome, Status, Time};
+use mobee_contract::{Board, Event, Latest, Status, Time};
 use mobee_model::Contact;
 use ractor::ActorRef;
 use std::collections::VecDeque;
@@ -352,23 +351,11 @@ async fn abandon(hub: &Hub) {
 
 /// What a controller that stayed down left open is settled by its newest recorded pose.
 fn settle_ledger(hub: &Hub, wires: &Wires) {
-    let (open, newest, places) = {
-        let book = wires.ledger.book();
-        (book.open.clone(), book.history.newest().map(|r| r.q.clone()), book.places.clone())
+    let ended = {
+        let mut book = wires.ledger.book();
+        book.last_known().and_then(|q| book.settle(None, q, wires.rules().tolerance))
     };
-    let Some(open) = open else { return };
-    let q = newest.unwrap_or_else(|| open.target.clone());
-    let safe = open.safe.map(|(_, pose)| pose);
-    let near = |pose: &[f64]| distance(&q, pose) <= wires.rules().tolerance;
-    let outcome = if near(&open.target) {
-        Outcome::Committed
-    } else if safe.as_ref().is_some_and(|s| near(s)) {
-        Outcome::RolledBack
-    } else {
-        Outcome::Faulted
-    };
-    let end = if outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed };
-    wires.ledger.book().close(open.id, end, places);
-    let (robot, cause) = (wires.name.clone(), open.cause.filter(|_| outcome != Outcome::Committed));
-    hub.tell(Event::Outcome { robot, id: open.id, outcome, q, safe, cause });
+    if let Some(ended) = ended {
+        hub.tell(ended.event(wires.name.clone()));
+    }
 }

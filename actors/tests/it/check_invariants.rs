@@ -255,6 +255,18 @@ fn i1_tokens_only_grow_and_the_driver_only_stops() {
 }
 
 #[test]
+fn i1_supervise_itself_stops_while_the_filter_is_closed_and_no_more() {
+    let stop = command(Writer::Supervise, 2, "stop", &[]);
+    assert_eq!(run(with(&disabled(2), std::slice::from_ref(&stop))), []);
+    let moves = command(Writer::Supervise, 2, "move", &[0.0, 0.0]);
+    broken("I1", with(&disabled(2), std::slice::from_ref(&moves)), Some(&moves), "supervise itself wrote a `move`");
+    let open = command(Writer::Supervise, 3, "stop", &[]);
+    broken("I1", with(&enabled(3), std::slice::from_ref(&open)), Some(&open), "open under 3");
+    let stream = streamed(Writer::Supervise, 2, 1.6, 1.9);
+    broken("I1", instead(&streamed(Writer::Reflex, 2, 1.6, 1.9), stream.clone()), Some(&stream), "not its own");
+}
+
+#[test]
 fn i2_a_second_outcome_a_missing_one_and_a_stray_one() {
     let twice = outcome(5, Outcome::Committed, &[0.0, 0.0], &[0.04, 0.04]);
     broken("I2", with(&twice, std::slice::from_ref(&twice)), Some(&twice), "second outcome");
