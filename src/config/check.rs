@@ -15,6 +15,9 @@ struct Checks<'a> {
 
 impl Checks<'_> {
     fn say(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
+        if self.wrong.is_full() {
+            return;
+        }
         self.wrong.push(self.source.error(path, message, help));
     }
 

@@ -1,5 +1,6 @@
 //! Whether values have the shape that the schema gives them: their keys, types and choices. All that don't fit are told at once.
 
+use super::complaints::MOST;
 use mobee_contract::{nearest, suggestion};
 use serde_json::{Map, Value};
 
@@ -104,6 +105,9 @@ impl<'a> Walk<'a> {
             self.say(false, format!("{n} values stand here, and {wanted} belong here"), help);
         }
         for (i, element) in list.iter().enumerate() {
+            if self.found.len() >= MOST {
+                return;
+            }
             self.within(&i.to_string(), |w| w.value(&schema["items"], element));
         }
     }
@@ -115,6 +119,9 @@ impl<'a> Walk<'a> {
         let mut meant = Vec::new();
         // nothing is written for what is null: only what was read before holds such
         for (key, value) in map.iter().filter(|(_, value)| !value.is_null()) {
+            if self.found.len() >= MOST {
+                return;
+            }
             match (known.and_then(|k| k.get(key)), schema.get("additionalProperties")) {
                 (Some(inner), _) => self.within(key, |w| w.value(inner, value)),
                 (None, Some(Value::Bool(false))) => {

@@ -4,9 +4,14 @@ use std::cmp::Reverse;
 
 /// How many names a remedy lists at most.
 const LISTED: usize = 20;
+/// What is longer was not meant as a name, bytes; comparing it would take its length times that of all names.
+const LONGEST: usize = 200;
 
 /// The name that is nearest to `wrong` in spelling, if any is near.
 pub fn nearest<'a>(wrong: &str, names: &[&'a str]) -> Option<&'a str> {
+    if wrong.len() > LONGEST {
+        return None;
+    }
     let begins = |n: &str| !wrong.is_empty() && (n.starts_with(wrong) || wrong.starts_with(n));
     let ranked = names.iter().map(|n| (if begins(n) { 1 } else { distance(wrong, n) }, *n));
     // of two that are as near, the one that begins alike

@@ -12,7 +12,13 @@ pub type Complaint = (usize, String, String);
 /// Poses over time; never empty, times rise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    rows: Vec<(f64, Vec<f64>)>,
+    times: Vec<f64>,
+    /// Row by row, a value for each column, rad: no more than was written.
+    values: Vec<f64>,
+    /// The motor of each column.
+    columns: Vec<usize>,
+    /// The whole pose at home, for motors without a column.
+    home: Vec<f64>,
 }
 
 impl Table {
@@ -29,7 +35,7 @@ impl Table {
             return Err((1, "the first column is not `t_s`".into(), "begin with the time, seconds of the run".into()));
         }
         let columns = names.map(|name| column(robot, name)).collect::<Result<Vec<usize>, Complaint>>()?;
-        let mut rows: Vec<(f64, Vec<f64>)> = Vec::new();
+        let (mut times, mut values): (Vec<f64>, Vec<f64>) = Default::default();
         for (i, line) in lines {
             let number = |field: &str| {
                 let value = field.trim().parse().ok().filter(|v: &f64| v.is_finite());
@@ -37,20 +43,19 @@ impl Table {
             };
             let mut fields = line.split(',');
             let at = number(fields.next().unwrap_or_default())?;
-            if at < 0.0 || rows.last().is_some_and(|(before, _)| at <= *before) {
+            if at < 0.0 || times.last().is_some_and(|before| at <= *before) {
                 return Err((i + 1, format!("the time {at} does not rise"), "sort the rows by their times".into()));
             }
-            let mut q = robot.home().to_vec();
             let mut given = 0;
             for (field, motor) in fields.zip(&columns) {
                 let deg = number(field)?;
-                let Some((slot, m)) = q.get_mut(*motor).zip(robot.motors.get(*motor)) else { continue };
+                let Some(m) = robot.motors.get(*motor) else { continue };
                 let (min, max) = (m.min.to_degrees(), m.max.to_degrees());
                 if deg < min - ROUNDING_DEG || deg > max + ROUNDING_DEG {
                     let what = format!("{deg} is outside the limits of motor `{}`", m.name);
                     return Err((i + 1, what, format!("give degrees from {min} to {max}")));
                 }
-                *slot = deg.to_radians().clamp(m.min, m.max);
+                values.push(deg.to_radians().clamp(m.min, m.max));
                 given += 1;
             }
             if given != columns.len() || line.split(',').count() != columns.len() + 1 {
@@ -58,27 +63,44 @@ impl Table {
                     format!("this row has {} values, the heading {}", line.split(',').count(), columns.len() + 1);
                 return Err((i + 1, what, "give every row one value per column".into()));
             }
-            rows.push((at, q));
+            times.push(at);
         }
-        if rows.is_empty() {
+        if times.is_empty() {
             return Err((2, "there is no pose".into(), "add a row per pose below the heading".into()));
         }
-        Ok(Table { rows })
+        Ok(Table { times, values, columns, home: robot.home().to_vec() })
     }
 
     /// The pose at a time, rad: interpolated between rows, the first one before them, the last one after them.
     pub fn at(&self, at: Time) -> Vec<f64> {
         let t = at.secs();
-        let after = self.rows.partition_point(|(row, _)| *row <= t);
-        let before = after.checked_sub(1).and_then(|i| self.rows.get(i));
-        match (before, self.rows.get(after)) {
+        let after = self.times.partition_point(|row| *row <= t);
+        let before = after.checked_sub(1).and_then(|i| self.row(i));
+        match (before, self.row(after)) {
             (Some((t0, a)), Some((t1, b))) => {
                 let share = (t - t0) / (t1 - t0);
-                a.iter().zip(b).map(|(a, b)| a + share * (b - a)).collect()
+                self.pose(a.iter().zip(b).map(|(a, b)| a + share * (b - a)))
             }
-            (Some((_, q)), None) | (None, Some((_, q))) => q.clone(),
+            (Some((_, q)), None) | (None, Some((_, q))) => self.pose(q.iter().copied()),
             (None, None) => Vec::new(),
         }
+    }
+
+    /// A row's time and values.
+    fn row(&self, i: usize) -> Option<(f64, &[f64])> {
+        let n = self.columns.len();
+        Some((*self.times.get(i)?, self.values.get(i * n..(i + 1) * n)?))
+    }
+
+    /// The whole pose of a row's values.
+    fn pose(&self, values: impl Iterator<Item = f64>) -> Vec<f64> {
+        let mut q = self.home.clone();
+        for (motor, value) in self.columns.iter().zip(values) {
+            if let Some(slot) = q.get_mut(*motor) {
+                *slot = value;
+            }
+        }
+        q
     }
 }
 

@@ -232,6 +232,8 @@ fn read(path: &Path) -> Result<Option<String>, ConfigError> {
     let unreadable = |why: String| ConfigError::Unreadable { path: path.into(), why };
     match std::fs::metadata(path) {
         Ok(about) if about.len() > LONGEST => return Err(unreadable(format!("it has {} bytes", about.len()))),
+        // a pipe would be waited for, and a device has no end
+        Ok(about) if !about.is_file() => return Err(unreadable("it is no file".into())),
         _ => {}
     }
     match std::fs::read_to_string(path) {

@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// More pairs that may touch are refused: they could not be watched many times a second.
-const MAX_PAIRS: usize = 1 << 20;
+const MAX_PAIRS: usize = 1 << 18;
 
 /// A shape of a robot or an object.
 #[derive(Clone, Debug)]

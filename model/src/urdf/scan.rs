@@ -10,6 +10,8 @@ use std::ops::Range;
 
 /// Deeper nesting is refused; a URDF needs five levels.
 const MAX_DEPTH: usize = 50;
+/// More elements are refused; the robots that are sold have some thousands.
+const MAX_ELEMENTS: usize = 40_000;
 /// More links are refused.
 pub(super) const MAX_LINKS: usize = 1000;
 
@@ -33,6 +35,7 @@ pub(super) fn scan(source: &Source) -> Result<Places, FileError> {
     let mut places = Places { robot: 0..0, elements: BTreeMap::new() };
     let mut open: Vec<Range<usize>> = Vec::new();
     let mut seen_root = false;
+    let mut elements = 0_usize;
     loop {
         let before = reader.buffer_position() as usize;
         let event = reader.read_event().map_err(|e| {
@@ -47,6 +50,11 @@ pub(super) fn scan(source: &Source) -> Result<Places, FileError> {
             }
             Event::End(_) => drop(open.pop()),
             Event::Start(tag) => {
+                elements += 1;
+                if elements > MAX_ELEMENTS {
+                    let message = format!("the file has more than {MAX_ELEMENTS} elements");
+                    return Err(source.error(at, message, "leave out what does not collide, or merge links"));
+                }
                 let name = tag.name().into_inner().to_owned();
                 let values =
                     tag.attributes().flatten().filter_map(|a| a.normalized_value(XmlVersion::Implicit1_0).ok());
