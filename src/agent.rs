@@ -20,7 +20,7 @@ use body::Body;
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::clock::{Clock, ClockKind};
 use mobee_actors::controller::RELEASE;
-use mobee_contract::{Agent, Intent, MotionEnd, Note, Pose, Summary, View};
+use mobee_contract::{Agent, Intent, MotionEnd, Note, Pose, Summary, Target, View};
 use mobee_model::Scene;
 use mobee_yarp::Network;
 use serde_json::json;
@@ -193,20 +193,8 @@ impl Session {
             let intent = self.agent.next(last.take(), &view);
             self.tell();
             match intent {
-                Intent::MoveTo(target) => match self.body.drive(&target, view.pose()).await.into_diagnostic()? {
-                    Some(end) => {
-                        self.counts.motions += 1;
-                        match end {
-                            MotionEnd::Reached => self.counts.reached += 1,
-                            MotionEnd::Failed => self.counts.failed += 1,
-                        }
-                        last = Some(end);
-                    }
-                    None => {
-                        self.counts.waited += 1;
-                        tokio::time::sleep(PAUSE).await;
-                    }
-                },
+                Intent::MoveTo(target) => last = self.drive(&target, None, &view).await?,
+                Intent::MoveEach(target, speeds) => last = self.drive(&target, Some(&speeds), &view).await?,
                 Intent::Stream(_) => {
                     return Err(ConfigError::plain(
                         "this agent streams set-points, which `mobee agent` does not send",
@@ -219,6 +207,26 @@ impl Session {
                 Intent::Done(summary) => return Ok(summary),
             }
         }
+    }
+
+    /// Makes a motion, and says how it ended; `None`: the filter is closed, and it did not begin.
+    async fn drive(
+        &mut self,
+        target: &Target,
+        speeds: Option<&[f64]>,
+        view: &View,
+    ) -> Result<Option<MotionEnd>, Report> {
+        let end = self.body.drive(target, speeds, view.pose()).await.into_diagnostic()?;
+        match end {
+            Some(MotionEnd::Reached) => self.counts.reached += 1,
+            Some(MotionEnd::Failed) => self.counts.failed += 1,
+            None => {
+                self.counts.waited += 1;
+                tokio::time::sleep(PAUSE).await;
+            }
+        }
+        self.counts.motions += u64::from(end.is_some());
+        Ok(end)
     }
 
     /// What the agent sees, as soon as the filter is open.

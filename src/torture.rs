@@ -39,7 +39,7 @@ pub struct TortureArgs {
     /// The first seed.
     #[arg(long, default_value_t = 1)]
     pub first: u64,
-    /// Only these kinds of faults, such as F1,F8; `mild`: few, of those that a robot meets any day; `all`: swaps as well; `none`.
+    /// Only these kinds of faults, such as F1,F8 or usual,F29; `mild`: few, of those that a robot meets any day; `usual`: what comes if none is named; `all`: swaps as well; `none`.
     #[arg(long, default_value = "", hide_default_value = true)]
     pub faults: String,
     /// Begin no further seed after so many minutes.

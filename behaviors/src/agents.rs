@@ -1,11 +1,13 @@
 //! The agents, each registered under its name, so that a config file can say `kind = "explorer"`.
 
 mod explorer;
+mod jog;
 mod random;
 mod roadmap;
 mod scripted;
 
 pub use explorer::{Explorer, ExplorerSettings};
+pub use jog::{Jog, JogBy, JogSettings};
 pub use random::{Random, RandomSettings};
 pub use roadmap::{NamedPose, RoadmapAgent, RoadmapSettings};
 pub use scripted::{Scripted, ScriptedPose, ScriptedSettings};

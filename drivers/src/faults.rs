@@ -13,6 +13,11 @@ pub enum Fault {
         /// The motor; `None` for all.
         motor: Option<usize>,
     },
+    /// Readings go on, and once the motors have moved for a while all encoders keep saying what they said then.
+    FrozenInMotion {
+        /// For how long they must have moved without a rest.
+        after: Duration,
+    },
     /// Commands, leases and readings don't get through.
     Lost,
     /// Readings stop; commands and leases get through.
@@ -75,6 +80,8 @@ pub struct Active {
     until: Time,
     /// What frozen encoders keep saying.
     pub held: Option<Arc<[f64]>>,
+    /// Since when the motors have moved, for those that freeze in motion.
+    pub moving: Option<Time>,
 }
 
 impl Active {
@@ -105,7 +112,7 @@ impl SimFaults {
         let mut board = lock(&self.board);
         board.faults_made += 1;
         let id = FaultId(board.faults_made);
-        board.faults.push(Active { id, fault, from, until, held: None });
+        board.faults.push(Active { id, fault, from, until, held: None, moving: None });
         id
     }
 

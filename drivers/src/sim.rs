@@ -225,6 +225,7 @@ impl Board {
         }
         let truth = sample.q.clone();
         let mut q = truth.to_vec();
+        let moves = self.plant.moves();
         for f in self.faults.iter_mut().filter(|f| f.is_on(sample.at)) {
             match &f.fault {
                 Fault::Frozen { motor } => {
@@ -233,6 +234,15 @@ impl Board {
                         if motor.is_none_or(|only| only == m) {
                             *slot = *old;
                         }
+                    }
+                }
+                Fault::FrozenInMotion { after } => {
+                    f.moving = f.moving.filter(|_| moves).or(moves.then_some(sample.at));
+                    if f.held.is_none() && f.moving.is_some_and(|since| sample.at.since(since) >= *after) {
+                        f.held = Some(truth.clone());
+                    }
+                    if let Some(held) = &f.held {
+                        q.clone_from_slice(held);
                     }
                 }
                 Fault::Offset { motor, by } => {

@@ -211,17 +211,26 @@ impl Body {
         Ok(())
     }
 
-    /// Drives to a target, all motors arriving together, and waits for the end (WAITFORMOTION). `None`: it was not begun,
+    /// Drives to a target, all motors arriving together or each at its own speed (rad/s), and waits for the end (WAITFORMOTION). `None`: it was not begun,
     /// since the filter was not ready for it.
     ///
     /// # Errors
     /// A board that answers nonsense. One that is lost in mid-motion is a motion that failed.
-    pub async fn drive(&mut self, target: &Target, from: &[f64]) -> Result<Option<MotionEnd>, BodyError> {
+    pub async fn drive(
+        &mut self,
+        target: &Target,
+        speeds: Option<&[f64]>,
+        from: &[f64],
+    ) -> Result<Option<MotionEnd>, BodyError> {
         let within = |(m, q): (&usize, &f64)| self.axes.get(*m).is_some_and(|a| *q >= a.min && *q <= a.max);
         if target.motors.len() != target.q.len() || !target.motors.iter().zip(&target.q).all(within) {
             return Ok(Some(MotionEnd::Failed));
         }
-        let (motion, secs) = in_step(target, from, &self.axes);
+        let (motion, secs) = match speeds {
+            Some(speeds) if speeds.len() != target.motors.len() => return Ok(Some(MotionEnd::Failed)),
+            Some(speeds) => each(target, speeds, from),
+            None => in_step(target, from, &self.axes),
+        };
         let shares = self.shares(&motion);
         let speeds = shares.iter().map(|s| (s.board, group("velg", &s.joints, &s.speeds)));
         let goals = shares.iter().map(|s| (s.board, group("posg", &s.joints, &s.goals)));
@@ -324,6 +333,15 @@ fn in_step(target: &Target, from: &[f64], axes: &[Axis]) -> (Move, f64) {
     }
     motion.speed = Some(ways.iter().map(|way| PEAKS.0 * way / secs.max(1e-9)).collect());
     (motion, secs)
+}
+
+/// The motors at speeds of their own, rad/s, and the seconds that the slowest of them takes.
+fn each(target: &Target, speeds: &[f64], from: &[f64]) -> (Move, f64) {
+    let (motors, q) = (target.motors.clone(), target.q.clone());
+    let legs = motors.iter().zip(&q).zip(speeds);
+    let secs = legs.filter_map(|((m, q), v)| Some(PEAKS.0 * (q - from.get(*m)?).abs() / v.max(1e-9)));
+    let secs = secs.fold(0.0, f64::max);
+    (Move { motors, q, relative: false, speed: Some(speeds.to_vec()), acceleration: None }, secs)
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// A line of the fault list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
-    /// `F1` to `F28`.
+    /// `F1` to `F29`.
     pub name: &'static str,
     /// In words.
     pub what: &'static str,
@@ -27,7 +27,7 @@ const fn kind(name: &'static str, what: &'static str, elsewhere: Option<&'static
 }
 
 /// The whole list.
-pub const KINDS: [Kind; 28] = [
+pub const KINDS: [Kind; 29] = [
     kind("F1", "a panic in an actor, at any message", None),
     kind("F2", "an actor is killed", None),
     kind("F3", "an actor's handler stalls", None),
@@ -56,10 +56,13 @@ pub const KINDS: [Kind; 28] = [
     kind("F26", "memory, file descriptors or ports run out", PROCESS),
     kind("F27", "signals", PROCESS),
     kind("F28", "a machine under load", PROCESS),
+    kind("F29", "all encoders freeze in mid-motion", None),
 ];
 
 /// Swaps are no faults of a robot: they come where they are asked for, so that a seed alone stands for what it always stood for.
-const ASKED_FOR: [&str; 2] = ["F21", "F22"];
+const SWAPS: [&str; 2] = ["F21", "F22"];
+/// Came later, and comes by its name alone, for the same reason.
+const LATER: [&str; 1] = ["F29"];
 
 /// A fault of a plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -175,28 +178,31 @@ impl fmt::Display for What {
     }
 }
 
-/// The kinds that are meant by `F1,F8,...`; `mild` are those that a robot meets any day, `all` all that can be simulated; none
-/// named: all of these but the swaps.
+/// The kinds that are meant by a list such as `F1,F8`. In it `mild` are those that a robot meets any day, `usual` (and an empty list) all
+/// that can be simulated but swaps and F29, `all` these with the swaps.
 ///
 /// # Errors
 /// A sentence for the first name that is unknown or can't be simulated.
 pub fn chosen(names: &str) -> Result<Vec<&'static str>, String> {
+    let named: Vec<Vec<&'static str>> = names.split(',').map(|name| kinds(name.trim())).collect::<Result<_, _>>()?;
+    Ok(named.concat())
+}
+
+/// The kinds that one word of a list means.
+fn kinds(name: &str) -> Result<Vec<&'static str>, String> {
     let mild = ["F1", "F2", "F6", "F7", "F11", "F19", "F20"];
-    let all = KINDS.iter().filter(|k| k.elsewhere.is_none()).map(|k| k.name);
-    match names {
-        "" => return Ok(all.filter(|n| !ASKED_FOR.contains(n)).collect()),
+    let all = KINDS.iter().filter(|k| k.elsewhere.is_none()).map(|k| k.name).filter(|n| !LATER.contains(n));
+    match name {
+        "" | "usual" => return Ok(all.filter(|n| !SWAPS.contains(n)).collect()),
         "all" => return Ok(all.collect()),
         "none" => return Ok(Vec::new()),
         "mild" => return Ok(all.filter(|n| mild.contains(n)).collect()),
         _ => {}
     }
-    let known = |name: &str| {
-        let kind = KINDS.iter().find(|k| k.name.eq_ignore_ascii_case(name));
-        match kind {
-            None => Err(format!("there is no fault `{name}`; they are F1 to F28, `mild`, `all` and `none`")),
-            Some(Kind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
-            Some(kind) => Ok(kind.name),
-        }
-    };
-    names.split(',').map(|n| known(n.trim())).collect()
+    let kind = KINDS.iter().find(|k| k.name.eq_ignore_ascii_case(name));
+    match kind {
+        None => Err(format!("there is no fault `{name}`; they are F1 to F29, `usual`, `mild`, `all` and `none`")),
+        Some(Kind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
+        Some(kind) => Ok(vec![kind.name]),
+    }
 }

@@ -24,6 +24,8 @@ pub struct Tally {
     pub outcomes: [u64; 3],
     /// Why commits ended as faulted.
     pub faulted: BTreeMap<&'static str, u64>,
+    /// Why filters were closed.
+    pub closed: BTreeMap<&'static str, u64>,
     /// Restarts of actors.
     pub restarts: u64,
     /// Ways back that were given up.
@@ -60,6 +62,9 @@ impl Tally {
         }
         for (cause, n) in &ran.faulted {
             *self.faulted.entry(cause).or_default() += n;
+        }
+        for (cause, n) in &ran.closed {
+            *self.closed.entry(cause).or_default() += n;
         }
         for (sum, n) in self.swaps.iter_mut().zip(ran.swaps) {
             *sum += n;
@@ -113,6 +118,10 @@ impl fmt::Display for Tally {
             let shares = self.faulted.iter().map(|(cause, n)| format!("{cause} {:.1} %", self.share(*n)));
             let (share, shares) = (self.faulted_share(), shares.collect::<Vec<_>>().join(", "));
             writeln!(f, "faulted    {share:.1} % of the commits: {shares}")?;
+        }
+        if !self.closed.is_empty() {
+            let closed: Vec<String> = self.closed.iter().map(|(cause, n)| format!("{cause} {n}")).collect();
+            writeln!(f, "closed     {}", closed.join(", "))?;
         }
         let (escapes, stopped) = (self.escapes, self.retreats_stopped);
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;

@@ -50,6 +50,8 @@ pub struct Ran {
     pub counts: Counts,
     /// Why commits ended as faulted.
     pub faulted: BTreeMap<&'static str, u64>,
+    /// Why filters were closed.
+    pub closed: BTreeMap<&'static str, u64>,
     /// What became of its swaps: settled, reverted, refused.
     pub swaps: [u64; 3],
     /// What several robots did on the way back at once.
@@ -68,6 +70,8 @@ struct Watch {
     hash: Fingerprint,
     /// Why commits ended as faulted.
     faulted: BTreeMap<&'static str, u64>,
+    /// Why filters were closed.
+    closed: BTreeMap<&'static str, u64>,
     /// Swaps that were settled, reverted, refused.
     swaps: [u64; 3],
     /// Deaths that nobody planned.
@@ -90,6 +94,9 @@ impl Sink for Watch {
                 }
                 if let Event::Outcome { outcome: Outcome::Faulted, cause, .. } = &**event {
                     *self.faulted.entry(in_a_word(cause.as_ref())).or_default() += 1;
+                }
+                if let Event::Disabled { cause, .. } = &**event {
+                    *self.closed.entry(in_a_word(Some(cause))).or_default() += 1;
                 }
                 if let Event::Swap { step, .. } = &**event {
                     let [settled, reverted, refused] = &mut self.swaps;
@@ -180,6 +187,7 @@ impl Trial {
             n: 0,
             hash: Fingerprint::default(),
             faulted: BTreeMap::new(),
+            closed: BTreeMap::new(),
             swaps: [0; 3],
             bugs: Vec::new(),
             sinks,
@@ -238,7 +246,7 @@ impl Trial {
             violations.push(("I15".into(), "a group used up its restarts without a storm".into()));
         }
         let (counts, swaps, hash) = (end.counts, watch.swaps, watch.hash.hex());
-        let faulted = std::mem::take(&mut watch.faulted);
+        let (faulted, closed) = (std::mem::take(&mut watch.faulted), std::mem::take(&mut watch.closed));
         let growth = memory.slope();
         if let Some(slope) = growth.filter(|slope| *slope > GROWS) {
             violations.push(("I7".into(), format!("I7 broken: memory grows by {slope:.2} MB per hour")));
@@ -248,6 +256,7 @@ impl Trial {
             simulated: end.ended_at.since(Time::ZERO),
             counts,
             faulted,
+            closed,
             swaps,
             joint: watch.witness.joint,
             hash,

@@ -1,10 +1,13 @@
 //! Two hundred seeds of random faults on every change: no invariant is broken, and once the faults have healed the robots go on (I15).
 //!
-//! Twenty more with the exploring iCub. `mobee torture` runs as many as there is time for.
+//! Twenty more with the exploring iCub, and with agents that do what those of the first two hundred don't: they move a part of the robot, at
+//! speeds of each motor's own, and stream; constraints are in their reach, and encoders freeze in mid-motion. `mobee torture` runs as many as there is time for.
 
 use mobee::torture::{Tally, TortureArgs, torture};
 
 const ARMS: &str = "configs/behaviors/torture.toml";
+const STREAMS: &str = "configs/behaviors/torture-streams.toml";
+const CONSTRAINTS: &str = "configs/behaviors/torture-constraints.toml";
 const ICUB: &str = "configs/behaviors/explore.toml";
 
 fn seeds(file: &str, first: u64, seeds: u64, faults: &str) -> Tally {
@@ -48,6 +51,17 @@ fn a_hundred_seeds_hold_all_invariants() {
 #[test]
 fn another_hundred_seeds_hold_all_invariants() {
     was_hard(&seeds(ARMS, 101, 100, ""));
+}
+
+#[test]
+fn sixty_seeds_of_streams_and_parts_hold_all_invariants() {
+    was_hard(&seeds(STREAMS, 1, 60, "usual,F29"));
+}
+
+#[test]
+fn twenty_seeds_among_constraints_hold_all_invariants() {
+    let tally = seeds(CONSTRAINTS, 1, 20, "usual,F29");
+    assert!(tally.closed["constraint"] > 20, "{tally}");
 }
 
 #[test]

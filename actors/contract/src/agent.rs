@@ -90,6 +90,8 @@ pub struct Means {
 pub enum Intent {
     /// Move there; in mid-motion: change the open motion's target.
     MoveTo(Target),
+    /// The same, each of the target's motors at its own speed, rad/s, as a YARP board drives them: they arrive one after the other.
+    MoveEach(Target, Vec<f64>),
     /// Follow set-points. The first opens a motion, each of the next continues it, and when they go quiet the robot
     /// brakes and the motion ends where it then rests. Refused while the robot holds: escapes are moves.
     Stream(Setpoints),

@@ -2,7 +2,8 @@
 //! whole run, so that it does not walk either.
 //!
 //! Wants the poses, and a journal that tells which motors a commit names (version 2). A place is the mean of sixteen readings, and so is
-//! where the motor is now. An encoder that jumps says nothing of its motor, which has its place where it is then said to be.
+//! where the motor is now. An encoder that jumps, from one reading to the next or while none came, says nothing of its motor, which has
+//! its place where it is then said to be.
 
 use super::window::Window;
 use super::{Found, Invariant};
@@ -14,8 +15,10 @@ use std::time::Duration;
 /// How long a motor may take to come to rest after the motion that named it has ended.
 const SETTLES: Duration = Duration::from_secs(1);
 
-/// A kink of so many tolerances is no motion.
-const JUMPS: f64 = 2.0;
+/// A kink of so many tolerances is no motion: noise and acceleration stay below it, and an offset that would break the promise does not.
+const JUMPS: f64 = 0.75;
+/// More than so many tolerances from the last reading before a pause to the first after it is no motion that was seen.
+const UNSEEN: f64 = 0.5;
 
 #[derive(Default)]
 pub(super) struct IdleMotorsStay {
@@ -109,6 +112,11 @@ impl Invariant for IdleMotorsStay {
 
     fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
         let Some(state) = self.robots.get_mut(robot) else { return };
+        if let Some(before) = state.window.before_pause(at) {
+            let unseen = UNSEEN * state.tolerance;
+            let readings = state.motors.iter_mut().zip(before.iter().zip(q.iter()));
+            readings.filter(|(_, (a, b))| (*a - *b).abs() > unseen).for_each(|(motor, _)| motor.place = None);
+        }
         if state.window.take(at, q) {
             self.found.extend(state.judge(robot, at));
         }

@@ -38,6 +38,11 @@ impl Window {
         self.readings.len() == WINDOW
     }
 
+    /// The last reading, if one of this time would come after a pause.
+    pub fn before_pause(&self, at: Time) -> Option<&Pose> {
+        self.readings.back().filter(|(last, _)| at.since(*last) > self.period * 2).map(|(_, q)| q)
+    }
+
     /// Forgets all of them.
     pub fn forget(&mut self) {
         self.readings.clear();

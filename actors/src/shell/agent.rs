@@ -206,7 +206,11 @@ impl Planning {
         };
         match intent {
             Intent::MoveTo(target) => {
-                let verdict = self.commit(target).await;
+                let verdict = self.commit(target, None).await;
+                self.begin(verdict, myself);
+            }
+            Intent::MoveEach(target, speeds) => {
+                let verdict = self.commit(target, Some(speeds)).await;
                 self.begin(verdict, myself);
             }
             Intent::Stream(setpoints) => {
@@ -246,10 +250,9 @@ impl Planning {
             return;
         };
         match intent {
-            Some(Intent::MoveTo(target)) => {
-                // refused: the motion goes on as it was, and its end will be told
-                let _ = self.commit(target).await;
-            }
+            // refused: the motion goes on as it was, and its end will be told
+            Some(Intent::MoveTo(target)) => drop(self.commit(target, None).await),
+            Some(Intent::MoveEach(target, speeds)) => drop(self.commit(target, Some(speeds)).await),
             Some(Intent::Stream(setpoints)) => {
                 let _ = self.stream(setpoints, myself).await;
             }
@@ -276,9 +279,9 @@ impl Planning {
         myself.send_after(self.wires.rules().period, move || AgentMsg::SetPoint(id));
     }
 
-    async fn commit(&mut self, target: Target) -> Option<Verdict> {
+    async fn commit(&mut self, target: Target, speeds: Option<Vec<f64>>) -> Option<Verdict> {
         let (reply, verdict) = ractor::concurrency::oneshot();
-        let commit = Commit { agent: self.wires.agent_name.clone(), target, speeds: None };
+        let commit = Commit { agent: self.wires.agent_name.clone(), target, speeds };
         self.wires.supervise.send(SuperviseMsg::Commit(commit, reply.into()));
         verdict.await.ok()
     }

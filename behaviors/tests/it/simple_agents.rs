@@ -58,12 +58,80 @@ fn random_stays_within_limits_counts_its_moves_and_looks_first_if_asked_to() {
     assert_ne!(run(true, 5).motions, checked.motions);
 }
 
+/// What a jog wants in so many steps of 20 ms, on motors that do at once what they are told.
+fn jogged(settings: serde_json::Value, steps: u64) -> Vec<Intent> {
+    let robot = arm(4);
+    let mut agent = kind("jog", &robot, 7, settings);
+    let mut view = view(&scene(&robot, vec![]), &[0.0; 4]);
+    let (mut said, mut streams) = (Vec::new(), false);
+    for k in 0..steps {
+        view.at = Time(k * 20_000_000);
+        let revised = if streams { agent.revise(&view) } else { None };
+        let intent = revised.unwrap_or_else(|| agent.next(None, &view));
+        let mut q = view.pose().to_vec();
+        if let Intent::Stream(Setpoints { motors, values: Values::Velocity(v) }) = &intent {
+            motors.iter().zip(v).for_each(|(m, v)| q[*m] += 0.02 * v);
+        }
+        view.poses = vec![q.into()];
+        streams = matches!(intent, Intent::Stream(_));
+        said.push(intent);
+    }
+    said
+}
+
+#[test]
+fn jog_leads_a_few_motors_within_their_ranges_and_leaves_the_others_alone() {
+    let ranges = json!({ "joint0": [-10, 10], "joint2": [-10, 10] });
+    let settings = |by: &str| json!({ "motors": ["joint0", "joint2", "joint3"], "by": [by], "speed": 0.5, "count": 0, "range_deg": ranges });
+    let most = 10f64.to_radians();
+    let (mut seen, mut turned) = (std::collections::BTreeSet::new(), false);
+    for intent in jogged(settings("position"), 3000) {
+        let Intent::Stream(Setpoints { motors, values: Values::Position(q) }) = intent else { panic!("{intent:?}") };
+        assert!(motors.iter().zip(&q).all(|(m, q)| *m == 3 || q.abs() < most + 0.1), "{q:?}");
+        turned |= motors.iter().zip(&q).any(|(m, q)| *m != 3 && q.abs() > 0.9 * most);
+        seen.insert(motors);
+    }
+    assert!(turned && seen.len() > 3 && seen.iter().all(|motors| !motors.contains(&1)), "{seen:?}");
+    for intent in jogged(settings("velocity"), 3000) {
+        let Intent::Stream(Setpoints { values: Values::Velocity(v), .. }) = intent else { panic!("{intent:?}") };
+        assert!(v.iter().all(|v| v.abs() > 0.0));
+    }
+    let mut own = 0;
+    for intent in jogged(settings("move"), 100) {
+        let Intent::MoveEach(target, speeds) = intent else { panic!("{intent:?}") };
+        assert!(target.motors.len() <= 2 && target.motors.len() == speeds.len());
+        own += usize::from(speeds.len() == 2 && speeds[0] != speeds[1]);
+    }
+    assert!(own > 10);
+}
+
+/// A stream falls silent after its time, goes on as another way of moving, and is not taken up by a successor.
+#[test]
+fn jog_lets_go_and_hands_over() {
+    let robot = arm(2);
+    let settings = json!({ "motors": ["arm"], "count": 0, "lasts_s": [0.5, 0.5] });
+    let mut agent = kind("jog", &robot, 1, settings.clone());
+    let mut view = view(&scene(&robot, vec![]), &[0.0, 0.0]);
+    assert!(matches!(agent.next(None, &view), Intent::Stream(_)));
+    view.at = Time::from_secs(0.4);
+    assert!(matches!(agent.revise(&view), Some(Intent::Stream(_))));
+    let mut second = kind("jog", &robot, 2, settings);
+    second.import(agent.export()).unwrap();
+    assert_eq!(second.revise(&view), None);
+    assert_eq!(second.next(None, &view), agent.next(None, &view));
+    view.at = Time::from_secs(1.0);
+    assert_eq!(agent.revise(&view), None);
+    let bad = json!({ "motors": ["arm"], "by": [], "at_once": 0, "lasts_s": [2, 1] });
+    let complaints = try_kind("jog", &robot, 1, bad).map(drop).unwrap_err().all();
+    assert_eq!(complaints.iter().map(|c| c.path.as_str()).collect::<Vec<_>>(), ["by", "at_once", "lasts_s"]);
+}
+
 #[test]
 fn every_kind_has_a_paragraph_and_documents_every_setting() {
     use mobee_behaviors as _;
     let kinds = agent_kinds();
     let names: Vec<_> = kinds.iter().map(|k| k.name).collect();
-    assert_eq!(names, ["explorer", "random", "roadmap", "scripted"]);
+    assert_eq!(names, ["explorer", "jog", "random", "roadmap", "scripted"]);
     for kind in kinds {
         assert!(kind.doc.len() > 60, "{}", kind.name);
         let schema = (kind.schema)().to_value();

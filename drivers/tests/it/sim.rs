@@ -137,6 +137,22 @@ fn frozen_encoders_keep_saying_what_they_said() {
 }
 
 #[test]
+fn encoders_that_freeze_in_motion_tell_the_truth_until_the_motors_have_moved_for_a_while() {
+    let hardware = small(&SimSettings::default().exact());
+    let mut driver = hardware.connect().unwrap();
+    let mut now = Time::ZERO;
+    let fault = hardware.faults().start(Fault::FrozenInMotion { after: Duration::from_millis(500) });
+    run(driver.as_mut(), &mut now, 1.0);
+    driver.command(now, &to([0.5, -0.4])).unwrap();
+    let told = positions(run(driver.as_mut(), &mut now, 5.0));
+    let last = told.last().unwrap();
+    assert!(last[0] > 0.01 && last[0] < 0.4, "frozen in mid-motion: {last:?}");
+    assert!(told.iter().rev().take(300).all(|q| q == last));
+    hardware.faults().stop(fault);
+    assert_eq!(positions(run(driver.as_mut(), &mut now, 0.1)).last().unwrap(), &vec![0.5, -0.4]);
+}
+
+#[test]
 fn a_lost_connection_lets_the_lease_run_out_and_comes_back_without_a_jump() {
     let hardware = small(&SimSettings::default().exact());
     let mut driver = hardware.connect().unwrap();

@@ -194,7 +194,9 @@ impl Mind {
 
     fn tell_shadow(&self, intent: &Intent) {
         let (word, q) = match intent {
-            Intent::MoveTo(target) => ("move", target.motors.iter().copied().zip(target.q.iter().copied()).collect()),
+            Intent::MoveTo(target) | Intent::MoveEach(target, _) => {
+                ("move", target.motors.iter().copied().zip(target.q.iter().copied()).collect())
+            }
             Intent::Stream(_) => ("stream", Vec::new()),
             Intent::Stop => ("stop", Vec::new()),
             Intent::Wait(_) => ("wait", Vec::new()),
