@@ -65,3 +65,25 @@ fn a_suspended_process_wakes_up_to_stale_readings_and_goes_on() {
     assert!(end.status.success(), "{}", said(&end));
     holds(&out);
 }
+
+/// A machine that is too slow for its run, for more than a moment: people and scripts are told.
+#[test]
+fn a_run_that_is_held_up_again_and_again_ends_with_a_code_of_its_own() {
+    let scratch = tempfile::tempdir().expect("a folder");
+    let mut run = Run::start(scratch.path().join("run"), &["configs/behaviors/explore.toml", "--no-record"]);
+    run.wait(|all| count(all, "commit") > 0);
+    for _ in 0..11 {
+        run.signal("STOP");
+        std::thread::park_timeout(Duration::from_millis(150));
+        run.signal("CONT");
+        // each in a second of its own
+        std::thread::park_timeout(Duration::from_millis(870));
+    }
+    let out = run.out.clone();
+    run.signal("TERM");
+    let end = run.end();
+    assert_eq!(end.status.code(), Some(3), "{}", said(&end));
+    let summary: serde_json::Value = serde_json::from_slice(&end.stdout).expect("a summary");
+    assert!(summary["overload"].as_str().is_some_and(|o| o.contains("control periods missed")), "{summary}");
+    holds(&out);
+}
