@@ -19,12 +19,12 @@
 //! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
 //! | I19 | a contact closes | a contact that begins in mid-motion closes the filter within one control period |
 //! | I21 | idle motors stay | a motor that no open commit names does not leave its place, not in the long run either |
-//! | I22 | what is to be taken back is | a contact, a constraint, a missed target, the agent's death: the motion ends rolled back, unless the journal says why not |
+//! | I22 | what is to be taken back is | a contact, a constraint, a missed target, the agent's death: the motion ends rolled back, the way it came, unless the journal says why not |
 //! | I27 | contacts have a hysteresis | a contact begins below the margin, and again only after it has ended |
 //! | I28 | what dies closes at once | the death of the model or of a controller's actor closes the filter within two leases |
 //!
 //! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
-//! journal where there are any ([`crate::track`]): I4 looks at those, too, I8, I17 and I21 want them. I15 is judged where a simulation
+//! journal where there are any ([`crate::track`]): I4 and I22 look at those, too, I8, I17 and I21 want them. I15 is judged where a simulation
 //! says that its faults have healed. [`ALL`] lists them.
 
 mod all;
@@ -51,6 +51,7 @@ mod summary;
 mod taken_back;
 mod together;
 mod watched_retreat;
+mod way_back;
 mod window;
 pub use all::{ALL, Promise, Wants, judged, wants_poses};
 pub use liveness::HEALED;

@@ -291,4 +291,4 @@ impl Trip {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -219,9 +219,10 @@ impl Port {
 
     /// Ends the stream of set-points, if there is one.
     pub fn end_stream(&mut self) -> Option<Event> {
-        let Streaming { token, writer, count, motors, within, span, greatest_step, .. } = self.streaming.take()?;
+        let Streaming { token, writer, count, motors, within, span, last, greatest_step } = self.streaming.take()?;
         let (robot, motors) = (self.rules.robot.clone(), motors.into_iter().collect());
-        Some(Event::Streamed { robot, token, writer, motors, count, span, greatest_step, within_limits: within })
+        let (last, within_limits) = (last.into_iter().flatten().collect(), within);
+        Some(Event::Streamed { robot, token, writer, motors, count, span, greatest_step, within_limits, last })
     }
 }
 

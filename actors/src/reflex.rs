@@ -350,3 +350,6 @@ impl ReflexCore {
         (&self.phase, &self.convoy, seen, (&self.escape, &self.stopped, self.stop), self.motion, &self.met)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -294,6 +294,9 @@ pub enum Event {
         greatest_step: f64,
         /// Whether every value was finite and within limits.
         within_limits: bool,
+        /// The last position of each motor that was written, by index, rad; of velocities none. Older journals don't tell.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        last: Vec<(usize, f64)>,
     },
     /// A contact of a reflex pair began.
     ContactBegan {

@@ -1,18 +1,32 @@
-//! I22: a motion that the reflex or supervise takes back ends `rolled_back`, by a way back that was driven, unless the journal says why
-//! not: the way back was given up, an actor died, the filter was closed anew, the run ends.
-//!
-//! What is taken back: a motion in which a contact begins or a constraint is violated, whose target is missed, or whose agent died. An
+//! I22: what is taken back: a motion in which a contact begins or a constraint is violated, whose target is missed, or whose agent died. An
 //! escape has no way back.
+//!
+//! Where there are measured poses, the way back is judged by them, too ([`WayBack`]). Where it leads is judged by what was written
+//! last: to the safe pose, and to an earlier rest only to let another robot pass.
 
-use super::{Found, Invariant};
+use super::way_back::WayBack;
+use super::{Found, Invariant, apart_deg};
 use crate::journal::Line;
-use mobee_contract::{Cause, Event, Hold, Outcome, Status};
+use mobee_contract::{Cause, Event, Hold, Outcome, Pose, Status, Time, Writer};
 use std::collections::BTreeMap;
 
 #[derive(Default)]
 pub(super) struct TakenBack {
-    robots: BTreeMap<String, Motion>,
+    robots: BTreeMap<String, Robot>,
+    found: Vec<String>,
     gave_up: bool,
+}
+
+#[derive(Default)]
+struct Robot {
+    period: f64,
+    tolerance: f64,
+    rest_speed: f64,
+    newest: Option<(Time, Pose)>,
+    safe: Option<Pose>,
+    motion: Motion,
+    /// The way of the open motion, if it has a safe pose and tells its motors.
+    way: Option<WayBack>,
 }
 
 #[derive(Default)]
@@ -21,8 +35,11 @@ struct Motion {
     open: bool,
     /// Why it is to be taken back, in words.
     cause: Option<&'static str>,
-    /// Whether a way back was driven.
+    /// Whether a way back was driven, and to its last pose.
     driven: bool,
+    settling: bool,
+    /// Whether it ended there without being back.
+    missed: bool,
     /// Whether the journal says why it may end otherwise.
     excused: bool,
 }
@@ -37,45 +54,142 @@ fn in_words(cause: &Cause) -> Option<&'static str> {
     }
 }
 
+impl Robot {
+    fn set_out(&mut self, escape: bool, motors: &[(usize, f64)]) {
+        self.motion = Motion { open: !escape, ..Motion::default() };
+        let way = (!escape && !motors.is_empty()).then(|| WayBack::new(motors, self.rest_speed, self.period));
+        self.way = way.map(|mut way| {
+            self.newest.iter().for_each(|(at, q)| _ = way.take(*at, q));
+            way
+        });
+    }
+
+    fn excuse(&mut self) {
+        self.motion.excused = true;
+        self.way = None;
+    }
+
+    /// The way back was stopped. One that got to its end, and was not back, must have led there.
+    fn stopped(&mut self, reason: Hold) {
+        self.motion.missed = reason == Hold::RetreatMissed && self.motion.settling && !self.motion.excused;
+        self.excuse();
+    }
+
+    /// What was written last on a way back that missed its end, if that is not its end.
+    fn misled(&mut self, last: &[(usize, f64)]) -> Option<String> {
+        let safe = self.safe.as_ref().filter(|_| std::mem::take(&mut self.motion.missed))?;
+        let (sent, end): (Vec<f64>, Vec<f64>) = last.iter().filter_map(|(m, q)| Some((q, safe.get(*m)?))).unzip();
+        let deg = apart_deg(&sent, &end);
+        (deg > self.tolerance.to_degrees()).then(|| format!("led to {deg:.2} deg from its safe pose"))
+    }
+
+    fn ended(&mut self, id: u64, outcome: Outcome) -> Option<String> {
+        let (motion, way) = (std::mem::take(&mut self.motion), self.way.take());
+        let cause = motion.cause.filter(|_| motion.open && !motion.excused)?;
+        if outcome != Outcome::RolledBack {
+            return Some(format!("commit {id} was to be taken back for {cause}, and ended otherwise"));
+        }
+        if !motion.driven {
+            return Some(format!("commit {id} was rolled back for {cause} without a way back"));
+        }
+        way?.over()
+    }
+}
+
 impl Invariant for TakenBack {
     fn on(&mut self, line: &Line, found: &mut Found<'_>) {
-        match &line.event {
-            Event::Commit { robot, escape, .. } => {
-                self.robots.insert(robot.clone(), Motion { open: !escape, ..Motion::default() });
+        self.found.drain(..).for_each(|what| found.say(what));
+        let wrong = match &line.event {
+            Event::Robot { robot, period, tolerance, rest_speed, .. } => {
+                let robot = self.robots.entry(robot.clone()).or_default();
+                (robot.period, robot.tolerance, robot.rest_speed) = (*period, *tolerance, *rest_speed);
+                None
             }
-            Event::Disabled { robot, cause, .. } => {
-                let motion = self.robots.entry(robot.clone()).or_default();
+            Event::SafePose { robot, q, .. } => self.of(robot, |r| r.safe = Some(q.clone())),
+            Event::SafePoseMoved { robot, q, .. } => self.moved(robot, q),
+            Event::Commit { robot, escape, motors, .. } => self.of(robot, |r| r.set_out(*escape, motors)),
+            Event::Amended { robot, motors, .. } => {
+                self.of(robot, |r| r.way.iter_mut().for_each(|way| way.join(motors)))
+            }
+            Event::Disabled { robot, cause, .. } => self.of(robot, |r| {
                 // anything else, or a second closing, ends the way back
-                motion.excused |= motion.cause.is_some() || in_words(cause).is_none();
-                motion.cause = motion.cause.or(in_words(cause));
+                if r.motion.cause.is_some() || in_words(cause).is_none() {
+                    r.excuse();
+                }
+                r.motion.cause = r.motion.cause.or(in_words(cause));
+            }),
+            Event::RetreatBegan { robot, .. } => self.of(robot, |r| {
+                (r.motion.driven, r.motion.settling) = (true, false);
+                r.way.iter_mut().for_each(|way| way.turn(line.at));
+            }),
+            Event::State { robot, status: Status::Settling } => self.of(robot, |r| r.motion.settling = true),
+            Event::RetreatStopped { robot, reason, .. } => self.of(robot, |r| r.stopped(*reason)),
+            Event::State { robot, status: Status::Holding(Hold::ShuttingDown | Hold::Stale | Hold::Restarted) } => {
+                self.of(robot, Robot::excuse)
             }
-            Event::RetreatBegan { robot, .. } => self.robots.entry(robot.clone()).or_default().driven = true,
-            Event::RetreatStopped { robot, .. }
-            | Event::State { robot, status: Status::Holding(Hold::ShuttingDown | Hold::Stale | Hold::Restarted) } => {
-                self.robots.entry(robot.clone()).or_default().excused = true;
+            Event::CommandDropped { robot, .. } => self.of(robot, |r| r.motion.missed = false),
+            Event::Streamed { robot, writer: Writer::Reflex, last, .. } => self.with(robot, |r| r.misled(last)),
+            Event::Command { robot, writer: Writer::Reflex, kind, .. } if kind == "move" => {
+                self.of(robot, |r| r.way.iter_mut().for_each(WayBack::is_moved))
             }
             Event::Died { actor, .. } if !actor.ends_with("/agent") => self.excuse_all(),
             Event::Resumed { .. } => self.excuse_all(),
-            Event::GaveUp { .. } => self.gave_up = true,
-            Event::Outcome { robot, id, outcome, .. } => {
-                let Some(motion) = self.robots.remove(robot).filter(|m| m.open && !m.excused && !self.gave_up) else {
-                    return;
-                };
-                let Some(cause) = motion.cause else { return };
-                if *outcome != Outcome::RolledBack {
-                    found
-                        .say(format!("{robot}: commit {} was to be taken back for {cause}, and ended otherwise", id.0));
-                } else if !motion.driven {
-                    found.say(format!("{robot}: commit {} was rolled back for {cause} without a way back", id.0));
-                }
+            Event::GaveUp { .. } => {
+                self.gave_up = true;
+                self.excuse_all()
             }
-            _ => {}
-        }
+            Event::Outcome { robot, id, outcome, .. } => {
+                let gave_up = self.gave_up;
+                self.with(robot, |r| r.ended(id.0, *outcome).filter(|_| !gave_up))
+            }
+            _ => None,
+        };
+        wrong.into_iter().for_each(|what| found.say(what));
+    }
+
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+        let Some(state) = self.robots.get_mut(robot) else { return };
+        state.newest = Some((at, q.clone()));
+        let wrong = state.way.as_mut().and_then(|way| way.take(at, q));
+        self.found.extend(wrong.map(|what| format!("{robot}: {what}")));
+    }
+
+    fn blind(&mut self, robot: &str) {
+        _ = self.of(robot, |r| r.way = None);
+    }
+
+    fn end(&mut self, found: &mut Found<'_>) {
+        self.found.drain(..).for_each(|what| found.say(what));
     }
 }
 
 impl TakenBack {
-    fn excuse_all(&mut self) {
-        self.robots.values_mut().for_each(|motion| motion.excused = true);
+    fn excuse_all(&mut self) -> Option<String> {
+        self.robots.values_mut().for_each(Robot::excuse);
+        None
+    }
+
+    /// The safe pose of a motion moved. On the way back, to let another robot pass that is taken back, too.
+    fn moved(&mut self, robot: &str, q: &Pose) -> Option<String> {
+        let taken_back = |(name, r): (&String, &Robot)| name != robot && r.motion.open && r.motion.cause.is_some();
+        let for_another = self.robots.iter().any(taken_back);
+        self.with(robot, |r| {
+            r.safe = Some(q.clone());
+            let driven = r.motion.driven && !r.motion.excused;
+            r.way.iter_mut().filter(|_| driven).for_each(WayBack::forget);
+            (driven && !for_another).then(|| "is taken back farther than to its safe pose, and lets nobody pass".into())
+        })
+    }
+
+    fn of(&mut self, robot: &str, change: impl FnOnce(&mut Robot)) -> Option<String> {
+        self.with(robot, |r| {
+            change(r);
+            None
+        })
+    }
+
+    fn with(&mut self, robot: &str, change: impl FnOnce(&mut Robot) -> Option<String>) -> Option<String> {
+        let what = change(self.robots.entry(robot.into()).or_default())?;
+        Some(format!("{robot}: {what}"))
     }
 }

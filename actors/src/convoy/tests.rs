@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Vector3};
 use proptest::prelude::*;
 
 const ARM: &str = include_str!("../../tests/data/pan.xml");
-const PERIOD: Duration = Duration::from_millis(10);
+pub(crate) const PERIOD: Duration = Duration::from_millis(10);
 
 /// Two of them, 80 cm apart: at zero each points at the other, and they touch if both do.
 fn scene() -> Arc<Scene> {
@@ -21,7 +21,7 @@ fn scene() -> Arc<Scene> {
     Arc::new(Scene::new(vec![(arm("left"), Isometry3::identity()), (arm("right"), turned)], Vec::new()).unwrap())
 }
 
-fn rules(direct: bool) -> Arc<Rules> {
+pub(crate) fn rules(direct: bool) -> Arc<Rules> {
     let axis = Axis { name: "pan".into(), min: -3.0, max: 3.0, max_speed: 3.0, max_acceleration: 30.0 };
     let board = Board { axes: vec![axis], period: PERIOD, latency: Duration::ZERO, position_direct: direct };
     let controller = Controller { period_s: PERIOD.as_secs_f64(), ..Controller::default() };
@@ -30,7 +30,7 @@ fn rules(direct: bool) -> Arc<Rules> {
 
 /// A robot that was at these angles (degrees) at these times (seconds), moved evenly in between, and asks for its way back to
 /// where it was at `safe`.
-fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f64) -> Traveller {
+pub(crate) fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f64) -> Traveller {
     let mut history = HistoryCore::new(10_000);
     let [first, last] = [turns.first(), turns.last()].map(|t| (t.unwrap().0 * 100.0).round() as u64);
     for k in first..=last {

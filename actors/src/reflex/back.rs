@@ -9,7 +9,7 @@ use mobee_contract::{Command, ControlMode, Event, Hold, Time};
 use mobee_model::{Contact, Pair};
 use std::time::Duration;
 
-/// How long the robot may take to come to rest before it is stopped once more, or to settle at the end of its way.
+/// How long the robot may take to come to rest before it is stopped once more, to follow on its way, or to settle at its end.
 const PATIENCE: Duration = Duration::from_secs(3);
 
 impl ReflexCore {
@@ -63,6 +63,9 @@ impl ReflexCore {
                 } else if broken.is_some() || newly_violated {
                     let what = blocked(broken, name);
                     self.give_up(token, Hold::RetreatBlocked, what, (now, clock), out);
+                } else if retreat.waits(clock) >= PATIENCE {
+                    let what = "the robot does not follow the set-points".into();
+                    self.give_up(token, Hold::RetreatMissed, what, (now, clock), out);
                 } else {
                     match retreat.step(&self.convoy, &pulse.sample, clock, &rules) {
                         Ok(command) => out.extend(command.map(|c| ReflexOut::Command(token, c))),

@@ -1,5 +1,6 @@
 //! The way back: the recorded poses backwards at the recorded rate (Algorithm 6), on the clock of all that go back together.
 
+use super::FROZEN_WAY;
 use crate::controller::{Rules, distance, within};
 use crate::convoy::{Convoy, Way};
 use mobee_contract::{Command, ControlMode, Sample, Target, Time};
@@ -16,6 +17,8 @@ pub struct Retreat {
     last: Time,
     /// What was last written to the way's motors.
     written: Vec<f64>,
+    /// Since when the robot has not followed.
+    behind: Option<Time>,
 }
 
 /// Another robot that was on its way back with this one went no further.
@@ -26,7 +29,7 @@ impl Retreat {
     /// Of a robot, on this way.
     pub fn new(robot: usize, way: Way, rules: &Rules, now: Time) -> Retreat {
         let written = way.points.first().map(|(_, q)| way.of(q)).unwrap_or_default();
-        Retreat { robot, way, clock: 0.0, next: 1, last: now + rules.reaction(), written }
+        Retreat { robot, way, clock: 0.0, next: 1, last: now + rules.reaction(), written, behind: None }
     }
 
     /// Where it leads.
@@ -48,6 +51,11 @@ impl Retreat {
     /// The positions last written, of the motors that go back.
     pub fn written(&self) -> &[f64] {
         &self.written
+    }
+
+    /// How long the robot has not followed.
+    pub fn waits(&self, now: Time) -> Duration {
+        self.behind.map_or(Duration::ZERO, |since| now.since(since))
     }
 
     /// Whether the last set-point has been written.
@@ -83,25 +91,48 @@ impl Retreat {
         if self.is_over() {
             Ok(None)
         } else if self.way.direct {
-            self.set_point(convoy, now, rules)
+            self.set_point(convoy, sample, now, rules)
         } else {
             self.way_point(convoy, sample, now, rules)
         }
     }
 
-    fn set_point(&mut self, convoy: &Convoy, now: Time, rules: &Rules) -> Result<Option<Command>, Parted> {
+    fn set_point(
+        &mut self,
+        convoy: &Convoy,
+        sample: &Sample,
+        now: Time,
+        rules: &Rules,
+    ) -> Result<Option<Command>, Parted> {
         // half a sample early rather than a whole one late
         let elapsed = now.since(self.last).as_secs_f64();
         let period = rules.period.as_secs_f64();
         if elapsed < 0.75 * period {
             return Ok(None);
         }
-        let most = self.clock + elapsed.min(1.5 * period);
+        let follows = self.is_followed(sample, now, rules);
+        self.behind = if follows { None } else { self.behind.or(Some(now)) };
+        let most = if follows { self.clock + elapsed.min(1.5 * period) } else { self.clock };
         self.clock = convoy.step(self.robot, most, now).ok_or(Parted)?;
         self.next += self.way.points.iter().skip(self.next).take_while(|(t, _)| *t <= self.clock).count();
         self.last = now;
         self.written = self.limited(self.positions(), rules);
         Ok(Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() }))
+    }
+
+    /// Whether each motor is where it was sent within its reaction, to a degree. A board without a lease, or one that is held up,
+    /// is not: to go on without the robot would lead it straight to where the clock is then, beside its recorded path.
+    fn is_followed(&self, sample: &Sample, now: Time, rules: &Rules) -> bool {
+        let since = self.clock - (rules.reaction() + now.since(sample.at)).as_secs_f64();
+        let first = self.way.points.partition_point(|(t, _)| *t <= since).saturating_sub(1);
+        let sent = |m: usize| {
+            let passed = self.way.points.iter().take(self.next).skip(first).filter_map(|(_, q)| q.get(m));
+            passed.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (q.min(low), q.max(high)))
+        };
+        self.way.motors.iter().zip(&self.written).all(|(m, written)| {
+            let ((low, high), here) = (sent(*m), sample.q.get(*m).copied().unwrap_or(f64::NAN));
+            (low.min(*written) - FROZEN_WAY..=high.max(*written) + FROZEN_WAY).contains(&here)
+        })
     }
 
     /// Where its motors are at the clock's time.

@@ -62,8 +62,8 @@ fn command(writer: Writer, token: u64, kind: &str, q: &[f64]) -> Event {
 }
 fn streamed(writer: Writer, token: u64, from: f64, to: f64) -> Event {
     let span = (Time::from_secs(from), Time::from_secs(to));
-    let motors = vec![0];
-    Event::Streamed { robot: R.into(), token, writer, motors, count: 10, span, greatest_step: 0.5, within_limits: true }
+    let (robot, motors, last) = (R.into(), vec![0], vec![(0, 0.0)]);
+    Event::Streamed { robot, token, writer, motors, count: 10, span, greatest_step: 0.5, within_limits: true, last }
 }
 fn contact(during: Status) -> Event {
     contact_at(0.008, during)

@@ -1,0 +1,165 @@
+//! I22 by the measured poses: a way back that is none, each as a run in which nothing else is wrong.
+
+use mobee_actors::check::{Checker, Violation};
+use mobee_actors::journal::Line;
+use mobee_contract::{Cause, CommitId, Event, Hold, Outcome, Pose, Status, Time, Writer};
+
+const R: &str = "edge";
+/// When it is committed, stopped and taken back, s.
+const COMMIT: f64 = 1.0;
+const STOP: f64 = 3.0;
+const BACK: f64 = 3.2;
+
+/// First one motor goes, then the other: a path with a bend, at 0.3 rad/s.
+fn there(at: f64) -> [f64; 2] {
+    [0.3 * (at - COMMIT).clamp(0.0, 1.0), 0.3 * (at - COMMIT - 1.0).clamp(0.0, 1.0)]
+}
+
+/// The path backwards at this rate.
+fn backwards(rate: f64) -> impl Fn(f64) -> [f64; 2] {
+    move |at| there(STOP - rate * (at - BACK - 0.06).max(0.0))
+}
+
+fn rules() -> Event {
+    Event::Robot {
+        robot: R.into(),
+        motors: vec!["a".into(), "b".into()],
+        min: vec![-1.0; 2],
+        max: vec![1.0; 2],
+        max_speed: vec![2.0; 2],
+        period: 0.02,
+        fresh: 0.1,
+        margin: 0.01,
+        tolerance: 0.002,
+        rest_speed: 0.01,
+    }
+}
+
+/// What of I22 is found where the robot goes back as `back` says, with more events; the outcome comes at `end`.
+fn found(back: impl Fn(f64) -> [f64; 2], end: f64, outcome: Outcome, more: Vec<(f64, Event)>) -> Vec<Violation> {
+    let (robot, id, home) = (|| R.to_string(), CommitId(1), || Pose::from([0.0, 0.0]));
+    let motors = vec![(0, 0.5), (1, 0.5)];
+    let (agent, target) = ("explorer".into(), Pose::from([0.5, 0.5]));
+    let q = Pose::from(back(end));
+    let mut events = vec![
+        (0.0, Event::Started { seed: 1, clock: "virtual".into(), config: serde_json::json!({}) }),
+        (0.0, rules()),
+        (0.9, Event::SafePose { robot: robot(), q: home(), age: 0.01, speed: 0.0, free: true }),
+        (0.9, Event::Enabled { robot: robot(), token: 1 }),
+        (COMMIT, Event::Commit { robot: robot(), id, agent, target, escape: false, motors }),
+        (STOP, Event::Disabled { robot: robot(), token: 2, cause: Cause::Contact(vec![]) }),
+        (BACK, Event::RetreatBegan { robot: robot(), id, poses: 200, secs: 2.0, near: vec![] }),
+        (end, Event::Outcome { robot: robot(), id, outcome, q, safe: Some(home()), cause: None }),
+        (end + 1.0, Event::Ended { reason: "done".into() }),
+    ];
+    events.extend(more);
+    events.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut checker, mut events) = (Checker::default(), (0..).zip(events).peekable());
+    for k in 0.. {
+        let at = 0.01 * f64::from(k);
+        while let Some((n, (time, event))) = events.next_if(|(_, (time, _))| *time <= at) {
+            checker.on(&Line { line: n + 1, n, at: Time::from_secs(time), event, hash: String::new() });
+        }
+        if events.peek().is_none() {
+            break;
+        }
+        checker.pose(0, Time::from_secs(at), &if at < BACK { there(at.min(STOP)) } else { back(at) }.into());
+    }
+    checker.end().1.into_iter().filter(|v| v.invariant == "I22").collect()
+}
+
+/// The same of a way back that ends as one should.
+fn back(q: impl Fn(f64) -> [f64; 2], end: f64) -> String {
+    found(q, end, Outcome::RolledBack, vec![]).iter().map(|v| v.what.clone()).collect()
+}
+
+#[test]
+fn the_recorded_path_backwards_at_its_rate_is_one() {
+    assert_eq!(back(backwards(1.0), 5.5), "");
+    // a little late, and with a halt in between, as for another robot
+    assert_eq!(back(backwards(0.95), 5.7), "");
+    assert_eq!(back(|at| backwards(1.0)(if at < 4.0 { at } else { (at - 2.0).max(4.0) }), 8.0), "");
+    // half a degree beside it
+    assert_eq!(back(|at| backwards(1.0)(at).map(|q| q + 0.008 * (at - BACK).clamp(0.0, 0.5)), 5.5), "");
+}
+
+#[test]
+fn another_path_is_none() {
+    let straight = |at: f64| [0.3, 0.3].map(|q| q * (1.0 - 0.5 * (at - BACK - 0.06)).clamp(0.0, 1.0));
+    assert!(back(straight, 5.5).contains("beside the way"), "{}", back(straight, 5.5));
+    let beside = |at: f64| backwards(1.0)(at).map(|q| q + 0.1 * (at - BACK).clamp(0.0, 0.3));
+    assert!(back(beside, 5.5).contains("beside the way"));
+    // to its beginning at once, and from there to its end
+    let reversed = |at: f64| there(COMMIT + (at - BACK - 0.6).max(0.0)).map(|q| q * ((at - BACK) / 0.6).min(1.0));
+    let hurries = |at: f64| if at < BACK + 0.6 { [0.3 * (1.0 - (at - BACK) / 0.6); 2] } else { reversed(at) };
+    assert!(!back(hurries, 5.5).is_empty());
+}
+
+#[test]
+fn another_rate_is_none() {
+    assert!(back(backwards(0.5), 7.5).contains("was in motion for"), "{}", back(backwards(0.5), 7.5));
+    assert!(back(backwards(1.3), 5.0).contains("of its way back in"), "{}", back(backwards(1.3), 5.0));
+    // from way-point to way-point the board goes as it does
+    let (robot, kind) = (R.into(), "move".into());
+    let mv =
+        Event::Command { robot, token: 2, writer: Writer::Reflex, kind, motors: vec![0], q: vec![], speed: vec![] };
+    assert_eq!(found(backwards(0.5), 7.5, Outcome::RolledBack, vec![(BACK, mv)]), []);
+}
+
+#[test]
+fn an_encoder_that_jumps_and_readings_that_are_missing_say_nothing() {
+    let off = |at: f64| backwards(1.0)(at).map(|q| if at > 4.0 { q + 0.05 } else { q });
+    assert_eq!(back(off, 5.5), "");
+    let lost = vec![(3.5, Event::Died { actor: "edge/driver".into(), reason: "planted".into() })];
+    assert_eq!(found(|at| [0.3 + at - BACK, 0.3], 5.5, Outcome::RolledBack, lost), []);
+}
+
+#[test]
+fn a_way_back_that_missed_its_end_was_written_to_it() {
+    let missed = |last: Vec<(usize, f64)>| {
+        let (robot, span) = (|| R.to_string(), (Time::from_secs(BACK), Time::from_secs(5.0)));
+        let (writer, motors) = (Writer::Reflex, vec![0, 1]);
+        let written = Event::Streamed {
+            robot: robot(),
+            token: 2,
+            writer,
+            motors,
+            count: 90,
+            span,
+            greatest_step: 0.5,
+            within_limits: true,
+            last,
+        };
+        let (reason, what) = (Hold::RetreatMissed, "the safe pose was not reached in time".into());
+        let more = vec![
+            (5.0, Event::State { robot: robot(), status: Status::Settling }),
+            (8.1, Event::RetreatStopped { robot: robot(), reason, what, seen: Time::from_secs(8.1) }),
+            (8.11, written),
+        ];
+        found(|at| backwards(1.0)(at.min(5.0)), 9.0, Outcome::Faulted, more)
+    };
+    let short = missed(vec![(0, 0.05), (1, 0.0)]);
+    assert!(short.len() == 1 && short[0].what.contains("2.86 deg from its safe pose"), "{short:?}");
+    // the robot was sent there, and is not: something holds it
+    assert_eq!(missed(vec![(0, 0.001), (1, 0.0)]), []);
+    assert_eq!(missed(vec![]), [], "an older journal does not tell");
+}
+
+#[test]
+fn only_to_let_another_pass_does_it_go_beyond_its_safe_pose() {
+    let farther = Event::SafePoseMoved { robot: R.into(), id: CommitId(1), q: [-0.2, 0.0].into() };
+    let alone = found(backwards(1.0), 5.5, Outcome::RolledBack, vec![(BACK, farther.clone())]);
+    assert!(alone.len() == 1 && alone[0].what.contains("lets nobody pass"), "{alone:?}");
+    let (robot, agent, target) = ("other".to_string(), "explorer".to_string(), Pose::from([0.0, 0.0]));
+    let other = |robot: String| {
+        vec![
+            (
+                2.0,
+                Event::Commit { robot: robot.clone(), id: CommitId(1), agent, target, escape: false, motors: vec![] },
+            ),
+            (3.0, Event::Disabled { robot, token: 2, cause: Cause::Contact(vec![]) }),
+            (BACK, farther),
+        ]
+    };
+    assert_eq!(found(backwards(1.0), 5.5, Outcome::RolledBack, other(robot)), []);
+}
