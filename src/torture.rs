@@ -4,6 +4,7 @@
 //! seed ──plan──> faults ──trial──> run ──Checker──> nothing, or a violation ──shrink──> the shortest list of faults
 //! ```
 
+mod boards;
 pub mod faults;
 mod memory;
 pub mod plan;
@@ -11,6 +12,7 @@ mod report;
 pub mod shrink;
 pub mod swaps;
 pub mod trial;
+mod wires;
 mod witness;
 
 pub use report::Tally;
@@ -31,7 +33,7 @@ const TWICE: f64 = 600.0;
 /// The arguments of `mobee torture`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct TortureArgs {
-    /// The behavior to torture; its robots are simulated, whatever it says.
+    /// The behavior to torture; its robots are simulated, whatever it says: those behind YARP with the driver that they have.
     pub file: PathBuf,
     /// How many seeds, one run each.
     #[arg(long, default_value_t = 200)]

@@ -89,8 +89,8 @@ impl HistoryCore {
             let follows = steps.is_some() && at <= last.at + stale && (!after_pause || near(&q));
             let cut = std::mem::take(&mut self.cut);
             after_gap = !bridged && (cut || !follows || q.len() != last.q.len());
-            if let Some(steps) = steps.filter(|_| !after_gap && !after_pause) {
-                // the estimated period: a running mean, as the robot's own clock has jitter
+            if let Some(steps) = steps.filter(|n| !after_gap && *n <= FEW) {
+                // the estimated period: a running mean, as the robot's own clock has jitter; after a bunch of readings it grows again
                 let pause = pause / steps as f64;
                 self.period = if self.period > 0.0 { self.period + 0.05 * (pause - self.period) } else { pause };
             }

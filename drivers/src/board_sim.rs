@@ -39,7 +39,8 @@ impl SimClock {
         SimClock { begun: Instant::now(), speed, wall }
     }
 
-    fn now(&self) -> Time {
+    /// The simulation's own time.
+    pub(crate) fn now(&self) -> Time {
         Time::from_secs(self.begun.elapsed().as_secs_f64() * self.speed)
     }
 
@@ -107,7 +108,8 @@ impl SimBoard {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn answer(&self, request: &Bottle) -> Bottle {
+    /// The board's answer to a request.
+    pub(crate) fn answer(&self, request: &Bottle) -> Bottle {
         let now = self.clock.now();
         let mut state = self.lock();
         state.look(now);
@@ -166,7 +168,9 @@ impl State {
     /// Brings the shadow up to date.
     fn look(&mut self, now: Time) {
         self.driver.lease(now, now + FOR_EVER);
-        if let Ok(Some(sample)) = self.driver.sample(now) {
+        let sample = self.driver.sample(now);
+        let faulty = matches!(sample, Err(DriverFault::Hardware(_)));
+        if let Ok(Some(sample)) = sample {
             self.last = Some(sample);
         }
         let speeds = self.hardware.speeds(now);
@@ -179,7 +183,8 @@ impl State {
             }
             axis.speed = speeds.get(i).copied().unwrap_or_default().to_degrees();
             axis.done = done.get(i).copied().unwrap_or_default();
-            axis.mode = modes.get(i).map_or(mode::UNKNOWN, |m| word(*m));
+            let known = modes.get(i).map_or(mode::UNKNOWN, |m| word(*m));
+            axis.mode = if faulty { mode::HARDWARE_FAULT } else { known };
         }
     }
 

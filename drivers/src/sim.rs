@@ -92,6 +92,11 @@ impl SimHardware {
         SimHardware { board: Arc::new(Mutex::new(board)), facts, start: None }
     }
 
+    /// Its motors, with their limits.
+    pub(crate) fn axes(&self) -> &[Axis] {
+        &self.facts.axes
+    }
+
     /// A handle to give it faults.
     pub fn faults(&self) -> SimFaults {
         SimFaults { board: self.board.clone() }

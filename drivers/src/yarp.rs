@@ -15,6 +15,7 @@
 //!   stop the robot, whoever is left stops it, and it is not used until all are back.
 //! * A board that answers within no more than `latency_ms` is told of by [`mobee_contract::Driver::answer_time`]; the filter opens under no other.
 //! * Degrees and joint order of YARP exist here and nowhere else.
+//! * All of it also runs in virtual time on one thread, against simulated boards behind simulated wires (`sim.rs`).
 
 mod answers;
 mod brake;
@@ -25,17 +26,21 @@ mod crew;
 #[cfg(test)]
 mod deaths;
 mod driver;
+mod fan;
 mod hand;
 mod layout;
 mod motion;
 mod pace;
 mod questions;
+mod remote;
 mod settings;
+mod sim;
 mod states;
 mod thread;
 
 pub use driver::YarpDriver;
 pub use settings::{PartSettings, YarpDriverSettings};
+pub use sim::{Who, WireFault, YarpSim};
 
 use cell::{Cell, Trouble};
 use driver::Reach;
@@ -44,9 +49,11 @@ use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware,
 use mobee_model::Robot;
 use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
 use questions::Questions;
+use remote::Wire;
 use serde_json::Value as Json;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use thread::Place;
 
 inventory::submit! {
     DriverKind {
@@ -66,6 +73,8 @@ pub struct YarpHardware {
     robot: String,
     layout: Arc<Layout>,
     network: Option<Network>,
+    /// What takes the place of a network in a simulation.
+    simulated: Option<Arc<dyn Wire>>,
     started: Mutex<Option<Started>>,
 }
 
@@ -101,6 +110,7 @@ impl YarpHardware {
             layout: Arc::new(layout?),
             settings: settings.clone(),
             robot: robot.name.clone(),
+            simulated: None,
             started: Mutex::new(None),
         })
     }
@@ -115,18 +125,35 @@ impl YarpHardware {
         Ok(hardware)
     }
 
+    /// The same behind a simulated wire, with all tasks on the runtime of whoever connects.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    fn behind(wire: Arc<dyn Wire>, settings: &YarpDriverSettings, robot: &Robot) -> Result<YarpHardware, KindError> {
+        let mut hardware = YarpHardware::new(settings, robot)?;
+        hardware.simulated = Some(wire);
+        Ok(hardware)
+    }
+
     fn start(&self) -> Result<Started, DriverFault> {
+        let (wire, place) = match &self.simulated {
+            Some(wire) => (wire.clone(), Place::Here),
+            None => (Arc::new(self.network()?) as Arc<dyn Wire>, Place::Threads),
+        };
+        let cell = Arc::new(Cell::new(&self.layout));
+        thread::start((wire, place), &self.settings, &self.robot, self.layout.clone(), cell)
+            .map_err(|e| DriverFault::Hardware(format!("no thread for the robot's network: {e}")))
+    }
+
+    fn network(&self) -> Result<Network, DriverFault> {
         let network = match &self.network {
             Some(network) => network.clone(),
             None => Network::from_env().map_err(|e| DriverFault::Hardware(e.to_string()))?,
         };
-        let network = match self.settings.listen.as_deref().map(str::parse) {
+        Ok(match self.settings.listen.as_deref().map(str::parse) {
             Some(Ok(address)) => network.with_bind(address),
             _ => network,
-        };
-        let cell = Arc::new(Cell::new(&self.layout));
-        thread::start(&network, &self.settings, &self.robot, self.layout.clone(), cell)
-            .map_err(|e| DriverFault::Hardware(format!("no thread for the robot's network: {e}")))
+        })
     }
 
     /// The way to the threads, started if they are not there or one of them has died; whether they are not the first.

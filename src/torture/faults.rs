@@ -3,14 +3,14 @@
 use super::swaps::Swap;
 use mobee_actors::system::{Blow, Spot};
 use mobee_contract::{SwapPart, Target};
-use mobee_drivers::Fault;
+use mobee_drivers::{Fault, WireFault};
 use std::fmt;
 use std::time::Duration;
 
 /// A line of the fault list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
-    /// `F1` to `F29`.
+    /// `F1` to `F30`.
     pub name: &'static str,
     /// In words.
     pub what: &'static str,
@@ -22,12 +22,15 @@ const PROCESS: Option<&str> = Some("needs a process of its own: see the tests of
 const YARP: Option<&str> = Some("needs YARP's ports: see tests/it/yarp_cycles.rs and drivers/tests/it/yarp_faults.rs");
 const FUZZ: Option<&str> = Some("is about files and bytes: see tests/it/wrong_input.rs and drivers/yarp/fuzz");
 
+/// Faults of wires: of robots whose driver is `yarp`, beside all others.
+pub const WIRES: &str = "F30";
+
 const fn kind(name: &'static str, what: &'static str, elsewhere: Option<&'static str>) -> Kind {
     Kind { name, what, elsewhere }
 }
 
 /// The whole list.
-pub const KINDS: [Kind; 29] = [
+pub const KINDS: [Kind; 30] = [
     kind("F1", "a panic in an actor, at any message", None),
     kind("F2", "an actor is killed", None),
     kind("F3", "an actor's handler stalls", None),
@@ -57,6 +60,7 @@ pub const KINDS: [Kind; 29] = [
     kind("F27", "signals", PROCESS),
     kind("F28", "a machine under load", PROCESS),
     kind("F29", "all encoders freeze in mid-motion", None),
+    kind(WIRES, "the wire to a board behind YARP is slow, lossy or lying; a task of its driver dies", None),
 ];
 
 /// Swaps are no faults of a robot: they come where they are asked for, so that a seed alone stands for what it always stood for.
@@ -103,6 +107,17 @@ pub enum What {
         /// For how long.
         lasts: Duration,
     },
+    /// F30: the wire to a board behind YARP.
+    Wire {
+        /// The robot.
+        robot: usize,
+        /// The board, by its number in the driver's settings.
+        board: usize,
+        /// What.
+        fault: WireFault,
+        /// For how long.
+        lasts: Duration,
+    },
     /// F8, F18, F20: somebody else commits.
     Commit {
         /// The kind it belongs to.
@@ -145,6 +160,7 @@ impl What {
             What::Storm { .. } => "F5",
             What::Lose { .. } => "F6",
             What::Board { kind, .. } | What::Commit { kind, .. } => kind,
+            What::Wire { .. } => WIRES,
             What::Suspend(_) => "F14",
             What::Edits(_) => "F18",
             What::Obstruct { .. } => "F19",
@@ -165,6 +181,9 @@ impl fmt::Display for What {
             What::Lose { link, count } => write!(f, "{count} pulses are lost on {link}"),
             What::Board { robot, fault, lasts, .. } => {
                 write!(f, "the board of robot {robot} for {:.3} s: {fault:?}", lasts.as_secs_f64())
+            }
+            What::Wire { robot, board, fault, lasts } => {
+                write!(f, "board {board} of robot {robot} for {:.3} s: {fault}", lasts.as_secs_f64())
             }
             What::Commit { robot, target, times, .. } => write!(f, "{times} commits to {robot}: {target:?}"),
             What::Suspend(time) => write!(f, "suspended for {:.3} s", time.as_secs_f64()),
@@ -190,7 +209,7 @@ pub fn chosen(names: &str) -> Result<Vec<&'static str>, String> {
 
 /// The kinds that one word of a list means.
 fn kinds(name: &str) -> Result<Vec<&'static str>, String> {
-    let mild = ["F1", "F2", "F6", "F7", "F11", "F19", "F20"];
+    let mild = ["F1", "F2", "F6", "F7", "F11", "F19", "F20", WIRES];
     let all = KINDS.iter().filter(|k| k.elsewhere.is_none()).map(|k| k.name).filter(|n| !LATER.contains(n));
     match name {
         "" | "usual" => return Ok(all.filter(|n| !SWAPS.contains(n)).collect()),
@@ -201,7 +220,7 @@ fn kinds(name: &str) -> Result<Vec<&'static str>, String> {
     }
     let kind = KINDS.iter().find(|k| k.name.eq_ignore_ascii_case(name));
     match kind {
-        None => Err(format!("there is no fault `{name}`; they are F1 to F29, `usual`, `mild`, `all` and `none`")),
+        None => Err(format!("there is no fault `{name}`; they are F1 to F30, `usual`, `mild`, `all` and `none`")),
         Some(Kind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
         Some(kind) => Ok(vec![kind.name]),
     }

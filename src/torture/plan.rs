@@ -3,8 +3,9 @@
 //! Faults come in clusters: for a few seconds one actor, link or robot has the same trouble again and again, since faults that are
 //! sprinkled evenly miss what goes wrong while something else is being mended. Then all is healed, and progress is demanded.
 
-use super::faults::What;
+use super::faults::{WIRES, What};
 use super::swaps::{Flaw, Swap};
+use super::wires;
 use mobee_actors::swap::Terms;
 use mobee_actors::system::{Blow, Spot};
 use mobee_contract::{SwapPart, Target, Time};
@@ -19,6 +20,8 @@ use std::time::Duration;
 pub struct Facts {
     /// The robots: names, and the limits of their motors, rad.
     pub robots: Vec<(String, Vec<(f64, f64)>)>,
+    /// How many boards each robot has behind YARP.
+    pub wires: Vec<usize>,
     /// How long the run is to be, seconds.
     pub secs: f64,
     /// Whether faults are rare, as they are in a long run of every day.
@@ -61,13 +64,18 @@ pub fn plan(seed: u64, facts: &Facts, kinds: &[&'static str]) -> Vec<Planned> {
     if kinds.is_empty() || facts.robots.is_empty() {
         return Vec::new();
     }
+    let of_wires = kinds.contains(&WIRES);
+    let kinds: Vec<&'static str> = kinds.iter().copied().filter(|kind| *kind != WIRES).collect();
     let between = if facts.mild { 300.0 } else { 10.0 };
     let clusters = (facts.secs * planner.rng.random_range(0.5..1.5) / between).ceil() as u64;
-    for _ in 0..clusters {
+    for _ in 0..if kinds.is_empty() { 0 } else { clusters } {
         let kind = kinds[planner.rng.random_range(0..kinds.len())];
         planner.cluster(kind);
     }
     let mut all = planner.all;
+    if of_wires {
+        all.extend(wires::plan(seed, facts));
+    }
     all.sort_by_key(|p| p.at);
     all
 }
@@ -261,7 +269,12 @@ mod tests {
 
     fn facts() -> Facts {
         let limits = vec![(-1.0, 1.0); 3];
-        Facts { robots: vec![("a".into(), limits.clone()), ("b".into(), limits)], secs: 60.0, mild: false }
+        Facts {
+            robots: vec![("a".into(), limits.clone()), ("b".into(), limits)],
+            wires: vec![0, 3],
+            secs: 60.0,
+            mild: false,
+        }
     }
 
     #[test]
@@ -274,7 +287,7 @@ mod tests {
             assert!(planned.is_sorted_by_key(|p| p.at));
             for p in &planned {
                 let lasts = match &p.what {
-                    What::Board { lasts, .. } | What::Obstruct { lasts, .. } => *lasts,
+                    What::Board { lasts, .. } | What::Wire { lasts, .. } | What::Obstruct { lasts, .. } => *lasts,
                     _ => Duration::ZERO,
                 };
                 assert!(p.at + lasts <= facts.healed(), "seed {seed}: {p:?}");

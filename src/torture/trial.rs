@@ -1,5 +1,6 @@
 //! One run under planned faults, with all invariants watched while it goes on.
 
+use super::boards::{Boards, Driven};
 use super::faults::What;
 use super::memory::Memory;
 use super::plan::{Facts, Planned};
@@ -14,10 +15,9 @@ use mobee_actors::system::{Control, Counts, Injection, Progress, Setup, run_unde
 use mobee_actors::tap::Taps;
 use mobee_actors::track::Tracks;
 use mobee_contract::{Cause, Commit, Context, Entry, Event, Outcome, Sink, SwapStep, Time};
-use mobee_drivers::{SimHardware, SimSettings};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
 use nalgebra::Isometry3;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -35,6 +35,7 @@ const FLOODED: &str = "torture";
 pub struct Trial {
     config: Config,
     source: Source,
+    driven: Vec<Driven>,
     /// What plans are made for.
     pub facts: Facts,
 }
@@ -126,22 +127,20 @@ impl Sink for Watch {
 }
 
 impl Trial {
-    /// Reads a behavior. Its robots are simulated and its clock is virtual, whatever it says; its YARP ports stay closed.
+    /// Reads a behavior. Its robots are simulated and its clock is virtual, whatever it says; its YARP ports stay closed. A robot behind
+    /// YARP keeps its driver, which meets simulated boards behind wires.
     ///
     /// # Errors
     /// Complaints about the configuration.
     pub fn load(file: &Path, set: &[String], secs: f64, mild: bool) -> Result<Trial, Report> {
         let (mut config, source) = Config::load(file, set)?;
         (config.clock, config.yarp, config.for_s) = (Clock::Virtual, None, None);
-        for robot in &mut config.robot {
-            if robot.driver["kind"] != "sim" {
-                robot.driver = json!({ "kind": "sim" });
-            }
-        }
+        let driven = Driven::all(&mut config, &source)?;
+        let wires = driven.iter().map(Driven::wires).collect();
         let scene = compose(config.clone(), &source)?.scene;
         let limits = |r: &mobee_model::Robot| r.motors.iter().map(|m| (m.min, m.max)).collect();
         let robots = config.robot.iter().zip(scene.robots()).map(|(c, r)| (c.name.clone(), limits(r))).collect();
-        Ok(Trial { config, source, facts: Facts { robots, secs, mild } })
+        Ok(Trial { config, source, driven, facts: Facts { robots, wires, secs, mild } })
     }
 
     /// What keeps the measured poses of a run in this folder.
@@ -165,16 +164,10 @@ impl Trial {
         let mut composed = compose(config.clone(), &self.source)?;
         let mut boards = Vec::new();
         for (i, robot) in composed.robots.iter_mut().enumerate() {
-            let of_robot = planned.iter().filter_map(|p| match &p.what {
-                What::Board { robot, fault, lasts, .. } if *robot == i => Some((p.at, fault.clone(), *lasts)),
-                _ => None,
-            });
-            let hardware = self.hardware(i, seed, composed.scene.robots())?;
-            for (at, fault, lasts) in of_robot {
-                hardware.faults().plan(fault, at, at + lasts);
-            }
-            boards.push(hardware.clone());
-            robot.hardware = Arc::new(hardware);
+            let own = self.boards(i, seed, composed.scene.robots())?;
+            planned.iter().for_each(|p| own.suffer(i, p));
+            robot.hardware = own.hardware();
+            boards.push(own);
             for p in planned {
                 if let What::ShortHistory(poses) = p.what {
                     robot.controller.history = robot.controller.history.min(poses);
@@ -212,7 +205,8 @@ impl Trial {
             memory.look(p.at);
             let mut watch = look();
             for (i, board) in boards.iter().enumerate() {
-                watch.witness.speed(i, p.at, board.speeds(p.at).into_iter().map(f64::abs).fold(0.0, f64::max));
+                watch.witness.speed(i, p.at, board.fastest(p.at));
+                watch.witness.found.extend(board.found().into_iter().map(|what| ("I30", what)));
             }
             let seen = !watch.witness.found.is_empty() || !watch.bugs.is_empty();
             let broken = !watch.checker.violations().is_empty() || seen;
@@ -224,7 +218,7 @@ impl Trial {
         let limit = healed.since(Time::ZERO) + LIVE;
         let swaps = planned.iter().filter_map(|Planned { at, what }| match what {
             What::Swap(swap) => {
-                let board = boards.get(swap.robot);
+                let board = boards.get(swap.robot).and_then(|b| b.simulated());
                 Some((*at, swap.control(&config, &self.source, setup.scene.robots(), board)?))
             }
             _ => None,
@@ -264,17 +258,13 @@ impl Trial {
         })
     }
 
-    fn hardware(&self, i: usize, seed: u64, robots: &[Arc<mobee_model::Robot>]) -> Result<SimHardware, Report> {
-        let Some((config, robot)) = self.config.robot.get(i).zip(robots.get(i)) else {
+    fn boards(&self, i: usize, seed: u64, robots: &[Arc<mobee_model::Robot>]) -> Result<Boards, Report> {
+        let (Some(config), Some(robot), Some(driven)) = (self.config.robot.get(i), robots.get(i), self.driven.get(i))
+        else {
             return Err(Report::msg("there are fewer robots than configured"));
         };
-        let mut settings = config.driver.clone();
-        if let Value::Object(map) = &mut settings {
-            map.remove("kind");
-        }
-        let settings: SimSettings = mobee_contract::settings(&settings).map_err(|e| Report::msg(e.to_string()))?;
         let context = Context { robot: robot.clone(), seed: derive_seed(seed, &format!("{}/driver", config.name)) };
-        SimHardware::new(&settings, &context).map_err(|e| Report::msg(e.to_string()))
+        driven.boards(&context).map_err(|e| Report::msg(e.to_string()))
     }
 }
 
@@ -326,7 +316,7 @@ fn controls_of(planned: &[Planned], healed: Time) -> Vec<(Time, Control)> {
                 // the first may have got lost with the model
                 all.push((healed, Control::Edit(Edit::Remove { name })));
             }
-            What::Board { .. } | What::ShortHistory(_) | What::Swap(_) => {}
+            What::Board { .. } | What::Wire { .. } | What::ShortHistory(_) | What::Swap(_) => {}
         }
     }
     all.push((healed, Control::Inject(Injection::Heal)));

@@ -9,6 +9,7 @@ const ARMS: &str = "configs/behaviors/torture.toml";
 const STREAMS: &str = "configs/behaviors/torture-streams.toml";
 const CONSTRAINTS: &str = "configs/behaviors/torture-constraints.toml";
 const ICUB: &str = "configs/behaviors/explore.toml";
+const YARP: &str = "configs/behaviors/explore-yarp.toml";
 
 fn seeds(file: &str, first: u64, seeds: u64, faults: &str) -> Tally {
     seeds_with(file, first, seeds, faults, &[])
@@ -68,6 +69,16 @@ fn twenty_seeds_among_constraints_hold_all_invariants() {
 fn the_exploring_icub_holds_all_invariants() {
     let tally = seeds(ICUB, 1, 20, "F1,F2,F3,F6,F7,F8,F11,F12,F14,F18,F19,F20,F23");
     assert_eq!(tally.gave_up, 0);
+}
+
+/// The driver of robots behind YARP, against simulated boards behind slow, lossy and lying wires: alone, and among all faults.
+#[test]
+fn the_icub_behind_yarp_holds_all_invariants() {
+    let tally = seeds(YARP, 1, 25, "F30");
+    let [reached, back, faulted] = tally.outcomes;
+    assert!(reached > 25 && back > 25 && faulted > 25, "{tally}");
+    assert!(tally.faults["F30"] > 500, "{tally}");
+    seeds(YARP, 101, 15, "");
 }
 
 /// Two arms in each other's way, without faults: they collide, and are taken back together. No contact begins there, and they come

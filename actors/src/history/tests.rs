@@ -54,6 +54,19 @@ fn a_few_readings_that_a_late_thread_missed_are_no_gap() {
     assert!((history.period() - 0.01).abs() < 1e-12, "the period is that of the robot");
 }
 
+/// A bunch of readings as from an encoder's clock that stood still: what is seen of the period then does not last.
+#[test]
+fn after_a_bunch_of_readings_the_speed_is_told_again() {
+    let mut history = HistoryCore::new(1000);
+    let mut at = 0;
+    for seq in 1..400_u64 {
+        at += if (100..300).contains(&seq) { 1_000 } else { 20_000_000 };
+        let mut pulse = Pulse { sample: Sample { at: Time(at), ..pulse(seq, 0, 0.3).sample }, ..pulse(seq, 0, 0.3) };
+        history.push(&mut pulse, Duration::from_millis(100));
+        assert!(!(320..).contains(&seq) || pulse.speed == 0.0, "{seq}: {}", pulse.speed);
+    }
+}
+
 #[test]
 fn readings_missing_from_a_short_way_are_no_gap() {
     let mut history = filled(100, 20, |_| 0.0);

@@ -6,8 +6,9 @@
 use super::cell::{Cell, instant};
 use super::hand::Halt;
 use super::motion::Speeds;
+use super::remote::StopLine;
 use mobee_yarp::board::{Ask, Get, Joints, Set, reply};
-use mobee_yarp::{Bottle, CallError, RpcClient};
+use mobee_yarp::{Bottle, CallError};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
@@ -29,7 +30,7 @@ pub struct Brake {
     /// First part of the board's port names.
     pub port: String,
     /// The line that nothing else uses.
-    pub line: RpcClient,
+    pub line: Box<dyn StopLine>,
     /// Everything stops.
     pub halt: watch::Receiver<Arc<Halt>>,
     /// How late the board may act, s.
@@ -61,7 +62,7 @@ impl Brake {
                         open = self.stop().await;
                     } else if self.is_idle() && self.now() >= tried + TRIED {
                         tried = self.now();
-                        open = self.say(&Ask::Get(Get::Axes)).await.is_ok();
+                        open = self.say(&Ask::Get(Get::Axes)).await.is_some_and(|answer| answer.is_ok());
                     }
                 }
             }
@@ -88,7 +89,8 @@ impl Brake {
         if !self.is_ours() {
             return false;
         }
-        let trouble = match self.say(&Ask::Set(Set::Stop(Joints::All))).await {
+        let Some(answer) = self.say(&Ask::Set(Set::Stop(Joints::All))).await else { return false };
+        let trouble = match answer {
             Ok(answer) if reply::is_ok(&answer) => None,
             Ok(answer) => Some(format!("{}: it answers {answer} to a stop", self.port)),
             Err(error) => Some(format!("{}: no way for stops: {error}", self.port)),
@@ -106,14 +108,20 @@ impl Brake {
         good
     }
 
-    async fn say(&mut self, ask: &Ask) -> Result<Bottle, CallError> {
+    /// Says something and waits for the answer, but not when there is a stop to say: `None` then, and the line is connected anew.
+    async fn say(&mut self, ask: &Ask) -> Option<Result<Bottle, CallError>> {
         let asked = self.now();
-        let answer = self.line.call(&ask.bottle()).await;
+        let mut halt = self.halt.clone();
+        let answer = tokio::select! {
+            biased;
+            Ok(()) = halt.changed() => return None,
+            answer = self.line.say(ask) => answer,
+        };
         let now = self.now();
         if let (Ok(answer), Some(known)) = (&answer, self.cell.lock().boards.get_mut(self.index)) {
             known.answered(asked, now, answer);
         }
-        answer
+        Some(answer)
     }
 
     /// Whether a question on this line would keep no stop waiting: nothing moves.

@@ -15,6 +15,8 @@ const LATE_FOR: f64 = 0.100;
 const LONGEST: f64 = 1.0;
 /// Answers and states whose stamps differ by more than this are told by two clocks, s: no network keeps a state so long.
 const TWO_CLOCKS: f64 = 10.0;
+/// Time between two readings, s, at least.
+const LEAST: f64 = 1e-4;
 /// States after which the shortest way is looked for afresh, so that a slowly drifting clock is followed.
 const WINDOW: u32 = 500;
 
@@ -27,13 +29,13 @@ pub struct Arrivals {
     seen: u32,
     /// When the first of the states arrived that have been late since, and the shortest way of these.
     late: Option<(f64, f64)>,
-    last: f64,
+    last: Option<f64>,
 }
 
 impl Arrivals {
-    /// When the state was read that arrived at `arrival` with this stamp; always later than the one before, never after its arrival.
-    /// `ahead` is the most by which our clock can be ahead of the board's, if its answers tell.
-    pub fn read_at(&mut self, arrival: f64, stamp: Option<f64>, ahead: Option<f64>) -> f64 {
+    /// When the state was read that arrived at `arrival` with this stamp, never after its arrival; `None` if that is not later than the
+    /// one before: it was overtaken on its way, and is no news. `ahead` is the most by which our clock can be ahead of the board's, if its answers tell.
+    pub fn read_at(&mut self, arrival: f64, stamp: Option<f64>, ahead: Option<f64>) -> Option<f64> {
         let at = match stamp.filter(|s| s.is_finite()) {
             Some(stamp) => {
                 let told = self.stamped(arrival, stamp);
@@ -43,9 +45,10 @@ impl Arrivals {
             }
             None => arrival,
         };
-        let at = at.max(self.last + 1e-6).min(arrival.max(self.last + 1e-6));
-        self.last = at;
-        at
+        let at = at.min(arrival);
+        let is_news = self.last.is_none_or(|last| at >= last + LEAST);
+        self.last = if is_news { Some(at) } else { self.last };
+        is_news.then_some(at)
     }
 
     fn stamped(&mut self, arrival: f64, stamp: f64) -> f64 {
@@ -86,7 +89,7 @@ mod tests {
         let mut read = Vec::new();
         for i in 0..80 {
             let t = 0.02 * f64::from(i);
-            read.push(arrivals.read_at(100.0 + t + jitter[i as usize % 8], Some(1.79e9 + t), None));
+            read.extend(arrivals.read_at(100.0 + t + jitter[i as usize % 8], Some(1.79e9 + t), None));
         }
         for pair in read[8..].windows(2) {
             assert!((pair[1] - pair[0] - 0.02).abs() < 1e-4, "{pair:?}");
@@ -105,9 +108,9 @@ mod tests {
                 200..300 => Some(1e6 + t),
                 _ => None,
             };
-            let at = arrivals.read_at(t, stamp, None);
+            let at = arrivals.read_at(t, stamp, None).unwrap();
             let oldest = LATE + LATE_FOR + 0.02;
-            assert!(at > last && at <= t + 1e-6 * f64::from(i + 1) && t - at <= oldest, "{i}: {at} of {t}");
+            assert!(at > last && at <= t && t - at <= oldest, "{i}: {at} of {t}");
             last = at;
         }
         assert!((last - 0.02 * 399.0).abs() < 1e-9);
@@ -120,12 +123,13 @@ mod tests {
             let t = 0.02 * f64::from(i);
             // from 2 s on nothing arrives for 0.4 s, then all at once
             let arrival = if (2.0..2.4).contains(&t) { 2.4 } else { t };
-            let at = arrivals.read_at(arrival, Some(1.79e9 + t), None);
+            let at = arrivals.read_at(arrival, Some(1.79e9 + t), None).unwrap();
             assert!((at - t).abs() < 1e-5, "{i}: {at} of {t}");
         }
         // a way that is longer for good is an offset
         let longer = |i: u32| {
-            0.02 * f64::from(i) - arrivals.read_at(0.02 * f64::from(i), Some(1.79e9 + 0.02 * f64::from(i) - 0.1), None)
+            let t = 0.02 * f64::from(i);
+            t - arrivals.read_at(t, Some(1.79e9 + t - 0.1), None).unwrap_or(f64::NAN)
         };
         let ages: Vec<f64> = (200..220).map(longer).collect();
         assert!((0.09..0.11).contains(&ages[5]) && ages[6..].iter().all(|a| *a < 1e-5), "{ages:?}");
@@ -139,13 +143,13 @@ mod tests {
             for i in 0..300 {
                 let t = 0.02 * f64::from(i);
                 let late = if i < 100 { 0.002 } else { 0.9 };
-                let at = arrivals.read_at(t + late, Some(t - offset), Some(offset + 0.005));
+                let Some(at) = arrivals.read_at(t + late, Some(t - offset), Some(offset + 0.005)) else { continue };
                 assert!((t + late - at) >= late - LATE - 0.006 && at <= t + late + 1e-6, "{offset} {i}: {at} of {t}");
             }
         }
         // answers by another clock than the states tell nothing
         let mut arrivals = Arrivals::default();
-        assert_eq!(arrivals.read_at(1.0, Some(1.0), Some(-1e9)), 1.0);
+        assert_eq!(arrivals.read_at(1.0, Some(1.0), Some(-1e9)), Some(1.0));
     }
 
     #[test]
@@ -158,7 +162,7 @@ mod tests {
             if i % 5 == 0 {
                 ahead = t - 0.5 * t + 0.001;
             }
-            let at = arrivals.read_at(t, Some(0.5 * t), Some(ahead));
+            let Some(at) = arrivals.read_at(t, Some(0.5 * t), Some(ahead)) else { continue };
             assert!(t - at < LATE + LATE_FOR + 0.02, "{i}: {at} of {t}");
         }
     }
@@ -170,10 +174,22 @@ mod tests {
         let mut t = 0.0;
         for i in 0..5000 {
             t = 0.02 * f64::from(i);
-            at = arrivals.read_at(t, Some(1.0001 * t), None);
+            at = arrivals.read_at(t, Some(1.0001 * t), None).unwrap();
         }
         assert!((t - at).abs() < 0.001, "{}", t - at);
         arrivals.reset();
-        assert_eq!(arrivals.read_at(t + 1.0, Some(3.0), None), t + 1.0);
+        assert_eq!(arrivals.read_at(t + 1.0, Some(3.0), None), Some(t + 1.0));
+    }
+
+    #[test]
+    fn a_state_that_was_overtaken_is_no_news() {
+        let mut arrivals = Arrivals::default();
+        let read: Vec<bool> = [0, 1, 3, 2, 4]
+            .map(|i| {
+                let stamp = 7.0 + 0.02 * f64::from(i);
+                arrivals.read_at(stamp.max(7.06), Some(stamp), Some(0.001)).is_some()
+            })
+            .into();
+        assert_eq!(read, [true, true, true, false, true]);
     }
 }

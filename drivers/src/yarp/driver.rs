@@ -2,6 +2,7 @@
 
 use super::cell::{Cell, Inner, Trouble, instant};
 use super::check::{Checked, Known};
+use super::fan::Fan;
 use super::hand::{Do, Halt, Order};
 use super::layout::Layout;
 use super::motion::End;
@@ -21,7 +22,7 @@ pub struct Reach {
     /// A queue per board.
     pub orders: Vec<mpsc::Sender<Order>>,
     /// Everything stops.
-    pub halt: watch::Sender<Arc<Halt>>,
+    pub halt: Fan<Arc<Halt>>,
     /// Until when the robot may move.
     pub lease: watch::Sender<Option<Instant>>,
 }
@@ -145,12 +146,12 @@ impl Reach {
             b.motions.order(&joints, End::Seen)
         };
         let tickets: Vec<u64> = inner.boards.iter_mut().map(all).collect();
-        self.halt.send_modify(|halt| *halt = Arc::new(Halt { epoch: halt.epoch + 1, tickets }));
+        self.halt.tell(|halt| Arc::new(Halt { epoch: halt.epoch + 1, tickets }));
     }
 
     /// Queues a command with every board it concerns: with all or with none.
     fn queue(&self, inner: &mut Inner, checked: Checked) -> Result<(), DriverFault> {
-        let epoch = self.halt.borrow().epoch;
+        let epoch = self.halt.newest().epoch;
         let orders = split(&self.layout, &checked);
         let reserve = |(board, _): &(usize, Do)| {
             self.orders

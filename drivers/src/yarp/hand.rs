@@ -7,8 +7,9 @@ mod speed;
 use super::cell::Cell;
 use super::layout::{Layout, Patch};
 use super::motion::End;
+use super::remote::Remote;
 use mobee_contract::ControlMode;
-use mobee_yarp::board::{Ask, Get, Joints, Link, RemoteBoard, Set, Streamed, reply};
+use mobee_yarp::board::{Ask, Get, Joints, Link, Set, Streamed, reply};
 use mobee_yarp::{Bottle, CallError};
 use speed::Speeds;
 use std::sync::Arc;
@@ -86,12 +87,14 @@ pub struct Hand {
     pub layout: Arc<Layout>,
     /// The board's index.
     pub index: usize,
-    pub board: Arc<RemoteBoard>,
+    pub board: Arc<dyn Remote>,
     pub halt: watch::Receiver<Arc<Halt>>,
     /// A successor goes on with the same queue.
     pub orders: Arc<Mutex<mpsc::Receiver<Order>>>,
     /// How late the board may act, s; velocities keep so far from limits.
     pub latency: f64,
+    /// When a board that did not stop as it was reached is told again, s.
+    again: Option<f64>,
     handled: u64,
     speeds: Speeds,
 }
@@ -100,12 +103,12 @@ impl Hand {
     pub fn new(
         (cell, layout): (Arc<Cell>, Arc<Layout>),
         index: usize,
-        board: Arc<RemoteBoard>,
+        board: Arc<dyn Remote>,
         halt: watch::Receiver<Arc<Halt>>,
         orders: Arc<Mutex<mpsc::Receiver<Order>>>,
         latency: f64,
     ) -> Hand {
-        Hand { cell, layout, index, board, halt, orders, latency, handled: 0, speeds: Speeds::default() }
+        Hand { cell, layout, index, board, halt, orders, latency, again: None, handled: 0, speeds: Speeds::default() }
     }
 
     /// Works until it is told to end; stops the board then.
@@ -138,6 +141,10 @@ impl Hand {
                 }
                 _ = refresh.tick(), if !self.speeds.is_empty() => self.say_speeds(),
                 _ = asking.tick() => {
+                    if self.again.is_some_and(|at| self.cell.secs(super::cell::instant()) >= at) {
+                        let now = link.borrow().clone();
+                        self.linked(now).await;
+                    }
                     self.ask_done().await;
                     self.ask_anything().await;
                 }
@@ -164,6 +171,7 @@ impl Hand {
             // the line for stops broke with the other one, or may have: it counts when a stop was answered on it
             known.brake = Some(format!("{port}: no stop was answered yet on the line for stops"));
         }
+        self.again = None;
         let trouble = match link {
             Link::Down(why) => Some(Trouble::Lost(format!("{port}: {why}"))),
             Link::Taken(why) => Some(Trouble::Forbidden(format!("{port}: {why}"))),
@@ -174,7 +182,10 @@ impl Hand {
                         self.learn_modes().await;
                         None
                     }
-                    false => Some(Trouble::Lost(format!("{port}: it does not stop when told"))),
+                    false => {
+                        self.again = Some(self.cell.secs(super::cell::instant()) + UNASKED);
+                        Some(Trouble::Lost(format!("{port}: it does not stop when told")))
+                    }
                 }
             }
         };

@@ -5,8 +5,9 @@ use super::cell::{Cell, Trouble, describe};
 use super::clock::Arrivals;
 use super::layout::Layout;
 use super::motion::Speeds;
+use super::remote::Remote;
 use mobee_yarp::Vocab;
-use mobee_yarp::board::{Link, RemoteBoard, RemoteState};
+use mobee_yarp::board::{Link, RemoteState};
 use std::sync::Arc;
 
 /// Takes the states of one board as they come.
@@ -14,7 +15,7 @@ pub async fn states(
     cell: Arc<Cell>,
     layout: Arc<Layout>,
     index: usize,
-    board: Arc<RemoteBoard>,
+    board: Arc<dyn Remote>,
     settings: YarpDriverSettings,
 ) {
     let (mut state, mut link, mut facts) = (board.state(), board.link(), board.facts());
@@ -38,7 +39,10 @@ pub async fn states(
                 let Some(newest) = state.borrow_and_update().clone() else { continue };
                 let ahead = cell.lock().boards.get(index).and_then(|known| known.ahead);
                 let at = arrivals.read_at(cell.secs(newest.arrived), newest.stamp.map(|s| s.time), ahead);
-                take(&cell, &layout, index, &newest, at, board.lost());
+                let lost = board.lost();
+                if let Some(at) = at {
+                    take(&cell, &layout, index, &newest, at, lost);
+                }
             }
         }
     }

@@ -4,6 +4,8 @@
 //! yarp ROBOT        per board: its connection, the states that come, the hand that carries out orders
 //! yarp stop ROBOT   per board: its brake; the watch over the lease
 //! ```
+//! In virtual time both are tasks of the run's own thread instead.
+//!
 //! Every task of both is watched. If one ends, the boards are stopped at once by whatever is still alive, no driver can use
 //! them, and all tasks of its thread begin anew, with a stop. If a whole thread ends the other one stops the boards, and the next
 //! connection of a driver starts both again.
@@ -13,12 +15,13 @@ use super::brake::Brake;
 use super::cell::{Cell, Trouble, instant};
 use super::crew::Crew;
 use super::driver::Reach;
+use super::fan::Fan;
 use super::hand::{Halt, Hand, Order};
 use super::layout::{Layout, Patch};
-use super::questions::Questions;
+use super::remote::Wire;
 use super::states::states;
-use mobee_yarp::board::{RemoteBoard, RemoteOptions};
-use mobee_yarp::{Carrier, Network, RpcClient};
+use mobee_yarp::Carrier;
+use mobee_yarp::board::RemoteOptions;
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,16 +33,42 @@ const WAITING: usize = 64;
 /// How long is waited before tasks are started again.
 const AGAIN: Duration = Duration::from_millis(200);
 
+/// Where the two run.
+#[derive(Clone, Copy, Debug)]
+pub enum Place {
+    /// On threads of their own.
+    Threads,
+    /// On the present runtime, whose clock may be virtual.
+    Here,
+}
+
 /// The threads while they run.
 pub struct Running {
     end: watch::Sender<bool>,
-    threads: Vec<std::thread::JoinHandle<()>>,
+    threads: Vec<Thread>,
+}
+
+/// One of the two.
+enum Thread {
+    Own(std::thread::JoinHandle<()>),
+    Here(tokio::task::JoinHandle<()>),
+}
+
+impl Thread {
+    fn begin(place: Place, name: String, work: impl Future<Output = ()> + Send + 'static) -> io::Result<Thread> {
+        let Place::Threads = place else { return Ok(Thread::Here(tokio::spawn(work))) };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        Ok(Thread::Own(std::thread::Builder::new().name(name).spawn(move || runtime.block_on(work))?))
+    }
 }
 
 impl Running {
     /// Whether one of the threads has ended, though nobody asked for it.
     pub fn is_broken(&self) -> bool {
-        self.threads.iter().any(std::thread::JoinHandle::is_finished)
+        self.threads.iter().any(|thread| match thread {
+            Thread::Own(thread) => thread.is_finished(),
+            Thread::Here(task) => task.is_finished(),
+        })
     }
 
     /// Lets the thread that is left stop the boards and end, without waiting for it.
@@ -47,11 +76,13 @@ impl Running {
         self.end.send_replace(true);
     }
 
-    /// Stops the boards and ends the threads.
+    /// Stops the boards and ends the threads. Tasks are told, and end with their runtime.
     pub fn end(self) {
         self.end.send_replace(true);
         for thread in self.threads {
-            if thread.join().is_err() {
+            if let Thread::Own(thread) = thread
+                && thread.join().is_err()
+            {
                 tracing::error!("a thread of a robot's network had panicked");
             }
         }
@@ -61,7 +92,7 @@ impl Running {
 /// What both threads know.
 #[derive(Clone)]
 struct Shared {
-    network: Network,
+    wire: Arc<dyn Wire>,
     settings: YarpDriverSettings,
     /// First part of our own port names.
     name: String,
@@ -75,33 +106,30 @@ struct Shared {
 /// # Errors
 /// If the system gives no thread or no sockets.
 pub fn start(
-    network: &Network,
+    (wire, place): (Arc<dyn Wire>, Place),
     settings: &YarpDriverSettings,
     robot: &str,
     layout: Arc<Layout>,
     cell: Arc<Cell>,
 ) -> io::Result<super::Started> {
     let (orders, queues): (Vec<_>, Vec<_>) = layout.patches.iter().map(|_| mpsc::channel(WAITING)).unzip();
-    let (halt, lease) = (watch::Sender::new(Arc::new(Halt::default())), watch::Sender::new(None));
+    let (halt, lease) = (Fan::new(Arc::new(Halt::default())), watch::Sender::new(None));
     let reach = Reach { layout: layout.clone(), cell, orders, halt, lease };
     let name = settings.name.clone().unwrap_or_else(|| format!("/MoBeE/{robot}/driver"));
-    let passed = network.clone().with_timeout(settings.timeout());
-    let question = |p: &Patch| Questions::new(&passed, &format!("{name}/{}", p.part), &p.port);
-    let questions = layout.patches.iter().map(question).collect();
+    let question = |p: &Patch| wire.questions(p, &format!("{name}/{}", p.part), settings.timeout());
+    let questions = layout.patches.iter().filter_map(question).collect();
     let (end, ended) = watch::channel(false);
     let queues = queues.into_iter().map(|q| Arc::new(Mutex::new(q))).collect();
-    let shared =
-        Shared { network: network.clone(), settings: settings.clone(), name, reach: reach.clone(), queues, end: ended };
+    let shared = Shared { wire, settings: settings.clone(), name, reach: reach.clone(), queues, end: ended };
     let mut running = Running { end, threads: Vec::new() };
     let brakes: (Side, Muster) = (Side::Brakes, Shared::brakes);
     for (name, crew) in
         [(format!("yarp stop {robot}"), brakes), (format!("yarp {robot}"), (Side::Boards, Shared::boards))]
     {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let work = shared.clone().watch(name.clone(), crew);
         #[cfg(test)]
         let work = super::crew::poison::may_befall(format!("thread {name}"), work);
-        running.threads.push(std::thread::Builder::new().name(name).spawn(move || runtime.block_on(work))?);
+        running.threads.push(Thread::begin(place, name, work)?);
     }
     Ok(super::Started { reach, questions, thread: running })
 }
@@ -124,6 +152,7 @@ impl Shared {
         while !*self.end.borrow() {
             let mut crew = muster(&self, &self.end);
             tokio::select! {
+                biased;
                 () = told(&mut end) => {
                     // a board that does not answer is no reason to wait for ever
                     let _ = tokio::time::timeout(3 * self.settings.timeout(), crew.ended()).await;
@@ -150,7 +179,7 @@ impl Shared {
                 timeout: self.settings.timeout(),
                 stale: self.settings.stale(),
             };
-            let board = Arc::new(RemoteBoard::new(&self.network, &patch.port, options));
+            let Some(board) = self.wire.board(patch, options) else { continue };
             let hand = Hand::new(
                 (cell.clone(), layout.clone()),
                 index,
@@ -170,14 +199,14 @@ impl Shared {
     /// Brakes, and the watch over the lease.
     fn brakes(&self, end: &watch::Receiver<bool>) -> Crew {
         let mut crew = Crew::default();
-        let network = self.network.clone().with_timeout(self.settings.timeout());
         for (index, patch) in self.patches() {
             let own = format!("{}/{}/stop:o", self.name, patch.part);
+            let Some(line) = self.wire.stop_line(patch, &own, self.settings.timeout()) else { continue };
             let brake = Brake {
                 cell: self.reach.cell.clone(),
                 index,
                 port: patch.port.clone(),
-                line: RpcClient::keep(&network, &own, &format!("{}/rpc:i", patch.port), Carrier::Tcp),
+                line,
                 halt: self.reach.halt.subscribe(),
                 latency: self.settings.latency().as_secs_f64(),
             };
@@ -198,6 +227,7 @@ async fn told(end: &mut watch::Receiver<bool>) {
 /// Works until the end.
 async fn until(mut end: watch::Receiver<bool>, work: impl Future<Output = ()>) {
     tokio::select! {
+        biased;
         () = told(&mut end) => {}
         () = work => {}
     }
@@ -250,8 +280,9 @@ async fn watch_lease(reach: Reach, mut lease: watch::Receiver<Option<Instant>>) 
             Some(until) if until > instant() => {
                 leased = true;
                 tokio::select! {
-                    () = tokio::time::sleep_until(until) => {}
+                    biased;
                     _ = lease.changed() => continue,
+                    () = tokio::time::sleep_until(until) => {}
                 }
             }
             _ => {}

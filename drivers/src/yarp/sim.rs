@@ -1,0 +1,311 @@
+//! A robot behind YARP without a network: the driver as it is, in virtual time, against simulated boards behind a wire that may be
+//! slow, lossy and lying.
+//!
+//! ```text
+//! YarpDriver ── Reach ── hands, brakes, readers, lease watch ──> Client, Stops ──> Far: faults ──> SimBoard ──> plant
+//!     └────────── what it is told ─────────> Judge <────────── what it says, how the motors really move ────┘
+//! ```
+//! All tasks run on the runtime of whoever connects first. With equal seeds and faults two runs are equal.
+
+mod client;
+mod far;
+mod faults;
+mod judge;
+mod watched;
+
+pub use faults::{Who, WireFault};
+
+use super::cell::describe;
+use super::layout::{Layout, Patch};
+use super::remote::{Remote, StopLine, Wire};
+use super::{Questions, YarpDriverSettings, YarpHardware};
+use crate::board_sim::{SimBoard, SimClock};
+use crate::{Fault, Garbage, SimHardware, SimSettings};
+use client::{Client, Stops};
+use far::{Far, Kept, lock};
+use faults::Faults;
+use judge::Judge;
+use mobee_contract::{
+    AnswerTime, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample, Time,
+};
+use mobee_yarp::board::RemoteOptions;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use std::sync::{Arc, Mutex, OnceLock};
+use std::time::Duration;
+
+/// How often the judge looks.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// A simulated robot behind a simulated wire, driven as one behind YARP.
+pub struct YarpSim {
+    hardware: YarpHardware,
+    wire: Arc<SimWire>,
+    board: Board,
+}
+
+/// The boards, and the way to them.
+struct SimWire {
+    parts: Vec<Part>,
+    judge: Arc<Mutex<Judge>>,
+    /// There once somebody has connected: all clocks begin then.
+    far: OnceLock<Vec<Arc<Far>>>,
+}
+
+struct Part {
+    patch: Patch,
+    hardware: SimHardware,
+    faults: Arc<Mutex<Faults>>,
+    /// Spans in which its readings are damaged.
+    lies: Mutex<Vec<(Time, Time)>>,
+}
+
+impl YarpSim {
+    /// The robot that these settings of the kind `yarp` are for, at rest at home; equal seeds give equal boards and wires.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn new(settings: &YarpDriverSettings, context: &Context) -> Result<YarpSim, KindError> {
+        // nobody may wait for boards in virtual time: whoever comes too early comes again
+        let settings = YarpDriverSettings { connect_s: 0.0, ..settings.clone() };
+        let layout = Layout::new(&settings, &context.robot)?;
+        let sim = SimSettings {
+            max_speed_deg_per_s: settings.max_speed_deg_per_s,
+            max_acceleration_deg_per_s2: settings.max_acceleration_deg_per_s2,
+            ..SimSettings::default()
+        };
+        let (axes, start) = (sim.axes(&context.robot), sim.start(&context.robot)?);
+        let part = |(seed, patch): (u64, &Patch)| {
+            let seed = context.seed.wrapping_add(seed);
+            let of = |all: &[f64]| all.get(patch.motors.clone()).unwrap_or_default().to_vec();
+            let axes = axes.get(patch.motors.clone()).unwrap_or_default().to_vec();
+            Part {
+                patch: patch.clone(),
+                hardware: SimHardware::with_axes(axes, &of(&start), &sim, seed),
+                faults: Arc::new(Mutex::new(Faults::new(ChaCha8Rng::seed_from_u64(seed)))),
+                lies: Mutex::default(),
+            }
+        };
+        let parts: Vec<Part> = (0..).zip(&layout.patches).map(part).collect();
+        let boards = layout.patches.iter().map(|p| (p.port.clone(), p.motors.clone()));
+        let judge = Arc::new(Mutex::new(Judge::new(boards, layout.motors())));
+        let board = described(&layout, &parts, &settings)?;
+        let wire = Arc::new(SimWire { parts, judge, far: OnceLock::new() });
+        let hardware = YarpHardware::behind(wire.clone(), &settings, &context.robot)?;
+        Ok(YarpSim { hardware, wire, board })
+    }
+
+    /// How many boards the settings name.
+    pub fn boards(&self) -> usize {
+        self.wire.parts.len()
+    }
+
+    /// Plans a fault of the wire to a board, by its number in the settings.
+    pub fn plan(&self, board: usize, fault: WireFault, from: Time, until: Time) {
+        if let Some(part) = self.wire.parts.get(board) {
+            lock(&part.faults).plan(fault, from, until);
+        }
+    }
+
+    /// Plans a fault that any simulated robot may have, on all boards. Encoders don't lie here.
+    pub fn plan_hardware(&self, fault: &Fault, from: Time, until: Time) {
+        for (board, part) in self.wire.parts.iter().enumerate() {
+            let fault = match fault {
+                Fault::Lost => {
+                    self.plan(board, WireFault::Cut, from, until);
+                    continue;
+                }
+                Fault::Silent => {
+                    self.plan(board, WireFault::Silent, from, until);
+                    continue;
+                }
+                // where a wire holds readings back, an encoder that jumps can't be told from a motor that moved
+                Fault::Frozen { .. } | Fault::Offset { .. } | Fault::Noise { .. } => continue,
+                // what has too many positions or too few is no state of a board
+                Fault::Garbage(Garbage::Short | Garbage::Long) => Fault::Garbage(Garbage::NotANumber),
+                other => other.clone(),
+            };
+            lock(&part.lies).push((from, until));
+            part.hardware.faults().plan(fault, from, until);
+        }
+    }
+
+    /// How fast the motors really are that a stop could reach, rad/s.
+    pub fn speeds(&self, now: Time) -> Vec<f64> {
+        let judge = lock(&self.wire.judge);
+        let of = |(board, part): (usize, &Part)| {
+            let in_reach = judge.is_in_reach(board, now);
+            part.hardware.speeds(now).into_iter().filter(move |_| in_reach).collect::<Vec<f64>>()
+        };
+        self.wire.parts.iter().enumerate().flat_map(of).collect()
+    }
+
+    /// What the driver has broken of what it owes its boards, in sentences; once.
+    pub fn found(&self) -> Vec<String> {
+        std::mem::take(&mut lock(&self.wire.judge).found)
+    }
+}
+
+impl Hardware for YarpSim {
+    fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
+        if tokio::runtime::Handle::try_current().is_err() {
+            return Ok(Box::new(Unreached(self.board.clone())));
+        }
+        self.wire.begin()?;
+        Ok(Box::new(Judged { driver: self.hardware.connect()?, wire: self.wire.clone() }))
+    }
+
+    fn let_go(&self) {
+        self.hardware.let_go();
+    }
+
+    fn known(&self) -> Known {
+        self.hardware.known()
+    }
+}
+
+/// What the robot will be found to be.
+fn described(layout: &Layout, parts: &[Part], settings: &YarpDriverSettings) -> Result<Board, KindError> {
+    let cell = super::cell::Cell::new(layout);
+    let mut inner = cell.lock();
+    for (known, part) in inner.boards.iter_mut().zip(parts) {
+        known.facts = Some(far::facts(&part.hardware));
+    }
+    let board = describe(layout, &inner.boards, settings).map_err(|why| KindError::new("parts", why, ""))?;
+    board.ok_or_else(|| KindError::new("parts", "there is no board", "name at least one"))
+}
+
+impl SimWire {
+    /// Lets all clocks begin, if they have not.
+    fn begin(&self) -> Result<(), DriverFault> {
+        if self.far.get().is_some() {
+            return Ok(());
+        }
+        let clock = SimClock::start(1.0, 1.79e9);
+        let far = |(index, part): (usize, &Part)| {
+            Ok(Arc::new(Far {
+                index,
+                port: part.patch.port.clone(),
+                board: SimBoard::new(&part.patch.part, part.hardware.clone(), clock)?,
+                hardware: part.hardware.clone(),
+                clock,
+                faults: part.faults.clone(),
+                judge: self.judge.clone(),
+            }))
+        };
+        let all: Vec<Arc<Far>> = self.parts.iter().enumerate().map(far).collect::<Result<_, DriverFault>>()?;
+        let seen = all.clone();
+        if self.far.set(all).is_ok() {
+            tokio::spawn(watch(self.judge.clone(), seen));
+        }
+        Ok(())
+    }
+
+    fn far(&self, patch: &Patch) -> Option<Arc<Far>> {
+        self.far.get()?.iter().find(|far| far.port == patch.port).cloned()
+    }
+}
+
+/// Looks at all boards, for ever.
+async fn watch(judge: Arc<Mutex<Judge>>, all: Vec<Arc<Far>>) {
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    loop {
+        looks.tick().await;
+        if let Some(far) = all.first() {
+            lock(&judge).look(far.now());
+        }
+        all.iter().for_each(|far| far.look());
+    }
+}
+
+impl Wire for SimWire {
+    fn board(&self, patch: &Patch, options: RemoteOptions) -> Option<Arc<dyn Remote>> {
+        Some(Arc::new(Client::new(self.far(patch)?, options.timeout)))
+    }
+
+    fn stop_line(&self, patch: &Patch, _own: &str, patience: Duration) -> Option<Box<dyn StopLine>> {
+        Some(Box::new(Stops { far: self.far(patch)?, kept: Kept::new(), patience }))
+    }
+
+    fn questions(&self, _patch: &Patch, _local: &str, _timeout: Duration) -> Option<Questions> {
+        None
+    }
+}
+
+/// The driver, and a judge who listens.
+struct Judged {
+    driver: Box<dyn Driver>,
+    wire: Arc<SimWire>,
+}
+
+impl SimWire {
+    fn lies(&self, board: usize, now: Time) -> bool {
+        let lingers = Duration::from_secs(4);
+        let on = |(from, until): &(Time, Time)| *from <= now && now <= *until + lingers;
+        let part = self.parts.get(board);
+        let states = |f: &WireFault| matches!(f, WireFault::Stamps(_) | WireFault::Late(_));
+        let since = Time(now.0.saturating_sub(6_000_000_000));
+        part.is_some_and(|p| lock(&p.lies).iter().any(on) || lock(&p.faults).any_since(since, now, states))
+    }
+}
+
+impl Driver for Judged {
+    fn board(&self) -> &Board {
+        self.driver.board()
+    }
+
+    fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault> {
+        self.driver.command(now, command)?;
+        lock(&self.wire.judge).commanded(now, command);
+        Ok(())
+    }
+
+    fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault> {
+        let sample = self.driver.sample(now)?;
+        if let Some(sample) = &sample {
+            let answers = self.driver.answer_time();
+            lock(&self.wire.judge).read(now, sample, answers, |board| self.wire.lies(board, now));
+        }
+        Ok(sample)
+    }
+
+    fn next_sample(&self, now: Time) -> Time {
+        self.driver.next_sample(now)
+    }
+
+    fn lease(&mut self, now: Time, until: Time) {
+        self.driver.lease(now, until);
+        lock(&self.wire.judge).leased(now, until);
+    }
+
+    fn answer_time(&self) -> Option<AnswerTime> {
+        self.driver.answer_time()
+    }
+
+    fn modes(&self) -> Vec<ControlMode> {
+        self.driver.modes()
+    }
+}
+
+/// A robot before any clock runs: what it will be is known, and nothing can be done with it.
+struct Unreached(Board);
+
+impl Driver for Unreached {
+    fn board(&self) -> &Board {
+        &self.0
+    }
+    fn command(&mut self, _now: Time, _command: &Command) -> Result<(), DriverFault> {
+        Err(DriverFault::Lost)
+    }
+    fn sample(&mut self, _now: Time) -> Result<Option<Sample>, DriverFault> {
+        Err(DriverFault::Lost)
+    }
+    fn next_sample(&self, now: Time) -> Time {
+        now + self.0.period
+    }
+    fn lease(&mut self, _now: Time, _until: Time) {}
+    fn modes(&self) -> Vec<ControlMode> {
+        Vec::new()
+    }
+}

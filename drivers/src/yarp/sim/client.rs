@@ -1,0 +1,246 @@
+//! The client of a simulated board, as [`mobee_yarp::board::RemoteBoard`] is one of a real board.
+
+use super::super::fan::Fan;
+use super::super::remote::{Later, Remote, StopLine};
+use super::far::{Far, Kept};
+use super::faults::Who;
+use super::judge::Line;
+use mobee_yarp::board::{Ask, AxisFacts, Get, Link, RemoteState, Streamed};
+use mobee_yarp::{Bottle, CallError, JointData, Stamp};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
+use std::time::Duration;
+use tokio::sync::{Mutex, Notify, mpsc, watch};
+use tokio::task::JoinSet;
+use tokio::time::{Instant, interval, sleep, sleep_until};
+
+/// Streamed commands that may wait to be sent.
+const WAITING: usize = 32;
+/// How often a board publishes its state.
+const PERIOD: Duration = Duration::from_millis(20);
+/// Shortest and longest pause between two attempts to reach a board.
+const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
+/// Largest gap between two counts that is taken for lost states.
+const GREATEST_GAP: u32 = 100_000;
+
+/// The client of one simulated board.
+pub(super) struct Client {
+    shared: Arc<Shared>,
+    tasks: Mutex<JoinSet<()>>,
+    commands: mpsc::Sender<(u64, Streamed)>,
+}
+
+struct Shared {
+    far: Arc<Far>,
+    patience: Duration,
+    control: Mutex<Kept>,
+    link: Fan<Link>,
+    facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
+    state: watch::Sender<Option<Arc<RemoteState>>>,
+    trouble: Notify,
+    lost: AtomicU64,
+    age: AtomicU64,
+}
+
+impl Client {
+    /// A client that begins to connect.
+    pub fn new(far: Arc<Far>, patience: Duration) -> Client {
+        let shared = Arc::new(Shared {
+            far,
+            patience,
+            control: Mutex::new(Kept::new()),
+            link: Fan::new(Link::Down("not connected yet".into())),
+            facts: watch::Sender::new(None),
+            state: watch::Sender::new(None),
+            trouble: Notify::new(),
+            lost: AtomicU64::new(0),
+            age: AtomicU64::new(0),
+        });
+        let (commands, queue) = mpsc::channel(WAITING);
+        let mut tasks = JoinSet::new();
+        tasks.spawn(session(shared.clone()));
+        tasks.spawn(send_all(shared.clone(), queue));
+        Client { shared, tasks: Mutex::new(tasks), commands }
+    }
+}
+
+impl Remote for Client {
+    fn port(&self) -> &str {
+        &self.shared.far.port
+    }
+
+    fn link(&self) -> watch::Receiver<Link> {
+        self.shared.link.subscribe()
+    }
+
+    fn facts(&self) -> watch::Receiver<Option<Arc<[AxisFacts]>>> {
+        self.shared.facts.subscribe()
+    }
+
+    fn state(&self) -> watch::Receiver<Option<Arc<RemoteState>>> {
+        self.shared.state.subscribe()
+    }
+
+    fn lost(&self) -> u64 {
+        self.shared.far.may_kill(Who::Reader);
+        self.shared.lost.load(SeqCst)
+    }
+
+    fn ask<'a>(&'a self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+        self.shared.far.may_kill(Who::Hand);
+        Box::pin(self.shared.ask(request))
+    }
+
+    fn stream(&self, command: Streamed) -> bool {
+        self.commands.try_send((self.shared.age.load(SeqCst), command)).is_ok()
+    }
+
+    fn hush(&self) {
+        self.shared.age.fetch_add(1, SeqCst);
+    }
+
+    fn died(&self) -> Later<'_, ()> {
+        Box::pin(async move {
+            let _ = self.tasks.lock().await.join_next().await;
+        })
+    }
+}
+
+impl Shared {
+    async fn ask(&self, request: &Ask) -> Result<Bottle, CallError> {
+        let answer = self.control.lock().await.say(&self.far, Line::Orders, request, self.patience).await;
+        if answer.is_err() {
+            self.trouble.notify_one();
+        }
+        answer
+    }
+
+    /// Waits until the line may be tried, and asks for what is asked of a board that was reached.
+    async fn reach(&self) -> Result<(), String> {
+        let until = self.control.lock().await.until();
+        sleep(until.since(self.far.now())).await;
+        let asked = Ask::Get(Get::Axes);
+        let mut control = self.control.lock().await;
+        let answer = control.say(&self.far, Line::Orders, &asked, self.patience).await;
+        answer.map_err(|e| e.to_string())?;
+        self.facts.send_if_modified(|facts| {
+            let is_new = facts.is_none();
+            facts.get_or_insert_with(|| self.far.facts());
+            is_new
+        });
+        Ok(())
+    }
+
+    /// Takes the states until the connection is lost; says why.
+    async fn watch(&self) -> String {
+        let mut ticks = interval(PERIOD);
+        let mut flying: BTreeMap<(Instant, u64), (Stamp, JointData)> = BTreeMap::new();
+        let (mut sent, mut count) = (0, Counting::default());
+        loop {
+            let next = flying.keys().next().map(|(at, _)| *at);
+            tokio::select! {
+                biased;
+                () = self.trouble.notified() => return "a request got no answer".into(),
+                () = until(next) => {
+                    if let Some((_, (stamp, joints))) = flying.pop_first() {
+                        self.arrived(&mut count, stamp, joints);
+                    }
+                }
+                now = ticks.tick() => {
+                    if self.far.is_cut() {
+                        return "the wire was cut".into();
+                    }
+                    let Some((ways, stamp, joints)) = self.far.state() else { continue };
+                    for way in ways {
+                        sent += 1;
+                        flying.insert((now + way, sent), (stamp, joints.clone()));
+                    }
+                }
+            }
+        }
+    }
+
+    fn arrived(&self, count: &mut Counting, stamp: Stamp, joints: JointData) {
+        let (seq, lost) = count.next(stamp);
+        self.lost.fetch_add(lost, SeqCst);
+        let arrived = super::super::cell::instant();
+        self.state.send_replace(Some(Arc::new(RemoteState { seq, stamp: Some(stamp), arrived, joints })));
+    }
+}
+
+/// Counts states by their stamps.
+#[derive(Default)]
+struct Counting {
+    last: Option<Stamp>,
+    seq: u64,
+}
+
+impl Counting {
+    /// The number of a state, and how many were lost before it.
+    fn next(&mut self, stamp: Stamp) -> (u64, u64) {
+        let gap = self.last.map_or(0, |before| stamp.count.wrapping_sub(before.count).wrapping_sub(1));
+        let lost = if gap < GREATEST_GAP { u64::from(gap) } else { 0 };
+        (self.last, self.seq) = (Some(stamp), self.seq + 1 + lost);
+        (self.seq, lost)
+    }
+}
+
+async fn until(at: Option<Instant>) {
+    match at {
+        Some(at) => sleep_until(at).await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Reaches the board, watches it, and begins anew when it is lost; ends only as a task that dies does.
+async fn session(shared: Arc<Shared>) {
+    let (mut pause, mut generation) = (BACK_OFF.0, 0);
+    loop {
+        let why = match shared.reach().await {
+            Ok(()) => {
+                (pause, generation) = (BACK_OFF.0, generation + 1);
+                super::far::lock(&shared.far.judge).linked(shared.far.index);
+                shared.link.tell(|_| Link::Up(generation));
+                let dies = async {
+                    while !shared.far.dies(Who::Connection) {
+                        sleep(PERIOD).await;
+                    }
+                };
+                tokio::select! {
+                    biased;
+                    () = dies => return,
+                    why = shared.watch() => why,
+                }
+            }
+            Err(why) => why,
+        };
+        shared.link.tell(|_| Link::Down(why));
+        sleep(pause).await;
+        pause = (pause * 2).min(BACK_OFF.1);
+        // what rang while nobody was connected says nothing about the next connection
+        let _ = tokio::time::timeout(Duration::ZERO, shared.trouble.notified()).await;
+    }
+}
+
+async fn send_all(shared: Arc<Shared>, mut queue: mpsc::Receiver<(u64, Streamed)>) {
+    while let Some((age, command)) = queue.recv().await {
+        if age == shared.age.load(SeqCst) {
+            shared.far.stream(&command).await;
+        }
+    }
+}
+
+/// The line for stops of one simulated board.
+pub(super) struct Stops {
+    pub far: Arc<Far>,
+    pub kept: Kept,
+    pub patience: Duration,
+}
+
+impl StopLine for Stops {
+    fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+        self.far.may_kill(Who::Brake);
+        Box::pin(self.kept.say(&self.far, Line::Stops, request, self.patience))
+    }
+}

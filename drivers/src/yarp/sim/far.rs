@@ -1,0 +1,240 @@
+//! A simulated board and the way to it.
+
+use super::faults::{Faults, Who, WireFault};
+use super::judge::{Judge, Line};
+use crate::board_sim::{SimBoard, SimClock};
+use crate::sim::SimHardware;
+use mobee_contract::Time;
+use mobee_yarp::board::{Ask, AxisFacts, Device, Get, JointKind, Joints, Reading, Set, Streamed, reply};
+use mobee_yarp::{Bottle, CallError, JointData, Stamp};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::oneshot;
+use tokio::time::{sleep, timeout};
+
+/// Shortest and longest pause between two attempts to connect.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
+
+/// One board at the far end of its wire.
+pub(super) struct Far {
+    /// The board's index.
+    pub index: usize,
+    /// First part of its port names.
+    pub port: String,
+    /// The board, as YARP sees it.
+    pub board: SimBoard,
+    /// The board itself.
+    pub hardware: SimHardware,
+    pub clock: SimClock,
+    pub faults: Arc<Mutex<Faults>>,
+    pub judge: Arc<Mutex<Judge>>,
+}
+
+/// Hardware does not break because a program crashed while it talked to it.
+pub(super) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Far {
+    pub fn now(&self) -> Time {
+        self.clock.now()
+    }
+
+    /// Whether this is wrong now.
+    pub fn suffers(&self, which: impl Fn(&WireFault) -> bool) -> bool {
+        lock(&self.faults).on(self.now()).any(|f| which(&f))
+    }
+
+    /// Whether connections break now.
+    pub fn is_cut(&self) -> bool {
+        self.suffers(|f| *f == WireFault::Cut)
+    }
+
+    /// Panics, without a word on the terminal, if this task is to die now.
+    pub fn may_kill(&self, who: Who) {
+        if self.dies(who) {
+            std::panic::resume_unwind(Box::new("planted"));
+        }
+    }
+
+    /// Whether this task is to die now.
+    pub fn dies(&self, who: Who) -> bool {
+        let now = self.now();
+        let dies = lock(&self.faults).take(now, |f| *f == WireFault::Dies(who));
+        if dies {
+            lock(&self.judge).died(now);
+        }
+        dies
+    }
+
+    /// Says something on one of the lines and waits for the answer. What was said arrives even if nobody waits any more.
+    pub async fn exchange(self: &Arc<Far>, line: Line, ask: &Ask, patience: Duration) -> Result<Bottle, CallError> {
+        let now = self.now();
+        lock(&self.judge).said(self.index, line, ask, now);
+        let fate = lock(&self.faults).fate(now);
+        let (tell, answer) = oneshot::channel();
+        let (far, request) = (self.clone(), ask.clone());
+        tokio::spawn(async move {
+            if !fate.there.is_zero() {
+                sleep(fate.there).await;
+            }
+            if fate.lost || far.is_cut() {
+                return far.keep_silent(tell).await;
+            }
+            let answer = far.carry_out(&request, fate.nack);
+            sleep(fate.back).await;
+            if fate.unanswered || far.is_cut() {
+                return far.keep_silent(tell).await;
+            }
+            let _ = tell.send(answer);
+        });
+        let ended = timeout(patience, answer).await;
+        let (to, now) = (self.port.clone(), self.now());
+        lock(&self.judge).heard(self.index, line, now, matches!(ended, Ok(Ok(_))));
+        match ended {
+            Ok(Ok(answer)) => Ok(answer),
+            Ok(Err(_)) => Err(CallError::Broken { to, why: "the wire was cut".into() }),
+            Err(_) => Err(CallError::Late { to, after: patience }),
+        }
+    }
+
+    /// No answer comes; a connection that is cut breaks.
+    async fn keep_silent(&self, tell: oneshot::Sender<Bottle>) {
+        while !tell.is_closed() && !self.is_cut() {
+            sleep(Duration::from_millis(10)).await;
+        }
+    }
+
+    fn carry_out(&self, ask: &Ask, nack: bool) -> Bottle {
+        let now = self.now();
+        if matches!(ask, Ask::Set(Set::Move { .. })) {
+            lock(&self.judge).moves(self.index, now);
+            self.may_meddle(now);
+        }
+        let is_stop = matches!(ask, Ask::Set(Set::Stop(_)));
+        if is_stop && lock(&self.faults).take(now, |f| matches!(f, WireFault::Deaf(_))) {
+            lock(&self.judge).ignored(self.index, now);
+            return reply::ok();
+        }
+        if nack && matches!(ask, Ask::Set(_)) {
+            return reply::fail();
+        }
+        let answer = self.board.answer(&ask.bottle());
+        let reads = matches!(ask, Ask::Get(Get::Values(Reading::ReferenceSpeed, _)));
+        if reads || matches!(ask, Ask::Set(Set::Speed(..))) {
+            lock(&self.judge).meddled(self.index, false);
+        }
+        if matches!(ask, Ask::Set(Set::Speed(..))) {
+            self.may_meddle(now);
+        }
+        answer
+    }
+
+    /// Another program may set the references to the greatest.
+    fn may_meddle(&self, now: Time) {
+        if lock(&self.faults).meddles(now) {
+            lock(&self.judge).meddled(self.index, true);
+            let greatest = self.facts().iter().map(|axis| axis.max_speed.unwrap_or_default()).collect();
+            self.board.answer(&Ask::Set(Set::Speed(Joints::All, greatest)).bottle());
+        }
+    }
+
+    /// Sends set-points; ready once they have arrived or got lost.
+    pub async fn stream(&self, command: &Streamed) {
+        let now = self.now();
+        let fate = lock(&self.faults).fate(now);
+        lock(&self.judge).streamed(self.index, command, now);
+        if !fate.there.is_zero() {
+            sleep(fate.there).await;
+        }
+        if !(fate.lost || fate.unanswered || self.is_cut()) {
+            let (head, body) = command.pair();
+            self.board.command("driver", 0, head, body);
+        }
+    }
+
+    /// The state now, with the times that it takes; `None`: nothing is published.
+    pub fn state(&self) -> Option<(Vec<Duration>, Stamp, JointData)> {
+        let now = self.now();
+        let (mut stamp, joints) = self.board.state()?;
+        let (ways, off) = lock(&self.faults).states(now);
+        stamp.time += off;
+        // as the client of a board does, what is no position is not taken for one
+        let q = &joints.position.values;
+        let fits = q.len() == self.facts().len() && q.iter().all(|q| q.is_finite());
+        (fits && !ways.is_empty()).then_some((ways, stamp, joints))
+    }
+
+    /// A look at the motors as they really are.
+    pub fn look(&self) {
+        let now = self.now();
+        let (q, speeds) = (self.hardware.positions(now), self.hardware.speeds(now));
+        let faults = lock(&self.faults);
+        lock(&self.judge).see(self.index, now, (&q, &speeds), &faults);
+    }
+
+    /// What the board says of its axes.
+    pub fn facts(&self) -> Arc<[AxisFacts]> {
+        facts(&self.hardware)
+    }
+}
+
+/// What a simulated board says of its axes.
+pub(super) fn facts(hardware: &SimHardware) -> Arc<[AxisFacts]> {
+    let axis = |a: &mobee_contract::Axis| AxisFacts {
+        name: a.name.clone(),
+        kind: JointKind::Revolute,
+        limits: Some((a.min.to_degrees(), a.max.to_degrees())),
+        max_speed: Some(a.max_speed.to_degrees()),
+    };
+    hardware.axes().iter().map(axis).collect()
+}
+
+/// A connection that is made anew after every loss, with pauses that grow.
+#[derive(Debug)]
+pub(super) struct Kept {
+    is_up: bool,
+    until: Time,
+    pause: Duration,
+}
+
+impl Kept {
+    pub fn new() -> Kept {
+        Kept { is_up: false, until: Time::ZERO, pause: PAUSES.0 }
+    }
+
+    /// When it may be tried again.
+    pub fn until(&self) -> Time {
+        if self.is_up { Time::ZERO } else { self.until }
+    }
+
+    /// Says something, if there is a connection or one can be made now.
+    pub async fn say(
+        &mut self,
+        far: &Arc<Far>,
+        line: Line,
+        ask: &Ask,
+        patience: Duration,
+    ) -> Result<Bottle, CallError> {
+        let now = far.now();
+        let broken = |why: &str| CallError::Broken { to: far.port.clone(), why: why.to_owned() };
+        if !self.is_up {
+            if now < self.until {
+                return Err(broken("waiting before the next attempt"));
+            }
+            (self.until, self.pause) = (now + self.pause, (self.pause * 2).min(PAUSES.1));
+            if far.is_cut() {
+                return Err(broken("no connection"));
+            }
+            self.is_up = true;
+        }
+        // work given up in the middle leaves no connection
+        self.is_up = false;
+        let answer = far.exchange(line, ask, patience).await;
+        self.is_up = answer.is_ok();
+        if self.is_up {
+            self.pause = PAUSES.0;
+        }
+        answer
+    }
+}

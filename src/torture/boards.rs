@@ -1,0 +1,124 @@
+//! The boards of a robot that is tortured: simulated ones that its driver reaches at once, or behind YARP over a simulated wire.
+
+use super::faults::What;
+use super::plan::Planned;
+use crate::config::{Config, ConfigError, Robot, Source};
+use mobee_contract::{Context, Hardware, KindError, Time};
+use mobee_drivers::{SimHardware, SimSettings, YarpDriverSettings, YarpSim};
+use serde_json::{Value, json};
+use std::sync::Arc;
+
+/// What robots are driven by.
+#[derive(Clone, Debug)]
+pub enum Driven {
+    /// A simulated robot.
+    Sim(SimSettings),
+    /// The driver of robots behind YARP.
+    Yarp(YarpDriverSettings),
+}
+
+impl Driven {
+    /// What each robot of a configuration will be driven by: that of kind `yarp` by the same driver, every other is simulated. The
+    /// configuration is left with simulated robots only.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn all(config: &mut Config, source: &Source) -> Result<Vec<Driven>, ConfigError> {
+        config.robot.iter_mut().enumerate().map(|(i, robot)| Driven::of(i, robot, source)).collect()
+    }
+
+    fn of(i: usize, robot: &mut Robot, source: &Source) -> Result<Driven, ConfigError> {
+        let wrong = |e: KindError| source.error(&format!("robot[{i}].driver.{}", e.path), e.what, e.help);
+        let mut settings = robot.driver.clone();
+        let kind = settings.as_object_mut().and_then(|map| map.remove("kind"));
+        let kind = kind.as_ref().and_then(Value::as_str).unwrap_or_default();
+        if kind == "yarp" {
+            let yarp: YarpDriverSettings = mobee_contract::settings(&settings).map_err(wrong)?;
+            yarp.validate().map_err(wrong)?;
+            let (speed, acceleration) = (yarp.max_speed_deg_per_s, yarp.max_acceleration_deg_per_s2);
+            robot.driver =
+                json!({ "kind": "sim", "max_speed_deg_per_s": speed, "max_acceleration_deg_per_s2": acceleration });
+            return Ok(Driven::Yarp(yarp));
+        }
+        if kind != "sim" {
+            robot.driver = json!({ "kind": "sim" });
+            return Ok(Driven::Sim(SimSettings::default()));
+        }
+        Ok(Driven::Sim(mobee_contract::settings(&settings).map_err(wrong)?))
+    }
+
+    /// How many boards there are behind wires.
+    pub fn wires(&self) -> usize {
+        match self {
+            Driven::Sim(_) => 0,
+            Driven::Yarp(settings) => settings.parts.len(),
+        }
+    }
+
+    /// The hardware for a run.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn boards(&self, context: &Context) -> Result<Boards, KindError> {
+        Ok(match self {
+            Driven::Sim(settings) => Boards::Sim(SimHardware::new(settings, context)?),
+            Driven::Yarp(settings) => Boards::Yarp(Arc::new(YarpSim::new(settings, context)?)),
+        })
+    }
+}
+
+/// The boards of one robot in one run.
+pub enum Boards {
+    /// Reached at once.
+    Sim(SimHardware),
+    /// Behind wires.
+    Yarp(Arc<YarpSim>),
+}
+
+impl Boards {
+    /// What the robot is driven as.
+    pub fn hardware(&self) -> Arc<dyn Hardware> {
+        match self {
+            Boards::Sim(hardware) => Arc::new(hardware.clone()),
+            Boards::Yarp(hardware) => hardware.clone(),
+        }
+    }
+
+    /// What other drivers can be made for while it runs.
+    pub fn simulated(&self) -> Option<&SimHardware> {
+        if let Boards::Sim(hardware) = self { Some(hardware) } else { None }
+    }
+
+    /// Gives it a planned fault, if it is one of a board or a wire of this robot.
+    pub fn suffer(&self, this: usize, Planned { at, what }: &Planned) {
+        match (what, self) {
+            (What::Board { robot, fault, lasts, .. }, Boards::Sim(hardware)) if *robot == this => {
+                hardware.faults().plan(fault.clone(), *at, *at + *lasts);
+            }
+            (What::Board { robot, fault, lasts, .. }, Boards::Yarp(hardware)) if *robot == this => {
+                hardware.plan_hardware(fault, *at, *at + *lasts);
+            }
+            (What::Wire { robot, board, fault, lasts }, Boards::Yarp(hardware)) if *robot == this => {
+                hardware.plan(*board, *fault, *at, *at + *lasts);
+            }
+            _ => {}
+        }
+    }
+
+    /// How fast the fastest motor really is that can be stopped, rad/s.
+    pub fn fastest(&self, at: Time) -> f64 {
+        let speeds = match self {
+            Boards::Sim(hardware) => hardware.speeds(at),
+            Boards::Yarp(hardware) => hardware.speeds(at),
+        };
+        speeds.into_iter().map(f64::abs).fold(0.0, f64::max)
+    }
+
+    /// What its driver was seen to break (I30), in sentences.
+    pub fn found(&self) -> Vec<String> {
+        match self {
+            Boards::Sim(_) => Vec::new(),
+            Boards::Yarp(hardware) => hardware.found(),
+        }
+    }
+}
