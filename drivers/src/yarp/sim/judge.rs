@@ -13,8 +13,8 @@ use std::time::Duration;
 
 /// How soon a stop is said.
 const AT_ONCE: Duration = Duration::from_millis(45);
-/// How soon a stop without effect is said again.
-const AGAIN: Duration = Duration::from_millis(300);
+/// How soon a stop without effect is said again: one look at its effect may find a motor that was slowing down anyway.
+const AGAIN: Duration = Duration::from_millis(400);
 /// How long set-points that wait may go out after a stop: the hand hushes them once its question is answered.
 const HUSHED: Duration = Duration::from_millis(700);
 /// How soon after a stop motors rest: words on their way, two stops without effect, braking.
