@@ -15,7 +15,8 @@ use std::time::Duration;
 /// How long a motor may take to come to rest after the motion that named it has ended.
 const SETTLES: Duration = Duration::from_secs(1);
 
-/// A kink of so many tolerances is no motion: noise and acceleration stay below it, and an offset that would break the promise does not.
+/// A step of so many tolerances between two readings that is none of a motion: noise stays below it, and an offset that would break
+/// the promise does not.
 const JUMPS: f64 = 0.75;
 /// More than so many tolerances from the last reading before a pause to the first after it is no motion that was seen.
 const UNSEEN: f64 = 0.5;
@@ -63,7 +64,7 @@ impl Robot {
             }
             let (here, kink) = (self.window.mean(m), self.window.kink(m));
             match motor.place {
-                _ if kink > JUMPS * self.tolerance => motor.place = None,
+                _ if self.window.jump(m) > JUMPS * self.tolerance => motor.place = None,
                 None if settled && self.window.way(m).0 <= 0.25 * self.tolerance => motor.place = Some(here),
                 Some(place) if (here - place).abs() > self.tolerance + kink => {
                     motor.place = None;

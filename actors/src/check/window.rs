@@ -79,6 +79,24 @@ impl Window {
         readings.windows(3).map(kink).fold(0.0, f64::max)
     }
 
+    /// The greatest step of a motor's readings, rad a period, by which they went faster than both before and after: no motor comes
+    /// and rests within one period, but an encoder's offset does.
+    pub fn jump(&self, motor: usize) -> f64 {
+        let readings: Vec<(f64, f64)> = self.of(motor).collect();
+        let period = self.period.as_secs_f64();
+        let step = |two: &[(f64, f64)]| match two {
+            [(t0, a), (t1, b)] => ((b - a) * period / (t1 - t0).max(1e-9)).abs(),
+            _ => 0.0,
+        };
+        // nothing is known of the motor before the first, and what comes after the last step is still to be seen
+        let steps: Vec<f64> = std::iter::once(0.0).chain(readings.windows(2).map(step)).collect();
+        let beyond = |three: &[f64]| match three {
+            [before, step, after] => step - before.max(*after),
+            _ => 0.0,
+        };
+        steps.windows(3).map(beyond).fold(0.0, f64::max)
+    }
+
     /// Seconds since the oldest reading, and positions, of a motor.
     fn of(&self, motor: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
         let since = self.since();

@@ -644,6 +644,8 @@ fn i21_a_motor_that_no_commit_names_leaves_its_place() {
     assert!(found.iter().any(|v| v.what.contains("motor b, which no open commit names")), "{found:?}");
     // named motors go where they are sent, and then stay
     assert_eq!(of(&moved(&[(0, 0.2), (1, 0.2)], |at| [ramp(0.2, at), ramp(0.1, at)]), "I21"), 0);
+    // an encoder that jumps says nothing of its motor
+    assert_eq!(of(&moved(&[(0, 0.2)], |at| [ramp(0.2, at), if at < 4.0 { 0.5 } else { 0.52 }]), "I21"), 0);
     let later = |at: f64| [ramp(0.2, at), 0.1 * (at - 6.0).clamp(0.0, 1.0)];
     assert_eq!(of(&moved(&[(0, 0.2), (1, 0.2)], later), "I21"), 1);
 }
