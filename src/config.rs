@@ -70,6 +70,18 @@ pub struct Config {
     /// MoBeE's own YARP ports: the port filter, the world's RPC. Absent: none are opened.
     #[serde(default)]
     pub yarp: Option<mobee_drivers::YarpSettings>,
+    /// What `mobee torture` demands of this behavior beside the invariants.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub torture: Option<Torture>,
+}
+
+/// What a battery of tortures must come to.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Torture {
+    /// Greatest share of the commits that may end as faulted, percent, over fifty seeds or more of the usual faults. Escapes, which have
+    /// no way back, and the end of a run don't count.
+    pub faulted_percent: f64,
 }
 
 /// How time passes.

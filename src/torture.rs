@@ -86,7 +86,10 @@ pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, R
     let trial = Trial::load(&args.file, &args.set, args.secs, args.faults == "mild")?;
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares simulated time with the wall's")]
     let started = std::time::Instant::now();
-    let mut tally = Tally::default();
+    // the bound is measured with the usual faults
+    let usual = args.faults.is_empty() || args.faults.starts_with("usual");
+    let most_faulted = trial.most_faulted().filter(|_| usual && args.only.is_none());
+    let mut tally = Tally { most_faulted, ..Tally::default() };
     for seed in args.first..args.first.saturating_add(args.seeds) {
         if args.minutes.is_some_and(|m| started.elapsed().as_secs_f64() > 60.0 * m) {
             break;

@@ -7,7 +7,7 @@ pub use fields::{FieldRules, FieldsSettings};
 pub use kinds::{ControllerKind, DEFAULT_KIND, RollbackSettings, controller_kinds};
 
 use mobee_contract::{Axis, Board, Event, Pose};
-use mobee_model::Robot;
+use mobee_model::{Clause, Robot};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
@@ -180,8 +180,11 @@ impl Rules {
         self
     }
 
-    /// The robot as the journal's readers know it.
-    pub fn described(&self) -> [Event; 2] {
+    /// The robot of this model as the journal's readers know it.
+    pub fn described(&self, robot: &Robot) -> [Event; 2] {
+        let constraints = robot.parts.iter().flat_map(|part| &part.clauses);
+        let members = |clause: &Clause| clause.0.iter().map(|half| (half.terms.clone(), half.b)).collect();
+        let constraints = constraints.map(members).collect();
         let of = |f: fn(&Axis) -> f64| self.axes.iter().map(f).collect();
         let robot = Event::Robot {
             robot: self.robot.clone(),
@@ -194,6 +197,7 @@ impl Rules {
             margin: self.margin,
             tolerance: self.tolerance,
             rest_speed: self.rest_speed,
+            constraints,
         };
         let (name, kind) = (self.robot.clone(), self.kind.to_owned());
         [robot, Event::Controller { robot: name, kind, reflex: self.reflex }]

@@ -219,9 +219,9 @@ impl Hub {
     /// Puts other parts into a robot's controller, for the actors that are started from now on, and returns the ones before.
     pub fn install(&self, wires: &Wires, parts: Parts) -> Parts {
         wires.ledger.book().history.resize(parts.controller.history);
-        let rules = parts.rules.clone();
+        let described = parts.rules.described(&parts.model);
         let before = std::mem::replace(&mut *wires.parts.lock(), parts);
-        rules.described().into_iter().for_each(|event| self.tell(event));
+        described.into_iter().for_each(|event| self.tell(event));
         self.model.send(ModelMsg::Margins);
         before
     }

@@ -54,6 +54,9 @@ impl Config {
     pub(super) fn check(&self, source: &Source) -> Complaints {
         let mut c = Checks { source, wrong: Complaints::default() };
         self.check_run(&mut c);
+        if let Some(torture) = &self.torture {
+            c.range("torture.faulted_percent", torture.faulted_percent, 0.0, 100.0, "percent");
+        }
         self.check_robots(&mut c);
         self.check_script(&mut c);
         c.wrong

@@ -1,11 +1,19 @@
 //! What a torture has come to.
 
 use super::plan::Planned;
-use super::trial::Ran;
+use super::trial::{END, ESCAPE, Ran};
 use super::witness::Joint;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
+
+/// From how many seeds on shares say something.
+const ENOUGH: u64 = 50;
+
+/// Percent.
+fn share(part: u64, of: u64) -> f64 {
+    100.0 * part as f64 / of.max(1) as f64
+}
 
 /// Sums over all seeds.
 #[derive(Clone, Debug, Default)]
@@ -18,7 +26,7 @@ pub struct Tally {
     pub wall: Duration,
     /// Faults by kind.
     pub faults: BTreeMap<&'static str, u64>,
-    /// Commits, and their outcomes: reached, taken back, neither.
+    /// Accepted commits, those among them whose outcome is reached, taken back, neither.
     pub commits: u64,
     /// See above.
     pub outcomes: [u64; 3],
@@ -42,6 +50,8 @@ pub struct Tally {
     pub growth: Option<f64>,
     /// Seeds that failed.
     pub failed: Vec<u64>,
+    /// The greatest share of the commits that may end as faulted, percent, if it is bounded.
+    pub most_faulted: Option<f64>,
     /// What differed when the first seed ran a second time (I13).
     pub twice: Vec<String>,
 }
@@ -77,13 +87,17 @@ impl Tally {
         self.growth = self.growth.into_iter().chain(ran.growth).reduce(f64::max);
     }
 
-    /// The share of the commits that ended as faulted, percent.
+    /// The share of the commits that ended as faulted, percent, but for escapes and the end of a run: motions that had a way back,
+    /// and were not taken back.
     pub fn faulted_share(&self) -> f64 {
-        self.share(self.outcomes.iter().skip(2).sum())
+        let faulted = self.faulted.iter().filter(|(why, _)| ![ESCAPE, END].contains(why)).map(|(_, n)| n).sum();
+        let ends = self.faulted.get(END).copied().unwrap_or_default();
+        share(faulted, self.commits.saturating_sub(self.escapes + ends))
     }
 
-    fn share(&self, commits: u64) -> f64 {
-        100.0 * commits as f64 / self.commits.max(1) as f64
+    /// Whether more ended as faulted than the behavior allows; few seeds say nothing.
+    pub fn is_over(&self) -> bool {
+        self.seeds >= ENOUGH && self.most_faulted.is_some_and(|most| self.faulted_share() > most)
     }
 
     /// How many times faster than real time.
@@ -93,7 +107,7 @@ impl Tally {
 
     /// Whether nothing was broken.
     pub fn is_good(&self) -> bool {
-        self.failed.is_empty() && self.twice.is_empty()
+        self.failed.is_empty() && self.twice.is_empty() && !self.is_over()
     }
 
     /// How far it is.
@@ -115,9 +129,15 @@ impl fmt::Display for Tally {
         let [reached, back, faulted] = self.outcomes;
         writeln!(f, "commits    {}: {reached} reached, {back} rolled back, {faulted} faulted", self.commits)?;
         if faulted > 0 {
-            let shares = self.faulted.iter().map(|(cause, n)| format!("{cause} {:.1} %", self.share(*n)));
-            let (share, shares) = (self.faulted_share(), shares.collect::<Vec<_>>().join(", "));
-            writeln!(f, "faulted    {share:.1} % of the commits: {shares}")?;
+            let causes: Vec<String> = self.faulted.iter().map(|(cause, n)| format!("{cause} {n}")).collect();
+            writeln!(f, "faulted    {}", causes.join(", "))?;
+            let bound = self.most_faulted.map_or(String::new(), |most| format!("; at most {most} % may"));
+            let all = share(faulted, self.commits);
+            writeln!(
+                f,
+                "           {all:.1} % of all, {:.1} % but for escapes and the end of runs{bound}",
+                self.faulted_share()
+            )?;
         }
         if !self.closed.is_empty() {
             let closed: Vec<String> = self.closed.iter().map(|(cause, n)| format!("{cause} {n}")).collect();
@@ -143,6 +163,16 @@ impl fmt::Display for Tally {
         for what in &self.twice {
             writeln!(f, "{what}")?;
         }
-        if self.is_good() { write!(f, "no invariant was broken") } else { write!(f, "failed: {:?}", self.failed) }
+        if self.is_over() {
+            writeln!(
+                f,
+                "more commits ended as faulted than `torture.faulted_percent` allows: what was to be taken back was not"
+            )?;
+        }
+        match (self.is_good(), self.failed.is_empty()) {
+            (true, _) => write!(f, "no invariant was broken"),
+            (false, true) => write!(f, "failed"),
+            (false, false) => write!(f, "failed: {:?}", self.failed),
+        }
     }
 }

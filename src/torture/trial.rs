@@ -14,7 +14,8 @@ use mobee_actors::journal::{Fingerprint, Line};
 use mobee_actors::system::{Control, Counts, Injection, Progress, Setup, run_under};
 use mobee_actors::tap::Taps;
 use mobee_actors::track::Tracks;
-use mobee_contract::{Cause, Commit, Context, Entry, Event, Outcome, Sink, SwapStep, Time};
+use mobee_contract::{Cause, Commit, Context, Entry, Event, Hold, Outcome, Sink, Status, SwapStep, Time};
+use mobee_drivers::{Fault, SimHardware};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
 use nalgebra::Isometry3;
 use serde_json::Value;
@@ -28,6 +29,12 @@ use tokio::sync::mpsc;
 const LIVE: Duration = Duration::from_secs(122);
 /// By how much the process may grow, megabytes per hour of a run.
 const GROWS: f64 = 1.0;
+/// A board's fault that is over sooner may pass unseen.
+const LASTS: Duration = Duration::from_millis(60);
+/// Why a commit ended as faulted: an escape has no way back, and stops where it would make something worse.
+pub(super) const ESCAPE: &str = "escape";
+/// The run was over.
+pub(super) const END: &str = "end of run";
 /// The object that floods of edits move about, far from everything.
 const FLOODED: &str = "torture";
 
@@ -75,6 +82,11 @@ struct Watch {
     closed: BTreeMap<&'static str, u64>,
     /// Swaps that were settled, reverted, refused.
     swaps: [u64; 3],
+    /// The boards that are reached at once: they know where the motors really are.
+    boards: Vec<Option<SimHardware>>,
+    /// Whether the open commit of a robot is an escape, and whether the run is being brought to its end.
+    escapes: BTreeMap<String, bool>,
+    ending: bool,
     /// Deaths that nobody planned.
     bugs: Vec<String>,
     /// Also told, if the run is to be kept.
@@ -93,8 +105,18 @@ impl Sink for Watch {
                         self.bugs.push(format!("{actor} died at {at}: {reason}"));
                     }
                 }
-                if let Event::Outcome { outcome: Outcome::Faulted, cause, .. } = &**event {
-                    *self.faulted.entry(in_a_word(cause.as_ref())).or_default() += 1;
+                match &**event {
+                    Event::Commit { robot, escape, .. } => drop(self.escapes.insert(robot.clone(), *escape)),
+                    Event::State { status: Status::Holding(Hold::ShuttingDown), .. } => self.ending = true,
+                    Event::Outcome { robot, outcome: Outcome::Faulted, cause, .. } => {
+                        let why = match self.escapes.get(robot) {
+                            Some(true) => ESCAPE,
+                            _ if self.ending && *cause == Some(Cause::Asked) => END,
+                            _ => in_a_word(cause.as_ref()),
+                        };
+                        *self.faulted.entry(why).or_default() += 1;
+                    }
+                    _ => {}
                 }
                 if let Event::Disabled { cause, .. } = &**event {
                     *self.closed.entry(in_a_word(Some(cause))).or_default() += 1;
@@ -114,6 +136,9 @@ impl Sink for Watch {
             }
             Entry::Pose { robot, q, .. } => {
                 self.checker.pose(*robot, at, q);
+                if let Some(Some(board)) = self.boards.get(*robot) {
+                    self.witness.truth(*robot, at, q, &board.positions(at));
+                }
                 self.witness.pose(*robot, at, q);
             }
             Entry::Scene(scene) => self.witness.scene(scene),
@@ -127,6 +152,11 @@ impl Sink for Watch {
 }
 
 impl Trial {
+    /// The greatest share of the commits that may end as faulted, percent, if the behavior bounds it.
+    pub fn most_faulted(&self) -> Option<f64> {
+        self.config.torture.as_ref().map(|torture| torture.faulted_percent)
+    }
+
     /// Reads a behavior. Its robots are simulated and its clock is virtual, whatever it says; its YARP ports stay closed. A robot behind
     /// YARP keeps its driver, which meets simulated boards behind wires.
     ///
@@ -174,7 +204,7 @@ impl Trial {
                 }
             }
         }
-        let watch = Watch {
+        let mut watch = Watch {
             checker: Checker::default(),
             witness: Witness::default(),
             n: 0,
@@ -182,9 +212,13 @@ impl Trial {
             faulted: BTreeMap::new(),
             closed: BTreeMap::new(),
             swaps: [0; 3],
+            boards: boards.iter().map(|b| b.simulated().cloned()).collect(),
+            escapes: BTreeMap::new(),
+            ending: false,
             bugs: Vec::new(),
             sinks,
         };
+        watch.witness.board_faults(board_faults(planned, &watch.boards));
         let watch = Arc::new(Mutex::new(watch));
         let look = || watch.lock().unwrap_or_else(PoisonError::into_inner);
         let taps = Taps::in_place(watch.clone());
@@ -266,6 +300,21 @@ impl Trial {
         let context = Context { robot: robot.clone(), seed: derive_seed(seed, &format!("{}/driver", config.name)) };
         driven.boards(&context).map_err(|e| Report::msg(e.to_string()))
     }
+}
+
+/// When each of these boards begins to report a fault of its own.
+fn board_faults(planned: &[Planned], boards: &[Option<SimHardware>]) -> Vec<Vec<Time>> {
+    let of = |board: usize| {
+        let begins = planned.iter().filter_map(move |p| match &p.what {
+            What::Board { robot, fault: Fault::Hardware { .. }, lasts, .. } => {
+                let is_own = *robot == board && boards.get(board).is_some_and(Option::is_some);
+                (is_own && *lasts >= LASTS).then_some(p.at)
+            }
+            _ => None,
+        });
+        begins.collect()
+    };
+    (0..boards.len()).map(of).collect()
 }
 
 /// Why a motion did not reach its target, for the tally.

@@ -20,6 +20,12 @@ const BRAKES: Duration = Duration::from_millis(1500);
 const BLIND: Duration = Duration::from_millis(700);
 /// How many times the speed that counts as rest is a motion.
 const MOVES: f64 = 4.0;
+/// For how long motors may go on behind readings that are equal bit for bit, and how far after that, rad.
+const UNSEEN: (Duration, f64) = (Duration::from_millis(1500), std::f64::consts::PI / 180.0);
+/// When nothing at all happened for so long, the process was suspended.
+const SUSPENDED: Duration = Duration::from_millis(100);
+/// How long after something was done to the run from outside nobody is held to an instant: an actor may stall.
+const DISTURBED: Duration = Duration::from_secs(3);
 
 /// Sees all robots of a run.
 #[derive(Debug, Default)]
@@ -27,6 +33,11 @@ pub struct Witness {
     scene: Option<Arc<Scene>>,
     poses: Vec<Pose>,
     robots: Vec<Seen>,
+    /// When the boards of the robots are going to report faults.
+    faults: Vec<Vec<Time>>,
+    /// When something was done to the run last, and what happened last.
+    disturbed: Time,
+    now: Time,
     /// What several robots did on the way back at once.
     pub joint: Joint,
     /// What was seen to be broken: the invariant, and a sentence.
@@ -69,6 +80,14 @@ struct Seen {
     near: Option<Time>,
     /// While it is on the way back: the pairs below the margin as that began.
     back: Option<Vec<Contact>>,
+    /// The newest reading that differed from the one before, and since when it is so in the motion under way.
+    news: Option<(Pose, Time)>,
+    /// Where the motors really were when that had been so for too long.
+    late: Option<Vec<f64>>,
+    /// When its board reports a fault: the beginnings that are still to come.
+    faults: Vec<Time>,
+    /// When its board began to report one, with the filter open since.
+    fault: Option<Time>,
 }
 
 impl Seen {
@@ -86,7 +105,17 @@ impl Seen {
             last: at,
             near: None,
             back: None,
+            news: None,
+            late: None,
+            faults: Vec::new(),
+            fault: None,
         }
+    }
+
+    /// A motion begins: readings may have been equal while it rested.
+    fn sets_out(&mut self, now: Time) {
+        self.news.iter_mut().for_each(|(_, since)| *since = now);
+        self.late = None;
     }
 
     /// Which promise is to be kept now, and what is too near for it if it was not near from the start.
@@ -117,23 +146,41 @@ impl Witness {
         self.scene = Some(scene.clone());
     }
 
+    /// When each robot's board is going to report faults, in order of time.
+    pub fn board_faults(&mut self, faults: Vec<Vec<Time>>) {
+        self.faults = faults;
+    }
+
     /// An event.
     pub fn event(&mut self, at: Time, event: &Event) {
+        self.pass(at);
         match event {
+            Event::Injected { .. } | Event::Died { .. } | Event::Restarted { .. } => self.disturbed = at,
             Event::Robot { robot, margin, period, rest_speed, .. } => {
                 let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
                 let rules = (*margin, period, *rest_speed);
                 if let Some(known) = self.robots.iter_mut().find(|r| r.name == *robot) {
                     (known.margin, known.period, known.rest_speed) = rules;
                 } else {
-                    self.robots.push(Seen::new(robot, rules, at));
+                    let mut seen = Seen::new(robot, rules, at);
+                    seen.faults = self.faults.get(self.robots.len()).cloned().unwrap_or_default();
+                    self.robots.push(seen);
                 }
             }
             Event::Controller { robot, reflex, .. } => self.turn(robot, |r| r.reflex = *reflex),
-            Event::Enabled { robot, .. } => self.turn(robot, |r| (r.open, r.since) = (true, at)),
-            Event::Disabled { robot, .. } => self.turn(robot, |r| (r.open, r.since, r.back) = (false, at, None)),
+            Event::Enabled { robot, .. } => self.turn(robot, |r| {
+                (r.open, r.since) = (true, at);
+                r.sets_out(at);
+            }),
+            Event::Commit { robot, .. } | Event::Amended { robot, .. } => self.turn(robot, |r| r.sets_out(at)),
+            Event::Disabled { robot, .. } => {
+                self.turn(robot, |r| (r.open, r.since, r.back, r.fault) = (false, at, None, None));
+            }
             Event::RetreatBegan { robot, near, .. } => {
-                self.turn(robot, |r| r.back = Some(near.clone()));
+                self.turn(robot, |r| {
+                    r.back = Some(near.clone());
+                    r.sets_out(at);
+                });
                 self.joint.times += u64::from(self.robots.iter().filter(|r| r.back.is_some()).count() > 1);
             }
             Event::RetreatStopped { robot, .. } => self.turn(robot, |r| r.back = None),
@@ -149,8 +196,55 @@ impl Witness {
         self.robots.iter_mut().filter(|r| r.name == robot).for_each(change);
     }
 
+    /// Time passes: a board that reports a fault has its filter closed within [`PERIODS`] (I28).
+    fn pass(&mut self, now: Time) {
+        // the process was suspended: nobody acted
+        if now.since(self.now) > SUSPENDED {
+            self.disturbed = now;
+        }
+        self.now = self.now.max(now);
+        let disturbed = now.since(self.disturbed) < DISTURBED && self.disturbed > Time::ZERO;
+        for seen in &mut self.robots {
+            while seen.faults.first().is_some_and(|at| *at <= now) {
+                let at = seen.faults.remove(0);
+                // a driver that does not read hears of no fault, either
+                let reads = at.since(seen.last) <= seen.period;
+                seen.fault = seen.fault.or(Some(at).filter(|_| seen.open && reads && !disturbed));
+            }
+            let late = seen.fault.take_if(|at| now.since(*at) > seen.period * PERIODS);
+            if let Some(at) = late.filter(|_| !disturbed) {
+                let what =
+                    format!("{}: its board reports a fault since {at}, and its filter is open at {now}", seen.name);
+                self.found.push(("I28", what));
+            }
+        }
+    }
+
+    /// A pose that was read, and where the motors really were.
+    pub fn truth(&mut self, robot: usize, at: Time, q: &Pose, truth: &[f64]) {
+        let Some(seen) = self.robots.get_mut(robot) else { return };
+        match &seen.news {
+            Some((last, since)) if *last == *q => {
+                if at.since(*since) <= UNSEEN.0 {
+                    return;
+                }
+                let then = seen.late.get_or_insert_with(|| truth.to_vec());
+                let way = then.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                if way > UNSEEN.1 {
+                    let (name, deg, more) = (&seen.name, way.to_degrees(), UNSEEN.0.as_secs_f64());
+                    let what = format!(
+                        "{name}: the readings are equal since {since}, and {more} s later a motor goes on by {deg:.1} deg at {at}"
+                    );
+                    self.found.push(("I26", what));
+                }
+            }
+            _ => (seen.news, seen.late) = (Some((q.clone(), at)), None),
+        }
+    }
+
     /// A pose that was read.
     pub fn pose(&mut self, robot: usize, at: Time, q: &Pose) {
+        self.pass(at);
         let (Some(seen), Some(pose)) = (self.robots.get_mut(robot), self.poses.get_mut(robot)) else { return };
         *pose = q.clone();
         (seen.poses, seen.last) = (seen.poses + 1, at);

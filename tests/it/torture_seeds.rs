@@ -62,7 +62,7 @@ fn sixty_seeds_of_streams_and_parts_hold_all_invariants() {
 #[test]
 fn twenty_seeds_among_constraints_hold_all_invariants() {
     let tally = seeds(CONSTRAINTS, 1, 20, "usual,F29");
-    assert!(tally.closed["constraint"] > 20, "{tally}");
+    assert!(tally.closed["constraint"] > 4, "{tally}");
 }
 
 #[test]

@@ -92,6 +92,10 @@ pub enum Writer {
     Driver,
 }
 
+/// A robot's constraints: every clause must hold. A clause holds if one of its members has a value above zero, which is the sum of its
+/// coefficients, each times the position of the motor of this index (degrees), and its constant.
+pub type Clauses = Vec<Vec<(Vec<(usize, f64)>, f64)>>;
+
 /// An event of a run. `robot` is the robot's name; tokens are fencing tokens of its filter, which only grow.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
@@ -135,6 +139,9 @@ pub enum Event {
         tolerance: f64,
         /// Speed below which a motor counts as at rest, rad/s.
         rest_speed: f64,
+        /// Its constraints; older journals don't tell.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        constraints: Clauses,
     },
     /// The kind of a robot's controller, at the start.
     Controller {

@@ -4,9 +4,11 @@ use super::Invariant;
 use super::bounded::Bounded;
 use super::closed_means_closed::ClosedMeansClosed;
 use super::closes_at_once::ClosesAtOnce;
+use super::constraints_close::ConstraintsClose;
 use super::contact_closes::ContactCloses;
 use super::contacts_hold::ContactsHold;
 use super::fresh_readings::FreshReadings;
+use super::frozen_is_noticed::FrozenIsNoticed;
 use super::home_is_a_vertex::HomeIsAVertex;
 use super::honest_safe_pose::HonestSafePose;
 use super::idle_motors_stay::IdleMotorsStay;
@@ -79,6 +81,8 @@ pub const ALL: &[Promise] = &[
     of::<ContactCloses>("I19", "a contact closes", Wants::Events),
     of::<IdleMotorsStay>("I21", "idle motors stay", Wants::Poses),
     of::<TakenBack>("I22", "what is to be taken back is", Wants::Events),
+    of::<ConstraintsClose>("I25", "a constraint closes", Wants::Poses),
+    of::<FrozenIsNoticed>("I26", "frozen encoders are noticed", Wants::Poses),
     of::<ContactsHold>("I27", "contacts have a hysteresis", Wants::Events),
     of::<ClosesAtOnce>("I28", "what dies closes at once", Wants::Events),
 ];

@@ -1,9 +1,11 @@
 //! I28: what takes the robot out of the controller's hands closes the filter at once: the death of the model or of an actor of the
-//! robot's controller, whatever it was doing.
+//! robot's controller, whatever it was doing; an exchange of its controller or driver, before the new part is looked at. A driver that was
+//! started again stops its board before it passes anything on, and what waited at the driver is hushed by a stop: a stream begins with its
+//! control mode, never where a stop was told.
 
 use super::{Found, Invariant};
 use crate::journal::Line;
-use mobee_contract::{Event, Time};
+use mobee_contract::{Event, SwapPart, SwapStep, Time, Writer};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -22,8 +24,15 @@ pub(super) struct ClosesAtOnce {
 struct Filter {
     fresh: Duration,
     open: bool,
+    /// When it was closed last, and when an actor of its controller died last.
+    closed: Time,
+    died: Option<Time>,
     /// Who died, and when, with the filter open since.
     death: Option<(String, Time)>,
+    /// Whether its driver was started again, and has told nothing yet.
+    new_driver: bool,
+    /// The motors of the last command, if that was a stop of the reflex or an agent; none: all.
+    stopped: Option<Vec<usize>>,
 }
 
 impl Filter {
@@ -32,6 +41,29 @@ impl Filter {
         if let Some((who, at)) = self.death.take_if(|(_, at)| now.since(*at) > within) {
             let after = now.since(at).as_secs_f64();
             found.say(format!("{robot}: {who} died at {at}, and the filter was open {after:.3} s later"));
+        }
+    }
+
+    /// A command was written, or a stream of them, which it ends.
+    fn written(&mut self, robot: &str, event: &Event, found: &mut Found<'_>) {
+        let (writer, kind, motors) = match event {
+            Event::Command { writer, kind, motors, .. } => (*writer, kind.as_str(), motors),
+            Event::Streamed { writer, motors, .. } => (*writer, "set-points", motors),
+            _ => return,
+        };
+        if std::mem::take(&mut self.new_driver) && (writer, kind) != (Writer::Driver, "stop") {
+            found.say(format!("{robot}: a new driver wrote a {kind} of the {writer:?} before a stop of its own"));
+        }
+        let stopped = std::mem::take(&mut self.stopped);
+        match stopped {
+            _ if kind == "stop" && writer != Writer::Driver => self.stopped = Some(motors.clone()),
+            Some(stopped) if kind == "set-points" => {
+                let meant = |m: &usize| stopped.is_empty() || stopped.contains(m);
+                if motors.iter().any(meant) {
+                    found.say(format!("{robot}: set-points were written after a stop, and no new stream began"));
+                }
+            }
+            _ => {}
         }
     }
 }
@@ -47,13 +79,41 @@ impl Invariant for ClosesAtOnce {
             Event::Disabled { robot, .. } => {
                 let filter = self.robots.entry(robot.clone()).or_default();
                 filter.judge(robot, line.at, found);
+                if filter.open {
+                    filter.closed = line.at;
+                }
                 (filter.open, filter.death) = (false, None);
+            }
+            Event::Command { robot, .. } | Event::Streamed { robot, .. } => {
+                self.robots.entry(robot.clone()).or_default().written(robot, &line.event, found);
+            }
+            // it told its board to stop, and the board does not answer
+            Event::CommandDropped { robot, writer: Writer::Driver, .. } => {
+                self.robots.entry(robot.clone()).or_default().new_driver = false;
+            }
+            Event::Swap {
+                robot,
+                part: SwapPart::Controller | SwapPart::Driver,
+                step: SwapStep::TookOver { gap, .. },
+            } => {
+                let filter = self.robots.entry(robot.clone()).or_default();
+                let begun = line.at - Duration::try_from_secs_f64(*gap).unwrap_or_default();
+                let died = filter.died.is_some_and(|at| at >= begun);
+                if (filter.open || filter.closed > begun) && !died {
+                    found.say(format!("{robot}: a part was exchanged from {begun} on, and the filter was open"));
+                }
             }
             Event::Died { actor, .. } => {
                 for (robot, filter) in &mut self.robots {
                     let own = actor.strip_prefix(robot.as_str()).and_then(|rest| rest.strip_prefix('/'));
-                    if filter.open && (actor == "model" || own.is_some_and(|part| CHAIN.contains(&part))) {
-                        filter.death.get_or_insert((actor.clone(), line.at));
+                    if actor == "model" || own.is_some_and(|part| CHAIN.contains(&part)) {
+                        filter.died = Some(line.at);
+                        if filter.open {
+                            filter.death.get_or_insert((actor.clone(), line.at));
+                        }
+                    }
+                    if own == Some("driver") {
+                        (filter.new_driver, filter.stopped) = (true, None);
                     }
                 }
             }

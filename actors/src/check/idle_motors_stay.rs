@@ -1,5 +1,5 @@
 //! I21: a motor that no open commit names does not leave its place: where it rested as the last motion that named it ended, over the
-//! whole run, so that it does not walk either.
+//! whole run, so that it does not walk either. No command but a stop names it.
 //!
 //! Wants the poses, and a journal that tells which motors a commit names (version 2). A place is the mean of sixteen readings, and so is
 //! where the motor is now. An encoder that jumps, from one reading to the next or while none came, says nothing of its motor, which has
@@ -9,7 +9,7 @@ use super::window::Window;
 use super::{Found, Invariant};
 use crate::journal::Line;
 use mobee_contract::{Event, Pose, Time};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// How long a motor may take to come to rest after the motion that named it has ended.
@@ -37,6 +37,9 @@ struct Robot {
     settled: Time,
     /// Whether a commit is open that does not tell its motors.
     untold: bool,
+    /// The motors that the last two commits named: a mode that is put back may be told after the next has begun. `None`: not told, as of
+    /// a way back that leads beyond its commit.
+    last: Option<[BTreeSet<usize>; 2]>,
 }
 
 #[derive(Clone, Default)]
@@ -49,10 +52,21 @@ struct Motor {
 impl Robot {
     fn name(&mut self, motors: &[(usize, f64)]) {
         for (m, _) in motors {
+            if let Some([newest, _]) = &mut self.last {
+                newest.insert(*m);
+            }
             if let Some(motor) = self.motors.get_mut(*m) {
                 *motor = Motor { named: true, place: None };
             }
         }
+    }
+
+    /// What a command names that no commit does.
+    fn commanded(&self, robot: &str, kind: &str, motors: &[usize]) -> Option<String> {
+        let last = self.last.as_ref()?;
+        let idle = motors.iter().find(|m| !last.iter().any(|named| named.contains(m)))?;
+        let name = self.names.get(*idle).map_or("?", String::as_str);
+        Some(format!("{robot}: a {kind} was written to {name}, which no commit names"))
     }
 
     fn judge(&mut self, robot: &str, at: Time) -> Vec<String> {
@@ -90,17 +104,31 @@ impl Invariant for IdleMotorsStay {
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|motors| motors.len() == n);
                 let motors = known.unwrap_or_else(|| vec![Motor::default(); n]);
                 let (tolerance, settled) = (*tolerance, line.at + SETTLES);
-                self.robots.insert(robot.clone(), Robot { names, tolerance, window, motors, settled, untold: false });
+                self.robots.insert(
+                    robot.clone(),
+                    Robot { names, tolerance, window, motors, settled, untold: false, last: None },
+                );
             }
             // nobody saw where it was while no process ran
             Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.motors.fill(Motor::default())),
             Event::Commit { robot, motors, .. } => self.of(robot, |r| {
+                let before = r.last.take().map(|[newest, _]| newest).unwrap_or_default();
+                r.last = Some([BTreeSet::new(), before]);
                 r.untold = motors.is_empty();
                 if r.untold {
                     r.motors.fill(Motor::default());
                 }
                 r.name(motors);
             }),
+            Event::SafePoseMoved { robot, .. } => self.of(robot, |r| r.last = None),
+            Event::Command { robot, kind, motors, .. } if kind != "stop" => {
+                let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, kind, motors));
+                wrong.into_iter().for_each(|what| found.say(what));
+            }
+            Event::Streamed { robot, motors, .. } => {
+                let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, "set-point", motors));
+                wrong.into_iter().for_each(|what| found.say(what));
+            }
             Event::Amended { robot, motors, .. } => self.of(robot, |r| r.name(motors)),
             Event::Outcome { robot, .. } => self.of(robot, |r| {
                 r.settled = line.at + SETTLES;

@@ -258,6 +258,7 @@ mod tests {
             margin: 0.01,
             tolerance: 0.002,
             rest_speed: 0.01,
+            constraints: Vec::new(),
         };
         let reached = Event::Outcome {
             robot: r(),

@@ -255,7 +255,8 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
         Some(past) => hub.tell(Event::Resumed { events: past.events, config: Some(setup.config) }),
     }
     for wires in &hub.robots {
-        wires.rules().described().into_iter().for_each(|event| hub.tell(event));
+        let parts = wires.parts.lock().clone();
+        parts.rules.described(&parts.model).into_iter().for_each(|event| hub.tell(event));
     }
     let scene = hub.scene.lock().clone();
     hub.taps.scene(hub.clock.now(), &scene);

@@ -25,6 +25,7 @@ fn robot() -> Event {
         margin: 0.01,
         tolerance: 0.002,
         rest_speed: 0.01,
+        constraints: Vec::new(),
     }
 }
 

@@ -32,6 +32,7 @@ fn rules() -> Event {
         margin: 0.01,
         tolerance: 0.002,
         rest_speed: 0.01,
+        constraints: Vec::new(),
     }
 }
 

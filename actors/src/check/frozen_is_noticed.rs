@@ -1,0 +1,115 @@
+//! I26: encoders that freeze in a move are noticed: readings that are equal bit for bit while the motors should go on end the motion
+//! within half a second, or the time in which the motor with the longest way should have gone a degree at its mean speed, whichever is
+//! longer, and half a second more.
+//!
+//! Wants the poses. Streams tell the journal of no set-point: what moves on behind frozen encoders there, and on the way back, is seen by
+//! the witness of a simulation, which knows where the motors really are.
+
+use super::{Found, Invariant, apart_deg};
+use crate::journal::Line;
+use mobee_contract::{Event, Pose, Status, Time, Writer};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// For how long readings may be equal in any case, and what is granted for reacting to it, seconds.
+const STILL: f64 = 0.5;
+/// How far from its target, in degrees, a motion is not about to end.
+const FAR: f64 = 2.0;
+
+#[derive(Default)]
+pub(super) struct FrozenIsNoticed {
+    robots: BTreeMap<String, Robot>,
+    found: Vec<String>,
+}
+
+#[derive(Default)]
+struct Robot {
+    /// The newest reading, and since when it is so.
+    newest: Option<(Pose, Time)>,
+    course: Option<Course>,
+}
+
+/// A move under way.
+struct Course {
+    begun: Time,
+    target: Vec<(usize, f64)>,
+    /// For how long readings may be equal.
+    within: Duration,
+}
+
+impl Robot {
+    /// The course of a move from where the robot is.
+    fn course(&self, now: Time, q: &[(usize, f64)], speed: &[(usize, f64)]) -> Option<Course> {
+        let (here, _) = self.newest.as_ref()?;
+        let way = |(m, q): &(usize, f64)| Some((q - here.get(*m)?).abs());
+        let farthest = q.iter().filter_map(way).fold(0.0, f64::max);
+        // at a mean speed of half the greatest
+        let secs = q.iter().zip(speed).filter_map(|(q, (_, v))| Some(2.0 * way(q)? / v.max(1e-6))).fold(0.0, f64::max);
+        let degree = secs * 1f64.to_radians() / farthest.max(1e-9);
+        let within = Duration::try_from_secs_f64(STILL.max(degree) + STILL).ok()?;
+        Some(Course { begun: now, target: q.to_vec(), within })
+    }
+
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose) -> Option<String> {
+        let since = match &mut self.newest {
+            Some((last, since)) if *last == *q => *since,
+            newest => {
+                *newest = Some((q.clone(), at));
+                return None;
+            }
+        };
+        let course = self.course.as_ref()?;
+        let still = at.since(since.max(course.begun));
+        let of = |(m, _): &(usize, f64)| q.get(*m).copied().unwrap_or_default();
+        let here: Vec<f64> = course.target.iter().map(of).collect();
+        let there: Vec<f64> = course.target.iter().map(|(_, q)| *q).collect();
+        let away = apart_deg(&here, &there);
+        if still <= course.within || away < FAR {
+            return None;
+        }
+        let (secs, within) = (still.as_secs_f64(), course.within.as_secs_f64());
+        self.course = None;
+        Some(format!(
+            "{robot}: the readings are equal for {secs:.2} s at {at}, {away:.1} deg from the target of a move, and {within:.2} s are allowed"
+        ))
+    }
+}
+
+impl Invariant for FrozenIsNoticed {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        self.found.drain(..).for_each(|what| found.say(what));
+        match &line.event {
+            Event::Robot { robot, .. } => drop(self.robots.entry(robot.clone()).or_default()),
+            Event::Command { robot, writer: Writer::Agent, kind, q, speed, .. } => {
+                self.of(robot, |r| r.course = if kind == "move" { r.course(line.at, q, speed) } else { None });
+            }
+            Event::Disabled { robot, .. } | Event::Outcome { robot, .. } => self.of(robot, |r| r.course = None),
+            Event::State { robot, status } if !matches!(status, Status::Moving | Status::Escaping) => {
+                self.of(robot, |r| r.course = None);
+            }
+            Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.course = None),
+            _ => {}
+        }
+    }
+
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+        let Some(state) = self.robots.get_mut(robot) else { return };
+        self.found.extend(state.pose(robot, at, q));
+    }
+
+    fn blind(&mut self, robot: &str) {
+        self.of(robot, |r| r.newest = None);
+    }
+
+    fn end(&mut self, found: &mut Found<'_>) {
+        self.found.drain(..).for_each(|what| found.say(what));
+    }
+}
+
+impl FrozenIsNoticed {
+    fn of(&mut self, robot: &str, change: impl FnOnce(&mut Robot)) {
+        if let Some(robot) = self.robots.get_mut(robot) {
+            change(robot);
+        }
+    }
+}
