@@ -53,7 +53,8 @@ fn draw(rng: &mut ChaCha8Rng) -> (WireFault, Duration) {
         8 => WireFault::Stamps(rng.random_range(-2.0..2.0)),
         9 => WireFault::Nack(rng.random_range(2..10)),
         // those that come by the piece wait for their moment
-        10 => return (WireFault::Deaf(rng.random_range(1..=4)), secs(10.0)),
+        // one that ignores more moves on for longer than a closed filter may allow (I17)
+        10 => return (WireFault::Deaf(rng.random_range(1..=3)), secs(10.0)),
         11 => return (WireFault::Meddled(rng.random_range(1..4)), secs(10.0)),
         _ => {
             let who = [Who::Hand, Who::Brake, Who::Reader, Who::Connection][rng.random_range(0..4)];

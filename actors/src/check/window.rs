@@ -15,12 +15,14 @@ pub(super) const WINDOW: usize = 16;
 pub(super) struct Window {
     period: Duration,
     readings: VecDeque<(Time, Pose)>,
+    /// Where the motors were before some readings were missed.
+    before: Option<Pose>,
 }
 
 impl Window {
     /// Of a robot that is controlled with this period, seconds.
     pub fn new(period: f64) -> Window {
-        Window { period: Duration::try_from_secs_f64(period).unwrap_or_default(), readings: VecDeque::new() }
+        Window { period: Duration::try_from_secs_f64(period).unwrap_or_default(), ..Window::default() }
     }
 
     /// Takes the next reading; whether there are enough of them now.
@@ -38,13 +40,21 @@ impl Window {
         self.readings.len() == WINDOW
     }
 
-    /// The last reading, if one of this time would come after a pause.
-    pub fn before_pause(&self, at: Time) -> Option<&Pose> {
-        self.readings.back().filter(|(last, _)| at.since(*last) > self.period * 2).map(|(_, q)| q)
+    /// Where the motors were, if a reading of this time would come after a pause, or after some that were missed. By the last reading
+    /// but one: nobody saw what came after the last, which may have been a jump.
+    pub fn before_pause(&mut self, at: Time) -> Option<Pose> {
+        let paused = self.readings.back().is_some_and(|(last, _)| at.since(*last) > self.period * 2);
+        self.before.take().or_else(|| self.last_but_one().filter(|_| paused))
     }
 
-    /// Forgets all of them.
+    fn last_but_one(&self) -> Option<Pose> {
+        let last = self.readings.len().checked_sub(1)?;
+        self.readings.get(last.saturating_sub(1)).map(|(_, q)| q.clone())
+    }
+
+    /// Forgets all of them: some were missed.
     pub fn forget(&mut self) {
+        self.before = self.last_but_one().or(self.before.take());
         self.readings.clear();
     }
 
