@@ -18,24 +18,28 @@
 //! | I17 | ended means at rest | an outcome is given only while the robot is measured to rest |
 //! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
 //! | I19 | a contact closes | a contact that begins in mid-motion closes the filter within one control period |
+//! | I20 | no motor too fast | no motor is measured to go faster than its commit allows it |
 //! | I21 | idle motors stay | a motor that no open commit names does not leave its place, not in the long run either, and no command but a stop names it |
 //! | I22 | what is to be taken back is | a contact, a constraint, a missed target, the agent's death: the motion ends rolled back, the way it came, unless the journal says why not |
+//! | I23 | a failed edge is removed | before the agent commits again, and no other is |
 //! | I25 | a constraint closes | a constraint that is violated, at rest or in motion, closes the filter; on the way back it stops the robot |
 //! | I26 | frozen encoders are noticed | readings that are equal bit for bit while the motors should go on end the motion in a stated time |
 //! | I27 | contacts have a hysteresis | a contact begins below the margin, and again only after it has ended |
 //! | I28 | what dies closes at once | the death of the model or of a controller's actor closes the filter within two leases, an exchange before the new part is looked at; a new driver stops its board first, and a stop hushes what waits |
 //!
 //! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
-//! journal where there are any ([`crate::track`]): I4 and I22 look at those, too, I8, I17, I21, I25 and I26 want them. I15 is judged where a simulation
+//! journal where there are any ([`crate::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25 and I26 want them. I15 is judged where a simulation
 //! says that its faults have healed. [`ALL`] lists them.
 
 mod all;
+mod as_fast_as_allowed;
 mod bounded;
 mod closed_means_closed;
 mod closes_at_once;
 mod constraints_close;
 mod contact_closes;
 mod contacts_hold;
+mod failed_edges;
 mod fresh_readings;
 mod frozen_is_noticed;
 mod home_is_a_vertex;

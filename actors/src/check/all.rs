@@ -1,12 +1,14 @@
 //! The one list of invariants: what the checker runs, what `mobee check` says, and what the documents must hold.
 
 use super::Invariant;
+use super::as_fast_as_allowed::AsFastAsAllowed;
 use super::bounded::Bounded;
 use super::closed_means_closed::ClosedMeansClosed;
 use super::closes_at_once::ClosesAtOnce;
 use super::constraints_close::ConstraintsClose;
 use super::contact_closes::ContactCloses;
 use super::contacts_hold::ContactsHold;
+use super::failed_edges::FailedEdges;
 use super::fresh_readings::FreshReadings;
 use super::frozen_is_noticed::FrozenIsNoticed;
 use super::home_is_a_vertex::HomeIsAVertex;
@@ -79,8 +81,10 @@ pub const ALL: &[Promise] = &[
     of::<RestAtTheEnd>("I17", "ended means at rest", Wants::Poses),
     of::<Orphans>("I18", "orphans are cancelled", Wants::Events),
     of::<ContactCloses>("I19", "a contact closes", Wants::Events),
+    of::<AsFastAsAllowed>("I20", "no motor too fast", Wants::Poses),
     of::<IdleMotorsStay>("I21", "idle motors stay", Wants::Poses),
     of::<TakenBack>("I22", "what is to be taken back is", Wants::Events),
+    of::<FailedEdges>("I23", "a failed edge is removed", Wants::Events),
     of::<ConstraintsClose>("I25", "a constraint closes", Wants::Poses),
     of::<FrozenIsNoticed>("I26", "frozen encoders are noticed", Wants::Poses),
     of::<ContactsHold>("I27", "contacts have a hysteresis", Wants::Events),

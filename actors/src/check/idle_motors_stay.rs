@@ -39,7 +39,7 @@ struct Robot {
     untold: bool,
     /// The motors that the last two commits named: a mode that is put back may be told after the next has begun. `None`: not told, as of
     /// a way back that leads beyond its commit.
-    last: Option<[BTreeSet<usize>; 2]>,
+    last: [Option<BTreeSet<usize>>; 2],
 }
 
 #[derive(Clone, Default)]
@@ -52,7 +52,7 @@ struct Motor {
 impl Robot {
     fn name(&mut self, motors: &[(usize, f64)]) {
         for (m, _) in motors {
-            if let Some([newest, _]) = &mut self.last {
+            if let [Some(newest), _] = &mut self.last {
                 newest.insert(*m);
             }
             if let Some(motor) = self.motors.get_mut(*m) {
@@ -63,8 +63,8 @@ impl Robot {
 
     /// What a command names that no commit does.
     fn commanded(&self, robot: &str, kind: &str, motors: &[usize]) -> Option<String> {
-        let last = self.last.as_ref()?;
-        let idle = motors.iter().find(|m| !last.iter().any(|named| named.contains(m)))?;
+        let [Some(newest), Some(before)] = &self.last else { return None };
+        let idle = motors.iter().find(|m| !newest.contains(m) && !before.contains(m))?;
         let name = self.names.get(*idle).map_or("?", String::as_str);
         Some(format!("{robot}: a {kind} was written to {name}, which no commit names"))
     }
@@ -106,21 +106,21 @@ impl Invariant for IdleMotorsStay {
                 let (tolerance, settled) = (*tolerance, line.at + SETTLES);
                 self.robots.insert(
                     robot.clone(),
-                    Robot { names, tolerance, window, motors, settled, untold: false, last: None },
+                    Robot { names, tolerance, window, motors, settled, untold: false, last: [None, None] },
                 );
             }
             // nobody saw where it was while no process ran
             Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.motors.fill(Motor::default())),
             Event::Commit { robot, motors, .. } => self.of(robot, |r| {
-                let before = r.last.take().map(|[newest, _]| newest).unwrap_or_default();
-                r.last = Some([BTreeSet::new(), before]);
+                let [before, _] = std::mem::take(&mut r.last);
+                r.last = [Some(BTreeSet::new()), before];
                 r.untold = motors.is_empty();
                 if r.untold {
                     r.motors.fill(Motor::default());
                 }
                 r.name(motors);
             }),
-            Event::SafePoseMoved { robot, .. } => self.of(robot, |r| r.last = None),
+            Event::SafePoseMoved { robot, .. } => self.of(robot, |r| r.last = [None, None]),
             Event::Command { robot, kind, motors, .. } if kind != "stop" => {
                 let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, kind, motors));
                 wrong.into_iter().for_each(|what| found.say(what));

@@ -27,12 +27,14 @@ impl Quintic {
         if from.v == 0.0 {
             return Some(Quintic::through(State { a: 0.0, ..from }, to, at_rest));
         }
-        // in mid-motion: what the motor already does bounds what it may do
-        let speed = bounds.speed.max(from.v.abs());
+        // one that is faster than it may be has to slow down first, whatever its way is
+        if from.v.abs() > bounds.speed {
+            return None;
+        }
         let acceleration = bounds.acceleration.max(from.a.abs());
         (0..28)
             .map(|i| Quintic::through(from, to, 0.4 * at_rest * 1.12f64.powi(i)))
-            .find(|p| p.keeps_within(from.q, speed, acceleration))
+            .find(|p| p.keeps_within(from.q, bounds.speed, acceleration))
     }
 
     /// The polynomial through both ends that takes this long.

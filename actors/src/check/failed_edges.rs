@@ -1,0 +1,107 @@
+//! I23: an edge whose motion failed is removed before its agent commits again, and no other is: so the agent was told how its motion ended.
+//!
+//! Which edge a motion drives is told by the plan, in which its target is a vertex. An agent that died, or makes way for another,
+//! was told nothing.
+
+use super::{Found, Invariant, near};
+use crate::journal::Line;
+use mobee_contract::{CommitId, EdgeState, Event, Note, Outcome, SwapStep};
+use std::collections::BTreeMap;
+
+/// How far the target of a commit may be from its vertex, rad.
+const SAME: f64 = 1e-9;
+
+/// From vertex, to vertex.
+type Edge = (u32, u32);
+
+#[derive(Default)]
+pub(super) struct FailedEdges {
+    robots: BTreeMap<String, Walk>,
+}
+
+#[derive(Default)]
+struct Walk {
+    vertices: BTreeMap<u32, Vec<f64>>,
+    plan: Vec<u32>,
+    /// Whether the agent has committed since it began.
+    begun: bool,
+    /// The edge that the open motion drives.
+    drives: Option<(CommitId, Edge)>,
+    /// The edge whose motion failed.
+    failed: Option<(CommitId, Edge)>,
+}
+
+impl Walk {
+    /// The edge of the plan that leads to this target of these motors.
+    fn edge(&self, target: &[f64], motors: &[(usize, f64)]) -> Option<Edge> {
+        let group = |q: &[f64]| motors.iter().filter_map(|(m, _)| q.get(*m)).copied().collect::<Vec<f64>>();
+        let leads = |to: &u32| self.vertices.get(to).is_some_and(|q| near(&group(q), &group(target), SAME));
+        let mut edges = self.plan.iter().zip(self.plan.iter().skip(1));
+        edges.find(|(_, to)| leads(to)).map(|(from, to)| (*from, *to))
+    }
+
+    /// The agent is another one now.
+    fn begins(&mut self) {
+        (self.begun, self.drives, self.failed) = (false, None, None);
+        self.plan.clear();
+    }
+
+    fn removed(&mut self, edge: Edge) -> Option<String> {
+        if self.failed.take_if(|(_, failed)| *failed == edge).is_some() || !self.begun {
+            return None;
+        }
+        Some(format!("the edge {} -> {} was removed, and no motion along it had failed", edge.0, edge.1))
+    }
+}
+
+impl Invariant for FailedEdges {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        let wrong = match &line.event {
+            Event::Note { robot, note } => {
+                let walk = self.robots.entry(robot.clone()).or_default();
+                match note {
+                    Note::Vertex { id, q, .. } => {
+                        walk.vertices.insert(*id, q.clone());
+                        None
+                    }
+                    Note::Plan { path } => {
+                        walk.plan.clone_from(path);
+                        None
+                    }
+                    Note::Edge { from, to, state: EdgeState::Removed, .. } => walk.removed((*from, *to)),
+                    _ => None,
+                }
+                .map(|what| format!("{robot}: {what}"))
+            }
+            Event::Commit { robot, id, agent, target, motors, .. } if *agent == format!("{robot}/agent") => {
+                let walk = self.robots.entry(robot.clone()).or_default();
+                walk.begun = true;
+                walk.drives = walk.edge(target, motors).map(|edge| (*id, edge));
+                walk.failed.take().map(|(id, (from, to))| {
+                    format!("{robot}: the edge {from} -> {to} was not removed, though commit {} failed along it", id.0)
+                })
+            }
+            Event::Outcome { robot, id, outcome, .. } => {
+                let walk = self.robots.entry(robot.clone()).or_default();
+                let ended = walk.drives.take_if(|(open, _)| open == id);
+                walk.failed = ended.filter(|_| *outcome != Outcome::Committed);
+                None
+            }
+            Event::Swap { robot, step: SwapStep::TookOver { .. } | SwapStep::Reverted { .. }, .. } => {
+                self.robots.entry(robot.clone()).or_default().begins();
+                None
+            }
+            Event::Died { actor, .. } => {
+                let robot = actor.strip_suffix("/agent").and_then(|robot| self.robots.get_mut(robot));
+                robot.into_iter().for_each(Walk::begins);
+                None
+            }
+            Event::Resumed { .. } => {
+                self.robots.values_mut().for_each(Walk::begins);
+                None
+            }
+            _ => None,
+        };
+        wrong.into_iter().for_each(|what| found.say(what));
+    }
+}
