@@ -8,14 +8,16 @@ use mobee_contract::{Pose, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How far beside the path that was measured a motor may be, rad.
-const BESIDE: f64 = std::f64::consts::PI / 180.0;
+/// How far beside the path that was measured a motor may be, rad: a degree, and half of one where motors at 50 deg/s set out and brake.
+const BESIDE: f64 = 1.5 * std::f64::consts::PI / 180.0;
+/// By how much more a motor may be behind the others than it was on the way there, s: each starts and brakes by itself.
+const LAG: f64 = 0.12;
 /// How much of the way may have been made before its time, s: readings and events are told by different threads.
 const EARLY: f64 = 0.1;
 /// How much longer the robot may be in motion, as a share and in seconds: it is made to wait, and catches up.
 const LONGER: (f64, f64) = (1.25, 0.5);
 /// A kink of the readings that is no motion, rad.
-const JUMP: f64 = 0.5 * BESIDE;
+const JUMP: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// How many readings tell motion from rest.
 const WINDOW: usize = 8;
 /// After a pause of so many control periods nobody knows how the robot came on.
@@ -139,11 +141,16 @@ impl WayBack {
             .then(|| format!("was in motion for {took:.2} s on {gone:.2} s of its way back"))
     }
 
-    /// How far a pose is from the path about one of its readings, rad: at most half a step from the nearest of them.
+    /// How far a pose is from the path about one of its readings, rad: at most half a step from the nearest of them, and what the
+    /// motors go in their lag.
     fn beside(&self, index: usize, q: &Pose) -> f64 {
         let Some(here) = self.there.get(index) else { return f64::INFINITY };
         let before = index.checked_sub(1).and_then(|i| self.there.get(i));
-        self.apart(&here.q, q) - before.map_or(0.0, |before| 0.5 * self.apart(&here.q, &before.q))
+        let allowed = before.map_or(0.0, |before| {
+            let secs = here.at.since(before.at).as_secs_f64().max(1e-9);
+            self.apart(&here.q, &before.q) * (0.5 + LAG / secs)
+        });
+        self.apart(&here.q, q) - allowed
     }
 
     fn apart(&self, a: &Pose, b: &Pose) -> f64 {

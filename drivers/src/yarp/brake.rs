@@ -62,7 +62,7 @@ impl Brake {
                         open = self.stop().await;
                     } else if self.is_idle() && self.now() >= tried + TRIED {
                         tried = self.now();
-                        open = self.say(&Ask::Get(Get::Axes)).await.is_some_and(|answer| answer.is_ok());
+                        open = self.is_good().await;
                     }
                 }
             }
@@ -89,7 +89,10 @@ impl Brake {
         if !self.is_ours() {
             return false;
         }
-        let Some(answer) = self.say(&Ask::Set(Set::Stop(Joints::All))).await else { return false };
+        // not given up for the next one, as a question is: to connect anew for each would leave a slow board without a line
+        let asked = self.now();
+        let answer = self.line.say(&Ask::Set(Set::Stop(Joints::All))).await;
+        self.answered(asked, &answer);
         let trouble = match answer {
             Ok(answer) if reply::is_ok(&answer) => None,
             Ok(answer) => Some(format!("{}: it answers {answer} to a stop", self.port)),
@@ -108,20 +111,24 @@ impl Brake {
         good
     }
 
-    /// Says something and waits for the answer, but not when there is a stop to say: `None` then, and the line is connected anew.
-    async fn say(&mut self, ask: &Ask) -> Option<Result<Bottle, CallError>> {
+    /// Asks whether the line is good, but not on when there is a stop to say: the line is connected anew then.
+    async fn is_good(&mut self) -> bool {
         let asked = self.now();
         let mut halt = self.halt.clone();
         let answer = tokio::select! {
             biased;
-            Ok(()) = halt.changed() => return None,
-            answer = self.line.say(ask) => answer,
+            Ok(()) = halt.changed() => return false,
+            answer = self.line.say(&Ask::Get(Get::Axes)) => answer,
         };
+        self.answered(asked, &answer);
+        answer.is_ok()
+    }
+
+    fn answered(&self, asked: f64, answer: &Result<Bottle, CallError>) {
         let now = self.now();
-        if let (Ok(answer), Some(known)) = (&answer, self.cell.lock().boards.get_mut(self.index)) {
+        if let (Ok(answer), Some(known)) = (answer, self.cell.lock().boards.get_mut(self.index)) {
             known.answered(asked, now, answer);
         }
-        Some(answer)
     }
 
     /// Whether a question on this line would keep no stop waiting: nothing moves.

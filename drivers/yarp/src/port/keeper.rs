@@ -92,10 +92,10 @@ impl Keeper {
         }
     }
 
-    /// Gives the connection back after success.
+    /// Gives the connection back after success: if it is lost, or given up, the first new attempt is made at once.
     pub fn put(&mut self, line: Line) {
         self.line = Some(line);
-        self.delay = FIRST;
+        (self.delay, self.pause) = (FIRST, None);
     }
 
     /// Ends the connection in order.
