@@ -88,7 +88,7 @@ fn the_recorded_path_backwards_at_its_rate_is_one() {
 fn another_path_is_none() {
     let straight = |at: f64| [0.3, 0.3].map(|q| q * (1.0 - 0.5 * (at - BACK - 0.06)).clamp(0.0, 1.0));
     assert!(back(straight, 5.5).contains("beside the way"), "{}", back(straight, 5.5));
-    let beside = |at: f64| backwards(1.0)(at).map(|q| q + 0.1 * (at - BACK).clamp(0.0, 0.6));
+    let beside = |at: f64| backwards(1.0)(at).map(|q| q + 0.1 * (at - BACK).clamp(0.0, 1.2));
     assert!(back(beside, 5.5).contains("beside the way"));
     // to its beginning at once, and from there to its end
     let reversed = |at: f64| there(COMMIT + (at - BACK - 0.6).max(0.0)).map(|q| q * ((at - BACK) / 0.6).min(1.0));
