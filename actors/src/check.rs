@@ -70,6 +70,7 @@ use crate::journal::{JournalError, Line, read};
 use mobee_contract::{Event, Pose, Time};
 use poses::Merge;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
@@ -152,8 +153,8 @@ pub fn check_events(events: impl IntoIterator<Item = (Time, Arc<Event>)>) -> Vec
 trait Invariant: Send {
     /// Takes the next line.
     fn on(&mut self, line: &Line, found: &mut Found<'_>);
-    /// Takes a reading of this robot's pose, where there are any.
-    fn pose(&mut self, _robot: &str, _at: Time, _q: &Pose) {}
+    /// Takes a reading of this robot's pose, where there are any: what it finds is put at the line before.
+    fn pose(&mut self, _robot: &str, _at: Time, _q: &Pose, _found: &mut Found<'_>) {}
     /// The readings of this robot that come next are not known.
     fn blind(&mut self, _robot: &str) {}
     /// Whether it waits for something that is still to come.
@@ -176,6 +177,24 @@ impl Found<'_> {
     fn say(&mut self, what: impl Into<String>) {
         let (invariant, line, at) = (self.invariant, self.line, self.at);
         self.violations.push(Violation { invariant, line, at, what: what.into() });
+    }
+
+    fn say_all<W: Into<String>>(&mut self, what: impl IntoIterator<Item = W>) {
+        what.into_iter().for_each(|what| self.say(what));
+    }
+}
+
+/// What an invariant knows of each robot, by its name.
+trait PerRobot<R> {
+    /// Changes what is known of a robot, if it is one of the journal's.
+    fn of(&mut self, robot: &str, change: impl FnOnce(&mut R));
+}
+
+impl<R> PerRobot<R> for BTreeMap<String, R> {
+    fn of(&mut self, robot: &str, change: impl FnOnce(&mut R)) {
+        if let Some(known) = self.get_mut(robot) {
+            change(known);
+        }
     }
 }
 
@@ -213,7 +232,11 @@ impl Checker {
     /// Takes a reading of the pose of the robot of this index, in the order of the journal.
     pub fn pose(&mut self, robot: usize, at: Time, q: &Pose) {
         let Some(robot) = self.robots.get(robot) else { return };
-        self.invariants.iter_mut().for_each(|(_, invariant)| invariant.pose(robot, at, q));
+        let line = self.last.0;
+        for (name, invariant) in &mut self.invariants {
+            let violations = &mut self.violations;
+            invariant.pose(robot, at, q, &mut Found { invariant: name, line, at, violations });
+        }
     }
 
     /// Readings of the robot of this index were lost: those before say nothing of what comes.

@@ -5,7 +5,7 @@
 //! can if the board did not take some; on the way back it may be so fast as any commit has allowed it to be. A kink of its readings is no motion. What no commit names is a matter of I21.
 
 use super::window::Window;
-use super::{Found, Invariant};
+use super::{Found, Invariant, PerRobot};
 use crate::journal::Line;
 use mobee_contract::{Event, Pose, Time, Writer};
 use std::collections::{BTreeMap, VecDeque};
@@ -23,7 +23,6 @@ const BRAKES: Duration = Duration::from_secs(1);
 #[derive(Default)]
 pub(super) struct AsFastAsAllowed {
     robots: BTreeMap<String, Robot>,
-    found: Vec<String>,
 }
 
 struct Robot {
@@ -106,8 +105,7 @@ impl Robot {
 }
 
 impl Invariant for AsFastAsAllowed {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
+    fn on(&mut self, line: &Line, _found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, motors, period, .. } => {
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|known| known.len() == motors.len());
@@ -119,51 +117,39 @@ impl Invariant for AsFastAsAllowed {
                     Robot { window, motors, open: false, closed: true, moves: false, behind: Time::ZERO },
                 );
             }
-            Event::Commit { robot, motors, .. } => self.of(robot, |r| {
+            Event::Commit { robot, motors, .. } => self.robots.of(robot, |r| {
                 (r.open, r.moves) = (!motors.is_empty(), false);
                 r.motors.iter_mut().for_each(|motor| (motor.told, motor.kink) = (false, 0.0));
                 r.ended(line.at);
                 r.allow(line.at, motors);
             }),
-            Event::Amended { robot, motors, .. } => self.of(robot, |r| {
+            Event::Amended { robot, motors, .. } => self.robots.of(robot, |r| {
                 if r.open {
                     r.allow(line.at, motors);
                 }
             }),
             Event::Command { robot, writer: Writer::Agent, kind, .. } if kind == "move" => {
-                self.of(robot, |r| r.moves = true);
+                self.robots.of(robot, |r| r.moves = true);
             }
-            Event::Enabled { robot, .. } => self.of(robot, |r| {
+            Event::Enabled { robot, .. } => self.robots.of(robot, |r| {
                 r.closed = false;
                 r.window.forget();
             }),
-            Event::Disabled { robot, .. } => self.of(robot, |r| r.closed = true),
-            Event::CommandDropped { robot, .. } => self.of(robot, |r| r.behind = line.at + BRAKES),
-            Event::Outcome { robot, .. } => self.of(robot, |r| r.ended(line.at)),
+            Event::Disabled { robot, .. } => self.robots.of(robot, |r| r.closed = true),
+            Event::CommandDropped { robot, .. } => self.robots.of(robot, |r| r.behind = line.at + BRAKES),
+            Event::Outcome { robot, .. } => self.robots.of(robot, |r| r.ended(line.at)),
             _ => {}
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         if state.window.take(at, q) {
-            self.found.extend(state.judge(robot, at));
+            found.say_all(state.judge(robot, at));
         }
     }
 
     fn blind(&mut self, robot: &str) {
-        self.of(robot, |r| r.window.forget());
-    }
-
-    fn end(&mut self, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
-    }
-}
-
-impl AsFastAsAllowed {
-    fn of(&mut self, robot: &str, change: impl FnOnce(&mut Robot)) {
-        if let Some(robot) = self.robots.get_mut(robot) {
-            change(robot);
-        }
+        self.robots.of(robot, |r| r.window.forget());
     }
 }

@@ -3,7 +3,7 @@
 //! Wants the poses, and a journal that tells the robot's constraints. What was violated already as an escape or a way back set out is
 //! excused while that goes on: it may be what the robot comes out of. A controller without a reflex promises nothing of this.
 
-use super::{Found, Invariant};
+use super::{Found, Invariant, PerRobot};
 use crate::journal::Line;
 use mobee_contract::{Clauses, Event, Pose, Status, Time};
 use std::collections::BTreeMap;
@@ -17,7 +17,6 @@ const SURELY: f64 = -0.001;
 #[derive(Default)]
 pub(super) struct ConstraintsClose {
     robots: BTreeMap<String, Robot>,
-    found: Vec<String>,
 }
 
 #[derive(Default)]
@@ -81,53 +80,40 @@ fn value(clause: &[(Vec<(usize, f64)>, f64)], q: &Pose) -> f64 {
 }
 
 impl Invariant for ConstraintsClose {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
+    fn on(&mut self, line: &Line, _found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, period, constraints, .. } => {
                 let state = self.robots.entry(robot.clone()).or_default();
                 state.clauses.clone_from(constraints);
                 state.period = Duration::try_from_secs_f64(*period).unwrap_or_default();
             }
-            Event::Controller { robot, reflex, .. } => self.of(robot, |r| r.no_reflex = !reflex),
-            Event::Enabled { robot, .. } => self.of(robot, |r| r.watch(Watch::Close)),
+            Event::Controller { robot, reflex, .. } => self.robots.of(robot, |r| r.no_reflex = !reflex),
+            Event::Enabled { robot, .. } => self.robots.of(robot, |r| r.watch(Watch::Close)),
             Event::Commit { robot, escape: true, .. } | Event::RetreatBegan { robot, .. } => {
-                self.of(robot, |r| r.watch(Watch::Stop));
+                self.robots.of(robot, |r| r.watch(Watch::Stop));
             }
             Event::Outcome { robot, .. } => {
-                self.of(robot, |r| {
+                self.robots.of(robot, |r| {
                     if r.watch == Watch::Stop {
                         r.watch(Watch::Nothing);
                     }
                 });
             }
-            Event::State { robot, status: Status::Rest } => self.of(robot, |r| r.watch(Watch::Close)),
+            Event::State { robot, status: Status::Rest } => self.robots.of(robot, |r| r.watch(Watch::Close)),
             Event::Disabled { robot, .. } | Event::RetreatStopped { robot, .. } => {
-                self.of(robot, |r| r.watch(Watch::Nothing));
+                self.robots.of(robot, |r| r.watch(Watch::Nothing));
             }
             Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.watch(Watch::Nothing)),
             _ => {}
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
-        self.found.extend(state.pose(robot, at, q));
+        found.say_all(state.pose(robot, at, q));
     }
 
     fn blind(&mut self, robot: &str) {
-        self.of(robot, |r| r.since = None);
-    }
-
-    fn end(&mut self, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
-    }
-}
-
-impl ConstraintsClose {
-    fn of(&mut self, robot: &str, change: impl FnOnce(&mut Robot)) {
-        if let Some(robot) = self.robots.get_mut(robot) {
-            change(robot);
-        }
+        self.robots.of(robot, |r| r.since = None);
     }
 }

@@ -52,7 +52,7 @@ impl Invariant for FreshReadings {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, _q: &Pose) {
+    fn pose(&mut self, robot: &str, at: Time, _q: &Pose, _found: &mut Found<'_>) {
         if let Some(reading) = self.robots.get_mut(robot) {
             reading.newest = reading.newest.max(Some(at));
         }

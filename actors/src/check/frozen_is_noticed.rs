@@ -5,7 +5,7 @@
 //! Wants the poses. Streams tell the journal of no set-point: what moves on behind frozen encoders there, and on the way back, is seen by
 //! the witness of a simulation, which knows where the motors really are.
 
-use super::{Found, Invariant, apart_deg};
+use super::{Found, Invariant, PerRobot, apart_deg};
 use crate::journal::Line;
 use mobee_contract::{Event, Pose, Status, Time, Writer};
 use std::collections::BTreeMap;
@@ -19,7 +19,6 @@ const FAR: f64 = 2.0;
 #[derive(Default)]
 pub(super) struct FrozenIsNoticed {
     robots: BTreeMap<String, Robot>,
-    found: Vec<String>,
 }
 
 #[derive(Default)]
@@ -76,40 +75,27 @@ impl Robot {
 }
 
 impl Invariant for FrozenIsNoticed {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
+    fn on(&mut self, line: &Line, _found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, .. } => drop(self.robots.entry(robot.clone()).or_default()),
             Event::Command { robot, writer: Writer::Agent, kind, q, speed, .. } => {
-                self.of(robot, |r| r.course = if kind == "move" { r.course(line.at, q, speed) } else { None });
+                self.robots.of(robot, |r| r.course = if kind == "move" { r.course(line.at, q, speed) } else { None });
             }
-            Event::Disabled { robot, .. } | Event::Outcome { robot, .. } => self.of(robot, |r| r.course = None),
+            Event::Disabled { robot, .. } | Event::Outcome { robot, .. } => self.robots.of(robot, |r| r.course = None),
             Event::State { robot, status } if !matches!(status, Status::Moving | Status::Escaping) => {
-                self.of(robot, |r| r.course = None);
+                self.robots.of(robot, |r| r.course = None);
             }
             Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.course = None),
             _ => {}
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
-        self.found.extend(state.pose(robot, at, q));
+        found.say_all(state.pose(robot, at, q));
     }
 
     fn blind(&mut self, robot: &str) {
-        self.of(robot, |r| r.newest = None);
-    }
-
-    fn end(&mut self, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
-    }
-}
-
-impl FrozenIsNoticed {
-    fn of(&mut self, robot: &str, change: impl FnOnce(&mut Robot)) {
-        if let Some(robot) = self.robots.get_mut(robot) {
-            change(robot);
-        }
+        self.robots.of(robot, |r| r.newest = None);
     }
 }

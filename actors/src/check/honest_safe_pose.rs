@@ -83,7 +83,7 @@ impl Invariant for HonestSafePose {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, _found: &mut Found<'_>) {
         if let Some(rest) = self.robots.get_mut(robot) {
             rest.measured.take(at, q);
         }

@@ -6,7 +6,7 @@
 //! its place where it is then said to be.
 
 use super::window::Window;
-use super::{Found, Invariant};
+use super::{Found, Invariant, PerRobot};
 use crate::journal::Line;
 use mobee_contract::{Event, Pose, Time};
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,7 +24,6 @@ const UNSEEN: f64 = 0.5;
 #[derive(Default)]
 pub(super) struct IdleMotorsStay {
     robots: BTreeMap<String, Robot>,
-    found: Vec<String>,
 }
 
 #[derive(Default)]
@@ -96,7 +95,6 @@ impl Robot {
 
 impl Invariant for IdleMotorsStay {
     fn on(&mut self, line: &Line, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
         match &line.event {
             Event::Robot { robot, motors, period, tolerance, .. } => {
                 let window = Window::new(*period);
@@ -111,7 +109,7 @@ impl Invariant for IdleMotorsStay {
             }
             // nobody saw where it was while no process ran
             Event::Resumed { .. } => self.robots.values_mut().for_each(|r| r.motors.fill(Motor::default())),
-            Event::Commit { robot, motors, .. } => self.of(robot, |r| {
+            Event::Commit { robot, motors, .. } => self.robots.of(robot, |r| {
                 let [before, _] = std::mem::take(&mut r.last);
                 r.last = [Some(BTreeSet::new()), before];
                 r.untold = motors.is_empty();
@@ -120,7 +118,7 @@ impl Invariant for IdleMotorsStay {
                 }
                 r.name(motors);
             }),
-            Event::SafePoseMoved { robot, .. } => self.of(robot, |r| r.last = [None, None]),
+            Event::SafePoseMoved { robot, .. } => self.robots.of(robot, |r| r.last = [None, None]),
             Event::Command { robot, kind, motors, .. } if kind != "stop" => {
                 let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, kind, motors));
                 wrong.into_iter().for_each(|what| found.say(what));
@@ -129,8 +127,8 @@ impl Invariant for IdleMotorsStay {
                 let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, "set-point", motors));
                 wrong.into_iter().for_each(|what| found.say(what));
             }
-            Event::Amended { robot, motors, .. } => self.of(robot, |r| r.name(motors)),
-            Event::Outcome { robot, .. } => self.of(robot, |r| {
+            Event::Amended { robot, motors, .. } => self.robots.of(robot, |r| r.name(motors)),
+            Event::Outcome { robot, .. } => self.robots.of(robot, |r| {
                 r.settled = line.at + SETTLES;
                 r.untold = false;
                 r.motors.iter_mut().for_each(|m| m.named = false);
@@ -139,7 +137,7 @@ impl Invariant for IdleMotorsStay {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         if let Some(before) = state.window.before_pause(at) {
             let unseen = UNSEEN * state.tolerance;
@@ -147,23 +145,11 @@ impl Invariant for IdleMotorsStay {
             readings.filter(|(_, (a, b))| (*a - *b).abs() > unseen).for_each(|(motor, _)| motor.place = None);
         }
         if state.window.take(at, q) {
-            self.found.extend(state.judge(robot, at));
+            found.say_all(state.judge(robot, at));
         }
     }
 
     fn blind(&mut self, robot: &str) {
-        self.of(robot, |r| r.window.forget());
-    }
-
-    fn end(&mut self, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
-    }
-}
-
-impl IdleMotorsStay {
-    fn of(&mut self, robot: &str, change: impl FnOnce(&mut Robot)) {
-        if let Some(robot) = self.robots.get_mut(robot) {
-            change(robot);
-        }
+        self.robots.of(robot, |r| r.window.forget());
     }
 }

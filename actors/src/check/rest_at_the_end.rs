@@ -47,7 +47,7 @@ impl Invariant for RestAtTheEnd {
         }
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, _found: &mut Found<'_>) {
         if let Some(newest) = self.robots.get_mut(robot) {
             newest.measured.take(at, q);
         }

@@ -13,7 +13,6 @@ use std::collections::BTreeMap;
 #[derive(Default)]
 pub(super) struct TakenBack {
     robots: BTreeMap<String, Robot>,
-    found: Vec<String>,
     gave_up: bool,
 }
 
@@ -98,7 +97,6 @@ impl Robot {
 
 impl Invariant for TakenBack {
     fn on(&mut self, line: &Line, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
         let wrong = match &line.event {
             Event::Robot { robot, period, tolerance, rest_speed, .. } => {
                 let robot = self.robots.entry(robot.clone()).or_default();
@@ -149,19 +147,15 @@ impl Invariant for TakenBack {
         wrong.into_iter().for_each(|what| found.say(what));
     }
 
-    fn pose(&mut self, robot: &str, at: Time, q: &Pose) {
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
         let Some(state) = self.robots.get_mut(robot) else { return };
         state.newest = Some((at, q.clone()));
         let wrong = state.way.as_mut().and_then(|way| way.take(at, q));
-        self.found.extend(wrong.map(|what| format!("{robot}: {what}")));
+        found.say_all(wrong.map(|what| format!("{robot}: {what}")));
     }
 
     fn blind(&mut self, robot: &str) {
         _ = self.of(robot, |r| r.way = None);
-    }
-
-    fn end(&mut self, found: &mut Found<'_>) {
-        self.found.drain(..).for_each(|what| found.say(what));
     }
 }
 
