@@ -87,6 +87,130 @@ fn path(history: &HistoryCore, since: Time) -> Result<Vec<Recorded>, HistoryTooS
     history.past(since).map(|(past, start)| past[start..].to_vec())
 }
 
+fn reading(history: &mut HistoryCore, seq: u64, ms: u64, q: f64) -> Pulse {
+    let mut pulse = pulse(seq, ms, q);
+    history.push(&mut pulse, STALE);
+    pulse
+}
+
+/// The period is a running mean, and a reading that is missing counts as one: 20 ms for two steps are 10 ms for each.
+#[test]
+fn the_period_is_that_between_readings() {
+    let mut history = HistoryCore::new(100);
+    assert_eq!(history.period(), 0.0, "none is known yet");
+    reading(&mut history, 0, 0, 0.0);
+    reading(&mut history, 2, 40, 0.0);
+    assert!((history.period() - 0.02).abs() < 1e-12, "{}", history.period());
+    reading(&mut history, 4, 60, 0.0);
+    assert!((history.period() - 0.0195).abs() < 1e-12, "a twentieth of the way: {}", history.period());
+    // a reading that is not newer says nothing
+    reading(&mut history, 5, 60, 9.0);
+    assert_eq!(history.newest().unwrap().q[0], 0.0);
+    assert!((history.period() - 0.0195).abs() < 1e-12);
+}
+
+/// Of eight readings in a row, and neither across a pause of more than a few readings nor across a gap.
+#[test]
+fn no_speed_is_told_across_a_pause() {
+    let known = |pause: u64| {
+        let mut history = filled(100, 20, |k| 0.01 * k as f64);
+        let seq = 19 + pause;
+        (0..8)
+            .map(|k| reading(&mut history, seq + k, 10 * (seq + k), 0.01 * (seq + k) as f64).speed)
+            .collect::<Vec<_>>()
+    };
+    assert!(known(1).iter().all(|v| (v - 1.0).abs() < 1e-9), "{:?}", known(1));
+    assert!(known(8).iter().all(|v| v.is_finite()), "eight steps are a few: {:?}", known(8));
+    let after = known(9);
+    assert!(after[..7].iter().all(|v| v.is_infinite()) && (after[7] - 1.0).abs() < 1e-9, "{after:?}");
+    // late by the clock, though no reading is missing by its number
+    let mut history = filled(100, 20, |_| 0.0);
+    assert!(reading(&mut history, 20, 280, 0.0).speed.is_infinite());
+    let mut history = filled(100, 20, |_| 0.0);
+    assert_eq!(reading(&mut history, 20, 270, 0.0).speed, 0.0);
+    let first = filled(100, 7, |k| k as f64);
+    assert!(first.speed().is_infinite(), "seven are not enough");
+}
+
+/// What has not changed for eight readings is at rest, and since when is told; a gap begins it anew.
+#[test]
+fn since_when_readings_are_equal_is_told() {
+    let mut history = filled(100, 20, |k| if k < 5 { 0.1 } else { 0.2 });
+    assert_eq!(reading(&mut history, 20, 200, 0.2).unchanged, Time(50_000_000));
+    assert_eq!(reading(&mut history, 21, 210, 0.3).unchanged, Time(210_000_000));
+    history.mark_gap();
+    assert_eq!(reading(&mut history, 22, 220, 0.3).unchanged, Time(220_000_000));
+    assert_eq!(reading(&mut HistoryCore::new(100), 1, 30, 0.0).unchanged, Time(30_000_000));
+}
+
+#[test]
+fn a_shorter_ring_keeps_the_newest_and_a_few_at_least() {
+    let mut history = filled(100, 100, |k| k as f64);
+    assert_eq!(history.span(), Duration::from_millis(990));
+    history.resize(50);
+    assert_eq!((history.span(), history.newest().unwrap().q[0]), (Duration::from_millis(490), 99.0));
+    reading(&mut history, 100, 1000, 0.0);
+    assert_eq!(history.span(), Duration::from_millis(490), "and it stays at that");
+    history.resize(1);
+    assert_eq!(history.span(), Duration::from_millis(150));
+    assert_eq!(HistoryCore::new(100).span(), Duration::ZERO);
+    let few = filled(1, 100, |k| k as f64);
+    assert_eq!(few.span(), Duration::from_millis(150));
+}
+
+#[test]
+fn the_recorded_pose_near_a_safe_pose_is_found() {
+    let history = filled(100, 100, |k| (k as f64 - 50.0).abs());
+    let found = |ms: u64, q: f64, within: u64| {
+        let (at, within) = (Time(ms * 1_000_000), Duration::from_millis(within));
+        history.recorded_near(at, &[q, 0.0], within).map(|r| (r.at.0 / 1_000_000, r.q[0]))
+    };
+    assert_eq!(found(400, 12.2, 100), Some((380, 12.0)), "not the equal one at 620 ms");
+    assert_eq!(found(600, 12.2, 100), Some((620, 12.0)));
+    assert_eq!(found(300, 0.0, 50), Some((350, 15.0)), "the bound itself counts");
+    assert_eq!(found(700, 0.0, 50), Some((650, 15.0)));
+    assert_eq!(found(1100, 0.0, 50), None);
+}
+
+/// After a crash the path goes on if the robot is near where it was last seen, and only once.
+#[test]
+fn a_restored_path_goes_on_near_its_end() {
+    let restored = || {
+        let mut history = HistoryCore::new(100);
+        let poses: Vec<_> = (0..30).map(|k| (Time(10_000_000 * k), Pose::from(vec![0.0, 0.0]))).collect();
+        history.restore(&poses);
+        history
+    };
+    let reaches_back = |q: f64, motors: usize| {
+        let mut history = restored();
+        let sample = Sample { seq: 7, at: Time(9_000_000_000), q: vec![q; motors].into(), done: vec![true; motors] };
+        history.push(&mut Pulse::new(sample, &Vec::new().into()), STALE);
+        path(&history, Time(100_000_000)).is_ok()
+    };
+    assert!(reaches_back(0.08, 2), "it braked when its program died");
+    assert!(!reaches_back(0.09, 2), "more than five degrees away nobody knows how it came there");
+    let mut history = restored();
+    reading(&mut history, 7, 9_000, 0.0);
+    reading(&mut history, 8, 18_000, 0.0);
+    assert!(path(&history, Time(100_000_000)).is_err(), "the second pause is one like any other");
+    let mut empty = HistoryCore::new(100);
+    empty.restore(&[]);
+    reading(&mut empty, 1, 0, 0.0);
+    reading(&mut empty, 2, 9_000, 0.0);
+    assert!(path(&empty, Time(0)).is_err(), "there was nothing to go on from");
+}
+
+/// A start that is among the oldest fiftieth of a full ring is moved to a tenth after the oldest.
+#[test]
+fn a_start_is_moved_in_time_and_not_before() {
+    let at = |k: u64| Time(k * 10_000_000);
+    let full = filled(100, 130, |_| 0.0);
+    assert_eq!(full.later_start(at(33)).map(|r| r.at), Some(at(42)), "the ring begins with the 30th");
+    assert_eq!(full.later_start(at(34)).map(|r| r.at), None);
+    let not_full = filled(100, 99, |_| 0.0);
+    assert!(not_full.later_start(at(0)).is_none());
+}
+
 proptest! {
     #[test]
     fn a_path_is_what_was_recorded(n in 1_u64..200, since in 0_u64..200) {
