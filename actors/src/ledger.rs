@@ -256,6 +256,61 @@ mod tests {
         assert_eq!(book.settle(Some(Outcome::Faulted), q, 0.01).unwrap().end(), MotionEnd::Failed);
     }
 
+    #[test]
+    fn where_the_robot_is_and_what_is_under_way_is_known() {
+        let ledger = Ledger::new(1);
+        let mut book = ledger.book();
+        assert_eq!((book.motion(), book.last_known()), (None, None));
+        book.open = Some(open(false));
+        book.places = vec![None, Some(0.3), None].into();
+        let motion = book.motion().unwrap();
+        assert_eq!((motion.id, &motion.named[..], &motion.places), (CommitId(1), &[1][..], &book.places));
+        assert_eq!(motion.safe, open(false).safe);
+        assert_eq!(book.last_known(), Some(open(false).target), "nothing was recorded: where it was sent");
+        let sample = mobee_contract::Sample { seq: 1, at: Time(1), q: vec![0.0, 0.4, 0.0].into(), done: vec![true; 3] };
+        book.history.push(&mut crate::pulse::Pulse::new(sample, &Vec::new().into()), std::time::Duration::MAX);
+        assert_eq!(book.last_known(), Some(vec![0.0, 0.4, 0.0].into()));
+    }
+
+    /// A way back that succeeds after its outcome was given leaves the named motors at their places, or where they were safe.
+    #[test]
+    fn a_late_way_back_leaves_the_motors_at_home() {
+        let ledger = Ledger::new(1);
+        let mut book = ledger.book();
+        book.open = Some(open(false));
+        let mut motion = book.motion().unwrap();
+        book.places = vec![Some(7.0), Some(8.0), Some(9.0)].into();
+        motion.places = vec![None, Some(0.204), None].into();
+        book.send_home(&motion, 0.01);
+        assert_eq!(
+            book.places[..],
+            [Some(7.0), Some(0.204), Some(9.0)],
+            "within half of the tolerance it is its place"
+        );
+        motion.places = vec![None, Some(0.206), None].into();
+        book.send_home(&motion, 0.01);
+        assert_eq!(book.places[..], [Some(7.0), Some(0.2), Some(9.0)]);
+        book.send_home(&Motion { safe: None, ..motion }, 0.01);
+        assert_eq!(book.places[..], [Some(7.0), Some(0.2), Some(9.0)]);
+    }
+
+    #[test]
+    fn the_newest_hundred_ends_are_remembered() {
+        let ledger = Ledger::new(1);
+        let mut book = ledger.book();
+        for id in 1..=150 {
+            book.open = Some(Open { id: CommitId(id), ..open(false) });
+            book.settle(Some(Outcome::Committed), vec![0.0; 3].into(), 0.01);
+        }
+        let end = |id| book.end_of(CommitId(id));
+        assert_eq!((end(51), end(150)), (Some(MotionEnd::Reached), Some(MotionEnd::Reached)));
+        assert_eq!(
+            (end(50), end(151)),
+            (Some(MotionEnd::Failed), Some(MotionEnd::Failed)),
+            "forgotten, or never begun"
+        );
+    }
+
     /// Three motors of which the second and third were named; they had been sent to 0, nowhere and 0.5.
     #[test]
     fn places_are_those_that_the_outcome_leaves() {

@@ -252,3 +252,192 @@ fn a_way_ends_where_its_motors_had_been_sent() {
     assert_eq!(end(Some(safe + 0.6 * tolerance), &[0]).0, [safe], "it was moved by somebody else");
     assert_eq!(end(Some(safe), &[]), (vec![], vec![], safe));
 }
+
+/// Two robots that may go back at the same time, and a time so many milliseconds after they came to rest.
+fn both() -> [Traveller; 2] {
+    [recorded(0, true, &A, 4.0), recorded(1, true, &B, 4.0)]
+}
+
+fn at(ms: u64) -> Time {
+    Time(5_000_000_000 + ms * 1_000_000)
+}
+
+fn goes(convoy: &Convoy, robot: usize, now: Time) -> bool {
+    matches!(convoy.ask(robot, now), Answer::Go(_))
+}
+
+#[test]
+fn those_that_are_about_to_rest_are_waited_for_as_long_as_they_tell() {
+    let [first, second] = both();
+    assert!(matches!(Convoy::default().ask(0, at(0)), Answer::Bring));
+    // the last word of the one that is coming is a second old, and then a little more
+    for (late, waits) in [(0, true), (1, false)] {
+        let convoy = Convoy::default();
+        convoy.coming(1, at(0));
+        convoy.enroll(first.clone(), at(100));
+        assert_eq!(goes(&convoy, 0, Time(at(1000).0 + late)), !waits, "{late}");
+    }
+    // it is coming all the time: nobody waits longer than three seconds
+    let convoy = Convoy::default();
+    convoy.enroll(first.clone(), at(0));
+    let set_out = (0..5000).find(|ms| {
+        convoy.coming(1, at(*ms));
+        goes(&convoy, 0, at(*ms))
+    });
+    assert_eq!(set_out, Some(3000));
+    // who rests, too, comes along if it asked within the last second
+    for (late, along) in [(0, true), (1, false)] {
+        let convoy = Convoy::default();
+        convoy.enroll(second.clone(), at(0));
+        convoy.enroll(first.clone(), at(1000));
+        let now = Time(at(1000).0 + late);
+        assert!(goes(&convoy, 0, now));
+        assert_eq!(goes(&convoy, 1, now), along, "{late}");
+    }
+}
+
+#[test]
+fn who_tries_again_goes_alone_and_the_others_after_it() {
+    let [first, second] = both();
+    let again = Traveller { again: true, ..first };
+    let convoy = Convoy::default();
+    convoy.enroll(second.clone(), at(0));
+    convoy.coming(2, at(0));
+    convoy.enroll(again.clone(), at(0));
+    assert!(goes(&convoy, 0, at(0)), "it waits for nobody");
+    assert!(matches!(convoy.ask(1, at(0)), Answer::Wait), "one party at a time");
+    convoy.leave(0);
+    assert!(matches!(convoy.ask(1, at(0)), Answer::Wait), "and it waits for the one that is coming");
+    convoy.leave(2);
+    assert!(goes(&convoy, 1, at(0)));
+    // the other way round: who goes for the first time takes along nobody who tries again
+    let convoy = Convoy::default();
+    convoy.enroll(again, at(0));
+    convoy.enroll(second, at(0));
+    assert!(goes(&convoy, 1, at(0)));
+    assert!(matches!(convoy.ask(0, at(0)), Answer::Wait));
+}
+
+/// The clock begins once all boards are prepared, and a period later if others must hear of it; nobody is more than a period and a
+/// half ahead of the slowest.
+#[test]
+fn the_clock_of_a_party() {
+    let reaction = rules(true).reaction();
+    let [first, second] = both();
+    let alone = Convoy::default();
+    alone.enroll(first.clone(), at(0));
+    assert!(goes(&alone, 0, at(0)));
+    let ms = |secs: f64| (secs * 1e3 * 1e3).round() / 1e3;
+    let gone = |convoy: &Convoy, robot, since: Duration| convoy.step(robot, 9.0, at(0) + reaction + since).map(ms);
+    assert_eq!(gone(&alone, 0, Duration::ZERO), Some(0.0));
+    assert_eq!(gone(&alone, 0, PERIOD), Some(10.0));
+    assert_eq!(alone.step(0, 0.013, at(0) + reaction + 2 * PERIOD), Some(0.013), "not farther than it may");
+    assert_eq!(alone.step(0, 0.0, at(0) + reaction + 2 * PERIOD), Some(0.013), "nor back");
+    assert_eq!(gone(&alone, 0, 9 * PERIOD), Some(28.0), "a period and a half from where it was");
+
+    let convoy = Convoy::default();
+    [first, second].into_iter().for_each(|t| convoy.enroll(t, at(0)));
+    assert!(goes(&convoy, 0, at(0)) && goes(&convoy, 1, at(0)));
+    assert_eq!(gone(&convoy, 0, PERIOD), Some(0.0), "the other one has just heard of it");
+    assert_eq!(gone(&convoy, 0, 2 * PERIOD), Some(10.0));
+    assert_eq!(gone(&convoy, 0, 4 * PERIOD), Some(15.0), "the other is still at its beginning");
+    assert_eq!(gone(&convoy, 1, 4 * PERIOD), Some(15.0));
+    assert_eq!(gone(&convoy, 1, 5 * PERIOD), Some(25.0));
+}
+
+/// A robot of which nothing was heard for more than a second is lost to those on the way, unless it has arrived.
+#[test]
+fn who_has_arrived_is_not_lost() {
+    let party = || {
+        let convoy = Convoy::default();
+        both().into_iter().for_each(|t| convoy.enroll(t, at(0)));
+        assert!(goes(&convoy, 0, at(0)) && goes(&convoy, 1, at(0)));
+        convoy
+    };
+    let convoy = party();
+    assert!(convoy.step(1, 9.0, at(1000)).is_some(), "a second is not too long");
+    assert!(convoy.step(1, 9.0, Time(at(1000).0 + 1)).is_none());
+    assert!(
+        goes(&convoy, 0, at(2500)) || matches!(convoy.ask(0, at(2500)), Answer::Bring),
+        "all were lost, the party is over"
+    );
+
+    let convoy = party();
+    let mut now = 0;
+    let end = loop {
+        now += 10;
+        let (a, b) = (convoy.step(0, 9.0, at(now)), convoy.step(1, 9.0, at(now)));
+        assert_eq!(a.is_some(), b.is_some());
+        if a.is_some_and(|at| at >= 1.5) && a == b {
+            break now;
+        }
+    };
+    assert!(convoy.step(1, 9.0, at(end + 5000)).is_some(), "the first is there, and says nothing more");
+    assert!(convoy.step(2, 9.0, at(end + 5000)).is_none(), "one that does not belong to it");
+    convoy.leave(0);
+    assert!(matches!(convoy.ask(0, at(end + 5000)), Answer::Bring | Answer::Wait));
+}
+
+/// Between two recorded poses of one robot, another is where it was meanwhile: half of the way, half of the time.
+#[test]
+fn a_way_leads_through_what_was_recorded_at_that_time() {
+    let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (2.5, 30.0)], 0.5);
+    let mut plan = Plan::new(vec![who]).unwrap();
+    assert!(plan.check(SLICE));
+    let way = plan.ways().remove(0);
+    assert_eq!((way.direct, way.farther, way.blocked), (true, false, false));
+    // speeds are told a few readings late: rest is left a little later, and entered a little later, than it was
+    assert!((way.end() - 1.0).abs() < 0.08, "rests are skipped: {} s", way.end());
+    let there = |t: f64| {
+        let next = way.points.iter().position(|(at, _)| *at >= t).unwrap();
+        let ((t0, a), (t1, b)) = (&way.points[next - 1], &way.points[next]);
+        (a[0] + (b[0] - a[0]) * (t - t0) / (t1 - t0)).to_degrees()
+    };
+    for t in [0.2, 0.5, 0.8] {
+        let exact = 30.0 * (1.0 - t);
+        assert!((there(t) - exact).abs() < 2.0, "{} after {t} s, not {exact}", there(t));
+    }
+    assert!(way.points.windows(2).all(|w| w[0].0 <= w[1].0 && w[0].1[0] >= w[1].1[0]));
+}
+
+/// What is recorded faster than a board may be asked for is driven as fast as it may: a jump takes the time that its motor needs.
+#[test]
+fn no_motor_is_asked_for_more_than_it_can() {
+    let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (1.01, 60.0), (2.0, 60.0)], 0.5);
+    let mut plan = Plan::new(vec![who]).unwrap();
+    assert!(plan.check(SLICE));
+    let way = plan.ways().remove(0);
+    let needs = 60_f64.to_radians() / (3.0 * 0.95);
+    assert!(way.end() >= needs - 1e-9 && way.end() < needs + 0.1, "{} of {needs} s", way.end());
+    assert!(way.points.windows(2).all(|w| (w[0].1[0] - w[1].1[0]).abs() <= 2.85 * (w[1].0 - w[0].0) + 1e-9));
+}
+
+/// A board without position-direct gets the corners of the path, and no more.
+#[test]
+fn way_points_are_the_corners() {
+    let turns = [(0.0, 0.0), (1.0, 0.0), (2.0, 40.0), (3.0, 20.0), (4.0, 60.0), (5.0, 60.0)];
+    let mut plan = Plan::new(vec![recorded(0, false, &turns, 0.5)]).unwrap();
+    assert!(plan.check(SLICE));
+    let way = plan.ways().remove(0);
+    let q: Vec<f64> = way.points.iter().map(|(_, q)| q[0].to_degrees().round()).collect();
+    assert_eq!((q.first(), q.last()), (Some(&60.0), Some(&0.0)));
+    assert_eq!(way.end(), (q.len() - 1) as f64);
+    assert!(q.len() <= 10, "few are left of 500: {q:?}");
+    let turn = |deg: f64| q.iter().any(|q| (q - deg).abs() <= 1.0);
+    assert!(turn(20.0) && turn(40.0), "{q:?}");
+}
+
+/// Another try leaves out where the robot went after it first was about where it is now.
+#[test]
+fn a_detour_is_cut_off() {
+    let mut who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (3.0, 60.0), (4.0, 30.0)], 0.5);
+    let whole = who.past.len();
+    who.without_detour();
+    let end = who.past.last().unwrap();
+    assert!((end.q[0].to_degrees() - 30.0).abs() <= 2.0 * rules(true).tolerance.to_degrees() + 1e-9);
+    assert!((198..=201).contains(&who.past.len()), "{} of {whole}", who.past.len());
+    let mut short = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0)], 0.5);
+    let whole = short.past.len();
+    short.without_detour();
+    assert!(whole - short.past.len() <= 2, "nothing but the last readings, which are near each other");
+}
