@@ -21,6 +21,7 @@ mod end;
 mod forces;
 mod hush;
 mod stream;
+mod streaming;
 
 use crate::controller::Rules;
 use crate::gate::Gate;
@@ -141,7 +142,7 @@ pub struct SuperviseCore {
     /// should take (s).
     course: Option<(Time, f64, f64)>,
     /// The stream of set-points that the open transaction is.
-    stream: Option<stream::Streaming>,
+    stream: Option<streaming::Streaming>,
     /// Who streamed into something, and is not heard.
     hushed: Option<hush::Hush>,
     /// The motion under forces that the open transaction is; its set-points are the stream.

@@ -6,7 +6,7 @@
 //!                    │ contact at any time: as any motion
 //! ```
 
-use super::stream::Streaming;
+use super::streaming::Streaming;
 use super::{SuperviseCore, SuperviseOut};
 use crate::controller::{FieldRules, clamped, distance};
 use crate::course::Course;

@@ -1,0 +1,122 @@
+use super::*;
+use crate::controller::Controller;
+use mobee_contract::Board;
+use std::sync::Arc;
+
+/// Two motors that go at most at 1 and 2 rad/s, and brake at 4 rad/s^2; readings every 10 ms, fresh for 50.
+fn rules() -> Rules {
+    let axis = |max_speed| Axis { name: "m".into(), min: -3.0, max: 3.0, max_speed, max_acceleration: 4.0 };
+    let period = Duration::from_millis(10);
+    let axes = vec![axis(1.0), axis(2.0)];
+    let board = Board { axes, period, latency: Duration::from_millis(10), position_direct: true };
+    let controller = Controller { period_s: 0.01, ..Controller::default() };
+    Rules { tolerance: 0.002, ..Rules::new("r", vec!["p".into()], &controller, &board) }
+}
+
+fn ms(ms: u64) -> Time {
+    Time(1_000_000_000 + ms * 1_000_000)
+}
+
+fn stream(velocity: bool) -> Streaming {
+    Streaming::new(velocity, &Arc::from(vec![0.0, 0.5]), &rules(), ms(0))
+}
+
+fn positions(motors: &[usize], q: &[f64]) -> Setpoints {
+    Setpoints { motors: motors.to_vec(), values: Values::Position(q.to_vec()) }
+}
+
+fn velocities(motors: &[usize], v: &[f64]) -> Setpoints {
+    Setpoints { motors: motors.to_vec(), values: Values::Velocity(v.to_vec()) }
+}
+
+/// What is written, rounded to a millionth.
+fn written(stream: &mut Streaming, here: [f64; 2], now: u64) -> Option<(Vec<usize>, Vec<f64>)> {
+    let round = |values: Vec<f64>| values.iter().map(|v| (v * 1e6).round() / 1e6).collect();
+    match stream.write(&here, &rules(), ms(now))? {
+        Command::Direct { motors, q } => Some((motors, round(q))),
+        Command::Velocity { motors, speed } => Some((motors, round(speed))),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn positions_are_gone_to_at_the_axis_speed_and_not_oftener_than_the_period() {
+    let mut stream = stream(false);
+    assert_eq!(written(&mut stream, [0.0, 0.5], 100), None, "nothing was asked");
+    stream.take(&positions(&[1], &[0.55]), &rules(), ms(0)).unwrap();
+    // one period at 95 in 100 of 2 rad/s; the other motor is not named, and not written to
+    assert_eq!(written(&mut stream, [0.0, 0.5], 0), Some((vec![1], vec![0.519])));
+    assert_eq!(written(&mut stream, [0.0, 0.5], 7), None);
+    assert_eq!(written(&mut stream, [0.0, 0.5], 8), Some((vec![1], vec![0.5342])));
+    assert_eq!(written(&mut stream, [0.0, 0.5], 38), Some((vec![1], vec![0.55])));
+    assert_eq!(written(&mut stream, [0.0, 0.5], 60), None, "it was written to its end");
+    assert!((stream.mark.1 - 0.05).abs() < 1e-9, "how far the set-points went: {}", stream.mark.1);
+    // after a pause no more than a period and a half is made up for, and back as well as forth
+    stream.take(&positions(&[0, 1], &[-0.1, 0.5]), &rules(), ms(100)).unwrap();
+    assert_eq!(written(&mut stream, [0.0, 0.5], 100), Some((vec![0, 1], vec![-0.01425, 0.5215])));
+    assert!((stream.mark.1 - 0.0785).abs() < 1e-9, "by the motor with the longest way: {}", stream.mark.1);
+}
+
+#[test]
+fn a_position_too_far_ahead_changes_nothing() {
+    // a tenth of a second at the axis' speed, and the tolerance
+    for (motor, q, fits) in
+        [(0, 0.101, true), (0, 0.103, false), (0, -0.103, false), (1, 0.701, true), (1, 0.703, false)]
+    {
+        let mut stream = stream(false);
+        let took = stream.take(&positions(&[motor], &[q]), &rules(), ms(0));
+        assert_eq!((took.is_ok(), stream.pending, stream.names(motor)), (fits, fits, fits), "{motor} to {q}: {took:?}");
+    }
+    let mut stream = stream(false);
+    let Err(Refusal::Jump { by_deg, most_deg, .. }) = stream.take(&positions(&[0], &[0.2]), &rules(), ms(0)) else {
+        panic!("it is a jump")
+    };
+    assert!((by_deg - 0.2_f64.to_degrees()).abs() < 1e-9 && (most_deg - 0.102_f64.to_degrees()).abs() < 1e-9);
+}
+
+#[test]
+fn velocities_are_lowered_to_what_the_axis_can_do() {
+    let mut stream = stream(true);
+    stream.take(&velocities(&[0, 1], &[-5.0, 1.5]), &rules(), ms(0)).unwrap();
+    assert_eq!(written(&mut stream, [0.0, 0.5], 0), Some((vec![0, 1], vec![-1.0, 1.5])));
+    assert_eq!(written(&mut stream, [0.0, 0.5], 50), None, "nothing new was asked");
+    stream.take(&velocities(&[1], &[1.6]), &rules(), ms(50)).unwrap();
+    assert_eq!(written(&mut stream, [0.0, 0.5], 57), Some((vec![0, 1], vec![-1.0, 1.6])));
+    stream.take(&velocities(&[1], &[1.7]), &rules(), ms(60)).unwrap();
+    assert_eq!(written(&mut stream, [0.0, 0.5], 64), None, "not three quarters of a period");
+    stream.take(&velocities(&[1], &[1.5]), &rules(), ms(64)).unwrap();
+    assert_eq!(written(&mut stream, [0.0, 0.5], 64), Some((vec![0, 1], vec![-1.0, 1.5])), "slower at once");
+}
+
+/// If nothing more is heard, a motor goes on until its lease is over and the command has its effect, and brakes then.
+#[test]
+fn a_motor_can_brake_before_its_limit() {
+    let rules = rules();
+    let late = (rules.fresh + rules.latency).as_secs_f64();
+    let axis = &rules.axes[1];
+    let rests = |q: f64, v: f64| q + v * late + v * v.abs() / (2.0 * axis.max_acceleration);
+    for room in [0.02, 0.1, 0.3] {
+        let v = before_limit(axis, 3.0 - room, 2.0, &rules);
+        assert!(v < 2.0 && (rests(3.0 - room, v) - 2.999).abs() < 1e-9, "{v} at {room}: half of the tolerance is left");
+        let back = before_limit(axis, room - 3.0, -2.0, &rules);
+        assert!((v + back).abs() < 1e-12, "{back}");
+        assert_eq!(before_limit(axis, 3.0 - room, -2.0, &rules), -2.0, "away from it");
+    }
+    assert_eq!(before_limit(axis, 0.0, 2.0, &rules), 2.0);
+    assert_eq!(before_limit(axis, 2.9995, 1.0, &rules), 0.0);
+    assert_eq!(before_limit(axis, 3.5, 1.0, &rules), 0.0);
+    assert_eq!(before_limit(&Axis { max_acceleration: 0.0, ..axis.clone() }, 0.0, 1.0, &rules), 0.0);
+}
+
+#[test]
+fn what_was_not_named_stays_where_it_is() {
+    let mut stream = stream(false);
+    stream.take(&positions(&[1], &[0.55]), &rules(), ms(5)).unwrap();
+    assert_eq!((stream.named(), stream.names(0), stream.names(1), stream.names(2)), (vec![1], false, true, false));
+    assert_eq!(stream.with(&[7.0, 8.0], &stream.asked)[..], [7.0, 0.55]);
+    assert_eq!(stream.heard, ms(5));
+    stream.ask(&[0], &[0.1], ms(9));
+    assert_eq!((stream.named(), &stream.asked[..], stream.heard), (vec![0, 1], &[0.1, 0.55][..], ms(9)));
+    stream.ask(&[1], &[], ms(9));
+    assert_eq!(stream.asked, [0.1, 0.55], "without a value it is asked for what it was");
+}
