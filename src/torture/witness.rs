@@ -14,6 +14,8 @@ const DEEPER: f64 = 0.001 + NEARER;
 const TOGETHER: f64 = 0.001;
 /// How many control periods a contact may go unanswered.
 const PERIODS: u32 = 3;
+/// In how many control periods an escape sets out.
+const SETS_OUT: u32 = 2;
 /// How long a closed robot may take to come to rest: late commands, a lease that runs out, braking.
 const BRAKES: Duration = Duration::from_millis(1500);
 /// How long a robot whose readings get nowhere may go on: its lease, and braking.
@@ -80,6 +82,8 @@ struct Seen {
     near: Option<Time>,
     /// While it is on the way back: the pairs below the margin as that began.
     back: Option<Vec<Contact>>,
+    /// While it escapes: the pairs that were near as it set out, and when it did.
+    escape: (Option<Vec<Contact>>, Time),
     /// The newest reading that differed from the one before, and since when it is so in the motion under way.
     news: Option<(Pose, Time)>,
     /// Where the motors really were when that had been so for too long.
@@ -105,6 +109,7 @@ impl Seen {
             last: at,
             near: None,
             back: None,
+            escape: (None, at),
             news: None,
             late: None,
             faults: Vec::new(),
@@ -123,13 +128,15 @@ impl Seen {
         match (&self.back, self.open, self.status) {
             (Some(_), false, _) => Some(("I9", self.margin - DEEPER)),
             (None, true, Status::Moving) if self.reflex => Some(("I19", self.margin - NEARER)),
+            (None, true, Status::Escaping) => Some(("I24", self.margin - DEEPER)),
             _ => None,
         }
     }
 
     /// Whether a contact that is nearer than [`Seen::watched`] says is too near.
     fn is_too_near(&self, contact: &Contact) -> bool {
-        let start = self.back.iter().flatten().find(|c| c.pair == contact.pair);
+        let escape = self.escape.0.iter().flatten().filter(|_| self.status == Status::Escaping);
+        let start = self.back.iter().flatten().chain(escape).find(|c| c.pair == contact.pair);
         start.is_none_or(|start| contact.distance < start.distance - DEEPER)
     }
 }
@@ -172,7 +179,11 @@ impl Witness {
                 (r.open, r.since) = (true, at);
                 r.sets_out(at);
             }),
-            Event::Commit { robot, .. } | Event::Amended { robot, .. } => self.turn(robot, |r| r.sets_out(at)),
+            Event::Commit { robot, .. } => self.turn(robot, |r| {
+                r.escape = (None, at);
+                r.sets_out(at);
+            }),
+            Event::Amended { robot, .. } => self.turn(robot, |r| r.sets_out(at)),
             Event::Disabled { robot, .. } => {
                 self.turn(robot, |r| (r.open, r.since, r.back, r.fault) = (false, at, None, None));
             }
@@ -256,6 +267,10 @@ impl Witness {
             seen.near = None;
             return;
         };
+        // what is put onto it as it sets out is not its doing: it is judged from its first readings on
+        if promise == "I24" && (seen.escape.0.is_none() || at.since(seen.escape.1) <= seen.period * SETS_OUT) {
+            seen.escape.0 = Some(scene.contacts(&self.poses, seen.margin));
+        }
         if !seen.poses.is_multiple_of(2) {
             return;
         }
@@ -269,7 +284,11 @@ impl Witness {
         if at.since(near) > seen.period * PERIODS {
             let (a, b) = (scene.shape_name(contact.pair.0), scene.shape_name(contact.pair.1));
             let (mm, name) = (contact.distance * 1e3, &seen.name);
-            let state = if seen.open { "the filter is open" } else { "the way back goes on" };
+            let state = match promise {
+                "I24" => "the escape that deepens it goes on",
+                _ if seen.open => "the filter is open",
+                _ => "the way back goes on",
+            };
             self.found.push((promise, format!("{name}: {a} and {b} are at {mm:.1} mm at {at}, and {state}")));
         }
     }
