@@ -27,6 +27,8 @@ pub struct Pulse {
     pub contacts: Arc<[Contact]>,
     /// The first violated constraint: part and clause (model).
     pub violated: Option<(usize, usize)>,
+    /// By how much the constraint that holds least is violated, in the units of its clause (model).
+    pub depth: f64,
     /// Counts the edits of the scene in which the contacts were looked for (model).
     pub epoch: u64,
     /// What the fields about the robot's shapes do to its motors, if it moves under forces and they do anything (model).
@@ -46,6 +48,7 @@ impl Pulse {
             unchanged,
             contacts: none.clone(),
             violated: None,
+            depth: 0.0,
             epoch: 0,
             push: None,
             free: false,

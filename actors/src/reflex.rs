@@ -28,8 +28,9 @@ use std::time::Duration;
 
 /// Readings equal bit for bit for so long, while set-points moved on by [`FROZEN_WAY`], are no readings.
 pub const FROZEN: Duration = Duration::from_millis(500);
-/// What was violated as an escape set out may be so on its way, until it has held for so long: an encoder's noise at the bound is less.
-const CLEAR: Duration = Duration::from_millis(500);
+/// By how much deeper a constraint may be violated on the way of an escape that set out violating one, in the units of its clause
+/// (degrees): the encoders' noise.
+const NOISE: f64 = 0.1;
 /// One degree.
 pub const FROZEN_WAY: f64 = std::f64::consts::PI / 180.0;
 
@@ -147,8 +148,8 @@ pub struct ReflexCore {
     stop: Stop,
     /// The motors of the motion that it has stopped: they are put back into the mode of position moves.
     stopped: Arc<[usize]>,
-    /// The escape under way, how near it may come, and when the constraint was last violated that was so as it set out.
-    escape: Option<(CommitId, Floors, Option<Time>)>,
+    /// The escape under way, how near it may come, and how deeply a constraint was violated as it set out, if one was.
+    escape: Option<(CommitId, Floors, Option<f64>)>,
     /// The last motion, and the contacts that began in it.
     motion: Option<CommitId>,
     met: Vec<Contact>,
@@ -291,19 +292,16 @@ impl ReflexCore {
     ) {
         let escape = motion.filter(|m| m.is_escape() && status == Status::Escaping);
         let cause = if let Some(m) = escape {
-            let at = pulse.sample.at;
             if self.escape.as_ref().is_none_or(|(id, ..)| *id != m.id) {
-                let violated = pulse.violated.map(|_| at);
+                let violated = pulse.violated.map(|_| pulse.depth);
                 self.escape = Some((m.id, Floors::new(self.rules.margin, &pulse.contacts), violated));
             }
-            let known = self.escape.as_mut();
-            let excused = known.is_some_and(|(.., violated)| {
-                *violated = violated.filter(|last| at < *last + CLEAR).map(|last| pulse.violated.map_or(last, |_| at));
-                violated.is_some()
-            });
-            match self.escape.as_ref().and_then(|(_, floors, _)| floors.broken(&pulse.contacts)) {
+            let (floors, depth) =
+                self.escape.as_ref().map_or((None, None), |(_, floors, depth)| (Some(floors), *depth));
+            let deeper = depth.map_or(newly, |depth| pulse.depth > depth + NOISE);
+            match floors.and_then(|f| f.broken(&pulse.contacts)) {
                 Some(c) => Some(Cause::Contact(vec![*c])),
-                None if newly && !excused => pulse.violated.map(|v| self.constraint(v)),
+                None if deeper => pulse.violated.map(|v| self.constraint(v)),
                 None => None,
             }
         } else if !self.rules.reflex {

@@ -135,6 +135,15 @@ impl Robot {
         })
     }
 
+    /// By how much the clause that holds least does not hold at the pose, in the units of [`Robot::clause_value`]; zero if all hold.
+    pub fn violated_by(&self, q: &[f64]) -> f64 {
+        let depth = |clause: &Clause| match -self.clause_value(clause, q) {
+            depth if depth.is_nan() => f64::INFINITY,
+            depth => depth,
+        };
+        self.parts.iter().flat_map(|part| &part.clauses).map(depth).fold(0.0, f64::max)
+    }
+
     /// Whether the node is a joint with a range, driven by a motor with a range.
     pub fn can_move(&self, node: usize) -> bool {
         match self.nodes[node].kind {

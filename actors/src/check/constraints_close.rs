@@ -1,7 +1,8 @@
 //! I25: a constraint that is violated closes the filter, at rest and in motion, and on the way back it stops the robot.
 //!
-//! Wants the poses, and a journal that tells the robot's constraints. What was violated already as an escape or a way back set out is
-//! excused while that goes on: it may be what the robot comes out of. A controller without a reflex promises nothing of this.
+//! Wants the poses, and a journal that tells the robot's constraints. What was violated already as a way back set out is excused while
+//! that goes on: it may be what the robot comes out of. An escape may violate as much as it did when it set out, and no more. A controller
+//! without a reflex promises nothing of this.
 
 use super::{Found, Invariant, PerRobot};
 use crate::journal::Line;
@@ -13,6 +14,8 @@ use std::time::Duration;
 const PERIODS: u32 = 3;
 /// A clause below this counts as violated, degrees times its coefficients: measured poses are kept rounded.
 const SURELY: f64 = -0.001;
+/// How much more an escape may violate than as it set out, in the same units: encoders' noise, in its first reading and on its way.
+const NOISE: f64 = 0.15;
 
 #[derive(Default)]
 pub(super) struct ConstraintsClose {
@@ -28,6 +31,8 @@ struct Robot {
     /// Whether the newest reading violates, and whether none has come since the watch began.
     violates: bool,
     begins: bool,
+    /// While it escapes: the least value that a clause may have.
+    escape: Option<f64>,
     /// Since when it does while it is watched.
     since: Option<Time>,
 }
@@ -46,13 +51,25 @@ enum Watch {
 
 impl Robot {
     fn watch(&mut self, watch: Watch) {
-        // what was violated from the start of a way back or an escape is excused
+        self.escape = None;
+        // what was violated from the start of a way back is excused
         self.watch = if watch == Watch::Stop && self.violates { Watch::Nothing } else { watch };
         (self.since, self.begins) = (None, true);
     }
 
+    /// An escape sets out.
+    fn escapes(&mut self) {
+        (self.watch, self.escape) = (Watch::Stop, Some(0.0));
+        (self.since, self.begins) = (None, true);
+    }
+
     fn pose(&mut self, robot: &str, at: Time, q: &Pose) -> Option<String> {
-        self.violates = self.clauses.iter().any(|clause| value(clause, q) < SURELY);
+        let least = self.clauses.iter().map(|clause| value(clause, q)).fold(f64::INFINITY, f64::min);
+        if let Some(allowed) = self.escape.as_mut().filter(|_| self.begins) {
+            *allowed = least.min(0.0) - NOISE;
+            self.begins = false;
+        }
+        self.violates = least < self.escape.unwrap_or(SURELY);
         // the first reading on the way is the one that those are judged by who drive it
         if std::mem::take(&mut self.begins) && self.violates && self.watch == Watch::Stop {
             self.watch = Watch::Nothing;
@@ -89,9 +106,8 @@ impl Invariant for ConstraintsClose {
             }
             Event::Controller { robot, reflex, .. } => self.robots.of(robot, |r| r.no_reflex = !reflex),
             Event::Enabled { robot, .. } => self.robots.of(robot, |r| r.watch(Watch::Close)),
-            Event::Commit { robot, escape: true, .. } | Event::RetreatBegan { robot, .. } => {
-                self.robots.of(robot, |r| r.watch(Watch::Stop));
-            }
+            Event::Commit { robot, escape: true, .. } => self.robots.of(robot, Robot::escapes),
+            Event::RetreatBegan { robot, .. } => self.robots.of(robot, |r| r.watch(Watch::Stop)),
             Event::Outcome { robot, .. } => {
                 self.robots.of(robot, |r| {
                     if r.watch == Watch::Stop {

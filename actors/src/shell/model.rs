@@ -92,7 +92,10 @@ impl Model {
                 let own = |c: &&Contact| c.distance <= within && (is_own(c.pair.0) || is_own(c.pair.1));
                 pulse.contacts = near.iter().filter(own).copied().collect();
             }
-            pulse.violated = self.scene.robots().get(robot).and_then(|r| r.violated(&pulse.sample.q).next());
+            if let Some(model) = self.scene.robots().get(robot) {
+                pulse.violated = model.violated(&pulse.sample.q).next();
+                pulse.depth = pulse.violated.map_or(0.0, |_| model.violated_by(&pulse.sample.q));
+            }
             pulse.epoch = self.scene.epoch();
             pulse.push = self.fields.get_mut(robot).and_then(|f| f.as_mut()?.push(wires, robot, &self.poses));
             wires.to_reflex.push(pulse);

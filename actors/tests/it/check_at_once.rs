@@ -112,6 +112,12 @@ fn i25_a_constraint_stops_the_way_back_unless_it_was_violated_from_the_start() {
         broken("I25", &events, violating).min(1)
     };
     assert_eq!((escape(1.0), escape(2.3)), (1, 0));
+    // it may come out of what it set out violating, and not go on into it
+    let slowly = |deg_s: f64| {
+        let events = [(0.0, robot()), (1.0, enabled(1)), (1.0, commit(true)), (4.0, disabled(2))];
+        broken("I25", &events, |at| [0.2 + deg_s.to_radians() * at, 0.0]).min(1)
+    };
+    assert_eq!((slowly(-0.5), slowly(0.01), slowly(0.2)), (0, 0, 1));
 }
 
 #[test]
