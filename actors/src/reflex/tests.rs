@@ -7,8 +7,9 @@ use crate::convoy::tests::{PERIOD, recorded, rules};
 use crate::convoy::{Answer, Convoy};
 use crate::gate::Gate;
 use crate::pulse::Pulse;
-use crate::reflex::{Motion, ReflexCore, ReflexIn, ReflexOut};
-use mobee_contract::{Command, CommitId, ControlMode, Sample, Status, Time};
+use crate::reflex::{Motion, ReflexCore, ReflexIn, ReflexOut, Word};
+use mobee_contract::{Command, CommitId, ControlMode, Event, Hold, Sample, Status, Time};
+use mobee_model::{Contact, ShapeId};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -181,4 +182,136 @@ fn an_escape_violates_nothing_more_deeply() {
     assert_eq!(stopped(|ms| Some(if ms < 100 { 3.0 } else { 3.09 })), None);
     assert_eq!(stopped(|ms| Some(if ms < 100 { 3.0 } else { 3.11 })), Some(100));
     assert_eq!(stopped(|ms| Some(1e-3 * ms as f64)), Some(120), "however slowly it goes on");
+}
+
+/// What is wrong with a reading on the way back.
+#[derive(Clone, Copy, Default)]
+struct Wrong {
+    /// The encoders tell what they told before.
+    frozen: bool,
+    violated: bool,
+    /// Something is a millimetre away.
+    near: bool,
+}
+
+/// A robot is taken back over 90 degrees, which takes 3 s: what is told of it, each with its reading (every 10 ms), and why it was stopped.
+fn taken_back(wrong: impl Fn(u64, Option<&Word>) -> Wrong) -> (Vec<(u64, Word)>, Option<String>) {
+    let (gate, convoy, turns) =
+        (Arc::new(Gate::default()), Arc::new(Convoy::default()), [(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)]);
+    let who = recorded(0, true, &turns, 0.5);
+    let mut reflex = ReflexCore::new(0, rules(true), gate.clone(), convoy.clone());
+    let name = |_| ("arm".to_string(), "post".to_string());
+    let (mut q, mut told, mut why) = (90_f64.to_radians(), Vec::new(), None);
+    let (mut goal, mut unchanged) = (q, Time::ZERO);
+    let mut read = |k: u64, reflex: &mut ReflexCore, last: Option<&Word>, goal: f64| {
+        let (at, wrong) = (Time::from_secs(5.0) + PERIOD * k as u32, wrong(k, last));
+        let moves = goal != q && !wrong.frozen;
+        if moves {
+            (q, unchanged) = (goal, at);
+        }
+        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true] };
+        let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
+        let near = Contact { pair, distance: 0.001, points: Default::default() };
+        let mut pulse = Pulse::new(sample, &wrong.near.then_some(near).into_iter().collect());
+        (pulse.speed, pulse.unchanged) = (if moves { 0.5 } else { 0.0 }, unchanged);
+        pulse.violated = wrong.violated.then_some((0, 0));
+        reflex.on(ReflexIn::Pulse(&mut pulse, None, Status::Stopping), at, &name)
+    };
+    read(0, &mut reflex, None, goal);
+    let safe = Some((who.past[who.start].at, who.safe.clone()));
+    let motion = Motion { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+    let roll_back = ReflexIn::RollBack { token: gate.close(), motion, again: false };
+    reflex.on(roll_back, Time::from_secs(5.0), &name);
+    for k in 1..1000 {
+        let mut out = read(k, &mut reflex, told.last().map(|(_, word)| word), goal);
+        while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
+            out.remove(i);
+            let at = Time::from_secs(5.0) + PERIOD * k as u32;
+            convoy.enroll(who.clone(), at);
+            out.extend(reflex.on(ReflexIn::Brought(Ok(())), at, &name));
+        }
+        for out in out {
+            match out {
+                ReflexOut::Command(_, Command::Direct { q, .. }) => goal = q[0],
+                ReflexOut::Word(word) => told.push((k, word)),
+                ReflexOut::Event(Event::RetreatStopped { what, .. }) => why = why.or(Some(what)),
+                _ => {}
+            }
+        }
+    }
+    (told, why)
+}
+
+#[test]
+fn a_way_back_is_told_from_its_stop_to_its_end() {
+    let (told, why) = taken_back(|_, _| Wrong::default());
+    let words: Vec<&Word> = told.iter().map(|(_, word)| word).collect();
+    assert_eq!((words, why), (vec![&Word::Retreating, &Word::Settling, &Word::Back], None));
+    // it may set out once the stop surely shows, and takes as long as the way there
+    assert_eq!(told[0].0, 2);
+    assert!((295..320).contains(&(told[1].0 - told[0].0)), "{told:?}");
+}
+
+#[test]
+fn a_way_back_behind_frozen_encoders_is_given_up() {
+    let (told, why) = taken_back(|k, _| Wrong { frozen: (100..130).contains(&k), ..Wrong::default() });
+    assert_eq!((told.last().map(|(_, word)| word), why), (Some(&Word::Back), None), "0.3 s are not long");
+    let (told, why) = taken_back(|k, _| Wrong { frozen: k >= 100, ..Wrong::default() });
+    let (k, word) = told.last().unwrap();
+    assert_eq!((word, why.as_deref()), (&Word::GaveUp(Hold::Stale), Some("the encoders do not follow the set-points")));
+    assert!((150..156).contains(k), "after half a second: {told:?}");
+}
+
+#[test]
+fn a_way_back_stops_at_what_is_new_in_it() {
+    let blocked = Some(&Word::GaveUp(Hold::RetreatBlocked));
+    let at = |from: u64| move |k: u64, _: Option<&Word>| Wrong { violated: k >= from, ..Wrong::default() };
+    let (told, why) = taken_back(at(100));
+    assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (blocked, Some("a constraint would be violated")));
+    assert!(told.last().is_some_and(|(k, _)| *k < 110), "at once: {told:?}");
+    let (told, why) = taken_back(at(0));
+    assert_eq!((told.last().map(|(_, w)| w), why), (Some(&Word::Back), None), "it was violated from the start");
+    // where it settles, too
+    let settling = |what: fn(bool) -> Wrong| {
+        let (told, why) = taken_back(move |_, last| what(last == Some(&Word::Settling)));
+        (told.last().map(|(_, w)| w.clone()), why)
+    };
+    let violated = settling(|there| Wrong { violated: there, ..Wrong::default() });
+    assert_eq!((violated.0.as_ref(), violated.1.as_deref()), (blocked, Some("a constraint would be violated")));
+    let near = settling(|there| Wrong { near: there, ..Wrong::default() });
+    assert_eq!((near.0.as_ref(), near.1.as_deref()), (blocked, Some("arm and post are at 1.0 mm")));
+}
+
+/// Who went along is lost: the robot stops, and asks for a way of its own.
+#[test]
+fn who_is_left_alone_tries_again_by_itself() {
+    let turns = [(0.0, 0.0), (1.0, 0.0), (4.0, 40.0), (5.0, 40.0)];
+    let [first, second] = [0, 1].map(|robot| recorded(robot, true, &turns, 0.5));
+    let (gate, convoy, start) = (Arc::new(Gate::default()), Arc::new(Convoy::default()), Time::from_secs(5.0));
+    let mut reflex = ReflexCore::new(0, rules(true), gate.clone(), convoy.clone());
+    let safe = Some((first.past[first.start].at, first.safe.clone()));
+    let motion = Motion { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+    convoy.enroll(second, start);
+    let name = |_| Default::default();
+    reflex.on(ReflexIn::RollBack { token: gate.close(), motion, again: false }, start, &name);
+    let (mut q, mut asked) = (40_f64.to_radians(), Vec::new());
+    for k in 1..200 {
+        let at = start + PERIOD * k;
+        let sample = Sample { seq: u64::from(k), at, q: vec![q].into(), done: vec![true] };
+        let mut pulse = Pulse::new(sample, &Vec::new().into());
+        pulse.speed = 0.0;
+        let mut out = reflex.on(ReflexIn::Pulse(&mut pulse, None, Status::Stopping), at, &name);
+        while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
+            let ReflexOut::Bring(bring) = out.remove(i) else { continue };
+            asked.push((k, bring.again));
+            convoy.enroll(crate::convoy::Traveller { again: bring.again, ..first.clone() }, at);
+            out.extend(reflex.on(ReflexIn::Brought(Ok(())), at, &name));
+        }
+        for out in out {
+            if let ReflexOut::Command(_, Command::Direct { q: to, .. }) = out {
+                q = to[0];
+            }
+        }
+    }
+    assert!(matches!(asked[..], [(2, false), (100..=110, true)]), "{asked:?}");
 }
