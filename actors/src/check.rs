@@ -22,7 +22,7 @@
 //! | I21 | idle motors stay | a motor that no open commit names does not leave its place, not in the long run either, and no command but a stop names it |
 //! | I22 | what is to be taken back is | a contact, a constraint, a missed target, the agent's death: the motion ends rolled back, the way it came, unless the journal says why not |
 //! | I23 | a failed edge is removed | before the agent commits again, and no other is |
-//! | I25 | a constraint closes | a constraint that is violated, at rest or in motion, closes the filter; on the way back it stops the robot |
+//! | I25 | a constraint closes | a constraint that is violated, at rest or in motion, closes the filter; on the way back, or if it gets worse in an escape, it stops the robot |
 //! | I26 | frozen encoders are noticed | readings that are equal bit for bit while the motors should go on end the motion in a stated time |
 //! | I27 | contacts have a hysteresis | a contact begins below the margin, and again only after it has ended |
 //! | I28 | what dies closes at once | the death of the model or of a controller's actor closes the filter within two leases, an exchange before the new part is looked at; a new driver stops its board first, and a stop hushes what waits |

@@ -1,81 +1,8 @@
-//! What a run leaves behind: the events that journal and recorder are told.
+//! What a run leaves behind: its events.
 
-use crate::{Cause, CommitId, Hold, Note, Outcome, Pose, Refusal, Summary, SwapPart, SwapStep, Time};
-use mobee_model::{Contact, Scene};
+use crate::{Cause, CommitId, Hold, Note, Outcome, Pose, Refusal, Status, Summary, SwapPart, SwapStep, Time};
+use mobee_model::Contact;
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
-
-/// Something told to the journal and the recorder.
-#[derive(Clone, Debug)]
-pub enum Entry {
-    /// An event: never dropped on the way to the journal.
-    Event(Arc<Event>),
-    /// A pose at the sampling rate with the robot's present contacts, for a recorder; a journal passes over it.
-    Pose {
-        /// Index of the robot in the scene.
-        robot: usize,
-        /// The pose, rad.
-        q: Pose,
-        /// Pairs nearer than the margin.
-        contacts: Arc<[Contact]>,
-    },
-    /// The scene, at the start and whenever it was edited, for a recorder; a journal passes over it.
-    Scene(Arc<Scene>),
-}
-
-/// Somebody who is told everything and stands in nobody's way: it lives on a thread of its own behind a bounded queue.
-pub trait Sink: Send {
-    /// Takes note of one entry.
-    ///
-    /// # Errors
-    /// In words, with the remedy; the sink is then closed, and the run is told.
-    fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String>;
-    /// Makes what was written durable; called when the queue is empty, at times, and before the end.
-    ///
-    /// # Errors
-    /// As for `write`.
-    fn flush(&mut self) -> Result<(), String>;
-    /// Entries were dropped on their way here: what comes next does not follow on what came before.
-    fn lost(&mut self) {}
-}
-
-/// The state of a robot's filter, in the words that a status line shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(tag = "state", content = "reason", rename_all = "snake_case")]
-pub enum Status {
-    /// The controller is not complete yet.
-    Starting,
-    /// At rest with a safe pose, open to commits.
-    Rest,
-    /// A motion is under way.
-    Moving,
-    /// An escape from contact is under way.
-    Escaping,
-    /// Braking before the way back.
-    Stopping,
-    /// Going back along the recorded path.
-    Retreating,
-    /// Back at the safe pose, coming to rest.
-    Settling,
-    /// Standing still with a reason; only escapes are taken.
-    Holding(Hold),
-}
-
-impl Status {
-    /// The state in one word, whatever its reason.
-    pub fn word(self) -> &'static str {
-        match self {
-            Status::Starting => "starting",
-            Status::Rest => "rest",
-            Status::Moving => "moving",
-            Status::Escaping => "escaping",
-            Status::Stopping => "stopping",
-            Status::Retreating => "retreating",
-            Status::Settling => "settling",
-            Status::Holding(_) => "holding",
-        }
-    }
-}
 
 /// Who gave a command to a driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -21,24 +21,28 @@
 mod agent;
 mod board;
 mod credit;
+mod entry;
 mod event;
 mod kinds;
 mod motion;
 mod private;
 mod service;
 mod spelling;
+mod status;
 mod swap;
 mod time;
 
 pub use agent::*;
 pub use board::*;
 pub use credit::*;
+pub use entry::*;
 pub use event::*;
 pub use kinds::*;
 pub use motion::*;
 pub use private::*;
 pub use service::*;
 pub use spelling::*;
+pub use status::*;
 pub use swap::*;
 pub use time::*;
 

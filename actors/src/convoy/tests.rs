@@ -239,9 +239,7 @@ fn a_way_ends_where_its_motors_had_been_sent() {
     let end = |place: Option<f64>, named: &[usize]| {
         let who = Traveller { places: vec![place].into(), named: named.into(), ..recorded(0, true, &A, 0.3) };
         let safe = who.safe.clone();
-        let mut plan = Plan::new(vec![who]).unwrap();
-        assert!(plan.check(SLICE));
-        let way = plan.ways().remove(0);
+        let way = alone(who);
         assert_eq!(way.end.1, safe, "it is judged by what was recorded");
         (way.of(&way.points.last().unwrap().1), way.motors.to_vec(), safe[0])
     };
@@ -251,6 +249,13 @@ fn a_way_ends_where_its_motors_had_been_sent() {
     assert_eq!(end(Some(safe + 0.4 * tolerance), &[0]).0, [safe + 0.4 * tolerance]);
     assert_eq!(end(Some(safe + 0.6 * tolerance), &[0]).0, [safe], "it was moved by somebody else");
     assert_eq!(end(Some(safe), &[]), (vec![], vec![], safe));
+}
+
+/// The way of a robot that goes back by itself.
+fn alone(who: Traveller) -> Way {
+    let mut plan = Plan::new(vec![who]).unwrap();
+    assert!(plan.check(SLICE));
+    plan.ways().remove(0)
 }
 
 /// Two robots that may go back at the same time, and a time so many milliseconds after they came to rest.
@@ -381,10 +386,7 @@ fn who_has_arrived_is_not_lost() {
 /// Between two recorded poses of one robot, another is where it was meanwhile: half of the way, half of the time.
 #[test]
 fn a_way_leads_through_what_was_recorded_at_that_time() {
-    let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (2.5, 30.0)], 0.5);
-    let mut plan = Plan::new(vec![who]).unwrap();
-    assert!(plan.check(SLICE));
-    let way = plan.ways().remove(0);
+    let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (2.5, 30.0)], 0.5));
     assert_eq!((way.direct, way.farther, way.blocked), (true, false, false));
     // speeds are told a few readings late: rest is left a little later, and entered a little later, than it was
     assert!((way.end() - 1.0).abs() < 0.08, "rests are skipped: {} s", way.end());
@@ -403,10 +405,7 @@ fn a_way_leads_through_what_was_recorded_at_that_time() {
 /// What is recorded faster than a board may be asked for is driven as fast as it may: a jump takes the time that its motor needs.
 #[test]
 fn no_motor_is_asked_for_more_than_it_can() {
-    let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (1.01, 60.0), (2.0, 60.0)], 0.5);
-    let mut plan = Plan::new(vec![who]).unwrap();
-    assert!(plan.check(SLICE));
-    let way = plan.ways().remove(0);
+    let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (1.01, 60.0), (2.0, 60.0)], 0.5));
     let needs = 60_f64.to_radians() / (3.0 * 0.95);
     assert!(way.end() >= needs - 1e-9 && way.end() < needs + 0.1, "{} of {needs} s", way.end());
     assert!(way.points.windows(2).all(|w| (w[0].1[0] - w[1].1[0]).abs() <= 2.85 * (w[1].0 - w[0].0) + 1e-9));
@@ -416,9 +415,7 @@ fn no_motor_is_asked_for_more_than_it_can() {
 #[test]
 fn way_points_are_the_corners() {
     let turns = [(0.0, 0.0), (1.0, 0.0), (2.0, 40.0), (3.0, 20.0), (4.0, 60.0), (5.0, 60.0)];
-    let mut plan = Plan::new(vec![recorded(0, false, &turns, 0.5)]).unwrap();
-    assert!(plan.check(SLICE));
-    let way = plan.ways().remove(0);
+    let way = alone(recorded(0, false, &turns, 0.5));
     let q: Vec<f64> = way.points.iter().map(|(_, q)| q[0].to_degrees().round()).collect();
     assert_eq!((q.first(), q.last()), (Some(&60.0), Some(&0.0)));
     assert_eq!(way.end(), (q.len() - 1) as f64);

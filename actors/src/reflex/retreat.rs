@@ -182,3 +182,6 @@ impl Retreat {
         Ok(Some(Command::Move(target.in_step(&sample.q, &rules.axes))))
     }
 }
+
+#[cfg(test)]
+mod tests;

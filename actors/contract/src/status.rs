@@ -1,0 +1,42 @@
+//! The state of a robot's filter.
+
+use crate::Hold;
+use serde::{Deserialize, Serialize};
+
+/// The state of a robot's filter, in the words that a status line shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "state", content = "reason", rename_all = "snake_case")]
+pub enum Status {
+    /// The controller is not complete yet.
+    Starting,
+    /// At rest with a safe pose, open to commits.
+    Rest,
+    /// A motion is under way.
+    Moving,
+    /// An escape from contact is under way.
+    Escaping,
+    /// Braking before the way back.
+    Stopping,
+    /// Going back along the recorded path.
+    Retreating,
+    /// Back at the safe pose, coming to rest.
+    Settling,
+    /// Standing still with a reason; only escapes are taken.
+    Holding(Hold),
+}
+
+impl Status {
+    /// The state in one word, whatever its reason.
+    pub fn word(self) -> &'static str {
+        match self {
+            Status::Starting => "starting",
+            Status::Rest => "rest",
+            Status::Moving => "moving",
+            Status::Escaping => "escaping",
+            Status::Stopping => "stopping",
+            Status::Retreating => "retreating",
+            Status::Settling => "settling",
+            Status::Holding(_) => "holding",
+        }
+    }
+}

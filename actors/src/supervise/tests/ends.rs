@@ -1,0 +1,127 @@
+//! How floods, exchanges, runs and motions that go nowhere end.
+
+use super::*;
+
+/// What supervise tells: texts of warnings, and whether it yielded.
+fn told(out: &[SuperviseOut]) -> (Vec<&str>, bool) {
+    let warnings = out.iter().filter_map(|o| match o {
+        SuperviseOut::Event(Event::Warning { text }) => Some(text.as_str()),
+        _ => None,
+    });
+    (warnings.collect(), out.contains(&SuperviseOut::Yielded))
+}
+
+/// Refusals beyond 500 at once are counted, and told as one line after a second.
+#[test]
+fn a_flood_of_refusals_is_summed_up() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let now = cell.now;
+    let nothing =
+        || Commit { agent: "a".into(), target: Target { motors: vec![], q: vec![], speed: 0.5 }, speeds: None };
+    let lines = (0..520).filter(|_| {
+        let out = cell.supervise.on(SuperviseIn::Commit(nothing()), now);
+        assert!(matches!(out[0], SuperviseOut::Verdict(Err(_))), "each is answered");
+        out.iter().any(|o| matches!(o, SuperviseOut::Event(Event::Refused { .. })))
+    });
+    assert_eq!(lines.count(), 500);
+    let mut tick = |ms: u64| {
+        let out = cell.supervise.on(SuperviseIn::Tick, now + Duration::from_millis(ms));
+        told(&out).0.iter().map(|text| text.to_string()).collect::<Vec<_>>()
+    };
+    let all: Vec<_> = [0, 600, 2000, 3500].map(&mut tick).concat();
+    assert!(all.len() == 1 && all[0].contains("20 more commands were refused"), "{all:?}");
+}
+
+/// An exchange happens at a border only: at rest, with every outcome given, and nothing left to be tried.
+#[test]
+fn a_filter_yields_at_a_border() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Commit(0.5, true));
+    cell.apply(Op::Samples(5));
+    let now = cell.now;
+    assert!(!told(&cell.supervise.on(SuperviseIn::Yield, now)).1, "in mid-motion");
+    cell.supervise.on(SuperviseIn::Resume, now);
+    cell.apply(Op::Samples(200));
+    assert_eq!(cell.supervise.status(), Status::Rest, "it was taken back, and nothing happened");
+    assert!(cell.gate.is_open());
+    assert!(told(&cell.supervise.on(SuperviseIn::Yield, cell.now)).1, "at rest");
+    assert!(!cell.gate.is_open());
+    assert!(!told(&cell.supervise.on(SuperviseIn::Tick, cell.now)).1, "once");
+    cell.apply(Op::Samples(30));
+    assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Starting, false), "it waits for the exchange");
+    cell.supervise.on(SuperviseIn::Resume, cell.now);
+    cell.apply(Op::Samples(30));
+    assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Rest, true));
+    cell.supervise.on(SuperviseIn::Shutdown, cell.now);
+    cell.apply(Op::Samples(30));
+    assert!(!told(&cell.supervise.on(SuperviseIn::Yield, cell.now)).1, "the run ends");
+}
+
+/// At the end of a run the filter closes from whatever it was in, and nothing is taken any more.
+#[test]
+fn at_the_end_of_a_run_everything_is_closed() {
+    type Before = fn(&mut Cell);
+    let cases: [(&str, Before, Hold); 4] = [
+        ("at rest", |_| (), Hold::ShuttingDown),
+        ("in motion", |cell| cell.apply(Op::Commit(1.0, true)), Hold::ShuttingDown),
+        ("yielded", |cell| drop(cell.supervise.on(SuperviseIn::Yield, cell.now)), Hold::ShuttingDown),
+        ("in contact", |cell| cell.wall = Some(cell.q), Hold::InContact),
+    ];
+    for (name, before, hold) in cases {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        before(&mut cell);
+        cell.apply(Op::Samples(20));
+        cell.supervise.on(SuperviseIn::Shutdown, cell.now);
+        assert!(!cell.gate.is_open(), "{name}: closed at once");
+        cell.apply(Op::Samples(60));
+        assert_eq!((cell.supervise.status(), cell.supervise.is_settled()), (Status::Holding(hold), true), "{name}");
+        assert_eq!(cell.outcomes.len() as u64, cell.commits, "{name}");
+        let refused = cell.commit(0.3, true);
+        assert_eq!(refused, Err(Refusal::Holding { reason: Hold::ShuttingDown }), "{name}");
+    }
+}
+
+/// The board says "done" elsewhere for 0.2 s: missed. It says nothing: missed when the motion is overdue. The readings stand still while
+/// the motor should have gone a degree, and for half a second: frozen.
+#[test]
+fn a_motion_that_goes_nowhere_ends_in_time() {
+    /// The time in milliseconds at which a motion to 1 rad ends, and the state then.
+    fn ends(speed: f64, reading: impl Fn(u64) -> (f64, bool, bool)) -> (u64, Status) {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        let target = Target { motors: vec![0], q: vec![1.0], speed };
+        cell.supervise.on(SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds: None }), cell.now);
+        let begun = cell.now;
+        for k in 1..2000_u64 {
+            let at = begun + Duration::from_millis(10 * k);
+            let (q, done, frozen) = reading(10 * k);
+            let sample = Sample { seq: 100 + k, at, q: vec![q].into(), done: vec![done] };
+            let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
+            (pulse.speed, pulse.free) = (if frozen { 0.0 } else { 0.1 }, true);
+            pulse.unchanged = if frozen { begun } else { at };
+            cell.supervise.on(SuperviseIn::Pulse(&pulse), at);
+            if cell.supervise.status() != Status::Moving {
+                return (10 * k, cell.supervise.status());
+            }
+        }
+        panic!("it goes on and on")
+    }
+    // the reaction is two periods, 40 ms; "done" is heeded from then on
+    assert_eq!(ends(0.5, |_| (0.5, true, false)), (240, Status::Stopping));
+    assert_eq!(ends(0.5, |ms| (0.5, ms >= 300, false)), (500, Status::Stopping));
+    assert_eq!(ends(0.5, |ms| (0.5, ms % 100 != 0 && ms < 900, false)).1, Status::Stopping);
+    // 2 way / speed + 2 sqrt(way / acceleration), twice, and a second more
+    let due = |share: f64| 2.0 * (2.0 / (share * 1.7) + 2.0 * (1.0_f64 / 3.5).sqrt()) + 1.0;
+    let (ms, status) = ends(0.5, |ms| (0.5 + 1e-6 * ms as f64, false, false));
+    assert_eq!(status, Status::Stopping);
+    assert!((ms as f64 * 1e-3 - due(0.5)).abs() <= 0.011, "{ms} ms, {} s", due(0.5));
+    assert_eq!(ends(0.5, |_| (0.5, false, true)), (540, Status::Holding(Hold::Stale)));
+    // at 0.01 of 1.7 rad/s a degree takes 2 s
+    let (ms, status) = ends(0.01, |_| (0.5, false, true));
+    let degree = 1_f64.to_radians() * (2.0 / 0.017 + 2.0 * (1.0_f64 / 3.5).sqrt());
+    assert_eq!(status, Status::Holding(Hold::Stale));
+    assert!((ms as f64 * 1e-3 - degree - 0.04).abs() <= 0.011, "{ms} ms, {degree} s");
+}
