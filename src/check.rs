@@ -23,6 +23,10 @@ const LONGEST_ROADMAP: u64 = 64 * MIB;
 pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Report> {
     let is_run = path.is_dir() || path.extension().is_some_and(|e| e == "jsonl");
     if !is_run {
+        if !path.exists() {
+            let remedy = "give the folder of a run, its journal.jsonl, or a configuration file";
+            return Err(ConfigError::plain(format!("there is nothing at {}", path.display()), remedy).into());
+        }
         let c = crate::compose::read(path, set)?;
         for w in &c.warnings {
             println!("warning: {w}");

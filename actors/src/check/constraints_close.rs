@@ -80,8 +80,9 @@ impl Robot {
         }
         let since = *self.since.get_or_insert(at);
         (at.since(since) > self.period * PERIODS).then(|| {
-            self.since = Some(at);
             let what = if self.watch == Watch::Close { "the filter is open" } else { "the robot is driven on" };
+            // it is told once
+            self.watch = Watch::Nothing;
             format!("{robot}: a constraint is violated since {since}, and {what} at {at}")
         })
     }

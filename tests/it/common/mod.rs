@@ -14,12 +14,13 @@ pub struct Network {
     pub port: u16,
 }
 
-/// A network of its own for each test.
+/// A network of its own for each test. Its numbers lie below those that systems give to connections by themselves: a name
+/// server hands out the numbers above its own unseen, and a real program does not open where a connection has one.
 pub fn network() -> Network {
     let dir = tempfile::tempdir().expect("a folder");
-    // a number that was free a moment ago, with room above it for the ports that a real name server gives out
-    let free = || TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).and_then(|l| l.local_addr()).expect("a free port").port();
-    let port = std::iter::repeat_with(free).find(|p| *p < 60_000).expect("a port");
+    let first = 11_000 + (std::process::id() % 80) as u16 * 200;
+    let free = |n: &u16| (0..100).all(|i| TcpListener::bind((Ipv4Addr::LOCALHOST, n + i)).is_ok());
+    let port = (first..30_000).step_by(100).find(free).expect("100 free port numbers");
     std::fs::write(dir.path().join("yarp.conf"), format!("127.0.0.1 {port} yarp\n")).expect("yarp.conf");
     Network { dir, port }
 }
@@ -70,6 +71,7 @@ impl RealYarp {
         command.env("YARP_DATA_DIRS", self.home.join("build/share/yarp"));
         command.arg("180").arg(self.home.join("programs").join(name)).args(args);
         let out = command.output().expect("the program starts");
+        eprint!("{}", String::from_utf8_lossy(&out.stderr));
         String::from_utf8_lossy(&out.stdout).into_owned()
     }
 }
