@@ -233,7 +233,11 @@ fn within_limits(axes: &[Axis], command: &Command) -> bool {
             let fits = |(m, q): (&usize, &f64)| axes.get(*m).is_some_and(|axis| (axis.min..=axis.max).contains(q));
             motors.iter().zip(q).all(fits)
         }
-        Command::Velocity { speed, .. } => speed.iter().all(|v| v.is_finite()),
+        Command::Velocity { motors, speed } => {
+            let slow =
+                |(m, v): (&usize, &f64)| axes.get(*m).is_some_and(|axis| v.abs() <= axis.max_speed * (1.0 + 1e-9));
+            motors.iter().zip(speed).all(slow)
+        }
         _ => true,
     }
 }

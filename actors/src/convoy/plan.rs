@@ -330,3 +330,6 @@ fn thin(points: Vec<(f64, Pose)>) -> Vec<(f64, Pose)> {
     kept.extend(points.last().cloned());
     kept
 }
+
+#[cfg(test)]
+mod tests;

@@ -12,7 +12,7 @@ const ARM: &str = include_str!("../../tests/data/pan.xml");
 pub(crate) const PERIOD: Duration = Duration::from_millis(10);
 
 /// Two of them, 80 cm apart: at zero each points at the other, and they touch if both do.
-fn scene() -> Arc<Scene> {
+pub(crate) fn scene() -> Arc<Scene> {
     let arm = |name: &str| {
         let text = ARM.replace("NAME", name).replace("HOME", "0");
         Arc::new(parse_robot("arm.xml", &text).map(|l| l.value).unwrap())
@@ -400,6 +400,7 @@ fn a_way_leads_through_what_was_recorded_at_that_time() {
         assert!((there(t) - exact).abs() < 2.0, "{} after {t} s, not {exact}", there(t));
     }
     assert!(way.points.windows(2).all(|w| w[0].0 <= w[1].0 && w[0].1[0] >= w[1].1[0]));
+    assert!((100..120).contains(&way.points.len()), "one point for each rest: {}", way.points.len());
 }
 
 /// What is recorded faster than a board may be asked for is driven as fast as it may: a jump takes the time that its motor needs.

@@ -84,6 +84,13 @@ fn a_set_point_beyond_a_limit_is_told() {
         let Some(Event::Streamed { motors, within_limits, .. }) = port.end_stream() else { panic!("it was streamed") };
         assert_eq!((motors, within_limits), (vec![1], within), "{q}");
     }
+    for (v, within) in [(-2.0, true), (2.1, false), (f64::NAN, false)] {
+        let mut port = port();
+        let command = Command::Velocity { motors: vec![1], speed: vec![v] };
+        assert!(port.took(0, Writer::Reflex, &command, Time(0)).is_empty());
+        let Some(Event::Streamed { within_limits, .. }) = port.end_stream() else { panic!("it was streamed") };
+        assert_eq!(within_limits, within, "{v} rad/s");
+    }
 }
 
 fn target(motors: &[usize], q: &[f64]) -> Move {
@@ -232,8 +239,8 @@ fn what_waits_is_approached_in_steps() {
         other => panic!("{other:?}"),
     };
     let secs = |periods: f64| periods * period as f64 * 1e-3;
-    let first = step(&mut port, period);
-    assert!((first - SHARE * secs(1.0)).abs() < 1e-9, "{first}");
+    let first = step(&mut port, period * 3 / 4);
+    assert!((first - SHARE * secs(0.75)).abs() < 1e-9, "{first}");
     let second = step(&mut port, 5 * period);
     assert!((second - first - SHARE * secs(1.5)).abs() < 1e-9, "{second} after a pause of four periods");
     // what comes instead is written at once if it is no jump, and nothing waits any more

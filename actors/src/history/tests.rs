@@ -28,7 +28,7 @@ fn the_speed_of_a_steady_motion_is_found() {
 #[test]
 fn a_motor_that_turns_round_is_not_at_rest() {
     let history = filled(100, 8, |k| 0.01 * (k as f64 - 3.5).abs());
-    assert!(history.speed() > 0.3, "{}", history.speed());
+    assert!((history.speed() - 1.0 / 3.0).abs() < 1e-9, "a third counts: {}", history.speed());
 }
 
 #[test]

@@ -12,9 +12,14 @@ use std::time::Duration;
 
 /// In how many milliseconds an escape is stopped, if a constraint is violated by so many degrees on its way.
 fn stopped(by: impl Fn(u64) -> Option<f64>) -> Option<u64> {
+    one_of_them_stopped(|_| 1, by)
+}
+
+/// The same of more escapes, one after the other.
+fn one_of_them_stopped(which: impl Fn(u64) -> u64, by: impl Fn(u64) -> Option<f64>) -> Option<u64> {
     let gate = Arc::new(Gate::default());
     let mut reflex = ReflexCore::new(0, rules(true), gate.clone(), Arc::new(Convoy::default()));
-    let motion = Motion { id: CommitId(1), safe: None, named: vec![0].into(), places: vec![None].into() };
+    let motion = |id| Motion { id: CommitId(id), safe: None, named: vec![0].into(), places: vec![None].into() };
     let mut read = |ms: u64, status: Status, motion: Option<&Motion>| {
         let at = Time::from_secs(5.0) + Duration::from_millis(ms);
         let sample = Sample { seq: ms, at, q: vec![0.0].into(), done: vec![false] };
@@ -25,7 +30,7 @@ fn stopped(by: impl Fn(u64) -> Option<f64>) -> Option<u64> {
     };
     read(0, Status::Rest, None);
     gate.open(gate.token()).unwrap();
-    (1..300).map(|k| 10 * k).find(|ms| read(*ms, Status::Escaping, Some(&motion)))
+    (1..300).map(|k| 10 * k).find(|ms| read(*ms, Status::Escaping, Some(&motion(which(*ms)))))
 }
 
 /// An escape may violate a constraint as deeply as it did when it set out, and to the noise of encoders; one that set out violating
@@ -39,6 +44,9 @@ fn an_escape_violates_nothing_more_deeply() {
     assert_eq!(stopped(|ms| Some(if ms < 100 { 3.0 } else { 3.09 })), None);
     assert_eq!(stopped(|ms| Some(if ms < 100 { 3.0 } else { 3.11 })), Some(100));
     assert_eq!(stopped(|ms| Some(1e-3 * ms as f64)), Some(120), "however slowly it goes on");
+    let two = |ms| 1 + u64::from(ms >= 100);
+    let deep = |ms| if ms < 100 { Some(3.0) } else { (ms >= 200).then_some(1.0) };
+    assert_eq!(one_of_them_stopped(two, deep), Some(200), "the second was free as it set out");
 }
 
 /// What is wrong with a reading on the way back.
@@ -49,6 +57,10 @@ struct Wrong {
     violated: bool,
     /// Something is a millimetre away.
     near: bool,
+    /// It does not go where it is sent, and its encoders tell.
+    stuck: bool,
+    /// It moves as fast as counts as rest just no more.
+    restless: bool,
 }
 
 /// A robot is taken back over 90 degrees, which takes 3 s: what is told of it, each with its reading (every 10 ms), and why it was stopped.
@@ -62,15 +74,19 @@ fn taken_back(wrong: impl Fn(u64, Option<&Word>) -> Wrong) -> (Vec<(u64, Word)>,
     let (mut goal, mut unchanged) = (q, Time::ZERO);
     let mut read = |k: u64, reflex: &mut ReflexCore, last: Option<&Word>, goal: f64| {
         let (at, wrong) = (Time::from_secs(5.0) + PERIOD * k as u32, wrong(k, last));
-        let moves = goal != q && !wrong.frozen;
+        let moves = goal != q && !wrong.frozen && !wrong.stuck;
         if moves {
-            (q, unchanged) = (goal, at);
+            q = goal;
+        }
+        if moves || wrong.stuck {
+            unchanged = at;
         }
         let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true] };
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let near = Contact { pair, distance: 0.001, points: Default::default() };
         let mut pulse = Pulse::new(sample, &wrong.near.then_some(near).into_iter().collect());
-        (pulse.speed, pulse.unchanged) = (if moves { 0.5 } else { 0.0 }, unchanged);
+        let speed = if wrong.restless { rules(true).rest_speed } else { 0.0 };
+        (pulse.speed, pulse.unchanged) = (if moves { 0.5 } else { speed }, unchanged);
         pulse.violated = wrong.violated.then_some((0, 0));
         reflex.on(ReflexIn::Pulse(&mut pulse, None, Status::Stopping), at, &name)
     };
@@ -137,6 +153,60 @@ fn a_way_back_stops_at_what_is_new_in_it() {
     assert_eq!((violated.0.as_ref(), violated.1.as_deref()), (blocked, Some("a constraint would be violated")));
     let near = settling(|there| Wrong { near: there, ..Wrong::default() });
     assert_eq!((near.0.as_ref(), near.1.as_deref()), (blocked, Some("arm and post are at 1.0 mm")));
+}
+
+/// What does not come to rest is not taken back, and nothing is said of it before it rests.
+#[test]
+fn a_way_back_waits_for_rest_three_seconds() {
+    let rests = |from: u64| taken_back(move |k, _| Wrong { restless: k < from, ..Wrong::default() });
+    let (told, why) = rests(299);
+    assert_eq!(
+        (told.first(), told.last().map(|(_, w)| w), why),
+        (Some(&(299, Word::Retreating)), Some(&Word::Back), None)
+    );
+    let (told, why) = rests(900);
+    assert_eq!(told, [(900, Word::GaveUp(Hold::RetreatMissed))]);
+    assert_eq!(why.as_deref(), Some("the robot did not come to rest in time"));
+}
+
+/// Who does not follow is given three seconds, on the way and at its end.
+#[test]
+fn a_way_back_that_is_not_followed_is_missed() {
+    let missed = Some(&Word::GaveUp(Hold::RetreatMissed));
+    let (told, why) = taken_back(|k, _| Wrong { stuck: k > 0, ..Wrong::default() });
+    assert_eq!(told.last().map(|(_, w)| w), missed, "{told:?}");
+    assert_eq!(why.as_deref(), Some("the robot does not follow the set-points"));
+    // at rest beside its end, or restless there: it has three seconds from when it is to be there
+    let ends = |from: u64, wrong: Wrong| {
+        taken_back(move |k, last| if last == Some(&Word::Settling) && k < from { wrong } else { Wrong::default() })
+    };
+    let restless = Wrong { restless: true, ..Wrong::default() };
+    assert_eq!(ends(500, restless).0.last(), Some(&(500, Word::Back)));
+    let (told, why) = ends(900, restless);
+    assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (missed, Some("the safe pose was not reached in time")));
+}
+
+/// What a motion met is what its agent may learn from, until the next motion.
+#[test]
+fn what_an_agent_may_learn_from_is_of_the_last_motion() {
+    let mut reflex = ReflexCore::new(0, rules(true), Arc::default(), Arc::new(Convoy::default()));
+    let mut read = |k: u64, commit: u64, object: Option<u32>| {
+        let at = Time::from_secs(5.0) + PERIOD * k as u32;
+        let sample = Sample { seq: k, at, q: vec![0.0].into(), done: vec![false] };
+        let pair = |object| (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object, shape: 0 });
+        let near = object.map(|o| Contact { pair: pair(o), distance: 0.001, points: Default::default() });
+        let mut pulse = Pulse::new(sample, &near.into_iter().collect());
+        let motion = Motion { id: CommitId(commit), safe: None, named: vec![0].into(), places: vec![None].into() };
+        reflex.on(ReflexIn::Pulse(&mut pulse, Some(&motion), Status::Moving), at, &|_| Default::default());
+        reflex.seen().iter().map(|c| c.pair.1).collect::<Vec<_>>()
+    };
+    let object = |object: u32| vec![ShapeId::Object { object, shape: 0 }];
+    assert!(read(1, 1, None).is_empty());
+    assert_eq!(read(2, 1, Some(7)), object(7));
+    assert_eq!((3..200).map(|k| read(k, 1, None)).last(), Some(object(7)));
+    assert_eq!((200..400).map(|k| read(k, 2, None)).last(), Some(vec![]), "another motion, which met nothing");
+    assert_eq!(read(400, 2, Some(8)), object(8));
+    assert_eq!((401..600).map(|k| read(k, 2, None)).last(), Some(object(8)));
 }
 
 /// Who went along is lost: the robot stops, and asks for a way of its own.
