@@ -125,3 +125,34 @@ fn a_motion_that_goes_nowhere_ends_in_time() {
     assert_eq!(status, Status::Holding(Hold::Stale));
     assert!((ms as f64 * 1e-3 - degree - 0.04).abs() <= 0.011, "{ms} ms, {degree} s");
 }
+
+/// The newest reading may be as old as the rules say, and no older.
+#[test]
+fn readings_that_stay_away_close_the_filter_in_time() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let newest = cell.supervise.newest.as_ref().map(|newest| newest.at).unwrap();
+    let last = newest + cell.rules.fresh;
+    cell.supervise.on(SuperviseIn::Tick, last);
+    assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Rest, true));
+    cell.supervise.on(SuperviseIn::Tick, last + Duration::from_nanos(1));
+    assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Holding(Hold::Stale), false));
+}
+
+/// What the reflex says changes something only while it takes the robot back: words may be late.
+#[test]
+fn late_words_of_the_reflex_change_nothing() {
+    let words = [Word::Retreating, Word::Settling, Word::Back, Word::Stopped, Word::GaveUp(Hold::RetreatMissed)];
+    for word in words {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        let said = |cell: &mut Cell| {
+            let out = cell.supervise.on(SuperviseIn::Word(word.clone()), cell.now);
+            (cell.supervise.status(), out.len())
+        };
+        assert_eq!(said(&mut cell), (Status::Rest, 0), "{word:?}");
+        cell.supervise.on(SuperviseIn::Fault("hot".into()), cell.now);
+        let status = cell.supervise.status();
+        assert_eq!(said(&mut cell), (status, 0), "{word:?}");
+    }
+}
