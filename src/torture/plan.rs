@@ -213,7 +213,7 @@ impl Planner<'_> {
             SwapPart::Agent => vec![("speed", json!(self.rng.random_range(0.05..0.3)))],
             SwapPart::Controller => vec![
                 ("period_ms", json!([10.0, 20.0, 30.0][self.rng.random_range(0..3)])),
-                ("margin_mm", json!(self.rng.random_range(8.0..20.0))),
+                ("margin_mm", json!(self.rng.random_range(8.0..40.0))),
                 ("history", json!(self.rng.random_range(200..3000))),
             ],
             SwapPart::Driver => Vec::new(),

@@ -62,3 +62,19 @@ fn two_meet_until_they_are_released() {
     };
     assert!(meet(near) && !meet(far + 0.1), "{near} {far}");
 }
+
+/// Checking goes on in slices, each of no more than so many poses, and comes to the same end.
+#[test]
+fn a_plan_is_checked_in_slices() {
+    let travellers = || {
+        let (there, back) = ([(0.0, -90.0), (3.0, 90.0)], [(0.0, 90.0), (1.0, 90.0), (2.0, 70.0), (3.0, 70.0)]);
+        vec![recorded(0, true, &there, 0.0), recorded(1, true, &back, 2.5)]
+    };
+    let mut whole = Plan::new(travellers()).unwrap();
+    assert!(whole.check(1000));
+    let mut plan = Plan::new(travellers()).unwrap();
+    let slices = (1..100).find(|_| plan.check(10));
+    // what was while both moved, or one passed the other at rest, is not checked: it begins where the other came to rest, at 2.1 s
+    assert!(slices.is_some_and(|n| (20..=22).contains(&n)), "{slices:?}");
+    assert_eq!(plan.ways(), whole.ways());
+}
