@@ -112,7 +112,7 @@ impl Retreat {
         }
         let follows = self.is_followed(sample, now, rules);
         self.behind = if follows { None } else { self.behind.or(Some(now)) };
-        let most = if follows { self.clock + elapsed.min(1.5 * period) } else { self.clock };
+        let most = if follows { self.clock + elapsed } else { self.clock };
         self.clock = convoy.step(self.robot, most, now).ok_or(Parted)?;
         self.next += self.way.points.iter().skip(self.next).take_while(|(t, _)| *t <= self.clock).count();
         self.last = now;

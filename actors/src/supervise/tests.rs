@@ -134,6 +134,25 @@ fn set_points_that_do_not_fit_are_refused_with_their_code() {
     assert_eq!(cell.mode, ControlMode::Position);
 }
 
+/// A board without position-direct takes velocities only; a commit's own speeds are numbers above zero.
+#[test]
+fn what_the_board_has_no_use_for_is_refused() {
+    use super::check::{check_setpoints, check_speeds};
+    use crate::convoy::tests::rules;
+    let values = |q| Setpoints { motors: vec![0], values: Values::Position(vec![q]) };
+    assert_eq!(check_setpoints(&values(0.1), &rules(true)), Ok(()));
+    assert_eq!(check_setpoints(&values(0.1), &rules(false)).map_err(|e| e.code()), Err("malformed"));
+    let velocity = Setpoints { motors: vec![0], values: Values::Velocity(vec![0.1]) };
+    assert_eq!(check_setpoints(&velocity, &rules(false)), Ok(()));
+    let target = Target { motors: vec![0], q: vec![0.1], speed: 1.0 };
+    let with = |speeds| Commit { agent: "a".into(), target: target.clone(), speeds: Some(speeds) };
+    assert_eq!(check_speeds(&with(vec![0.1]), &rules(true)), Ok(()));
+    for speeds in [vec![], vec![0.1, 0.1], vec![0.0], vec![-0.1], vec![f64::INFINITY], vec![f64::NAN]] {
+        let refused = check_speeds(&with(speeds.clone()), &rules(true)).map_err(|e| e.code());
+        assert_eq!(refused, Err("malformed"), "{speeds:?}");
+    }
+}
+
 #[test]
 fn a_stream_is_refused_while_the_robot_holds_and_gives_way_to_a_move() {
     let mut cell = Cell::new();
