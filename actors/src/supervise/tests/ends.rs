@@ -1,6 +1,7 @@
 //! How floods, exchanges, runs and motions that go nowhere end.
 
 use super::*;
+use crate::ledger::Open;
 
 /// What supervise tells: texts of warnings, and whether it yielded.
 fn told(out: &[SuperviseOut]) -> (Vec<&str>, bool) {
@@ -154,5 +155,52 @@ fn late_words_of_the_reflex_change_nothing() {
         cell.supervise.on(SuperviseIn::Fault("hot".into()), cell.now);
         let status = cell.supervise.status();
         assert_eq!(said(&mut cell), (status, 0), "{word:?}");
+    }
+}
+
+/// What another process left open ends as the pose shows. Where that is neither of its ends, nothing moves before somebody asks.
+#[test]
+fn what_a_crash_left_open_ends_as_the_pose_shows() {
+    let ended = |target: f64, safe: Option<f64>, retreated: bool| {
+        let mut cell = Cell::new();
+        let at = Time::ZERO;
+        cell.ledger.book().open = Some(Open {
+            id: CommitId(1),
+            agent: "a".into(),
+            target: vec![target].into(),
+            named: [0].into(),
+            safe: safe.map(|q| (at, vec![q].into())),
+            since: at,
+            due: Some(at),
+            cause: Some(Cause::Crashed),
+            retreated,
+        });
+        cell.commits = 1;
+        cell.apply(Op::Samples(30));
+        assert_eq!(cell.outcomes, [CommitId(1)]);
+        (cell.outcome, cell.supervise.status(), cell.gate.is_open(), cell.supervise.retry.is_some())
+    };
+    let rests = |outcome| (Some(outcome), Status::Rest, true, false);
+    assert_eq!(ended(0.0, Some(1.0), false), rests(Outcome::Committed));
+    assert_eq!(ended(1.0, Some(0.0), false), rests(Outcome::RolledBack));
+    let lost = |again| (Some(Outcome::Faulted), Status::Holding(Hold::AfterCrash), false, again);
+    assert_eq!(ended(1.0, Some(0.5), false), lost(true));
+    assert_eq!(ended(0.0, Some(0.5), true), lost(true), "it was being taken back");
+    assert_eq!(ended(1.0, None, false), lost(false), "an escape has no way back");
+}
+
+/// An escape that ends where it still touches something leaves the filter closed, and others may follow.
+#[test]
+fn an_escape_that_ends_in_contact_holds() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Wall(Some(0.03)));
+    cell.apply(Op::Samples(30));
+    assert_eq!(cell.supervise.status(), Status::Holding(Hold::InContact));
+    for (q, status) in [(-0.02, Status::Holding(Hold::InContact)), (-0.3, Status::Rest), (-0.2, Status::Rest)] {
+        assert!(cell.commit(q, true).is_ok());
+        (0..4).for_each(|_| cell.apply(Op::Samples(250)));
+        assert_eq!((cell.outcome, cell.supervise.status()), (Some(Outcome::Committed), status), "to {q}");
+        assert_eq!(cell.gate.is_open(), status == Status::Rest);
     }
 }
