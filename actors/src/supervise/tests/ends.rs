@@ -204,3 +204,28 @@ fn an_escape_that_ends_in_contact_holds() {
         assert_eq!(cell.gate.is_open(), status == Status::Rest);
     }
 }
+
+/// A stream of velocities behind encoders that tell the same over and over is ended after half a second, or the time for a degree.
+#[test]
+fn a_stream_behind_frozen_encoders_is_ended() {
+    let ended = |speed: f64, frozen: bool| {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        cell.apply(Op::Stream(speed, 20));
+        let (begun, q) = (cell.now, cell.q);
+        (1..300_u32).find(|k| {
+            let at = begun + Duration::from_millis(10) * *k;
+            let setpoints = Setpoints { motors: vec![0], values: Values::Velocity(vec![speed]) };
+            cell.supervise.on(SuperviseIn::Stream("a".into(), setpoints), at);
+            let sample = Sample { seq: 1000 + u64::from(*k), at, q: vec![q].into(), done: vec![false] };
+            let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
+            (pulse.speed, pulse.unchanged) = (speed, if frozen { begun } else { at });
+            cell.supervise.on(SuperviseIn::Pulse(&pulse), at);
+            cell.supervise.status() == Status::Holding(Hold::Stale)
+        })
+    };
+    let ms = |at: Option<u32>| at.map(|k| 10 * k);
+    assert!(ms(ended(0.5, true)).is_some_and(|ms| (500..540).contains(&ms)), "{:?}", ended(0.5, true));
+    assert!(ms(ended(0.01, true)).is_some_and(|ms| (1740..1800).contains(&ms)), "{:?}", ended(0.01, true));
+    assert_eq!(ended(0.5, false), None);
+}
