@@ -29,6 +29,11 @@ fn the_speed_of_a_steady_motion_is_found() {
 fn a_motor_that_turns_round_is_not_at_rest() {
     let history = filled(100, 8, |k| 0.01 * (k as f64 - 3.5).abs());
     assert!((history.speed() - 1.0 / 3.0).abs() < 1e-9, "a third counts: {}", history.speed());
+    // in one half of the window only
+    for turns in [[0.0, 0.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5], [0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 1.0, 1.0]] {
+        let history = filled(100, 8, |k| 0.01 * turns[k as usize]);
+        assert!((history.speed() - 1.0 / 6.0).abs() < 1e-9, "{turns:?}: {}", history.speed());
+    }
 }
 
 #[test]

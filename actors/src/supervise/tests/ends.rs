@@ -34,6 +34,24 @@ fn a_flood_of_refusals_is_summed_up() {
     assert!(all.len() == 1 && all[0].contains("20 more commands were refused"), "{all:?}");
 }
 
+/// More than 500 commits at once are not judged, however good they are; 250 more may come with each second.
+#[test]
+fn a_flood_of_commits_is_not_judged() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let target = || Target { motors: vec![0], q: vec![1.0], speed: 0.1 };
+    let mut heard = |now: Time| {
+        let commit = || Commit { agent: "a".into(), target: target(), speeds: None };
+        let judged = (0..600).filter(|_| {
+            let out = cell.supervise.on(SuperviseIn::Commit(commit()), now);
+            !matches!(out[0], SuperviseOut::Verdict(Err(Refusal::Busy)))
+        });
+        judged.count()
+    };
+    let now = Time::from_secs(2.0);
+    assert_eq!([heard(now), heard(now), heard(now + Duration::from_secs(1))], [500, 0, 250]);
+}
+
 /// An exchange happens at a border only: at rest, with every outcome given, and nothing left to be tried.
 #[test]
 fn a_filter_yields_at_a_border() {
@@ -228,4 +246,63 @@ fn a_stream_behind_frozen_encoders_is_ended() {
     assert!(ms(ended(0.5, true)).is_some_and(|ms| (500..540).contains(&ms)), "{:?}", ended(0.5, true));
     assert!(ms(ended(0.01, true)).is_some_and(|ms| (1740..1800).contains(&ms)), "{:?}", ended(0.01, true));
     assert_eq!(ended(0.5, false), None);
+}
+
+/// A robot that has just been told to move, and its next reading: so long after the last, heard so much later.
+fn sets_out() -> (Cell, impl FnMut(&mut Cell, f64, Duration) -> Vec<SuperviseOut>) {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let target = Target { motors: vec![0], q: vec![1.0], speed: 0.5 };
+    cell.supervise.on(SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds: None }), cell.now);
+    let (mut at, mut seq) = (cell.now, 1000);
+    let read = move |cell: &mut Cell, q: f64, late: Duration| {
+        (at, seq) = (at + Duration::from_millis(100), seq + 1);
+        let sample = Sample { seq, at, q: vec![q].into(), done: vec![true] };
+        let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
+        (pulse.speed, pulse.free, pulse.unchanged) = (0.0, true, at);
+        cell.supervise.on(SuperviseIn::Pulse(&pulse), at + late)
+    };
+    (cell, read)
+}
+
+/// I8: the lease is as long as a reading may be old, counted from the reading, in motion and on the way back; one that is older
+/// renews nothing, and decides nothing.
+#[test]
+fn a_lease_is_as_long_as_a_reading_is_fresh() {
+    let leases = |out: &[SuperviseOut]| -> Vec<Time> {
+        out.iter().filter_map(|o| if let SuperviseOut::Lease(until) = o { Some(*until) } else { None }).collect()
+    };
+    let (mut cell, mut read) = sets_out();
+    let (fresh, begun) = (cell.rules.fresh, cell.now);
+    assert_eq!(leases(&read(&mut cell, 0.5, fresh)), [begun + Duration::from_millis(100) + fresh]);
+    assert_eq!(leases(&read(&mut cell, 1.0, fresh + Duration::from_nanos(1))), []);
+    assert_eq!(cell.supervise.status(), Status::Moving, "it is there, but that was long ago");
+    cell.supervise.on(SuperviseIn::AgentDied("a".into()), begun + Duration::from_millis(200));
+    assert_eq!(cell.supervise.status(), Status::Stopping);
+    assert_eq!(leases(&read(&mut cell, 0.5, Duration::ZERO)), [begun + Duration::from_millis(300) + fresh]);
+}
+
+/// A target is reached to the tolerance of the robot's settings, and no less.
+#[test]
+fn a_target_is_reached_to_the_tolerance() {
+    for (tolerances, status) in [(0.99, Status::Rest), (1.01, Status::Stopping)] {
+        let (mut cell, mut read) = sets_out();
+        let q = 1.0 - tolerances * cell.rules.tolerance;
+        let ended = (0..10).find(|_| {
+            let _ = read(&mut cell, q, Duration::ZERO);
+            cell.supervise.status() != Status::Moving
+        });
+        assert_eq!((ended.is_some(), cell.supervise.status()), (true, status), "{tolerances} tolerances away");
+    }
+}
+
+/// What ended a motion first is why it failed, whatever comes after.
+#[test]
+fn the_first_cause_is_told() {
+    let (mut cell, mut read) = sets_out();
+    let _ = read(&mut cell, 0.5, Duration::ZERO);
+    cell.supervise.on(SuperviseIn::AgentDied("a".into()), cell.now);
+    cell.supervise.on(SuperviseIn::Fault("hot".into()), cell.now);
+    let cause = cell.ledger.book().open.as_ref().and_then(|open| open.cause.clone());
+    assert_eq!(cause, Some(Cause::AgentDied));
 }
