@@ -248,3 +248,39 @@ fn who_is_left_alone_tries_again_by_itself() {
     }
     assert!(matches!(asked[..], [(2, false), (100..=110, true)]), "{asked:?}");
 }
+
+/// A constraint that is violated closes the filter, whether anything moves or not.
+#[test]
+fn a_constraint_that_is_violated_at_rest_closes_the_filter() {
+    let gate = Arc::new(Gate::default());
+    let mut reflex = ReflexCore::new(0, rules(true), gate.clone(), Arc::new(Convoy::default()));
+    gate.open(gate.token()).unwrap();
+    let mut closed = |k: u64, violated: bool| {
+        let sample = Sample { seq: k, at: Time::ZERO + PERIOD * k as u32, q: vec![0.0].into(), done: vec![true] };
+        let (at, mut pulse) = (sample.at, Pulse::new(sample, &Vec::new().into()));
+        (pulse.speed, pulse.violated) = (0.0, violated.then_some((0, 0)));
+        let out = reflex.on(ReflexIn::Pulse(&mut pulse, None, Status::Rest), at, &|_| Default::default());
+        out.iter().any(|o| matches!(o, ReflexOut::Closed { .. }))
+    };
+    assert!(!closed(1, false) && gate.is_open());
+    assert!(closed(2, true) && !gate.is_open());
+}
+
+/// A robot that becomes slower all the time, and does not come to rest, is stopped again every three seconds.
+#[test]
+fn who_does_not_come_to_rest_is_stopped_again() {
+    let (gate, begun) = (Arc::new(Gate::default()), Time::from_secs(5.0));
+    let mut reflex = ReflexCore::new(0, rules(true), gate.clone(), Arc::new(Convoy::default()));
+    let motion = Motion { id: CommitId(1), safe: None, named: vec![0].into(), places: vec![None].into() };
+    let name = |_| Default::default();
+    reflex.on(ReflexIn::RollBack { token: gate.close(), motion, again: false }, begun, &name);
+    let stops = (1..650).filter(|k| {
+        let at = begun + PERIOD * *k;
+        let sample = Sample { seq: u64::from(*k), at, q: vec![0.0].into(), done: vec![false] };
+        let mut pulse = Pulse::new(sample, &Vec::new().into());
+        pulse.speed = 0.994_f64.powi(*k as i32).max(2.0 * rules(true).rest_speed);
+        let out = reflex.on(ReflexIn::Pulse(&mut pulse, None, Status::Stopping), at, &name);
+        out.iter().any(|o| matches!(o, ReflexOut::Command(_, Command::Stop { .. })))
+    });
+    assert_eq!(stops.collect::<Vec<_>>(), [300, 600]);
+}

@@ -306,3 +306,23 @@ fn the_first_cause_is_told() {
     let cause = cell.ledger.book().open.as_ref().and_then(|open| open.cause.clone());
     assert_eq!(cause, Some(Cause::AgentDied));
 }
+
+/// Who rests where it counts as being at the last safe pose has that one again: many ways back to one vertex do not drift.
+#[test]
+fn a_safe_pose_is_kept_while_the_robot_counts_as_being_there() {
+    for (tolerances, kept) in [(0.99, true), (1.01, false)] {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        let before = cell.q + tolerances * cell.rules.tolerance;
+        cell.ledger.book().safe = Some(vec![before].into());
+        let safe = if kept { before } else { cell.q };
+        let target = Target { motors: vec![0], q: vec![1.0], speed: 0.5 };
+        let commit = Commit { agent: "a".into(), target, speeds: None };
+        let out = cell.supervise.on(SuperviseIn::Commit(commit), cell.now);
+        let told = out.iter().find_map(|o| match o {
+            SuperviseOut::Event(Event::SafePose { q, .. }) => Some(q.to_vec()),
+            _ => None,
+        });
+        assert_eq!(told, Some(vec![safe]), "{tolerances} tolerances away");
+    }
+}
