@@ -15,7 +15,9 @@ use std::time::Duration;
 mod cell;
 mod ends;
 mod exhaustive;
+mod readings;
 mod reference;
+mod two_motors;
 use cell::{Cell, Kind, Op};
 
 fn op() -> impl Strategy<Value = Op> {
