@@ -8,11 +8,10 @@ use mobee_contract::{Pose, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How far beside the path that was measured a motor may be, rad: a degree, and another for overshooting (0.53 degrees were seen at
-/// 0.8 of the greatest speed). A path that ends in a stop begins, backwards, with the motors' greatest acceleration. Who is one
-/// set-point late then catches up faster than it came, and where set-points brake just as hard, at the beginning of the motion, it
-/// can't lose that speed before them.
-const BESIDE: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// How far beside the path that was measured a motor may be, rad: a degree, and half of one for overshooting. A path that ends in a
+/// stop begins, backwards, with the motors' greatest acceleration. Who is one set-point late then catches up faster than it came, and
+/// where set-points brake just as hard, at the beginning of the motion, it can't lose that speed before them.
+const BESIDE: f64 = 1.5 * std::f64::consts::PI / 180.0;
 /// By how much more a motor may be behind the others than it was on the way there, s: each starts and brakes by itself.
 const LAG: f64 = 0.12;
 /// How much of the way may have been made before its time, s: readings and events are told by different threads.
