@@ -51,6 +51,21 @@ fn the_icub_explores_by_itself() {
     assert!(mobee(&["inspect", out.to_str().expect("a readable path")]).status.success());
 }
 
+/// At the greatest speed of its motors every way back still runs along the path that was measured, and none overshoots its end (I22).
+#[test]
+fn the_icub_comes_back_from_its_fastest_motions() {
+    let dir = tempfile::tempdir().expect("a folder");
+    for (seed, speed) in [("1", "0.8"), ("2", "0.8"), ("4", "1.0")] {
+        let out = dir.path().join(seed);
+        let speed = format!("robot.icub.agent.speed={speed}");
+        let set = ["--set", &speed, "--set", "robot.icub.agent.vertices=8", "--seed", seed];
+        let s =
+            run("configs/behaviors/explore.toml", &out, &[&["--clock", "virtual", "--no-record"], &set[..]].concat());
+        assert!(s["counters"]["rolled_back"].as_u64() >= Some(5), "{s}");
+        assert!(check(&out, &[]).contains(HOLD));
+    }
+}
+
 /// Figure 5: one rollback at the ball that turned solid, then the way round; a block on the resting arm, a hold, an escape.
 #[test]
 fn the_robot_goes_round_the_ball_and_escapes_the_block() {

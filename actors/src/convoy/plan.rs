@@ -5,6 +5,8 @@
 //! before anything is driven: where it is not free, the robot that would stand in the way goes back to its previous recorded
 //! rest, too; if there is none, the one that can't pass stops where the common past ends.
 
+mod ease;
+
 use crate::controller::{RELEASE, Rules, distance};
 use crate::history::Recorded;
 use crate::ledger::{Places, home};
@@ -258,7 +260,7 @@ impl Plan {
     }
 
     /// The ways, in the travellers' order: the past backwards at the recorded rate (Algorithm 6), but for when all of them
-    /// rested, and no faster than the motors can.
+    /// rested, and no faster than the motors can; set-points gain and lose speed so that a robot that lags can do so with them.
     pub fn ways(&self) -> Vec<Way> {
         let last = self.legs.iter().map(Leg::ends_at).min().unwrap_or_default();
         let mut points: Vec<(f64, Pose)> = Vec::new();
@@ -280,9 +282,7 @@ impl Plan {
             }
         }
         let direct = self.legs.iter().all(|l| l.who.rules.position_direct);
-        if !direct {
-            points = thin(points);
-        }
+        points = if direct { ease::eased(&points, &self.accelerations()) } else { thin(points) };
         let mut from = 0;
         let way = |leg: &Leg| {
             let motors = from..from + leg.who.safe.len();
@@ -305,6 +305,11 @@ impl Plan {
         let axes = self.legs.iter().flat_map(|l| l.who.rules.axes.iter());
         let secs = |(axis, (a, b)): (&Axis, (&f64, &f64))| (a - b).abs() / (axis.max_speed * SHARE);
         axes.zip(from.iter().zip(to)).map(secs).fold(0.0, f64::max)
+    }
+
+    /// The greatest accelerations of all robots' motors, rad/s^2.
+    fn accelerations(&self) -> Vec<f64> {
+        self.legs.iter().flat_map(|l| l.who.rules.axes.iter()).map(|axis| axis.max_acceleration).collect()
     }
 }
 

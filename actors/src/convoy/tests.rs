@@ -403,12 +403,13 @@ fn a_way_leads_through_what_was_recorded_at_that_time() {
     assert!((100..120).contains(&way.points.len()), "one point for each rest: {}", way.points.len());
 }
 
-/// What is recorded faster than a board may be asked for is driven as fast as it may: a jump takes the time that its motor needs.
+/// What is recorded faster than a board may be asked for is driven as fast as it may: a jump takes the time that its motor needs, at
+/// the slowest rate at which a way is gone.
 #[test]
 fn no_motor_is_asked_for_more_than_it_can() {
     let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (1.01, 60.0), (2.0, 60.0)], 0.5));
     let needs = 60_f64.to_radians() / (3.0 * 0.95);
-    assert!(way.end() >= needs - 1e-9 && way.end() < needs + 0.1, "{} of {needs} s", way.end());
+    assert!(way.end() >= needs - 1e-9 && way.end() < 1.6 * needs + 0.1, "{} of {needs} s", way.end());
     assert!(way.points.windows(2).all(|w| (w[0].1[0] - w[1].1[0]).abs() <= 2.85 * (w[1].0 - w[0].0) + 1e-9));
 }
 
