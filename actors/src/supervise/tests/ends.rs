@@ -103,6 +103,27 @@ fn at_the_end_of_a_run_everything_is_closed() {
     }
 }
 
+/// A run that ends without waiting gives the open motion its outcome at once, in motion as on its way back.
+#[test]
+fn a_run_that_is_abandoned_settles_at_once() {
+    for stopped in [false, true] {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        cell.apply(Op::Commit(1.0, true));
+        cell.apply(Op::Samples(5));
+        if stopped {
+            cell.supervise.on(SuperviseIn::Shutdown, cell.now);
+        }
+        assert!(!cell.supervise.is_settled());
+        let out = cell.supervise.on(SuperviseIn::Abandon, cell.now);
+        let ended =
+            |o: &&SuperviseOut| matches!(o, SuperviseOut::Event(Event::Outcome { outcome: Outcome::Faulted, .. }));
+        assert_eq!((out.iter().filter(ended).count(), cell.supervise.is_settled()), (1, true), "{out:?}");
+        assert!(!cell.gate.is_open());
+        assert!(!cell.supervise.on(SuperviseIn::Abandon, cell.now).iter().any(|o| ended(&o)), "once");
+    }
+}
+
 /// The board says "done" elsewhere for 0.2 s: missed. It says nothing: missed when the motion is overdue. The readings stand still while
 /// the motor should have gone a degree, and for half a second: frozen.
 #[test]
