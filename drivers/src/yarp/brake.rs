@@ -207,18 +207,4 @@ impl Effect {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_joint_that_slows_down_obeys_and_one_that_goes_on_does_not() {
-        let mut effect = Effect { ticket: 1, said: 0.0, speeds: None };
-        let mut look = |speeds: &[f64]| effect.seen(0.0, Speeds::At(speeds.to_vec()));
-        assert_eq!(look(&[20.0, 0.0]), Seen::Nothing, "nothing to compare with yet");
-        assert_eq!(look(&[12.0, 0.0]), Seen::Slower);
-        assert_eq!(look(&[11.9, 0.0]), Seen::Nothing);
-        assert_eq!(look(&[6.0, 8.0]), Seen::Nothing, "another one sets out");
-        assert_eq!(effect.seen(0.0, Speeds::Unknown), Seen::Nothing);
-        assert_eq!(effect.seen(0.0, Speeds::Rest), Seen::Rest);
-    }
-}
+mod tests;

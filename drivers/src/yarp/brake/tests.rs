@@ -1,0 +1,160 @@
+//! What a brake says, and when, to a board of one joint: in virtual time.
+
+use super::super::layout::{Layout, Patch};
+use super::super::motion::End;
+use super::super::remote::Later;
+use super::*;
+use std::sync::Mutex;
+
+const LATENCY: f64 = 0.05;
+
+/// What was said on the line for stops, and when, in ms; and whether the board answers.
+#[derive(Clone, Default)]
+struct Line {
+    said: Arc<Mutex<Vec<(u64, &'static str)>>>,
+    broken: Arc<Mutex<bool>>,
+    cell: Option<Arc<Cell>>,
+}
+
+impl StopLine for Line {
+    fn say<'a>(&'a mut self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+        let word = if *request == Ask::Set(Set::Stop(Joints::All)) { "stop" } else { "question" };
+        let ms = self.cell.as_ref().map_or(0.0, |cell| cell.secs(instant()) * 1e3);
+        self.said.lock().unwrap().push((ms.round() as u64, word));
+        let answer = if *self.broken.lock().unwrap() { reply::fail() } else { reply::ok() };
+        Box::pin(async move { Ok(answer) })
+    }
+}
+
+/// A board whose joint goes at a speed, deg/s, its brake, and the clock.
+struct Rig {
+    cell: Arc<Cell>,
+    line: Line,
+    halt: watch::Sender<Arc<Halt>>,
+    end: watch::Sender<bool>,
+    q: f64,
+}
+
+impl Rig {
+    fn new() -> Rig {
+        let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1 };
+        let layout =
+            Layout { patches: vec![patch], home: vec![0.0], names: vec!["m".into()], limits: vec![(-1.0, 1.0)] };
+        let cell = Arc::new(Cell::new(&layout));
+        cell.lock().boards[0].reached = true;
+        let line = Line { cell: Some(cell.clone()), ..Line::default() };
+        let (halt, halts) = watch::channel(Arc::new(Halt::default()));
+        let (end, ends) = watch::channel(false);
+        let (port, said) = ("/arm".into(), Box::new(line.clone()));
+        let brake = Brake { cell: cell.clone(), index: 0, port, line: said, halt: halts, latency: LATENCY };
+        tokio::spawn(brake.work(ends));
+        Rig { cell, line, halt, end, q: 0.0 }
+    }
+
+    /// For so many seconds it goes at this speed, and its states are read each 10 ms. Returns what was said meanwhile.
+    async fn goes(&mut self, speed: f64, secs: f64) -> Vec<(u64, &'static str)> {
+        for _ in 0..(secs * 100.0).round() as u32 {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+            self.q += speed * 0.01;
+            let now = self.cell.secs(instant());
+            self.cell.lock().boards[0].motions.read(now, &[self.q]);
+        }
+        std::mem::take(&mut *self.line.said.lock().unwrap())
+    }
+
+    fn stops(&self, ticket: u64) {
+        self.halt.send_modify(|halt| {
+            let epoch = halt.epoch + 1;
+            *halt = Arc::new(Halt { epoch, tickets: vec![ticket] });
+        });
+    }
+
+    /// How many stops, and how many questions, were said meanwhile.
+    async fn counted(&mut self, speed: f64, secs: f64) -> (usize, usize) {
+        let said = self.goes(speed, secs).await;
+        let of = |word: &str| said.iter().filter(|(_, w)| *w == word).count();
+        (of("stop"), of("question"))
+    }
+}
+
+/// The first word on a line is a stop; then, while nothing moves, it is tried each half a second.
+#[tokio::test(start_paused = true)]
+async fn an_idle_line_is_tried() {
+    let mut rig = Rig::new();
+    assert_eq!(rig.goes(0.0, 0.1).await.first().map(|(_, word)| *word), Some("stop"));
+    let said = rig.goes(0.0, 3.0).await;
+    assert!(said.iter().all(|(_, word)| *word == "question") && (5..=6).contains(&said.len()), "{said:?}");
+    assert!(said.windows(2).all(|w| (500..=520).contains(&(w[1].0 - w[0].0))), "{said:?}");
+    rig.cell.lock().boards[0].motions.order(&[0], End::Told);
+    assert_eq!(rig.counted(0.0, 2.0).await, (0, 0), "no question is in the way of a stop");
+    rig.end.send_replace(true);
+    assert_eq!(rig.counted(0.0, 0.1).await, (1, 0), "the last word is a stop, too");
+    assert_eq!(rig.counted(0.0, 1.0).await, (0, 0));
+}
+
+/// A stop without effect is said again when it should have had one: after 50 ms for the board, and 100 ms for the readings.
+#[tokio::test(start_paused = true)]
+async fn a_stop_that_shows_no_effect_is_said_again() {
+    let mut rig = Rig::new();
+    rig.cell.lock().boards[0].motions.order(&[0], End::Told);
+    rig.goes(20.0, 0.5).await;
+    rig.stops(0);
+    let begun = (rig.cell.secs(instant()) * 1e3).round() as u64;
+    let said: Vec<u64> = rig.goes(20.0, 1.0).await.into_iter().map(|(ms, _)| ms - begun).collect();
+    assert!(said[0] <= 10 && (6..=7).contains(&said.len()), "{said:?}");
+    assert!(said.windows(2).all(|w| (150..=180).contains(&(w[1] - w[0]))), "{said:?}");
+    // it slows down, and rests
+    for speed in [16.0, 12.0, 8.0, 4.0] {
+        rig.goes(speed, 0.17).await;
+    }
+    assert!(rig.goes(0.0, 0.3).await.len() <= 2);
+    assert_eq!(rig.counted(0.0, 0.4).await.0, 0);
+    assert_eq!(rig.counted(20.0, 1.0).await.0, 0, "what it does later is no answer to that stop");
+}
+
+/// Who orders something after the stop may move; who was ordered before may not.
+#[tokio::test(start_paused = true)]
+async fn orders_after_a_stop_are_let_alone() {
+    for (moved, stops) in [(3, true), (4, false)] {
+        let mut rig = Rig::new();
+        rig.goes(20.0, 0.5).await;
+        rig.stops(3);
+        rig.goes(20.0, 0.05).await;
+        rig.cell.lock().boards[0].moved = moved;
+        assert_eq!(rig.counted(20.0, 1.0).await.0 > 3, stops, "ticket {moved} after a stop of ticket 3");
+    }
+}
+
+/// A board whose line for stops is doubted, or which refuses one, is stopped at each look until it takes one; one that was let go is not.
+#[tokio::test(start_paused = true)]
+async fn a_doubted_line_shows_that_it_is_good() {
+    let mut rig = Rig::new();
+    rig.goes(0.0, 0.1).await;
+    let trouble = |rig: &Rig| rig.cell.lock().boards[0].brake.clone();
+    assert_eq!(trouble(&rig), None);
+    rig.cell.lock().boards[0].brake = Some("reached anew".into());
+    assert_eq!(rig.counted(0.0, 0.2).await.0, 1);
+    assert_eq!(trouble(&rig), None);
+    *rig.line.broken.lock().unwrap() = true;
+    rig.stops(0);
+    assert_eq!(rig.counted(0.0, 0.2).await, (11, 0), "at once, and at ten looks");
+    assert!(trouble(&rig).is_some_and(|why| why.contains("fail")));
+    *rig.line.broken.lock().unwrap() = false;
+    assert_eq!(rig.counted(0.0, 0.2).await.0, 1);
+    assert_eq!(trouble(&rig), None);
+    rig.cell.let_go();
+    rig.stops(0);
+    assert_eq!(rig.counted(20.0, 0.5).await, (0, 0), "another drives it now");
+}
+
+#[test]
+fn a_joint_that_slows_down_obeys_and_one_that_goes_on_does_not() {
+    let mut effect = Effect { ticket: 1, said: 0.0, speeds: None };
+    let mut look = |speeds: &[f64]| effect.seen(0.0, Speeds::At(speeds.to_vec()));
+    assert_eq!(look(&[20.0, 0.0]), Seen::Nothing, "nothing to compare with yet");
+    assert_eq!(look(&[12.0, 0.0]), Seen::Slower);
+    assert_eq!(look(&[11.9, 0.0]), Seen::Nothing);
+    assert_eq!(look(&[6.0, 8.0]), Seen::Nothing, "another one sets out");
+    assert_eq!(effect.seen(0.0, Speeds::Unknown), Seen::Nothing);
+    assert_eq!(effect.seen(0.0, Speeds::Rest), Seen::Rest);
+}
