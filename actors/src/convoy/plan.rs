@@ -43,15 +43,33 @@ pub struct Traveller {
 }
 
 impl Traveller {
-    /// Cuts off a detour: what was recorded after the robot first was about where it is now.
+    /// Cuts off a detour: what was recorded after the robot first was about where it is now, at a reading or between two.
     pub fn without_detour(&mut self) {
         let near = 2.0 * self.rules.tolerance;
         let Some(here) = self.past.last().map(|r| r.q.clone()) else { return };
-        let way = self.past.iter().enumerate().skip(self.start);
-        if let Some((first, _)) = way.clone().find(|(_, r)| distance(&r.q, &here) <= near) {
-            self.past.truncate(first + 1);
+        let passed = |(i, pair): (usize, &[Recorded])| {
+            let [a, b] = pair else { return None };
+            let passed = passing(a, b, &here);
+            (distance(&passed.q, &here) <= near).then_some((i, passed))
+        };
+        let first = self.past.windows(2).enumerate().skip(self.start).find_map(passed);
+        if let Some((before, passed)) = first {
+            self.past.truncate(before + 1);
+            if self.past.last().is_some_and(|last| last.at < passed.at) {
+                self.past.push(passed);
+            }
         }
     }
+}
+
+/// When and where a robot that went straight from one reading to the next was nearest to a pose.
+fn passing(a: &Recorded, b: &Recorded, pose: &[f64]) -> Recorded {
+    let along = |of: &[f64]| a.q.iter().zip(b.q.iter()).zip(of).map(|((a, b), q)| (b - a) * (q - a)).sum::<f64>();
+    let part = (along(pose) / along(&b.q).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    let mut passed = b.clone();
+    passed.at = a.at + b.at.since(a.at).mul_f64(part);
+    passed.q = a.q.iter().zip(b.q.iter()).map(|(a, b)| a + (b - a) * part).collect();
+    passed
 }
 
 /// One robot's way back.

@@ -439,4 +439,9 @@ fn a_detour_is_cut_off() {
     let whole = short.past.len();
     short.without_detour();
     assert!(whole - short.past.len() <= 2, "nothing but the last readings, which are near each other");
+    // it came at 150 deg/s, and stands half way between two readings
+    let mut fast = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 150.0), (3.0, 74.25), (4.0, 74.25)], 0.5);
+    fast.without_detour();
+    let end = fast.past.last().unwrap();
+    assert!((end.q[0].to_degrees() - 74.25).abs() < 0.3 && (end.at.secs() - 1.495).abs() < 0.003, "{end:?}");
 }
