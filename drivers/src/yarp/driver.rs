@@ -238,3 +238,6 @@ fn split(layout: &Layout, checked: &Checked) -> Vec<(usize, Do)> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

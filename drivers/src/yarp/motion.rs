@@ -242,6 +242,34 @@ mod tests {
         assert!((5..=7).contains(&states), "{states}");
     }
 
+    /// Encoders that rested before the set-point came to the board say nothing of it.
+    #[test]
+    fn a_rest_counts_from_when_the_board_was_told() {
+        let mut m = Motions::new(1);
+        (0..50).for_each(|i| m.read(0.02 * f64::from(i), &[0.0]));
+        let ticket = m.order(&[0], End::Seen);
+        m.given(ticket, 1.0);
+        let over = (50..70).map(|i| 0.02 * f64::from(i)).find(|at| {
+            m.read(*at, &[0.0]);
+            !m.is_busy()
+        });
+        assert!(over.is_some_and(|at| (1.099..1.121).contains(&at)), "{over:?}");
+    }
+
+    #[test]
+    fn speeds_are_told_by_enough_states_that_are_new_enough() {
+        let mut m = Motions::new(2);
+        assert_eq!(m.speeds(0.0), Speeds::Unknown);
+        m.read(2.0, &[0.0, 0.0]);
+        m.read(2.04, &[1.0, 0.0]);
+        assert_eq!(m.speeds(2.0), Speeds::Unknown, "not half of the time over which they are told");
+        m.read(2.0625, &[1.25, 0.0]);
+        assert_eq!(m.speeds(2.0625), Speeds::At(vec![20.0, 0.0]));
+        assert_eq!(m.speeds(2.0626), Speeds::Unknown, "the newest state is older");
+        (0..10).for_each(|i| m.read(2.1 + 0.02 * f64::from(i), &[1.25, 0.05]));
+        assert_eq!(m.speeds(2.2), Speeds::Rest);
+    }
+
     #[test]
     fn what_never_reached_the_board_stays_busy_and_a_silent_board_is_watched() {
         let mut m = Motions::new(1);

@@ -81,6 +81,13 @@ mod tests {
         assert_eq!((fast.joint, fast.most), (1, 50.0));
         pace.told(&[1], &[5.0], 3.0);
         assert_eq!(pace.exceeded(&[0.0, 90.0], 3.5), None, "it is still slowing down");
-        assert!(pace.exceeded(&[0.0, 90.0], 4.5).is_some());
+        let fast = pace.exceeded(&[0.0, 90.0], 4.5).unwrap();
+        let patch = super::super::layout::Patch { part: "arm".into(), port: "/arm".into(), motors: 2..4 };
+        let names = ["a", "b", "shoulder", "elbow"].map(String::from).into();
+        let layout = Layout { patches: vec![patch], home: vec![0.0; 4], names, limits: vec![(0.0, 1.0); 4] };
+        let words = fast.in_words(&layout, 0);
+        let told =
+            "motor elbow (joint 1 of /arm) moves at 90 deg/s and was told 5: end the program that writes to /arm";
+        assert!(words.starts_with(told), "{words}");
     }
 }
