@@ -9,3 +9,4 @@ mod way;
 mod yarp_conformance;
 mod yarp_faults;
 mod yarp_stops;
+mod yarp_virtual;

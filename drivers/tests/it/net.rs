@@ -34,6 +34,15 @@ const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="two">
 </bodypart>
 </ZeroPositionKinematicTree>"#;
 
+pub fn robot() -> Robot {
+    mobee_model::parse_robot("two.xml", ROBOT).unwrap().value
+}
+
+pub fn settings() -> YarpDriverSettings {
+    let settings = YarpDriverSettings::of([("trunk", "/two/trunk"), ("arm", "/two/arm")]);
+    YarpDriverSettings { max_speed_deg_per_s: 100.0, latency_ms: 80.0, ..settings }
+}
+
 /// What can be done to the network.
 #[derive(Clone, Copy, Debug)]
 pub enum Act {
@@ -56,7 +65,7 @@ pub struct Net {
 
 impl Net {
     pub fn start() -> Net {
-        let robot = mobee_model::parse_robot("two.xml", ROBOT).unwrap().value;
+        let robot = robot();
         let clock = SimClock::start(1.0, 1.79e9);
         let board =
             |p: &mobee_model::Part| Arc::new(SimBoard::new(&p.name, simulated(&robot, &p.name), clock).unwrap());
@@ -83,8 +92,7 @@ impl Net {
     }
 
     pub fn settings(&self) -> YarpDriverSettings {
-        let settings = YarpDriverSettings::of([("trunk", "/two/trunk"), ("arm", "/two/arm")]);
-        YarpDriverSettings { max_speed_deg_per_s: 100.0, latency_ms: 80.0, ..settings }
+        settings()
     }
 
     /// Where the motors really are, deg.
