@@ -76,3 +76,21 @@ pub mod poison {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+    use tokio::time::Instant;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_crew_has_ended_when_all_have() {
+        let (begun, mut crew) = (Instant::now(), Crew::default());
+        for secs in [1, 3, 2] {
+            crew.add(format!("{secs} s"), tokio::time::sleep(Duration::from_secs(secs)));
+        }
+        assert_eq!((crew.lost().await, begun.elapsed().as_secs()), ("1 s ended".into(), 1));
+        crew.ended().await;
+        assert_eq!(begun.elapsed().as_secs(), 3);
+    }
+}

@@ -260,6 +260,10 @@ mod tests {
     fn speeds_are_told_by_enough_states_that_are_new_enough() {
         let mut m = Motions::new(2);
         assert_eq!(m.speeds(0.0), Speeds::Unknown);
+        m.read(0.0, &[0.0, 0.0]);
+        m.read(0.5 * WHILE, &[1.0, 0.0]);
+        assert_eq!(m.speeds(0.0), Speeds::At(vec![20.0, 0.0]));
+        m.forget();
         m.read(2.0, &[0.0, 0.0]);
         m.read(2.04, &[1.0, 0.0]);
         assert_eq!(m.speeds(2.0), Speeds::Unknown, "not half of the time over which they are told");

@@ -2,7 +2,7 @@
 //! on wires that are slow, lossy and lying.
 
 use crate::net;
-use mobee_contract::{Context, Driver, Hardware, Time};
+use mobee_contract::{Command, Context, Driver, Hardware, Time};
 use mobee_drivers::YarpSim;
 use mobee_drivers::conformance::{self, Bench};
 use std::sync::Arc;
@@ -55,4 +55,29 @@ impl Bench for Virtual {
 #[test]
 fn the_robot_behind_a_simulated_wire_keeps_every_promise() {
     assert_eq!(conformance::failures(&mut || Box::new(Virtual::new())), []);
+}
+
+/// The encoders' noise hides how slowly a motor goes: it counts as moving as long as it was told a speed, and no longer.
+#[test]
+fn a_motor_that_was_told_a_speed_is_not_done() {
+    let mut bench = Virtual::new();
+    let mut driver = bench.connect().unwrap();
+    let mut seen = Vec::new();
+    for k in 0..300 {
+        let now = bench.now();
+        driver.lease(now, now + Duration::from_millis(500));
+        if k % 15 == 0 && k <= 210 {
+            let speed = if k < 200 { 0.3_f64.to_radians() } else { 0.0 };
+            driver.command(now, &Command::Velocity { motors: vec![3], speed: vec![speed] }).unwrap();
+        }
+        seen.extend(driver.sample(now).unwrap().map(|sample| (k, sample.done)));
+        bench.wait_until(now + Duration::from_millis(10));
+    }
+    let done = |from: u32, to: u32, motor: usize| {
+        let all = seen.iter().filter(|(k, _)| (from..to).contains(k)).map(|(_, done)| done[motor]);
+        all.collect::<Vec<_>>()
+    };
+    assert!(done(20, 200, 3).len() > 80 && !done(20, 200, 3).contains(&true), "{:?}", done(20, 200, 3));
+    assert!(done(250, 300, 3).len() > 20 && !done(250, 300, 3).contains(&false));
+    assert!(!done(0, 300, 4).contains(&false), "the others rest");
 }

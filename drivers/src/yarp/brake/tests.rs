@@ -112,6 +112,24 @@ async fn a_stop_that_shows_no_effect_is_said_again() {
     assert_eq!(rig.counted(20.0, 1.0).await.0, 0, "what it does later is no answer to that stop");
 }
 
+/// A board that brakes at once hears of a stop once; one that rests, as far as is known, but is not read any more, until it is.
+#[tokio::test(start_paused = true)]
+async fn a_stop_with_effect_is_said_once() {
+    let mut rig = Rig::new();
+    rig.goes(20.0, 0.5).await;
+    rig.stops(0);
+    let mut stops = 0;
+    for speed in [14.0, 10.0, 6.0, 3.0, 0.0, 0.0] {
+        stops += rig.counted(speed, 0.15).await.0;
+    }
+    assert_eq!(stops, 1);
+    rig.stops(0);
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    assert!(rig.counted(0.0, 0.0).await.0 >= 6, "without readings nobody knows");
+    assert!(rig.counted(0.0, 0.3).await.0 <= 1);
+    assert_eq!(rig.counted(0.0, 0.5).await.0, 0);
+}
+
 /// Who orders something after the stop may move; who was ordered before may not.
 #[tokio::test(start_paused = true)]
 async fn orders_after_a_stop_are_let_alone() {
