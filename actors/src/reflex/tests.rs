@@ -49,6 +49,29 @@ fn an_escape_violates_nothing_more_deeply() {
     assert_eq!(one_of_them_stopped(two, deep), Some(200), "the second was free as it set out");
 }
 
+/// What an agent may learn from: what touches the robot now, as it does now; else what touched it during the last motion.
+#[test]
+fn an_agent_learns_from_what_touched_the_robot() {
+    let gate = Arc::new(Gate::default());
+    let mut reflex = ReflexCore::new(0, rules(true), gate.clone(), Arc::new(Convoy::default()));
+    let motion = Motion { id: CommitId(1), safe: None, named: vec![0].into(), places: vec![None].into() };
+    let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
+    let mut read = |ms: u64, mm: Option<f64>| {
+        let at = Time::from_secs(5.0) + Duration::from_millis(ms);
+        let near = mm.map(|mm| Contact { pair, distance: mm * 1e-3, points: Default::default() });
+        let sample = Sample { seq: ms, at, q: vec![0.0].into(), done: vec![false] };
+        let mut pulse = Pulse::new(sample, &near.into_iter().collect::<Vec<_>>().into());
+        reflex.on(ReflexIn::Pulse(&mut pulse, Some(&motion), Status::Moving), at, &|_| Default::default());
+        let mm = |c: &Contact| (c.distance * 1e3).round() as i32;
+        (reflex.seen().iter().map(mm).collect::<Vec<_>>(), reflex.present().len())
+    };
+    gate.open(gate.token()).unwrap();
+    assert_eq!(read(0, None), (vec![], 0));
+    assert_eq!(read(10, Some(9.0)), (vec![9], 1));
+    assert_eq!(read(20, Some(7.0)), (vec![7], 1), "as near as it is now");
+    assert_eq!(read(30, None), (vec![9], 0), "as it began");
+}
+
 /// What is wrong with a reading on the way back.
 #[derive(Clone, Copy, Default)]
 struct Wrong {
