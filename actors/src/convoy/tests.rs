@@ -444,4 +444,11 @@ fn a_detour_is_cut_off() {
     fast.without_detour();
     let end = fast.past.last().unwrap();
     assert!((end.q[0].to_degrees() - 74.25).abs() < 0.3 && (end.at.secs() - 1.495).abs() < 0.003, "{end:?}");
+    for kept in [&who.past, &short.past, &fast.past] {
+        let steps: Vec<Duration> = kept.windows(2).map(|w| w[1].at.since(w[0].at)).collect();
+        assert!(
+            steps.iter().all(|step| (1..=10_000_000).contains(&step.as_nanos())),
+            "nothing twice, and nothing left out"
+        );
+    }
 }

@@ -44,11 +44,14 @@ fn a_path_across_a_gap_is_refused() {
     assert_eq!(path(&history, Time(280_000_000)).unwrap().len(), 1);
     history.push(&mut pulse(30, 500, 0.2), STALE);
     assert!(path(&history, Time(280_000_000)).is_err(), "the reading before was stale");
+    assert!((history.period() - 0.01).abs() < 1e-12, "no gap tells how far readings are apart");
     history.mark_gap();
     history.push(&mut pulse(31, 510, 0.2), STALE);
     assert!(path(&history, Time(500_000_000)).is_err(), "a restart leaves one");
     history.push(&mut pulse(3, 520, 0.2), STALE);
     assert!(path(&history, Time(510_000_000)).is_err(), "and so does a board that counts anew");
+    history.push(&mut pulse(3, 530, 0.2), STALE);
+    assert!(path(&history, Time(520_000_000)).is_err(), "or one that does not count");
 }
 
 #[test]

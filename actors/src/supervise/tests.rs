@@ -362,10 +362,13 @@ fn the_filter_does_not_open_while_the_board_answers_too_slowly() {
             SuperviseOut::Verdict(verdict) => Some(verdict.map_err(|refusal| refusal.code())),
             _ => None,
         });
-        (cell.supervise.status(), warned, verdict)
+        let entered = out.iter().filter(|o| matches!(o, SuperviseOut::Event(Event::State { .. }))).count();
+        (cell.supervise.status(), [warned, entered], verdict)
     };
     let slow: Vec<_> = (1..60).map(|k| read(k, 20)).collect();
-    assert_eq!(slow.last(), Some(&(Status::Holding(Hold::SlowBoard), 0, Some(Err("holding")))));
-    assert_eq!(slow.iter().map(|(_, warned, _)| warned).sum::<usize>(), 1, "it is told once");
+    assert_eq!(slow.last(), Some(&(Status::Holding(Hold::SlowBoard), [0, 0], Some(Err("holding")))));
+    for told in 0..2 {
+        assert_eq!(slow.iter().map(|(_, all, _)| all[told]).sum::<usize>(), 1, "it is told once");
+    }
     assert_eq!(read(60, 0).0, Status::Moving, "it opens, and the commit is taken");
 }

@@ -78,3 +78,22 @@ fn a_plan_is_checked_in_slices() {
     assert!(slices.is_some_and(|n| (20..=22).contains(&n)), "{slices:?}");
     assert_eq!(plan.ways(), whole.ways());
 }
+
+/// The nearest pose between two readings is that of the line through all motors.
+#[test]
+fn a_pose_is_passed_on_the_line_between_two_readings() {
+    let past = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0)], 0.0).past;
+    let at = |k: usize, q: [f64; 2]| {
+        let mut at = past[k].clone();
+        at.q = q.to_vec().into();
+        at
+    };
+    let (a, b) = (at(10, [0.5, 1.0]), at(11, [1.5, 1.0]));
+    for (pose, q, ms) in [([0.75, 3.0], 0.75, 102.5), ([0.0, 1.0], 0.5, 100.0), ([2.0, 0.5], 1.5, 110.0)] {
+        let passed = passing(&a, &b, &pose);
+        assert!((passed.q[0] - q).abs() < 1e-12 && passed.q[1] == 1.0, "{passed:?}");
+        assert!((passed.at.secs() * 1e3 - ms).abs() < 1e-6, "{passed:?}");
+    }
+    let still = passing(&a, &at(11, [0.5, 1.0]), &[0.0, 0.0]);
+    assert_eq!((still.q, still.at), (a.q, a.at));
+}

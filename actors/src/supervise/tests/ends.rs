@@ -73,6 +73,10 @@ fn a_filter_yields_at_a_border() {
     cell.supervise.on(SuperviseIn::Resume, cell.now);
     cell.apply(Op::Samples(30));
     assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Rest, true));
+    cell.apply(Op::SuperviseDies);
+    assert!(!told(&cell.supervise.on(SuperviseIn::Yield, cell.now)).1, "its successor has seen nothing yet");
+    cell.supervise.on(SuperviseIn::Resume, cell.now);
+    cell.apply(Op::Samples(30));
     cell.supervise.on(SuperviseIn::Shutdown, cell.now);
     cell.apply(Op::Samples(30));
     assert!(!told(&cell.supervise.on(SuperviseIn::Yield, cell.now)).1, "the run ends");
