@@ -413,6 +413,17 @@ fn no_motor_is_asked_for_more_than_it_can() {
     assert!(way.points.windows(2).all(|w| (w[0].1[0] - w[1].1[0]).abs() <= 2.85 * (w[1].0 - w[0].0) + 1e-9));
 }
 
+/// Where the path begins or ends faster than motors can follow, it is gone more slowly; and at the recorded rate in between.
+#[test]
+fn no_motor_is_asked_to_set_out_or_stop_at_once() {
+    let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 150.0), (3.0, 150.0)], 0.5));
+    assert!((1.1..1.25).contains(&way.end()), "{} s", way.end());
+    let speed = |w: &[(f64, Pose)]| ((w[0].1[0] - w[1].1[0]) / (w[1].0 - w[0].0)).to_degrees();
+    let speeds: Vec<f64> = way.points.windows(2).map(speed).collect();
+    let (first, middle) = (speeds[2], speeds[speeds.len() / 2]);
+    assert!(first < 120.0 && (middle - 150.0).abs() < 1.0, "{first} and {middle} deg/s");
+}
+
 /// A board without position-direct gets the corners of the path, and no more.
 #[test]
 fn way_points_are_the_corners() {

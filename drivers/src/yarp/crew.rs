@@ -80,12 +80,12 @@ pub mod poison {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::yarp::cell::instant;
     use std::time::Duration;
-    use tokio::time::Instant;
 
     #[tokio::test(start_paused = true)]
     async fn a_crew_has_ended_when_all_have() {
-        let (begun, mut crew) = (Instant::now(), Crew::default());
+        let (begun, mut crew) = (instant(), Crew::default());
         for secs in [1, 3, 2] {
             crew.add(format!("{secs} s"), tokio::time::sleep(Duration::from_secs(secs)));
         }

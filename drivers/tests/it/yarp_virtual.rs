@@ -1,6 +1,8 @@
 //! The driver of robots behind YARP keeps every promise of the driver contract in virtual time, too: it is the one that torture lets loose
 //! on wires that are slow, lossy and lying.
 
+#![allow(clippy::disallowed_methods, reason = "the clock of a paused runtime is a virtual one")]
+
 use crate::net;
 use mobee_contract::{Command, Context, Driver, Hardware, Time};
 use mobee_drivers::YarpSim;

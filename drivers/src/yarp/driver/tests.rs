@@ -100,7 +100,7 @@ async fn a_mode_counts_from_when_it_was_told() {
         [1, 4, 3].map(|m| inner.expected[m]),
         [ControlMode::Velocity, ControlMode::Velocity, ControlMode::Position]
     );
-    let mut report = |inner: &mut Inner| {
+    let report = |inner: &mut Inner| {
         inner.boards.iter_mut().for_each(|known| known.fresh = true);
         inner.join(&layout);
         [inner.expected[1], inner.expected[4]]
