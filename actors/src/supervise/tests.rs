@@ -12,6 +12,7 @@ use proptest::prelude::*;
 use std::collections::VecDeque;
 use std::time::Duration;
 
+mod admit;
 mod cell;
 mod ends;
 mod exhaustive;

@@ -30,8 +30,9 @@ fn a_flood_of_refusals_is_summed_up() {
         let out = cell.supervise.on(SuperviseIn::Tick, now + Duration::from_millis(ms));
         told(&out).0.iter().map(|text| text.to_string()).collect::<Vec<_>>()
     };
-    let all: Vec<_> = [0, 600, 2000, 3500].map(&mut tick).concat();
-    assert!(all.len() == 1 && all[0].contains("20 more commands were refused"), "{all:?}");
+    let told = [0, 600, 2000, 3500].map(&mut tick);
+    assert_eq!(told.each_ref().map(Vec::len), [0, 0, 1, 0], "{told:?}");
+    assert!(told[2][0].contains("20 more commands were refused"), "{told:?}");
 }
 
 /// More than 500 commits at once are not judged, however good they are; 250 more may come with each second.
@@ -125,6 +126,23 @@ fn a_run_that_is_abandoned_settles_at_once() {
         assert_eq!((out.iter().filter(ended).count(), cell.supervise.is_settled()), (1, true), "{out:?}");
         assert!(!cell.gate.is_open());
         assert!(!cell.supervise.on(SuperviseIn::Abandon, cell.now).iter().any(|o| ended(&o)), "once");
+    }
+}
+
+/// What had arrived as supervise died is not taken back.
+#[test]
+fn a_motion_that_arrived_as_supervise_died_is_committed() {
+    for (far, outcome) in [(false, Outcome::RolledBack), (true, Outcome::Committed)] {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        cell.apply(Op::Commit(1.0, true));
+        cell.apply(Op::Samples(10));
+        while far && cell.q < 1.0 {
+            cell.sample(); // nobody has seen it yet
+        }
+        cell.apply(Op::SuperviseDies);
+        cell.heal();
+        assert_eq!((cell.outcome, cell.supervise.status()), (Some(outcome), Status::Rest));
     }
 }
 
