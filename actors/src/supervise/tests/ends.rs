@@ -246,9 +246,74 @@ fn an_escape_that_ends_in_contact_holds() {
     cell.apply(Op::Samples(30));
     assert_eq!(cell.supervise.status(), Status::Holding(Hold::InContact));
     for (q, status) in [(-0.02, Status::Holding(Hold::InContact)), (-0.3, Status::Rest), (-0.2, Status::Rest)] {
+        let ended = cell.outcomes.len();
         assert!(cell.commit(q, true).is_ok());
-        (0..4).for_each(|_| cell.apply(Op::Samples(250)));
+        // at the reading that ends it: a filter that was left open would be closed at the next one
+        while cell.outcomes.len() == ended {
+            cell.apply(Op::Samples(1));
+        }
         assert_eq!((cell.outcome, cell.supervise.status()), (Some(Outcome::Committed), status), "to {q}");
         assert_eq!(cell.gate.is_open(), status == Status::Rest);
+    }
+}
+
+/// What touches a robot at rest closes the filter for as long as a stop needs to have its effect, and nothing else begins meanwhile.
+#[test]
+fn a_contact_at_rest_is_settled_when_a_stop_would_have_had_its_effect() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Wall(Some(0.03)));
+    while cell.gate.is_open() || cell.supervise.status() == Status::Rest {
+        cell.apply(Op::Samples(1));
+    }
+    let closed = cell.now;
+    assert!(!told(&cell.supervise.on(SuperviseIn::Yield, closed)).1, "no border");
+    cell.supervise.on(SuperviseIn::Resume, closed);
+    while !cell.supervise.is_settled() {
+        cell.apply(Op::Samples(1));
+    }
+    assert!(cell.now >= closed + cell.rules.reaction(), "after {:?}", cell.now.since(closed));
+    assert_eq!(cell.supervise.status(), Status::Holding(Hold::InContact));
+}
+
+/// There is no way back to be tried again where none failed.
+#[test]
+fn to_recover_does_nothing_where_no_way_back_failed() {
+    type Before = fn(&mut Cell);
+    let cases: [(&str, Before); 3] = [
+        ("at rest", |_| ()),
+        ("in motion", |cell| cell.apply(Op::Commit(1.0, true))),
+        ("in contact", |cell| cell.apply(Op::Wall(Some(0.03)))),
+    ];
+    for (name, before) in cases {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        before(&mut cell);
+        cell.apply(Op::Samples(30));
+        let (status, token) = (cell.supervise.status(), cell.gate.token());
+        assert_eq!(cell.supervise.on(SuperviseIn::Recover, cell.now), [], "{name}");
+        assert_eq!((cell.supervise.status(), cell.gate.token()), (status, token), "{name}");
+    }
+}
+
+/// An escape creeps, whatever speed its commit asks for, and the journal says so.
+#[test]
+fn an_escape_creeps() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Wall(Some(0.03)));
+    cell.apply(Op::Samples(30));
+    let most = cell.rules.escape_speed * cell.rules.axes[0].max_speed;
+    for speeds in [None, Some(vec![1.0])] {
+        let mut cell = cell.fork();
+        let target = Target { motors: vec![0], q: vec![-0.5], speed: 0.5 };
+        let out = cell.supervise.on(SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds }), cell.now);
+        let fastest = |o: &SuperviseOut| match o {
+            SuperviseOut::Event(Event::Commit { motors, escape: true, .. }) => Some(motors[0].1),
+            SuperviseOut::Command(_, Writer::Agent, Command::Move(m)) => m.speed.as_ref().map(|v| v[0]),
+            _ => None,
+        };
+        let told: Vec<f64> = out.iter().filter_map(fastest).collect();
+        assert!(told.len() == 2 && told.iter().all(|v| *v <= most + 1e-9), "{told:?} of {most}");
     }
 }
