@@ -4,7 +4,7 @@ use crate::shell::{ModelMsg, SuperviseMsg};
 use crate::wiring::{Cell, Hub, Wires};
 use mobee_contract::{
     Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Latest, MotionEnd, Refusal, Running, Setpoints,
-    Time, Verdict,
+    Time, Told, Verdict,
 };
 use mobee_model::{Edit, Robot, Scene};
 use ractor::RpcReplyPort;
@@ -54,6 +54,10 @@ impl Access {
 impl Running for Access {
     fn now(&self) -> Time {
         self.hub.clock.now()
+    }
+
+    fn time_of_day(&self, at: Time) -> f64 {
+        self.hub.clock.time_of_day(at)
     }
 
     fn robots(&self) -> &[Arc<dyn Filtered>] {
@@ -165,5 +169,10 @@ impl Filtered for Filter {
     fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
         let plug = self.wires.parts.lock().plug.clone();
         plug.0.ask(part, words)
+    }
+
+    fn told(&self, part: &str) -> Option<Told> {
+        let plug = self.wires.parts.lock().plug.clone();
+        plug.0.told(part)
     }
 }

@@ -7,7 +7,7 @@
 use mobee_contract::Time;
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 use tokio::runtime::{Builder, Runtime};
 use tokio::time::Instant;
 
@@ -72,6 +72,17 @@ impl Clock {
         self.begun + Instant::now().duration_since(self.start)
     }
 
+    /// The time of day when this clock shows `at`, seconds since 1970, by the machine's clock as it is set now; a virtual clock has none
+    /// but its own.
+    #[allow(clippy::disallowed_methods)]
+    pub fn time_of_day(&self, at: Time) -> f64 {
+        if self.kind == ClockKind::Virtual {
+            return at.secs();
+        }
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default().as_secs_f64();
+        now - (self.now().secs() - at.secs())
+    }
+
     /// Waits until `at`; not at all if that is past. Timers are as fine as tokio's: one millisecond.
     pub async fn sleep_until(&self, at: Time) {
         tokio::time::sleep_until(self.start + at.since(self.begun)).await;
@@ -105,6 +116,19 @@ mod tests {
             clock.now()
         });
         assert_eq!(now, Time(5_400_000_000_000));
+    }
+
+    #[test]
+    fn the_time_of_day_goes_with_the_clock() {
+        let told = |kind| {
+            runtime(kind).unwrap().block_on(async {
+                let clock = Clock::from(kind, Time::from_secs(50.0));
+                [50.0, 51.5].map(|at| clock.time_of_day(Time::from_secs(at)))
+            })
+        };
+        assert_eq!(told(ClockKind::Virtual), [50.0, 51.5]);
+        let [first, second] = told(ClockKind::Real);
+        assert!((second - first - 1.5).abs() < 0.5 && first > 1.7e9, "{first} {second}");
     }
 
     #[test]

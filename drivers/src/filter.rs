@@ -35,7 +35,7 @@ use lines::Lines;
 use mobee_contract::{Board, Commit, CommitId, Hold, MotionEnd, Setpoints, Status, Time, Verdict};
 use mobee_model::Robot;
 use mobee_yarp::board::{Ask, Get, Joints, Set, Shadow, ShadowAxis, Streamed, mode, reply};
-use mobee_yarp::{Bottle, Stamp, Vocab};
+use mobee_yarp::{Bottle, Field, JointData, Stamp, Vocab};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -43,6 +43,8 @@ use std::sync::Arc;
 pub struct Seen<'a> {
     /// The time.
     pub now: Time,
+    /// The time of day, seconds since 1970: what stamps tell.
+    pub time_of_day: f64,
     /// The filter's state.
     pub status: Status,
     /// The robot's whole pose, rad.
@@ -292,7 +294,7 @@ impl FilterCore {
         }
         let moving = self.lines.moving(seen);
         let Some(part) = self.parts.get_mut(client.part) else { return reply::fail() };
-        part.answers = part.answers.next(seen.now.secs());
+        part.answers = part.answers.next(seen.time_of_day);
         let Some(answer) = part.shadow.answer(request, part.answers) else { return reply::fail() };
         match Ask::parse(request) {
             Some(Ask::Get(get @ Get::Done(_))) => patch::patched(&get, &answer, part, &moving).unwrap_or(answer),
@@ -318,9 +320,16 @@ impl FilterCore {
         }
     }
 
-    /// A part's board as it is shown, with the modes that the client has set.
-    pub fn shadow(&self, part: usize) -> Option<&Shadow> {
-        self.parts.get(part).map(|p| &p.shadow)
+    /// A part's state as it is shown: as its board told it, with all that it carries, or for a simulated robot what is known;
+    /// with the modes that the client has set.
+    pub fn state(&self, part: usize, told: Option<JointData>) -> Option<JointData> {
+        let part = self.parts.get(part)?;
+        // readings tell positions; velocities are their differences, and no more can be had of them
+        let acceleration = Field::unknown(part.shadow.axes.len());
+        let own = JointData { acceleration, ..part.shadow.joint_data() };
+        let Some(mut told) = told else { return Some(own) };
+        patch::shown(part, own, &mut told);
+        Some(told)
     }
 
     /// A connection ended.

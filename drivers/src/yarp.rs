@@ -45,7 +45,7 @@ pub use sim::{Who, WireFault, YarpSim};
 use cell::{Cell, Trouble};
 use driver::Reach;
 use layout::Layout;
-use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known};
+use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known, Told};
 use mobee_model::Robot;
 use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
 use questions::Questions;
@@ -201,6 +201,13 @@ impl Hardware for YarpHardware {
     fn known(&self) -> Known {
         let motors = self.layout.patches.iter().flat_map(|p| p.motors.clone()).collect();
         Known { start: None, period: Some(self.settings.period()), motors: Some(motors) }
+    }
+
+    fn told(&self, part: &str) -> Option<Told> {
+        let board = self.layout.patches.iter().position(|p| p.part == part)?;
+        let state = self.started().as_ref()?.reach.cell.lock().boards.get(board)?.told.clone()?;
+        let stamp = state.stamp.map(|stamp| (stamp.count, stamp.time));
+        Some(Told { seq: state.seq, stamp, words: state.joints.encode(Dialect::V3) })
     }
 
     fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {

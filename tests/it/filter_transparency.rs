@@ -2,10 +2,11 @@
 //! but for the stamps. Prints what the filter adds to the time of a request (`MOBEE_ROUNDS` requests, default 300).
 
 use crate::common::{HOLD, Network, Run, network, sim};
-use mobee_yarp::{Bottle, Carrier, Dialect, RpcClient, Value, Vocab};
+use mobee_yarp::{Bottle, Carrier, Dialect, JointData, Queue, Reader, RpcClient, Stamp, Value, Vocab};
+use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// What the filter refuses on purpose where a board obeys, by the second word: joints that yield have no safe pose.
 const REFUSED: [&str; 1] = ["intm"];
@@ -156,6 +157,7 @@ async fn recorded_sessions_get_the_boards_own_replies_through_the_filter() {
     println!("{equal} replies equal; refused on purpose: {}", refused.join(" "));
     assert!(equal >= 100, "{equal} equal");
     latency(&mut lines).await;
+    states(&network).await;
     let journal = run.end();
     assert!(journal.contains(HOLD), "{journal}");
 }
@@ -181,4 +183,37 @@ async fn latency(lines: &mut Lines) {
         let at = |share: f64| list[((list.len() - 1) as f64 * share) as usize];
         println!("{what}: p50 {:.3} ms, p99 {:.3} ms", at(0.5), at(0.99));
     }
+}
+
+/// What is read of the states that a port publishes: the first fifty, by their numbers.
+async fn read(network: &mobee_yarp::Network, own: &str, port: &str) -> BTreeMap<u32, (f64, JointData)> {
+    let mut reader = Reader::open(network, own, Queue::Bounded(64)).await.expect("a port");
+    reader.connect_from(port, Carrier::FastTcp).await.expect("a connection");
+    let mut all = BTreeMap::new();
+    while all.len() < 50 {
+        let message = reader.recv().await.expect("a state");
+        let stamp = message.envelope.as_deref().and_then(Stamp::from_envelope).expect("a stamp");
+        let bytes = message.payload.binary(Dialect::V3).expect("bytes");
+        all.insert(stamp.count, (stamp.time, JointData::decode(&bytes, Dialect::V3).expect("a state")));
+    }
+    all
+}
+
+/// What the board publishes comes through the filter as it is, with its own stamp by the time of day: accelerations, too, of
+/// which the filter itself knows nothing.
+#[expect(clippy::disallowed_methods, reason = "stamps tell the time of day")]
+async fn states(network: &Network) {
+    let yarp = mobee_yarp::Network::at(SocketAddr::from((Ipv4Addr::LOCALHOST, network.port)));
+    let (behind, shown) = tokio::join!(
+        read(&yarp, "/watch/board:i", "/icubSim/right_arm/stateExt:o"),
+        read(&yarp, "/watch/filter:i", "/MoBeE/icub/right_arm/stateExt:o")
+    );
+    let both: Vec<u32> = behind.keys().filter(|count| shown.contains_key(count)).copied().collect();
+    assert!(both.len() > 20, "{} states came both ways", both.len());
+    for count in &both {
+        assert_eq!(behind.get(count), shown.get(count), "state {count}");
+    }
+    let (time, state) = shown.last_key_value().expect("states").1;
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).expect("a time").as_secs_f64();
+    assert!((now - time).abs() < 10.0 && state.acceleration.valid, "{time} at {now}");
 }

@@ -134,6 +134,23 @@ pub trait Hardware: Send + Sync {
     fn ask(&self, _part: &str, _words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
         None
     }
+
+    /// The newest state of a part's board in the board's own words, with all that it carries, so that a proxy can be
+    /// transparent. `None`: the board has no words of its own, or has said nothing yet.
+    fn told(&self, _part: &str) -> Option<Told> {
+        None
+    }
+}
+
+/// A state as a board told it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Told {
+    /// Grows with every state.
+    pub seq: u64,
+    /// The board's own stamp, if it gives any: its number, and its time by the board's clock, s.
+    pub stamp: Option<(u32, f64)>,
+    /// The state (a YARP `stateExt:o` in binary form).
+    pub words: Vec<u8>,
 }
 
 /// A kind of driver.

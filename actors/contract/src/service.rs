@@ -56,12 +56,16 @@ pub trait Filtered: Send + Sync {
     fn recover(&self);
     /// Passes a question to a part's board in its own words; see [`crate::Hardware::ask`].
     fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, crate::DriverFault>>>;
+    /// The newest state of a part's board in its own words; see [`crate::Hardware::told`].
+    fn told(&self, part: &str) -> Option<crate::Told>;
 }
 
 /// Robots and world of a running system.
 pub trait Running: Send + Sync {
     /// The time of the run.
     fn now(&self) -> Time;
+    /// The time of day when the run's clock shows this, seconds since 1970; on a virtual clock the run's own time.
+    fn time_of_day(&self, at: Time) -> f64;
     /// The robots, in the scene's order.
     fn robots(&self) -> &[Arc<dyn Filtered>];
     /// The robots' models, in the same order.

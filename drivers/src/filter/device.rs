@@ -2,10 +2,10 @@
 
 use super::{Client, FilterCore, Seen, Step};
 use crate::services::YarpSettings;
-use mobee_contract::{CommitId, Filtered, Refusal, Running, Status, Time, Verdict};
+use mobee_contract::{CommitId, Filtered, Refusal, Running, Status, Verdict};
 use mobee_model::Robot;
-use mobee_yarp::board::{BoardServer, Device, Reply, Shadow, reply};
-use mobee_yarp::{Bottle, Field, JointData, Message, Network, Payload, PortError, Stamp, Value};
+use mobee_yarp::board::{BoardServer, Device, Reply, reply};
+use mobee_yarp::{Bottle, Dialect, JointData, Message, Network, Payload, PortError, Stamp, Value};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -88,7 +88,9 @@ impl RobotFilter {
     fn with<T>(&self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
         let latest = self.filtered.latest();
         let end_of = |id: CommitId| self.filtered.end_of(id);
-        let seen = Seen { now: self.running.now(), status: latest.status, q: &latest.q, end_of: &end_of };
+        let now = self.running.now();
+        let time_of_day = self.running.time_of_day(now);
+        let seen = Seen { now, time_of_day, status: latest.status, q: &latest.q, end_of: &end_of };
         let mut core = self.core.lock().unwrap_or_else(PoisonError::into_inner);
         core.sense(latest.at, &latest.q, latest.status);
         f(&mut core, &seen)
@@ -227,7 +229,7 @@ struct Job {
 struct PartDevice {
     part: Arc<PartFilter>,
     jobs: mpsc::Sender<Job>,
-    published: Mutex<(Stamp, Option<Time>)>,
+    published: Mutex<(Stamp, Option<u64>)>,
 }
 
 impl Device for PartDevice {
@@ -246,41 +248,25 @@ impl Device for PartDevice {
     }
 
     fn state(&self) -> Option<(Stamp, JointData)> {
-        let at = self.part.robot.filtered.latest().at;
+        let (robot, index) = (&self.part.robot, self.part.index);
+        let told = robot.filtered.told(&self.part.name);
+        let at = robot.filtered.latest().at;
+        let seq = told.as_ref().map_or(at.0, |told| told.seq);
         let mut published = self.published.lock().unwrap_or_else(PoisonError::into_inner);
         // no new reading, no message: a client then sees that the robot is silent
-        if published.1.replace(at) == Some(at) {
+        if published.1.replace(seq) == Some(seq) {
             return None;
         }
-        published.0 = published.0.next(at.secs());
-        let data = self.part.robot.with(|core, _| core.shadow(self.part.index).map(joint_data))?;
-        Some((published.0, data))
+        published.0 = match told.as_ref().and_then(|told| told.stamp) {
+            Some((count, time)) => Stamp { count, time },
+            None => published.0.next(robot.running.time_of_day(at)),
+        };
+        let told = told.and_then(|told| JointData::decode(&told.words, Dialect::V3).ok());
+        let state = robot.with(|core, _| core.state(index, told))?;
+        Some((published.0, state))
     }
 
     fn gone(&self, connection: u64) {
         self.part.robot.with(|core, _| core.gone(connection));
-    }
-}
-
-/// What is known of the joints, and which fields are not.
-fn joint_data(shadow: &Shadow) -> JointData {
-    let n = shadow.axes.len();
-    let known = |of: fn(&mobee_yarp::board::ShadowAxis) -> f64| Field::known(shadow.axes.iter().map(of).collect());
-    let words = |of: fn(&mobee_yarp::board::ShadowAxis) -> mobee_yarp::Vocab| {
-        Field::known(shadow.axes.iter().map(|a| of(a).0 as i32).collect())
-    };
-    JointData {
-        position: known(|a| a.q),
-        velocity: known(|a| a.speed),
-        acceleration: Field::unknown(n),
-        motor_position: Field::unknown(n),
-        motor_velocity: Field::unknown(n),
-        motor_acceleration: Field::unknown(n),
-        torque: Field::unknown(n),
-        pwm: Field::unknown(n),
-        current: Field::unknown(n),
-        control_modes: words(|a| a.mode),
-        interaction_modes: words(|a| a.interaction),
-        temperature: Field::unknown(n),
     }
 }

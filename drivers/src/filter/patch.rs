@@ -2,7 +2,7 @@
 
 use super::PartBoard;
 use mobee_yarp::board::{Get, Joints, Reading, ShadowAxis, mode};
-use mobee_yarp::{Bottle, Value, Vocab};
+use mobee_yarp::{Bottle, JointData, Value, Vocab};
 use std::collections::BTreeSet;
 
 /// The reply with what the filter knows better; `None` if it is right as it is.
@@ -19,8 +19,7 @@ pub(super) fn patched(get: &Get, reply: &Bottle, part: &PartBoard, moving: &BTre
         }
         Get::Modes(joints) => overlay(joints, 2, 0, part, &mut changed, |axis, theirs| {
             // a mode that the board is in for reasons of its own (idle, fault, calibration) is shown as it is
-            let ordinary = [mode::POSITION, mode::DIRECT, mode::VELOCITY, mode::MIXED];
-            ordinary.contains(&Vocab(u32::try_from(theirs.as_i64()?).ok()?)).then_some(Value::Vocab(axis.mode))
+            is_ordinary(Vocab(u32::try_from(theirs.as_i64()?).ok()?)).then_some(Value::Vocab(axis.mode))
         })?,
         Get::Values(Reading::ReferenceSpeed, joints) => {
             overlay(joints, 2, 1, part, &mut changed, |axis, _| Some(Value::Float64(axis.ref_speed)))?;
@@ -31,6 +30,29 @@ pub(super) fn patched(get: &Get, reply: &Bottle, part: &PartBoard, moving: &BTre
         _ => return None,
     }
     (changed != *reply).then_some(changed)
+}
+
+/// Whether clients may set it, and the driver sets the real one.
+fn is_ordinary(theirs: Vocab) -> bool {
+    [mode::POSITION, mode::DIRECT, mode::VELOCITY, mode::MIXED].contains(&theirs)
+}
+
+/// Lays what the filter knows better over a state that the board told; and what it knows where the board told nothing, as one
+/// does that has `state:o` alone.
+pub(super) fn shown(part: &PartBoard, own: JointData, told: &mut JointData) {
+    if told.velocity.valid().is_none() {
+        told.velocity = own.velocity;
+    }
+    if told.control_modes.valid().is_none() {
+        (told.control_modes, told.interaction_modes) = (own.control_modes, own.interaction_modes);
+        return;
+    }
+    for ((slot, own), set) in told.control_modes.values.iter_mut().zip(&own.control_modes.values).zip(&part.set) {
+        let theirs = Vocab(u32::from_le_bytes(slot.to_le_bytes()));
+        if set.first() == Some(&true) && is_ordinary(theirs) {
+            *slot = *own;
+        }
+    }
 }
 
 /// Lays what the client has set over a reply's values, joint by joint.

@@ -56,7 +56,8 @@ impl Bench {
     fn seen<T>(&mut self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
         let ends = self.ends.borrow();
         let end_of = |id: CommitId| ends.get(&id.0).copied();
-        let seen = Seen { now: self.now, status: self.status, q: &self.q, end_of: &end_of };
+        let seen =
+            Seen { now: self.now, time_of_day: self.now.secs(), status: self.status, q: &self.q, end_of: &end_of };
         f(&mut self.core, &seen)
     }
 

@@ -127,7 +127,7 @@ impl RobotPorts {
                 _ = ticks.tick() => {}
             }
             let latest = self.robot.filtered.latest();
-            stamp = stamp.next(latest.at.secs());
+            stamp = stamp.next(self.robot.running.time_of_day(latest.at));
             self.publish(&latest, &stamp.envelope());
             steering.cycle(&self.robot, &mut self.parts).await;
         }

@@ -201,6 +201,9 @@ mod tests {
         fn now(&self) -> Time {
             of(&self.now)
         }
+        fn time_of_day(&self, at: Time) -> f64 {
+            at.secs()
+        }
         fn robots(&self) -> &[Arc<dyn Filtered>] {
             &[]
         }

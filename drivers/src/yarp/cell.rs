@@ -5,7 +5,7 @@ use super::layout::Layout;
 use super::motion::Motions;
 use super::pace::Pace;
 use mobee_contract::{AnswerTime, Axis, Board, ControlMode, Pose};
-use mobee_yarp::board::{AxisFacts, mode};
+use mobee_yarp::board::{AxisFacts, RemoteState, mode};
 use mobee_yarp::{Bottle, Vocab};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -53,6 +53,8 @@ pub struct Known {
     pub reached: bool,
     /// What it says of its axes.
     pub facts: Option<Arc<[AxisFacts]>>,
+    /// The newest state as it came.
+    pub told: Option<Arc<RemoteState>>,
     /// Positions, deg.
     pub q: Vec<f64>,
     /// When they were read, s.
@@ -126,6 +128,7 @@ impl Cell {
             brake: Some(format!("{}: not reached yet", p.port)),
             reached: false,
             facts: None,
+            told: None,
             q: vec![0.0; p.motors.len()],
             read_at: 0.0,
             fresh: false,

@@ -48,7 +48,7 @@ pub async fn states(
     }
 }
 
-fn take(cell: &Cell, layout: &Layout, index: usize, state: &RemoteState, at: f64, lost: u64) {
+fn take(cell: &Cell, layout: &Layout, index: usize, state: &Arc<RemoteState>, at: f64, lost: u64) {
     let mut inner = cell.lock();
     let Some(known) = inner.boards.get_mut(index) else { return };
     known.q.iter_mut().zip(&state.joints.position.values).for_each(|(slot, q)| *slot = *q);
@@ -59,6 +59,7 @@ fn take(cell: &Cell, layout: &Layout, index: usize, state: &RemoteState, at: f64
     };
     words(&mut known.modes, &state.joints.control_modes);
     words(&mut known.interactions, &state.joints.interaction_modes);
+    known.told = Some(state.clone());
     known.lost.0 = lost;
     known.read_at = at;
     known.fresh = true;
