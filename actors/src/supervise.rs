@@ -215,7 +215,7 @@ impl SuperviseCore {
             }
             SuperviseIn::Stream(agent, setpoints) => {
                 let verdict = self.stream(&agent, setpoints, now, &mut out);
-                self.answer(&agent, verdict, now, &mut out);
+                self.answer_setpoints(&agent, verdict, now, &mut out);
             }
             SuperviseIn::Stop(agent) => {
                 if self.is_moving() && self.owner().is_some_and(|a| a == agent) {

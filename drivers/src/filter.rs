@@ -7,7 +7,7 @@
 //! | Request | While open | While closed |
 //! |---|---|---|
 //! | `[get] X ...` of the list in `reads.rs` | to the board, the reply byte for byte; a simulated robot's from its state | `[fail]` |
-//! | `[set]` `pos* rel*` | a commit: absolute, finite, within limits, at the joint's reference speed | `[fail]` |
+//! | `[set]` `pos* rel*` | a commit: absolute, finite, within limits, at the joint's reference speed; a joint that stands beyond a limit may stay there | `[fail]` |
 //! | `[set] [vmos]`, `command:i` with `vmo* dpo*` | a stream, which ends when it goes quiet | `[fail]`, dropped |
 //! | `[set]` `sto*` | brakes; of some moving joints only: holds these where they are | `[fail]` |
 //! | `[set]` `vel* acc*` | kept and shown; this part's moves go by them, up to the greatest speed allowed | `[fail]` |

@@ -1,7 +1,7 @@
 //! I5: every value that leaves the filter is finite, within its motor's limits, and not faster than the motor may be.
 //!
-//! A commit's whole pose holds readings of the motors that it does not name; encoder noise may take those beyond a limit by
-//! up to the tolerance. Streams, of positions and of velocities, are told at their end with the greatest share of a motor's
+//! A commit's whole pose holds readings of the motors that it does not name, which may stand beyond a limit; encoder noise may take
+//! those that it names beyond one by up to the tolerance, where a stream of theirs ended. Streams, of positions and of velocities, are told at their end with the greatest share of a motor's
 //! speed that they asked for.
 
 use super::{Found, Invariant};
@@ -74,12 +74,13 @@ impl Invariant for Limits {
         };
         let mut wrong: Vec<String> = Vec::new();
         match &line.event {
-            Event::Commit { target, .. } | Event::Amended { target, .. } => {
+            Event::Commit { target, motors: named, .. } | Event::Amended { target, motors: named, .. } => {
                 if target.len() != motors.range.len() {
                     wrong.push(format!("a target of {} motors for {}", target.len(), motors.range.len()));
                 }
                 let slack = motors.tolerance.max(SLACK);
-                wrong.extend(target.iter().enumerate().filter_map(|(m, q)| motors.position(m, *q, slack)));
+                let sent = |(m, _): &(usize, f64)| motors.position(*m, *target.get(*m)?, slack);
+                wrong.extend(named.iter().filter_map(sent));
             }
             Event::Command { q, speed, .. } => {
                 wrong.extend(q.iter().filter_map(|(m, q)| motors.position(*m, *q, SLACK)));

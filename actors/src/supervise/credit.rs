@@ -1,7 +1,8 @@
 //! Credit: how much of a flood is heard. What is beyond it costs a refusal, and no line in the journal.
 
 use super::{SuperviseCore, SuperviseOut};
-use mobee_contract::{Credit, Event, Time, Verdict};
+use mobee_contract::{Credit, Event, SILENCE, Time, Verdict};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// What comes back in a second: more commands than any program needs that moves its motors one by one.
@@ -20,22 +21,58 @@ pub(super) struct Credits {
     telling: Credit,
     /// Refusals that were not told, and when they were last summed up.
     untold: (u64, Time),
+    /// The set-points that are being refused.
+    bursts: Vec<Burst>,
+}
+
+/// Set-points of one agent that are refused for one reason, without a silence between them.
+#[derive(Clone, Debug)]
+struct Burst {
+    agent: Arc<str>,
+    code: &'static str,
+    last: Time,
 }
 
 impl Credits {
     /// All of it.
     pub(super) fn full(now: Time) -> Credits {
         let all = Credit::full(now, PER_SECOND, MOST);
-        Credits { commits: all, telling: all, untold: (0, now) }
+        Credits { commits: all, telling: all, untold: (0, now), bursts: Vec::new() }
     }
 }
 
 impl SuperviseCore {
-    /// Puts the verdict first, and tells of a refusal.
+    /// Puts the verdict on a commit first, and tells of a refusal.
     pub(super) fn answer(&mut self, agent: &str, verdict: Verdict, now: Time, out: &mut Vec<SuperviseOut>) {
-        if let Err(refusal) = &verdict
-            && self.is_news(refusal)
-        {
+        self.tell(agent, &verdict, now, out);
+        out.insert(0, SuperviseOut::Verdict(verdict));
+    }
+
+    /// The same of set-points, which come in bursts: of those that are refused for one reason without a silence between
+    /// them the first is told.
+    pub(super) fn answer_setpoints(
+        &mut self,
+        agent: &Arc<str>,
+        verdict: Verdict,
+        now: Time,
+        out: &mut Vec<SuperviseOut>,
+    ) {
+        if let Err(refusal) = &verdict {
+            let bursts = &mut self.credits.bursts;
+            bursts.retain(|burst| now < burst.last + SILENCE);
+            match bursts.iter_mut().find(|burst| burst.agent == *agent && burst.code == refusal.code()) {
+                Some(burst) => burst.last = now,
+                None => {
+                    bursts.push(Burst { agent: agent.clone(), code: refusal.code(), last: now });
+                    self.tell(agent, &verdict, now, out);
+                }
+            }
+        }
+        out.insert(0, SuperviseOut::Verdict(verdict));
+    }
+
+    fn tell(&mut self, agent: &str, verdict: &Verdict, now: Time, out: &mut Vec<SuperviseOut>) {
+        if let Err(refusal) = verdict {
             if self.credits.telling.take(now) {
                 let (robot, agent, refusal) = (self.rules.robot.clone(), agent.to_string(), refusal.clone());
                 out.push(SuperviseOut::Event(Event::Refused { robot, agent, refusal }));
@@ -43,7 +80,6 @@ impl SuperviseCore {
                 self.credits.untold.0 += 1;
             }
         }
-        out.insert(0, SuperviseOut::Verdict(verdict));
     }
 
     /// Tells how many refusals there were besides those that were told.

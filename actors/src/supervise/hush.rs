@@ -12,8 +12,6 @@ pub(super) struct Hush {
     agent: Arc<str>,
     /// When its last set-point came, or the filter opened after it.
     heard: Time,
-    /// Whether its refusal was told: once, however many set-points follow.
-    told: bool,
 }
 
 impl SuperviseCore {
@@ -22,7 +20,7 @@ impl SuperviseCore {
         if self.stream.is_none() || self.forces.is_some() {
             return;
         }
-        self.hushed = self.owner().map(|agent| Hush { agent, heard: now, told: false });
+        self.hushed = self.owner().map(|agent| Hush { agent, heard: now });
     }
 
     /// The filter opens: silence counts from now on.
@@ -46,13 +44,5 @@ impl SuperviseCore {
         }
         self.hushed = None;
         Ok(())
-    }
-
-    /// Whether this refusal is to be told: of those while an agent is not heard, only the first is.
-    pub(super) fn is_news(&mut self, refusal: &Refusal) -> bool {
-        match &mut self.hushed {
-            Some(hush) if *refusal == Refusal::Pushing => !std::mem::replace(&mut hush.told, true),
-            _ => true,
-        }
     }
 }

@@ -8,6 +8,38 @@ use mobee_yarp::board::{Joints, ShadowAxis, reply};
 const ROUNDING: f64 = 1e-3;
 /// A slower reference speed is no motion, deg/s.
 const SLOWEST: f64 = 1e-3;
+/// A joint that stands beyond a limit and is asked for what is this near to where it reads is asked to stay, deg: its reading may
+/// have changed since the client saw it.
+const STAYS: f64 = 0.5;
+
+/// Where a joint is asked to go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Goal {
+    /// There, deg, within its limits.
+    To(f64),
+    /// Nowhere: it stands beyond a limit, and may stay.
+    Stay,
+    /// It can't go there.
+    Beyond,
+}
+
+impl Goal {
+    /// Of a joint that is asked for `value`, deg. One that stands beyond a limit, by a sag or its encoder's offset, need not
+    /// keep its part from moving: what repeats its place is taken, and what is beyond the limit on that side means the limit, as
+    /// on boards.
+    fn of(axis: &ShadowAxis, value: f64) -> Goal {
+        let within = value.clamp(axis.min, axis.max);
+        let (beyond, stands) = (value - within, axis.q - axis.q.clamp(axis.min, axis.max));
+        if beyond.abs() <= ROUNDING {
+            Goal::To(within)
+        } else if beyond * stands > 0.0 {
+            if (value - axis.q).abs() <= STAYS { Goal::Stay } else { Goal::To(within) }
+        } else {
+            // not-a-number, too
+            Goal::Beyond
+        }
+    }
+}
 
 impl FilterCore {
     pub(super) fn moves(&mut self, client: &Client, joints: &Joints, values: &[f64], _: &Seen) -> Option<Step> {
@@ -15,17 +47,21 @@ impl FilterCore {
         let (mut motors, mut q, mut speeds) = (Vec::new(), Vec::new(), Vec::new());
         for (joint, value) in joints.on(part.shadow.axes.len())?.into_iter().zip(values) {
             let axis = part.shadow.axes.get(joint)?;
-            // written so that not-a-number fails
-            if !(*value >= axis.min - ROUNDING && *value <= axis.max + ROUNDING) {
-                return None;
-            }
+            let to = match Goal::of(axis, *value) {
+                Goal::To(to) => to,
+                Goal::Stay => continue,
+                Goal::Beyond => return None,
+            };
             let speed = axis.ref_speed.abs().min(self.speed * axis.max_speed);
             if speed.is_nan() || speed < SLOWEST {
                 return None;
             }
             motors.push(part.motors.start + joint);
-            q.push(value.clamp(axis.min, axis.max).to_radians());
+            q.push(to.to_radians());
             speeds.push(speed.to_radians());
+        }
+        if motors.is_empty() {
+            return Some(Step::Reply(reply::ok()));
         }
         let target = Target { motors, q, speed: 1.0 };
         Some(Step::Commit(Commit { agent: self.agent(), target, speeds: Some(speeds) }))
@@ -34,17 +70,14 @@ impl FilterCore {
     pub(super) fn velocities(&mut self, client: &Client, joints: &Joints, values: &[f64]) -> Option<Step> {
         self.setpoints(client, joints, values, |axis, value| {
             let most = self.speed * axis.max_speed;
-            value.is_finite().then(|| value.clamp(-most, most))
+            if value.is_finite() { Goal::To(value.clamp(-most, most)) } else { Goal::Beyond }
         })
         .map(|(motors, values)| Step::Stream(Setpoints { motors, values: Values::Velocity(values) }))
     }
 
     pub(super) fn directs(&mut self, client: &Client, joints: &Joints, values: &[f64]) -> Option<Step> {
-        self.setpoints(client, joints, values, |axis, value| {
-            let within = value >= axis.min - ROUNDING && value <= axis.max + ROUNDING;
-            within.then(|| value.clamp(axis.min, axis.max))
-        })
-        .map(|(motors, values)| Step::Stream(Setpoints { motors, values: Values::Position(values) }))
+        self.setpoints(client, joints, values, Goal::of)
+            .map(|(motors, values)| Step::Stream(Setpoints { motors, values: Values::Position(values) }))
     }
 
     fn setpoints(
@@ -52,16 +85,21 @@ impl FilterCore {
         client: &Client,
         joints: &Joints,
         values: &[f64],
-        check: impl Fn(&ShadowAxis, f64) -> Option<f64>,
+        goal: impl Fn(&ShadowAxis, f64) -> Goal,
     ) -> Option<(Vec<usize>, Vec<f64>)> {
         let part = self.parts.get(client.part)?;
-        let joints = joints.on(part.shadow.axes.len())?;
-        let checked: Option<Vec<f64>> = joints
-            .iter()
-            .zip(values)
-            .map(|(j, value)| Some(check(part.shadow.axes.get(*j)?, *value)?.to_radians()))
-            .collect();
-        Some((joints.iter().map(|j| part.motors.start + j).collect(), checked?))
+        let (mut motors, mut all) = (Vec::new(), Vec::new());
+        for (joint, value) in joints.on(part.shadow.axes.len())?.into_iter().zip(values) {
+            match goal(part.shadow.axes.get(joint)?, *value) {
+                Goal::To(value) => {
+                    motors.push(part.motors.start + joint);
+                    all.push(value.to_radians());
+                }
+                Goal::Stay => {}
+                Goal::Beyond => return None,
+            }
+        }
+        (!motors.is_empty()).then_some((motors, all))
     }
 
     /// Stops some joints. When no other joint moves the motion is given up; else these joints hold where they are.

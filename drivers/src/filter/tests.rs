@@ -1,5 +1,5 @@
 use super::*;
-use mobee_contract::Axis;
+use mobee_contract::{Axis, Values};
 use mobee_model::Part;
 use mobee_yarp::{Value, Vocab};
 use proptest::prelude::*;
@@ -371,4 +371,47 @@ proptest! {
             prop_assert!(reads::allowed(asked), "{}", asked);
         }
     }
+}
+
+/// A joint that stands beyond a limit (an elbow that sags to -0.4 degrees) doesn't keep its part from moving.
+#[test]
+fn a_joint_beyond_its_limit_may_stay_and_comes_back() {
+    let stands = |q: f64| {
+        let mut b = Bench::new();
+        b.q = vec![q.to_radians(), 0.2, 0.3];
+        let (at, q) = (b.now, b.q.clone());
+        b.core.sense(at, &q, Status::Rest);
+        b
+    };
+    let motors = |step: Step| match step {
+        Step::Commit(commit) => {
+            let to = commit.target.motors.iter().zip(&commit.target.q);
+            to.map(|(m, q)| format!("{m}:{:.1}", q.to_degrees())).collect::<Vec<_>>().join(" ")
+        }
+        Step::Reply(reply) => reply.to_string(),
+        other => panic!("{other:?}"),
+    };
+    for (at, asked, becomes) in [
+        // what repeats its place is taken, and only the other joint moves
+        (90.4, "[set] [poss] (90.4 10.0)", "1:10.0"),
+        (90.4, "[set] [poss] (90.2 10.0)", "1:10.0"),
+        (-90.4, "[set] [pos] 0 -90.4", "[ok]"),
+        (90.4, "[set] [rel] 0 0.0", "[ok]"),
+        // what is beyond, on that side, means the limit
+        (90.4, "[set] [pos] 0 95.0", "0:90.0"),
+        (-90.4, "[set] [posg] 2 (0 1) (-120.0 0.0)", "0:-90.0 1:0.0"),
+        (90.4, "[set] [pos] 0 89.0", "0:89.0"),
+        // and a joint within its limits, or beyond the other one, is not sent there
+        (89.9, "[set] [pos] 0 90.4", "[fail]"),
+        (90.4, "[set] [pos] 0 -90.4", "[fail]"),
+    ] {
+        assert_eq!(motors(stands(at).step(asked)), becomes, "{asked} at {at}");
+    }
+    let mut b = stands(90.4);
+    let Some(Step::Stream(setpoints)) = b.stream(2, "[dpos]", &[90.4, 11.0]) else { panic!("no stream") };
+    assert_eq!(setpoints.motors, [1]);
+    assert_eq!(stands(90.4).stream(2, "[dpo] 0", &[90.4]), None, "there is nothing to do");
+    let Some(Step::Stream(setpoints)) = stands(90.4).stream(2, "[dpo] 0", &[91.5]) else { panic!("no stream") };
+    let Values::Position(q) = setpoints.values else { panic!("no positions") };
+    assert!((q[0].to_degrees() - 90.0).abs() < 1e-9);
 }

@@ -317,3 +317,30 @@ fn an_escape_creeps() {
         assert!(told.len() == 2 && told.iter().all(|v| *v <= most + 1e-9), "{told:?} of {most}");
     }
 }
+
+/// A hundred set-points a second that are refused are one line, until they have been silent for a while or are refused for another reason.
+#[test]
+fn refused_set_points_are_one_line_per_burst() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let mut burst = |n: usize, jump: f64| {
+        for _ in 0..n {
+            assert!(cell.stream(true, Values::Position(vec![jump])).is_err());
+            cell.apply(Op::Samples(1));
+        }
+        let told = cell.refused;
+        cell.apply(Op::Samples(30));
+        told
+    };
+    assert_eq!(burst(200, 1.0), 1);
+    assert_eq!(burst(100, 1.0), 1, "a pause of 0.3 s is none");
+    assert_eq!(burst(100, 9.0), 2, "another reason");
+    cell.apply(Op::Samples(30));
+    assert!(cell.stream(true, Values::Position(vec![1.0])).is_err());
+    assert_eq!(cell.refused, 3, "after a silence");
+    let told = [9.0, 9.0].map(|q| {
+        assert!(cell.commit(q, true).is_err());
+        cell.refused
+    });
+    assert_eq!(told, [4, 5], "commits are told one by one");
+}
