@@ -7,6 +7,8 @@
 //! A steady delay of the states looks like an offset. What tells them apart are the stamps of the board's answers: one was made after
 //! its question went out and before it came, so our clock is ahead of the board's by no more than from its stamp to its arrival.
 
+use mobee_yarp::Stamp;
+
 /// A state that took longer than this is late.
 const LATE: f64 = 0.030;
 /// States that are late for longer than this tell the offset anew.
@@ -30,12 +32,22 @@ pub struct Arrivals {
     /// When the first of the states arrived that have been late since, and the shortest way of these.
     late: Option<(f64, f64)>,
     last: Option<f64>,
+    /// The newest stamp.
+    stamp: Option<Stamp>,
 }
 
 impl Arrivals {
+    /// The same of a state with its board's whole stamp. Some boards count their states and tell no time, or always the same:
+    /// then the arrival tells it.
+    pub fn state_at(&mut self, arrival: f64, stamp: Option<Stamp>, ahead: Option<f64>) -> Option<f64> {
+        let before = std::mem::replace(&mut self.stamp, stamp);
+        let stands = |s: &Stamp| before.is_some_and(|before| before.time == s.time && before.count != s.count);
+        self.read_at(arrival, stamp.filter(|s| !stands(s)).map(|s| s.time), ahead)
+    }
+
     /// When the state was read that arrived at `arrival` with this stamp, never after its arrival; `None` if that is not later than the
     /// one before: it was overtaken on its way, and is no news. `ahead` is the most by which our clock can be ahead of the board's, if its answers tell.
-    pub fn read_at(&mut self, arrival: f64, stamp: Option<f64>, ahead: Option<f64>) -> Option<f64> {
+    fn read_at(&mut self, arrival: f64, stamp: Option<f64>, ahead: Option<f64>) -> Option<f64> {
         let at = match stamp.filter(|s| s.is_finite()) {
             Some(stamp) => {
                 let told = self.stamped(arrival, stamp);
@@ -165,6 +177,24 @@ mod tests {
             let Some(at) = arrivals.read_at(t, Some(0.5 * t), Some(ahead)) else { continue };
             assert!(t - at < LATE + LATE_FOR + 0.02, "{i}: {at} of {t}");
         }
+    }
+
+    #[test]
+    fn a_clock_that_stands_still_tells_nothing() {
+        for time in [0.0, 1.79e9] {
+            let mut arrivals = Arrivals::default();
+            for count in 0..300 {
+                let t = 0.01 * f64::from(count);
+                let at = arrivals.state_at(t, Some(Stamp { count, time }), Some(-1.79e9)).unwrap_or(f64::NAN);
+                assert!((t - at).abs() < 1e-9, "{time} {count}: {at} of {t}");
+            }
+        }
+        // what came twice is no news
+        let mut arrivals = Arrivals::default();
+        let stamp = |count: u32| Some(Stamp { count, time: 7.0 + 0.01 * f64::from(count) });
+        let read =
+            [(0, 0.0), (1, 0.01), (1, 0.012), (2, 0.02)].map(|(n, t)| arrivals.state_at(t, stamp(n), None).is_some());
+        assert_eq!(read, [true, true, false, true]);
     }
 
     #[test]

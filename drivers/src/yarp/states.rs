@@ -38,7 +38,7 @@ pub async fn states(
             _ = state.changed() => {
                 let Some(newest) = state.borrow_and_update().clone() else { continue };
                 let ahead = cell.lock().boards.get(index).and_then(|known| known.ahead);
-                let at = arrivals.read_at(cell.secs(newest.arrived), newest.stamp.map(|s| s.time), ahead);
+                let at = arrivals.state_at(cell.secs(newest.arrived), newest.stamp, ahead);
                 let lost = board.lost();
                 if let Some(at) = at {
                     take(&cell, &layout, index, &newest, at, lost);
