@@ -13,7 +13,7 @@ mod contacts;
 mod retreat;
 
 use crate::controller::Rules;
-use crate::convoy::{Asked, Convoy, Way};
+use crate::convoy::{Asked, Convoy};
 use crate::gate::Gate;
 use crate::history::HistoryTooShort;
 use crate::ledger::Places;
@@ -114,7 +114,7 @@ enum Phase {
     Watching,
     Stopping { token: u64, since: Time, then: Then },
     Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, mark: (Time, Vec<f64>, Time) },
-    Settling { token: u64, since: Time, way: Way, violated: bool },
+    Settling { token: u64, since: Time, retreat: Retreat, violated: bool },
 }
 
 #[derive(Debug, Clone)]

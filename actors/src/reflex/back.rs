@@ -78,15 +78,15 @@ impl ReflexCore {
                         }
                     }
                     if retreat.is_over() {
-                        let (way, violated) = (retreat.way().clone(), *violated);
+                        let (retreat, violated) = (retreat.clone(), *violated);
                         let since = retreat.arrival(clock);
-                        self.phase = Phase::Settling { token, since, way, violated };
+                        self.phase = Phase::Settling { token, since, retreat, violated };
                         out.push(ReflexOut::Word(Word::Settling));
                     }
                 }
             }
-            Phase::Settling { token, since, way, violated } => {
-                let token = *token;
+            Phase::Settling { token, since, retreat, violated } => {
+                let (token, way) = (*token, retreat.way());
                 let broken = self.floors.broken(&pulse.contacts).copied();
                 if broken.is_some() || (pulse.violated.is_some() && !*violated) {
                     let what = blocked(broken, name);
@@ -115,6 +115,8 @@ impl ReflexCore {
                         (now, clock),
                         out,
                     );
+                } else if at_rest {
+                    out.extend(retreat.again(&pulse.sample, clock, &rules).map(|c| ReflexOut::Command(token, c)));
                 }
             }
         }

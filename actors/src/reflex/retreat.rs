@@ -120,6 +120,17 @@ impl Retreat {
         Ok(Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() }))
     }
 
+    /// The last set-point once more, if the robot rests beside it: it may have come as the lease was over, or never.
+    pub fn again(&mut self, sample: &Sample, now: Time, rules: &Rules) -> Option<Command> {
+        let apart = distance(&self.way.of(&sample.q), &self.written);
+        let beside = apart > rules.tolerance && apart <= FROZEN_WAY;
+        if !(self.way.direct && beside && now >= self.last + rules.reaction()) {
+            return None;
+        }
+        self.last = now;
+        Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() })
+    }
+
     /// Whether each motor is where it was sent within its reaction, to a degree. A board without a lease, or one that is held up,
     /// is not: to go on without the robot would lead it straight to where the clock is then, beside its recorded path.
     fn is_followed(&self, sample: &Sample, now: Time, rules: &Rules) -> bool {

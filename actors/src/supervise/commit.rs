@@ -164,7 +164,7 @@ impl SuperviseCore {
             None => return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() }),
             Some(owner) if owner != commit.agent => return Err(Refusal::Busy),
             Some(_) if self.forces.is_some() => {}
-            Some(_) => self.leave_stream(&commit.target.motors, now, out),
+            Some(_) => self.leave_stream(&commit.target.motors),
         }
         let escape = self.status == Status::Escaping;
         let course = self.course(&commit, &here, escape);

@@ -38,13 +38,13 @@ impl SuperviseCore {
         out: &mut Vec<SuperviseOut>,
     ) {
         let rules = self.rules.clone();
-        let mut stream = Streaming::new(!rules.position_direct, here, &rules, now);
+        let mut stream = Streaming::new(&rules, now);
         let start = clamped(here, &rules);
         let mut course = Course::new(&start);
         course.aim(fields, target, motors);
         let moving = course.motors();
-        let first: &[f64] = if rules.position_direct { &start } else { &[] };
-        stream.ask(&moving, first, now);
+        let (velocity, still) = (!rules.position_direct, vec![0.0; start.len()]);
+        stream.ask(&moving, velocity, if velocity { &still } else { &start }, (here, now), &rules);
         self.with_book(|b| b.ahead = Some(start));
         self.forces = Some(Forces { course, aimed: now, stepped: now, there: None, still: None });
         self.begin_stream(stream, here, now, out);
@@ -64,9 +64,11 @@ impl SuperviseCore {
         (forces.aimed, forces.there, forces.still) = (now, None, None);
         let joins = |m: &usize| self.stream.as_ref().is_some_and(|s| !s.names(*m));
         let new: Vec<usize> = motors.iter().map(|(m, _)| *m).filter(joins).collect();
-        if !new.is_empty() {
-            self.switch_modes(&new, out);
-        }
+        let (Some(stream), Some(newest)) = (&mut self.stream, &self.newest) else { return };
+        let (here, velocity) = (&newest.q, !self.rules.position_direct);
+        let first = if velocity { vec![0.0; here.len()] } else { clamped(here, &self.rules).to_vec() };
+        stream.ask(&new, velocity, &first, (here, now), &self.rules);
+        self.switch_modes(&new, out);
     }
 
     /// A reading during a motion under forces.
@@ -85,11 +87,9 @@ impl SuperviseCore {
             forces.course.step(q, push, &rules, elapsed.min(1.5 * period));
             self.ledger.book().ahead = Some(forces.course.q().into());
             let moving = forces.course.motors();
-            if rules.position_direct {
-                stream.ask(&moving, forces.course.q(), now);
-            } else {
-                stream.ask(&moving, &forces.course.velocities(q), now);
-            }
+            let velocity = !rules.position_direct;
+            let next = if velocity { forces.course.velocities(q) } else { forces.course.q().to_vec() };
+            stream.ask(&moving, velocity, &next, (q, now), &rules);
         }
         forces.there = if forces.course.is_there() { forces.there.or(Some(at)) } else { None };
         forces.still = if at_rest { forces.still.or(Some(at)) } else { None };

@@ -5,6 +5,7 @@
 //!                            └^ each next amends                 └── contact at any time: rolled back as any motion
 //! ```
 //!
+//! Several programs may share one transaction: some stream positions, some velocities, some move; each motor does what was said of it last.
 //! Streams are refused while the robot holds: an escape is a commit. What is written of them is a matter of [`Streaming`].
 
 use super::check::check_setpoints;
@@ -41,10 +42,10 @@ impl SuperviseCore {
             Way::Join { here } => self.join_stream(agent, &setpoints, &here, now, out),
             Way::Begin { here, at, speed } => {
                 let rules = self.rules.clone();
-                let mut stream = Streaming::new(is_velocity(&setpoints), &here, &rules, now);
-                stream.take(&setpoints, &rules, now)?;
+                let mut stream = Streaming::new(&rules, now);
+                stream.take(&setpoints, (&here, now), &rules)?;
                 let safe = self.take_safe(at, &here, speed, now, out);
-                let target = if stream.velocity { here.clone() } else { stream.with(&here, &stream.asked) };
+                let target = stream.asked(&here);
                 let motors = setpoints.motors.as_slice();
                 let id = self.open(agent.clone(), (target.clone(), motors), Some(safe), (None, now), out);
                 let (robot, agent) = (rules.robot.clone(), agent.to_string());
@@ -84,36 +85,27 @@ impl SuperviseCore {
             return not_ready("the end of the move under way");
         }
         let (rules, velocity) = (self.rules.clone(), is_velocity(setpoints));
-        let Some(stream) = &mut self.stream else {
-            if !velocity {
-                return not_ready("the end of the move under way");
-            }
-            // these motors leave the move; the others go on
-            let mut stream = Streaming::new(true, here, &rules, now);
-            stream.take(setpoints, &rules, now)?;
-            self.with_book(|b| b.open.iter_mut().for_each(|o| o.name(&setpoints.motors)));
-            self.tell_joined(id, &stream.named(), out);
-            self.begin_stream(stream, here, now, out);
-            return Ok(id);
-        };
+        let begins = self.stream.is_none();
+        let mut stream = self.stream.clone().unwrap_or_else(|| Streaming::new(&rules, now));
         if stream.braking.is_some() {
             return not_ready("the robot to come to rest");
         }
-        if stream.velocity != velocity {
-            return not_ready("the end of the present stream");
-        }
-        let new: Vec<usize> = setpoints.motors.iter().copied().filter(|m| !stream.names(*m)).collect();
-        stream.take(setpoints, &rules, now)?;
+        // those that move otherwise are taken over; the others go on
+        let new: Vec<usize> = setpoints.motors.iter().copied().filter(|m| !stream.asks(*m, velocity)).collect();
+        stream.take(setpoints, (here, now), &rules)?;
         if let Some(open) = &mut self.ledger.book().open {
             open.name(&setpoints.motors);
-            if !velocity {
-                open.target = stream.with(&open.target, &stream.asked);
-            }
+            open.target = stream.asked(&open.target);
         }
         if !new.is_empty() {
             self.tell_joined(id, &new, out);
-            self.switch_modes(&new, out);
         }
+        if begins {
+            self.begin_stream(stream, here, now, out);
+            return Ok(id);
+        }
+        self.stream = Some(stream);
+        self.switch_modes(&new, out);
         self.write_stream(here, now, out);
         Ok(id)
     }
@@ -126,28 +118,16 @@ impl SuperviseCore {
     }
 
     pub(super) fn write_stream(&mut self, here: &[f64], now: Time, out: &mut Vec<SuperviseOut>) {
-        let written = self.stream.as_mut().and_then(|s| s.write(here, &self.rules, now));
-        out.extend(written.map(|c| SuperviseOut::Command(self.token, Writer::Agent, c)));
+        let written = self.stream.as_mut().map(|s| s.write(here, &self.rules, now)).unwrap_or_default();
+        out.extend(written.into_iter().map(|c| SuperviseOut::Command(self.token, Writer::Agent, c)));
     }
 
-    /// A commit takes some motors over from the stream, and ends it: the others stay where the stream has brought them.
-    pub(super) fn leave_stream(&mut self, motors: &[usize], now: Time, out: &mut Vec<SuperviseOut>) {
-        let Some(mut stream) = self.stream.take() else { return };
-        if !stream.velocity {
-            self.with_book(|b| b.open.iter_mut().for_each(|o| o.target = stream.with(&o.target, &stream.written)));
-            return;
+    /// A commit takes some motors over from the stream, which goes on with the others.
+    pub(super) fn leave_stream(&mut self, motors: &[usize]) {
+        if let Some(stream) = &mut self.stream {
+            stream.leave(motors);
         }
-        for m in motors {
-            if let Some(named) = stream.motors.get_mut(*m) {
-                *named = false;
-            }
-        }
-        let rest = stream.named();
-        if !rest.is_empty() {
-            stream.braking.get_or_insert(now);
-            out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Stop { motors: rest }));
-            self.stream = Some(stream);
-        }
+        self.stream.take_if(|stream| stream.named().is_empty());
     }
 
     /// A reading during a stream: go on, brake, or see that it has come to rest. Returns whether the stream is over and
@@ -162,19 +142,18 @@ impl SuperviseCore {
         let Some(stream) = &mut self.stream else { return true };
         match stream.braking {
             None if at >= stream.heard + rules.stream_quiet => {
-                stream.braking = Some(at);
                 // positions end at the last of them, where the board holds by itself
-                if stream.velocity {
-                    let motors = stream.named();
+                let motors = stream.brake(at);
+                if !motors.is_empty() {
                     out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Stop { motors }));
                 }
             }
             None => self.write_stream(q, now, out),
-            Some(_) if !stream.velocity && stream.pending => self.write_stream(q, now, out),
+            Some(_) if stream.goes_on() => self.write_stream(q, now, out),
             Some(since) => {
                 let all_done = |of: bool| {
-                    let motors = stream.motors.iter().zip(&pulse.sample.done);
-                    motors.filter(|(named, _)| **named == of).all(|(_, done)| *done)
+                    let motors = pulse.sample.done.iter().enumerate();
+                    motors.filter(|(m, _)| stream.names(*m) == of).all(|(_, done)| *done)
                 };
                 // motors that a commit moves may well go on
                 let (done, others_move) = (all_done(true), !all_done(false));
@@ -198,9 +177,8 @@ impl SuperviseCore {
         let at = pulse.sample.at;
         if stream.mark.0 != pulse.unchanged {
             stream.mark = (pulse.unchanged, 0.0);
-        } else if stream.velocity && stream.braking.is_none() {
-            let fastest = stream.written.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-            stream.mark.1 += fastest * at.since(stream.seen).as_secs_f64();
+        } else {
+            stream.mark.1 += stream.fastest() * at.since(stream.seen).as_secs_f64();
         }
         stream.seen = at;
         at.since(stream.mark.0) >= FROZEN && stream.mark.1 > FROZEN_WAY
@@ -211,8 +189,8 @@ impl SuperviseCore {
         let Some(stream) = self.stream.take() else { return };
         let rested: Option<(CommitId, Pose, bool)> = self.with_book(|book| {
             let open = book.open.as_mut()?;
-            let last = |m: usize| stream.written.get(m).copied().filter(|_| !stream.velocity);
-            let rests: Vec<f64> = q.iter().enumerate().map(|(m, q)| home(last(m), *q, self.rules.tolerance)).collect();
+            let rest = |(m, q): (usize, &f64)| home(stream.sent(m), *q, self.rules.tolerance);
+            let rests: Vec<f64> = q.iter().enumerate().map(rest).collect();
             open.target = stream.with(&open.target, &rests);
             open.since = since;
             let alone = open.due.is_none();
@@ -236,8 +214,12 @@ impl SuperviseCore {
     pub(super) fn switch_modes(&mut self, motors: &[usize], out: &mut Vec<SuperviseOut>) {
         let Some(stream) = &self.stream else { return };
         self.modes.extend(motors);
-        let mode = if stream.velocity { ControlMode::Velocity } else { ControlMode::PositionDirect };
-        out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Mode { motors: motors.to_vec(), mode }));
+        for (velocity, mode) in [(true, ControlMode::Velocity), (false, ControlMode::PositionDirect)] {
+            let motors: Vec<usize> = motors.iter().copied().filter(|m| stream.asks(*m, velocity)).collect();
+            if !motors.is_empty() {
+                out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Mode { motors, mode }));
+            }
+        }
     }
 
     /// Motors that a stream has taken out of the mode of position moves are put back; whether there were any.

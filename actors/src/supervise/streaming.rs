@@ -4,7 +4,7 @@
 //! one that is nearer is gone to at the axis' own speed. Velocities are lowered to what the axis can do, and to what can
 //! still be braked before a limit when the lease is over.
 
-use crate::controller::{Rules, clamped};
+use crate::controller::{Rules, within};
 use mobee_contract::{Axis, Command, Pose, Refusal, Setpoints, Time, Values};
 use std::time::Duration;
 
@@ -13,19 +13,13 @@ const AHEAD: Duration = Duration::from_millis(100);
 /// Share of an axis' greatest speed that a written set-point may ask for.
 const SHARE: f64 = 0.95;
 
-/// A stream under way.
+/// A stream under way. Several programs may share it, some motors in positions and others in velocities.
 #[derive(Clone, Debug)]
 pub(super) struct Streaming {
-    pub(super) velocity: bool,
-    /// Which motors it has named: no other is written to.
-    pub(super) motors: Vec<bool>,
-    /// The newest set-point of every motor: rad, or rad/s.
-    pub(super) asked: Vec<f64>,
-    /// What was last written, and when.
-    pub(super) written: Vec<f64>,
-    wrote: Time,
-    /// Whether what was asked has not been written yet.
-    pub(super) pending: bool,
+    /// What each motor is asked for; no other is written to.
+    slots: Vec<Option<Slot>>,
+    positions: Writing,
+    velocities: Writing,
     /// When the last set-point came.
     pub(super) heard: Time,
     /// Since when the robot brakes.
@@ -36,17 +30,29 @@ pub(super) struct Streaming {
     pub(super) seen: Time,
 }
 
+/// One motor's set-points: rad, or rad/s.
+#[derive(Clone, Copy, Debug)]
+struct Slot {
+    velocity: bool,
+    asked: f64,
+    written: f64,
+    heard: Time,
+}
+
+/// When what is asked of one kind was written last, and whether it has not been yet.
+#[derive(Clone, Copy, Debug)]
+struct Writing {
+    wrote: Time,
+    pending: bool,
+}
+
 impl Streaming {
-    pub(super) fn new(velocity: bool, here: &Pose, rules: &Rules, now: Time) -> Streaming {
-        let n = here.len();
-        let rest = if velocity { vec![0.0; n] } else { clamped(here, rules).to_vec() };
+    pub(super) fn new(rules: &Rules, now: Time) -> Streaming {
+        let writing = Writing { wrote: now - rules.period, pending: false };
         Streaming {
-            velocity,
-            motors: vec![false; n],
-            asked: rest.clone(),
-            written: rest,
-            wrote: now - rules.period,
-            pending: false,
+            slots: vec![None; rules.axes.len()],
+            positions: writing,
+            velocities: writing,
             heard: now,
             braking: None,
             mark: (now, 0.0),
@@ -56,12 +62,46 @@ impl Streaming {
 
     /// The motors it has named.
     pub(super) fn named(&self) -> Vec<usize> {
-        self.motors.iter().enumerate().filter(|(_, named)| **named).map(|(m, _)| m).collect()
+        self.each().map(|(m, _)| m).collect()
+    }
+
+    /// Those that are asked for velocities, or for positions.
+    pub(super) fn named_for(&self, velocity: bool) -> Vec<usize> {
+        self.each().filter(|(_, slot)| slot.velocity == velocity).map(|(m, _)| m).collect()
+    }
+
+    fn each(&self) -> impl Iterator<Item = (usize, &Slot)> {
+        self.slots.iter().enumerate().filter_map(|(m, slot)| Some((m, slot.as_ref()?)))
+    }
+
+    fn slot(&self, motor: usize) -> Option<&Slot> {
+        self.slots.get(motor)?.as_ref()
     }
 
     /// Whether it has named this motor.
     pub(super) fn names(&self, motor: usize) -> bool {
-        self.motors.get(motor) == Some(&true)
+        self.slot(motor).is_some()
+    }
+
+    /// Whether it asks this motor for velocities, or for positions.
+    pub(super) fn asks(&self, motor: usize, velocity: bool) -> bool {
+        self.slot(motor).is_some_and(|slot| slot.velocity == velocity)
+    }
+
+    /// Whether positions wait to be written.
+    pub(super) fn goes_on(&self) -> bool {
+        self.positions.pending
+    }
+
+    /// The fastest velocity that was written, rad/s.
+    pub(super) fn fastest(&self) -> f64 {
+        self.each().filter(|(_, slot)| slot.velocity).fold(0.0, |most: f64, (_, slot)| most.max(slot.written.abs()))
+    }
+
+    /// A whole pose with the positions that were asked for.
+    pub(super) fn asked(&self, rest: &[f64]) -> Pose {
+        let asked = |(m, q): (usize, &f64)| self.slot(m).filter(|s| !s.velocity).map_or(*q, |s| s.asked);
+        rest.iter().enumerate().map(asked).collect()
     }
 
     /// A whole pose with these values for the motors that it has named.
@@ -70,87 +110,158 @@ impl Streaming {
         rest.iter().enumerate().map(named).collect()
     }
 
-    /// Takes in set-points of the controller's own for these motors; a motor without one is asked for what it was asked for.
-    pub(super) fn ask(&mut self, motors: &[usize], all: &[f64], now: Time) {
-        for m in motors {
-            if let Some(named) = self.motors.get_mut(*m) {
-                *named = true;
-            }
-            if let (Some(asked), Some(value)) = (self.asked.get_mut(*m), all.get(*m)) {
-                *asked = *value;
-            }
-        }
-        self.heard = now;
-        self.pending = true;
+    /// Where a motor was sent last, if it was to a position.
+    pub(super) fn sent(&self, motor: usize) -> Option<f64> {
+        self.slot(motor).filter(|slot| !slot.velocity).map(|slot| slot.written)
     }
 
-    /// Takes in what was checked.
+    /// These motors are no longer its own.
+    pub(super) fn leave(&mut self, motors: &[usize]) {
+        for m in motors {
+            if let Some(slot) = self.slots.get_mut(*m) {
+                *slot = None;
+            }
+        }
+    }
+
+    /// Nothing more is asked: velocities end, positions at the last of them. The motors that are to be stopped.
+    pub(super) fn brake(&mut self, now: Time) -> Vec<usize> {
+        self.braking.get_or_insert(now);
+        self.velocities.pending = false;
+        for slot in self.slots.iter_mut().flatten().filter(|slot| slot.velocity) {
+            (slot.asked, slot.written) = (0.0, 0.0);
+        }
+        self.named_for(true)
+    }
+
+    /// Takes in set-points of the controller's own for these motors, of one value for each of the robot's.
+    pub(super) fn ask(
+        &mut self,
+        motors: &[usize],
+        velocity: bool,
+        all: &[f64],
+        (here, now): (&[f64], Time),
+        rules: &Rules,
+    ) {
+        for m in motors {
+            if let Some(value) = all.get(*m) {
+                self.put(*m, velocity, *value, (here, now), rules);
+            }
+        }
+    }
+
+    fn put(&mut self, motor: usize, velocity: bool, asked: f64, (here, now): (&[f64], Time), rules: &Rules) {
+        let Some(slot) = self.slots.get_mut(motor) else { return };
+        // from where it is: whatever it was doing before is taken over
+        let written = match slot.filter(|slot| slot.velocity == velocity) {
+            Some(slot) => slot.written,
+            None => start(motor, velocity, here, rules),
+        };
+        *slot = Some(Slot { velocity, asked, written, heard: now });
+        self.heard = now;
+        let writing = if velocity { &mut self.velocities } else { &mut self.positions };
+        writing.pending = true;
+    }
+
+    /// Takes in what was checked, of a robot that is at `here`.
     ///
     /// # Errors
     /// A position too far ahead; nothing is changed then.
-    pub(super) fn take(&mut self, setpoints: &Setpoints, rules: &Rules, now: Time) -> Result<(), Refusal> {
-        let (Values::Position(values) | Values::Velocity(values)) = &setpoints.values;
-        if !self.velocity {
-            for (m, q) in setpoints.motors.iter().zip(values) {
-                let (Some(axis), Some(written)) = (rules.axes.get(*m), self.written.get(*m)) else { continue };
-                let (by, most) = ((q - written).abs(), axis.max_speed * AHEAD.as_secs_f64() + rules.tolerance);
-                if by > most {
-                    let (by_deg, most_deg) = (by.to_degrees(), most.to_degrees());
-                    return Err(Refusal::Jump { motor: axis.name.clone(), by_deg, most_deg });
-                }
+    pub(super) fn take(
+        &mut self,
+        setpoints: &Setpoints,
+        (here, now): (&[f64], Time),
+        rules: &Rules,
+    ) -> Result<(), Refusal> {
+        let (values, velocity) = match &setpoints.values {
+            Values::Position(values) => (values, false),
+            Values::Velocity(values) => (values, true),
+        };
+        let each = || setpoints.motors.iter().zip(values).filter_map(|(m, v)| Some((*m, *v, rules.axes.get(*m)?)));
+        for (m, q, axis) in each().filter(|_| !velocity) {
+            let written = self.sent(m).unwrap_or_else(|| start(m, velocity, here, rules));
+            let (by, most) = ((q - written).abs(), axis.max_speed * AHEAD.as_secs_f64() + rules.tolerance);
+            if by > most {
+                let (by_deg, most_deg) = (by.to_degrees(), most.to_degrees());
+                return Err(Refusal::Jump { motor: axis.name.clone(), by_deg, most_deg });
             }
         }
-        for (m, value) in setpoints.motors.iter().zip(values) {
-            let (Some(axis), Some(asked), Some(named)) =
-                (rules.axes.get(*m), self.asked.get_mut(*m), self.motors.get_mut(*m))
-            else {
-                continue;
-            };
-            *named = true;
-            *asked = if self.velocity { value.clamp(-axis.max_speed, axis.max_speed) } else { *value };
+        for (m, value, axis) in each() {
+            let asked = if velocity { value.clamp(-axis.max_speed, axis.max_speed) } else { value };
+            self.put(m, velocity, asked, (here, now), rules);
         }
-        self.heard = now;
-        self.pending = true;
         Ok(())
     }
 
-    /// The next command, if there is one and it is time for it.
-    pub(super) fn write(&mut self, here: &[f64], rules: &Rules, now: Time) -> Option<Command> {
-        let elapsed = now.since(self.wrote).as_secs_f64();
-        let period = rules.period.as_secs_f64();
-        // half a sample early rather than a whole one late
-        let due = elapsed >= 0.75 * period;
-        if self.velocity {
-            let motors = rules.axes.iter().zip(&self.asked).zip(here);
-            let allowed: Vec<f64> = motors.map(|((axis, v), q)| before_limit(axis, *q, *v, rules)).collect();
-            let brakes = allowed.iter().zip(&self.written).any(|(v, w)| v.abs() < w.abs() - 1e-9);
-            if !(brakes || self.pending && due) {
-                return None;
+    /// The next commands, if there are any and it is time for them.
+    pub(super) fn write(&mut self, here: &[f64], rules: &Rules, now: Time) -> Vec<Command> {
+        [self.write_velocities(here, rules, now), self.write_positions(rules, now)].into_iter().flatten().collect()
+    }
+
+    fn write_velocities(&mut self, here: &[f64], rules: &Rules, now: Time) -> Option<Command> {
+        let due = self.velocities.is_due(rules, now);
+        let (mut motors, mut speed, mut brakes) = (Vec::new(), Vec::new(), false);
+        for (m, slot) in self.slots.iter_mut().enumerate() {
+            let (Some(slot), Some(axis), Some(q)) = (slot, rules.axes.get(m), here.get(m)) else { continue };
+            if !slot.velocity {
+                continue;
             }
-            self.written = allowed;
-            let motors = self.named();
-            let speed = motors.iter().filter_map(|m| self.written.get(*m)).copied().collect();
-            (self.wrote, self.pending) = (now, false);
-            return Some(Command::Velocity { motors, speed });
+            // one that went quiet stops, whoever else goes on
+            if now >= slot.heard + rules.stream_quiet {
+                slot.asked = 0.0;
+            }
+            let allowed = before_limit(axis, *q, slot.asked, rules);
+            brakes |= allowed.abs() < slot.written.abs() - 1e-9;
+            motors.push(m);
+            speed.push(allowed);
         }
-        if !(self.pending && due) {
+        if motors.is_empty() || !(brakes || self.velocities.pending && due) {
             return None;
         }
-        let step = elapsed.min(1.5 * period);
-        let mut way = 0.0;
-        self.pending = false;
-        for ((axis, asked), written) in rules.axes.iter().zip(&self.asked).zip(&mut self.written) {
+        for (m, speed) in motors.iter().zip(&speed) {
+            if let Some(Some(slot)) = self.slots.get_mut(*m) {
+                slot.written = *speed;
+            }
+        }
+        self.velocities = Writing { wrote: now, pending: false };
+        Some(Command::Velocity { motors, speed })
+    }
+
+    fn write_positions(&mut self, rules: &Rules, now: Time) -> Option<Command> {
+        let Writing { wrote, pending } = self.positions;
+        if !(pending && self.positions.is_due(rules, now)) {
+            return None;
+        }
+        let step = now.since(wrote).as_secs_f64().min(1.5 * rules.period.as_secs_f64());
+        let (mut motors, mut q, mut way, mut pending) = (Vec::new(), Vec::new(), 0.0, false);
+        for (m, (slot, axis)) in self.slots.iter_mut().zip(rules.axes.iter()).enumerate() {
+            let Some(slot) = slot.as_mut().filter(|slot| !slot.velocity) else { continue };
             let most = SHARE * axis.max_speed * step;
-            let by = (asked - *written).clamp(-most, most);
+            let by = (slot.asked - slot.written).clamp(-most, most);
             way = f64::max(way, by.abs());
-            *written = if by == asked - *written { *asked } else { *written + by };
-            self.pending |= *written != *asked;
+            slot.written = if by == slot.asked - slot.written { slot.asked } else { slot.written + by };
+            pending |= slot.written != slot.asked;
+            motors.push(m);
+            q.push(slot.written);
         }
         self.mark.1 += way;
-        self.wrote = now;
-        let motors = self.named();
-        let q = motors.iter().filter_map(|m| self.written.get(*m)).copied().collect();
-        Some(Command::Direct { motors, q })
+        self.positions = Writing { wrote: now, pending };
+        (!motors.is_empty()).then_some(Command::Direct { motors, q })
+    }
+}
+
+impl Writing {
+    /// Half a sample early rather than a whole one late.
+    fn is_due(self, rules: &Rules, now: Time) -> bool {
+        now.since(self.wrote).as_secs_f64() >= 0.75 * rules.period.as_secs_f64()
+    }
+}
+
+/// What a motor's first set-point is measured against.
+fn start(motor: usize, velocity: bool, here: &[f64], rules: &Rules) -> f64 {
+    match (here.get(motor), rules.axes.get(motor)) {
+        (Some(q), Some(axis)) if !velocity => within(*q, axis),
+        _ => 0.0,
     }
 }
 

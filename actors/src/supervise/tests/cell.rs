@@ -385,6 +385,11 @@ impl Cell {
         }
     }
 
+    /// What waits for the driver never comes there.
+    pub fn lose(&mut self) {
+        self.driver.clear();
+    }
+
     /// Whether a message waits to be delivered on this link.
     pub fn waits(&self, link: u8) -> bool {
         match link {

@@ -344,3 +344,26 @@ fn refused_set_points_are_one_line_per_burst() {
     });
     assert_eq!(told, [4, 5], "commits are told one by one");
 }
+
+/// The last set-points of a way back may be lost, as when they come after the lease's end: they are said again.
+#[test]
+fn a_way_back_whose_last_set_points_are_lost_ends_all_the_same() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Wall(Some(0.5)));
+    cell.apply(Op::Commit(1.0, true));
+    let (mut lost, mut far) = (0, 0.0);
+    while cell.outcomes.is_empty() {
+        cell.sample();
+        cell.settle_chain();
+        let back = matches!(cell.supervise.status(), Status::Retreating | Status::Settling);
+        if back && cell.q < 0.012 && lost < 12 {
+            (lost, far) = (lost + u32::from(cell.waits(0)), cell.q);
+            cell.lose();
+        }
+        cell.flush();
+    }
+    assert!(lost == 12 && far > cell.rules.tolerance, "{lost} commands lost, at {far}");
+    assert_eq!((cell.outcome, cell.supervise.status()), (Some(Outcome::RolledBack), Status::Rest));
+    assert!(cell.q.abs() <= cell.rules.tolerance, "at {}", cell.q);
+}

@@ -38,9 +38,19 @@ impl Two {
     }
 
     fn stream(&mut self, values: Values) {
-        let setpoints = Setpoints { motors: vec![0, 1], values };
-        let out = self.supervise.on(SuperviseIn::Stream("a".into(), setpoints), self.now);
-        assert!(matches!(out[0], SuperviseOut::Verdict(Ok(_))), "{out:?}");
+        self.stream_to(&[0, 1], values);
+    }
+
+    /// Set-points of these motors, and what is commanded then.
+    fn stream_to(&mut self, motors: &[usize], values: Values) -> Vec<Command> {
+        let setpoints = Setpoints { motors: motors.to_vec(), values };
+        commands(self.supervise.on(SuperviseIn::Stream("a".into(), setpoints), self.now))
+    }
+
+    /// A move of one motor, and what is commanded then.
+    fn commit(&mut self, motor: usize, q: f64) -> Vec<Command> {
+        let target = Target { motors: vec![motor], q: vec![q], speed: 0.5 };
+        commands(self.supervise.on(SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds: None }), self.now))
     }
 
     fn target(&self) -> Vec<f64> {
@@ -48,26 +58,94 @@ impl Two {
     }
 }
 
-/// A commit takes one motor over from a stream of velocities: the other is stopped, and the stream ends where that one rests, as soon
-/// as its stop may show, however long the first goes on.
+/// What is commanded after a verdict that was good.
+fn commands(out: Vec<SuperviseOut>) -> Vec<Command> {
+    assert!(matches!(out[0], SuperviseOut::Verdict(Ok(_))), "{out:?}");
+    out.into_iter()
+        .filter_map(|o| match o {
+            SuperviseOut::Command(_, Writer::Agent, command) => Some(command),
+            _ => None,
+        })
+        .collect()
+}
+
+fn mode(motor: usize, mode: ControlMode) -> Command {
+    Command::Mode { motors: vec![motor], mode }
+}
+
+/// A commit takes one motor over from a stream of velocities: the other goes on while it is asked to, and the stream ends where that one
+/// rests, as soon as its stop may show, however long the first goes on.
 #[test]
-fn a_commit_takes_one_motor_over_and_the_other_is_stopped() {
+fn a_commit_takes_one_motor_over_and_the_other_goes_on() {
     let mut two = Two::new();
     for k in 1..10 {
         two.stream(Values::Velocity(vec![0.1, 0.1]));
         let _ = two.read([1e-3 * f64::from(k); 2], [false, false]);
     }
-    let target = Target { motors: vec![0], q: vec![1.0], speed: 0.5 };
-    let out = two.supervise.on(SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds: None }), two.now);
-    let stops = |o: &SuperviseOut| matches!(o, SuperviseOut::Command(_, Writer::Agent, Command::Stop { motors }) if motors == &[1]);
-    assert!(out.iter().any(stops), "{out:?}");
+    let out = two.commit(0, 1.0);
+    assert!(matches!(&out[..], [Command::Move(m)] if m.motors == [0]), "nothing but the move: {out:?}");
+    for k in 10..200 {
+        let out = two.stream_to(&[1], Values::Velocity(vec![0.2]));
+        assert!(out.iter().all(|c| matches!(c, Command::Velocity { motors, .. } if motors == &[1])), "{out:?}");
+        let _ = two.read([1e-3 * f64::from(k), 0.02], [false, false]);
+        assert_eq!(two.supervise.status(), Status::Moving);
+    }
+    let told = (1..100).find(|k| {
+        let out = two.read([0.2 + 1e-3 * f64::from(*k), 0.02], [false, true]);
+        let stop =
+            |o: &SuperviseOut| matches!(o, SuperviseOut::Command(_, _, Command::Stop { motors }) if motors == &[1]);
+        out.iter().any(stop)
+    });
+    assert!(told.is_some(), "it went quiet, and is stopped");
     let told = two.now;
     let over = (1..100).find(|k| {
-        let _ = two.read([0.01 + 1e-3 * f64::from(*k), 0.02], [false, true]);
+        let _ = two.read([0.4 + 1e-3 * f64::from(*k), 0.02], [false, true]);
         two.supervise.stream.is_none()
     });
     assert!(over.is_some() && two.now == told + two.rules.reaction(), "{over:?}");
     assert_eq!((two.target(), two.supervise.status()), (vec![1.0, 0.02], Status::Moving));
+}
+
+/// Set-points of position take a motor over from the move that it makes, as on a board; the rest of the move goes on.
+#[test]
+fn positions_take_a_motor_over_from_its_move() {
+    for motor in [0, 1] {
+        let mut two = Two::new();
+        two.commit(0, 1.0);
+        let _ = two.read([0.05, 0.0], [false, true]);
+        let here = [0.05, 0.0];
+        let out = two.stream_to(&[motor], Values::Position(vec![here[motor] + 0.005]));
+        let direct = Command::Direct { motors: vec![motor], q: vec![here[motor] + 0.005] };
+        assert_eq!(out, [mode(motor, ControlMode::PositionDirect), direct]);
+        let expected = if motor == 0 { vec![0.055, 0.0] } else { vec![1.0, 0.005] };
+        assert_eq!(two.target(), expected);
+        let named = two.ledger.book().open.as_ref().map(|open| open.named.to_vec());
+        assert_eq!(named, Some(if motor == 0 { vec![0] } else { vec![0, 1] }), "all that moved is taken back");
+        let jump = Setpoints { motors: vec![motor], values: Values::Position(vec![here[motor] + 0.5]) };
+        let refused = two.supervise.on(SuperviseIn::Stream("a".into(), jump), two.now);
+        assert!(matches!(refused[0], SuperviseOut::Verdict(Err(Refusal::Jump { .. }))), "{refused:?}");
+    }
+}
+
+/// Two programs stream, one velocities and one positions: each motor does what was said of it last, and a motor changes over.
+#[test]
+fn two_streams_share_a_robot() {
+    let mut two = Two::new();
+    let out = two.stream_to(&[0], Values::Velocity(vec![0.1]));
+    assert_eq!(out, [mode(0, ControlMode::Velocity), Command::Velocity { motors: vec![0], speed: vec![0.1] }]);
+    let out = two.stream_to(&[1], Values::Position(vec![0.01]));
+    assert_eq!(out, [mode(1, ControlMode::PositionDirect), Command::Direct { motors: vec![1], q: vec![0.01] }]);
+    assert_eq!(two.target(), [0.0, 0.01]);
+    (0..2).for_each(|_| _ = two.read([0.001, 0.01], [false, false]));
+    let out = two.stream_to(&[0], Values::Position(vec![0.002]));
+    assert_eq!(
+        out,
+        [mode(0, ControlMode::PositionDirect), Command::Direct { motors: vec![0, 1], q: vec![0.002, 0.01] }]
+    );
+    let out: Vec<_> = (0..200).flat_map(|_| two.read([0.002, 0.01], [true, true])).collect();
+    let back = |o: &SuperviseOut| matches!(o, SuperviseOut::Command(_, _, Command::Mode { motors, mode: ControlMode::Position }) if motors == &[0, 1]);
+    assert!(out.iter().any(back), "{out:?}");
+    assert_eq!(two.supervise.status(), Status::Rest);
 }
 
 /// A stream of positions ends at its last set-points if the robot counts as being there, else where it rests.
