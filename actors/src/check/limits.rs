@@ -1,13 +1,13 @@
 //! I5: every value that leaves the filter is finite, within its motor's limits, and not faster than the motor may be.
 //!
-//! A commit's whole pose holds readings of the motors that it does not name, which may stand beyond a limit; encoder noise may take
-//! those that it names beyond one by up to the tolerance, where a stream of theirs ended. Streams, of positions and of velocities, are told at their end with the greatest share of a motor's
-//! speed that they asked for.
+//! A commit's whole pose holds readings of the motors that it does not name, which may stand beyond a limit. Those that were named in
+//! the open transaction may be beyond one by the tolerance, for encoder noise where a stream of theirs ended. Streams, of positions
+//! and of velocities, are told at their end with the greatest share of a motor's speed that they asked for.
 
 use super::{Found, Invariant};
 use crate::journal::{Line, NOT_FINITE};
 use mobee_contract::Event;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What rounding may add.
 const SLACK: f64 = 1e-9;
@@ -25,6 +25,8 @@ struct Motors {
     range: Vec<(f64, f64)>,
     max_speed: Vec<f64>,
     tolerance: f64,
+    /// The motors that the last transaction has named.
+    named: BTreeSet<usize>,
 }
 
 impl Motors {
@@ -54,7 +56,8 @@ impl Invariant for Limits {
             Event::Robot { robot, motors, min, max, max_speed, tolerance, .. } => {
                 let range = min.iter().copied().zip(max.iter().copied()).collect();
                 let (names, max_speed) = (motors.clone(), max_speed.clone());
-                self.robots.insert(robot.clone(), Motors { names, range, max_speed, tolerance: *tolerance });
+                let motors = Motors { names, range, max_speed, tolerance: *tolerance, named: BTreeSet::new() };
+                self.robots.insert(robot.clone(), motors);
                 return;
             }
             Event::Warning { text } => {
@@ -69,18 +72,22 @@ impl Invariant for Limits {
             | Event::Streamed { robot, .. } => robot,
             _ => return,
         };
-        let Some(motors) = self.robots.get(robot) else {
+        let Some(motors) = self.robots.get_mut(robot) else {
             return found.say(format!("{robot}: moved before the journal named its limits"));
         };
         let mut wrong: Vec<String> = Vec::new();
         match &line.event {
             Event::Commit { target, motors: named, .. } | Event::Amended { target, motors: named, .. } => {
+                if matches!(line.event, Event::Commit { .. }) {
+                    motors.named.clear();
+                }
+                motors.named.extend(named.iter().map(|(m, _)| *m));
                 if target.len() != motors.range.len() {
                     wrong.push(format!("a target of {} motors for {}", target.len(), motors.range.len()));
                 }
                 let slack = motors.tolerance.max(SLACK);
-                let sent = |(m, _): &(usize, f64)| motors.position(*m, *target.get(*m)?, slack);
-                wrong.extend(named.iter().filter_map(sent));
+                let sent = |m: &usize| motors.position(*m, *target.get(*m)?, slack);
+                wrong.extend(motors.named.iter().filter_map(sent));
             }
             Event::Command { q, speed, .. } => {
                 wrong.extend(q.iter().filter_map(|(m, q)| motors.position(*m, *q, SLACK)));

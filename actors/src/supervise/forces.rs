@@ -8,10 +8,10 @@
 
 use super::streaming::Streaming;
 use super::{SuperviseCore, SuperviseOut};
-use crate::controller::{FieldRules, clamped, distance};
+use crate::controller::{FieldRules, Rules, clamped, distance};
 use crate::course::Course;
 use crate::pulse::Pulse;
-use mobee_contract::{Cause, Hold, Pose, Status, Time};
+use mobee_contract::{Cause, ControlMode, Hold, Pose, Status, Time};
 
 /// A motion under way.
 #[derive(Clone, Debug)]
@@ -43,11 +43,10 @@ impl SuperviseCore {
         let mut course = Course::new(&start);
         course.aim(fields, target, motors);
         let moving = course.motors();
-        let (velocity, still) = (!rules.position_direct, vec![0.0; start.len()]);
-        stream.ask(&moving, velocity, if velocity { &still } else { &start }, (here, now), &rules);
+        stream.ask(&moving, mode(&rules), &still(here, &rules), (here, now), &rules);
         self.with_book(|b| b.ahead = Some(start));
         self.forces = Some(Forces { course, aimed: now, stepped: now, there: None, still: None });
-        self.begin_stream(stream, here, now, out);
+        self.begin_stream(stream, &moving, here, now, out);
     }
 
     /// The target changed in mid-motion.
@@ -65,9 +64,8 @@ impl SuperviseCore {
         let joins = |m: &usize| self.stream.as_ref().is_some_and(|s| !s.names(*m));
         let new: Vec<usize> = motors.iter().map(|(m, _)| *m).filter(joins).collect();
         let (Some(stream), Some(newest)) = (&mut self.stream, &self.newest) else { return };
-        let (here, velocity) = (&newest.q, !self.rules.position_direct);
-        let first = if velocity { vec![0.0; here.len()] } else { clamped(here, &self.rules).to_vec() };
-        stream.ask(&new, velocity, &first, (here, now), &self.rules);
+        let (here, rules) = (&newest.q, &self.rules);
+        stream.ask(&new, mode(rules), &still(here, rules), (here, now), rules);
         self.switch_modes(&new, out);
     }
 
@@ -87,9 +85,11 @@ impl SuperviseCore {
             forces.course.step(q, push, &rules, elapsed.min(1.5 * period));
             self.ledger.book().ahead = Some(forces.course.q().into());
             let moving = forces.course.motors();
-            let velocity = !rules.position_direct;
-            let next = if velocity { forces.course.velocities(q) } else { forces.course.q().to_vec() };
-            stream.ask(&moving, velocity, &next, (q, now), &rules);
+            let next = match mode(&rules) {
+                ControlMode::Velocity => forces.course.velocities(q),
+                _ => forces.course.q().to_vec(),
+            };
+            stream.ask(&moving, mode(&rules), &next, (q, now), &rules);
         }
         forces.there = if forces.course.is_there() { forces.there.or(Some(at)) } else { None };
         forces.still = if at_rest { forces.still.or(Some(at)) } else { None };
@@ -105,5 +105,18 @@ impl SuperviseCore {
         } else {
             self.keep_in_history(out);
         }
+    }
+}
+
+/// The mode in which motors are driven under forces.
+fn mode(rules: &Rules) -> ControlMode {
+    if rules.position_direct { ControlMode::PositionDirect } else { ControlMode::Velocity }
+}
+
+/// The set-points of a robot that stays where it is.
+fn still(here: &Pose, rules: &Rules) -> Pose {
+    match mode(rules) {
+        ControlMode::Velocity => vec![0.0; here.len()].into(),
+        _ => clamped(here, rules),
     }
 }

@@ -10,14 +10,14 @@
 
 use super::check::check_setpoints;
 use super::commit::Way;
-use super::streaming::Streaming;
+use super::streaming::{Streaming, mode_of};
 use super::{SuperviseCore, SuperviseOut};
 use crate::controller::Rules;
 use crate::ledger::home;
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
 use mobee_contract::{
-    Cause, Command, CommitId, ControlMode, Event, Hold, Pose, Refusal, Setpoints, Status, Time, Values, Verdict, Writer,
+    Cause, Command, CommitId, ControlMode, Event, Hold, Pose, Refusal, Setpoints, Status, Time, Verdict, Writer,
 };
 use std::sync::Arc;
 use std::time::Duration;
@@ -49,19 +49,27 @@ impl SuperviseCore {
                 let motors = setpoints.motors.as_slice();
                 let id = self.open(agent.clone(), (target.clone(), motors), Some(safe), (None, now), out);
                 let (robot, agent) = (rules.robot.clone(), agent.to_string());
-                let motors = greatest(&stream.named(), &rules);
+                let named = stream.named();
+                let motors = greatest(&named, &rules);
                 out.push(SuperviseOut::Event(Event::Commit { robot, id, agent, target, escape: false, motors }));
                 self.enter(Status::Moving, out);
-                self.begin_stream(stream, &here, now, out);
+                self.begin_stream(stream, &named, &here, now, out);
                 Ok(id)
             }
         }
     }
 
-    pub(super) fn begin_stream(&mut self, stream: Streaming, here: &Pose, now: Time, out: &mut Vec<SuperviseOut>) {
-        let motors = stream.named();
+    /// The stream begins, or goes on, with these motors new to it.
+    pub(super) fn begin_stream(
+        &mut self,
+        stream: Streaming,
+        new: &[usize],
+        here: &Pose,
+        now: Time,
+        out: &mut Vec<SuperviseOut>,
+    ) {
         self.stream = Some(stream);
-        self.switch_modes(&motors, out);
+        self.switch_modes(new, out);
         self.write_stream(here, now, out);
     }
 
@@ -84,14 +92,13 @@ impl SuperviseCore {
         if self.forces.is_some() {
             return not_ready("the end of the move under way");
         }
-        let (rules, velocity) = (self.rules.clone(), is_velocity(setpoints));
-        let begins = self.stream.is_none();
+        let (rules, mode) = (self.rules.clone(), mode_of(&setpoints.values));
         let mut stream = self.stream.clone().unwrap_or_else(|| Streaming::new(&rules, now));
         if stream.braking.is_some() {
             return not_ready("the robot to come to rest");
         }
         // those that move otherwise are taken over; the others go on
-        let new: Vec<usize> = setpoints.motors.iter().copied().filter(|m| !stream.asks(*m, velocity)).collect();
+        let new: Vec<usize> = setpoints.motors.iter().copied().filter(|m| !stream.drives(*m, mode)).collect();
         stream.take(setpoints, (here, now), &rules)?;
         if let Some(open) = &mut self.ledger.book().open {
             open.name(&setpoints.motors);
@@ -100,13 +107,7 @@ impl SuperviseCore {
         if !new.is_empty() {
             self.tell_joined(id, &new, out);
         }
-        if begins {
-            self.begin_stream(stream, here, now, out);
-            return Ok(id);
-        }
-        self.stream = Some(stream);
-        self.switch_modes(&new, out);
-        self.write_stream(here, now, out);
+        self.begin_stream(stream, &new, here, now, out);
         Ok(id)
     }
 
@@ -214,8 +215,8 @@ impl SuperviseCore {
     pub(super) fn switch_modes(&mut self, motors: &[usize], out: &mut Vec<SuperviseOut>) {
         let Some(stream) = &self.stream else { return };
         self.modes.extend(motors);
-        for (velocity, mode) in [(true, ControlMode::Velocity), (false, ControlMode::PositionDirect)] {
-            let motors: Vec<usize> = motors.iter().copied().filter(|m| stream.asks(*m, velocity)).collect();
+        for mode in [ControlMode::Velocity, ControlMode::PositionDirect] {
+            let motors: Vec<usize> = motors.iter().copied().filter(|m| stream.drives(*m, mode)).collect();
             if !motors.is_empty() {
                 out.push(SuperviseOut::Command(self.token, Writer::Agent, Command::Mode { motors, mode }));
             }
@@ -237,8 +238,4 @@ impl SuperviseCore {
 /// The greatest speeds of these motors, rad/s: a stream may use all of them.
 fn greatest(motors: &[usize], rules: &Rules) -> Vec<(usize, f64)> {
     motors.iter().filter_map(|m| Some((*m, rules.axes.get(*m)?.max_speed))).collect()
-}
-
-fn is_velocity(setpoints: &Setpoints) -> bool {
-    matches!(setpoints.values, Values::Velocity(_))
 }

@@ -5,7 +5,7 @@
 //! still be braked before a limit when the lease is over.
 
 use crate::controller::{Rules, within};
-use mobee_contract::{Axis, Command, Pose, Refusal, Setpoints, Time, Values};
+use mobee_contract::{Axis, Command, ControlMode, Pose, Refusal, Setpoints, Time, Values};
 use std::time::Duration;
 
 /// How far ahead of the robot a set-point of position may be, in time at its axis' greatest speed.
@@ -30,10 +30,10 @@ pub(super) struct Streaming {
     pub(super) seen: Time,
 }
 
-/// One motor's set-points: rad, or rad/s.
+/// One motor's set-points: of position, rad, or of velocity, rad/s.
 #[derive(Clone, Copy, Debug)]
 struct Slot {
-    velocity: bool,
+    mode: ControlMode,
     asked: f64,
     written: f64,
     heard: Time,
@@ -65,9 +65,9 @@ impl Streaming {
         self.each().map(|(m, _)| m).collect()
     }
 
-    /// Those that are asked for velocities, or for positions.
-    pub(super) fn named_for(&self, velocity: bool) -> Vec<usize> {
-        self.each().filter(|(_, slot)| slot.velocity == velocity).map(|(m, _)| m).collect()
+    /// Those that are driven in this mode.
+    pub(super) fn named_in(&self, mode: ControlMode) -> Vec<usize> {
+        self.each().filter(|(_, slot)| slot.mode == mode).map(|(m, _)| m).collect()
     }
 
     fn each(&self) -> impl Iterator<Item = (usize, &Slot)> {
@@ -83,9 +83,9 @@ impl Streaming {
         self.slot(motor).is_some()
     }
 
-    /// Whether it asks this motor for velocities, or for positions.
-    pub(super) fn asks(&self, motor: usize, velocity: bool) -> bool {
-        self.slot(motor).is_some_and(|slot| slot.velocity == velocity)
+    /// Whether it drives this motor in this mode.
+    pub(super) fn drives(&self, motor: usize, mode: ControlMode) -> bool {
+        self.slot(motor).is_some_and(|slot| slot.mode == mode)
     }
 
     /// Whether positions wait to be written.
@@ -95,12 +95,14 @@ impl Streaming {
 
     /// The fastest velocity that was written, rad/s.
     pub(super) fn fastest(&self) -> f64 {
-        self.each().filter(|(_, slot)| slot.velocity).fold(0.0, |most: f64, (_, slot)| most.max(slot.written.abs()))
+        self.each()
+            .filter(|(_, slot)| slot.is_velocity())
+            .fold(0.0, |most: f64, (_, slot)| most.max(slot.written.abs()))
     }
 
     /// A whole pose with the positions that were asked for.
     pub(super) fn asked(&self, rest: &[f64]) -> Pose {
-        let asked = |(m, q): (usize, &f64)| self.slot(m).filter(|s| !s.velocity).map_or(*q, |s| s.asked);
+        let asked = |(m, q): (usize, &f64)| self.slot(m).filter(|s| !s.is_velocity()).map_or(*q, |s| s.asked);
         rest.iter().enumerate().map(asked).collect()
     }
 
@@ -112,7 +114,7 @@ impl Streaming {
 
     /// Where a motor was sent last, if it was to a position.
     pub(super) fn sent(&self, motor: usize) -> Option<f64> {
-        self.slot(motor).filter(|slot| !slot.velocity).map(|slot| slot.written)
+        self.slot(motor).filter(|slot| !slot.is_velocity()).map(|slot| slot.written)
     }
 
     /// These motors are no longer its own.
@@ -128,38 +130,39 @@ impl Streaming {
     pub(super) fn brake(&mut self, now: Time) -> Vec<usize> {
         self.braking.get_or_insert(now);
         self.velocities.pending = false;
-        for slot in self.slots.iter_mut().flatten().filter(|slot| slot.velocity) {
+        for slot in self.slots.iter_mut().flatten().filter(|slot| slot.is_velocity()) {
             (slot.asked, slot.written) = (0.0, 0.0);
         }
-        self.named_for(true)
+        self.named_in(ControlMode::Velocity)
     }
 
     /// Takes in set-points of the controller's own for these motors, of one value for each of the robot's.
     pub(super) fn ask(
         &mut self,
         motors: &[usize],
-        velocity: bool,
+        mode: ControlMode,
         all: &[f64],
         (here, now): (&[f64], Time),
         rules: &Rules,
     ) {
         for m in motors {
             if let Some(value) = all.get(*m) {
-                self.put(*m, velocity, *value, (here, now), rules);
+                self.put(*m, mode, *value, (here, now), rules);
             }
         }
     }
 
-    fn put(&mut self, motor: usize, velocity: bool, asked: f64, (here, now): (&[f64], Time), rules: &Rules) {
+    fn put(&mut self, motor: usize, mode: ControlMode, asked: f64, (here, now): (&[f64], Time), rules: &Rules) {
         let Some(slot) = self.slots.get_mut(motor) else { return };
         // from where it is: whatever it was doing before is taken over
-        let written = match slot.filter(|slot| slot.velocity == velocity) {
+        let written = match slot.filter(|slot| slot.mode == mode) {
             Some(slot) => slot.written,
-            None => start(motor, velocity, here, rules),
+            None => start(motor, mode, here, rules),
         };
-        *slot = Some(Slot { velocity, asked, written, heard: now });
+        let new = Slot { mode, asked, written, heard: now };
+        *slot = Some(new);
         self.heard = now;
-        let writing = if velocity { &mut self.velocities } else { &mut self.positions };
+        let writing = if new.is_velocity() { &mut self.velocities } else { &mut self.positions };
         writing.pending = true;
     }
 
@@ -173,13 +176,12 @@ impl Streaming {
         (here, now): (&[f64], Time),
         rules: &Rules,
     ) -> Result<(), Refusal> {
-        let (values, velocity) = match &setpoints.values {
-            Values::Position(values) => (values, false),
-            Values::Velocity(values) => (values, true),
-        };
+        let mode = mode_of(&setpoints.values);
+        let (Values::Position(values) | Values::Velocity(values)) = &setpoints.values;
+        let velocity = mode == ControlMode::Velocity;
         let each = || setpoints.motors.iter().zip(values).filter_map(|(m, v)| Some((*m, *v, rules.axes.get(*m)?)));
         for (m, q, axis) in each().filter(|_| !velocity) {
-            let written = self.sent(m).unwrap_or_else(|| start(m, velocity, here, rules));
+            let written = self.sent(m).unwrap_or_else(|| start(m, mode, here, rules));
             let (by, most) = ((q - written).abs(), axis.max_speed * AHEAD.as_secs_f64() + rules.tolerance);
             if by > most {
                 let (by_deg, most_deg) = (by.to_degrees(), most.to_degrees());
@@ -188,7 +190,7 @@ impl Streaming {
         }
         for (m, value, axis) in each() {
             let asked = if velocity { value.clamp(-axis.max_speed, axis.max_speed) } else { value };
-            self.put(m, velocity, asked, (here, now), rules);
+            self.put(m, mode, asked, (here, now), rules);
         }
         Ok(())
     }
@@ -203,7 +205,7 @@ impl Streaming {
         let (mut motors, mut speed, mut brakes) = (Vec::new(), Vec::new(), false);
         for (m, slot) in self.slots.iter_mut().enumerate() {
             let (Some(slot), Some(axis), Some(q)) = (slot, rules.axes.get(m), here.get(m)) else { continue };
-            if !slot.velocity {
+            if !slot.is_velocity() {
                 continue;
             }
             // one that went quiet stops, whoever else goes on
@@ -235,7 +237,7 @@ impl Streaming {
         let step = now.since(wrote).as_secs_f64().min(1.5 * rules.period.as_secs_f64());
         let (mut motors, mut q, mut way, mut pending) = (Vec::new(), Vec::new(), 0.0, false);
         for (m, (slot, axis)) in self.slots.iter_mut().zip(rules.axes.iter()).enumerate() {
-            let Some(slot) = slot.as_mut().filter(|slot| !slot.velocity) else { continue };
+            let Some(slot) = slot.as_mut().filter(|slot| !slot.is_velocity()) else { continue };
             let most = SHARE * axis.max_speed * step;
             let by = (slot.asked - slot.written).clamp(-most, most);
             way = f64::max(way, by.abs());
@@ -250,6 +252,20 @@ impl Streaming {
     }
 }
 
+impl Slot {
+    fn is_velocity(self) -> bool {
+        self.mode == ControlMode::Velocity
+    }
+}
+
+/// The mode in which motors take such set-points.
+pub(super) fn mode_of(values: &Values) -> ControlMode {
+    match values {
+        Values::Position(_) => ControlMode::PositionDirect,
+        Values::Velocity(_) => ControlMode::Velocity,
+    }
+}
+
 impl Writing {
     /// Half a sample early rather than a whole one late.
     fn is_due(self, rules: &Rules, now: Time) -> bool {
@@ -258,9 +274,9 @@ impl Writing {
 }
 
 /// What a motor's first set-point is measured against.
-fn start(motor: usize, velocity: bool, here: &[f64], rules: &Rules) -> f64 {
+fn start(motor: usize, mode: ControlMode, here: &[f64], rules: &Rules) -> f64 {
     match (here.get(motor), rules.axes.get(motor)) {
-        (Some(q), Some(axis)) if !velocity => within(*q, axis),
+        (Some(q), Some(axis)) if mode == ControlMode::PositionDirect => within(*q, axis),
         _ => 0.0,
     }
 }

@@ -409,6 +409,13 @@ fn i5_values_beyond_the_limits() {
     }
     let far = commit(2, &[0.5, 1.1]);
     broken("I5", instead(&commit(2, &[0.5, 0.5]), far.clone()), Some(&far), "motor b");
+    // what a commit does not name may stand beyond a limit; what it has named is looked at as long as it is open
+    let sags = commit_of(2, &[0.5, 1.1], &[(0, 0.5)]);
+    let found = run(instead(&commit(2, &[0.5, 0.5]), sags));
+    assert!(found.iter().all(|found| found.invariant != "I5"), "{found:?}");
+    let ended = Event::Amended { robot: R.into(), id: CommitId(2), target: pose(&[0.5, 1.1]), motors: Vec::new() };
+    let found = run(with(&commit(2, &[0.5, 0.5]), std::slice::from_ref(&ended)));
+    assert!(found.iter().any(|found| found.invariant == "I5" && found.what.contains("motor b")), "{found:?}");
     let short = commit(2, &[0.5]);
     broken("I5", instead(&commit(2, &[0.5, 0.5]), short.clone()), Some(&short), "1 motors");
 }

@@ -1,7 +1,9 @@
-//! One leg of a plan, and when two of them meet.
+//! One leg of a plan, when two of them meet, and the way of a robot that goes back by itself.
 
 use super::*;
-use crate::convoy::tests::{recorded, rules, scene};
+use crate::convoy::SLICE;
+use crate::convoy::tests::{A, recorded, rules, scene};
+use std::time::Duration;
 
 /// A robot that rested at the first of these angles (radians), moved, and rests at the second; its way ends at the first rest.
 fn farther(then: f64, safe: f64, place: Option<f64>) -> Leg {
@@ -96,4 +98,111 @@ fn a_pose_is_passed_on_the_line_between_two_readings() {
     }
     let still = passing(&a, &at(11, [0.5, 1.0]), &[0.0, 0.0]);
     assert_eq!((still.q, still.at), (a.q, a.at));
+}
+
+/// What rests keeps the place where it was sent: the way ends there, unless it was recorded elsewhere; and a motor that the
+/// motion did not name is not on it.
+#[test]
+fn a_way_ends_where_its_motors_had_been_sent() {
+    let end = |place: Option<f64>, named: &[usize]| {
+        let who = Traveller { places: vec![place].into(), named: named.into(), ..recorded(0, true, &A, 0.3) };
+        let safe = who.safe.clone();
+        let way = alone(who);
+        assert_eq!(way.end.1, safe, "it is judged by what was recorded");
+        (way.of(&way.points.last().unwrap().1), way.motors.to_vec(), safe[0])
+    };
+    let tolerance = rules(true).tolerance;
+    let (q, motors, safe) = end(None, &[0]);
+    assert_eq!((q, motors), (vec![safe], vec![0]));
+    assert_eq!(end(Some(safe + 0.4 * tolerance), &[0]).0, [safe + 0.4 * tolerance]);
+    assert_eq!(end(Some(safe + 0.6 * tolerance), &[0]).0, [safe], "it was moved by somebody else");
+    assert_eq!(end(Some(safe), &[]), (vec![], vec![], safe));
+}
+
+/// The way of a robot that goes back by itself.
+fn alone(who: Traveller) -> Way {
+    let mut plan = Plan::new(vec![who]).unwrap();
+    assert!(plan.check(SLICE));
+    plan.ways().remove(0)
+}
+
+/// Between two recorded poses of one robot, another is where it was meanwhile: half of the way, half of the time.
+#[test]
+fn a_way_leads_through_what_was_recorded_at_that_time() {
+    let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (2.5, 30.0)], 0.5));
+    assert_eq!((way.direct, way.farther, way.blocked), (true, false, false));
+    // speeds are told a few readings late: rest is left a little later, and entered a little later, than it was
+    assert!((way.end() - 1.0).abs() < 0.08, "rests are skipped: {} s", way.end());
+    let there = |t: f64| {
+        let next = way.points.iter().position(|(at, _)| *at >= t).unwrap();
+        let ((t0, a), (t1, b)) = (&way.points[next - 1], &way.points[next]);
+        (a[0] + (b[0] - a[0]) * (t - t0) / (t1 - t0)).to_degrees()
+    };
+    for t in [0.2, 0.5, 0.8] {
+        let exact = 30.0 * (1.0 - t);
+        assert!((there(t) - exact).abs() < 2.0, "{} after {t} s, not {exact}", there(t));
+    }
+    assert!(way.points.windows(2).all(|w| w[0].0 <= w[1].0 && w[0].1[0] >= w[1].1[0]));
+    assert!((100..120).contains(&way.points.len()), "one point for each rest: {}", way.points.len());
+}
+
+/// What is recorded faster than a board may be asked for is driven as fast as it may: a jump takes the time that its motor needs, at
+/// the slowest rate at which a way is gone.
+#[test]
+fn no_motor_is_asked_for_more_than_it_can() {
+    let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (1.01, 60.0), (2.0, 60.0)], 0.5));
+    let needs = 60_f64.to_radians() / (3.0 * 0.95);
+    assert!(way.end() >= needs - 1e-9 && way.end() < 1.6 * needs + 0.1, "{} of {needs} s", way.end());
+    assert!(way.points.windows(2).all(|w| (w[0].1[0] - w[1].1[0]).abs() <= 2.85 * (w[1].0 - w[0].0) + 1e-9));
+}
+
+/// Where the path begins or ends faster than motors can follow, it is gone more slowly; and at the recorded rate in between.
+#[test]
+fn no_motor_is_asked_to_set_out_or_stop_at_once() {
+    let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 150.0), (3.0, 150.0)], 0.5));
+    assert!((1.1..1.25).contains(&way.end()), "{} s", way.end());
+    let speed = |w: &[(f64, Pose)]| ((w[0].1[0] - w[1].1[0]) / (w[1].0 - w[0].0)).to_degrees();
+    let speeds: Vec<f64> = way.points.windows(2).map(speed).collect();
+    let (first, middle) = (speeds[2], speeds[speeds.len() / 2]);
+    assert!(first < 120.0 && (middle - 150.0).abs() < 1.0, "{first} and {middle} deg/s");
+}
+
+/// A board without position-direct gets the corners of the path, and no more.
+#[test]
+fn way_points_are_the_corners() {
+    let turns = [(0.0, 0.0), (1.0, 0.0), (2.0, 40.0), (3.0, 20.0), (4.0, 60.0), (5.0, 60.0)];
+    let way = alone(recorded(0, false, &turns, 0.5));
+    let q: Vec<f64> = way.points.iter().map(|(_, q)| q[0].to_degrees().round()).collect();
+    assert_eq!((q.first(), q.last()), (Some(&60.0), Some(&0.0)));
+    assert_eq!(way.end(), (q.len() - 1) as f64);
+    assert!(q.len() <= 10, "few are left of 500: {q:?}");
+    let turn = |deg: f64| q.iter().any(|q| (q - deg).abs() <= 1.0);
+    assert!(turn(20.0) && turn(40.0), "{q:?}");
+}
+
+/// Another try leaves out where the robot went after it first was about where it is now.
+#[test]
+fn a_detour_is_cut_off() {
+    let mut who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (3.0, 60.0), (4.0, 30.0)], 0.5);
+    let whole = who.past.len();
+    who.without_detour();
+    let end = who.past.last().unwrap();
+    assert!((end.q[0].to_degrees() - 30.0).abs() <= 2.0 * rules(true).tolerance.to_degrees() + 1e-9);
+    assert!((198..=201).contains(&who.past.len()), "{} of {whole}", who.past.len());
+    let mut short = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0)], 0.5);
+    let whole = short.past.len();
+    short.without_detour();
+    assert!(whole - short.past.len() <= 2, "nothing but the last readings, which are near each other");
+    // it came at 150 deg/s, and stands half way between two readings
+    let mut fast = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 150.0), (3.0, 74.25), (4.0, 74.25)], 0.5);
+    fast.without_detour();
+    let end = fast.past.last().unwrap();
+    assert!((end.q[0].to_degrees() - 74.25).abs() < 0.3 && (end.at.secs() - 1.495).abs() < 0.003, "{end:?}");
+    for kept in [&who.past, &short.past, &fast.past] {
+        let steps: Vec<Duration> = kept.windows(2).map(|w| w[1].at.since(w[0].at)).collect();
+        assert!(
+            steps.iter().all(|step| (1..=10_000_000).contains(&step.as_nanos())),
+            "nothing twice, and nothing left out"
+        );
+    }
 }

@@ -124,9 +124,9 @@ fn what_was_not_named_stays_where_it_is() {
     assert_eq!(stream.asked(&[7.0, 8.0])[..], [7.0, 0.55]);
     assert_eq!(stream.with(&[7.0, 8.0], &[1.0, 2.0])[..], [7.0, 2.0]);
     assert_eq!((stream.sent(0), stream.sent(1), stream.heard), (None, Some(0.5), ms(5)));
-    stream.ask(&[0], false, &[0.1, 0.9], (&HERE, ms(9)), &rules());
+    stream.ask(&[0], ControlMode::PositionDirect, &[0.1, 0.9], (&HERE, ms(9)), &rules());
     assert_eq!((stream.named(), &stream.asked(&HERE)[..], stream.heard), (vec![0, 1], &[0.1, 0.55][..], ms(9)));
-    stream.ask(&[1], false, &[], (&HERE, ms(9)), &rules());
+    stream.ask(&[1], ControlMode::PositionDirect, &[], (&HERE, ms(9)), &rules());
     assert_eq!(stream.asked(&HERE)[..], [0.1, 0.55], "without a value it is asked for what it was");
 }
 
@@ -139,7 +139,10 @@ fn motors_go_by_what_was_said_of_them_last() {
     let direct = |q: f64| Command::Direct { motors: vec![1], q: vec![q] };
     let velocity = |v: f64| Command::Velocity { motors: vec![0], speed: vec![v] };
     assert_eq!(stream.write(&HERE, &rules, ms(0)), [velocity(0.5), direct(0.51)]);
-    assert_eq!((stream.named_for(true), stream.named_for(false)), (vec![0], vec![1]));
+    assert_eq!(
+        (stream.named_in(ControlMode::Velocity), stream.named_in(ControlMode::PositionDirect)),
+        (vec![0], vec![1])
+    );
     // who streams velocities falls silent, and the other goes on
     let quiet = rules.stream_quiet.as_millis() as u64;
     stream.take(&positions(&[1], &[0.52]), (&HERE, ms(quiet - 1)), &rules).unwrap();
@@ -148,9 +151,9 @@ fn motors_go_by_what_was_said_of_them_last() {
     assert_eq!(stream.write(&HERE, &rules, ms(quiet + 9)), [velocity(0.0), direct(0.53)], "it stops");
     // a motor that changes over begins where it is
     stream.take(&positions(&[0], &[0.2]), (&[0.15, 0.53], ms(500)), &rules).unwrap();
-    assert_eq!((stream.sent(0), stream.asks(0, true), stream.asks(0, false)), (Some(0.15), false, true));
+    assert_eq!((stream.sent(0), stream.named_in(ControlMode::PositionDirect)), (Some(0.15), vec![0, 1]));
     stream.take(&velocities(&[1], &[0.3]), (&[0.15, 0.53], ms(500)), &rules).unwrap();
-    assert_eq!((stream.sent(1), stream.named_for(true), stream.fastest()), (None, vec![1], 0.0));
+    assert_eq!((stream.sent(1), stream.named_in(ControlMode::Velocity), stream.fastest()), (None, vec![1], 0.0));
     assert_eq!(stream.brake(ms(600)), [1], "positions end at the last of them");
     assert_eq!((stream.braking, stream.goes_on()), (Some(ms(600)), true));
     stream.leave(&[0]);
