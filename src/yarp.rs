@@ -3,11 +3,14 @@
 //! Data goes to standard output as the original prints it; what the original logs (`[INFO]`, `[ERROR]`) goes to
 //! standard error, so that output can be piped. Exit codes are the original's too: 0 done, 1 not done.
 
+mod conf;
 mod input;
 mod names;
 mod ports;
 mod server;
+mod streams;
 
+use crate::signals::Interrupt;
 use clap::{Args, Subcommand};
 use mobee_yarp::config::Env;
 use mobee_yarp::{Carrier, ConfigError, Network, local_address};
@@ -49,6 +52,21 @@ enum YarpCommand {
     },
     /// Report where the name server is running.
     Where,
+    /// Look for a name server where the configuration says, and at the usual places of this computer.
+    Detect {
+        /// Write its address into yarp.conf.
+        #[arg(long)]
+        write: bool,
+    },
+    /// Show where yarp.conf is, or write the name server's address into it: `conf HOST NUMBER`.
+    Conf(conf::ConfArgs),
+    /// Show the namespace, or choose another.
+    Namespace {
+        /// The new one, such as /root.
+        name: Option<String>,
+    },
+    /// Say which version this is.
+    Version,
     /// Get live information about a port.
     Ping {
         /// The port.
@@ -63,6 +81,13 @@ enum YarpCommand {
         /// Wait for it this long.
         #[arg(long, value_name = "SECONDS")]
         wait: Option<f64>,
+    },
+    /// Wait until a port, or a connection between two, is alive.
+    Wait {
+        /// The port, or the one that sends.
+        port: String,
+        /// The one that receives.
+        to: Option<String>,
     },
     /// Read from the network and print to standard output, until Ctrl-C.
     Read {
@@ -101,6 +126,18 @@ enum YarpCommand {
         #[arg(long)]
         admin: bool,
     },
+    /// Speak to a port's administrative interface, as `rpc --admin` does.
+    Admin {
+        /// The port.
+        port: String,
+        /// Our own name.
+        #[arg(default_value = "anon_rpc")]
+        name: String,
+    },
+    /// Drop or repeat messages, so that they go on at a constant rate.
+    Sample(streams::SampleArgs),
+    /// Put the newest messages of several ports together, whenever one comes.
+    Merge(streams::MergeArgs),
     /// Connect two ports; without ports, list the persistent connections.
     Connect {
         /// The port that sends.
@@ -108,11 +145,11 @@ enum YarpCommand {
         /// The port that receives (also as udp://port).
         to: Option<String>,
         /// The carrier, as a word.
-        #[arg(conflicts_with = "option")]
-        word: Option<Carrier>,
-        /// tcp, fast_tcp, text, text_ack or udp.
-        #[arg(id = "option", long = "carrier", value_name = "CARRIER")]
-        carrier: Option<Carrier>,
+        #[arg(conflicts_with = "option", value_parser = between_others)]
+        word: Option<String>,
+        /// tcp, fast_tcp, text, text_ack or udp; between other programs any that they know, also with modifiers.
+        #[arg(id = "option", long = "carrier", value_name = "CARRIER", value_parser = between_others)]
+        carrier: Option<String>,
         #[command(flatten)]
         persist: Persist,
     },
@@ -192,9 +229,34 @@ async fn dispatch(args: YarpArgs) -> Result<(), Failure> {
     if let YarpCommand::Server(server) = args.command {
         return server::serve(server, args.server, args.ip).await;
     }
+    match args.command {
+        YarpCommand::Conf(args) => return conf::conf(args),
+        YarpCommand::Namespace { name } => return conf::namespace(name),
+        YarpCommand::Version => {
+            conf::version();
+            return Ok(());
+        }
+        YarpCommand::Detect { write } => {
+            let given = if args.server.is_some() { Some(network(&args).await?) } else { None };
+            return conf::detect(given, write).await;
+        }
+        _ => {}
+    }
     let network = network(&args).await?;
     match args.command {
-        YarpCommand::Server(_) => Ok(()),
+        // done above, without a network
+        YarpCommand::Server(_) | YarpCommand::Conf(_) | YarpCommand::Namespace { .. } | YarpCommand::Version => Ok(()),
+        YarpCommand::Detect { .. } => Ok(()),
+        YarpCommand::Wait { port, to } => {
+            let mut interrupt = Interrupt::new();
+            tokio::select! {
+                () = names::wait(&network, &port, to.as_deref()) => Ok(()),
+                () = interrupt.wait() => Err(None),
+            }
+        }
+        YarpCommand::Admin { port, name } => ports::rpc(&network, &port, &name, Carrier::Tcp, true).await,
+        YarpCommand::Sample(args) => streams::sample(&network, args).await,
+        YarpCommand::Merge(args) => streams::merge(&network, args).await,
         YarpCommand::List { prefix } => names::list(&network, prefix.as_deref().unwrap_or_default()).await,
         YarpCommand::Name { words } => names::say(&network, &words).await,
         YarpCommand::Where => names::whereabouts(&network).await,
@@ -240,6 +302,23 @@ async fn network(args: &YarpArgs) -> Result<Network, Failure> {
         None => network.bind(),
     };
     Ok(network.with_bind(bind).with_timeout(seconds(args.timeout, "--timeout")?))
+}
+
+/// Carriers that other programs speak with each other.
+const FOREIGN: &[&str] =
+    &["mcast", "shmem", "unix_stream", "mjpeg", "h264", "mpi", "bcast", "human", "xmlrpc", "tcpros", "rossrv"];
+
+/// A carrier between two other programs, which know what they speak: any of YARP's, also with modifiers
+/// (`tcp+recv.portmonitor+type.lua`).
+fn between_others(text: &str) -> Result<String, String> {
+    let base = text.split('+').next().unwrap_or_default();
+    if !text.chars().all(|c| c.is_ascii_graphic()) {
+        return Err("a carrier is a word".into());
+    }
+    match base.parse::<Carrier>() {
+        Err(e) if !FOREIGN.contains(&base) => Err(format!("{e}; between other programs also {}", FOREIGN.join(", "))),
+        _ => Ok(text.into()),
+    }
 }
 
 fn seconds(number: f64, option: &str) -> Result<Duration, Failure> {

@@ -26,6 +26,7 @@
 //! | I26 | frozen encoders are noticed | readings that are equal bit for bit while the motors should go on end the motion in a stated time |
 //! | I27 | contacts have a hysteresis | a contact begins below the margin, and again only after it has ended |
 //! | I28 | what dies closes at once | the death of the model or of a controller's actor closes the filter within two leases, an exchange before the new part is looked at; a new driver stops its board first, and a stop hushes what waits |
+//! | I29 | agents are told the truth | `committed` is said only within the tolerance of the target; the built-in agent is told how its motion ended once, after its outcome and before it commits again, and it is what the outcome says |
 //!
 //! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
 //! journal where there are any ([`crate::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25 and I26 want them. I15 is judged where a simulation
@@ -58,6 +59,7 @@ mod restart_does_not_move;
 mod summary;
 mod taken_back;
 mod together;
+mod told_the_truth;
 mod watched_retreat;
 mod way_back;
 mod window;

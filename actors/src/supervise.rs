@@ -31,10 +31,20 @@ use crate::reflex::{Motion, Word};
 use crate::stop::Stop;
 use credit::Credits;
 use mobee_contract::{
-    Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Outcome, Pose, Setpoints, Status, Time, Verdict, Writer,
+    Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Outcome, Pose, Refusal, Setpoints, Status, Time, Verdict,
+    Writer,
 };
 use std::collections::BTreeSet;
 use std::sync::Arc;
+
+/// What becomes of a motion that is under way.
+#[derive(Debug)]
+pub enum Revision {
+    /// It goes to another target.
+    Commit(Commit),
+    /// Its stream goes on.
+    Stream(Arc<str>, Setpoints),
+}
 
 /// What supervise hears.
 #[derive(Debug)]
@@ -43,6 +53,8 @@ pub enum SuperviseIn<'a> {
     Commit(Commit),
     /// An agent streams set-points. Answered by [`SuperviseOut::Verdict`].
     Stream(Arc<str>, Setpoints),
+    /// An agent changes its motion, if that is still under way. Answered by [`SuperviseOut::Verdict`].
+    Revise(CommitId, Revision),
     /// The agent wants its motion to brake.
     Stop(Arc<str>),
     /// The agent died.
@@ -208,14 +220,13 @@ impl SuperviseCore {
         let mut out = Vec::new();
         self.note_death(now, &mut out);
         match input {
-            SuperviseIn::Commit(commit) => {
-                let agent = commit.agent.clone();
-                let verdict = self.commit(commit, now, &mut out);
-                self.answer(&agent, verdict, now, &mut out);
-            }
+            SuperviseIn::Commit(commit) => self.motion_asked(Revision::Commit(commit), true, now, &mut out),
             SuperviseIn::Stream(agent, setpoints) => {
-                let verdict = self.stream(&agent, setpoints, now, &mut out);
-                self.answer_setpoints(&agent, verdict, now, &mut out);
+                self.motion_asked(Revision::Stream(agent, setpoints), true, now, &mut out);
+            }
+            SuperviseIn::Revise(id, revision) => {
+                let open = self.with_book(|book| book.open.as_ref().is_some_and(|open| open.id == id));
+                self.motion_asked(revision, open, now, &mut out);
             }
             SuperviseIn::Stop(agent) => {
                 if self.is_moving() && self.owner().is_some_and(|a| a == agent) {
@@ -289,6 +300,21 @@ impl SuperviseCore {
 
     fn is_moving(&self) -> bool {
         matches!(self.status, Status::Moving | Status::Escaping)
+    }
+
+    /// An agent asks for a motion, or for another one in the place of one that may be over.
+    fn motion_asked(&mut self, asked: Revision, goes_on: bool, now: Time, out: &mut Vec<SuperviseOut>) {
+        match asked {
+            Revision::Commit(commit) => {
+                let agent = commit.agent.clone();
+                let verdict = if goes_on { self.commit(commit, now, out) } else { Err(Refusal::Over) };
+                self.answer(&agent, verdict, now, out);
+            }
+            Revision::Stream(agent, setpoints) => {
+                let verdict = if goes_on { self.stream(&agent, setpoints, now, out) } else { Err(Refusal::Over) };
+                self.answer_setpoints(&agent, verdict, now, out);
+            }
+        }
     }
 
     fn owner(&self) -> Option<Arc<str>> {

@@ -211,11 +211,18 @@ impl Planner<'_> {
         };
         let edits = match part {
             SwapPart::Agent => vec![("speed", json!(self.rng.random_range(0.05..0.3)))],
-            SwapPart::Controller => vec![
-                ("period_ms", json!([10.0, 20.0, 30.0][self.rng.random_range(0..3)])),
-                ("margin_mm", json!(self.rng.random_range(8.0..40.0))),
-                ("history", json!(self.rng.random_range(200..3000))),
-            ],
+            SwapPart::Controller => {
+                let period = [10.0, 20.0, 30.0][self.rng.random_range(0..3)];
+                let (margin, history) = (self.rng.random_range(8.0..40.0), self.rng.random_range(200..3000));
+                // no draw of its own: the plans of known seeds stay as they are
+                let tolerance = 0.05 + f64::from(history) * 5e-5;
+                vec![
+                    ("period_ms", json!(period)),
+                    ("margin_mm", json!(margin)),
+                    ("history", json!(history)),
+                    ("tolerance_deg", json!(tolerance)),
+                ]
+            }
             SwapPart::Driver => Vec::new(),
         };
         let flaw = match self.rng.random_range(0..6) {

@@ -2,7 +2,7 @@
 
 use super::{Failure, because, info};
 use mobee_yarp::remote::{self, RemoteError};
-use mobee_yarp::{Bottle, Carrier, Contact, Network};
+use mobee_yarp::{Bottle, Contact, Network};
 use std::time::Duration;
 
 /// How long to rest between looks for a port that is not yet there.
@@ -88,16 +88,16 @@ pub(super) async fn connect(
     network: &Network,
     from: &str,
     to: &str,
-    carrier: Option<Carrier>,
+    carrier: Option<String>,
     persist: Option<&str>,
 ) -> Result<(), Failure> {
     let Some(mode) = persist else {
-        let said = remote::connect(network, from, to, carrier.map(Carrier::name)).await.map_err(because)?;
+        let said = remote::connect(network, from, to, carrier.as_deref()).await.map_err(because)?;
         println!("Success: {said}");
         return Ok(());
     };
     let to = match carrier {
-        Some(carrier) => Contact { carrier: carrier.name().into(), ..Contact::parse(to) }.to_string(),
+        Some(carrier) => Contact { carrier, ..Contact::parse(to) }.to_string(),
         None => to.to_string(),
     };
     let mut words = vec!["subscribe", from, &to];

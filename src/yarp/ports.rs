@@ -12,7 +12,7 @@ use std::time::Duration;
 /// How often a request is sent again after its connection broke, as the original does.
 const ATTEMPTS: u32 = 3;
 /// How many messages may wait to be printed.
-const WAITING: usize = 1000;
+pub(super) const WAITING: usize = 1000;
 
 /// The name for a port; any, where the user said `...`.
 fn name(text: &str) -> String {
@@ -20,7 +20,7 @@ fn name(text: &str) -> String {
 }
 
 /// The carrier that a target names, else the one of the option.
-fn carrier_of(target: &str, option: Carrier) -> Result<Carrier, Failure> {
+pub(super) fn carrier_of(target: &str, option: Carrier) -> Result<Carrier, Failure> {
     match Contact::parse(target).carrier {
         none if none.is_empty() => Ok(option),
         said => said.parse().map_err(because),
@@ -28,7 +28,7 @@ fn carrier_of(target: &str, option: Carrier) -> Result<Carrier, Failure> {
 }
 
 /// Writes a line to standard output at once; `false` when nobody reads it any more.
-fn printed(line: &[u8]) -> bool {
+pub(super) fn printed(line: &[u8]) -> bool {
     let mut out = std::io::stdout().lock();
     // programs are given what came; for people it must not act on their terminal
     let readable = out.is_terminal().then(|| printable(&String::from_utf8_lossy(line)).into_owned());
@@ -88,10 +88,10 @@ fn show(network: &Network, message: &Message, envelope: bool, trim: usize) -> bo
         [Value::Int32(_), Value::String(line)] => line.0.clone(),
         _ => bottle.to_text(),
     };
-    if let (true, Some(stamp)) = (envelope, &message.envelope) {
-        printed(format!("{} ", Bottle::parse(stamp, network.dialect()).unwrap_or_default()).as_bytes());
-    }
-    printed(text.get(..trim.min(text.len())).unwrap_or(&text))
+    let text = text.get(..trim.min(text.len())).unwrap_or(&text);
+    let stamp = message.envelope.as_ref().filter(|_| envelope);
+    let stamp = stamp.map(|stamp| format!("{} ", Bottle::parse(stamp, network.dialect()).unwrap_or_default()));
+    printed(&[stamp.unwrap_or_default().as_bytes(), text].concat())
 }
 
 /// `write`: sends each line as a bottle, or `verbatim`.

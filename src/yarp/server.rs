@@ -1,5 +1,6 @@
 //! `mobee yarp server`: the embedded name server as a program of its own.
 
+use super::conf::{address_line, written};
 use super::{Failure, address_of, because, info};
 use crate::signals::Interrupt;
 use mobee_yarp::config::Env;
@@ -82,11 +83,7 @@ fn record(file: &Path, there: Option<(String, u16)>, (host, port): (&str, u16), 
         }
         _ => {}
     }
-    let unwritten = |e: std::io::Error| because(format!("{} can't be written: {e}", file.display()));
-    if let Some(folder) = file.parent() {
-        std::fs::create_dir_all(folder).map_err(unwritten)?;
-    }
-    std::fs::write(file, format!("{host} {port} yarp\n")).map_err(unwritten)?;
+    written(file, &address_line(host, port))?;
     info(format_args!("wrote the address into {}", file.display()));
     Ok(())
 }

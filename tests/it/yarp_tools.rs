@@ -219,3 +219,74 @@ fn the_address_file_is_written_once_and_then_respected() {
     let _server = tools.start("server --socket 0 --write", "Name server /root is available");
     assert_ne!(std::fs::read_to_string(&file).unwrap(), "127.0.0.1 1 yarp\n");
 }
+
+#[test]
+fn messages_are_sampled_at_a_rate_and_merged_as_they_come() {
+    let (_server, tools) = network();
+    let mut first = tools.start("write /w1", "Port /w1 active");
+    let mut second = tools.start("write /w2", "Port /w2 active");
+    let _sample = tools.start("sample --input /w1 --output /s --rate 100 --carrier fast_tcp", "Port /s active");
+    let mut sampled = tools.start("read /r /s", "Port /r active");
+    tools.ok("wait /s /r");
+    tools.ok("wait /w1 /s");
+    first.types("5 \"a b\" 2\n");
+    for _ in 0..5 {
+        assert_eq!(line(&mut sampled.out), "5 \"a b\" 2", "said once, and passed on again and again");
+    }
+    let merge = "merge --input /w1 /w2 --output /m --worker /parts/i --carrier tcp";
+    let _merge = tools.start(merge, "Port /m active");
+    let mut merged = tools.start("read /all envelope /m", "Port /all active");
+    tools.ok("wait /m /all");
+    for port in ["/w1 /parts/i0", "/w2 /parts/i1"] {
+        tools.ok(&format!("wait {port}"));
+    }
+    second.types("x (1 2)\n");
+    let alone = line(&mut merged.out);
+    assert!(alone.ends_with(" x (1 2)"), "the other has said nothing yet: {alone}");
+    first.types("7\n");
+    let both = line(&mut merged.out);
+    let words: Vec<&str> = both.split(' ').collect();
+    assert_eq!((words[0], &words[2..]), ("2", &["7", "x", "(1", "2)"][..]), "{both}");
+    assert!(words[1].parse::<f64>().unwrap() > 1.6e9, "the time of day: {both}");
+    assert!(tools.fails("merge /nobody").contains("/nobody"));
+    assert!(tools.fails("sample --output /t --rate 0").contains("--rate takes seconds above 0"));
+}
+
+#[test]
+fn the_configuration_is_shown_and_changed() {
+    let tools = Tools::new();
+    let file = tools.dir.path().join("yarp.conf");
+    assert_eq!(tools.ok("conf"), format!("{}\n", file.display()));
+    tools.ok("conf 192.168.0.7 10000");
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "192.168.0.7 10000 yarp\n");
+    assert!(tools.fails("conf ro\"bot 10000").contains("is no host"));
+    assert_eq!(tools.run("conf 192.168.0.7", "").status.code(), Some(2));
+    assert_eq!(tools.run("conf 192.168.0.7 0", "").status.code(), Some(2));
+    tools.ok("conf --clean");
+    tools.ok("conf --clean");
+    assert!(!file.exists());
+    assert_eq!(tools.ok("namespace"), "YARP namespace: /root\n");
+    assert_eq!(tools.ok("namespace /lab"), "YARP namespace: /lab\n");
+    assert!(tools.ok("conf").ends_with("/_lab.conf\n"));
+    assert!(tools.fails("namespace lab").contains("begins with /"));
+    assert_eq!(tools.ok("namespace /root"), "YARP namespace: /root\n");
+    assert!(tools.ok("version").contains("MoBeE"));
+}
+
+#[test]
+fn a_name_server_is_detected_and_its_ports_are_administered() {
+    let (_server, tools) = network();
+    let address = tools.server.clone().unwrap();
+    let file = tools.dir.path().join("yarp.conf");
+    let found = tools.ok("detect");
+    assert!(found.starts_with("Name server /root is available at ip 127.0.0.1 port "), "{found}");
+    assert!(!file.exists());
+    tools.ok("detect --write");
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), format!("{} yarp\n", address.replace(':', " ")));
+    let asked = tools.run("admin /root", "[ver]\n");
+    assert_eq!(String::from_utf8(asked.stdout).unwrap(), "Response: [ver] 1 2 3\n");
+    // other programs may know carriers that are not spoken here
+    let said = tools.fails("connect /a /b tcp+recv.portmonitor+type.lua");
+    assert!(said.contains("could not find source port /a"), "{said}");
+    assert_eq!(tools.run("connect /a /b pigeon+x", "").status.code(), Some(2));
+}

@@ -1,6 +1,8 @@
 //! What a run leaves behind: its events.
 
-use crate::{Cause, CommitId, Hold, Note, Outcome, Pose, Refusal, Status, Summary, SwapPart, SwapStep, Time};
+use crate::{
+    Cause, CommitId, Hold, MotionEnd, Note, Outcome, Pose, Refusal, Status, Summary, SwapPart, SwapStep, Time,
+};
 use mobee_model::Contact;
 use serde::{Deserialize, Serialize};
 
@@ -309,6 +311,16 @@ pub enum Event {
         robot: String,
         /// What it says.
         summary: Summary,
+    },
+    /// The built-in agent was told how its motion ended, and asked what comes next.
+    Told {
+        /// Robot.
+        robot: String,
+        /// The motion's commit; none: it was refused.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        id: Option<CommitId>,
+        /// What it was told.
+        end: MotionEnd,
     },
     /// The built-in agent was let act again, or makes way for another one.
     AgentActs {

@@ -202,6 +202,9 @@ pub enum Refusal {
     /// The agent's last stream ran into something, and it has not been silent for [`SILENCE`] since the filter is open again.
     #[error("the last stream ran into something, and has not been silent since")]
     Pushing,
+    /// The motion that it would change has ended.
+    #[error("the motion that it would change has ended")]
+    Over,
     /// A position outside a motor's limits.
     #[error("motor {motor}: {q_deg:.3} deg is outside its limits {min_deg:.3} to {max_deg:.3} deg")]
     Limits {
@@ -259,6 +262,7 @@ impl Refusal {
             Refusal::Holding { .. } => "holding",
             Refusal::Busy => "busy",
             Refusal::Pushing => "pushing",
+            Refusal::Over => "over",
             Refusal::Limits { .. } => "limits",
             Refusal::NotFinite { .. } => "not_finite",
             Refusal::Jump { .. } => "jump",
@@ -280,6 +284,7 @@ impl Refusal {
                 "wait until the motion has ended, or stop its agent; send fewer than 250 commands a second"
             }
             Refusal::Pushing => "send nothing for half a second once the robot is back, then stream elsewhere",
+            Refusal::Over => "see how it ended, then plan again",
             Refusal::Limits { .. } => "choose a position within the limits",
             Refusal::NotFinite { .. } => "check the planner for a division by zero",
             Refusal::Jump { .. } => "begin the stream where the robot is, and step no farther than its motors are fast",

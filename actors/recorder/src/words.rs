@@ -49,6 +49,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         }
         Event::State { robot, status: Status::Holding(reason) } => (robot, Error, format!("holds: {reason}")),
         Event::State { .. } | Event::SafePose { .. } | Event::Command { .. } | Event::Streamed { .. } => return None,
+        Event::Told { .. } => return None,
         Event::SafePoseMoved { robot, id, .. } => {
             (robot, Warn, format!("#{}: its safe pose moved (a long motion, or another robot has to pass there)", id.0))
         }

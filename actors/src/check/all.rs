@@ -24,6 +24,7 @@ use super::rest_at_the_end::RestAtTheEnd;
 use super::restart_does_not_move::RestartDoesNotMove;
 use super::taken_back::TakenBack;
 use super::together::Together;
+use super::told_the_truth::ToldTheTruth;
 use super::watched_retreat::WatchedRetreat;
 
 /// An invariant that a journal is checked for.
@@ -89,6 +90,7 @@ pub const ALL: &[Promise] = &[
     of::<FrozenIsNoticed>("I26", "frozen encoders are noticed", Wants::Poses),
     of::<ContactsHold>("I27", "contacts have a hysteresis", Wants::Events),
     of::<ClosesAtOnce>("I28", "what dies closes at once", Wants::Events),
+    of::<ToldTheTruth>("I29", "agents are told the truth", Wants::Events),
 ];
 
 /// The names of those that a journal is judged by, with or without measured poses, as a sentence has them: `I1-I7, I9 and I10`.

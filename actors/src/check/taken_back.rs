@@ -126,8 +126,6 @@ impl Invariant for TakenBack {
                 self.of(robot, Robot::excuse)
             }
             Event::CommandDropped { robot, .. } => self.of(robot, |r| r.motion.missed = false),
-            // how far a robot may cut the corners of a stream has not been measured
-            Event::Streamed { robot, writer: Writer::Agent, .. } => self.of(robot, |r| r.way = None),
             Event::Streamed { robot, writer: Writer::Reflex, last, .. } => self.with(robot, |r| r.misled(last)),
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if kind == "move" => {
                 self.of(robot, |r| r.way.iter_mut().for_each(WayBack::is_moved))

@@ -6,9 +6,10 @@ pub use mind::{Offer, Slot};
 
 use crate::controller::RELEASE;
 use crate::shell::SuperviseMsg;
+use crate::supervise::Revision;
 use crate::swap::Phase;
 use crate::wiring::{Hub, Wires};
-use mind::Mind;
+use mind::{Last, Mind};
 use mobee_contract::{
     Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Target, Verdict, View,
 };
@@ -62,7 +63,7 @@ pub struct Planning {
     /// Whether the motion under way was one of a planner that broke: its end is told to nobody.
     orphan: bool,
     /// How the last one ended, until the planner was told.
-    last: Option<MotionEnd>,
+    last: Option<Last>,
     asked: u64,
     /// Whether the planner has nothing more to do.
     done: bool,
@@ -113,7 +114,7 @@ impl Actor for AgentActor {
             AgentMsg::Ended(id, end) if planning.moving == Some(id) => {
                 planning.moving = None;
                 planning.streams = false;
-                planning.last = (!std::mem::take(&mut planning.orphan)).then_some(end);
+                planning.last = (!std::mem::take(&mut planning.orphan)).then_some(Last { id: Some(id), end });
                 if !planning.done {
                     planning.ask(&myself).await;
                 } else {
@@ -236,7 +237,7 @@ impl Planning {
             // not the target's fault: the robot or the filter is not ready for it
             Some(Err(Refusal::Closed | Refusal::Busy | Refusal::NotReady { .. } | Refusal::Holding { .. })) | None => {}
             Some(Err(Refusal::Pushing)) => return self.ask_after(myself, SILENCE + PAUSE),
-            Some(Err(_)) => self.last = Some(MotionEnd::Failed),
+            Some(Err(_)) => self.last = Some(Last { id: None, end: MotionEnd::Failed }),
         }
         self.ask_after(myself, PAUSE);
     }
@@ -264,9 +265,7 @@ impl Planning {
     }
 
     async fn stream(&mut self, setpoints: Setpoints, myself: &ActorRef<AgentMsg>) -> Option<Verdict> {
-        let (reply, verdict) = ractor::concurrency::oneshot();
-        self.wires.supervise.send(SuperviseMsg::Stream(self.wires.agent_name.clone(), setpoints, reply.into()));
-        let verdict = verdict.await.ok();
+        let verdict = self.ask_for(Revision::Stream(self.wires.agent_name.clone(), setpoints)).await;
         if let (Some(Ok(id)), false) = (&verdict, self.streams) {
             self.streams = true;
             self.set_point_after(myself, *id);
@@ -280,9 +279,20 @@ impl Planning {
     }
 
     async fn commit(&mut self, target: Target, speeds: Option<Vec<f64>>) -> Option<Verdict> {
+        let agent = self.wires.agent_name.clone();
+        self.ask_for(Revision::Commit(Commit { agent, target, speeds })).await
+    }
+
+    /// Asks for a motion. While one is under way as far as is known here, only that may be changed: it may have ended, and its
+    /// end wait to be heard.
+    async fn ask_for(&mut self, revision: Revision) -> Option<Verdict> {
         let (reply, verdict) = ractor::concurrency::oneshot();
-        let commit = Commit { agent: self.wires.agent_name.clone(), target, speeds };
-        self.wires.supervise.send(SuperviseMsg::Commit(commit, reply.into()));
+        let reply = reply.into();
+        self.wires.supervise.send(match (self.moving, revision) {
+            (Some(id), revision) => SuperviseMsg::Revise(id, revision, reply),
+            (None, Revision::Commit(commit)) => SuperviseMsg::Commit(commit, reply),
+            (None, Revision::Stream(agent, setpoints)) => SuperviseMsg::Stream(agent, setpoints, reply),
+        });
         verdict.await.ok()
     }
 }

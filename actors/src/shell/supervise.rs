@@ -3,9 +3,9 @@
 use crate::pulse::Pulse;
 use crate::reflex::Word;
 use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg};
-use crate::supervise::{SuperviseCore, SuperviseIn, SuperviseOut};
+use crate::supervise::{Revision, SuperviseCore, SuperviseIn, SuperviseOut};
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{Cause, Commit, Event, Setpoints, Status, Verdict};
+use mobee_contract::{Cause, Commit, CommitId, Event, Setpoints, Status, Verdict};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -22,6 +22,8 @@ pub enum SuperviseMsg {
     Commit(Commit, RpcReplyPort<Verdict>),
     /// An agent streams set-points.
     Stream(Arc<str>, Setpoints, RpcReplyPort<Verdict>),
+    /// An agent changes its motion, if that is still under way.
+    Revise(CommitId, Revision, RpcReplyPort<Verdict>),
     /// The agent wants its motion to brake.
     Stop(Arc<str>),
     /// The agent died.
@@ -95,6 +97,10 @@ impl Actor for SuperviseActor {
             SuperviseMsg::Stream(agent, setpoints, reply) => {
                 supervise.reply = Some(reply);
                 supervise.on(SuperviseIn::Stream(agent, setpoints));
+            }
+            SuperviseMsg::Revise(id, revision, reply) => {
+                supervise.reply = Some(reply);
+                supervise.on(SuperviseIn::Revise(id, revision));
             }
             SuperviseMsg::Stop(agent) => supervise.on(SuperviseIn::Stop(agent)),
             SuperviseMsg::AgentDied(agent) => supervise.on(SuperviseIn::AgentDied(agent)),

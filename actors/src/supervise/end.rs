@@ -144,6 +144,11 @@ impl SuperviseCore {
         let ended = self.with_book(|book| book.settle(told, newest.or_else(|| book.last_known())?, tolerance))?;
         let (outcome, end) = (ended.outcome, ended.end());
         let (agent, id) = (ended.open.agent.clone(), ended.open.id);
+        if told.is_none() && outcome == Outcome::Committed {
+            // it was cut off, and rests where its stream had led by then
+            let (robot, target) = (self.rules.robot.clone(), ended.open.target.clone());
+            out.push(SuperviseOut::Event(Event::Amended { robot, id, target, motors: Vec::new() }));
+        }
         out.push(SuperviseOut::Event(ended.event(self.rules.robot.clone())));
         out.push(SuperviseOut::Ended(agent, id, end));
         Some(outcome)

@@ -2,7 +2,9 @@
 
 use mobee_actors::check::{Checker, Violation, check, check_events, summary};
 use mobee_actors::journal::{Journal, Line, NOT_FINITE};
-use mobee_contract::{Cause, CommitId, EdgeState, Entry, Event, Hold, Note, Outcome, Pose, Status, Time, Writer};
+use mobee_contract::{
+    Cause, CommitId, EdgeState, Entry, Event, Hold, MotionEnd, Note, Outcome, Pose, Status, Time, Writer,
+};
 use mobee_model::{Contact, ShapeId};
 use serde_json::json;
 use std::sync::Arc;
@@ -758,4 +760,53 @@ fn i28_a_death_that_leaves_the_filter_open() {
     }
     assert_eq!(judged("edge/agent", 2.0), 0);
     assert_eq!(judged("other/driver", 2.0), 0);
+}
+
+#[test]
+fn i29_an_agent_is_told_the_outcome_once_and_before_it_goes_on() {
+    let told = |id, end| Event::Told { robot: R.into(), id: Some(CommitId(id)), end };
+    // with what is told after the outcome of the first two commits
+    let run = |first: &[Event], second: &[Event]| {
+        let mut run = Run::new();
+        for (at, mut event) in good() {
+            if let Event::Commit { agent, .. } = &mut event {
+                *agent = "edge/agent".into();
+            }
+            let after = match &event {
+                Event::Outcome { id: CommitId(1), .. } => first,
+                Event::Outcome { id: CommitId(2), .. } => second,
+                _ => &[],
+            };
+            let ended = if let Event::Outcome { id, .. } = &event { id.0 } else { 0 };
+            run.push((at, event));
+            run.extend(after.iter().map(|e| (at, e.clone())));
+            if ended > 2 {
+                run.push((at, told(ended, if ended == 3 { MotionEnd::Failed } else { MotionEnd::Reached })));
+            }
+        }
+        let found = self::run(run);
+        found.into_iter().filter(|found| found.invariant == "I29").map(|found| found.what).collect::<Vec<_>>()
+    };
+    let (reached, failed) = (told(1, MotionEnd::Reached), told(2, MotionEnd::Failed));
+    let one = std::slice::from_ref;
+    assert_eq!(run(one(&reached), one(&failed)), [""; 0]);
+    let says = |found: Vec<String>, what: &str| assert!(found.len() == 1 && found[0].contains(what), "{found:?}");
+    says(run(one(&reached), &[told(2, MotionEnd::Reached)]), "its outcome is RolledBack");
+    says(run(&[told(1, MotionEnd::Failed)], one(&failed)), "its outcome is Committed");
+    says(run(one(&reached), &[]), "was not told how commit 2 had ended");
+    says(run(&[reached.clone(), reached.clone()], one(&failed)), "a second time");
+    says(run(one(&reached), &[failed.clone(), told(3, MotionEnd::Failed)]), "which is not its last");
+    let refused = Event::Told { robot: R.into(), id: None, end: MotionEnd::Reached };
+    says(run(&[reached.clone(), refused], one(&failed)), "what was refused");
+    // a successor is told nothing of a motion that it did not ask for
+    let died = Event::Died { actor: "edge/agent".into(), reason: "planted".into() };
+    assert_eq!(run(one(&reached), &[died]), [""; 0]);
+}
+
+#[test]
+fn i29_committed_is_said_at_the_target() {
+    let there = outcome(5, Outcome::Committed, &[0.0, 0.0], &[0.04, 0.04]);
+    let beside = outcome(5, Outcome::Committed, &[0.0, 0.02], &[0.04, 0.04]);
+    let found = run(instead(&there, beside));
+    assert!(found.iter().any(|found| found.invariant == "I29" && found.what.contains("1.146 deg away")), "{found:?}");
 }

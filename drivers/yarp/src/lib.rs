@@ -5,6 +5,7 @@ pub mod board;
 mod bottle;
 pub mod config;
 mod contact;
+mod guests;
 pub mod name;
 mod network;
 pub mod payload;

@@ -5,7 +5,7 @@
 //!                  \-- admin [add] ---> output task <--- Writer::write
 //! ```
 //! A [`Reader`] takes data, a [`Writer`] publishes it, an [`RpcServer`] answers requests; all three answer
-//! administrative commands. An [`RpcClient`] and a [`Sender`] talk to one known port and have no port of their own.
+//! administrative commands; a [`Relay`] both takes and publishes. An [`RpcClient`] and a [`Sender`] talk to one known port and have no port of their own.
 
 mod client;
 mod core;
@@ -18,6 +18,7 @@ mod listen;
 mod message;
 mod output;
 mod reader;
+mod relay;
 mod rpc;
 mod sender;
 mod slot;
@@ -28,6 +29,7 @@ pub use client::{CallError, RpcClient};
 pub use inbox::Queue;
 pub use message::{Message, Payload, PayloadError};
 pub use reader::Reader;
+pub use relay::Relay;
 pub use rpc::{Handler, RpcServer};
 pub use sender::{SendError, Sender};
 pub use slot::Delivery;
@@ -41,7 +43,7 @@ use std::{io, time::Duration};
 pub struct PortOptions {
     /// Port number to listen on; 0 lets the system choose.
     pub number: u16,
-    /// Most connections at a time; more are closed at once.
+    /// Most connections at a time; one more takes the place of the one that has been silent for longest.
     pub connections: usize,
     /// How long a connection may take to say who it is (the original waits for ever).
     pub handshake: Duration,
@@ -86,6 +88,9 @@ pub enum PortError {
     /// The name is none for a port.
     #[error("\"{0}\" is no port name: it must begin with / and hold no blanks")]
     BadName(String),
+    /// Another port has the name, and answers.
+    #[error("another program holds the port name {} (at {}:{}); end it, or choose another name", .0.name, .0.host, .0.port)]
+    Taken(crate::Contact),
     /// No socket.
     #[error("can't listen for port {name} on {address}: {source}")]
     Listen {

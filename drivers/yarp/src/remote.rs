@@ -100,7 +100,12 @@ pub async fn connection(network: &Network, src: &str, dest: &str) -> Result<Opti
 /// The name server can't be asked.
 pub async fn exists(network: &Network, name: &str) -> Result<bool, RemoteError> {
     let Some(contact) = find(network, &Contact::parse(name)).await? else { return Ok(false) };
-    Ok(admin(network, &contact, &command("ver")).await.is_ok())
+    Ok(answers(network, &contact).await)
+}
+
+/// Whether a port answers there.
+pub(crate) async fn answers(network: &Network, contact: &Contact) -> bool {
+    admin(network, contact, &command("ver")).await.is_ok()
 }
 
 /// What a port tells of itself and its connections, a line each.

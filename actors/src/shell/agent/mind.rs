@@ -5,7 +5,7 @@ use crate::attempt::{Given, attempt};
 use crate::clock::ClockKind;
 use crate::swap::{Phase, SwapCore, SwapIn, SwapOut, Terms};
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{Agent, Event, Intent, MotionEnd, Note, Snapshot, SwapPart, SwapStep, View};
+use mobee_contract::{Agent, CommitId, Event, Intent, MotionEnd, Note, Snapshot, SwapPart, SwapStep, View};
 use sha2::{Digest, Sha256};
 use std::sync::Arc;
 use std::time::Duration;
@@ -32,6 +32,14 @@ pub struct Slot {
     pub former: Option<(Maker, Snapshot)>,
     /// How far the swap is.
     pub core: SwapCore,
+}
+
+/// How the last motion that a planner asked for ended.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Last {
+    /// Its commit; none if it was refused.
+    pub id: Option<CommitId>,
+    pub end: MotionEnd,
 }
 
 /// What a planner said when it was asked.
@@ -142,7 +150,7 @@ impl Mind {
     }
 
     /// No transaction is open: a new planner may look on, or take over. Says whether it did.
-    pub(super) async fn border(&mut self, last: Option<MotionEnd>, view: &View) -> bool {
+    pub(super) async fn border(&mut self, last: Option<Last>, view: &View) -> bool {
         match self.step_core(SwapIn::Border) {
             Some(SwapOut::Rehearse) => self.rehearse(last, view).await,
             Some(SwapOut::HandOver) => return self.hand_over().await,
@@ -172,10 +180,10 @@ impl Mind {
     }
 
     /// What would the new one do here, with all that the old one knows?
-    async fn rehearse(&mut self, last: Option<MotionEnd>, view: &View) {
+    async fn rehearse(&mut self, last: Option<Last>, view: &View) {
         let Some(Candidate { mut agent, offer }) = self.candidate.take() else { return };
         let state = self.agent.as_ref().map(|a| a.export()).filter(|_| !offer.fresh);
-        let view = view.clone();
+        let (last, view) = (last.map(|last| last.end), view.clone());
         let asked = attempt(&self.hub.clock, offer.terms.budget, move || {
             let taken = state.map_or(Ok(()), |state| agent.import(state));
             let intent = taken.map(|()| agent.next(last, &view)).map_err(|e| e.to_string());
@@ -245,12 +253,14 @@ impl Mind {
     /// The robot rests: what next? Its state is kept with the answer, so that a successor knows what the motion is for.
     /// `None`: the new planner broke, and the old one is back and to be asked. It then gets the
     /// motion's end, if it knows of the motion.
-    pub(super) async fn next(&mut self, last: &mut Option<MotionEnd>, view: &View) -> Option<Intent> {
-        let (end, seen) = (*last, view.clone());
+    pub(super) async fn next(&mut self, last: &mut Option<Last>, view: &View) -> Option<Intent> {
+        let (end, seen) = (last.map(|last| last.end), view.clone());
         match self.ask(move |agent| (agent.next(end, &seen), agent.export())).await {
             Ok((intent, state)) => {
                 *self.wires.snapshot.lock() = Some(state);
-                *last = None;
+                if let Some(Last { id, end }) = last.take() {
+                    self.hub.tell(Event::Told { robot: self.wires.name.clone(), id, end });
+                }
                 Some(intent)
             }
             Err(why) => {

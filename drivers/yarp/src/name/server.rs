@@ -5,6 +5,7 @@ mod session;
 
 use super::table::{Counts, Table};
 use crate::auth::Key;
+use crate::guests::{Guests, Heard};
 use crate::{Contact, Dialect, Network, TIMEOUT, network};
 use std::io;
 use std::net::SocketAddr;
@@ -25,7 +26,7 @@ pub struct ServerOptions {
     pub host: Option<String>,
     /// The most ports registered at a time.
     pub max_ports: usize,
-    /// The most connections at a time; more are closed at once.
+    /// The most connections at a time; one more takes the place of the one that has been silent for longest.
     pub max_connections: usize,
     /// How long a handshake may take, and every step of making a persistent connection.
     pub timeout: Duration,
@@ -180,18 +181,19 @@ async fn serve(
     wanted: mpsc::Receiver<super::Link>,
     mut stopped: watch::Receiver<bool>,
 ) {
-    let mut sessions = JoinSet::new();
+    let mut sessions = Guests::new(shared.options.max_connections);
     let mut persistent = JoinSet::new();
     persistent.spawn(persist::keep(network, wanted));
     loop {
         tokio::select! {
             _ = stopped.changed() => return,
-            Some(_) = sessions.join_next() => {}
+            Some(()) = sessions.ended() => {}
             accepted = listener.accept() => match accepted {
-                Ok((stream, peer)) if sessions.len() < shared.options.max_connections => {
-                    sessions.spawn(session(stream, peer, shared.clone()));
+                Ok((stream, peer)) => {
+                    if !sessions.admit(|heard| session(stream, peer, shared.clone(), heard)) {
+                        tracing::warn!("name server: too many connections, so {peer} was closed at once");
+                    }
                 }
-                Ok((_, peer)) => tracing::warn!("name server: too many connections, so {peer} was closed at once"),
                 // out of file descriptors, or the peer was gone at once: nothing to do but to try again
                 Err(e) => {
                     tracing::warn!("name server: {e}");
@@ -202,8 +204,8 @@ async fn serve(
     }
 }
 
-async fn session(stream: TcpStream, peer: SocketAddr, shared: Arc<Shared>) {
-    if let Err(e) = session::run(stream, peer, &shared).await {
+async fn session(stream: TcpStream, peer: SocketAddr, shared: Arc<Shared>, heard: Arc<Heard>) {
+    if let Err(e) = session::run(stream, peer, &shared, &heard).await {
         tracing::debug!("name server: connection of {peer}: {e}");
     }
 }

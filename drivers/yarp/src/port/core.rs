@@ -6,7 +6,7 @@ use super::slot::{Delivery, Packet, Slot};
 use super::{Handler, PortError, PortOptions, dial, lock, output};
 use crate::wire::Carrier;
 use crate::wire::admin::{self, Added, Answer, Peer, Removed, View};
-use crate::{Bottle, Contact, Network, Text, Value};
+use crate::{Bottle, Contact, Network, Text, Value, remote};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -84,20 +84,23 @@ impl Core {
         }
     }
 
-    /// Asks the name server for the port's own name, and registers it again if a restarted server has forgotten it. A name
-    /// that meanwhile belongs to another port stays with that, who is returned (spec section 17).
+    /// Asks the name server for the port's own name, and registers it again if a restarted server has forgotten it, or if
+    /// another port that got it does not answer. One that does keeps it, and is returned (spec section 17).
     pub async fn roll_call(&self) -> Option<Contact> {
         let ours = &self.contact;
         let taken = match self.network.query(&self.name).await {
             Ok(Some(found)) if (&found.host, found.port) == (&ours.host, ours.port) => None,
-            Ok(None) => {
+            Ok(Some(other)) if remote::answers(&self.network, &other).await => Some(other),
+            Ok(_) => {
                 if self.network.register(&self.name, &ours.host, ours.port).await.is_ok() {
                     let _ = self.network.announce(&self.name).await;
-                    tracing::info!(port = self.name, "registered again: the name server had forgotten the port");
+                    tracing::info!(
+                        port = self.name,
+                        "registered again: the name server had forgotten or given away the name"
+                    );
                 }
                 None
             }
-            Ok(taken) => taken,
             // who does not answer says nothing new
             Err(_) => return self.taken.borrow().clone(),
         };

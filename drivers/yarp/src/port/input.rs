@@ -3,6 +3,7 @@
 use super::core::{Core, Sink};
 use super::link::{Incoming, Link, LinkError};
 use super::{Message, Payload};
+use crate::guests::Heard;
 use crate::wire::admin::{self, Peer, Removed};
 use crate::wire::datagram::{Assembler, MAX_DATAGRAM};
 use crate::wire::handshake::{self, HandshakeError, Hello};
@@ -15,9 +16,9 @@ use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::timeout;
 
 /// Serves a connection until it ends. Nothing that the other side does ends more than this.
-pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream) {
+pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream, heard: Arc<Heard>) {
     let served = async {
-        if let Err(error) = connection(&core, stream).await
+        if let Err(error) = connection(&core, stream, &heard).await
             && !matches!(error, LinkError::Closed)
         {
             tracing::debug!(port = core.name, %error, "connection ended");
@@ -29,7 +30,7 @@ pub(crate) async fn serve(core: Arc<Core>, stream: TcpStream) {
     }
 }
 
-async fn connection(core: &Arc<Core>, stream: TcpStream) -> Result<(), LinkError> {
+async fn connection(core: &Arc<Core>, stream: TcpStream, heard: &Heard) -> Result<(), LinkError> {
     stream.set_nodelay(true)?;
     let mut link = Link::new(stream, &core.options).within(&core.budget);
     if let Some(key) = core.network.auth() {
@@ -43,13 +44,14 @@ async fn connection(core: &Arc<Core>, stream: TcpStream) -> Result<(), LinkError
     };
     let peer = Peer { name: hello.bare().to_owned(), carrier: hello.carrier };
     if hello.carrier == Carrier::Udp {
-        return datagrams(core, link, &hello, peer).await;
+        return datagrams(core, link, &hello, peer, heard).await;
     }
     let admitted = core.admit(peer);
     link.write(&[&handshake::reply(&hello, core.contact.port)]).await?;
     let conversation = async {
         loop {
             let incoming = link.message(hello.carrier, core.options.max_message, core.options.message).await?;
+            heard.now();
             if respond(core, &mut link, &hello, admitted.id, incoming).await? {
                 return Ok(());
             }
@@ -150,7 +152,13 @@ const LONGEST_BY_DATAGRAMS: usize = 8 << 20;
 /// A sender of datagrams (spec section 18). It comes from the host where its TCP connection came from: from the same
 /// port number, says the specification, but 3.5 built without ACE takes any. So the first good datagram from that host
 /// tells the number, and from then on nobody else is heard.
-async fn datagrams(core: &Arc<Core>, mut link: Link, hello: &Hello, peer: Peer) -> Result<(), LinkError> {
+async fn datagrams(
+    core: &Arc<Core>,
+    mut link: Link,
+    hello: &Hello,
+    peer: Peer,
+    heard: &Heard,
+) -> Result<(), LinkError> {
     let (local, remote) = (link.stream().local_addr()?, link.stream().peer_addr()?);
     let socket = UdpSocket::bind(SocketAddr::new(local.ip(), 0)).await?;
     let admitted = core.admit(peer);
@@ -173,6 +181,7 @@ async fn datagrams(core: &Arc<Core>, mut link: Link, hello: &Hello, peer: Peer) 
         let Some(bytes) = assembler.take(datagram, longest) else { continue };
         let Ok(Some(found)) = frame::parse(&bytes, core.options.max_message) else { continue };
         sender = Some(from);
+        heard.now();
         let Verb::Data(_) = found.command.verb else { continue };
         let payload = Payload::Binary(Bytes::from(bytes).split_off(found.payload));
         let from = hello.bare().to_owned();

@@ -3,13 +3,17 @@
 use super::core::{Core, Sink};
 use super::slot::Delivery;
 use super::{PortError, PortOptions, input};
-use crate::Network;
+use crate::guests::Guests;
 use crate::wire::names;
+use crate::{Network, remote};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::task::{JoinHandle, JoinSet};
+use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
+
+/// How long a port that has the name may take to close, in looks and their distance.
+const CLOSES: (u32, Duration) = (5, Duration::from_millis(100));
 
 /// An open port. Dropping it closes it in the background.
 pub(crate) struct Handle {
@@ -29,6 +33,7 @@ impl Handle {
         if !names::is_rooted(&name) && name != "..." {
             return Err(PortError::BadName(name));
         }
+        free(network, &name).await?;
         let address = (network.bind(), options.number);
         let listen =
             |source| PortError::Listen { name: name.clone(), address: format!("{}:{}", address.0, address.1), source };
@@ -54,6 +59,21 @@ impl Handle {
     }
 }
 
+/// Sees that nobody who answers has the name: name servers give any name to whoever asks last.
+async fn free(network: &Network, name: &str) -> Result<(), PortError> {
+    for look in 1.. {
+        let Some(other) = network.query(name).await? else { break };
+        if !remote::answers(network, &other).await {
+            break;
+        }
+        if look == CLOSES.0 {
+            return Err(PortError::Taken(other));
+        }
+        sleep(CLOSES.1).await;
+    }
+    Ok(())
+}
+
 impl Drop for Handle {
     fn drop(&mut self) {
         self.core.begin_closing();
@@ -61,19 +81,20 @@ impl Drop for Handle {
 }
 
 async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
-    let mut inputs = JoinSet::new();
+    let mut inputs = Guests::new(core.options.connections);
     let renewal = tokio::spawn(renew(core.clone()));
     let closed = core.closed();
     tokio::pin!(closed);
     loop {
         tokio::select! {
             () = &mut closed => break,
-            Some(_) = inputs.join_next() => {}
+            Some(()) = inputs.ended() => {}
             accepted = listener.accept() => match accepted {
-                Ok((stream, _)) if inputs.len() < core.options.connections => {
-                    inputs.spawn(input::serve(core.clone(), stream));
+                Ok((stream, peer)) => {
+                    if !inputs.admit(|heard| input::serve(core.clone(), stream, heard)) {
+                        tracing::debug!(port = core.name, %peer, "connection limit reached");
+                    }
                 }
-                Ok((_, peer)) => tracing::debug!(port = core.name, %peer, "connection limit reached"),
                 Err(error) => {
                     tracing::debug!(port = core.name, %error, "can't accept");
                     sleep(Duration::from_millis(50)).await;
@@ -85,7 +106,7 @@ async fn listen_loop(core: Arc<Core>, listener: TcpListener) {
     renewal.abort();
     core.end_outputs().await;
     // Inputs end by themselves when they see the port closing.
-    let _ = timeout(core.options.write, async { while inputs.join_next().await.is_some() {} }).await;
+    let _ = timeout(core.options.write, async { while inputs.ended().await.is_some() {} }).await;
     inputs.shutdown().await;
     if let Sink::Inbox(inbox) = &core.sink {
         inbox.close();

@@ -33,7 +33,11 @@ fn vectors(prefix: &str) -> Vec<(String, Vec<Step>)> {
         })
         .collect();
     found.sort_by(|a, b| a.0.cmp(&b.0));
-    assert!(!found.is_empty(), "no vectors {prefix}* in {}", folder.display());
+    assert!(
+        !found.is_empty() || std::env::var_os("YARP_VECTORS").is_some(),
+        "no vectors {prefix}* in {}",
+        folder.display()
+    );
     found
 }
 

@@ -226,3 +226,20 @@ async fn ports_register_again_when_the_name_server_forgot_them() {
     assert_eq!(network.query("/reader").await.unwrap().map(|it| it.port), Some(9));
     again.close().await;
 }
+
+#[tokio::test]
+async fn a_name_stays_with_the_port_that_answers_and_comes_back_from_one_that_does_not() {
+    let (_names, network) = names().await;
+    let options = PortOptions { renew: Duration::from_millis(10), ..PortOptions::default() };
+    let first = Reader::open_with(&network, "/a", Queue::Newest, options).await.unwrap();
+    let refused = Writer::open(&network, "/a", Delivery::Newest).await.err().unwrap().to_string();
+    assert!(refused.contains("another program holds the port name /a (at 127.0.0.1:"), "{refused}");
+    assert_eq!(network.query("/a").await.unwrap().as_ref(), Some(first.contact()));
+    // a program that takes names without asking, and has died
+    network.register("/a", "127.0.0.1", 1).await.unwrap();
+    soon(async { while network.query("/a").await.unwrap().as_ref() != Some(first.contact()) {} }).await;
+    // who is about to close gets a moment
+    let (closed, opened) = tokio::join!(first.close(), Writer::open(&network, "/a", Delivery::Newest));
+    let ((), second) = (closed, opened.unwrap());
+    assert_eq!(network.query("/a").await.unwrap().as_ref(), Some(second.contact()));
+}

@@ -1,8 +1,8 @@
 //! The life of a connection: reached, watched, lost, and reached again.
 
 use super::{Link, Shared, facts, stream};
-use crate::Contact;
 use crate::board::{Ask, Get};
+use crate::{Contact, PortError};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -45,13 +45,10 @@ async fn reach<'a>(
     stream: &'a mut Option<stream::Stream>,
 ) -> Result<&'a mut stream::Stream, Link> {
     if stream.is_none() {
-        let name = shared.network.full_name(&stream::name(shared));
-        if let Ok(Some(other)) = shared.network.query(&name).await
-            && crate::remote::exists(&shared.network, &name).await.unwrap_or(false)
-        {
-            return Err(taken(&other));
-        }
-        *stream = Some(stream::Stream::open(shared.clone()).await.map_err(|e| Link::Down(super::in_words(&e)))?);
+        *stream = Some(stream::Stream::open(shared.clone()).await.map_err(|e| match e {
+            PortError::Taken(other) => taken(&other),
+            e => Link::Down(super::in_words(&e)),
+        })?);
     }
     let Some(stream) = stream else { return Err(Link::Down("no port for states".into())) };
     if let Some(other) = stream.port.roll_call().await {

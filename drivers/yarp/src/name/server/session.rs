@@ -1,6 +1,7 @@
 //! One connection to the name server: the plain form, or a port's carriers (spec sections 3.1 and 3.4).
 
 use super::Shared;
+use crate::guests::Heard;
 use crate::name::text::{LONGEST_LINE, REQUEST};
 use crate::wire::{Carrier, Verb, admin, frame, handshake, line};
 use crate::{Bottle, Dialect, Value, auth};
@@ -33,7 +34,7 @@ impl Incoming {
 }
 
 /// Serves a connection to its end.
-pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared) -> io::Result<()> {
+pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared, heard: &Heard) -> io::Result<()> {
     let peer = peer.ip().to_canonical().to_string();
     stream.set_nodelay(true)?;
     if let Some(key) = &shared.options.auth {
@@ -47,7 +48,7 @@ pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared
         }
     }
     if incoming.bytes.starts_with(handshake::NAME_SERVER) {
-        return plain(incoming, &peer, shared).await;
+        return plain(incoming, &peer, shared, heard).await;
     }
     let hello = loop {
         match handshake::parse(&incoming.bytes) {
@@ -67,11 +68,11 @@ pub(super) async fn run(mut stream: TcpStream, peer: SocketAddr, shared: &Shared
         return Ok(());
     }
     incoming.send(&handshake::reply(&hello, shared.contact.port), limit).await?;
-    carrier(incoming, &hello, &peer, shared).await
+    carrier(incoming, &hello, &peer, shared, heard).await
 }
 
 /// The plain form: a line, an answer, and so on.
-async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared) -> io::Result<()> {
+async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared, heard: &Heard) -> io::Result<()> {
     loop {
         let Some(end) = incoming.bytes.iter().position(|b| *b == b'\n') else {
             if incoming.bytes.len() > LONGEST_LINE {
@@ -82,6 +83,7 @@ async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared) -> io::Resul
             }
             continue;
         };
+        heard.now();
         let line: Vec<u8> = incoming.bytes.drain(..=end).collect();
         let request = line.strip_prefix(REQUEST.as_bytes()).unwrap_or(&line);
         let answer = answer(&parse(request), peer, shared).text();
@@ -90,7 +92,13 @@ async fn plain(mut incoming: Incoming, peer: &str, shared: &Shared) -> io::Resul
 }
 
 /// A port's carrier: data messages are requests, administrative ones are those of any port.
-async fn carrier(mut incoming: Incoming, hello: &handshake::Hello, peer: &str, shared: &Shared) -> io::Result<()> {
+async fn carrier(
+    mut incoming: Incoming,
+    hello: &handshake::Hello,
+    peer: &str,
+    shared: &Shared,
+    heard: &Heard,
+) -> io::Result<()> {
     let (carrier, dialect) = (hello.carrier, shared.options.dialect);
     let wrong = |e: &dyn std::fmt::Display| io::Error::new(io::ErrorKind::InvalidData, e.to_string());
     let mut scanner = line::Scanner::default();
@@ -114,6 +122,7 @@ async fn carrier(mut incoming: Incoming, hello: &handshake::Hello, peer: &str, s
             }
             continue;
         };
+        heard.now();
         incoming.bytes.drain(..end);
         let mut reply = reply(&verb, &payload, hello, peer, shared);
         reply.extend_from_slice(carrier.ack());

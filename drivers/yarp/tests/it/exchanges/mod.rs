@@ -26,7 +26,7 @@ const NOT_AS_CLIENT: [(&str, &str); 7] = [
 fn exchanges() -> Vec<Exchange> {
     let all: Vec<_> =
         script::load().into_iter().filter(|it| PREFIXES.iter().any(|prefix| it.name.starts_with(prefix))).collect();
-    for prefix in PREFIXES {
+    for prefix in PREFIXES.into_iter().filter(|_| std::env::var_os("YARP_VECTORS").is_none()) {
         assert!(all.iter().any(|it| it.name.starts_with(prefix)), "no exchanges {prefix}*");
     }
     all
@@ -51,7 +51,7 @@ async fn our_ports_answer_as_the_original_does() {
 async fn our_clients_and_outputs_say_what_the_original_says() {
     let (mut failed, mut replayed) = (Vec::new(), 0);
     let all = exchanges();
-    for (name, _) in NOT_AS_CLIENT {
+    for (name, _) in NOT_AS_CLIENT.into_iter().filter(|_| std::env::var_os("YARP_VECTORS").is_none()) {
         assert!(
             all.iter().any(|it| it.name == name),
             "{name} is listed as not replayable, but there is no such exchange"

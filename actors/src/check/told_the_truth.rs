@@ -1,0 +1,124 @@
+//! I29: `committed` is said only of a motion that ended within the tolerance of its target; and the built-in agent is told how its motion
+//! ended before it commits again: once, after its outcome, and what that was.
+//!
+//! An agent that died, or was taken back while its motion was under way, need not be told.
+
+use super::{Found, Invariant};
+use crate::controller::distance;
+use crate::journal::Line;
+use mobee_contract::{CommitId, Event, MotionEnd, Outcome, Pose, SwapStep};
+use std::collections::BTreeMap;
+
+#[derive(Default)]
+pub(super) struct ToldTheTruth {
+    agents: BTreeMap<String, Agent>,
+    targets: BTreeMap<String, Target>,
+    /// Whether the journal tells what agents are told: older ones don't.
+    tells: bool,
+}
+
+#[derive(Default)]
+struct Target {
+    tolerance: f64,
+    /// Where the open commit leads.
+    q: Option<Pose>,
+}
+
+#[derive(Default)]
+struct Agent {
+    /// Its last motion, and its outcome if it has one.
+    motion: Option<(CommitId, Option<Outcome>)>,
+    /// Whether the agent that waits for the end of that motion is still the one that asked for it.
+    waits: bool,
+}
+
+impl Agent {
+    fn told(&mut self, id: CommitId, end: MotionEnd) -> Option<String> {
+        let number = id.0;
+        match self.motion {
+            Some((last, Some(outcome))) if last == id => {
+                (self.motion, self.waits) = (None, false);
+                let truth = if outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed };
+                (end != truth)
+                    .then(|| format!("was told that commit {number} had {end:?}, and its outcome is {outcome:?}"))
+            }
+            Some((last, None)) if last == id => {
+                Some(format!("was told of the end of commit {number} before its outcome"))
+            }
+            _ => Some(format!("was told of the end of commit {number}, which is not its last, or a second time")),
+        }
+    }
+
+    fn commits(&mut self, id: CommitId) -> Option<String> {
+        let (last, waited) = (self.motion.replace((id, None)), std::mem::replace(&mut self.waits, true));
+        let (untold, _) = last.filter(|_| waited)?;
+        Some(format!("commits again, and was not told how commit {} had ended", untold.0))
+    }
+}
+
+impl ToldTheTruth {
+    /// A motion is said to have reached its target here.
+    fn reached(&self, robot: &str, q: &Pose) -> Option<String> {
+        let target = self.targets.get(robot)?;
+        let away = distance(q, target.q.as_ref()?);
+        let deg = away.to_degrees();
+        (away > target.tolerance)
+            .then(|| format!("{robot}: a commit is said to have reached its target {deg:.3} deg away from it"))
+    }
+
+    fn outcome(&mut self, robot: &str, id: CommitId, outcome: Outcome) {
+        let motion = self.agents.get_mut(robot).and_then(|agent| agent.motion.as_mut());
+        motion.into_iter().filter(|(last, _)| *last == id).for_each(|(_, end)| *end = Some(outcome));
+    }
+
+    fn agent(&mut self, robot: &str) -> &mut Agent {
+        self.agents.entry(robot.into()).or_default()
+    }
+}
+
+impl Invariant for ToldTheTruth {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        let agent = |robot: &str| format!("{robot}/agent");
+        let wrong = match &line.event {
+            Event::Robot { robot, tolerance, .. } => {
+                self.targets.entry(robot.clone()).or_default().tolerance = *tolerance;
+                None
+            }
+            Event::Commit { robot, id, agent: who, target, .. } => {
+                self.targets.entry(robot.clone()).or_default().q = Some(target.clone());
+                let untold = (*who == agent(robot)).then(|| self.agent(robot).commits(*id)).flatten();
+                untold.filter(|_| self.tells).map(|what| format!("{robot}: its agent {what}"))
+            }
+            Event::Amended { robot, target, .. } => {
+                self.targets.entry(robot.clone()).or_default().q = Some(target.clone());
+                None
+            }
+            Event::Outcome { robot, id, outcome, q, .. } => {
+                self.outcome(robot, *id, *outcome);
+                self.reached(robot, q).filter(|_| *outcome == Outcome::Committed)
+            }
+            Event::Told { robot, id: Some(id), end } => {
+                self.tells = true;
+                self.agent(robot).told(*id, *end).map(|what| format!("{robot}: its agent {what}"))
+            }
+            Event::Told { robot, id: None, end: MotionEnd::Reached } => {
+                Some(format!("{robot}: its agent was told that it reached what was refused"))
+            }
+            Event::Swap { robot, step: SwapStep::Reverted { .. }, .. } => {
+                self.agent(robot).waits = false;
+                None
+            }
+            Event::Died { actor, .. } => {
+                let died = self.agents.iter_mut().filter(|(robot, _)| *actor == agent(robot));
+                died.for_each(|(_, agent)| agent.waits = false);
+                None
+            }
+            Event::Resumed { .. } => {
+                self.agents.clear();
+                None
+            }
+            _ => None,
+        };
+        wrong.into_iter().for_each(|what| found.say(what));
+    }
+}

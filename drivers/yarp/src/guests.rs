@@ -1,0 +1,122 @@
+//! The connections that a listening socket serves: so many at a time, and nobody is locked out by those that say nothing.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::task::{AbortHandle, JoinSet};
+use tokio::time::Instant;
+
+/// Who was heard within this time keeps its place.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// When a connection was heard last, and whether it has said anything but its name.
+#[derive(Debug)]
+pub(crate) struct Heard(Mutex<(bool, Instant)>);
+
+impl Heard {
+    fn new() -> Heard {
+        Heard(Mutex::new((false, now())))
+    }
+
+    /// It has said something.
+    pub fn now(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (true, now());
+    }
+
+    fn last(&self) -> (bool, Instant) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[expect(clippy::disallowed_methods, reason = "peers on sockets live in real time")]
+fn now() -> Instant {
+    Instant::now()
+}
+
+/// Those connections, each a task.
+pub(crate) struct Guests {
+    most: usize,
+    tasks: JoinSet<()>,
+    guests: Vec<(AbortHandle, Arc<Heard>)>,
+}
+
+impl Guests {
+    /// At most so many at a time.
+    pub fn new(most: usize) -> Guests {
+        Guests { most, tasks: JoinSet::new(), guests: Vec::new() }
+    }
+
+    /// Serves a newcomer. If there is no room, it takes the place of the one that has been silent for longest, of those that
+    /// never said anything if there are some. Whether it is served: not if all others were heard just now.
+    pub fn admit<F>(&mut self, serve: impl FnOnce(Arc<Heard>) -> F) -> bool
+    where
+        F: Future<Output = ()> + Send + 'static,
+    {
+        self.guests.retain(|(task, _)| !task.is_finished());
+        if self.guests.len() >= self.most && !self.make_room() {
+            return false;
+        }
+        let heard = Arc::new(Heard::new());
+        self.guests.push((self.tasks.spawn(serve(heard.clone())), heard));
+        true
+    }
+
+    fn make_room(&mut self) -> bool {
+        let silent = |(_, heard): &&(AbortHandle, Arc<Heard>)| heard.last().1.elapsed() > PATIENCE;
+        let all = self.guests.iter().enumerate().filter(|(_, guest)| silent(guest));
+        let Some(at) = all.min_by_key(|(_, (_, heard))| heard.last()).map(|(at, _)| at) else { return false };
+        self.guests.swap_remove(at).0.abort();
+        true
+    }
+
+    /// Waits until one of them has ended; `None` if there is none.
+    pub async fn ended(&mut self) -> Option<()> {
+        self.tasks.join_next().await.map(drop)
+    }
+
+    /// Ends all of them.
+    pub async fn shutdown(&mut self) {
+        self.tasks.shutdown().await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::future::pending;
+
+    #[tokio::test(start_paused = true)]
+    async fn who_is_silent_makes_room_and_who_speaks_stays() {
+        let mut guests = Guests::new(3);
+        let mut heard = Vec::new();
+        let admit = |guests: &mut Guests, heard: &mut Vec<Arc<Heard>>| {
+            guests.admit(|one| {
+                heard.push(one);
+                pending()
+            })
+        };
+        for _ in 0..3 {
+            assert!(admit(&mut guests, &mut heard));
+        }
+        assert!(!admit(&mut guests, &mut heard), "all have come just now");
+        heard.truncate(3);
+        // the first speaks once, the second never, the third goes on
+        heard[0].now();
+        tokio::time::advance(2 * PATIENCE).await;
+        heard[2].now();
+        let alive = |guests: &Guests, one: &Arc<Heard>| guests.guests.iter().any(|(_, known)| Arc::ptr_eq(known, one));
+        assert!(admit(&mut guests, &mut heard));
+        assert!([0, 2, 3].iter().all(|i| alive(&guests, &heard[*i])) && !alive(&guests, &heard[1]), "never spoke");
+        assert!(admit(&mut guests, &mut heard));
+        assert!(
+            [2, 3, 4].iter().all(|i| alive(&guests, &heard[*i])) && !alive(&guests, &heard[0]),
+            "silent for longest"
+        );
+        assert!(!guests.admit(|_| pending()));
+        // a place that became free needs nobody's end
+        guests.guests[0].0.abort();
+        assert_eq!(guests.ended().await, Some(()));
+        assert_eq!(guests.ended().await, Some(()));
+        assert_eq!(guests.ended().await, Some(()));
+        assert!(admit(&mut guests, &mut heard));
+    }
+}
