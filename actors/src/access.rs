@@ -3,7 +3,7 @@
 use crate::shell::{ModelMsg, SuperviseMsg};
 use crate::wiring::{Cell, Hub, Wires};
 use mobee_contract::{
-    Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Latest, MotionEnd, Refusal, Running, Setpoints,
+    Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Hold, Latest, MotionEnd, Refusal, Running, Setpoints, Status,
     Time, Told, Verdict,
 };
 use mobee_model::{Edit, Robot, Scene};
@@ -162,8 +162,20 @@ impl Filtered for Filter {
         Ok(())
     }
 
-    fn recover(&self) {
-        self.wires.supervise.send(SuperviseMsg::Recover);
+    fn recover(&self) -> Result<(), String> {
+        if self.wires.can_recover.load(Ordering::SeqCst) {
+            self.wires.supervise.send(SuperviseMsg::Recover);
+            return Ok(());
+        }
+        let Status::Holding(why) = self.wires.latest.lock().status else {
+            return Err("there is nothing to recover from: the robot does not hold".into());
+        };
+        let opens = match why {
+            Hold::Stale | Hold::Restarted | Hold::BoardFault | Hold::SlowBoard => "its filter opens by itself when that is over",
+            Hold::ShuttingDown => "start it again with `mobee run --resume`",
+            _ => "commit an escape, or clear away what touches it",
+        };
+        Err(format!("there is no way back to try again: the robot holds ({why}); {opens}"))
     }
 
     fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {

@@ -438,16 +438,19 @@ impl SuperviseCore {
     }
 
     /// Tries the failed way back again.
+    /// Whether the robot holds where a way back can be tried again, or was held by a crash that left none.
+    pub fn can_recover(&self) -> bool {
+        let holds = self.closing == Closing::No && matches!(self.status, Status::Holding(_));
+        holds && (self.retry.is_some() || self.status == Status::Holding(Hold::AfterCrash))
+    }
+
     fn recover(&mut self, now: Time, out: &mut Vec<SuperviseOut>) {
-        if self.closing != Closing::No || !matches!(self.status, Status::Holding(_)) {
+        if !self.can_recover() {
             return;
         }
         let Some(motion) = self.retry.clone() else {
-            if self.status == Status::Holding(Hold::AfterCrash) {
-                // there was no safe pose: the robot stays, and is asked to stay no longer
-                self.interrupt(Cause::Asked, Status::Holding(Hold::Restarted), now, out);
-            }
-            return;
+            // there was no safe pose: the robot stays, and is asked to stay no longer
+            return self.interrupt(Cause::Asked, Status::Holding(Hold::Restarted), now, out);
         };
         self.close(Cause::Asked, out);
         self.closing = Closing::Reflex;

@@ -30,10 +30,7 @@ pub fn answer(request: &Bottle, robot: &dyn Filtered) -> Bottle {
             },
             _ => line("Say `agent on` or `agent off`."),
         },
-        "recover" => {
-            robot.recover();
-            ok()
-        }
+        "recover" => robot.recover().map_or_else(line, |()| ok()),
         _ => line("Commands: status, agent on|off, recover."),
     }
 }

@@ -78,8 +78,16 @@ impl Desk {
             [verb @ ("pause" | "resume"), rest @ ..] => self.act(rest, *verb == "resume"),
             ["recover", rest @ ..] => {
                 let all = self.running.robots();
-                self.robots(rest)?.iter().filter_map(|i| all.get(*i)).for_each(|robot| robot.recover());
-                Ok(vec!["asked to try again".into()])
+                let asked: Vec<_> = self.robots(rest)?.iter().filter_map(|i| all.get(*i)).collect();
+                let mut said = Vec::new();
+                let mut tried = false;
+                for robot in asked {
+                    let answer = robot.recover();
+                    tried |= answer.is_ok();
+                    let answer = answer.map_or_else(|why| why, |()| "the way back is tried again".into());
+                    said.push(format!("{}: {answer}", robot.name()));
+                }
+                if tried { Ok(said) } else { Err(said.join("\n")) }
             }
             ["stop"] => self.tell(Control::Stop).await.map(|()| vec!["the run ends".into()]),
             ["stop", "now"] => self.tell(Control::Abort).await.map(|()| vec!["the run ends now".into()]),

@@ -53,7 +53,10 @@ pub trait Filtered: Send + Sync {
     /// [`Refusal::NotReady`] if the robot has no agent of its own.
     fn let_agent_act(&self, act: bool) -> Result<(), Refusal>;
     /// Tries a failed way back again.
-    fn recover(&self);
+    ///
+    /// # Errors
+    /// There is none; a sentence says why the robot holds, if it does, and what opens its filter.
+    fn recover(&self) -> Result<(), String>;
     /// Passes a question to a part's board in its own words; see [`crate::Hardware::ask`].
     fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, crate::DriverFault>>>;
     /// The newest state of a part's board in its own words; see [`crate::Hardware::told`].

@@ -169,6 +169,7 @@ impl Supervise {
         let mut latest = self.wires.latest.lock();
         latest.status = self.core.status();
         latest.ready = self.core.is_settled();
+        self.wires.can_recover.store(self.core.can_recover(), Ordering::SeqCst);
     }
 
     /// Edits that wait for this robot's next outcome are made before its agent hears of it.

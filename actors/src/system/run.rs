@@ -26,6 +26,8 @@ const TICK: Duration = Duration::from_millis(100);
 const TELL: Duration = Duration::from_secs(1);
 /// How long robots may take to come to rest at the end.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// How long a robot without readings is waited for: nothing would show that it rests.
+const BLIND: Duration = Duration::from_secs(2);
 
 /// Runs the system until all agents are done, the limit has passed, it is told to stop, or it gives up.
 ///
@@ -234,6 +236,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
             slot: Cell::new(Slot { maker: robot.agent.clone().map(Maker), ..Slot::default() }),
             agent_name: format!("{}/agent", robot.name).into(),
             agent_acts: AtomicBool::new(true),
+            can_recover: AtomicBool::new(false),
             notes: past.notes,
         })
     });
@@ -320,7 +323,10 @@ async fn come_to_rest(hub: &Hub) {
         let latest = w.latest.lock();
         latest.ready && matches!(latest.status, Status::Holding(_))
     };
-    while clock.now() < until && !hub.robots.iter().zip(&asked).all(|(w, asked)| !asked || resting(w)) {
+    let begun = clock.now();
+    let blind = |w: &Arc<Wires>| clock.now() > w.latest.lock().at.max(begun) + BLIND;
+    let done = |(w, asked): (&Arc<Wires>, &bool)| !asked || resting(w) || blind(w);
+    while clock.now() < until && !hub.robots.iter().zip(&asked).all(done) {
         clock.sleep(TICK / 5).await;
     }
     if !hub.robots.iter().all(resting) {

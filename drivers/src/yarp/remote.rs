@@ -42,6 +42,8 @@ pub trait Remote: Send + Sync {
     fn hush(&self);
     /// Ready when the client is of no use any more.
     fn died(&self) -> Later<'_, ()>;
+    /// Ends in order; its port names are free then.
+    fn close(&self) -> Later<'_, ()>;
 }
 
 /// A line to a board that nothing uses but its brake.
@@ -92,6 +94,9 @@ impl Remote for RemoteBoard {
     }
     fn died(&self) -> Later<'_, ()> {
         Box::pin(RemoteBoard::died(self))
+    }
+    fn close(&self) -> Later<'_, ()> {
+        Box::pin(RemoteBoard::close(self))
     }
 }
 

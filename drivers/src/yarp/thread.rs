@@ -191,7 +191,13 @@ impl Shared {
             let states = states(cell.clone(), layout.clone(), index, board.clone(), self.settings.clone());
             crew.add(format!("hand at {}", patch.port), hand.work(end.clone()));
             crew.add(format!("reader of {}", patch.port), until(end.clone(), states));
-            crew.add(format!("connection to {}", patch.port), until(end.clone(), async move { board.died().await }));
+            let ending = end.clone();
+            crew.add(format!("connection to {}", patch.port), async move {
+                until(ending.clone(), board.died()).await;
+                if *ending.borrow() {
+                    board.close().await;
+                }
+            });
         }
         crew
     }

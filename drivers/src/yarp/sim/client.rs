@@ -105,6 +105,10 @@ impl Remote for Client {
             let _ = self.tasks.lock().await.join_next().await;
         })
     }
+
+    fn close(&self) -> Later<'_, ()> {
+        Box::pin(std::future::ready(()))
+    }
 }
 
 impl Shared {

@@ -81,6 +81,8 @@ struct Shared {
     trouble: Notify,
     lost: AtomicU64,
     unsent: AtomicU64,
+    /// Whether the client is to end in order.
+    leave: watch::Sender<bool>,
     /// Streamed commands of an earlier age are thrown away instead of sent.
     age: AtomicU64,
 }
@@ -106,6 +108,7 @@ impl RemoteBoard {
             lost: AtomicU64::new(0),
             unsent: AtomicU64::new(0),
             age: AtomicU64::new(0),
+            leave: watch::Sender::new(false),
             port: port.to_owned(),
             network,
             options,
@@ -120,6 +123,12 @@ impl RemoteBoard {
     /// Ready when a task of this client has died: it is of no use any more, and another one is to be made.
     pub async fn died(&self) {
         let _ = self.tasks.lock().await.join_next().await;
+    }
+
+    /// Ends in order: nothing comes any more, and the name of the port for states is free again.
+    pub async fn close(&self) {
+        self.shared.leave.send_replace(true);
+        self.died().await;
     }
 
     /// First part of the board's port names.

@@ -9,21 +9,33 @@ use std::time::Duration;
 /// Shortest and longest pause between two attempts.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
 
-/// Reaches the board, watches it, and begins anew when it is lost. Never ends.
+/// Reaches the board, watches it, and begins anew when it is lost, until it is to leave.
 pub(super) async fn run(shared: Arc<Shared>) {
+    let (mut stream, mut leave) = (None, shared.leave.subscribe());
+    tokio::select! {
+        biased;
+        _ = leave.wait_for(|leave| *leave) => {}
+        () = stay(&shared, &mut stream) => {}
+    }
+    if let Some(stream) = stream {
+        stream.close().await;
+    }
+}
+
+/// Never ends.
+async fn stay(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) {
     let (mut pause, mut generation) = (BACK_OFF.0, 0);
-    let mut stream = None;
     loop {
-        match reach(&shared, &mut stream).await {
+        match reach(shared, stream).await {
             Ok(up) => {
                 pause = BACK_OFF.0;
                 generation += 1;
                 tracing::info!(board = shared.port, "connected");
                 shared.link.send_replace(Link::Up(generation));
-                let why = watch(&shared, up).await;
+                let why = watch(shared, up).await;
                 tracing::warn!(board = shared.port, why = ?why, "lost");
                 shared.link.send_replace(why);
-                stream = stream.take().filter(|stream| !stream.is_over());
+                *stream = stream.take().filter(|stream| !stream.is_over());
             }
             Err(why) => {
                 shared.link.send_if_modified(|link| {

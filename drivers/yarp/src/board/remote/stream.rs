@@ -60,6 +60,13 @@ impl Stream {
         self.task.is_finished()
     }
 
+    /// Closes the port and gives up its name.
+    pub async fn close(mut self) {
+        // its task ends when nobody can tell it anything any more
+        self.axes = mpsc::channel(1).0;
+        self.over().await;
+    }
+
     /// Ready when its task has ended.
     pub async fn over(&mut self) {
         if !self.task.is_finished() {
@@ -77,11 +84,20 @@ impl Drop for Stream {
 async fn read(shared: Arc<Shared>, mut reader: Reader, mut told: mpsc::Receiver<usize>) {
     let (mut axes, mut seq) = (None, 0);
     let mut last: Option<Stamp> = None;
-    while let Some(message) = reader.recv().await {
+    loop {
+        let message = tokio::select! {
+            biased;
+            n = told.recv() => match n {
+                None => break,
+                n => {
+                    axes = n;
+                    continue;
+                }
+            },
+            message = reader.recv() => message,
+        };
+        let Some(message) = message else { break };
         let arrived = arrival();
-        while let Ok(n) = told.try_recv() {
-            axes = Some(n);
-        }
         let Some(joints) = axes.and_then(|n| joints(&shared, &message, n)) else {
             tracing::debug!(board = shared.port, from = message.from, "a state that makes no sense");
             continue;
@@ -97,6 +113,7 @@ async fn read(shared: Arc<Shared>, mut reader: Reader, mut told: mpsc::Receiver<
         last = stamp;
         shared.state.send_replace(Some(Arc::new(RemoteState { seq, stamp, arrived, joints })));
     }
+    reader.close().await;
 }
 
 /// The state in a message, whichever port it came from; `None` unless it is finite and has one value per axis.
