@@ -3,8 +3,8 @@
 use crate::shell::{ModelMsg, SuperviseMsg};
 use crate::wiring::{Cell, Hub, Wires};
 use mobee_contract::{
-    Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Hold, Latest, MotionEnd, Refusal, Running, Setpoints, Status,
-    Time, Told, Verdict,
+    Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Hold, Latest, MotionEnd, Refusal, Running,
+    Setpoints, Status, Time, Told, Verdict,
 };
 use mobee_model::{Edit, Robot, Scene};
 use ractor::RpcReplyPort;
@@ -171,7 +171,9 @@ impl Filtered for Filter {
             return Err("there is nothing to recover from: the robot does not hold".into());
         };
         let opens = match why {
-            Hold::Stale | Hold::Restarted | Hold::BoardFault | Hold::SlowBoard => "its filter opens by itself when that is over",
+            Hold::Stale | Hold::Restarted | Hold::BoardFault | Hold::SlowBoard => {
+                "its filter opens by itself when that is over"
+            }
             Hold::ShuttingDown => "start it again with `mobee run --resume`",
             _ => "commit an escape, or clear away what touches it",
         };

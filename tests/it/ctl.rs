@@ -104,7 +104,7 @@ fn a_run_is_controlled_from_outside() {
     run.says(&["world", "mk", "ssph", "0.05", "-2", "-2", "0.5"]);
     assert!(run.says(&["world", "ls"]).contains("ssph1"));
     run.refuses(&["record", "off"]);
-    run.says(&["recover"]);
+    assert!(run.refuses(&["recover"]).contains("icub: there is nothing to recover from"));
     run.says(&["stop"]);
     assert!(run.child.wait().expect("an end").success());
     run.refuses(&["status"]);

@@ -3,6 +3,7 @@
 use crate::common::{Trial, ball};
 use mobee_actors::system::{Control, Reason};
 use mobee_contract::{Outcome, Time};
+use mobee_drivers::Fault;
 use mobee_model::ObjectClass;
 use std::time::Duration;
 
@@ -33,6 +34,19 @@ fn a_stop_ends_the_motion_with_an_outcome_at_rest() {
     assert_eq!(ran.outcomes().len(), 1, "{}", ran.lines());
     let speeds = ran.hardware.speeds(ran.end.ended_at.max(Time::ZERO));
     assert!(speeds.iter().all(|v| *v == 0.0), "{speeds:?}");
+    assert_eq!(ran.violations(), [], "{}", ran.lines());
+}
+
+#[test]
+fn nobody_waits_at_the_end_for_a_robot_that_says_nothing() {
+    let controls = vec![(Duration::from_secs(2), Control::Stop)];
+    let trial = Trial { controls, poses: vec![[90.0, 0.0, 0.0]], ..Trial::default() };
+    let ran = trial.run_with(|faults| {
+        faults.plan(Fault::Silent, Time::from_secs(1.0), Time(u64::MAX));
+    });
+    assert_eq!(ran.outcomes().len(), 1, "{}", ran.lines());
+    let ended = ran.end.ended_at.secs();
+    assert!((4.0..4.7).contains(&ended), "{ended} s\n{}", ran.lines());
     assert_eq!(ran.violations(), [], "{}", ran.lines());
 }
 

@@ -90,3 +90,17 @@ fn questions_of_others_are_passed_on_and_nothing_else_is() {
     assert!(matches!(ask("arm", "[set] [pos] 0 10.0"), Err(DriverFault::Refused(_))));
     assert!(matches!(ask("leg", "[get] [axes]"), Err(DriverFault::Refused(_))));
 }
+
+#[test]
+fn a_driver_that_ends_leaves_no_names_behind() {
+    let robot = Rig::new();
+    let driver = robot.hardware.connect().unwrap();
+    let (network, net) = (robot.net.network(), robot.net);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let names = || runtime.block_on(network.list("/MoBeE")).unwrap();
+    assert!(!names().is_empty());
+    drop(driver);
+    drop(robot.hardware);
+    assert_eq!(names(), []);
+    drop(net);
+}

@@ -291,6 +291,7 @@ fn to_recover_does_nothing_where_no_way_back_failed() {
         before(&mut cell);
         cell.apply(Op::Samples(30));
         let (status, token) = (cell.supervise.status(), cell.gate.token());
+        assert!(!cell.supervise.can_recover(), "{name}");
         assert_eq!(cell.supervise.on(SuperviseIn::Recover, cell.now), [], "{name}");
         assert_eq!((cell.supervise.status(), cell.gate.token()), (status, token), "{name}");
     }
