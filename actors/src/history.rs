@@ -8,6 +8,10 @@ use std::time::Duration;
 
 /// How many readings the speed is estimated from: the means of two halves, so that encoder noise hardly counts.
 const WINDOW: usize = 8;
+/// Of a board that tells more than one in so many seconds, so many times as many: noise counts by the time that it is divided by.
+const USUAL: f64 = 0.01;
+/// At most so many times as many.
+const FASTEST: f64 = 16.0;
 /// So many readings may be missing, as they are when a thread comes late.
 const FEW: u64 = 8;
 
@@ -84,12 +88,13 @@ impl HistoryCore {
             let near = |q: &Pose| distance(q, &last.q) <= BRIDGE;
             let bridged = std::mem::take(&mut self.restored) && near(&q);
             let steps = pulse.sample.seq.checked_sub(self.seq).filter(|n| *n > 0);
-            let late = self.period > 0.0 && pause > FEW as f64 * self.period;
-            after_pause = late || steps.is_none_or(|n| n > FEW);
+            let few = FEW * self.crowd() as u64;
+            let late = self.period > 0.0 && pause > few as f64 * self.period;
+            after_pause = late || steps.is_none_or(|n| n > few);
             let follows = steps.is_some() && at <= last.at + stale && (!after_pause || near(&q));
             let cut = std::mem::take(&mut self.cut);
             after_gap = !bridged && (cut || !follows || q.len() != last.q.len());
-            if let Some(steps) = steps.filter(|n| !after_gap && *n <= FEW) {
+            if let Some(steps) = steps.filter(|n| !after_gap && *n <= few) {
                 // the estimated period: a running mean, as the robot's own clock has jitter; after a bunch of readings it grows again
                 let pause = pause / steps as f64;
                 self.period = if self.period > 0.0 { self.period + 0.05 * (pause - self.period) } else { pause };
@@ -173,13 +178,14 @@ impl HistoryCore {
     /// Greatest motor speed over the window, rad/s: between the means of its halves, and, so that a motor that turns round
     /// is not at rest, between those of each half's own halves; these are three times as noisy, and count a third.
     fn speed(&self) -> f64 {
-        let half = WINDOW / 2;
-        let Some(start) = self.ring.len().checked_sub(WINDOW) else { return f64::INFINITY };
+        let window = WINDOW * self.crowd();
+        let half = window / 2;
+        let Some(start) = self.ring.len().checked_sub(window) else { return f64::INFINITY };
         if self.ring.range(start + 1..).any(|r| r.after_gap || r.after_pause) {
             return f64::INFINITY;
         }
         let (Some(first), Some(last)) = (self.ring.get(start), self.ring.back()) else { return f64::INFINITY };
-        let secs = last.at.since(first.at).as_secs_f64() * half as f64 / (WINDOW - 1) as f64;
+        let secs = last.at.since(first.at).as_secs_f64() * half as f64 / (window - 1) as f64;
         let sum = |range: std::ops::Range<usize>, motor: usize| -> f64 {
             self.ring.range(range).filter_map(|r| r.q.get(motor)).sum()
         };
@@ -192,6 +198,11 @@ impl HistoryCore {
         let motors = 0..last.q.len();
         let turn = |m: usize| way(start, half / 2, m).max(way(start + half, half / 2, m));
         motors.map(|m| way(start, half, m).max(turn(m) * 2.0 / 3.0)).fold(0.0, f64::max) / secs
+    }
+
+    /// How many readings there are in the time of a usual one.
+    fn crowd(&self) -> usize {
+        if self.period > 0.0 { (USUAL / self.period).round().clamp(1.0, FASTEST) as usize } else { 1 }
     }
 
     /// How long the ring reaches back.

@@ -8,6 +8,8 @@ use std::time::Duration;
 
 /// How many readings are looked at.
 const WINDOW: usize = 8;
+/// Readings that come sooner after one another are too many: noise counts by the time that it is divided by.
+const CROWD: Duration = Duration::from_millis(7);
 /// How many readings are kept: a decision may be made by one that is some periods old.
 const KEPT: usize = 64;
 /// How many times the speed that counts as rest is too much, since the readings that were told may not be quite those decided by.
@@ -34,7 +36,8 @@ impl Measured {
         if self.readings.back().is_some_and(|(last, _)| at.since(*last) > self.period * 2) {
             self.readings.clear();
         }
-        if self.readings.back().is_some_and(|(last, _)| at <= *last) {
+        let crowd = CROWD.min(self.period.mul_f64(0.4));
+        if self.readings.back().is_some_and(|(last, _)| at <= *last || at.since(*last) < crowd) {
             return;
         }
         if self.readings.len() == KEPT {

@@ -117,6 +117,20 @@ fn the_period_is_that_between_readings() {
     assert!((history.period() - 0.0195).abs() < 1e-12);
 }
 
+/// A board that tells a thousand readings a second rests as one that tells a hundred, though its noise is divided by less time; and
+/// a millisecond's pause of a few readings is none.
+#[test]
+fn readings_at_a_thousand_a_second_come_to_rest_too() {
+    let mut history = HistoryCore::new(1000);
+    let noise = |k: u64| if k % 3 == 0 { 2e-4 } else { 0.0 };
+    let speed = |history: &mut HistoryCore, k: u64| reading(history, k, k, noise(k)).speed;
+    let last = (0..200).fold(0.0, |_, k| speed(&mut history, k));
+    assert!(last < 0.1_f64.to_radians(), "{last}");
+    let after = speed(&mut history, 220);
+    assert!(after < 0.5_f64.to_radians(), "twenty readings later: {after}");
+    assert!(speed(&mut history, 400).is_infinite());
+}
+
 /// Of eight readings in a row, and neither across a pause of more than a few readings nor across a gap.
 #[test]
 fn no_speed_is_told_across_a_pause() {
