@@ -35,12 +35,14 @@ pub struct Port {
     streaming: Option<Streaming>,
     /// Positions that would be a jump if they were written at once, and under which token, by whom.
     waiting: Option<(u64, Writer, Setpoints)>,
+    /// Whether the driver makes moves of set-points.
+    pub leads: bool,
 }
 
 impl Port {
     /// A port to one robot.
     pub fn new(rules: Arc<Rules>, gate: Arc<Gate>) -> Port {
-        Port { rules, gate, streaming: None, waiting: None }
+        Port { rules, gate, streaming: None, waiting: None, leads: false }
     }
 
     /// Whether this command may pass.
@@ -177,7 +179,8 @@ impl Port {
             Command::Mode { motors, .. } => ("mode", motors, none(), none()),
         };
         let (robot, kind, motors) = (self.rules.robot.clone(), kind.to_owned(), motors.clone());
-        let command = Event::Command { robot, token, writer, kind, motors, q, speed };
+        let led = matches!(command, Command::Move(_)) && self.leads;
+        let command = Event::Command { robot, token, writer, kind, motors, q, speed, led };
         self.end_stream().into_iter().chain([command]).collect()
     }
 

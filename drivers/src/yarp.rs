@@ -29,6 +29,7 @@ mod driver;
 mod fan;
 mod hand;
 mod layout;
+mod legs;
 mod motion;
 mod pace;
 mod questions;
@@ -186,7 +187,7 @@ impl Hardware for YarpHardware {
             (Some(Trouble::Lost(_)), _) if known_before => Err(DriverFault::Lost),
             (Some(Trouble::Lost(why)), _) => Err(DriverFault::Hardware(format!("it can't be reached: {why}"))),
             (None, Some(board)) if inner.joined.is_some() => {
-                Ok(Box::new(YarpDriver::new(reach.clone(), board.clone())))
+                Ok(Box::new(YarpDriver::new(reach.clone(), board.clone(), self.settings.moves)))
             }
             (None, _) => Err(DriverFault::Hardware("it sends no states".into())),
         }

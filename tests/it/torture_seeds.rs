@@ -81,6 +81,15 @@ fn the_icub_behind_yarp_holds_all_invariants() {
     seeds(YARP, 101, 15, "");
 }
 
+/// The same where the driver makes moves of set-points, without faults and behind bad wires.
+#[test]
+fn moves_made_of_set_points_hold_all_invariants() {
+    let set = ["robot.icub.driver.moves=set-points"];
+    let [reached, back, _] = seeds_with(YARP, 1, 15, "none", &set).outcomes;
+    assert!(reached > 60 && back > 10, "{reached} reached, {back} taken back");
+    seeds_with(YARP, 1, 15, "F30", &set);
+}
+
 /// Two arms in each other's way, without faults: they collide, and are taken back together. No contact begins there, and they come
 /// no nearer than they were (I14).
 #[test]

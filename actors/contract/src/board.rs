@@ -175,6 +175,10 @@ pub trait Driver: Send {
     fn answer_time(&self) -> Option<AnswerTime> {
         None
     }
+    /// Whether its moves are made of set-points of its own, which come late now and then and are caught up with, and not by the board.
+    fn leads(&self) -> bool {
+        false
+    }
     /// The control modes as the board last reported them: a switch shows only once it is in force.
     fn modes(&self) -> Vec<ControlMode>;
 }

@@ -198,6 +198,9 @@ pub enum Event {
         q: Vec<(usize, f64)>,
         /// Reference speeds per motor index, rad/s, if any.
         speed: Vec<(usize, f64)>,
+        /// Whether it is a move that the driver makes of set-points.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        led: bool,
     },
     /// A command arrived under an old token, or did not fit the board, and was thrown away.
     CommandDropped {

@@ -2,7 +2,7 @@
 //!
 //! Wants the poses, and a journal that tells what is allowed (version 2). For a while after an amendment what was allowed before still
 //! is: the motor brakes. Where set-points are streamed it may be faster, as it catches up with those that came late, and as fast as it
-//! can if the board did not take some; on the way back it may be so fast as any commit has allowed it to be. A kink of its readings is no motion. What no commit names is a matter of I21.
+//! can if the board did not take some; a move that the driver makes of set-points counts as streamed; on the way back it may be so fast as any commit has allowed it to be. A kink of its readings is no motion. What no commit names is a matter of I21.
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
@@ -14,9 +14,9 @@ use std::time::Duration;
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 /// What a board may add to what it was told, as a share and in rad/s.
 const BOARD: (f64, f64) = (1.05, 0.25 * DEGREE);
-/// The same where set-points are streamed: those that come late are one and a half of a control period apart, in three quarters of one, and a
+/// The same where set-points are streamed, by whoever: those that come late are one and a half of a control period apart, in three quarters of one, and a
 /// slow line brings them in bunches.
-const CATCHES_UP: (f64, f64) = (2.5, 0.25 * DEGREE);
+const CATCHES_UP: (f64, f64) = (2.75, 0.25 * DEGREE);
 /// How long what was allowed before an amendment, or the end of a motion, counts on.
 const BRAKES: Duration = Duration::from_secs(1);
 
@@ -128,7 +128,7 @@ impl Invariant for AsFastAsAllowed {
                     r.allow(line.at, motors);
                 }
             }),
-            Event::Command { robot, writer: Writer::Agent, kind, .. } if kind == "move" => {
+            Event::Command { robot, writer: Writer::Agent, kind, led: false, .. } if kind == "move" => {
                 self.robots.of(robot, |r| r.moves = true);
             }
             Event::Enabled { robot, .. } => self.robots.of(robot, |r| {

@@ -122,7 +122,7 @@ fn the_period_is_that_between_readings() {
 #[test]
 fn readings_at_a_thousand_a_second_come_to_rest_too() {
     let mut history = HistoryCore::new(1000);
-    let noise = |k: u64| if k % 3 == 0 { 2e-4 } else { 0.0 };
+    let noise = |k: u64| if k.is_multiple_of(3) { 2e-4 } else { 0.0 };
     let speed = |history: &mut HistoryCore, k: u64| reading(history, k, k, noise(k)).speed;
     let last = (0..200).fold(0.0, |_, k| speed(&mut history, k));
     assert!(last < 0.1_f64.to_radians(), "{last}");

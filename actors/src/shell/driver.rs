@@ -178,6 +178,7 @@ impl Driving {
         driver.lease(now, Time(self.wires.lease.load(Ordering::SeqCst)));
         match driver.command(now, command) {
             Ok(()) => {
+                self.port.leads = driver.leads();
                 for event in self.port.took(token, writer, command, now) {
                     self.hub.tell(event);
                 }

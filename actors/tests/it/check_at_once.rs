@@ -35,7 +35,7 @@ fn commit(escape: bool) -> Event {
 }
 fn command(writer: Writer, kind: &str, motors: &[usize]) -> Event {
     let (robot, kind, motors) = (R.into(), kind.into(), motors.to_vec());
-    Event::Command { robot, token: 1, writer, kind, motors, q: vec![(1, 1.0)], speed: vec![(1, 0.2)] }
+    Event::Command { robot, token: 1, writer, kind, motors, q: vec![(1, 1.0)], speed: vec![(1, 0.2)], led: false }
 }
 fn streamed(writer: Writer, motors: &[usize]) -> Event {
     let (robot, motors, span) = (R.into(), motors.to_vec(), (Time::ZERO, Time::ZERO));

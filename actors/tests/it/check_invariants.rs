@@ -61,7 +61,7 @@ fn command(writer: Writer, token: u64, kind: &str, q: &[f64]) -> Event {
     let q: Vec<(usize, f64)> = q.iter().copied().enumerate().collect();
     let speed = q.iter().map(|(m, _)| (*m, 0.5)).collect();
     let motors = q.iter().map(|(m, _)| *m).collect();
-    Event::Command { robot: R.into(), token, writer, kind: kind.into(), motors, q, speed }
+    Event::Command { robot: R.into(), token, writer, kind: kind.into(), motors, q, speed, led: false }
 }
 fn streamed(writer: Writer, token: u64, from: f64, to: f64) -> Event {
     let span = (Time::from_secs(from), Time::from_secs(to));

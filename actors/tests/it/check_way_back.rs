@@ -102,8 +102,16 @@ fn another_rate_is_none() {
     assert!(back(backwards(1.3), 5.0).contains("of its way back in"), "{}", back(backwards(1.3), 5.0));
     // from way-point to way-point the board goes as it does
     let (robot, kind) = (R.into(), "move".into());
-    let mv =
-        Event::Command { robot, token: 2, writer: Writer::Reflex, kind, motors: vec![0], q: vec![], speed: vec![] };
+    let mv = Event::Command {
+        robot,
+        token: 2,
+        writer: Writer::Reflex,
+        kind,
+        motors: vec![0],
+        q: vec![],
+        speed: vec![],
+        led: false,
+    };
     assert_eq!(found(backwards(0.5), 7.5, Outcome::RolledBack, vec![(BACK, mv)]), []);
 }
 

@@ -5,7 +5,9 @@ use super::check::{Checked, Known};
 use super::fan::Fan;
 use super::hand::{Do, Halt, Order};
 use super::layout::Layout;
+use super::legs::Legs;
 use super::motion::End;
+use super::settings::Moves;
 use mobee_contract::{AnswerTime, Board, Command, ControlMode, Driver, DriverFault, Sample, Time};
 use std::sync::Arc;
 use std::time::Duration;
@@ -36,12 +38,63 @@ pub struct YarpDriver {
     base: Option<f64>,
     last: Time,
     leased: Option<Time>,
+    moves: Moves,
+    /// Moves that are made of set-points.
+    legs: Legs,
+    /// How many halts there had been as the last of them began.
+    halts: u64,
 }
 
 impl YarpDriver {
     /// A driver of boards that have been reached.
-    pub fn new(reach: Reach, board: Board) -> YarpDriver {
-        YarpDriver { reach, board, base: None, last: Time::ZERO, leased: None }
+    pub fn new(reach: Reach, board: Board, moves: Moves) -> YarpDriver {
+        YarpDriver { reach, board, base: None, last: Time::ZERO, leased: None, moves, legs: Legs::default(), halts: 0 }
+    }
+
+    /// A move that is to be made of set-points: the mode of its motors first.
+    fn begin(
+        &mut self,
+        inner: &mut Inner,
+        motors: &[usize],
+        to: &[f64],
+        speeds: Option<&[f64]>,
+        q: &[f64],
+    ) -> Result<(), DriverFault> {
+        let (mut moved, mut from, mut target, mut fast) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for (i, (m, to)) in motors.iter().zip(to).enumerate() {
+            let (Some(here), Some(axis)) = (q.get(*m), self.board.axes.get(*m)) else { continue };
+            // one without a board rests at home
+            if self.reach.layout.joint(*m).is_some() {
+                moved.push(*m);
+                from.push(*here);
+                target.push(*to);
+                fast.push(speeds.and_then(|speeds| speeds.get(i)).copied().unwrap_or(axis.max_speed));
+            }
+        }
+        let other = |m: &&usize| inner.expected.get(**m) != Some(&ControlMode::PositionDirect);
+        let switched: Vec<usize> = moved.iter().filter(other).copied().collect();
+        if !switched.is_empty() {
+            self.reach.clone().queue(inner, Checked::Mode(switched, ControlMode::PositionDirect))?;
+        }
+        self.halts = self.reach.halt.newest().epoch;
+        self.legs.begin(moved, (from, target), &fast, &self.board);
+        Ok(())
+    }
+
+    /// A reading came: moves that are made of set-points go on, or are over.
+    fn go_on(&mut self, inner: &mut Inner, now: Time, (q, done): (&[f64], &[bool])) -> Result<(), DriverFault> {
+        // who watches the lease may have stopped the boards, and a new lease may have come since
+        if !self.is_leased(now) || self.halts != self.reach.halt.newest().epoch {
+            self.legs.stop(&[]);
+        }
+        for (motors, q) in self.legs.step(now, self.board.period, q) {
+            self.reach.queue(inner, Checked::Direct(motors, q))?;
+        }
+        let rested = self.legs.rested(|m| done.get(m) == Some(&true));
+        if !rested.is_empty() {
+            self.reach.queue(inner, Checked::Mode(rested, ControlMode::Position))?;
+        }
+        Ok(())
     }
 
     /// The run's time of a reading. The two clocks run alike; the smallest delay seen between them tells their offset.
@@ -77,6 +130,16 @@ impl Driver for YarpDriver {
         if checked.moves() && !self.is_leased(now) {
             return Err(DriverFault::Refused("there is no lease to move under".into()));
         }
+        match &checked {
+            Checked::Stop(motors) => self.legs.stop(motors),
+            Checked::Direct(motors, _) | Checked::Velocity(motors, _) | Checked::Mode(motors, _) => {
+                self.legs.forget(motors)
+            }
+            Checked::Move(motors, to, speeds, _) if self.moves == Moves::SetPoints => {
+                return self.begin(&mut inner, motors, to, speeds.as_deref(), &q);
+            }
+            Checked::Move(..) | Checked::Reference(..) => {}
+        }
         if matches!(&checked, Checked::Stop(motors) if motors.is_empty()) {
             reach.stop_all(&mut inner);
             return Ok(());
@@ -94,7 +157,11 @@ impl Driver for YarpDriver {
         if !std::mem::take(&mut inner.unread) {
             return Ok(None);
         }
-        let Some(joined) = inner.joined.clone() else { return Ok(None) };
+        let Some(mut joined) = inner.joined.clone() else { return Ok(None) };
+        if !self.legs.is_empty() {
+            self.go_on(&mut inner, now, (&joined.q, &joined.done))?;
+            joined.done.iter_mut().enumerate().for_each(|(m, done)| *done &= !self.legs.names(m));
+        }
         drop(inner);
         let at = self.time_of(joined.at, now);
         Ok(Some(Sample { seq: joined.seq, at, q: joined.q, done: joined.done }))
@@ -122,6 +189,10 @@ impl Driver for YarpDriver {
 
     fn answer_time(&self) -> Option<AnswerTime> {
         self.reach.cell.lock().answer_time(self.reach.cell.secs(instant()))
+    }
+
+    fn leads(&self) -> bool {
+        self.moves == Moves::SetPoints
     }
 
     fn modes(&self) -> Vec<ControlMode> {

@@ -62,7 +62,7 @@ impl TooFast {
         let name = patch.and_then(|p| layout.names.get(p.motors.start + joint)).map_or("?", String::as_str);
         let port = patch.map_or("", |p| p.port.as_str());
         format!(
-            "motor {name} (joint {joint} of {port}) moves at {speed:.0} deg/s and was told {most:.0}: end the program that writes to {port} beside MoBeE"
+            "motor {name} (joint {joint} of {port}) moves at {speed:.0} deg/s and was told {most:.0}: end the program that writes to {port} beside MoBeE; if there is none, this board's reference speeds mean no speeds: set moves = \"set-points\""
         )
     }
 }

@@ -51,6 +51,21 @@ pub struct YarpDriverSettings {
     /// Whether the boards take position-direct set-points; the retreat streams them, else it uses thinned way-points.
     #[serde(default = "yes")]
     pub position_direct: bool,
+    /// How moves are made: `position` tells the boards targets and reference speeds; `set-points` streams a trajectory of our own,
+    /// for boards whose reference speeds mean no speeds, such as iCub_SIM's.
+    #[serde(default)]
+    pub moves: Moves,
+}
+
+/// How moves are made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Moves {
+    /// The boards' own moves, at reference speeds.
+    #[default]
+    Position,
+    /// Position-direct set-points of a trajectory of our own.
+    SetPoints,
 }
 
 /// One control board.
@@ -113,6 +128,7 @@ impl YarpDriverSettings {
             max_speed_deg_per_s: max_speed(),
             max_acceleration_deg_per_s2: max_acceleration(),
             position_direct: true,
+            moves: Moves::Position,
         }
     }
 
@@ -150,6 +166,10 @@ impl YarpDriverSettings {
     }
 
     fn words(&self) -> Result<(), KindError> {
+        if self.moves == Moves::SetPoints && !self.position_direct {
+            let what = "moves can't be made of set-points without `position_direct`";
+            return Err(KindError::new("moves", what, "set position_direct = true, or moves = \"position\""));
+        }
         if let Some(listen) = &self.listen
             && listen.parse::<std::net::IpAddr>().is_err()
         {

@@ -88,7 +88,7 @@ impl YarpSim {
         };
         let parts: Vec<Part> = (0..).zip(&layout.patches).map(part).collect();
         let boards = layout.patches.iter().map(|p| (p.port.clone(), p.motors.clone()));
-        let judge = Arc::new(Mutex::new(Judge::new(boards, layout.motors())));
+        let judge = Arc::new(Mutex::new(Judge::new(boards, layout.motors(), settings.moves)));
         let board = described(&layout, &parts, &settings)?;
         let wire = Arc::new(SimWire { parts, judge, far: OnceLock::new() });
         let hardware = YarpHardware::behind(wire.clone(), &settings, &context.robot)?;
@@ -281,6 +281,10 @@ impl Driver for Judged {
 
     fn answer_time(&self) -> Option<AnswerTime> {
         self.driver.answer_time()
+    }
+
+    fn leads(&self) -> bool {
+        self.driver.leads()
     }
 
     fn modes(&self) -> Vec<ControlMode> {

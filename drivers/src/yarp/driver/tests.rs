@@ -61,7 +61,7 @@ fn rig() -> Rig {
     let (senders, orders) = (0..2).map(|_| mpsc::channel(4)).unzip();
     let (lease, leases) = watch::channel(None);
     let reach = Reach { layout, cell: cell.clone(), orders: senders, halt: Fan::new(Arc::default()), lease };
-    Rig { driver: YarpDriver::new(reach, board), cell, orders, _lease: leases }
+    Rig { driver: YarpDriver::new(reach, board, settings().moves), cell, orders, _lease: leases }
 }
 
 #[tokio::test(start_paused = true)]

@@ -5,6 +5,7 @@
 
 use super::faults::{Faults, WireFault};
 use super::watched::Watched;
+use crate::yarp::settings::Moves;
 use mobee_contract::{AnswerTime, Command, Sample, Time};
 use mobee_yarp::board::{Ask, Joints, Set, Streamed};
 use std::collections::VecDeque;
@@ -25,6 +26,8 @@ const REST: f64 = 2.0;
 const BACK: Duration = Duration::from_millis(2600);
 /// For how long an order that names a motor lets the driver tell that motor something.
 const NAMED: Duration = Duration::from_secs(5);
+/// For how long a move does where it is made of set-points: longer than any in these behaviors.
+const MOVED: Duration = Duration::from_secs(60);
 /// How long a motor may outrun what it was told before the driver has said so.
 const TOO_FAST: Duration = Duration::from_millis(800);
 /// After the death of a task nobody uses the boards for as long as this, at least.
@@ -47,7 +50,10 @@ pub(super) struct Judge {
     pub found: Vec<String>,
     looked: Time,
     lease: Option<Time>,
+    /// Until when each command names its motors.
     named: VecDeque<(Time, Vec<usize>)>,
+    /// For how long a move does.
+    move_names: Duration,
     /// Per motor the speeds it was told of late, deg/s.
     told: Vec<VecDeque<(Time, f64)>>,
     died: Option<Time>,
@@ -55,13 +61,14 @@ pub(super) struct Judge {
 
 impl Judge {
     /// A judge of these boards: port and motors of each.
-    pub fn new(boards: impl IntoIterator<Item = (String, Range<usize>)>, motors: usize) -> Judge {
+    pub fn new(boards: impl IntoIterator<Item = (String, Range<usize>)>, motors: usize, moves: Moves) -> Judge {
         Judge {
             boards: boards.into_iter().map(|(port, motors)| Watched::new(port, motors)).collect(),
             found: Vec::new(),
             looked: Time::ZERO,
             lease: None,
             named: VecDeque::new(),
+            move_names: if moves == Moves::SetPoints { MOVED } else { NAMED },
             told: vec![VecDeque::new(); motors],
             died: None,
         }
@@ -78,10 +85,9 @@ impl Judge {
             | Command::Reference { motors, .. }
             | Command::Mode { motors, .. } => (motors, None),
         };
-        self.named.push_back((now, motors.clone()));
-        while self.named.front().is_some_and(|(at, _)| now.since(*at) > NAMED) {
-            self.named.pop_front();
-        }
+        let names = if matches!(command, Command::Move(_)) { self.move_names } else { NAMED };
+        self.named.retain(|(until, _)| now <= *until);
+        self.named.push_back((now + names, motors.clone()));
         if !matches!(command, Command::Move(_) | Command::Direct { .. } | Command::Velocity { .. }) {
             return;
         }
@@ -213,7 +219,7 @@ impl Judge {
         let Some(watched) = self.boards.get(board) else { return Vec::new() };
         let (first, n) = (watched.motors.start, watched.motors.len());
         let named = |j: &usize| {
-            let of_late = self.named.iter().filter(|(at, _)| now.since(*at) <= NAMED);
+            let of_late = self.named.iter().filter(|(until, _)| now <= *until);
             of_late.into_iter().any(|(_, motors)| motors.contains(&(first + j)))
         };
         joints.on(n).unwrap_or_default().into_iter().filter(|j| !named(j)).collect()
