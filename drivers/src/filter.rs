@@ -15,7 +15,8 @@
 //! | fewer than two words | `[nak]` | `[fail]` |
 //! | all else: limits, encoders, torque, PWM, PID, calibration, amplifiers, other modes, the unknown | `[fail]` | `[fail]` |
 //!
-//! A reply is the board's own but where the filter knows better: `[don]` is 0 while a motion's outcome is open, and modes
+//! A reply is the board's own but where the filter knows better: `[don]` is 0 while a motion's outcome is open (a client whose joints
+//! have arrived waits for no other client's in the same transaction: gaze may stream all day), and modes
 //! and references are the client's where it has set them. A connection whose motion failed gets `[fail]` once, whatever
 //! it asks, so that a slow one can't take a rolled-back motion for a finished one; a `[fail]` that it got while the filter
 //! was closed counts. A stream has no replies: one that failed is not heard until it was silent for half a second, or its
@@ -36,8 +37,12 @@ use mobee_contract::{Board, Commit, CommitId, Hold, MotionEnd, Setpoints, Status
 use mobee_model::Robot;
 use mobee_yarp::board::{Ask, Get, Joints, Set, Shadow, ShadowAxis, Streamed, mode, reply};
 use mobee_yarp::{Bottle, Field, JointData, Stamp, Vocab};
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
+
+/// How near to its target a joint counts as there for a client that shares the transaction with others, deg.
+const ARRIVED: f64 = 0.5;
 
 /// What the core sees of the robot as a request comes in.
 pub struct Seen<'a> {
@@ -283,7 +288,7 @@ impl FilterCore {
         let Some(replied) = replied else { return Some(reply::fail()) };
         let part = self.parts.get(client.part)?;
         let Some(Ask::Get(get)) = Ask::parse(request) else { return None };
-        patch::patched(&get, replied, part, &self.lines.moving(seen))
+        patch::patched(&get, replied, part, &self.under_way(seen))
     }
 
     /// The answer to what would be asked of the board, from what is known, for a robot whose board has no words.
@@ -292,7 +297,7 @@ impl FilterCore {
         if closed(seen.status) || self.lines.failed(client) {
             return self.fail(client);
         }
-        let moving = self.lines.moving(seen);
+        let moving = self.under_way(seen);
         let Some(part) = self.parts.get_mut(client.part) else { return reply::fail() };
         part.answers = part.answers.next(seen.time_of_day);
         let Some(answer) = part.shadow.answer(request, part.answers) else { return reply::fail() };
@@ -300,6 +305,16 @@ impl FilterCore {
             Some(Ask::Get(get @ Get::Done(_))) => patch::patched(&get, &answer, part, &moving).unwrap_or(answer),
             _ => answer,
         }
+    }
+
+    /// The motors that are not done yet, whatever the board thinks: the outcome of their motion is open. A client whose motors have
+    /// all arrived does not wait for the other clients in the same transaction.
+    fn under_way(&self, seen: &Seen) -> BTreeSet<usize> {
+        self.lines.under_way(seen, |motor| {
+            let part = self.parts.iter().find(|part| part.motors.contains(&motor));
+            let axis = part.and_then(|part| part.shadow.axes.get(motor - part.motors.start));
+            axis.zip(seen.q.get(motor)).is_some_and(|(axis, q)| (q.to_degrees() - axis.target).abs() <= ARRIVED)
+        })
     }
 
     /// A new reading of the whole robot.

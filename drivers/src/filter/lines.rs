@@ -89,6 +89,23 @@ impl Lines {
         self.0.values().filter(under_way).filter_map(|l| l.open.as_ref()).flat_map(|(_, m)| m.iter().copied()).collect()
     }
 
+    /// The same without those of clients whose motors have all arrived, while other clients' go on in the same motion.
+    pub(super) fn under_way(&self, seen: &Seen, arrived: impl Fn(usize) -> bool) -> BTreeSet<usize> {
+        let open = |(connection, line): (&u64, &'_ Line)| {
+            let (id, motors) = line.open.clone().filter(|(id, _)| (seen.end_of)(*id).is_none())?;
+            Some((*connection, line.family.clone(), id, motors))
+        };
+        let all: Vec<_> = self.0.iter().filter_map(open).collect();
+        let waits = |(connection, family, id, motors): &&(u64, Option<String>, CommitId, BTreeSet<usize>)| {
+            let shared = all.iter().any(|(other, others, with, theirs)| {
+                let own = other == connection || family.is_some() && others == family;
+                !own && with == id && !theirs.is_subset(motors)
+            });
+            !(shared && motors.iter().all(|m| arrived(*m)))
+        };
+        all.iter().filter(waits).flat_map(|(.., motors)| motors.iter().copied()).collect()
+    }
+
     /// A client stopped the motions under way: that they then end short of their target is no failure.
     pub(super) fn stopped(&mut self, seen: &Seen) {
         for line in self.0.values_mut() {

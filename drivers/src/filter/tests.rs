@@ -415,3 +415,26 @@ fn a_joint_beyond_its_limit_may_stay_and_comes_back() {
     let Values::Position(q) = setpoints.values else { panic!("no positions") };
     assert!((q[0].to_degrees() - 90.0).abs() < 1e-9);
 }
+
+/// Gaze streams all day: an arm whose joints are there is done.
+#[test]
+fn a_client_whose_joints_have_arrived_waits_for_no_other() {
+    let mut b = Bench::new();
+    assert_eq!(b.say(1, "[set] [pos] 0 20.0"), "[ok]");
+    assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 0"));
+    let gaze = Client { part: 1, connection: 2, from: "/gaze/command:o", listens: false };
+    let step = b.seen(|core, seen| core.streamed(&gaze, &bottle("[vmos]"), &[5.0], seen)).unwrap();
+    let verdict = Ok(CommitId(b.next));
+    b.seen(|core, seen| core.accepted(&gaze, &step, &verdict, seen));
+    assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 0"), "not there yet");
+    b.q[0] = 20.1_f64.to_radians();
+    assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 1"), "there, though gaze goes on");
+    assert!(b.say(3, "[get] [don] 0").starts_with("[is] [don] 1"), "whoever asks");
+    // it is one transaction all the same: what the other runs into takes both back
+    b.end(MotionEnd::Failed);
+    assert_eq!(b.say(1, "[get] [don] 0"), "[fail]");
+    // alone, it is not done before its outcome
+    assert_eq!(b.say(1, "[set] [pos] 0 10.0"), "[ok]");
+    b.q[0] = 10.0_f64.to_radians();
+    assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 0"));
+}
