@@ -18,6 +18,8 @@ const DEEPER: f64 = 0.001;
 #[derive(Default)]
 pub(super) struct WatchedRetreat {
     robots: BTreeMap<String, Way>,
+    /// When the world changed last: no reading showed before then what is new in it.
+    changed: Time,
 }
 
 #[derive(Default)]
@@ -68,6 +70,7 @@ impl Invariant for WatchedRetreat {
                 way.period = Duration::try_from_secs_f64(*period).unwrap_or_default();
                 way.margin = *margin;
             }
+            Event::World { .. } => self.changed = line.at,
             Event::State { robot, status } => {
                 self.robots.entry(robot.clone()).or_default().retreating = *status == Status::Retreating;
             }
@@ -100,7 +103,7 @@ impl Invariant for WatchedRetreat {
             Event::RetreatStopped { robot, reason, seen, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 way.stopped = Some(line.at);
-                let seen = (*reason == Hold::RetreatBlocked).then_some(*seen);
+                let seen = (*reason == Hold::RetreatBlocked).then_some((*seen).max(self.changed));
                 if let Some(from) = way.contact.take().into_iter().chain(seen).find(|t| !way.in_time(*t, line.at)) {
                     let took = line.at.since(from).as_secs_f64() * 1e3;
                     found.say(format!("{robot}: a contact on the way back stopped it after {took:.1} ms only"));

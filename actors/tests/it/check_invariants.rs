@@ -541,6 +541,27 @@ fn i19_a_contact_in_mid_motion_that_closes_nothing() {
     broken("I19", met, Some(&disabled(4)), "did not close the filter");
 }
 
+/// What is put there shows in a reading that is older than it.
+#[test]
+fn i9_a_reading_shows_nothing_that_was_not_there_yet() {
+    let late = |world: Option<f64>| {
+        let mut run = good();
+        for (at, event) in &mut run {
+            match event {
+                Event::RetreatStopped { seen, .. } => *seen = Time::from_secs(2.37),
+                Event::ContactBegan { during: Status::Retreating, .. } => *at = 2.405,
+                _ => {}
+            }
+        }
+        let (object, what) = ("ball".into(), "added".into());
+        let added = Event::World { object, what, class: None, at: None };
+        let i = run.iter().position(|(at, _)| *at == 2.405).unwrap();
+        world.into_iter().for_each(|at| run.insert(i, (at, added.clone())));
+        of(&self::run(run), "I9")
+    };
+    assert_eq!((late(None), late(Some(2.38)), late(Some(2.4))), (1, 1, 0));
+}
+
 #[test]
 fn i9_the_reflex_pushes_on() {
     let mv = command(Writer::Reflex, 4, "move", &[0.0, 0.0]);
