@@ -205,7 +205,11 @@ impl Sink for Journal {
         book.append(at, &text);
         let durable = matches!(
             **event,
-            Event::Started { .. } | Event::Resumed { .. } | Event::Outcome { .. } | Event::Ended { .. }
+            Event::Started { .. }
+                | Event::Resumed { .. }
+                | Event::Found { .. }
+                | Event::Outcome { .. }
+                | Event::Ended { .. }
         );
         if durable || book.gathered.len() >= GATHER {
             let end = book.spill(durable);

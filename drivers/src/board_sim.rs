@@ -133,6 +133,30 @@ impl SimBoard {
     }
 }
 
+/// What of a joint outlives whoever set it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kept {
+    /// Reference speed, deg/s.
+    pub speed: f64,
+    /// Reference acceleration, deg/s^2.
+    pub acceleration: f64,
+    /// Control mode.
+    pub mode: Vocab,
+    /// Interaction mode.
+    pub interaction: Vocab,
+}
+
+impl SimBoard {
+    /// What somebody who comes now finds, joint by joint.
+    pub fn kept(&self) -> Vec<Kept> {
+        let mut state = self.lock();
+        state.look(self.clock.now());
+        let axes = state.shadow.axes.iter();
+        axes.map(|a| Kept { speed: a.ref_speed, acceleration: a.ref_acc, mode: a.mode, interaction: a.interaction })
+            .collect()
+    }
+}
+
 impl Device for SimBoard {
     fn rpc(&self, request: Message) -> Reply {
         let answer = match request.payload.bottle(Dialect::V3) {

@@ -9,6 +9,7 @@
 //! services: questions ──> Questions, a line per board that is worked by the asker itself ──> the robot
 //! ```
 //! * Every new connection to a board begins with a stop; nothing that was told before it counts any more (F11).
+//! * References and modes of a board are given back as they were found, when its joints rest and at the end (`found.rs`).
 //! * A board that falls silent gives no readings; one that is gone is [`mobee_contract::DriverFault::Lost`] until it is back.
 //! * While another program holds our port names, nothing is written, and the fault says so (F13).
 //! * A stop never waits for the answer to something else, and is said again until the readings show it. If anybody dies who could
@@ -27,6 +28,7 @@ mod crew;
 mod deaths;
 mod driver;
 mod fan;
+mod found;
 mod hand;
 mod layout;
 mod legs;
@@ -46,7 +48,7 @@ pub use sim::{Who, WireFault, YarpSim};
 use cell::{Cell, Trouble};
 use driver::Reach;
 use layout::Layout;
-use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known, Told};
+use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Found, Hardware, KindError, Known, Told};
 use mobee_model::Robot;
 use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
 use questions::Questions;
@@ -77,6 +79,8 @@ pub struct YarpHardware {
     /// What takes the place of a network in a simulation.
     simulated: Option<Arc<dyn Wire>>,
     started: Mutex<Option<Started>>,
+    /// How the motors were found by an earlier process, or by threads that died.
+    inherited: Mutex<Vec<Found>>,
 }
 
 /// What there is once the thread runs.
@@ -113,6 +117,7 @@ impl YarpHardware {
             robot: robot.name.clone(),
             simulated: None,
             started: Mutex::new(None),
+            inherited: Mutex::default(),
         })
     }
 
@@ -142,6 +147,7 @@ impl YarpHardware {
             None => (Arc::new(self.network()?) as Arc<dyn Wire>, Place::Threads),
         };
         let cell = Arc::new(Cell::new(&self.layout));
+        cell.lock().inherit(&self.layout, &self.inherited.lock().unwrap_or_else(PoisonError::into_inner));
         thread::start((wire, place), &self.settings, &self.robot, self.layout.clone(), cell)
             .map_err(|e| DriverFault::Hardware(format!("no thread for the robot's network: {e}")))
     }
@@ -162,6 +168,7 @@ impl YarpHardware {
         let mut started = self.started();
         let broken = started.as_ref().is_some_and(|running| running.thread.is_broken());
         if let Some(broken) = started.take_if(|_| broken) {
+            self.was_found(&broken.reach.found());
             broken.thread.leave();
         }
         match &*started {
@@ -199,6 +206,10 @@ impl Hardware for YarpHardware {
         }
     }
 
+    fn was_found(&self, found: &[Found]) {
+        *self.inherited.lock().unwrap_or_else(PoisonError::into_inner) = found.to_vec();
+    }
+
     fn known(&self) -> Known {
         let motors = self.layout.patches.iter().flat_map(|p| p.motors.clone()).collect();
         Known { start: None, period: Some(self.settings.period()), motors: Some(motors) }
@@ -231,7 +242,7 @@ impl Hardware for YarpHardware {
 }
 
 impl Drop for YarpHardware {
-    /// Stops the boards, and waits for that.
+    /// Stops the boards, gives them back as they were found, and waits for that.
     fn drop(&mut self) {
         if let Some(started) = self.started().take() {
             started.thread.end();

@@ -138,6 +138,25 @@ impl std::fmt::Display for AnswerTime {
     }
 }
 
+/// How a motor was found, before it was told anything. What a board does not tell is `None`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// Index of the motor.
+    pub motor: usize,
+    /// Its control mode.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mode: Option<ControlMode>,
+    /// Whether it gave way to forces.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub compliant: Option<bool>,
+    /// Its reference speed, rad/s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed: Option<f64>,
+    /// Its reference acceleration, rad/s^2.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub acceleration: Option<f64>,
+}
+
 /// Recoverable trouble with a board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
@@ -174,6 +193,10 @@ pub trait Driver: Send {
     /// [`Board::latency`] the filter does not open.
     fn answer_time(&self) -> Option<AnswerTime> {
         None
+    }
+    /// How the motors were found, of a board whose references and modes outlive whoever sets them; it is given back so.
+    fn found(&self) -> Vec<Found> {
+        Vec::new()
     }
     /// Whether its moves are made of set-points of its own, which come late now and then and are caught up with, and not by the board.
     fn leads(&self) -> bool {

@@ -46,6 +46,13 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         config: Option<serde_json::Value>,
     },
+    /// How the motors of a robot were found by its driver; told before any of them is commanded.
+    Found {
+        /// Robot.
+        robot: String,
+        /// Its motors, those behind boards that tell.
+        motors: Vec<crate::Found>,
+    },
     /// A robot as its controller knows it: what a checker needs.
     Robot {
         /// Its name.

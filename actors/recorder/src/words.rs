@@ -38,6 +38,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
             Info,
             format!("{} motors, period {:.0} ms, margin {:.0} mm", motors.len(), period * 1e3, margin * 1e3),
         ),
+        Event::Found { robot, motors } => (robot, Debug, format!("{} motors as they were found", motors.len())),
         Event::Controller { robot, kind, reflex } => {
             let reflex = if *reflex { "" } else { ", without a reflex" };
             (robot, Info, format!("controller: {kind}{reflex}"))

@@ -88,6 +88,10 @@ impl Driving {
     /// A new connection begins with a stop, whatever the board was doing (I10).
     fn connect(&mut self) {
         let Ok(driver) = self.plug.0.connect() else { return };
+        let (robot, motors) = (self.wires.name.clone(), driver.found());
+        if !motors.is_empty() {
+            self.hub.tell(Event::Found { robot, motors });
+        }
         self.driver = Some(driver);
         self.back_off = BACK_OFF.0;
         let token = self.wires.gate.token();

@@ -4,7 +4,7 @@ use super::Counts;
 use crate::gate::Gate;
 use crate::journal::Line;
 use crate::ledger::{Ledger, Open, Places};
-use mobee_contract::{Cause, CommitId, Event, Note, Pose, Status, Time};
+use mobee_contract::{Cause, CommitId, Event, Found, Note, Pose, Status, Time};
 use mobee_model::{Edit, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -45,6 +45,8 @@ pub struct PastRobot {
     pub places: Places,
     /// At which distance a motor counts as being there, rad.
     tolerance: f64,
+    /// How the motors were found by their driver.
+    pub found: Vec<Found>,
     /// The newest pose that is known of, rad: recorded, or that of the last outcome.
     pub q: Option<Pose>,
     /// The recorded poses, oldest first.
@@ -81,6 +83,7 @@ impl Past {
                     open.safe = Some((line.at, q.clone()));
                 }
             }
+            Event::Found { robot, motors } => self.of(robot).found = motors.clone(),
             Event::Robot { robot, tolerance, .. } => self.of(robot).tolerance = *tolerance,
             Event::Commit { robot, id: CommitId(id), agent, target, escape, motors } => {
                 let past = self.of(robot);
@@ -268,11 +271,14 @@ mod tests {
             safe: None,
             cause: None,
         };
+        let found = Found { motor: 1, mode: None, compliant: None, speed: Some(0.2), acceleration: None };
+        let found = Event::Found { robot: r(), motors: vec![found] };
         let mut past = Past::default();
-        for (n, event) in (0..).zip([robot, safe(0.0), commit(1, 1.0), reached, safe(0.999), commit(2, 2.0)]) {
+        for (n, event) in (0..).zip([robot, found, safe(0.0), commit(1, 1.0), reached, safe(0.999), commit(2, 2.0)]) {
             past.on(&Line { line: n + 2, n, at: Time(n), event, hash: String::new() });
         }
         let robot = past.robot("r");
+        assert_eq!(robot.found[0].speed, Some(0.2));
         assert_eq!(robot.places.to_vec(), [None, Some(1.0), None]);
         let ledger = robot.ledger(100);
         let motion = ledger.book().motion().unwrap();

@@ -59,6 +59,9 @@ pub fn run_under(
     let boards = setup.robots.iter().zip(setup.scene.robots()).map(|(robot, model)| {
         let name = robot.name.clone();
         let fault = |f: mobee_contract::DriverFault| RunError::Connect { robot: name.clone(), fault: f.to_string() };
+        if let Some(past) = &setup.past {
+            robot.hardware.was_found(&past.robot(&name).found);
+        }
         let board = robot.hardware.connect().map_err(fault)?.board().clone();
         let (n, m) = (board.axes.len(), model.motors.len());
         if n == m { Ok(board) } else { Err(RunError::Board { robot: robot.name.clone(), board: n, model: m }) }

@@ -1,10 +1,11 @@
 //! What drivers and the network thread share: the newest of everything, behind one lock held for moments only.
 
 use super::answers::Answers;
+use super::found::{Finding, Owed};
 use super::layout::Layout;
 use super::motion::Motions;
 use super::pace::Pace;
-use mobee_contract::{AnswerTime, Axis, Board, ControlMode, Pose};
+use mobee_contract::{AnswerTime, Axis, Board, ControlMode, Found, Pose};
 use mobee_yarp::board::{AxisFacts, RemoteState, mode};
 use mobee_yarp::{Bottle, Vocab};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -73,6 +74,8 @@ pub struct Known {
     pub moved: u64,
     /// How fast its joints may be.
     pub pace: Pace,
+    /// What it is to be given back.
+    pub owed: Owed,
     /// What went wrong that the filter must hear of, until it has.
     pub alarm: Option<String>,
     /// How long it takes to answer.
@@ -138,6 +141,7 @@ impl Cell {
             motions: Motions::new(p.motors.len()),
             moved: 0,
             pace: Pace::new(p.motors.len()),
+            owed: Owed::new(p.motors.len()),
             alarm: None,
             answers: Answers::default(),
             ahead: None,
@@ -258,6 +262,16 @@ impl Inner {
                 if let (Some(expected), Some(None)) = (self.expected.get_mut(motor), self.switching.get(motor)) {
                     *expected = from_word(*word);
                 }
+            }
+        }
+    }
+
+    /// How an earlier process found the motors: boards of which all are known are owed it.
+    pub fn inherit(&mut self, layout: &Layout, found: &[Found]) {
+        for (patch, board) in layout.patches.iter().zip(&mut self.boards) {
+            let of = |motor: usize| found.iter().find(|f| f.motor == motor).map(Finding::of);
+            if let Some(all) = patch.motors.clone().map(of).collect() {
+                board.owed.inherit(all);
             }
         }
     }

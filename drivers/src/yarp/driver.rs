@@ -8,7 +8,7 @@ use super::layout::Layout;
 use super::legs::Legs;
 use super::motion::End;
 use super::settings::Moves;
-use mobee_contract::{AnswerTime, Board, Command, ControlMode, Driver, DriverFault, Sample, Time};
+use mobee_contract::{AnswerTime, Board, Command, ControlMode, Driver, DriverFault, Found, Sample, Time};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
@@ -195,6 +195,10 @@ impl Driver for YarpDriver {
         self.moves == Moves::SetPoints
     }
 
+    fn found(&self) -> Vec<Found> {
+        self.reach.found()
+    }
+
     fn modes(&self) -> Vec<ControlMode> {
         self.reach.cell.lock().modes(&self.reach.layout)
     }
@@ -210,6 +214,14 @@ fn usable(inner: &Inner, layout: &Layout) -> Result<(), DriverFault> {
 }
 
 impl Reach {
+    /// How the motors were found, those behind boards that tell.
+    pub fn found(&self) -> Vec<Found> {
+        let inner = self.cell.lock();
+        let boards = self.layout.patches.iter().zip(&inner.boards);
+        let all = boards.flat_map(|(patch, known)| patch.motors.clone().zip(known.owed.findings()));
+        all.map(|(motor, finding)| finding.told(motor)).collect()
+    }
+
     /// Stops all boards before anything else; motions that wait in their queues are dropped.
     pub fn stop_all(&self, inner: &mut Inner) {
         let all = |b: &mut super::cell::Known| {

@@ -1,6 +1,7 @@
 //! The hand at one board: carries out what drivers queued, one order after the other, and stops before all else.
 
 mod modes;
+mod put_back;
 mod references;
 mod speed;
 
@@ -15,7 +16,7 @@ use speed::Speeds;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Mutex, mpsc, watch};
-use tokio::time::{MissedTickBehavior, interval};
+use tokio::time::{Instant, MissedTickBehavior, interval};
 
 /// How often a motion's end is asked for.
 const ASKING: Duration = Duration::from_millis(10);
@@ -89,6 +90,8 @@ pub struct Hand {
     pub index: usize,
     pub board: Arc<dyn Remote>,
     pub halt: watch::Receiver<Arc<Halt>>,
+    /// Until when the robot may move.
+    pub lease: watch::Receiver<Option<Instant>>,
     /// A successor goes on with the same queue.
     pub orders: Arc<Mutex<mpsc::Receiver<Order>>>,
     /// How late the board may act, s; velocities keep so far from limits.
@@ -104,14 +107,15 @@ impl Hand {
         (cell, layout): (Arc<Cell>, Arc<Layout>),
         index: usize,
         board: Arc<dyn Remote>,
-        halt: watch::Receiver<Arc<Halt>>,
+        (halt, lease): (watch::Receiver<Arc<Halt>>, watch::Receiver<Option<Instant>>),
         orders: Arc<Mutex<mpsc::Receiver<Order>>>,
         latency: f64,
     ) -> Hand {
-        Hand { cell, layout, index, board, halt, orders, latency, again: None, handled: 0, speeds: Speeds::default() }
+        let (again, handled, speeds) = (None, 0, Speeds::default());
+        Hand { cell, layout, index, board, halt, lease, orders, latency, again, handled, speeds }
     }
 
-    /// Works until it is told to end; stops the board then.
+    /// Works until it is told to end; stops the board then, and gives it back as it was found.
     pub async fn work(mut self, mut end: watch::Receiver<bool>) {
         let orders = self.orders.clone();
         let mut orders = orders.lock().await;
@@ -146,11 +150,13 @@ impl Hand {
                         self.linked(now).await;
                     }
                     self.ask_done().await;
+                    self.put_back(false).await;
                     self.ask_anything().await;
                 }
             }
         }
         self.stop_all().await;
+        self.leave().await;
     }
 
     fn patch(&self) -> Option<&Patch> {
@@ -177,14 +183,11 @@ impl Hand {
             Link::Taken(why) => Some(Trouble::Forbidden(format!("{port}: {why}"))),
             Link::Up(_) => {
                 self.speeds.clear();
-                match self.stop_all().await {
-                    true => {
-                        self.learn_modes().await;
-                        None
-                    }
-                    false => {
+                match self.take_over().await {
+                    Ok(()) => None,
+                    Err(why) => {
                         self.again = Some(self.cell.secs(super::cell::instant()) + UNASKED);
-                        Some(Trouble::Lost(format!("{port}: it does not stop when told")))
+                        Some(Trouble::Lost(format!("{port}: {why}")))
                     }
                 }
             }
@@ -197,6 +200,15 @@ impl Hand {
         }
         drop(inner);
         self.cell.ring();
+    }
+
+    /// The board is stopped, and asked how it is.
+    async fn take_over(&mut self) -> Result<(), String> {
+        if !self.stop_all().await {
+            return Err("it does not stop when told".into());
+        }
+        self.learn_modes().await;
+        self.learn_findings().await.map_err(|error| format!("it does not tell how it was found: {error}"))
     }
 
     /// Does what a halt demands, if there is a new one.

@@ -165,6 +165,16 @@ impl Motions {
         Speeds::At(from.iter().zip(to).map(|(a, b)| (b - a).abs() / secs).collect())
     }
 
+    /// Whether a joint has nothing to do and its encoder shows that it rests.
+    pub fn rests(&self, joint: usize) -> bool {
+        let over = self.joints.get(joint) == Some(&Doing::Rest);
+        let covered = match (self.window.front(), self.window.back()) {
+            (Some((begun, _)), Some((ended, _))) => ended - begun >= WHILE,
+            _ => false,
+        };
+        over && covered && rests(&self.window, joint)
+    }
+
     /// Whether any motion is under way.
     pub fn is_busy(&self) -> bool {
         self.joints.iter().any(|d| *d != Doing::Rest)

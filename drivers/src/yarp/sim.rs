@@ -26,7 +26,8 @@ use far::{Far, Kept, lock};
 use faults::Faults;
 use judge::Judge;
 use mobee_contract::{
-    AnswerTime, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample, Time,
+    AnswerTime, Board, Command, Context, ControlMode, Driver, DriverFault, Found, Hardware, KindError, Known, Sample,
+    Time,
 };
 use mobee_yarp::board::RemoteOptions;
 use rand::SeedableRng;
@@ -285,6 +286,10 @@ impl Driver for Judged {
 
     fn leads(&self) -> bool {
         self.driver.leads()
+    }
+
+    fn found(&self) -> Vec<Found> {
+        self.driver.found()
     }
 
     fn modes(&self) -> Vec<ControlMode> {

@@ -32,6 +32,8 @@ use tokio::time::Instant;
 const WAITING: usize = 64;
 /// How long is waited before tasks are started again.
 const AGAIN: Duration = Duration::from_millis(200);
+/// What time the end takes, beside answers: boards come to rest, and are given back.
+const AT_LAST: Duration = Duration::from_secs(1);
 
 /// Where the two run.
 #[derive(Clone, Copy, Debug)]
@@ -155,7 +157,7 @@ impl Shared {
                 biased;
                 () = told(&mut end) => {
                     // a board that does not answer is no reason to wait for ever
-                    let _ = tokio::time::timeout(3 * self.settings.timeout(), crew.ended()).await;
+                    let _ = tokio::time::timeout(AT_LAST + 3 * self.settings.timeout(), crew.ended()).await;
                     return;
                 }
                 why = crew.lost() => self.reach.died(&why, side),
@@ -184,19 +186,26 @@ impl Shared {
                 (cell.clone(), layout.clone()),
                 index,
                 board.clone(),
-                self.reach.halt.subscribe(),
+                (self.reach.halt.subscribe(), self.reach.lease.subscribe()),
                 queue.clone(),
                 self.settings.latency().as_secs_f64(),
             );
             let states = states(cell.clone(), layout.clone(), index, board.clone(), self.settings.clone());
-            crew.add(format!("hand at {}", patch.port), hand.work(end.clone()));
-            crew.add(format!("reader of {}", patch.port), until(end.clone(), states));
-            let ending = end.clone();
+            // states are read, and the connection lasts, until the hand has given the board back
+            let (given, back) = watch::channel(false);
+            let (given, kept, ending) = (Arc::new(given), end.clone(), end.clone());
+            let gives = given.clone();
+            crew.add(format!("hand at {}", patch.port), async move {
+                hand.work(kept).await;
+                gives.send_replace(true);
+            });
+            crew.add(format!("reader of {}", patch.port), until(back.clone(), states));
             crew.add(format!("connection to {}", patch.port), async move {
-                until(ending.clone(), board.died()).await;
+                until(back, board.died()).await;
                 if *ending.borrow() {
                     board.close().await;
                 }
+                drop(given);
             });
         }
         crew

@@ -8,5 +8,6 @@ mod stopping;
 mod way;
 mod yarp_conformance;
 mod yarp_faults;
+mod yarp_left_behind;
 mod yarp_stops;
 mod yarp_virtual;

@@ -3,6 +3,7 @@
 //! Nobody of ours writes references but the hand, one order after the other. What another program on the robot's network
 //! writes in between is seen when they are read back, or as the speed of the motor (`pace.rs`).
 
+use super::super::found::Kind;
 use super::{Hand, SLOWEST};
 use mobee_yarp::Value;
 use mobee_yarp::board::{Ask, Get, Joints, Reading, Set};
@@ -47,10 +48,12 @@ impl Hand {
     ) -> Result<bool, String> {
         let group = || Joints::Group(joints.to_vec());
         if let Some(speed) = speed {
+            self.changes(Kind::Speed, joints);
             self.set(Set::Speed(group(), speed.to_vec())).await?;
         }
         let mut taken = false;
         if let Some(acc) = acc {
+            self.changes(Kind::Acceleration, joints);
             match self.set(Set::Acceleration(group(), acc.to_vec())).await {
                 Ok(()) => taken = true,
                 Err(why) => tracing::debug!(board = self.board.port(), why, "no accelerations"),

@@ -169,8 +169,11 @@ impl Far {
     pub fn look(&self) {
         let now = self.now();
         let (q, speeds) = (self.hardware.positions(now), self.hardware.speeds(now));
+        let kept = self.board.kept();
         let faults = lock(&self.faults);
-        lock(&self.judge).see(self.index, now, (&q, &speeds), &faults);
+        let mut judge = lock(&self.judge);
+        judge.see(self.index, now, (&q, &speeds), &faults);
+        judge.see_kept(self.index, now, (kept, &speeds), &faults);
     }
 
     /// What the board says of its axes.

@@ -5,6 +5,7 @@
 
 use super::faults::{Faults, WireFault};
 use super::watched::Watched;
+use crate::board_sim::Kept;
 use crate::yarp::settings::Moves;
 use mobee_contract::{AnswerTime, Command, Sample, Time};
 use mobee_yarp::board::{Ask, Joints, Set, Streamed};
@@ -32,6 +33,8 @@ const MOVED: Duration = Duration::from_secs(60);
 const TOO_FAST: Duration = Duration::from_millis(800);
 /// After the death of a task nobody uses the boards for as long as this, at least.
 const MOURNS: Duration = Duration::from_millis(180);
+/// How long a board that rests, and is not driven, may be otherwise than it was found: words one after the other, each of which may be lost.
+const GIVEN_BACK: Duration = Duration::from_secs(4);
 /// A longer time between two looks is a process that was suspended.
 const SUSPENDED: Duration = Duration::from_millis(60);
 
@@ -191,7 +194,8 @@ impl Judge {
                     .push(format!("{port}: the first order on a new connection is {set:?} at {now}, and no stop"));
             }
         }
-        if let Some(strangers) = touched.filter(|s| !s.is_empty()) {
+        let as_found = watched.is_as_found(ask);
+        if let Some(strangers) = touched.filter(|s| !s.is_empty() && !as_found) {
             self.found
                 .push(format!("{port}: joints {strangers:?} are told {ask:?} at {now}, and no command names them"));
         }
@@ -304,6 +308,39 @@ impl Judge {
             }
         }
         self.found.extend(found);
+    }
+
+    /// A look at what is set in a board's joints: as it was found, once they have rested for a while. Modes are a program's own as
+    /// long as it drives.
+    pub fn see_kept(&mut self, board: usize, now: Time, (kept, v): (Vec<Kept>, &[f64]), faults: &Faults) {
+        let died = self.died.is_some_and(|at| now.since(at) < BACK);
+        let is_leased = self.lease.is_some();
+        let Some(watched) = self.boards.get_mut(board) else { return };
+        if watched.kept.is_empty() {
+            watched.kept = kept;
+            return;
+        }
+        let since = Time(now.0.saturating_sub(GIVEN_BACK.as_nanos() as u64));
+        let meddled = watched.meddled || faults.any_since(since, now, |f| matches!(f, WireFault::Meddled(_)));
+        let disturbed = died || meddled || now < watched.excused + BACK || faults.any_since(since, now, |_| true);
+        let is_left = |(found, kept): (&Kept, &Kept)| {
+            let other = |a: f64, b: f64| (a - b).abs() > 1e-6;
+            other(found.speed, kept.speed)
+                || other(found.acceleration, kept.acceleration)
+                || (!is_leased && found.mode != kept.mode)
+        };
+        let left = watched.kept.iter().zip(&kept).position(is_left);
+        if left.is_none() || disturbed || v.iter().any(|v| *v != 0.0) {
+            watched.still = None;
+        } else if now.since(*watched.still.get_or_insert(now)) > GIVEN_BACK {
+            watched.still = None;
+            let joint = left.unwrap_or_default();
+            let (found, kept) = (watched.kept.get(joint), kept.get(joint));
+            self.found.push(format!(
+                "{}: joint {joint} was found as {found:?} and is left as {kept:?} at {now}",
+                watched.port
+            ));
+        }
     }
 
     /// The driver gives a reading, and tells how long its boards take to answer. `lies`: encoders lie.

@@ -1,6 +1,8 @@
 //! What the judge knows of one board.
 
+use crate::board_sim::Kept;
 use mobee_contract::{Sample, Time};
+use mobee_yarp::board::{Ask, Joints, Set};
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::time::Duration;
@@ -35,6 +37,9 @@ pub(super) struct Watched {
     pub fast: Vec<Option<Time>>,
     /// When answers came, and how long they took, s.
     pub answers: VecDeque<(Time, f64)>,
+    /// What was found in its joints, and since when none of them has moved or changed.
+    pub kept: Vec<Kept>,
+    pub still: Option<Time>,
     /// Until when it can't be helped that no stop gets there.
     pub excused: Time,
 }
@@ -56,6 +61,8 @@ impl Watched {
             saying: [None; 2],
             truth: VecDeque::new(),
             answers: VecDeque::new(),
+            kept: Vec::new(),
+            still: None,
             excused: Time::ZERO,
         }
     }
@@ -74,6 +81,21 @@ impl Watched {
             let (least, most) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), q| (a.min(*q), b.max(*q)));
             *q < least - noise || *q > most + noise
         })
+    }
+
+    /// Whether these orders say nothing but what was found.
+    pub fn is_as_found(&self, ask: &Ask) -> bool {
+        let all = |joints: &Joints, says: &dyn Fn(usize, &Kept) -> bool| {
+            let joints = joints.on(self.kept.len()).unwrap_or_default();
+            joints.iter().enumerate().all(|(i, j)| self.kept.get(*j).is_some_and(|kept| says(i, kept)))
+        };
+        let near = |said: Option<&f64>, found: f64| said.is_some_and(|said| (said - found).abs() < 1e-6);
+        match ask {
+            Ask::Set(Set::Speed(joints, said)) => all(joints, &|i, kept| near(said.get(i), kept.speed)),
+            Ask::Set(Set::Acceleration(joints, said)) => all(joints, &|i, kept| near(said.get(i), kept.acceleration)),
+            Ask::Set(Set::Mode(joints, said)) => all(joints, &|i, kept| said.get(i) == Some(&kept.mode)),
+            _ => false,
+        }
     }
 
     /// What half of the answers of the last seconds took at least, s, if there were many.

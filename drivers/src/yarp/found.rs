@@ -1,0 +1,228 @@
+//! What a board is given back: how its joints were found before anything was changed in them.
+//!
+//! ```text
+//! as found ──a motion sets references, or switches modes──> ours ──the joint rests and nobody drives it──> as found
+//! ```
+//! Other programs use a board's reference speeds and modes as they find them, and some boards hold a joint at rest with them: a speed
+//! of next to nothing that is left behind lets the torso of iCub_SIM sag, and set-points that are left on make another's move fail.
+//!
+//! Modes in which a joint would not keep its place (idle, torques, duty cycles) are not gone back to: what was let go would drop.
+
+use mobee_contract::Found;
+use mobee_yarp::Vocab;
+use mobee_yarp::board::{Joints, Set, mode};
+
+/// How one joint was found; `None`: the board does not tell, or nobody asked it yet. Degrees and seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Finding {
+    pub mode: Option<Vocab>,
+    pub interaction: Option<Vocab>,
+    pub speed: Option<f64>,
+    pub acceleration: Option<f64>,
+}
+
+impl Finding {
+    /// As the contract tells it, of this motor.
+    pub fn told(&self, motor: usize) -> Found {
+        let radians = |v: Option<f64>| v.map(f64::to_radians);
+        Found {
+            motor,
+            mode: self.mode.map(super::cell::from_word),
+            compliant: self.interaction.map(|word| word == mode::COMPLIANT),
+            speed: radians(self.speed),
+            acceleration: radians(self.acceleration),
+        }
+    }
+
+    /// As an earlier process was told it.
+    pub fn of(found: &Found) -> Finding {
+        // to the digit: what is given back is what was read, and not its neighbor by way of radians
+        let digits = |v: f64| (v.to_degrees() * 1e9).round() / 1e9;
+        let degrees = |v: Option<f64>| v.filter(|v| v.is_finite() && *v >= 0.0).map(digits);
+        Finding {
+            mode: found.mode.map(super::cell::word),
+            interaction: found.compliant.map(|soft| if soft { mode::COMPLIANT } else { mode::STIFF }),
+            speed: degrees(found.speed),
+            acceleration: degrees(found.acceleration),
+        }
+    }
+}
+
+/// What of a joint may have to be given back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Its reference speed.
+    Speed,
+    /// Its reference acceleration.
+    Acceleration,
+    /// Its interaction mode.
+    Interaction,
+    /// Its control mode. It comes last: in one of its own, a joint may be a stream's that goes on.
+    Mode,
+}
+
+const KINDS: [Kind; 4] = [Kind::Speed, Kind::Acceleration, Kind::Interaction, Kind::Mode];
+
+/// Something to say to the board, so that joints are as they were found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Due {
+    pub kind: Kind,
+    pub joints: Vec<usize>,
+    pub say: Set,
+}
+
+/// What one board is owed.
+#[derive(Clone, Debug)]
+pub struct Owed {
+    joints: Vec<Finding>,
+    known: bool,
+    ours: Vec<[bool; 4]>,
+}
+
+impl Owed {
+    /// A board of so many joints, of which nothing is known.
+    pub fn new(axes: usize) -> Owed {
+        Owed { joints: vec![Finding::default(); axes], known: false, ours: vec![[false; 4]; axes] }
+    }
+
+    /// Whether it is known how the joints were found.
+    pub fn is_known(&self) -> bool {
+        self.known
+    }
+
+    /// How the joints were found; told once.
+    pub fn find(&mut self, joints: Vec<Finding>) {
+        if !self.known && joints.len() == self.joints.len() {
+            (self.joints, self.known) = (joints, true);
+        }
+    }
+
+    /// How an earlier process found the joints, which may have died with any of it changed: all is owed.
+    pub fn inherit(&mut self, joints: Vec<Finding>) {
+        self.find(joints);
+        self.ours.iter_mut().for_each(|ours| *ours = [true; 4]);
+    }
+
+    /// How the joints were found.
+    pub fn findings(&self) -> &[Finding] {
+        if self.known { &self.joints } else { &[] }
+    }
+
+    /// Something of these joints is about to be changed.
+    pub fn changes(&mut self, kind: Kind, joints: &[usize]) {
+        joints.iter().for_each(|j| self.mark(*j, kind, true));
+    }
+
+    /// It was said, or can't be.
+    pub fn paid(&mut self, due: &Due) {
+        due.joints.iter().for_each(|j| self.mark(*j, due.kind, false));
+    }
+
+    fn mark(&mut self, joint: usize, kind: Kind, is_ours: bool) {
+        if let Some(slot) = self.ours.get_mut(joint).and_then(|all| all.get_mut(kind as usize)) {
+            *slot = is_ours;
+        }
+    }
+
+    /// The mode that a joint was found in.
+    pub fn word(&self, kind: Kind, joint: usize) -> Option<Vocab> {
+        let found = self.joints.get(joint)?;
+        if kind == Kind::Mode { found.mode } else { found.interaction }
+    }
+
+    /// Whether anything is owed at all.
+    pub fn is_any(&self) -> bool {
+        (0..self.joints.len()).any(|j| KINDS.iter().any(|kind| self.owes(j, *kind)))
+    }
+
+    fn owes(&self, joint: usize, kind: Kind) -> bool {
+        let ours = self.ours.get(joint).is_some_and(|ours| ours.get(kind as usize) == Some(&true));
+        let known = self.joints.get(joint).is_some_and(|found| match kind {
+            Kind::Speed => found.speed.is_some(),
+            Kind::Acceleration => found.acceleration.is_some(),
+            Kind::Mode => found.mode.is_some_and(keeps_its_place),
+            Kind::Interaction => found.interaction.is_some(),
+        });
+        ours && known
+    }
+
+    /// What is to be said next, of joints that rest; modes only of those that nobody drives.
+    pub fn due(&self, rests: impl Fn(usize) -> bool, is_free: impl Fn(usize) -> bool) -> Option<Due> {
+        let modes = |kind| matches!(kind, Kind::Mode | Kind::Interaction);
+        KINDS.iter().find_map(|kind| {
+            let is_due = |j: &usize| self.owes(*j, *kind) && rests(*j) && (!modes(*kind) || is_free(*j));
+            let joints: Vec<usize> = (0..self.joints.len()).filter(is_due).collect();
+            let found = || joints.iter().filter_map(|j| self.joints.get(*j));
+            let group = || Joints::Group(joints.clone());
+            let say = match kind {
+                Kind::Speed => Set::Speed(group(), found().filter_map(|f| f.speed).collect()),
+                Kind::Acceleration => Set::Acceleration(group(), found().filter_map(|f| f.acceleration).collect()),
+                Kind::Mode => Set::Mode(group(), found().filter_map(|f| f.mode).collect()),
+                Kind::Interaction => Set::Interaction(group(), found().filter_map(|f| f.interaction).collect()),
+            };
+            (!joints.is_empty()).then_some(Due { kind: *kind, joints, say })
+        })
+    }
+}
+
+/// Whether a joint at rest stays where it is in this mode.
+fn keeps_its_place(word: Vocab) -> bool {
+    [mode::POSITION, mode::DIRECT, mode::VELOCITY, mode::MIXED].contains(&word)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(mode: Vocab) -> Finding {
+        Finding { mode: Some(mode), interaction: Some(mode::COMPLIANT), speed: Some(10.0), acceleration: None }
+    }
+
+    #[test]
+    fn what_was_changed_is_said_once_and_in_order() {
+        let mut owed = Owed::new(3);
+        owed.changes(Kind::Speed, &[0]);
+        assert!(!owed.is_any(), "nobody knows how they were found");
+        owed.find(vec![found(mode::POSITION), found(mode::DIRECT), found(mode::IDLE)]);
+        owed.find(vec![Finding::default(); 3]);
+        assert_eq!(owed.findings()[0], found(mode::POSITION), "as they were found first");
+        owed.changes(Kind::Acceleration, &[0, 1, 2]);
+        owed.changes(Kind::Interaction, &[1]);
+        owed.changes(Kind::Mode, &[1, 2, 7]);
+        let (all, none) = (|_: usize| true, |_: usize| false);
+        let group = |joints: &[usize]| Joints::Group(joints.to_vec());
+        assert_eq!(owed.due(none, all), None, "while they move");
+        let first = owed.due(all, none).unwrap();
+        assert_eq!(first.say, Set::Speed(group(&[0]), vec![10.0]));
+        owed.paid(&first);
+        assert_eq!(owed.due(all, none), None, "somebody drives them");
+        // an acceleration that the board does not tell is not owed, and a mode without hold is not gone back to
+        let second = owed.due(all, all).unwrap();
+        assert_eq!(second.say, Set::Interaction(group(&[1]), vec![mode::COMPLIANT]));
+        owed.paid(&second);
+        let third = owed.due(all, all).unwrap();
+        assert_eq!(third.say, Set::Mode(group(&[1]), vec![mode::DIRECT]));
+        assert!(owed.is_any());
+        owed.paid(&third);
+        assert!(!owed.is_any());
+    }
+
+    #[test]
+    fn an_earlier_process_may_have_changed_anything() {
+        let as_found = Finding { acceleration: Some(30.0), ..found(mode::POSITION) };
+        let told = as_found.told(4);
+        assert_eq!((told.motor, told.compliant), (4, Some(true)));
+        let again = Finding::of(&told);
+        assert_eq!(again, as_found, "to the last bit");
+        let nonsense = Found { speed: Some(f64::NAN), acceleration: Some(-1.0), ..told };
+        assert_eq!((Finding::of(&nonsense).speed, Finding::of(&nonsense).acceleration), (None, None));
+        let mut owed = Owed::new(1);
+        owed.inherit(vec![again]);
+        for kind in KINDS {
+            let due = owed.due(|_| true, |_| true).unwrap();
+            assert_eq!(due.kind, kind);
+            owed.paid(&due);
+        }
+        assert!(!owed.is_any());
+    }
+}

@@ -1,0 +1,136 @@
+//! Giving a board back as it was found: a word at a time, so that no order waits long behind it.
+
+use super::super::cell::{from_word, instant};
+use super::super::found::{Due, Finding, Kind};
+use super::super::motion::End;
+use super::Hand;
+use mobee_contract::ControlMode;
+use mobee_yarp::board::{Ask, Get, Joints, Reading, mode, reply};
+use mobee_yarp::{CallError, Value};
+use std::time::Duration;
+use tokio::time::sleep;
+
+/// How long a board may take to come to rest at the end, and how often that is looked for.
+const ENDING: Duration = Duration::from_secs(1);
+const LOOK: Duration = Duration::from_millis(10);
+/// The ticket of modes that are on their way back; no order has it.
+const BACK: u64 = u64::MAX;
+
+impl Hand {
+    /// Asks how the joints are before anything is changed in them, unless that is known from before.
+    pub(super) async fn learn_findings(&self) -> Result<(), CallError> {
+        let is_known = |hand: &Hand| hand.cell.lock().boards.get(hand.index).is_none_or(|known| known.owed.is_known());
+        if is_known(self) {
+            return Ok(());
+        }
+        let speeds = self.references(Reading::ReferenceSpeed).await?;
+        let accelerations = self.references(Reading::ReferenceAcceleration).await?;
+        let mut inner = self.cell.lock();
+        let Some(known) = inner.boards.get_mut(self.index) else { return Ok(()) };
+        let told = |word: Option<&mobee_yarp::Vocab>| word.copied().filter(|word| *word != mode::UNKNOWN);
+        let finding = |j: usize| Finding {
+            mode: told(known.modes.get(j)),
+            interaction: told(known.interactions.get(j)),
+            speed: speeds.get(j).copied(),
+            acceleration: accelerations.get(j).copied(),
+        };
+        let all = (0..known.q.len()).map(finding).collect();
+        known.owed.find(all);
+        Ok(())
+    }
+
+    /// The references of all joints; none if the board does not tell them.
+    async fn references(&self, what: Reading) -> Result<Vec<f64>, CallError> {
+        let answer = self.say(&Ask::Get(Get::Values(what, Joints::All))).await?;
+        let read = answer.get(2).and_then(Value::as_list).and_then(mobee_yarp::Bottle::numbers).unwrap_or_default();
+        Ok(if read.iter().all(|v| v.is_finite()) { read } else { Vec::new() })
+    }
+
+    /// Something of these joints is about to be changed.
+    pub(super) fn changes(&self, kind: Kind, joints: &[usize]) {
+        if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
+            known.owed.changes(kind, joints);
+        }
+    }
+
+    /// Says what is due next, if anything is.
+    pub(super) async fn put_back(&mut self, at_end: bool) {
+        let Some(due) = self.due(at_end) else { return };
+        match self.say(&Ask::Set(due.say.clone())).await {
+            Ok(answer) if reply::is_ok(&answer) => {
+                // whoever switches modes next goes by what is reported
+                if let Err(why) = self.until(None, "is as it was found", |hand| hand.not_as_found(&due)).await {
+                    tracing::warn!(board = self.board.port(), why, "a joint is not as it was found");
+                }
+            }
+            Ok(answer) => {
+                let (asked, answer) = (Ask::Set(due.say.clone()).bottle().to_string(), answer.to_string());
+                tracing::warn!(board = self.board.port(), asked, answer, "a joint is not as it was found");
+            }
+            // whether it was done nobody knows: it is said again
+            Err(_) => return,
+        }
+        let motors = self.motors(&due.joints);
+        let mut inner = self.cell.lock();
+        inner.switched(motors.into_iter(), BACK);
+        if let Some(known) = inner.boards.get_mut(self.index) {
+            known.owed.paid(&due);
+        }
+    }
+
+    /// What is to be said next. Motors that are about to change their mode are expected to have, by whoever commands them next.
+    fn due(&self, at_end: bool) -> Option<Due> {
+        let is_leased = !at_end && self.lease.borrow().is_some_and(|until| until > instant());
+        let mut guard = self.cell.lock();
+        let inner = &mut *guard;
+        let known = inner.boards.get(self.index)?;
+        if !known.owed.is_any() || known.trouble.is_some() || !known.reached || self.cell.is_let_go() {
+            return None;
+        }
+        let first = self.layout.patches.get(self.index)?.motors.start;
+        let in_position = |j: usize| inner.expected.get(first + j) == Some(&ControlMode::Position);
+        let due = known.owed.due(|j| known.motions.rests(j), |j| !is_leased || in_position(j))?;
+        if due.kind == Kind::Mode {
+            for j in &due.joints {
+                let word = known.owed.word(Kind::Mode, *j);
+                if let (Some(expected), Some(switching), Some(word)) =
+                    (inner.expected.get_mut(first + j), inner.switching.get_mut(first + j), word)
+                {
+                    (*expected, *switching) = (from_word(word), Some(BACK));
+                }
+            }
+        }
+        Some(due)
+    }
+
+    /// The joints whose modes are not reported as they were found.
+    fn not_as_found(&self, due: &Due) -> Vec<usize> {
+        let inner = self.cell.lock();
+        let Some(known) = inner.boards.get(self.index) else { return Vec::new() };
+        let told = match due.kind {
+            Kind::Mode => &known.modes,
+            Kind::Interaction => &known.interactions,
+            Kind::Speed | Kind::Acceleration => return Vec::new(),
+        };
+        due.joints.iter().copied().filter(|j| told.get(*j).copied() != known.owed.word(due.kind, *j)).collect()
+    }
+
+    /// The end: everything is given back as soon as the joints rest, if they do within a while.
+    pub(super) async fn leave(&mut self) {
+        let now = self.cell.secs(instant());
+        let until = now + ENDING.as_secs_f64();
+        // what was under way ends by the stop before
+        if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
+            let all: Vec<usize> = (0..known.q.len()).collect();
+            let ticket = known.motions.order(&all, End::Seen);
+            known.motions.given(ticket, now);
+        }
+        let owes = |hand: &Hand| {
+            hand.cell.lock().boards.get(hand.index).is_some_and(|known| known.owed.is_any() && known.trouble.is_none())
+        };
+        while owes(self) && !self.cell.is_let_go() && self.cell.secs(instant()) < until {
+            self.put_back(true).await;
+            sleep(LOOK).await;
+        }
+    }
+}
