@@ -171,7 +171,7 @@ impl Filtered for Filter {
             return Err("there is nothing to recover from: the robot does not hold".into());
         };
         let opens = match why {
-            Hold::Stale | Hold::Restarted | Hold::BoardFault | Hold::SlowBoard => {
+            Hold::Stale | Hold::Restarted | Hold::BoardFault | Hold::SlowBoard | Hold::Displaced => {
                 "its filter opens by itself when that is over"
             }
             Hold::ShuttingDown => "start it again with `mobee run --resume`",

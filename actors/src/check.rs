@@ -27,9 +27,10 @@
 //! | I27 | contacts have a hysteresis | a contact begins below the margin, and again only after it has ended |
 //! | I28 | what dies closes at once | the death of the model or of a controller's actor closes the filter within two leases, an exchange before the new part is looked at; a new driver stops its board first, and a stop hushes what waits |
 //! | I29 | agents are told the truth | `committed` is said only within the tolerance of the target; the built-in agent is told how its motion ended once, after its outcome and before it commits again, and it is what the outcome says |
+//! | I31 | moved at rest closes | a robot that is moved at rest, by no command of its filter, closes it: beyond the tolerance it is told of and does not stay open |
 //!
 //! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
-//! journal where there are any ([`crate::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25 and I26 want them. I15 is judged where a simulation
+//! journal where there are any ([`crate::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25, I26 and I31 want them. I15 is judged where a simulation
 //! says that its faults have healed. [`ALL`] lists them.
 
 mod all;
@@ -49,6 +50,7 @@ mod idle_motors_stay;
 mod limits;
 mod liveness;
 mod measured;
+mod moved_at_rest;
 mod nothing_vanishes;
 mod one_outcome;
 mod orphans;

@@ -17,6 +17,7 @@
 mod check;
 mod commit;
 mod credit;
+mod displaced;
 mod end;
 mod forces;
 mod hush;
@@ -146,6 +147,8 @@ pub struct SuperviseCore {
     stop: Stop,
     /// The newest reading.
     newest: Option<Reading>,
+    /// Where the motors rest.
+    resting: displaced::Resting,
     /// Since when the board has said that the motion is done.
     done_since: Option<Time>,
     /// The safe pose of a way back that failed, for another try.
@@ -184,6 +187,7 @@ impl SuperviseCore {
             closing: Closing::Settle(now),
             stop: Stop::told(now),
             newest: None,
+            resting: displaced::Resting::default(),
             done_since: None,
             retry: None,
             course: None,
@@ -402,6 +406,9 @@ impl SuperviseCore {
     fn word(&mut self, word: Word, now: Time, out: &mut Vec<SuperviseOut>) {
         if self.closing != Closing::Reflex || self.token != self.gate.token() {
             return;
+        }
+        if let (Some(again), Word::Back | Word::Stopped | Word::GaveUp(_)) = (&self.retry, &word) {
+            self.resting.commanded(&again.named);
         }
         match word {
             Word::Retreating => {

@@ -34,6 +34,13 @@ pub enum Fault {
         /// By how much, rad.
         by: f64,
     },
+    /// One motor gives way while the robot rests: to its weight, to a hand, to another program.
+    Sag {
+        /// The motor.
+        motor: usize,
+        /// How fast, rad/s.
+        speed: f64,
+    },
     /// A burst of noise on all encoders.
     Noise {
         /// Standard deviation, rad.

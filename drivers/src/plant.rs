@@ -122,6 +122,15 @@ impl Plant {
         self.brake(self.now);
     }
 
+    /// Pushes a motor from where it rests, within its limits; not while any of them moves.
+    pub fn push(&mut self, motor: usize, by: f64) {
+        if !self.moves()
+            && let (Some(motor), Some(axis)) = (self.motors.get_mut(motor), self.axes.get(motor))
+        {
+            motor.push(self.now, by, axis);
+        }
+    }
+
     /// Whether any motor moves.
     pub fn moves(&self) -> bool {
         self.motors.iter().any(|m| !m.rests(self.now))

@@ -204,9 +204,20 @@ impl Board {
             self.falsify(&mut sample);
             self.unread = Some(sample);
         }
+        let since = self.plant.now();
         self.plant.advance(now);
+        self.sag(since, now);
         if self.on(now).any(|f| matches!(f.fault, Fault::Hardware { .. })) && self.plant.moves() {
             self.plant.brake_all();
+        }
+    }
+
+    fn sag(&mut self, since: Time, now: Time) {
+        let secs = now.since(since).as_secs_f64();
+        for f in self.faults.iter().filter(|f| f.is_on(now)) {
+            if let Fault::Sag { motor, speed } = f.fault {
+                self.plant.push(motor, speed * secs);
+            }
         }
     }
 
@@ -269,6 +280,7 @@ impl Board {
                 | Fault::Slow { .. }
                 | Fault::Gappy { .. }
                 | Fault::Repeated
+                | Fault::Sag { .. }
                 | Fault::Hardware { .. } => {}
             }
         }

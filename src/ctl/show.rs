@@ -14,6 +14,7 @@ pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
     match robot.status {
         Status::Holding(Hold::BoardFault) => "FAULT(board)".into(),
         Status::Holding(Hold::SlowBoard) => "CLOSED(slow board)".into(),
+        Status::Holding(Hold::Displaced) => "CLOSED(moved at rest)".into(),
         Status::Holding(Hold::Stale) => format!("STALE({:.1} s)", robot.age.as_secs_f64()),
         Status::Starting if robot.swaps.iter().any(exchanged) => "CLOSED(swap)".into(),
         Status::Starting => "CLOSED(starting)".into(),
@@ -55,6 +56,12 @@ pub(super) fn lines(now: &Report, before: Option<&Report>) -> Vec<String> {
         c.contacts,
         c.restarts
     ));
+    if c.displaced > 0 {
+        let times = c.displaced;
+        lines.push(format!(
+            "at rest, motors were moved {times} times: by another program, by hand or by their weight; see the journal"
+        ));
+    }
     let taps = now.links.iter().filter_map(|(name, c)| Some((name.strip_prefix("tap>")?.to_owned(), c.dropped)));
     lines.extend(crate::run::overload(c, taps).map(|(what, _)| what));
     lines.push(String::new());

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// A line of the fault list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
-    /// `F1` to `F30`.
+    /// `F1` to `F31`.
     pub name: &'static str,
     /// In words.
     pub what: &'static str,
@@ -30,7 +30,7 @@ const fn kind(name: &'static str, what: &'static str, elsewhere: Option<&'static
 }
 
 /// The whole list.
-pub const KINDS: [Kind; 30] = [
+pub const KINDS: [Kind; 31] = [
     kind("F1", "a panic in an actor, at any message", None),
     kind("F2", "an actor is killed", None),
     kind("F3", "an actor's handler stalls", None),
@@ -61,12 +61,13 @@ pub const KINDS: [Kind; 30] = [
     kind("F28", "a machine under load", PROCESS),
     kind("F29", "all encoders freeze in mid-motion", None),
     kind(WIRES, "the wire to a board behind YARP is slow, lossy or lying; a task of its driver dies", None),
+    kind("F31", "a motor gives way while the robot rests", None),
 ];
 
 /// Swaps are no faults of a robot: they come where they are asked for, so that a seed alone stands for what it always stood for.
 const SWAPS: [&str; 2] = ["F21", "F22"];
-/// Came later, and comes by its name alone, for the same reason.
-const LATER: [&str; 1] = ["F29"];
+/// Came later, and come by their names alone, for the same reason.
+const LATER: [&str; 2] = ["F29", "F31"];
 
 /// A fault of a plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,7 +97,7 @@ pub enum What {
         /// How many pulses.
         count: u64,
     },
-    /// F6, F7, F8, F11, F12: the board of a robot.
+    /// F6, F7, F8, F11, F12, F29, F31: the board of a robot.
     Board {
         /// The kind it belongs to.
         kind: &'static str,
@@ -198,7 +199,7 @@ impl fmt::Display for What {
 }
 
 /// The kinds that are meant by a list such as `F1,F8`. In it `mild` are those that a robot meets any day, `usual` (and an empty list) all
-/// that can be simulated but swaps and F29, `all` these with the swaps.
+/// that can be simulated but swaps, F29 and F31, `all` these with the swaps.
 ///
 /// # Errors
 /// A sentence for the first name that is unknown or can't be simulated.
@@ -220,7 +221,7 @@ fn kinds(name: &str) -> Result<Vec<&'static str>, String> {
     }
     let kind = KINDS.iter().find(|k| k.name.eq_ignore_ascii_case(name));
     match kind {
-        None => Err(format!("there is no fault `{name}`; they are F1 to F30, `usual`, `mild`, `all` and `none`")),
+        None => Err(format!("there is no fault `{name}`; they are F1 to F31, `usual`, `mild`, `all` and `none`")),
         Some(Kind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
         Some(kind) => Ok(vec![kind.name]),
     }

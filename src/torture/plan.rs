@@ -152,7 +152,11 @@ impl Planner<'_> {
             "F21" | "F22" => What::Swap(self.swap(kind)),
             "F23" => What::ShortHistory(self.rng.random_range(60..400)),
             _ => {
-                let (fault, lasts) = if kind == "F29" { self.freeze() } else { self.board(kind, robot) };
+                let (fault, lasts) = match kind {
+                    "F29" => self.freeze(),
+                    "F31" => self.sag(robot),
+                    _ => self.board(kind, robot),
+                };
                 let most = self.facts.healed().since(at);
                 What::Board { kind, robot, fault, lasts: lasts.min(most) }
             }
@@ -185,6 +189,14 @@ impl Planner<'_> {
     /// Encoders that wait for a motion to freeze in.
     fn freeze(&mut self) -> (Fault, Duration) {
         (Fault::FrozenInMotion { after: self.secs(0.05, 1.5) }, self.secs(2.0, 8.0))
+    }
+
+    /// A motor that sags, slowly or as fast as a slow commit allows: what goes faster breaks I20, whoever moves it.
+    fn sag(&mut self, robot: usize) -> (Fault, Duration) {
+        let motor = self.rng.random_range(0..self.facts.robots[robot].1.len().max(1));
+        let fast = if self.rng.random() { 0.02 } else { 0.002 };
+        let speed = self.rng.random_range(-fast..fast);
+        (Fault::Sag { motor, speed }, self.secs(0.2, 8.0))
     }
 
     fn obstruct(&mut self, at: Time, robot: &str) {

@@ -328,6 +328,7 @@ fn in_a_word(cause: Option<&Cause>) -> &'static str {
         Some(Cause::ActorDied(_)) => "actor died",
         Some(Cause::Crashed) => "crashed",
         Some(Cause::BoardFault(_)) => "board fault",
+        Some(Cause::Displaced { .. }) => "displaced",
         Some(Cause::Asked) => "asked",
         None => "untold",
     }

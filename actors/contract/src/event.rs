@@ -46,6 +46,16 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         config: Option<serde_json::Value>,
     },
+    /// A motor has left the place where it rested by more than half of the tolerance, by no command of the filter. Beyond the
+    /// tolerance the filter closes, which `disabled` tells instead.
+    Displaced {
+        /// Robot.
+        robot: String,
+        /// The motor's name.
+        motor: String,
+        /// How far it has gone, rad.
+        by: f64,
+    },
     /// How the motors of a robot were found by its driver; told before any of them is commanded.
     Found {
         /// Robot.

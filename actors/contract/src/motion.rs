@@ -119,6 +119,8 @@ pub enum Hold {
     BoardFault,
     /// The board answers more slowly than it was said to act: nothing of what is reckoned with its latency holds.
     SlowBoard,
+    /// A motor was moved while the robot rested, by no command of its filter.
+    Displaced,
     /// The process ended in mid-motion, and the robot rests neither at its target nor at its safe pose. Nothing moves
     /// before somebody asks to `recover`.
     AfterCrash,
@@ -139,6 +141,7 @@ impl fmt::Display for Hold {
             Hold::SlowBoard => {
                 "the board answers more slowly than its `latency_ms`: find out what slows it, or allow more and keep a wider margin"
             }
+            Hold::Displaced => "the robot was moved at rest: by another program, by hand or by its weight",
             Hold::AfterCrash => "the process ended in mid-motion: ask to `recover`",
             Hold::ShuttingDown => "the run is ending",
         })
@@ -170,6 +173,13 @@ pub enum Cause {
     Crashed,
     /// The board reports a fault.
     BoardFault(String),
+    /// A motor left the place where it rested, by more than the tolerance and by no command of the filter.
+    Displaced {
+        /// Its name.
+        motor: String,
+        /// How far it has gone, rad.
+        by: f64,
+    },
     /// A person or the program asked for it.
     Asked,
 }

@@ -25,6 +25,11 @@ impl Level {
     }
 }
 
+fn displaced(motor: &str, by: f64) -> String {
+    let by = by.to_degrees();
+    format!("{motor} was moved by {by:.2} deg at rest: by another program, by hand or by its weight")
+}
+
 /// A line of the log: the source (`system`, `world` or a robot's name), level and text. `None`: not worth a line.
 pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
     use Level::{Debug, Error, Info, Trace, Warn};
@@ -38,6 +43,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
             Info,
             format!("{} motors, period {:.0} ms, margin {:.0} mm", motors.len(), period * 1e3, margin * 1e3),
         ),
+        Event::Displaced { robot, motor, by } => (robot, Warn, displaced(motor, *by)),
         Event::Found { robot, motors } => (robot, Debug, format!("{} motors as they were found", motors.len())),
         Event::Controller { robot, kind, reflex } => {
             let reflex = if *reflex { "" } else { ", without a reflex" };
@@ -144,6 +150,7 @@ fn why(cause: &Cause) -> String {
         Cause::Stale => "the encoders are stale".to_owned(),
         Cause::ActorDied(actor) => format!("{actor} died"),
         Cause::Crashed => "the process ended in mid-motion".to_owned(),
+        Cause::Displaced { motor, by } => displaced(motor, *by),
         Cause::BoardFault(what) => format!("the board reports {what}"),
         Cause::Asked => "asked for".to_owned(),
     }

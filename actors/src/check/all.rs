@@ -16,6 +16,7 @@ use super::honest_safe_pose::HonestSafePose;
 use super::idle_motors_stay::IdleMotorsStay;
 use super::limits::Limits;
 use super::liveness::Liveness;
+use super::moved_at_rest::MovedAtRest;
 use super::nothing_vanishes::NothingVanishes;
 use super::one_outcome::OneOutcome;
 use super::orphans::Orphans;
@@ -91,6 +92,7 @@ pub const ALL: &[Promise] = &[
     of::<ContactsHold>("I27", "contacts have a hysteresis", Wants::Events),
     of::<ClosesAtOnce>("I28", "what dies closes at once", Wants::Events),
     of::<ToldTheTruth>("I29", "agents are told the truth", Wants::Events),
+    of::<MovedAtRest>("I31", "moved at rest closes", Wants::Poses),
 ];
 
 /// The names of those that a journal is judged by, with or without measured poses, as a sentence has them: `I1-I7, I9 and I10`.

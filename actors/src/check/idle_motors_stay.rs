@@ -1,5 +1,5 @@
 //! I21: a motor that no open commit names does not leave its place: where it rested as the last motion that named it ended, over the
-//! whole run, so that it does not walk either. No command but a stop names it.
+//! whole run, so that it does not walk either. No command but a stop names it. What the journal says was moved by others has no place.
 //!
 //! Wants the poses, and a journal that tells which motors a commit names (version 2). A place is the mean of sixteen readings, and so is
 //! where the motor is now. An encoder that jumps, from one reading to the next or while none came, says nothing of its motor, which has
@@ -8,7 +8,7 @@
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
 use crate::journal::Line;
-use mobee_contract::{Event, Pose, Time};
+use mobee_contract::{Cause, Event, Pose, Time};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -118,6 +118,10 @@ impl Invariant for IdleMotorsStay {
                 }
                 r.name(motors);
             }),
+            // it was moved, and that was said
+            Event::Displaced { robot, .. } | Event::Disabled { robot, cause: Cause::Displaced { .. }, .. } => {
+                self.robots.of(robot, |r| r.motors.iter_mut().for_each(|m| m.place = None));
+            }
             Event::SafePoseMoved { robot, .. } => self.robots.of(robot, |r| r.last = [None, None]),
             Event::Command { robot, kind, motors, .. } if kind != "stop" => {
                 let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, kind, motors));

@@ -25,7 +25,7 @@ impl SuperviseCore {
         if now > at + self.rules.fresh {
             return;
         }
-        if self.gate.token() != self.token {
+        if self.is_displaced(pulse, now, out) || self.gate.token() != self.token {
             return; // somebody closed the filter, and will tell why
         }
         match self.closing {
@@ -142,6 +142,7 @@ impl SuperviseCore {
     pub(super) fn end(&mut self, told: Option<Outcome>, out: &mut Vec<SuperviseOut>) -> Option<Outcome> {
         let (newest, tolerance) = (self.newest.as_ref().map(|newest| newest.q.clone()), self.rules.tolerance);
         let ended = self.with_book(|book| book.settle(told, newest.or_else(|| book.last_known())?, tolerance))?;
+        self.resting.commanded(&ended.open.named);
         let (outcome, end) = (ended.outcome, ended.end());
         let (agent, id) = (ended.open.agent.clone(), ended.open.id);
         if told.is_none() && outcome == Outcome::Committed {

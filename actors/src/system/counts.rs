@@ -33,6 +33,8 @@ pub struct Counts {
     pub retreats_stopped: u64,
     /// Commands thrown away.
     pub commands_dropped: u64,
+    /// How often a motor left the place where it rested.
+    pub displaced: u64,
     /// How often a filter was closed because the readings were old.
     pub stale: u64,
     /// Readings that were pushed out by newer ones, since an actor did not get its turn.
@@ -60,6 +62,8 @@ impl Counts {
             Event::ContactBegan { .. } => self.contacts += 1,
             Event::HardContact { .. } => self.hard_contacts += 1,
             Event::RetreatStopped { .. } => self.retreats_stopped += 1,
+            Event::Displaced { .. } => self.displaced += 1,
+            Event::Disabled { cause: Cause::Displaced { .. }, .. } => self.displaced += 1,
             Event::CommandDropped { .. } => self.commands_dropped += 1,
             Event::Disabled { cause: Cause::Stale, .. } => self.stale += 1,
             // what was lost in a restart was lost in a queue that was not full

@@ -642,6 +642,7 @@ fn moved(motors: &[(usize, f64)], q: impl Fn(f64) -> [f64; 2]) -> Vec<Violation>
         (2.0, commit_of(1, &q(4.0), motors)),
         (2.0, command(Writer::Agent, 1, "move", &q(4.0))),
         (4.0, outcome(1, Outcome::Committed, &q(4.0), &q(1.9))),
+        (4.0, Event::State { robot: R.into(), status: Status::Rest }),
         (9.0, Event::Warning { text: "the end is near".into() }),
         (9.0, ended()),
     ];
@@ -723,6 +724,22 @@ fn i21_a_motor_that_no_commit_names_leaves_its_place() {
     assert_eq!(of(&moved(&[(0, 0.2)], |at| [ramp(0.2, at), if at < 4.0 { 0.5 } else { 0.52 }]), "I21"), 0);
     let later = |at: f64| [ramp(0.2, at), 0.1 * (at - 6.0).clamp(0.0, 1.0)];
     assert_eq!(of(&moved(&[(0, 0.2), (1, 0.2)], later), "I21"), 1);
+}
+
+#[test]
+fn i31_a_robot_that_is_moved_at_rest_and_stays_open() {
+    // both motors are named; one gives way from 6 s on, for a while
+    let pushed = |by: f64, lasts: f64| {
+        move |at: f64| {
+            let away = (6.0..6.0 + lasts).contains(&at);
+            [ramp(0.2, at), if away { by } else { 0.0 }]
+        }
+    };
+    let found = moved(&[(0, 0.2), (1, 0.2)], pushed(0.003, 2.0));
+    assert_eq!(of(&found, "I31"), 1, "{found:?}");
+    assert!(found.iter().any(|v| v.what.contains("motor b was moved by 0.172 deg at rest")), "{found:?}");
+    assert_eq!(of(&moved(&[(0, 0.2), (1, 0.2)], pushed(0.0015, 2.0)), "I31"), 0, "within the tolerance");
+    assert_eq!(of(&moved(&[(0, 0.2), (1, 0.2)], pushed(0.003, 0.4)), "I31"), 0, "there is time to close");
 }
 
 #[test]

@@ -118,6 +118,12 @@ impl Motor {
         }
     }
 
+    /// Is elsewhere at once, and rests there.
+    pub fn push(&mut self, at: Time, by: f64, axis: &Axis) {
+        let q = self.state(at).q;
+        self.take(at, Path::Rest((q + by).clamp(axis.min.min(q), axis.max.max(q))));
+    }
+
     /// Switches the control mode; a motor whose mode changes in mid-motion brakes.
     pub fn switch(&mut self, at: Time, mode: ControlMode, greatest: Bounds) {
         if self.mode != mode {

@@ -40,6 +40,35 @@ fn a_stream_behind_frozen_encoders_is_ended() {
     assert_eq!(ended(0.5, false), None);
 }
 
+/// A robot at rest that is moved by half of the tolerance is told of once, and beyond it its filter closes and opens again where it
+/// then rests. One reading, or two, are noise.
+#[test]
+fn a_robot_that_is_moved_at_rest_is_told_and_closes() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let (place, tolerance) = (cell.q, cell.rules.tolerance);
+    let (mut at, mut seq) = (cell.now, 1000);
+    let mut read = |cell: &mut Cell, away: f64| {
+        (at, seq) = (at + Duration::from_millis(10), seq + 1);
+        let sample = Sample { seq, at, q: vec![place + away * tolerance].into(), done: vec![true] };
+        let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
+        (pulse.speed, pulse.free, pulse.unchanged) = (0.0, true, at);
+        let out = cell.supervise.on(SuperviseIn::Pulse(&pulse), at);
+        let told = out.iter().filter(|o| matches!(o, SuperviseOut::Event(Event::Displaced { .. }))).count();
+        (told, cell.supervise.status())
+    };
+    let holds = Status::Holding(Hold::Displaced);
+    assert_eq!(read(&mut cell, 0.0), (0, Status::Rest));
+    let noise = [2.0, -2.0, 0.0, 0.45, 0.45, 0.45, 0.45];
+    assert!(noise.iter().all(|away| read(&mut cell, *away) == (0, Status::Rest)));
+    assert_eq!([0.6; 4].map(|away| read(&mut cell, away).0), [0, 0, 1, 0], "once");
+    assert_eq!([1.1; 3].map(|away| read(&mut cell, away).1), [Status::Rest, Status::Rest, holds]);
+    assert!(!cell.gate.is_open());
+    let opens = (0..100).find(|_| read(&mut cell, 1.1).1 == Status::Rest);
+    assert!(opens.is_some_and(|readings| readings > 0) && cell.gate.is_open(), "{opens:?}");
+    assert!((0..10).all(|_| read(&mut cell, 1.1) == (0, Status::Rest)), "this is its place now");
+}
+
 /// A robot that has just been told to move, and its next reading: so long after the last, heard so much later.
 fn sets_out() -> (Cell, impl FnMut(&mut Cell, f64, Duration) -> Vec<SuperviseOut>) {
     let mut cell = Cell::new();

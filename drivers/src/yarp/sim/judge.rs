@@ -34,7 +34,7 @@ const TOO_FAST: Duration = Duration::from_millis(800);
 /// After the death of a task nobody uses the boards for as long as this, at least.
 const MOURNS: Duration = Duration::from_millis(180);
 /// How long a board that rests, and is not driven, may be otherwise than it was found: words one after the other, each of which may be lost.
-const GIVEN_BACK: Duration = Duration::from_secs(4);
+const GIVEN_BACK: Duration = Duration::from_millis(1500);
 /// A longer time between two looks is a process that was suspended.
 const SUSPENDED: Duration = Duration::from_millis(60);
 
@@ -321,7 +321,8 @@ impl Judge {
             return;
         }
         let since = Time(now.0.saturating_sub(GIVEN_BACK.as_nanos() as u64));
-        let meddled = watched.meddled || faults.any_since(since, now, |f| matches!(f, WireFault::Meddled(_)));
+        // what another program sets is its own
+        let meddled = faults.any_since(Time::ZERO, now, |f| matches!(f, WireFault::Meddled(_)));
         let disturbed = died || meddled || now < watched.excused + BACK || faults.any_since(since, now, |_| true);
         let is_left = |(found, kept): (&Kept, &Kept)| {
             let other = |a: f64, b: f64| (a - b).abs() > 1e-6;

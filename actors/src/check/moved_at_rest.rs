@@ -1,0 +1,90 @@
+//! I31: a robot that is moved by no command of its filter closes it: beyond the tolerance it does not stay open, and none is told of
+//! that has left its place so far while it does.
+//!
+//! Wants the poses. The place of a rest is its first reading; a reading or two that jump are noise.
+
+use super::{Found, Invariant, PerRobot};
+use crate::journal::Line;
+use mobee_contract::{Event, Pose, Status, Time};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How long the filter may stay open, and for how many readings.
+const LATE: (Duration, u32) = (Duration::from_millis(500), 8);
+
+#[derive(Default)]
+pub(super) struct MovedAtRest {
+    robots: BTreeMap<String, Robot>,
+}
+
+#[derive(Default)]
+struct Robot {
+    names: Vec<String>,
+    tolerance: f64,
+    open: bool,
+    rest: Option<Rest>,
+}
+
+#[derive(Default)]
+struct Rest {
+    place: Option<Pose>,
+    /// Since when, and for how many readings, a motor has been elsewhere.
+    away: Option<(Time, u32)>,
+}
+
+impl Robot {
+    fn judge(&mut self, robot: &str, at: Time, q: &Pose) -> Option<String> {
+        let rest = self.rest.as_mut()?;
+        let place = rest.place.get_or_insert_with(|| q.clone());
+        let ways = q.iter().zip(place.iter()).map(|(q, place)| (q - place).abs()).enumerate();
+        let (motor, by) = ways.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        if by <= self.tolerance {
+            rest.away = None;
+            return None;
+        }
+        let (since, readings) = rest.away.map_or((at, 1), |(since, readings)| (since, readings + 1));
+        rest.away = Some((since, readings));
+        if at.since(since) <= LATE.0 || readings <= LATE.1 {
+            return None;
+        }
+        self.rest = None;
+        let (name, by) = (self.names.get(motor).map_or("?", String::as_str), by.to_degrees());
+        Some(format!("{robot}: motor {name} was moved by {by:.3} deg at rest, and the filter is open at {at}"))
+    }
+}
+
+impl Invariant for MovedAtRest {
+    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+        match &line.event {
+            Event::Robot { robot, motors, tolerance, .. } => {
+                let (names, tolerance) = (motors.clone(), *tolerance);
+                let open = self.robots.get(robot).is_some_and(|r| r.open);
+                self.robots.insert(robot.clone(), Robot { names, tolerance, open, rest: None });
+            }
+            Event::State { robot, status } => {
+                let rest = (*status == Status::Rest).then(Rest::default);
+                self.robots.of(robot, |r| r.rest = rest);
+            }
+            Event::Enabled { robot, .. } => self.robots.of(robot, |r| r.open = true),
+            Event::Disabled { robot, .. } => self.robots.of(robot, |r| (r.open, r.rest) = (false, None)),
+            Event::Displaced { robot, motor, by } => {
+                if self.robots.get(robot).is_some_and(|r| r.open && *by > r.tolerance) {
+                    let by = by.to_degrees();
+                    found.say(format!("{robot}: motor {motor} was moved by {by:.3} deg, and the filter stays open"));
+                }
+            }
+            Event::Commit { robot, .. } => self.robots.of(robot, |r| r.rest = None),
+            Event::Resumed { .. } => self.robots.values_mut().for_each(|r| (r.open, r.rest) = (false, None)),
+            _ => {}
+        }
+    }
+
+    fn pose(&mut self, robot: &str, at: Time, q: &Pose, found: &mut Found<'_>) {
+        let wrong = self.robots.get_mut(robot).and_then(|state| state.judge(robot, at, q));
+        wrong.into_iter().for_each(|what| found.say(what));
+    }
+
+    fn blind(&mut self, robot: &str) {
+        self.robots.of(robot, |r| r.rest.iter_mut().for_each(|rest| rest.away = None));
+    }
+}
