@@ -7,6 +7,7 @@ mod machine;
 
 use crate::compose::{compose, driver_of};
 use crate::config::{Config, Source};
+use mobee_contract::Limits;
 use mobee_drivers::YarpDriverSettings;
 use mobee_yarp::Network;
 use std::fmt;
@@ -122,8 +123,8 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
 struct Remote {
     name: String,
     settings: YarpDriverSettings,
-    /// How many motors each of its parts has in the model.
-    motors: Vec<usize>,
+    /// The motors of each of its parts in the model: name and limits, rad.
+    motors: Vec<Vec<(String, Limits)>>,
 }
 
 /// Checks a file as `mobee check` does, and returns its robots behind YARP.
@@ -147,8 +148,12 @@ fn configuration(file: &Path, set: &[String]) -> (Vec<Finding>, Vec<Remote>) {
         match remote(&source, i, &robot.driver) {
             Some(settings) => {
                 let model = composition.scene.robots().get(i);
-                let of = |part: &str| model?.parts.iter().find(|p| p.name == part).map(|p| p.motors.len());
-                let motors = settings.parts.iter().map(|p| of(&p.part).unwrap_or(0)).collect();
+                let of = |part: &str| {
+                    let part = model?.parts.iter().find(|p| p.name == part)?;
+                    let motors = model?.motors.get(part.motors.clone())?.iter();
+                    Some(motors.map(|m| (m.name.clone(), (m.min, m.max))).collect())
+                };
+                let motors = settings.parts.iter().map(|p| of(&p.part).unwrap_or_default()).collect();
                 robots.push(Remote { name: robot.name.clone(), settings, motors });
             }
             None => found.push(Finding::ok(format!("{} is simulated: there is nothing to reach", robot.name))),

@@ -9,6 +9,9 @@ use std::sync::Arc;
 /// Share of a motor's greatest speed that a set-point which had to wait may ask for.
 const SHARE: f64 = 0.95;
 
+/// How far beyond its limits a motor may be read to be, rad: motors may rest a few degrees outside, and no farther than a thumb can be bent.
+const BEYOND: f64 = 20.0 * std::f64::consts::PI / 180.0;
+
 /// A stream of set-points that is being written.
 #[derive(Clone, Debug)]
 struct Streaming {
@@ -71,6 +74,15 @@ impl Port {
         }
         let motor = sample.q.iter().position(|q| !q.is_finite())?;
         self.rules.axes.get(motor).map(|axis| format!("{} is not a finite number", axis.name))
+    }
+
+    /// A reading that no robot of this model can have: a motor far beyond its limits. Its name, and where it is said to be.
+    pub fn is_beyond(&self, sample: &Sample) -> Option<String> {
+        let far = |(q, axis): &(&f64, &Axis)| **q < axis.min - BEYOND || **q > axis.max + BEYOND;
+        let (q, axis) = sample.q.iter().zip(self.rules.axes.iter()).find(far)?;
+        let [q, min, max] = [*q, axis.min, axis.max].map(f64::to_degrees);
+        let name = &axis.name;
+        Some(format!("{name} reads {q:.1} deg, and its limits are {min:.1}..{max:.1}: calibrate it, or mend the model"))
     }
 
     fn fits(&self, command: &Command) -> Result<(), String> {

@@ -1,6 +1,7 @@
 //! The network: the name server, and the control boards of a robot.
 
 use super::{Finding, PATIENCE, Remote};
+use mobee_contract::Limits;
 use mobee_yarp::board::{Ask, Get, Link, RemoteBoard, RemoteOptions};
 use mobee_yarp::{Carrier, Network};
 use std::time::Duration;
@@ -41,12 +42,18 @@ pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
     }
     for (part, motors) in robot.settings.parts.iter().zip(&robot.motors) {
         let what = format!("{} {} at {}", robot.name, part.part, part.port);
-        found.push(board(robot, &network, &part.port, *motors, what).await);
+        found.extend(board(robot, &network, &part.port, motors, what).await);
     }
     found
 }
 
-async fn board(robot: &Remote, network: &Network, port: &str, motors: usize, what: String) -> Finding {
+async fn board(
+    robot: &Remote,
+    network: &Network,
+    port: &str,
+    motors: &[(String, Limits)],
+    what: String,
+) -> Vec<Finding> {
     let options = RemoteOptions {
         local: format!("/MoBeE/doctor/{}{port}", std::process::id()),
         carrier: robot.settings.carrier.parse().unwrap_or(Carrier::FastTcp),
@@ -54,7 +61,7 @@ async fn board(robot: &Remote, network: &Network, port: &str, motors: usize, wha
         stale: robot.settings.stale(),
     };
     let board = RemoteBoard::new(network, port, options);
-    let (mut link, mut state) = (board.link(), board.state());
+    let mut link = board.link();
     let up = async { link.wait_for(|link| matches!(link, Link::Up(_))).await.is_ok() };
     if !tokio::time::timeout(PATIENCE, up).await.unwrap_or(false) {
         let why = match &*board.link().borrow() {
@@ -62,14 +69,31 @@ async fn board(robot: &Remote, network: &Network, port: &str, motors: usize, wha
             Link::Up(_) => String::new(),
         };
         let remedy = format!("start the robot\'s boards, and see `mobee yarp list {port}` for what is there");
-        return Finding::bad(format!("{what}: {why}"), remedy);
+        return vec![Finding::bad(format!("{what}: {why}"), remedy)];
     }
-    let axes = board.facts().borrow().as_ref().map_or(0, |facts| facts.len());
-    if axes != motors {
+    let facts = board.facts().borrow().clone().unwrap_or_default();
+    let axes = facts.len();
+    if axes != motors.len() {
         let remedy = "give the model of this robot, and the ports of this part";
-        return Finding::bad(format!("{what}: {axes} joints, {motors} in the model"), remedy);
+        return vec![Finding::bad(format!("{what}: {axes} joints, {} in the model", motors.len()), remedy)];
     }
-    let answers = answer_time(&board).await;
+    let mut found = Vec::new();
+    let limits = motors.iter().zip(facts.iter()).filter_map(|((name, model), fact)| {
+        let (min, max) = fact.limits?;
+        Some((name.as_str(), *model, (min.to_radians(), max.to_radians())))
+    });
+    if let Some(less) = mobee_contract::narrowed(limits) {
+        let remedy = "the narrower limits count; give them to the model, too, if they are the robot's";
+        found.push(Finding::warn(format!("{what}: {less}"), remedy));
+    }
+    found.push(states(robot, &board, port, axes, what).await);
+    found
+}
+
+/// How a board answers, and whether its states come.
+async fn states(robot: &Remote, board: &RemoteBoard, port: &str, axes: usize, what: String) -> Finding {
+    let mut state = board.state();
+    let answers = answer_time(board).await;
     let first = async { state.wait_for(Option::is_some).await.is_ok() };
     let streams = tokio::time::timeout(PATIENCE, first).await.unwrap_or(false);
     let seq = || board.state().borrow().as_ref().map_or(0, |s| s.seq);

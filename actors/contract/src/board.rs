@@ -157,6 +157,23 @@ pub struct Found {
     pub acceleration: Option<f64>,
 }
 
+/// Limits of position, rad, least and greatest.
+pub type Limits = (f64, f64);
+
+/// Which motors a board allows less than the robot's model does, in words: for each its name, the model's limits and the board's.
+/// `None` if there are none.
+pub fn narrowed<'a>(motors: impl Iterator<Item = (&'a str, Limits, Limits)>) -> Option<String> {
+    // what rounding to degrees takes off is not worth a word
+    let slack = 0.05_f64.to_radians();
+    let one = |(name, model, board): (&str, Limits, Limits)| {
+        let span = |(min, max): Limits| format!("{:.1}..{:.1}", min.to_degrees(), max.to_degrees());
+        let is_less = board.0 > model.0 + slack || board.1 < model.1 - slack;
+        is_less.then(|| format!("{name} {} of {}", span(board), span(model)))
+    };
+    let all: Vec<String> = motors.filter_map(one).collect();
+    (!all.is_empty()).then(|| format!("its boards allow less than the model, in deg: {}", all.join(", ")))
+}
+
 /// Recoverable trouble with a board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
@@ -204,4 +221,27 @@ pub trait Driver: Send {
     }
     /// The control modes as the board last reported them: a switch shows only once it is in force.
     fn modes(&self) -> Vec<ControlMode>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_that_a_board_narrows_are_told() {
+        let rad = |(min, max): (f64, f64)| (min.to_radians(), max.to_radians());
+        let motors = [
+            ("pitch", (-22.0, 84.0), (-10.0, 70.0)),
+            ("roll", (-39.0, 39.0), (-39.04, 39.0)),
+            ("yaw", (-59.0, 59.0), (-58.97, 70.0)),
+        ];
+        let told = |motors: &[(&'static str, Limits, Limits)]| {
+            narrowed(motors.iter().map(|(name, model, board)| (*name, rad(*model), rad(*board))))
+        };
+        assert_eq!(
+            told(&motors).as_deref(),
+            Some("its boards allow less than the model, in deg: pitch -10.0..70.0 of -22.0..84.0")
+        );
+        assert_eq!(told(&motors[1..]), None);
+    }
 }

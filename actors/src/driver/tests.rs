@@ -177,6 +177,22 @@ fn a_reading_has_a_number_for_each_motor() {
     }
 }
 
+/// A motor may rest a little outside of its limits (-1..1 rad here), and no robot is farther out than 20 degrees.
+#[test]
+fn a_reading_far_beyond_the_limits_is_named() {
+    let beyond =
+        |q: f64| port().is_beyond(&Sample { seq: 1, at: Time(0), q: vec![0.0, q].into(), done: vec![true; 2] });
+    let (min, max) = (port().rules.axes[1].min, port().rules.axes[1].max);
+    assert_eq!([min - 0.34, max + 0.34].map(beyond), [None, None]);
+    for q in [min - 0.36, max + 0.36] {
+        let what = beyond(q).unwrap();
+        assert!(
+            what.starts_with(&format!("m reads {:.1} deg", q.to_degrees())) && what.contains("calibrate"),
+            "{what}"
+        );
+    }
+}
+
 /// A single command is told as it was written; a stream is told once, at its end, by its sums.
 #[test]
 fn what_was_written_is_told() {

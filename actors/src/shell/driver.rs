@@ -36,6 +36,8 @@ pub struct Driving {
     back_off: Duration,
     /// Whether the last reading made no sense.
     nonsense: bool,
+    /// Whether the last reading was far beyond the limits.
+    beyond: bool,
     /// When its next turn is due.
     due: Option<Time>,
 }
@@ -52,8 +54,17 @@ impl Actor for DriverActor {
     ) -> Result<Driving, ActorProcessingErr> {
         let plug = wires.parts.lock().plug.clone();
         let port = Port::new(wires.rules(), wires.gate.clone());
-        let mut driving =
-            Driving { hub, wires, plug, driver: None, port, back_off: BACK_OFF.0, nonsense: false, due: None };
+        let mut driving = Driving {
+            hub,
+            wires,
+            plug,
+            driver: None,
+            port,
+            back_off: BACK_OFF.0,
+            nonsense: false,
+            beyond: false,
+            due: None,
+        };
         driving.wires.lease.store(0, Ordering::SeqCst);
         driving.connect();
         driving.wires.driver.connect(myself.clone());
@@ -148,7 +159,14 @@ impl Driving {
         }
         self.nonsense = wrong.is_some();
         self.hub.counts.lock().samples += 1;
-        if !self.nonsense {
+        let beyond = self.port.is_beyond(&sample).filter(|_| wrong.is_none());
+        if let Some(what) = &beyond
+            && !self.beyond
+        {
+            self.wires.supervise.send(SuperviseMsg::Fault(what.clone()));
+        }
+        self.beyond = beyond.is_some();
+        if !self.nonsense && !self.beyond {
             let answers = self.driver.as_ref().and_then(|driver| driver.answer_time());
             *self.wires.answers.lock() = answers;
             self.wires.to_history.push(Pulse { answers, ..Pulse::new(sample, &self.hub.none) });

@@ -262,6 +262,12 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     }
     for wires in &hub.robots {
         let parts = wires.parts.lock().clone();
+        let axes = parts.rules.axes.iter().zip(&parts.model.motors);
+        let limits = axes.map(|(axis, motor)| (motor.name.as_str(), (motor.min, motor.max), (axis.min, axis.max)));
+        if let Some(what) = mobee_contract::narrowed(limits) {
+            let text = format!("{}: {what}; what is asked beyond is refused", wires.name);
+            hub.tell(Event::Warning { text });
+        }
         parts.rules.described(&parts.model).into_iter().for_each(|event| hub.tell(event));
     }
     let scene = hub.scene.lock().clone();
