@@ -1,6 +1,6 @@
 //! A group of a robot's motors as users name it: parts, motors, poses in degrees, with errors that say where and what to do.
 
-use mobee_contract::{KindError, Refusal, View, suggestion};
+use mobee_contract::{Axis, KindError, Refusal, View, suggestion};
 use mobee_model::{Robot, ShapeId};
 use std::collections::BTreeMap;
 
@@ -121,6 +121,11 @@ pub fn ranges(
     let limits = |m: &usize| robot.motors.get(*m).map(|l| (l.min, l.max));
     let range = |m: &usize| given.get(m).copied().or_else(|| limits(m)).map(|(min, max)| (*m, min, max));
     Ok(motors.iter().filter_map(range).collect())
+}
+
+/// What a board allows of a range, rad: robots may have narrower limits than their model.
+pub fn allowed((min, max): (f64, f64), axis: Option<&Axis>) -> (f64, f64) {
+    axis.map_or((min, max), |axis| (min.clamp(axis.min, axis.max), max.clamp(axis.min, axis.max)))
 }
 
 /// Checks a share of the greatest speed.

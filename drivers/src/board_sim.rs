@@ -94,7 +94,10 @@ impl SimBoard {
             let [min, max, speed, q] = [a.min, a.max, a.max_speed, *q].map(f64::to_degrees);
             ShadowAxis { ref_acc: a.max_acceleration.to_degrees(), ..ShadowAxis::at_rest(&a.name, min, max, speed, q) }
         };
-        let shadow = Shadow { axes: driver.board().axes.iter().zip(&q).map(axis).collect() };
+        let mut shadow = Shadow { axes: driver.board().axes.iter().zip(&q).map(axis).collect() };
+        if let Some(robot) = hardware.imitates() {
+            shadow.axes.iter_mut().enumerate().for_each(|(j, axis)| axis.name = robot.joint(j));
+        }
         let state = State { hardware, driver, shadow, last: None, answers: Stamp::default(), states: Stamp::default() };
         Ok(SimBoard { part: part.to_owned(), state: Mutex::new(state), clock })
     }
@@ -244,6 +247,8 @@ impl State {
                 Some(())
             }
             Set::Speed(joints, values) => self.refer(now, &joints.on(axes)?, values, |a| &mut a.ref_speed),
+            // iCub_SIM has none
+            Set::Acceleration(..) if self.hardware.imitates().is_some() => None,
             Set::Acceleration(joints, values) => self.refer(now, &joints.on(axes)?, values, |a| &mut a.ref_acc),
             Set::Mode(joints, modes) => {
                 let known: Vec<ControlMode> = modes.iter().map(|m| control(*m)).collect::<Option<_>>()?;

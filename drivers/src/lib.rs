@@ -72,6 +72,6 @@ pub use faults::{Fault, FaultId, Garbage, SimFaults};
 pub use plant::Plant;
 pub use replay::ReplayHardware;
 pub use services::{RobotPorts, WorldService, YarpServices, YarpSettings};
-pub use settings::SimSettings;
+pub use settings::{Imitated, SimSettings};
 pub use sim::{SimDriver, SimHardware};
 pub use yarp::{PartSettings, Who, WireFault, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim};

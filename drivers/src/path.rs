@@ -3,17 +3,21 @@
 //! ```text
 //! trapezoidal   accelerate, cruise, decelerate: pieces of constant acceleration
 //! minimum_jerk  one polynomial of degree five
+//! gain          as fast as the way that is left is far
 //! brake         one piece at the greatest deceleration
 //! cruise        go at a velocity for a while, then brake (velocity move)
 //! follow        catch up with a moving set-point, stay on it, then stop there (position-direct)
 //! ```
-//! A path has a bounded speed and acceleration, starts from any position and speed without a jump in either, and ends at rest.
+//! A path has a bounded speed and acceleration, starts from any position and speed without a jump in either, and ends at rest; but for that of a gain,
+//! whose speed jumps.
 
+mod approach;
 mod cruise;
 mod follow;
 mod pieces;
 mod quintic;
 
+pub use approach::Approach;
 pub use cruise::cruise;
 pub use follow::{Leg, follow};
 pub use pieces::{Pieces, brake, trapezoid};
@@ -31,6 +35,8 @@ pub enum Profile {
     MinimumJerk,
     /// Constant acceleration, constant speed, constant deceleration.
     Trapezoidal,
+    /// As fast as the way that is left is far, times the reference speed; begins at once, and is done within a degree. As iCub_SIM does.
+    Gain,
 }
 
 /// Where a motor is: position (rad), speed (rad/s), acceleration (rad/s^2).
@@ -69,6 +75,8 @@ pub enum Path {
     Pieces(Box<Pieces>),
     /// Moves along a polynomial.
     Quintic(Quintic),
+    /// Approaches as a gain does.
+    Approach(Approach),
 }
 
 impl Path {
@@ -86,6 +94,7 @@ impl Path {
         let quintic = match profile {
             Profile::MinimumJerk => Quintic::to(from, to, reference),
             Profile::Trapezoidal => None,
+            Profile::Gain => return Path::Approach(Approach::to(from, to, reference.speed, greatest.speed)),
         };
         match quintic {
             Some(q) => Path::Quintic(q),
@@ -99,6 +108,7 @@ impl Path {
             Path::Rest(q) => State::rest(*q),
             Path::Pieces(p) => p.at(t),
             Path::Quintic(p) => p.at(t),
+            Path::Approach(p) => p.at(t),
         }
     }
 
@@ -108,6 +118,15 @@ impl Path {
             Path::Rest(_) => 0.0,
             Path::Pieces(p) => p.duration(),
             Path::Quintic(p) => p.duration(),
+            Path::Approach(p) => p.duration(),
+        }
+    }
+
+    /// Seconds from the beginning until the board says that it is done.
+    pub fn done(&self) -> f64 {
+        match self {
+            Path::Approach(p) => p.done(),
+            path => path.duration(),
         }
     }
 
@@ -117,6 +136,7 @@ impl Path {
             Path::Rest(q) => *q,
             Path::Pieces(p) => p.end(),
             Path::Quintic(p) => p.end(),
+            Path::Approach(p) => p.end(),
         }
     }
 }

@@ -146,9 +146,9 @@ impl Plant {
         self.motors.iter().map(|m| m.state(self.now).v)
     }
 
-    /// Per motor whether it rests and nothing that is on its way will move it.
+    /// Per motor whether it says that it is done, and nothing that is on its way will move it.
     pub fn done(&self) -> Vec<bool> {
-        let mut done: Vec<bool> = self.motors.iter().map(|m| m.rests(self.now)).collect();
+        let mut done: Vec<bool> = self.motors.iter().map(|m| m.is_done(self.now)).collect();
         for (_, command) in &self.in_flight {
             for m in command.disturbs() {
                 if let Some(d) = done.get_mut(m) {

@@ -1,5 +1,9 @@
 //! The settings of the simulated robot.
 
+mod imitated;
+
+pub use imitated::Imitated;
+
 use crate::path::Profile;
 use mobee_contract::{Axis, KindError, suggestion};
 use mobee_model::Robot;
@@ -12,7 +16,10 @@ use std::time::Duration;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimSettings {
-    /// Shape of position moves: `minimum_jerk` or `trapezoidal`.
+    /// A robot to behave like, such as `iCub_SIM`; what is measured there counts, and not `profile`, `rate_hz` and the model's limits.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub imitates: Option<Imitated>,
+    /// Shape of position moves: `minimum_jerk`, `trapezoidal` or `gain`.
     pub profile: Profile,
     /// Greatest speed of every motor, deg/s.
     pub max_speed_deg_per_s: f64,
@@ -35,6 +42,7 @@ pub struct SimSettings {
 impl Default for SimSettings {
     fn default() -> SimSettings {
         SimSettings {
+            imitates: None,
             profile: Profile::default(),
             max_speed_deg_per_s: 100.0,
             max_acceleration_deg_per_s2: 200.0,
@@ -94,7 +102,8 @@ impl SimSettings {
             max_speed: self.max_speed_deg_per_s.to_radians(),
             max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
         };
-        robot.motors.iter().map(axis).collect()
+        let imitated = |axis: Axis| self.imitates.map_or(axis.clone(), |robot| robot.axis(axis));
+        robot.motors.iter().map(axis).map(imitated).collect()
     }
 
     /// Where the robot's motors start, rad.
@@ -122,9 +131,15 @@ impl SimSettings {
         Ok(start)
     }
 
+    /// The shape of position moves.
+    pub fn profile(&self) -> Profile {
+        if self.imitates == Some(Imitated::ICubSim) { Profile::Gain } else { self.profile }
+    }
+
     /// Time between two readings.
     pub fn period(&self) -> Duration {
-        Duration::try_from_secs_f64(1.0 / self.rate_hz).unwrap_or(Duration::from_millis(10))
+        let rate = self.imitates.map_or(self.rate_hz, Imitated::rate_hz);
+        Duration::try_from_secs_f64(1.0 / rate).unwrap_or(Duration::from_millis(10))
     }
 
     /// Time from a command to its effect.

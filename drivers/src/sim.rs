@@ -2,6 +2,7 @@
 
 use crate::encoders::Encoders;
 use crate::faults::{Active, Fault, Garbage};
+use crate::settings::Imitated;
 use crate::{Plant, SimFaults, SimSettings};
 use mobee_contract as contract;
 use mobee_contract::{
@@ -49,6 +50,7 @@ pub struct SimHardware {
     board: Arc<Mutex<Board>>,
     facts: contract::Board,
     start: Option<Vec<f64>>,
+    imitates: Option<Imitated>,
 }
 
 impl SimHardware {
@@ -81,7 +83,7 @@ impl SimHardware {
             position_direct: true,
         };
         let board = Board {
-            plant: Plant::new(axes, start, settings.profile),
+            plant: Plant::new(axes, start, settings.profile()),
             encoders: Encoders::new(settings, seed),
             latency: settings.latency(),
             unread: None,
@@ -89,7 +91,12 @@ impl SimHardware {
             faults: Vec::new(),
             faults_made: 0,
         };
-        SimHardware { board: Arc::new(Mutex::new(board)), facts, start: None }
+        SimHardware { board: Arc::new(Mutex::new(board)), facts, start: None, imitates: settings.imitates }
+    }
+
+    /// Whom it behaves like.
+    pub(crate) fn imitates(&self) -> Option<Imitated> {
+        self.imitates
     }
 
     /// Its motors, with their limits.

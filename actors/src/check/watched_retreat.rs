@@ -1,4 +1,5 @@
-//! I9: a contact that begins on the way back stops it within one control period, and nothing is driven on.
+//! I9: a contact that begins on the way back stops it within one control period, and nothing is driven on. Behind boards, each of which
+//! reads its encoders in its own time, it takes a second one: a reading of all is as old as its oldest part.
 //!
 //! A pair may come 1 mm nearer than its margin, or than it was as the way back began, since that is not followed to the hair
 //! and a pair that all but touches must be able to part. One that is nearer as its contact begins, or as it touches, must
@@ -25,6 +26,8 @@ pub(super) struct WatchedRetreat {
 #[derive(Default)]
 struct Way {
     period: Duration,
+    /// Whether it is behind boards, each of which reads its encoders in its own time: what is read of all is as old as the oldest part.
+    has_boards: bool,
     margin: f64,
     /// The pairs that were nearer than the margin as the way back began.
     near: Vec<Contact>,
@@ -40,7 +43,8 @@ struct Way {
 
 impl Way {
     fn in_time(&self, from: Time, to: Time) -> bool {
-        to.since(from) <= self.period
+        let parts = if self.has_boards { self.period } else { Duration::ZERO };
+        to.since(from) <= self.period + parts
     }
 
     /// A contact on the way back, which has to stop it if it is nearer than it may be.
@@ -70,6 +74,7 @@ impl Invariant for WatchedRetreat {
                 way.period = Duration::try_from_secs_f64(*period).unwrap_or_default();
                 way.margin = *margin;
             }
+            Event::Found { robot, .. } => self.robots.entry(robot.clone()).or_default().has_boards = true,
             Event::World { .. } => self.changed = line.at,
             Event::State { robot, status } => {
                 self.robots.entry(robot.clone()).or_default().retreating = *status == Status::Retreating;

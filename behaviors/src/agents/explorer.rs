@@ -151,7 +151,8 @@ impl Explorer {
             self.drawn += 1;
             let mut q = base.clone();
             for (m, min, max) in &self.ranges {
-                let value = if max > min { self.rng.random_range(*min..=*max) } else { *min };
+                let (min, max) = group::allowed((*min, *max), view.axes.get(*m));
+                let value = if max > min { self.rng.random_range(min..=max) } else { min };
                 if let Some(slot) = q.get_mut(*m) {
                     *slot = value;
                 }

@@ -154,7 +154,7 @@ impl Jog {
             let (m, min, max) = left.swap_remove(self.rng.random_range(0..left.len()));
             let share = self.settings.speed * self.rng.random_range(SLOWEST..=1.0);
             let speed = share * view.axes.get(m).map_or(0.0, |axis| axis.max_speed);
-            drawn.push((m, (min, max), speed));
+            drawn.push((m, group::allowed((min, max), view.axes.get(m)), speed));
         }
         drawn
     }

@@ -80,8 +80,9 @@ impl Random {
         Ok(Random { motors, ranges, settings, seed, rng, reached: 0, failed: 0 })
     }
 
-    fn draw(&mut self) -> Target {
-        let q = self.ranges.iter().map(|(_, min, max)| self.rng.random_range(*min..=*max)).collect();
+    fn draw(&mut self, view: &View) -> Target {
+        let allowed = self.ranges.iter().map(|(m, min, max)| group::allowed((*min, *max), view.axes.get(*m)));
+        let q = allowed.map(|(min, max)| self.rng.random_range(min..=max)).collect();
         Target { motors: self.motors.clone(), q, speed: self.settings.speed }
     }
 }
@@ -100,7 +101,7 @@ impl Agent for Random {
             });
         }
         for _ in 0..DRAWS {
-            let target = self.draw();
+            let target = self.draw(view);
             if !self.settings.checked || group::free(view, &target.pose(view.pose())) {
                 return Intent::MoveTo(target);
             }

@@ -54,6 +54,11 @@ impl Motor {
         }
     }
 
+    /// Whether it says that it has nothing left to do.
+    pub fn is_done(&self, now: Time) -> bool {
+        self.passed(now) >= self.path.done()
+    }
+
     /// Sets references; what exceeds the axis is lowered to what it can do.
     pub fn refer(&mut self, speed: Option<f64>, acceleration: Option<f64>, axis: &Axis) {
         if let Some(v) = speed {

@@ -18,9 +18,10 @@ pub use faults::{Who, WireFault};
 use super::cell::describe;
 use super::layout::{Layout, Patch};
 use super::remote::{Remote, StopLine, Wire};
+use super::settings::Moves;
 use super::{Questions, YarpDriverSettings, YarpHardware};
 use crate::board_sim::{SimBoard, SimClock};
-use crate::{Fault, Garbage, SimHardware, SimSettings};
+use crate::{Fault, Garbage, Imitated, SimHardware, SimSettings};
 use client::{Client, Stops};
 use far::{Far, Kept, lock};
 use faults::Faults;
@@ -70,7 +71,10 @@ impl YarpSim {
         // nobody may wait for boards in virtual time: whoever comes too early comes again
         let settings = YarpDriverSettings { connect_s: 0.0, ..settings.clone() };
         let layout = Layout::new(&settings, &context.robot)?;
+        // moves of set-points are for boards like iCub_SIM's
+        let imitates = (settings.moves == Moves::SetPoints).then_some(Imitated::ICubSim);
         let sim = SimSettings {
+            imitates,
             max_speed_deg_per_s: settings.max_speed_deg_per_s,
             max_acceleration_deg_per_s2: settings.max_acceleration_deg_per_s2,
             ..SimSettings::default()

@@ -25,6 +25,8 @@ const RESTS: Duration = Duration::from_millis(2000);
 const REST: f64 = 2.0;
 /// How long the driver takes to be back at a board after a disturbance: its pauses grow to 2 s.
 const BACK: Duration = Duration::from_millis(2600);
+/// By how much a timer may be late: a lease that is renewed so soon after its end has not ended.
+const TIMER: Duration = Duration::from_millis(2);
 /// For how long an order that names a motor lets the driver tell that motor something.
 const NAMED: Duration = Duration::from_secs(5);
 /// For how long a move does where it is made of set-points: longer than any in these behaviors.
@@ -104,6 +106,10 @@ impl Judge {
             }
         }
         for board in self.boards.iter_mut().filter(|b| motors.iter().any(|m| b.motors.contains(m))) {
+            // one that was being said when it was owed has done what it should
+            if board.is_being_stopped() {
+                board.owed = None;
+            }
             (board.stopped, board.moved) = (None, now);
         }
     }
@@ -112,7 +118,7 @@ impl Judge {
     fn stop(&mut self, since: Time) {
         for board in &mut self.boards {
             // the end of a lease is heard of later than it is answered
-            if board.said.is_none_or(|said| said < since) {
+            if board.said.is_none_or(|said| said + TIMER < since) {
                 board.owed.get_or_insert(since);
             }
             board.stopped.get_or_insert(since);
@@ -130,7 +136,7 @@ impl Judge {
     }
 
     fn look_at_the_lease(&mut self, now: Time) {
-        if let Some(ended) = self.lease.filter(|until| *until < now) {
+        if let Some(ended) = self.lease.filter(|until| *until + TIMER < now) {
             self.lease = None;
             self.stop(ended);
         }
@@ -264,8 +270,7 @@ impl Judge {
         }
         let excused = died || now < watched.excused + BACK;
         let mut found = Vec::new();
-        let moved = watched.moved;
-        let saying_one = watched.saying.iter().flatten().any(|(since, is_stop)| *is_stop && *since > moved);
+        let saying_one = watched.is_being_stopped();
         if let Some(since) = watched.owed.filter(|since| now.since(*since) > AT_ONCE) {
             if !excused && !saying_one {
                 found.push(format!("{}: a stop of {since} was not said until {now}", watched.port));

@@ -67,6 +67,11 @@ impl Watched {
         }
     }
 
+    /// Whether a stop is on its way that was said after the last move.
+    pub fn is_being_stopped(&self) -> bool {
+        self.saying.iter().flatten().any(|(since, is_stop)| *is_stop && *since > self.moved)
+    }
+
     /// Whether its part of a reading is of a time before the one that is told, by more than is allowed.
     pub fn is_older(&self, sample: &Sample) -> bool {
         let since = Time(sample.at.0.saturating_sub(OLDER.as_nanos() as u64));

@@ -1,0 +1,58 @@
+//! Robots that a simulated one can be told to behave like, as measured on them.
+
+use mobee_contract::Axis;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A robot to behave like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Imitated {
+    /// The simulator iCub_SIM of icub-main 2: position moves are as fast as they are far, done within a degree, some limits are others
+    /// than the robot's, joints have no names, accelerations can't be set, and 48 readings come a second.
+    #[serde(rename = "iCub_SIM")]
+    ICubSim,
+}
+
+/// Readings per second of iCub_SIM.
+const RATE: f64 = 48.0;
+
+/// Limits of iCub_SIM where they are others than the model's, deg: motors whose names end so.
+const LIMITS: [(&str, f64, f64); 14] = [
+    ("torso_pitch", -10.0, 70.0),
+    ("neck_pitch", -40.0, 30.0),
+    ("neck_roll", -70.0, 60.0),
+    ("neck_yaw", -55.0, 55.0),
+    ("eyes_tilt", -35.0, 15.0),
+    ("eyes_vers", -50.0, 52.0),
+    ("eyes_verg", 0.0, 90.0),
+    ("shoulder_pitch", -95.0, 10.0),
+    ("elbow", 15.5, 106.0),
+    ("wrist_prosup", -90.0, 90.0),
+    ("wrist_pitch", -90.0, 0.0),
+    ("wrist_yaw", -20.0, 40.0),
+    ("torso_roll", -30.0, 30.0),
+    ("torso_yaw", -50.0, 50.0),
+];
+
+impl Imitated {
+    /// Readings per second.
+    pub fn rate_hz(self) -> f64 {
+        match self {
+            Imitated::ICubSim => RATE,
+        }
+    }
+
+    /// An axis as it is there.
+    pub fn axis(self, axis: Axis) -> Axis {
+        let known = LIMITS.iter().find(|(name, ..)| axis.name.ends_with(name));
+        known.map_or(axis.clone(), |(_, min, max)| Axis { min: min.to_radians(), max: max.to_radians(), ..axis })
+    }
+
+    /// What the board calls its joint of this number.
+    pub fn joint(self, number: usize) -> String {
+        match self {
+            Imitated::ICubSim => format!("JOINT{number}"),
+        }
+    }
+}
