@@ -11,10 +11,6 @@ use mobee_yarp::config::{self, Env};
 use mobee_yarp::{NameServer, Network};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
-
-/// How often the boards publish their state, as the iCub simulator does.
-const PERIOD: Duration = Duration::from_millis(20);
 
 /// What `mobee sim` was told.
 #[derive(clap::Args)]
@@ -88,7 +84,8 @@ async fn serve(args: &SimArgs, boards: Vec<(String, SimBoard)>) -> Result<(), Re
     let (network, server) = network(args.server.as_deref()).await?;
     let mut open = Vec::new();
     for (prefix, board) in boards {
-        let opened = BoardServer::open(&network, &prefix, Arc::new(board), PERIOD).await;
+        let period = board.publishes();
+        let opened = BoardServer::open(&network, &prefix, Arc::new(board), period).await;
         open.push(opened.map_err(|e| ConfigError::plain(e.to_string(), "end the program that holds it, or wait"))?);
         println!("{prefix}");
     }

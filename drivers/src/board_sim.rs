@@ -6,7 +6,7 @@
 //! ```
 //! It behaves as boards do: it moves as it is told without a lease of anybody's, in the mode it is in, at the reference speeds it was given.
 
-use crate::{SimHardware, SimSettings};
+use crate::{Imitated, SimHardware, SimSettings};
 use mobee_contract::{Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Time};
 use mobee_yarp::board::{Ask, Device, Joints, Reply, Set, Shadow, ShadowAxis, Streamed, mode, reply};
 use mobee_yarp::{Bottle, Dialect, JointData, Message, Stamp, Vocab};
@@ -16,6 +16,9 @@ use tokio::time::Instant;
 
 /// How long a simulated board may move on without a word, on its own clock: as long as it likes.
 const FOR_EVER: Duration = Duration::from_secs(1 << 30);
+
+/// How often boards publish their states, unless they imitate some that do otherwise.
+const PUBLISHES: Duration = Duration::from_millis(20);
 
 /// One part of a simulated robot as a control board.
 pub struct SimBoard {
@@ -105,6 +108,11 @@ impl SimBoard {
     /// The part's name.
     pub fn part(&self) -> &str {
         &self.part
+    }
+
+    /// How often it publishes its state.
+    pub fn publishes(&self) -> Duration {
+        self.lock().hardware.imitates().map_or(PUBLISHES, Imitated::publishes)
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {

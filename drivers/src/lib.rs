@@ -74,4 +74,4 @@ pub use replay::ReplayHardware;
 pub use services::{RobotPorts, WorldService, YarpServices, YarpSettings};
 pub use settings::{Imitated, SimSettings};
 pub use sim::{SimDriver, SimHardware};
-pub use yarp::{PartSettings, Who, WireFault, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim};
+pub use yarp::{Moves, PartSettings, Who, WireFault, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim};

@@ -16,7 +16,7 @@ use std::time::Duration;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimSettings {
-    /// A robot to behave like, such as `iCub_SIM`; what is measured there counts, and not `profile`, `rate_hz` and the model's limits.
+    /// A robot to behave like, such as `iCub_SIM`; what is measured there counts, and not `profile` and the model's limits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub imitates: Option<Imitated>,
     /// Shape of position moves: `minimum_jerk`, `trapezoidal` or `gain`.
@@ -138,8 +138,7 @@ impl SimSettings {
 
     /// Time between two readings.
     pub fn period(&self) -> Duration {
-        let rate = self.imitates.map_or(self.rate_hz, Imitated::rate_hz);
-        Duration::try_from_secs_f64(1.0 / rate).unwrap_or(Duration::from_millis(10))
+        Duration::try_from_secs_f64(1.0 / self.rate_hz).unwrap_or(Duration::from_millis(10))
     }
 
     /// Time from a command to its effect.

@@ -42,7 +42,7 @@ mod states;
 mod thread;
 
 pub use driver::YarpDriver;
-pub use settings::{PartSettings, YarpDriverSettings};
+pub use settings::{Moves, PartSettings, YarpDriverSettings};
 pub use sim::{Who, WireFault, YarpSim};
 
 use cell::{Cell, Trouble};

@@ -3,19 +3,20 @@
 use mobee_contract::Axis;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
 
 /// A robot to behave like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Imitated {
     /// The simulator iCub_SIM of icub-main 2: position moves are as fast as they are far, done within a degree, some limits are others
-    /// than the robot's, joints have no names, accelerations can't be set, and 48 readings come a second.
+    /// than the robot's, joints have no names, accelerations can't be set, and 48 states come a second.
     #[serde(rename = "iCub_SIM")]
     ICubSim,
 }
 
-/// Readings per second of iCub_SIM.
-const RATE: f64 = 48.0;
+/// Time between two states of iCub_SIM: 48 a second.
+const PUBLISHES: Duration = Duration::from_micros(20_833);
 
 /// Limits of iCub_SIM where they are others than the model's, deg: motors whose names end so.
 const LIMITS: [(&str, f64, f64); 14] = [
@@ -36,10 +37,10 @@ const LIMITS: [(&str, f64, f64); 14] = [
 ];
 
 impl Imitated {
-    /// Readings per second.
-    pub fn rate_hz(self) -> f64 {
+    /// Time between two states of a board.
+    pub fn publishes(self) -> Duration {
         match self {
-            Imitated::ICubSim => RATE,
+            Imitated::ICubSim => PUBLISHES,
         }
     }
 

@@ -17,6 +17,8 @@ const LATE_FOR: f64 = 0.100;
 const LONGEST: f64 = 1.0;
 /// Answers and states whose stamps differ by more than this are told by two clocks, s: no network keeps a state so long.
 const TWO_CLOCKS: f64 = 10.0;
+/// So many states in a row with one time: the clock of their board stands.
+const STANDS: u32 = 25;
 /// Time between two readings, s, at least.
 const LEAST: f64 = 1e-4;
 /// States after which the shortest way is looked for afresh, so that a slowly drifting clock is followed.
@@ -34,6 +36,9 @@ pub struct Arrivals {
     last: Option<f64>,
     /// The newest stamp.
     stamp: Option<Stamp>,
+    /// Whether stamps have ever told another time than the one before, and how many in a row have not.
+    ticks: bool,
+    stood: u32,
 }
 
 impl Arrivals {
@@ -41,8 +46,16 @@ impl Arrivals {
     /// then the arrival tells it.
     pub fn state_at(&mut self, arrival: f64, stamp: Option<Stamp>, ahead: Option<f64>) -> Option<f64> {
         let before = std::mem::replace(&mut self.stamp, stamp);
-        let stands = |s: &Stamp| before.is_some_and(|before| before.time == s.time && before.count != s.count);
-        self.read_at(arrival, stamp.filter(|s| !stands(s)).map(|s| s.time), ahead)
+        let Some((before, now)) = before.zip(stamp) else {
+            return self.read_at(arrival, stamp.map(|s| s.time), ahead);
+        };
+        let stands = before.time == now.time && before.count != now.count;
+        (self.stood, self.ticks) = if stands { (self.stood + 1, self.ticks) } else { (0, true) };
+        // the same reading, published once more by a board that reads more rarely than it publishes
+        if stands && self.ticks && self.stood < STANDS {
+            return None;
+        }
+        self.read_at(arrival, Some(now.time).filter(|_| !stands), ahead)
     }
 
     /// When the state was read that arrived at `arrival` with this stamp, never after its arrival; `None` if that is not later than the
@@ -189,6 +202,16 @@ mod tests {
                 assert!((t - at).abs() < 1e-9, "{time} {count}: {at} of {t}");
             }
         }
+        // a reading that is published again is no news, and a clock that stops after all is noticed
+        let mut arrivals = Arrivals::default();
+        let read: Vec<bool> = (0..100)
+            .map(|count| {
+                let (t, time) = (0.01 * f64::from(count), 7.0 + 0.03 * f64::from(count.min(60) / 3));
+                arrivals.state_at(t, Some(Stamp { count, time }), None).is_some()
+            })
+            .collect();
+        assert!(read[3..60].chunks(3).all(|of| of.iter().filter(|news| **news).count() == 1), "{read:?}");
+        assert!(!read[70] && read[90], "{read:?}");
         // what came twice is no news
         let mut arrivals = Arrivals::default();
         let stamp = |count: u32| Some(Stamp { count, time: 7.0 + 0.01 * f64::from(count) });

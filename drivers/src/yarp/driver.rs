@@ -9,6 +9,7 @@ use super::legs::Legs;
 use super::motion::End;
 use super::settings::Moves;
 use mobee_contract::{AnswerTime, Board, Command, ControlMode, Driver, DriverFault, Found, Sample, Time};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
@@ -39,8 +40,9 @@ pub struct YarpDriver {
     last: Time,
     leased: Option<Time>,
     moves: Moves,
-    /// Moves that are made of set-points.
+    /// Moves that are made of set-points, and the speeds that they were told last, rad/s by motor.
     legs: Legs,
+    references: BTreeMap<usize, f64>,
     /// How many halts there had been as the last of them began.
     halts: u64,
 }
@@ -48,7 +50,17 @@ pub struct YarpDriver {
 impl YarpDriver {
     /// A driver of boards that have been reached.
     pub fn new(reach: Reach, board: Board, moves: Moves) -> YarpDriver {
-        YarpDriver { reach, board, base: None, last: Time::ZERO, leased: None, moves, legs: Legs::default(), halts: 0 }
+        YarpDriver {
+            reach,
+            board,
+            base: None,
+            last: Time::ZERO,
+            leased: None,
+            moves,
+            legs: Legs::default(),
+            references: BTreeMap::new(),
+            halts: 0,
+        }
     }
 
     /// A move that is to be made of set-points: the mode of its motors first.
@@ -60,15 +72,16 @@ impl YarpDriver {
         speeds: Option<&[f64]>,
         q: &[f64],
     ) -> Result<(), DriverFault> {
+        self.refer(motors, speeds);
         let (mut moved, mut from, mut target, mut fast) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        for (i, (m, to)) in motors.iter().zip(to).enumerate() {
+        for (m, to) in motors.iter().zip(to) {
             let (Some(here), Some(axis)) = (q.get(*m), self.board.axes.get(*m)) else { continue };
             // one without a board rests at home
             if self.reach.layout.joint(*m).is_some() {
                 moved.push(*m);
                 from.push(*here);
                 target.push(*to);
-                fast.push(speeds.and_then(|speeds| speeds.get(i)).copied().unwrap_or(axis.max_speed));
+                fast.push(self.references.get(m).copied().unwrap_or(axis.max_speed));
             }
         }
         let other = |m: &&usize| inner.expected.get(**m) != Some(&ControlMode::PositionDirect);
@@ -79,6 +92,11 @@ impl YarpDriver {
         self.halts = self.reach.halt.newest().epoch;
         self.legs.begin(moved, (from, target), &fast, &self.board);
         Ok(())
+    }
+
+    /// References of moves that are made of set-points are no board's.
+    fn refer(&mut self, motors: &[usize], speeds: Option<&[f64]>) {
+        self.references.extend(motors.iter().copied().zip(speeds.unwrap_or_default().iter().copied()));
     }
 
     /// A reading came: moves that are made of set-points go on, or are over.
@@ -138,6 +156,10 @@ impl Driver for YarpDriver {
             Checked::Move(motors, to, speeds, _) if self.moves == Moves::SetPoints => {
                 return self.begin(&mut inner, motors, to, speeds.as_deref(), &q);
             }
+            Checked::Reference(motors, speeds, _) if self.moves == Moves::SetPoints => {
+                self.refer(motors, Some(speeds));
+                return Ok(());
+            }
             Checked::Move(..) | Checked::Reference(..) => {}
         }
         if matches!(&checked, Checked::Stop(motors) if motors.is_empty()) {
@@ -159,8 +181,10 @@ impl Driver for YarpDriver {
         }
         let Some(mut joined) = inner.joined.clone() else { return Ok(None) };
         if !self.legs.is_empty() {
+            // a motor that is about to get its mode back is not done before it has it
+            let named: Vec<bool> = (0..joined.done.len()).map(|m| self.legs.names(m)).collect();
             self.go_on(&mut inner, now, (&joined.q, &joined.done))?;
-            joined.done.iter_mut().enumerate().for_each(|(m, done)| *done &= !self.legs.names(m));
+            joined.done.iter_mut().zip(named).for_each(|(done, named)| *done &= !named);
         }
         drop(inner);
         let at = self.time_of(joined.at, now);

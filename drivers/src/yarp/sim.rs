@@ -75,6 +75,8 @@ impl YarpSim {
         let imitates = (settings.moves == Moves::SetPoints).then_some(Imitated::ICubSim);
         let sim = SimSettings {
             imitates,
+            // read when it is published, or all but: boards that read on a common beat would hide how theirs differ
+            rate_hz: if imitates.is_some() { 500.0 } else { SimSettings::default().rate_hz },
             max_speed_deg_per_s: settings.max_speed_deg_per_s,
             max_acceleration_deg_per_s2: settings.max_acceleration_deg_per_s2,
             ..SimSettings::default()

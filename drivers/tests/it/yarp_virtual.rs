@@ -5,8 +5,8 @@
 
 use crate::net;
 use mobee_contract::{Command, Context, Driver, Hardware, Time};
-use mobee_drivers::YarpSim;
 use mobee_drivers::conformance::{self, Bench};
+use mobee_drivers::{Moves, YarpDriverSettings, YarpSim};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::runtime::{Builder, EnterGuard, Runtime};
@@ -22,9 +22,13 @@ struct Virtual {
 
 impl Virtual {
     fn new() -> Virtual {
+        Virtual::of(&net::settings())
+    }
+
+    fn of(settings: &YarpDriverSettings) -> Virtual {
         let runtime = Builder::new_current_thread().enable_all().start_paused(true).build().unwrap();
         let runtime: &'static Runtime = Box::leak(Box::new(runtime));
-        let sim = YarpSim::new(&net::settings(), &Context { robot: Arc::new(net::robot()), seed: 1 }).unwrap();
+        let sim = YarpSim::new(settings, &Context { robot: Arc::new(net::robot()), seed: 1 }).unwrap();
         let _inside = runtime.enter();
         Virtual { runtime, _inside, sim, begun: Instant::now() }
     }
@@ -57,6 +61,13 @@ impl Bench for Virtual {
 #[test]
 fn the_robot_behind_a_simulated_wire_keeps_every_promise() {
     assert_eq!(conformance::failures(&mut || Box::new(Virtual::new())), []);
+}
+
+/// Boards like iCub_SIM's, whose own moves are as fast as they are far, do what any board can by set-points.
+#[test]
+fn a_robot_like_icub_sim_keeps_every_promise_by_set_points() {
+    let settings = YarpDriverSettings { moves: Moves::SetPoints, ..net::settings() };
+    assert_eq!(conformance::failures(&mut || Box::new(Virtual::of(&settings))), []);
 }
 
 /// The encoders' noise hides how slowly a motor goes: it counts as moving as long as it was told a speed, and no longer.

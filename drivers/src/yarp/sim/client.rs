@@ -17,8 +17,6 @@ use tokio::time::{Instant, interval, sleep, sleep_until};
 
 /// Streamed commands that may wait to be sent.
 const WAITING: usize = 32;
-/// How often a board publishes its state.
-const PERIOD: Duration = Duration::from_millis(20);
 /// Shortest and longest pause between two attempts to reach a board.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
 /// Largest gap between two counts that is taken for lost states.
@@ -138,7 +136,7 @@ impl Shared {
 
     /// Takes the states until the connection is lost; says why.
     async fn watch(&self) -> String {
-        let mut ticks = interval(PERIOD);
+        let mut ticks = interval(self.far.board.publishes());
         let mut flying: BTreeMap<(Instant, u64), (Stamp, JointData)> = BTreeMap::new();
         let (mut sent, mut count) = (0, Counting::default());
         loop {
@@ -208,7 +206,7 @@ async fn session(shared: Arc<Shared>) {
                 shared.link.tell(|_| Link::Up(generation));
                 let dies = async {
                     while !shared.far.dies(Who::Connection) {
-                        sleep(PERIOD).await;
+                        sleep(shared.far.board.publishes()).await;
                     }
                 };
                 tokio::select! {
