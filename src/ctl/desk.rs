@@ -8,7 +8,7 @@ use mobee_actors::swap::Terms;
 use mobee_actors::system::{Control, Report};
 use mobee_contract::{Running, SwapPart, SwapStep};
 use mobee_drivers::WorldService;
-use mobee_yarp::{Bottle, Dialect, Text, Value};
+use mobee_yarp::{Bottle, Dialect, Text, Value, Vocab};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -94,7 +94,11 @@ impl Desk {
             ["world", words @ ..] => {
                 let request = Bottle::parse(words.join(" "), Dialect::V3).map_err(|e| e.to_string())?;
                 let reply = self.world.answer(request).await;
-                Ok(vec![reply.0.iter().map(word).collect::<Vec<_>>().join(" ")])
+                Ok(match reply.0.as_slice() {
+                    // a line per element, as YARP's own programs show it
+                    [Value::Vocab(many), lines @ ..] if *many == Vocab::new("many") => lines.iter().map(word).collect(),
+                    words => vec![words.iter().map(word).collect::<Vec<_>>().join(" ")],
+                })
             }
             ["record", what @ ("on" | "off")] => {
                 self.recording.switch(*what == "on").map(|()| vec![format!("the recording is {what}")])

@@ -103,6 +103,8 @@ fn a_run_is_controlled_from_outside() {
     run.says(&["resume", "icub"]);
     run.says(&["world", "mk", "ssph", "0.05", "-2", "-2", "0.5"]);
     assert!(run.says(&["world", "ls"]).contains("ssph1"));
+    let help = run.says(&["world", "help"]);
+    assert!(help.lines().count() > 10 && help.lines().any(|line| line.starts_with("ls - ")), "{help}");
     run.refuses(&["record", "off"]);
     assert!(run.refuses(&["recover"]).contains("icub: there is nothing to recover from"));
     run.says(&["stop"]);

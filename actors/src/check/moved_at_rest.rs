@@ -67,11 +67,11 @@ impl Invariant for MovedAtRest {
             }
             Event::Enabled { robot, .. } => self.robots.of(robot, |r| r.open = true),
             Event::Disabled { robot, .. } => self.robots.of(robot, |r| (r.open, r.rest) = (false, None)),
-            Event::Displaced { robot, motor, by } => {
-                if self.robots.get(robot).is_some_and(|r| r.open && *by > r.tolerance) {
-                    let by = by.to_degrees();
-                    found.say(format!("{robot}: motor {motor} was moved by {by:.3} deg, and the filter stays open"));
-                }
+            Event::Displaced { robot, motor, by }
+                if self.robots.get(robot).is_some_and(|r| r.open && *by > r.tolerance) =>
+            {
+                let by = by.to_degrees();
+                found.say(format!("{robot}: motor {motor} was moved by {by:.3} deg, and the filter stays open"));
             }
             Event::Commit { robot, .. } => self.robots.of(robot, |r| r.rest = None),
             Event::Resumed { .. } => self.robots.values_mut().for_each(|r| (r.open, r.rest) = (false, None)),
