@@ -124,6 +124,13 @@ impl Owed {
         }
     }
 
+    /// The board's modes as it reports them: a joint that somebody has let go since, or that a fault did, is left alone.
+    pub fn see(&mut self, modes: &[Vocab]) {
+        for (j, _) in modes.iter().enumerate().filter(|(_, word)| !keeps_its_place(**word)) {
+            self.mark(j, Kind::Mode, false);
+        }
+    }
+
     /// The mode that a joint was found in.
     pub fn word(&self, kind: Kind, joint: usize) -> Option<Vocab> {
         let found = self.joints.get(joint)?;
@@ -205,6 +212,10 @@ mod tests {
         assert!(owed.is_any());
         owed.paid(&third);
         assert!(!owed.is_any());
+        // what somebody has let go since is not taken hold of
+        owed.changes(Kind::Mode, &[0, 1]);
+        owed.see(&[mode::IDLE, mode::POSITION, mode::POSITION]);
+        assert_eq!(owed.due(all, all).map(|due| due.joints), Some(vec![1]));
     }
 
     #[test]

@@ -83,10 +83,11 @@ impl Hand {
         let is_leased = !at_end && self.lease.borrow().is_some_and(|until| until > instant());
         let mut guard = self.cell.lock();
         let inner = &mut *guard;
-        let known = inner.boards.get(self.index)?;
+        let known = inner.boards.get_mut(self.index)?;
         if !known.owed.is_any() || known.trouble.is_some() || !known.reached || self.cell.is_let_go() {
             return None;
         }
+        known.owed.see(&known.modes);
         let first = self.layout.patches.get(self.index)?.motors.start;
         let in_position = |j: usize| inner.expected.get(first + j) == Some(&ControlMode::Position);
         let due = known.owed.due(|j| known.motions.rests(j), |j| !is_leased || in_position(j))?;
