@@ -8,7 +8,7 @@
 
 use crate::{Imitated, SimHardware, SimSettings};
 use mobee_contract::{Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Time};
-use mobee_yarp::board::{Ask, Device, Joints, Reply, Set, Shadow, ShadowAxis, Streamed, mode, reply};
+use mobee_yarp::board::{Ask, Device, Get, Joints, Reading, Reply, Set, Shadow, ShadowAxis, Streamed, mode, reply};
 use mobee_yarp::{Bottle, Dialect, JointData, Message, Stamp, Vocab};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -126,6 +126,16 @@ impl SimBoard {
         state.look(now);
         // as boards do: an answer is stamped when it is made
         let stamp = state.answers.next(self.clock.wall(now));
+        let asked = Ask::parse(request);
+        // iCub_SIM has no accelerations, neither to get nor to set
+        if state.hardware.imitates().is_some()
+            && matches!(
+                asked,
+                Some(Ask::Get(Get::Values(Reading::ReferenceAcceleration, _)) | Ask::Set(Set::Acceleration(..)))
+            )
+        {
+            return reply::fail();
+        }
         if let Some(answer) = state.shadow.answer(request, stamp) {
             if answer.len() > 1 {
                 state.answers = stamp;
@@ -133,7 +143,7 @@ impl SimBoard {
             return answer;
         }
         let axes = state.shadow.axes.len();
-        match Ask::parse(request) {
+        match asked {
             Some(ask @ Ask::Set(_)) if !ask.fits(axes) => reply::fail(),
             Some(Ask::Set(set)) => match state.set(now, &set) {
                 Some(()) => reply::ok(),
@@ -255,8 +265,6 @@ impl State {
                 Some(())
             }
             Set::Speed(joints, values) => self.refer(now, &joints.on(axes)?, values, |a| &mut a.ref_speed),
-            // iCub_SIM has none
-            Set::Acceleration(..) if self.hardware.imitates().is_some() => None,
             Set::Acceleration(joints, values) => self.refer(now, &joints.on(axes)?, values, |a| &mut a.ref_acc),
             Set::Mode(joints, modes) => {
                 let known: Vec<ControlMode> = modes.iter().map(|m| control(*m)).collect::<Option<_>>()?;

@@ -71,18 +71,23 @@ pub struct Due {
     pub say: Set,
 }
 
+/// How often something is said that a board refuses.
+const REFUSALS: u32 = 3;
+
 /// What one board is owed.
 #[derive(Clone, Debug)]
 pub struct Owed {
     joints: Vec<Finding>,
     known: bool,
     ours: Vec<[bool; 4]>,
+    /// How often in a row the board has refused to be given back what it is owed.
+    refusals: u32,
 }
 
 impl Owed {
     /// A board of so many joints, of which nothing is known.
     pub fn new(axes: usize) -> Owed {
-        Owed { joints: vec![Finding::default(); axes], known: false, ours: vec![[false; 4]; axes] }
+        Owed { joints: vec![Finding::default(); axes], known: false, ours: vec![[false; 4]; axes], refusals: 0 }
     }
 
     /// Whether it is known how the joints were found.
@@ -113,8 +118,19 @@ impl Owed {
         joints.iter().for_each(|j| self.mark(*j, kind, true));
     }
 
-    /// It was said, or can't be.
+    /// The board has refused it; whether that was once too often, and it is not owed any more.
+    pub fn refused(&mut self, due: &Due) -> bool {
+        self.refusals += 1;
+        let gives_up = self.refusals >= REFUSALS;
+        if gives_up {
+            self.paid(due);
+        }
+        gives_up
+    }
+
+    /// It was said.
     pub fn paid(&mut self, due: &Due) {
+        self.refusals = 0;
         due.joints.iter().for_each(|j| self.mark(*j, due.kind, false));
     }
 
@@ -211,6 +227,11 @@ mod tests {
         assert_eq!(third.say, Set::Mode(group(&[1]), vec![mode::DIRECT]));
         assert!(owed.is_any());
         owed.paid(&third);
+        assert!(!owed.is_any());
+        // what a board refuses is said to it three times
+        owed.changes(Kind::Speed, &[0]);
+        let refused = owed.due(all, none).unwrap();
+        assert_eq!([0; 3].map(|_| owed.refused(&refused)), [false, false, true]);
         assert!(!owed.is_any());
         // what somebody has let go since is not taken hold of
         owed.changes(Kind::Mode, &[0, 1]);

@@ -99,6 +99,8 @@ pub struct Hand {
     /// When a board that did not stop as it was reached is told again, s.
     again: Option<f64>,
     handled: u64,
+    /// The connection whose first word was our stop.
+    link: Option<Link>,
     speeds: Speeds,
 }
 
@@ -111,8 +113,8 @@ impl Hand {
         orders: Arc<Mutex<mpsc::Receiver<Order>>>,
         latency: f64,
     ) -> Hand {
-        let (again, handled, speeds) = (None, 0, Speeds::default());
-        Hand { cell, layout, index, board, halt, lease, orders, latency, again, handled, speeds }
+        let (again, handled, link, speeds) = (None, 0, None, Speeds::default());
+        Hand { cell, layout, index, board, halt, lease, orders, latency, again, handled, link, speeds }
     }
 
     /// Works until it is told to end; stops the board then, and gives it back as it was found.
@@ -178,7 +180,7 @@ impl Hand {
             known.brake = Some(format!("{port}: no stop was answered yet on the line for stops"));
         }
         self.again = None;
-        let trouble = match link {
+        let trouble = match &link {
             Link::Down(why) => Some(Trouble::Lost(format!("{port}: {why}"))),
             Link::Taken(why) => Some(Trouble::Forbidden(format!("{port}: {why}"))),
             Link::Up(_) => {
@@ -192,9 +194,13 @@ impl Hand {
                 }
             }
         };
+        self.link = Some(link).filter(|_| trouble.is_none());
+        let now = self.cell.secs(super::cell::instant());
         let mut inner = self.cell.lock();
         if let Some(known) = inner.boards.get_mut(self.index) {
             known.motions.forget();
+            // what was told to it before is over, whoever should have carried it out: no driver commands a board that is in trouble
+            known.motions.given(u64::MAX, now);
             known.fresh = false;
             known.trouble = trouble;
         }
@@ -302,6 +308,9 @@ impl Hand {
     }
 
     async fn set(&self, set: Set) -> Result<(), String> {
+        if self.link.as_ref() != Some(&*self.board.link().borrow()) {
+            return Err("the connection is another one, and begins with a stop".into());
+        }
         let ask = Ask::Set(set);
         match self.say(&ask).await {
             Ok(answer) if reply::is_ok(&answer) => Ok(()),

@@ -55,27 +55,33 @@ impl Hand {
 
     /// Says what is due next, if anything is.
     pub(super) async fn put_back(&mut self, at_end: bool) {
+        if self.link.as_ref() != Some(&*self.board.link().borrow()) {
+            return; // it begins with a stop
+        }
         let Some(due) = self.due(at_end) else { return };
-        match self.say(&Ask::Set(due.say.clone())).await {
-            Ok(answer) if reply::is_ok(&answer) => {
-                // whoever switches modes next goes by what is reported
-                if let Err(why) = self.until(None, "is as it was found", |hand| hand.not_as_found(&due)).await {
-                    tracing::warn!(board = self.board.port(), why, "a joint is not as it was found");
-                }
+        let answer = self.say(&Ask::Set(due.say.clone())).await;
+        let done = matches!(&answer, Ok(answer) if reply::is_ok(answer));
+        if done {
+            // whoever switches modes next goes by what is reported
+            if let Err(why) = self.until(None, "is as it was found", |hand| hand.not_as_found(&due)).await {
+                tracing::warn!(board = self.board.port(), why, "a joint is not as it was found");
             }
-            Ok(answer) => {
-                let (asked, answer) = (Ask::Set(due.say.clone()).bottle().to_string(), answer.to_string());
-                tracing::warn!(board = self.board.port(), asked, answer, "a joint is not as it was found");
-            }
-            // whether it was done nobody knows: it is said again
-            Err(_) => return,
         }
         let motors = self.motors(&due.joints);
         let mut inner = self.cell.lock();
         inner.switched(motors.into_iter(), BACK);
-        if let Some(known) = inner.boards.get_mut(self.index) {
+        let Some(known) = inner.boards.get_mut(self.index) else { return };
+        if done {
             known.owed.paid(&due);
+        } else if answer.is_ok() && known.owed.refused(&due) {
+            let asked = Ask::Set(due.say.clone()).bottle().to_string();
+            tracing::warn!(
+                board = self.board.port(),
+                asked,
+                "a joint is not as it was found: the board answers [fail]"
+            );
         }
+        // without an answer nobody knows whether it was done: it is said again
     }
 
     /// What is to be said next. Motors that are about to change their mode are expected to have, by whoever commands them next.

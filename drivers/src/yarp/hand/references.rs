@@ -53,9 +53,11 @@ impl Hand {
         }
         let mut taken = false;
         if let Some(acc) = acc {
-            self.changes(Kind::Acceleration, joints);
             match self.set(Set::Acceleration(group(), acc.to_vec())).await {
-                Ok(()) => taken = true,
+                Ok(()) => {
+                    self.changes(Kind::Acceleration, joints);
+                    taken = true;
+                }
                 Err(why) => tracing::debug!(board = self.board.port(), why, "no accelerations"),
             }
         }
