@@ -25,6 +25,8 @@ const RESTS: Duration = Duration::from_millis(2000);
 const REST: f64 = 2.0;
 /// How long the driver takes to be back at a board after a disturbance: its pauses grow to 2 s.
 const BACK: Duration = Duration::from_millis(2600);
+/// A driver that has given no reading for so long sees nothing.
+const UNHEARD: Duration = Duration::from_millis(200);
 /// By how much a timer may be late: a lease that is renewed so soon after its end has not ended.
 const TIMER: Duration = Duration::from_millis(2);
 /// For how long an order that names a motor lets the driver tell that motor something.
@@ -62,6 +64,8 @@ pub(super) struct Judge {
     /// Per motor the speeds it was told of late, deg/s.
     told: Vec<VecDeque<(Time, f64)>>,
     died: Option<Time>,
+    /// When the driver gave its last reading: without any it does not know that a board rests.
+    heard_of: Time,
 }
 
 impl Judge {
@@ -76,6 +80,7 @@ impl Judge {
             move_names: if moves == Moves::SetPoints { MOVED } else { NAMED },
             told: vec![VecDeque::new(); motors],
             died: None,
+            heard_of: Time::ZERO,
         }
     }
 
@@ -328,7 +333,9 @@ impl Judge {
         let since = Time(now.0.saturating_sub(GIVEN_BACK.as_nanos() as u64));
         // what another program sets is its own
         let meddled = faults.any_since(Time::ZERO, now, |f| matches!(f, WireFault::Meddled(_)));
-        let disturbed = died || meddled || now < watched.excused + BACK || faults.any_since(since, now, |_| true);
+        let is_blind = now.since(self.heard_of) > UNHEARD;
+        let disturbed =
+            died || meddled || is_blind || now < watched.excused + BACK || faults.any_since(since, now, |_| true);
         let is_left = |(found, kept): (&Kept, &Kept)| {
             let other = |a: f64, b: f64| (a - b).abs() > 1e-6;
             other(found.speed, kept.speed)
@@ -351,6 +358,7 @@ impl Judge {
 
     /// The driver gives a reading, and tells how long its boards take to answer. `lies`: encoders lie.
     pub fn read(&mut self, now: Time, sample: &Sample, answers: Option<AnswerTime>, lies: impl Fn(usize) -> bool) {
+        self.heard_of = now;
         if let Some(died) = self.died.filter(|at| now > *at + AT_ONCE && now.since(*at) < MOURNS) {
             self.found.push(format!("a task died at {died}, and the boards are read as ever at {now}"));
         }
