@@ -156,7 +156,7 @@ impl SimBoard {
 
 /// What of a joint outlives whoever set it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kept {
+pub struct JointSettings {
     /// Reference speed, deg/s.
     pub speed: f64,
     /// Reference acceleration, deg/s^2.
@@ -169,12 +169,17 @@ pub struct Kept {
 
 impl SimBoard {
     /// What somebody who comes now finds, joint by joint.
-    pub fn kept(&self) -> Vec<Kept> {
+    pub fn joint_settings(&self) -> Vec<JointSettings> {
         let mut state = self.lock();
         state.look(self.clock.now());
         let axes = state.shadow.axes.iter();
-        axes.map(|a| Kept { speed: a.ref_speed, acceleration: a.ref_acc, mode: a.mode, interaction: a.interaction })
-            .collect()
+        axes.map(|a| JointSettings {
+            speed: a.ref_speed,
+            acceleration: a.ref_acc,
+            mode: a.mode,
+            interaction: a.interaction,
+        })
+        .collect()
     }
 }
 

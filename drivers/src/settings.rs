@@ -95,15 +95,20 @@ impl SimSettings {
 
     /// The robot's axes under these settings.
     pub fn axes(&self, robot: &Robot) -> Vec<Axis> {
-        let axis = |m: &mobee_model::Motor| Axis {
-            name: m.name.clone(),
-            min: m.min,
-            max: m.max,
-            max_speed: self.max_speed_deg_per_s.to_radians(),
-            max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
+        let axis = |m: &mobee_model::Motor| {
+            let axis = Axis {
+                name: m.name.clone(),
+                min: m.min,
+                max: m.max,
+                max_speed: self.max_speed_deg_per_s.to_radians(),
+                max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
+            };
+            match self.imitates {
+                Some(robot) => robot.axis(axis),
+                None => axis,
+            }
         };
-        let imitated = |axis: Axis| self.imitates.map_or(axis.clone(), |robot| robot.axis(axis));
-        robot.motors.iter().map(axis).map(imitated).collect()
+        robot.motors.iter().map(axis).collect()
     }
 
     /// Where the robot's motors start, rad.

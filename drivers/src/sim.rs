@@ -123,7 +123,8 @@ impl SimHardware {
         board.plant.speeds().collect()
     }
 
-    /// Per motor whether it really rests, and nothing that is on its way will move it.
+    /// Per motor whether it says that it is done (it rests, or imitates a robot that says so before), and nothing that is on its way will
+    /// move it.
     pub fn done(&self, now: Time) -> Vec<bool> {
         let mut board = lock(&self.board);
         board.advance(now);

@@ -48,7 +48,7 @@ pub use sim::{Who, WireFault, YarpSim};
 use cell::{Cell, Trouble};
 use driver::Reach;
 use layout::Layout;
-use mobee_contract::{Answer, Context, Driver, DriverFault, DriverKind, Found, Hardware, KindError, Known, Told};
+use mobee_contract::{Answer, AsFound, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known, Told};
 use mobee_model::Robot;
 use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
 use questions::Questions;
@@ -80,7 +80,7 @@ pub struct YarpHardware {
     simulated: Option<Arc<dyn Wire>>,
     started: Mutex<Option<Started>>,
     /// How the motors were found by an earlier process, or by threads that died.
-    inherited: Mutex<Vec<Found>>,
+    inherited: Mutex<Vec<AsFound>>,
 }
 
 /// What there is once the thread runs.
@@ -206,7 +206,7 @@ impl Hardware for YarpHardware {
         }
     }
 
-    fn was_found(&self, found: &[Found]) {
+    fn was_found(&self, found: &[AsFound]) {
         *self.inherited.lock().unwrap_or_else(PoisonError::into_inner) = found.to_vec();
     }
 

@@ -34,12 +34,17 @@ fn the_boards_of_a_robot_are_looked_for() {
     let network = network();
     let server = format!("robot.icub.driver.server=\"127.0.0.1:{}\"", network.port);
     let file = ["configs/behaviors/explore-yarp.toml", "--set", &server];
-    let boards = sim(&network, "configs/behaviors/explore.toml", "/icubSim", &[]);
+    // whose limits are others than the model's
+    let like = ["robot.icub.driver.imitates=\"iCub_SIM\"".to_owned()];
+    let boards = sim(&network, "configs/behaviors/explore.toml", "/icubSim", &like);
     let (code, said) = doctor(&network, &file);
     assert_eq!(code, Some(0), "{said}");
-    for line in
-        ["icub torso at /icubSim/torso: 3 joints", "icub right_arm at /icubSim/right_arm", "states per second of 50"]
-    {
+    for line in [
+        "icub torso at /icubSim/torso: 3 joints",
+        "icub right_arm at /icubSim/right_arm",
+        "states per second of 50",
+        "torso_pitch -10.0..70.0 of -20.0..70.0",
+    ] {
         assert!(said.contains(line), "{line}: {said}");
     }
     drop(boards);

@@ -140,7 +140,7 @@ impl std::fmt::Display for AnswerTime {
 
 /// How a motor was found, before it was told anything. What a board does not tell is `None`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Found {
+pub struct AsFound {
     /// Index of the motor.
     pub motor: usize,
     /// Its control mode.
@@ -212,7 +212,7 @@ pub trait Driver: Send {
         None
     }
     /// How the motors were found, of a board whose references and modes outlive whoever sets them; it is given back so.
-    fn found(&self) -> Vec<Found> {
+    fn found(&self) -> Vec<AsFound> {
         Vec::new()
     }
     /// Whether its moves are made of set-points of its own, which come late now and then and are caught up with, and not by the board.

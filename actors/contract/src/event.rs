@@ -61,7 +61,7 @@ pub enum Event {
         /// Robot.
         robot: String,
         /// Its motors, those behind boards that tell.
-        motors: Vec<crate::Found>,
+        motors: Vec<crate::AsFound>,
     },
     /// A robot as its controller knows it: what a checker needs.
     Robot {

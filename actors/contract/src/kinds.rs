@@ -130,7 +130,7 @@ pub trait Hardware: Send + Sync {
 
     /// How an earlier process that may have died in the middle of a motion had found the motors: the board is given back so. Told before
     /// the first connection.
-    fn was_found(&self, _found: &[crate::Found]) {}
+    fn was_found(&self, _found: &[crate::AsFound]) {}
 
     /// Passes a request to a part's board in the board's own words (a YARP bottle in binary form), and its answer back,
     /// so that a proxy can be transparent. `None`: the board has no words of its own. Questions only: whatever changes

@@ -45,7 +45,7 @@ impl Resting {
 
 impl SuperviseCore {
     /// A fresh reading; whether it closes the filter. While that is closed it is only told.
-    pub(super) fn is_displaced(&mut self, pulse: &Pulse, now: Time, out: &mut Vec<SuperviseOut>) -> bool {
+    pub(super) fn watch_idle(&mut self, pulse: &Pulse, now: Time, out: &mut Vec<SuperviseOut>) -> bool {
         if self.status == Status::Starting {
             return false;
         }

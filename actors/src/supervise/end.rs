@@ -25,7 +25,7 @@ impl SuperviseCore {
         if now > at + self.rules.fresh {
             return;
         }
-        if self.is_displaced(pulse, now, out) || self.gate.token() != self.token {
+        if self.watch_idle(pulse, now, out) || self.gate.token() != self.token {
             return; // somebody closed the filter, and will tell why
         }
         match self.closing {

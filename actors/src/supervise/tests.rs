@@ -5,7 +5,7 @@ use crate::controller::{Controller, Drive, FieldsSettings};
 use crate::convoy::Convoy;
 use crate::driver::Port;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut};
-use mobee_contract::{AnswerTime, Axis, Board, ControlMode, Refusal, Sample, Target, Values};
+use mobee_contract::{AnswerTime, Axis, Board, ControlMode, Outcome, Refusal, Sample, Target, Values};
 use mobee_model::{Contact, NodePairs, Part, Robot, Scene, ShapeId};
 use nalgebra::Isometry3;
 use proptest::prelude::*;

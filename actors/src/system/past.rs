@@ -4,7 +4,7 @@ use super::Counts;
 use crate::gate::Gate;
 use crate::journal::Line;
 use crate::ledger::{Ledger, Open, Places};
-use mobee_contract::{Cause, CommitId, Event, Found, Note, Pose, Status, Time};
+use mobee_contract::{AsFound, Cause, CommitId, Event, Note, Pose, Status, Time};
 use mobee_model::{Edit, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -46,7 +46,7 @@ pub struct PastRobot {
     /// At which distance a motor counts as being there, rad.
     tolerance: f64,
     /// How the motors were found by their driver.
-    pub found: Vec<Found>,
+    pub found: Vec<AsFound>,
     /// The newest pose that is known of, rad: recorded, or that of the last outcome.
     pub q: Option<Pose>,
     /// The recorded poses, oldest first.
@@ -271,7 +271,7 @@ mod tests {
             safe: None,
             cause: None,
         };
-        let found = Found { motor: 1, mode: None, compliant: None, speed: Some(0.2), acceleration: None };
+        let found = AsFound { motor: 1, mode: None, compliant: None, speed: Some(0.2), acceleration: None };
         let found = Event::Found { robot: r(), motors: vec![found] };
         let mut past = Past::default();
         for (n, event) in (0..).zip([robot, found, safe(0.0), commit(1, 1.0), reached, safe(0.999), commit(2, 2.0)]) {

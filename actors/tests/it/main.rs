@@ -5,6 +5,7 @@ mod check_invariants;
 mod check_way_back;
 mod commanded;
 mod common;
+mod displaced;
 mod exchange;
 mod fifty_seeds;
 mod forces;

@@ -58,6 +58,25 @@ fn random_stays_within_limits_counts_its_moves_and_looks_first_if_asked_to() {
     assert_ne!(run(true, 5).motions, checked.motions);
 }
 
+/// A board may allow less than the model: what lies beyond would be refused.
+#[test]
+fn poses_are_drawn_within_what_the_board_allows() {
+    let robot = arm(3);
+    let scene = scene(&robot, vec![]);
+    let mut view = view(&scene, &[0.0; 3]);
+    view.axes = view.axes.iter().map(|axis| Axis { min: -0.3, max: 0.2, ..axis.clone() }).collect();
+    for (name, settings) in [
+        ("random", json!({ "motors": ["joint0", "joint2"], "count": 40 })),
+        ("explorer", json!({ "motors": ["joint0", "joint1", "joint2"], "vertices": 8 })),
+        ("jog", json!({ "motors": ["joint0", "joint2"], "count": 40, "by": ["move"] })),
+    ] {
+        let mut agent = kind(name, &robot, 4, settings);
+        let run = drive(agent.as_mut(), &mut view.clone(), 60, |_, _, _| true);
+        assert!(run.motions.len() > 5, "{name}: {}", run.motions.len());
+        assert!(run.motions.iter().all(|(_, to, _)| to.iter().all(|q| (-0.3..=0.2).contains(q))), "{name}");
+    }
+}
+
 /// What a jog wants in so many steps of 20 ms, on motors that do at once what they are told.
 fn jogged(settings: serde_json::Value, steps: u64) -> Vec<Intent> {
     let robot = arm(4);

@@ -7,7 +7,6 @@ use std::time::Duration;
 
 /// A robot to behave like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
 pub enum Imitated {
     /// The simulator iCub_SIM of icub-main 2: position moves are as fast as they are far, done within a degree, some limits are others
     /// than the robot's, joints have no names, accelerations can't be set, and 48 states come a second.
@@ -19,7 +18,7 @@ pub enum Imitated {
 const PUBLISHES: Duration = Duration::from_micros(20_833);
 
 /// Limits of iCub_SIM where they are others than the model's, deg: motors whose names end so.
-const LIMITS: [(&str, f64, f64); 14] = [
+const LIMITS: [(&str, f64, f64); 12] = [
     ("torso_pitch", -10.0, 70.0),
     ("neck_pitch", -40.0, 30.0),
     ("neck_roll", -70.0, 60.0),
@@ -32,8 +31,6 @@ const LIMITS: [(&str, f64, f64); 14] = [
     ("wrist_prosup", -90.0, 90.0),
     ("wrist_pitch", -90.0, 0.0),
     ("wrist_yaw", -20.0, 40.0),
-    ("torso_roll", -30.0, 30.0),
-    ("torso_yaw", -50.0, 50.0),
 ];
 
 impl Imitated {
@@ -46,8 +43,10 @@ impl Imitated {
 
     /// An axis as it is there.
     pub fn axis(self, axis: Axis) -> Axis {
-        let known = LIMITS.iter().find(|(name, ..)| axis.name.ends_with(name));
-        known.map_or(axis.clone(), |(_, min, max)| Axis { min: min.to_radians(), max: max.to_radians(), ..axis })
+        match LIMITS.iter().find(|(name, ..)| axis.name.ends_with(name)) {
+            Some((_, min, max)) => Axis { min: min.to_radians(), max: max.to_radians(), ..axis },
+            None => axis,
+        }
     }
 
     /// What the board calls its joint of this number.

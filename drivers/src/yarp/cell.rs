@@ -5,7 +5,7 @@ use super::found::{Finding, Owed};
 use super::layout::Layout;
 use super::motion::Motions;
 use super::pace::Pace;
-use mobee_contract::{AnswerTime, Axis, Board, ControlMode, Found, Pose};
+use mobee_contract::{AnswerTime, AsFound, Axis, Board, ControlMode, Pose};
 use mobee_yarp::board::{AxisFacts, RemoteState, mode};
 use mobee_yarp::{Bottle, Vocab};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -267,7 +267,7 @@ impl Inner {
     }
 
     /// How an earlier process found the motors: boards of which all are known are owed it.
-    pub fn inherit(&mut self, layout: &Layout, found: &[Found]) {
+    pub fn inherit(&mut self, layout: &Layout, found: &[AsFound]) {
         for (patch, board) in layout.patches.iter().zip(&mut self.boards) {
             let of = |motor: usize| found.iter().find(|f| f.motor == motor).map(Finding::of);
             if let Some(all) = patch.motors.clone().map(of).collect() {

@@ -8,7 +8,7 @@ use super::layout::Layout;
 use super::legs::Legs;
 use super::motion::End;
 use super::settings::Moves;
-use mobee_contract::{AnswerTime, Board, Command, ControlMode, Driver, DriverFault, Found, Sample, Time};
+use mobee_contract::{AnswerTime, AsFound, Board, Command, ControlMode, Driver, DriverFault, Sample, Time};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -219,7 +219,7 @@ impl Driver for YarpDriver {
         self.moves == Moves::SetPoints
     }
 
-    fn found(&self) -> Vec<Found> {
+    fn found(&self) -> Vec<AsFound> {
         self.reach.found()
     }
 
@@ -239,7 +239,7 @@ fn usable(inner: &Inner, layout: &Layout) -> Result<(), DriverFault> {
 
 impl Reach {
     /// How the motors were found, those behind boards that tell.
-    pub fn found(&self) -> Vec<Found> {
+    pub fn found(&self) -> Vec<AsFound> {
         let inner = self.cell.lock();
         let boards = self.layout.patches.iter().zip(&inner.boards);
         let all = boards.flat_map(|(patch, known)| patch.motors.clone().zip(known.owed.findings()));

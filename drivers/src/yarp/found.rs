@@ -8,7 +8,7 @@
 //!
 //! Modes in which a joint would not keep its place (idle, torques, duty cycles) are not gone back to: what was let go would drop.
 
-use mobee_contract::Found;
+use mobee_contract::AsFound;
 use mobee_yarp::Vocab;
 use mobee_yarp::board::{Joints, Set, mode};
 
@@ -23,9 +23,9 @@ pub struct Finding {
 
 impl Finding {
     /// As the contract tells it, of this motor.
-    pub fn told(&self, motor: usize) -> Found {
+    pub fn told(&self, motor: usize) -> AsFound {
         let radians = |v: Option<f64>| v.map(f64::to_radians);
-        Found {
+        AsFound {
             motor,
             mode: self.mode.map(super::cell::from_word),
             compliant: self.interaction.map(|word| word == mode::COMPLIANT),
@@ -35,7 +35,7 @@ impl Finding {
     }
 
     /// As an earlier process was told it.
-    pub fn of(found: &Found) -> Finding {
+    pub fn of(found: &AsFound) -> Finding {
         // to the digit: what is given back is what was read, and not its neighbor by way of radians
         let digits = |v: f64| (v.to_degrees() * 1e9).round() / 1e9;
         let degrees = |v: Option<f64>| v.filter(|v| v.is_finite() && *v >= 0.0).map(digits);
@@ -246,7 +246,7 @@ mod tests {
         assert_eq!((told.motor, told.compliant), (4, Some(true)));
         let again = Finding::of(&told);
         assert_eq!(again, as_found, "to the last bit");
-        let nonsense = Found { speed: Some(f64::NAN), acceleration: Some(-1.0), ..told };
+        let nonsense = AsFound { speed: Some(f64::NAN), acceleration: Some(-1.0), ..told };
         assert_eq!((Finding::of(&nonsense).speed, Finding::of(&nonsense).acceleration), (None, None));
         let mut owed = Owed::new(1);
         owed.inherit(vec![again]);

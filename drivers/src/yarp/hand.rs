@@ -1,7 +1,7 @@
 //! The hand at one board: carries out what drivers queued, one order after the other, and stops before all else.
 
 mod modes;
-mod put_back;
+pub mod put_back;
 mod references;
 mod speed;
 

@@ -27,7 +27,7 @@ use far::{Far, Kept, lock};
 use faults::Faults;
 use judge::Judge;
 use mobee_contract::{
-    AnswerTime, Board, Command, Context, ControlMode, Driver, DriverFault, Found, Hardware, KindError, Known, Sample,
+    AnswerTime, AsFound, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample,
     Time,
 };
 use mobee_yarp::board::RemoteOptions;
@@ -294,7 +294,7 @@ impl Driver for Judged {
         self.driver.leads()
     }
 
-    fn found(&self) -> Vec<Found> {
+    fn found(&self) -> Vec<AsFound> {
         self.driver.found()
     }
 

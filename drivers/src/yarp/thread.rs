@@ -16,6 +16,7 @@ use super::cell::{Cell, Trouble, instant};
 use super::crew::Crew;
 use super::driver::Reach;
 use super::fan::Fan;
+use super::hand::put_back::ENDING;
 use super::hand::{Halt, Hand, Order};
 use super::layout::{Layout, Patch};
 use super::remote::Wire;
@@ -32,8 +33,6 @@ use tokio::time::Instant;
 const WAITING: usize = 64;
 /// How long is waited before tasks are started again.
 const AGAIN: Duration = Duration::from_millis(200);
-/// What time the end takes, beside answers: boards come to rest, and are given back.
-const AT_LAST: Duration = Duration::from_secs(1);
 
 /// Where the two run.
 #[derive(Clone, Copy, Debug)]
@@ -157,7 +156,7 @@ impl Shared {
                 biased;
                 () = told(&mut end) => {
                     // a board that does not answer is no reason to wait for ever
-                    let _ = tokio::time::timeout(AT_LAST + 3 * self.settings.timeout(), crew.ended()).await;
+                    let _ = tokio::time::timeout(ENDING + 3 * self.settings.timeout(), crew.ended()).await;
                     return;
                 }
                 why = crew.lost() => self.reach.died(&why, side),

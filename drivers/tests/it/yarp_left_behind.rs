@@ -37,7 +37,7 @@ impl Other<'_> {
     }
 
     fn reads(&self) -> String {
-        self.0.net.boards.iter().map(|board| format!("{:?}\n", board.kept())).collect()
+        self.0.net.boards.iter().map(|board| format!("{:?}\n", board.joint_settings())).collect()
     }
 }
 

@@ -164,3 +164,17 @@ fn a_stream_of_positions_ends_at_the_last_of_them() {
         assert_eq!(two.supervise.status(), Status::Rest);
     }
 }
+
+/// A motor that the open commit does not name, and that is moved all the same, has the motion taken back.
+#[test]
+fn a_motor_that_is_moved_in_mid_motion_takes_the_motion_back() {
+    let mut two = Two::new();
+    two.commit(0, 1.0);
+    let _ = two.read([0.1, 0.0], [false, true]);
+    let away = 1.5 * two.rules.tolerance;
+    let out: Vec<_> = (0..3).flat_map(|_| two.read([0.2, away], [false, true])).collect();
+    let closed = |o: &SuperviseOut| matches!(o, SuperviseOut::Event(Event::Disabled { cause: Cause::Displaced { by, .. }, .. }) if *by == away);
+    let back = |o: &SuperviseOut| matches!(o, SuperviseOut::RollBack { again: false, .. });
+    assert!(out.iter().any(closed) && out.iter().any(back), "{out:?}");
+    assert_eq!(two.supervise.status(), Status::Stopping);
+}

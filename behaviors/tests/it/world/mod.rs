@@ -131,7 +131,7 @@ pub fn drive(
         let intent = agent.next(last.take(), view);
         run.notes.extend(agent.notes());
         match intent {
-            Intent::MoveTo(target) => {
+            Intent::MoveTo(target) | Intent::MoveEach(target, _) => {
                 let to = target.pose(&run.q).to_vec();
                 let ok = reached(view, &run.q, &to);
                 run.motions.push((run.q.clone(), to.clone(), ok));

@@ -10,8 +10,9 @@ use mobee_yarp::{CallError, Value};
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// How long a board may take to come to rest at the end, and how often that is looked for.
-const ENDING: Duration = Duration::from_secs(1);
+/// How long a board may take to come to rest and be given back at the end, beside its answers.
+pub const ENDING: Duration = Duration::from_secs(1);
+/// How often that is looked for.
 const LOOK: Duration = Duration::from_millis(10);
 /// The ticket of modes that are on their way back; no order has it.
 const BACK: u64 = u64::MAX;
@@ -19,8 +20,7 @@ const BACK: u64 = u64::MAX;
 impl Hand {
     /// Asks how the joints are before anything is changed in them, unless that is known from before.
     pub(super) async fn learn_findings(&self) -> Result<(), CallError> {
-        let is_known = |hand: &Hand| hand.cell.lock().boards.get(hand.index).is_none_or(|known| known.owed.is_known());
-        if is_known(self) {
+        if self.cell.lock().boards.get(self.index).is_none_or(|known| known.owed.is_known()) {
             return Ok(());
         }
         let speeds = self.references(Reading::ReferenceSpeed).await?;

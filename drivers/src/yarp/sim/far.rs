@@ -169,11 +169,11 @@ impl Far {
     pub fn look(&self) {
         let now = self.now();
         let (q, speeds) = (self.hardware.positions(now), self.hardware.speeds(now));
-        let kept = self.board.kept();
+        let settings = self.board.joint_settings();
         let faults = lock(&self.faults);
         let mut judge = lock(&self.judge);
         judge.see(self.index, now, (&q, &speeds), &faults);
-        judge.see_kept(self.index, now, (kept, &speeds), &faults);
+        judge.see_settings(self.index, now, (settings, &speeds), &faults);
     }
 
     /// What the board says of its axes.

@@ -5,7 +5,7 @@
 
 use super::faults::{Faults, WireFault};
 use super::watched::Watched;
-use crate::board_sim::Kept;
+use crate::board_sim::JointSettings;
 use crate::yarp::settings::Moves;
 use mobee_contract::{AnswerTime, Command, Sample, Time};
 use mobee_yarp::board::{Ask, Joints, Set, Streamed};
@@ -322,12 +322,18 @@ impl Judge {
 
     /// A look at what is set in a board's joints: as it was found, once they have rested for a while. Modes are a program's own as
     /// long as it drives.
-    pub fn see_kept(&mut self, board: usize, now: Time, (kept, v): (Vec<Kept>, &[f64]), faults: &Faults) {
+    pub fn see_settings(
+        &mut self,
+        board: usize,
+        now: Time,
+        (settings, v): (Vec<JointSettings>, &[f64]),
+        faults: &Faults,
+    ) {
         let died = self.died.is_some_and(|at| now.since(at) < BACK);
         let is_leased = self.lease.is_some();
         let Some(watched) = self.boards.get_mut(board) else { return };
-        if watched.kept.is_empty() {
-            watched.kept = kept;
+        if watched.found.is_empty() {
+            watched.found = settings;
             return;
         }
         let since = Time(now.0.saturating_sub(GIVEN_BACK.as_nanos() as u64));
@@ -336,21 +342,20 @@ impl Judge {
         let is_blind = now.since(self.heard_of) > UNHEARD;
         let disturbed =
             died || meddled || is_blind || now < watched.excused + BACK || faults.any_since(since, now, |_| true);
-        let is_left = |(found, kept): (&Kept, &Kept)| {
+        let is_left = |(found, left): (&JointSettings, &JointSettings)| {
             let other = |a: f64, b: f64| (a - b).abs() > 1e-6;
-            other(found.speed, kept.speed)
-                || other(found.acceleration, kept.acceleration)
-                || (!is_leased && found.mode != kept.mode)
+            let modes = (found.mode, found.interaction) != (left.mode, left.interaction);
+            other(found.speed, left.speed) || other(found.acceleration, left.acceleration) || (!is_leased && modes)
         };
-        let left = watched.kept.iter().zip(&kept).position(is_left);
+        let left = watched.found.iter().zip(&settings).position(is_left);
         if left.is_none() || disturbed || v.iter().any(|v| *v != 0.0) {
             watched.still = None;
         } else if now.since(*watched.still.get_or_insert(now)) > GIVEN_BACK {
             watched.still = None;
             let joint = left.unwrap_or_default();
-            let (found, kept) = (watched.kept.get(joint), kept.get(joint));
+            let (found, left) = (watched.found.get(joint), settings.get(joint));
             self.found.push(format!(
-                "{}: joint {joint} was found as {found:?} and is left as {kept:?} at {now}",
+                "{}: joint {joint} was found as {found:?} and is left as {left:?} at {now}",
                 watched.port
             ));
         }

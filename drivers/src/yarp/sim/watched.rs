@@ -1,6 +1,6 @@
 //! What the judge knows of one board.
 
-use crate::board_sim::Kept;
+use crate::board_sim::JointSettings;
 use mobee_contract::{Sample, Time};
 use mobee_yarp::board::{Ask, Joints, Set};
 use std::collections::VecDeque;
@@ -38,7 +38,7 @@ pub(super) struct Watched {
     /// When answers came, and how long they took, s.
     pub answers: VecDeque<(Time, f64)>,
     /// What was found in its joints, and since when none of them has moved or changed.
-    pub kept: Vec<Kept>,
+    pub found: Vec<JointSettings>,
     pub still: Option<Time>,
     /// Until when it can't be helped that no stop gets there.
     pub excused: Time,
@@ -61,7 +61,7 @@ impl Watched {
             saying: [None; 2],
             truth: VecDeque::new(),
             answers: VecDeque::new(),
-            kept: Vec::new(),
+            found: Vec::new(),
             still: None,
             excused: Time::ZERO,
         }
@@ -90,9 +90,9 @@ impl Watched {
 
     /// Whether these orders say nothing but what was found.
     pub fn is_as_found(&self, ask: &Ask) -> bool {
-        let all = |joints: &Joints, says: &dyn Fn(usize, &Kept) -> bool| {
-            let joints = joints.on(self.kept.len()).unwrap_or_default();
-            joints.iter().enumerate().all(|(i, j)| self.kept.get(*j).is_some_and(|kept| says(i, kept)))
+        let all = |joints: &Joints, says: &dyn Fn(usize, &JointSettings) -> bool| {
+            let joints = joints.on(self.found.len()).unwrap_or_default();
+            joints.iter().enumerate().all(|(i, j)| self.found.get(*j).is_some_and(|kept| says(i, kept)))
         };
         let near = |said: Option<&f64>, found: f64| said.is_some_and(|said| (said - found).abs() < 1e-6);
         match ask {
