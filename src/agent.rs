@@ -23,6 +23,7 @@ use mobee_actors::controller::RELEASE;
 use mobee_contract::{Agent, Intent, MotionEnd, Note, Pose, Summary, Target, View};
 use mobee_model::Scene;
 use mobee_yarp::Network;
+use mobee_yarp::config::{self, Env};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -97,7 +98,7 @@ pub fn command(args: AgentArgs) -> Result<ExitCode, Report> {
     }
     let network = match config.yarp.as_ref().and_then(|y| y.name_server) {
         Some(server) => Network::at(server),
-        None => Network::from_env().map_err(|e| {
+        None => config::network_or_default(&Env::real()).map_err(|e| {
             ConfigError::plain(e.to_string(), "give the address as name_server in the table [yarp] of the file")
         })?,
     };

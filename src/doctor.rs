@@ -1,15 +1,18 @@
 //! `mobee doctor [FILE]`: can this machine run it? One line per thing that was looked at, with what to do about it.
 //!
-//! It reads and asks only: nothing is written to a board, and no robot moves.
+//! It reads and asks only: nothing is written to a board, and no robot moves, unless `--move` asks for that.
 
 mod boards;
 mod machine;
+mod moves;
 
 use crate::compose::{compose, driver_of};
 use crate::config::{Config, Source};
-use mobee_contract::Limits;
+use mobee_contract::{Limits, suggestion};
 use mobee_drivers::YarpDriverSettings;
 use mobee_yarp::Network;
+use mobee_yarp::config::{self, Env};
+use std::cell::Cell;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -26,6 +29,10 @@ pub struct DoctorArgs {
     /// Override a setting: --set robot.icub.agent.vertices=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Move this motor of a robot behind YARP to and fro by a few degrees, in transactions under the file's reflex, and time it: do
+    /// its board's reference speeds mean speeds?
+    #[arg(long = "move", value_name = "MOTOR", requires = "file")]
+    moves: Option<String>,
 }
 
 /// How something is.
@@ -80,10 +87,10 @@ impl fmt::Display for Finding {
 pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|e| miette::Report::msg(format!("no asynchronous runtime: {e}")))?;
-    let mut worst = Grade::Ok;
-    let mut tell = |findings: Vec<Finding>| {
+    let worst = Cell::new(Grade::Ok);
+    let tell = |findings: Vec<Finding>| {
         for finding in findings {
-            worst = worst.max(finding.grade);
+            worst.set(worst.get().max(finding.grade));
             println!("{finding}");
         }
     };
@@ -95,28 +102,35 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
         None => (Vec::new(), Vec::new()),
     };
     tell(found);
-    let own = match Network::from_env() {
-        Ok(network) => Some(network),
-        Err(e) if robots.iter().any(|r| r.settings.server.is_none()) => {
-            tell(vec![Finding::bad(
-                format!("no YARP network is set up: {e}"),
-                "run `mobee yarp conf HOST PORT`, or set `server` in the table of the driver",
-            )]);
-            None
+    let needed = robots.iter().any(|r| r.settings.server.is_none());
+    let own = if needed { config::network_or_default(&Env::real()) } else { Network::from_env() };
+    tell(vec![match own {
+        Ok(network) => runtime.block_on(boards::name_server(&network, needed)),
+        Err(e) if needed => {
+            let remedy = "mend yarp.conf (`mobee yarp conf HOST PORT`), or set `server` in the table of the driver";
+            Finding::bad(e.to_string(), remedy)
         }
         Err(_) => {
             let why = if robots.is_empty() { "none is needed" } else { "each driver names its server" };
-            tell(vec![Finding::ok(format!("no YARP network is set up; {why}"))]);
-            None
+            Finding::ok(format!("no YARP network is set up; {why}"))
         }
-    };
-    if let Some(network) = own {
-        tell(vec![runtime.block_on(boards::name_server(&network, robots.iter().any(|r| r.settings.server.is_none())))]);
-    }
+    }]);
     for robot in &robots {
         tell(runtime.block_on(boards::robot(robot)));
     }
-    Ok(if worst == Grade::Bad { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    if let (Some(file), Some(motor)) = (&args.file, &args.moves) {
+        let behind = robots.iter().flat_map(|r| r.motors.iter().flatten()).map(|(name, _)| name.as_str());
+        let behind: Vec<&str> = behind.collect();
+        let not = |why: String| Finding::bad(format!("{motor} was not moved"), why);
+        tell(vec![if worst.get() == Grade::Bad {
+            not("mend what is bad first".into())
+        } else if !behind.contains(&motor.as_str()) {
+            not(suggestion(motor, "motor behind YARP", &behind))
+        } else {
+            moves::measure(file, &args.set, motor)?
+        }]);
+    }
+    Ok(if worst.get() == Grade::Bad { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// A robot behind YARP.

@@ -29,6 +29,7 @@ mod deaths;
 mod driver;
 mod fan;
 mod found;
+mod gauge;
 mod hand;
 mod layout;
 mod legs;
@@ -48,8 +49,11 @@ pub use sim::{Who, WireFault, YarpSim};
 use cell::{Cell, Trouble};
 use driver::Reach;
 use layout::Layout;
-use mobee_contract::{Answer, AsFound, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known, Told};
+use mobee_contract::{
+    Answer, AsFound, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known, Paces, Told,
+};
 use mobee_model::Robot;
+use mobee_yarp::config::{self, Env};
 use mobee_yarp::{Bottle, Dialect, Network, Value, Vocab};
 use questions::Questions;
 use remote::Wire;
@@ -155,7 +159,7 @@ impl YarpHardware {
     fn network(&self) -> Result<Network, DriverFault> {
         let network = match &self.network {
             Some(network) => network.clone(),
-            None => Network::from_env().map_err(|e| DriverFault::Hardware(e.to_string()))?,
+            None => config::network_or_default(&Env::real()).map_err(|e| DriverFault::Hardware(e.to_string()))?,
         };
         Ok(match self.settings.listen.as_deref().map(str::parse) {
             Some(Ok(address)) => network.with_bind(address),
@@ -213,6 +217,18 @@ impl Hardware for YarpHardware {
     fn known(&self) -> Known {
         let motors = self.layout.patches.iter().flat_map(|p| p.motors.clone()).collect();
         Known { start: None, period: Some(self.settings.period()), motors: Some(motors) }
+    }
+
+    fn paces(&self) -> Vec<Paces> {
+        let started = self.started();
+        let Some(started) = started.as_ref() else { return Vec::new() };
+        let inner = started.reach.cell.lock();
+        let of = |(patch, known): (&layout::Patch, &cell::Known)| Paces {
+            board: patch.port.clone(),
+            seen: known.gauge.seen().to_vec(),
+            fair: !known.gauge.is_unfair(),
+        };
+        self.layout.patches.iter().zip(&inner.boards).map(of).collect()
     }
 
     fn told(&self, part: &str) -> Option<Told> {

@@ -3,6 +3,7 @@
 use super::{Finding, PATIENCE, Remote};
 use mobee_contract::Limits;
 use mobee_yarp::board::{Ask, Get, Link, RemoteBoard, RemoteOptions};
+use mobee_yarp::config::{self, Env};
 use mobee_yarp::{Carrier, Network};
 use std::time::Duration;
 
@@ -31,7 +32,7 @@ pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
             None => return vec![Finding::bad(format!("`{server}` is no address"), "give HOST:PORT")],
         },
         // said already
-        None => match Network::from_env() {
+        None => match config::network_or_default(&Env::real()) {
             Ok(network) => network,
             Err(_) => return Vec::new(),
         },
@@ -47,6 +48,7 @@ pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
     found
 }
 
+/// Looks at a board through ports of our own, whose names are gone when it has.
 async fn board(
     robot: &Remote,
     network: &Network,
@@ -61,6 +63,18 @@ async fn board(
         stale: robot.settings.stale(),
     };
     let board = RemoteBoard::new(network, port, options);
+    let found = looked_at(robot, &board, port, motors, what).await;
+    let _ = tokio::time::timeout(PATIENCE, board.close()).await;
+    found
+}
+
+async fn looked_at(
+    robot: &Remote,
+    board: &RemoteBoard,
+    port: &str,
+    motors: &[(String, Limits)],
+    what: String,
+) -> Vec<Finding> {
     let mut link = board.link();
     let up = async { link.wait_for(|link| matches!(link, Link::Up(_))).await.is_ok() };
     if !tokio::time::timeout(PATIENCE, up).await.unwrap_or(false) {
@@ -86,7 +100,7 @@ async fn board(
         let remedy = "the narrower limits count; give them to the model, too, if they are the robot's";
         found.push(Finding::warn(format!("{what}: {less}"), remedy));
     }
-    found.push(states(robot, &board, port, axes, what).await);
+    found.push(states(robot, board, port, axes, what).await);
     found
 }
 

@@ -1,10 +1,15 @@
 //! `mobee doctor` says what is there, what is not, and what to do about it.
 
 use crate::common::{Network, network, sim};
+use std::path::Path;
 
 fn doctor(network: &Network, args: &[&str]) -> (Option<i32>, String) {
     let mut command = network.command(env!("CARGO_BIN_EXE_mobee"));
-    let out = command.arg("doctor").args(args).current_dir(env!("CARGO_MANIFEST_DIR")).output().expect("mobee starts");
+    // who moves something leaves a journal in the working directory
+    let dir = tempfile::tempdir().expect("a folder");
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let args = args.iter().map(|arg| if arg.starts_with("configs/") { shipped.join(arg) } else { arg.into() });
+    let out = command.arg("doctor").args(args).current_dir(&dir).output().expect("mobee starts");
     (out.status.code(), String::from_utf8_lossy(&out.stdout).into_owned() + &String::from_utf8_lossy(&out.stderr))
 }
 
@@ -47,6 +52,18 @@ fn the_boards_of_a_robot_are_looked_for() {
     ] {
         assert!(said.contains(line), "{line}: {said}");
     }
+    let moved = |motor: &str| {
+        let (code, said) = doctor(&network, &[&file[..], &["--move", motor]].concat());
+        (code, said.lines().skip_while(|l| !l.contains(motor) || !l.contains("moved")).collect::<Vec<_>>().join(" "))
+    };
+    let (code, said) = moved("r_elbow");
+    assert!(code == Some(1) && said.contains("/icubSim/right_arm mean no speeds"), "{said}");
+    assert!(said.contains("-> set moves = \"set-points\""), "{said}");
+    let (code, said) = moved("r_elbo");
+    assert!(code == Some(1) && said.contains("was not moved") && said.contains("did you mean `r_elbow`?"), "{said}");
+    let mut names = network.command(env!("CARGO_BIN_EXE_mobee"));
+    let names = names.args(["yarp", "--server", &format!("127.0.0.1:{}", network.port), "list", "/MoBeE"]).output();
+    assert_eq!(String::from_utf8_lossy(&names.expect("it lists").stdout), "", "no name is left behind");
     drop(boards);
     let (code, said) = doctor(&network, &file);
     assert_eq!(code, Some(1), "{said}");
@@ -54,4 +71,18 @@ fn the_boards_of_a_robot_are_looked_for() {
         said.contains("bad   icub torso at /icubSim/torso") && said.contains("-> start the robot's boards"),
         "{said}"
     );
+}
+
+/// The robot is moved on request only, and whether its boards go by speeds is measured.
+#[test]
+fn reference_speeds_are_measured_on_request() {
+    let network = network();
+    let server = format!("robot.icub.driver.server=\"127.0.0.1:{}\"", network.port);
+    let _boards = sim(&network, "configs/behaviors/explore.toml", "/icubSim", &[]);
+    let file = ["configs/behaviors/explore-yarp.toml", "--set", &server, "--move", "torso_yaw"];
+    let (code, said) = doctor(&network, &file);
+    let measured = said.contains("in 12 stretches of way: the reference speeds of /icubSim/torso mean speeds");
+    assert!(code == Some(0) && measured, "{said}");
+    let (code, said) = doctor(&network, &["configs/behaviors/explore.toml", "--move", "torso_yaw"]);
+    assert!(code == Some(1) && said.contains("there is no motor behind YARP at all"), "{said}");
 }

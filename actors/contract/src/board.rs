@@ -61,6 +61,17 @@ pub struct Move {
     pub acceleration: Option<Vec<f64>>,
 }
 
+/// How fast a board's joints were in its first moves, by the reference speeds that they were told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Paces {
+    /// Where the board is, such as the first part of its port names.
+    pub board: String,
+    /// Speeds as they were seen by those that were told, 1 where they are equal, one for each stretch of way that was timed.
+    pub seen: Vec<f64>,
+    /// Whether the board goes by speeds, as far as is known.
+    pub fair: bool,
+}
+
 /// What a board can be told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -209,6 +220,10 @@ pub trait Driver: Send {
     /// How long the board took to answer of late; `None` if it is not asked, or not known yet. While it is longer than
     /// [`Board::latency`] the filter does not open.
     fn answer_time(&self) -> Option<AnswerTime> {
+        None
+    }
+    /// What it found out of the board and people should know, said once: it becomes a warning.
+    fn news(&mut self) -> Option<String> {
         None
     }
     /// How the motors were found, of a board whose references and modes outlive whoever sets them; it is given back so.

@@ -132,6 +132,11 @@ pub trait Hardware: Send + Sync {
     /// the first connection.
     fn was_found(&self, _found: &[crate::AsFound]) {}
 
+    /// How fast joints were by what they were told, as far as that was measured: one entry per board.
+    fn paces(&self) -> Vec<crate::Paces> {
+        Vec::new()
+    }
+
     /// Passes a request to a part's board in the board's own words (a YARP bottle in binary form), and its answer back,
     /// so that a proxy can be transparent. `None`: the board has no words of its own. Questions only: whatever changes
     /// how the board moves is the driver's alone.

@@ -135,6 +135,9 @@ impl Driving {
             return now + self.back_off;
         };
         driver.lease(now, Time(self.wires.lease.load(Ordering::SeqCst)));
+        if let Some(news) = driver.news() {
+            self.hub.tell(Event::Warning { text: format!("{}: {news}", self.wires.name) });
+        }
         match driver.sample(now) {
             Ok(sample) => {
                 let next = driver.next_sample(now).max(now + Duration::from_micros(100));

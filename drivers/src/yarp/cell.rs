@@ -2,6 +2,7 @@
 
 use super::answers::Answers;
 use super::found::{Finding, Owed};
+use super::gauge::Gauge;
 use super::layout::Layout;
 use super::motion::Motions;
 use super::pace::Pace;
@@ -37,6 +38,8 @@ pub struct Inner {
     pub joined: Option<Joined>,
     /// Whether it was not fetched yet.
     pub unread: bool,
+    /// What people should know, until they have been told.
+    pub news: Option<String>,
     /// Per motor, the mode it will be in when all that is on its way has arrived.
     pub expected: Vec<ControlMode>,
     /// Per motor, the ticket of the last order that changes its mode, until it was carried out.
@@ -74,6 +77,8 @@ pub struct Known {
     pub moved: u64,
     /// How fast its joints may be.
     pub pace: Pace,
+    /// Whether what they are told means speeds.
+    pub gauge: Gauge,
     /// What it is to be given back.
     pub owed: Owed,
     /// What went wrong that the filter must hear of, until it has.
@@ -141,6 +146,7 @@ impl Cell {
             motions: Motions::new(p.motors.len()),
             moved: 0,
             pace: Pace::new(p.motors.len()),
+            gauge: Gauge::new(p.motors.len()),
             owed: Owed::new(p.motors.len()),
             alarm: None,
             answers: Answers::default(),
@@ -152,6 +158,7 @@ impl Cell {
             misfit: None,
             joined: None,
             unread: false,
+            news: None,
             expected: vec![ControlMode::Position; layout.motors()],
             switching: vec![None; layout.motors()],
         };
@@ -219,6 +226,20 @@ impl Inner {
         let forbidden = || all().find(|t| matches!(t, Trouble::Forbidden(_)));
         let brake = || self.boards.iter().find_map(|b| b.brake.clone()).map(Trouble::Lost);
         self.misfit.as_ref().or_else(forbidden).or_else(|| all().next()).cloned().or_else(brake)
+    }
+
+    /// The first board whose reference speeds mean no speeds, and what is done about it: for people.
+    pub fn unfair(&self, layout: &Layout) -> Option<String> {
+        let mut boards = layout.patches.iter().zip(&self.boards);
+        let seen =
+            boards.find_map(|(patch, board)| board.gauge.is_unfair().then(|| board.gauge.in_words(&patch.port)))?;
+        let goes_on = self.board.as_ref().is_some_and(|board| board.position_direct);
+        let then = if goes_on {
+            "moves are made of set-points from now on; set moves = \"set-points\" to begin so"
+        } else {
+            "and without position_direct no move can be made of set-points either, so none is made"
+        };
+        Some(format!("{seen}; {then}"))
     }
 
     /// The answers of the slowest board.

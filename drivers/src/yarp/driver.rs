@@ -94,6 +94,12 @@ impl YarpDriver {
         Ok(())
     }
 
+    /// Whether moves are made of set-points: if it was said so, or since the boards' own were seen not to go by speeds.
+    fn makes_moves(&self, inner: &Inner) -> bool {
+        let is_unfair = |board: &super::cell::Known| board.gauge.is_unfair();
+        self.moves == Moves::SetPoints || (self.board.position_direct && inner.boards.iter().any(is_unfair))
+    }
+
     /// References of moves that are made of set-points are no board's.
     fn refer(&mut self, motors: &[usize], speeds: Option<&[f64]>) {
         self.references.extend(motors.iter().copied().zip(speeds.unwrap_or_default().iter().copied()));
@@ -153,14 +159,15 @@ impl Driver for YarpDriver {
             Checked::Direct(motors, _) | Checked::Velocity(motors, _) | Checked::Mode(motors, _) => {
                 self.legs.forget(motors)
             }
-            Checked::Move(motors, to, speeds, _) if self.moves == Moves::SetPoints => {
+            Checked::Move(motors, to, speeds, _) if self.makes_moves(&inner) => {
                 return self.begin(&mut inner, motors, to, speeds.as_deref(), &q);
             }
-            Checked::Reference(motors, speeds, _) if self.moves == Moves::SetPoints => {
+            Checked::Reference(motors, speeds, _) if self.makes_moves(&inner) => {
                 self.refer(motors, Some(speeds));
                 return Ok(());
             }
-            Checked::Move(..) | Checked::Reference(..) => {}
+            Checked::Move(..) => inner.unfair(&reach.layout).map_or(Ok(()), |why| Err(DriverFault::Hardware(why)))?,
+            Checked::Reference(..) => {}
         }
         if matches!(&checked, Checked::Stop(motors) if motors.is_empty()) {
             reach.stop_all(&mut inner);
@@ -216,7 +223,11 @@ impl Driver for YarpDriver {
     }
 
     fn leads(&self) -> bool {
-        self.moves == Moves::SetPoints
+        self.makes_moves(&self.reach.cell.lock())
+    }
+
+    fn news(&mut self) -> Option<String> {
+        self.reach.cell.lock().news.take()
     }
 
     fn found(&self) -> Vec<AsFound> {

@@ -152,6 +152,7 @@ impl Hand {
                         self.linked(now).await;
                     }
                     self.ask_done().await;
+                    self.confirm().await;
                     self.put_back(false).await;
                     self.ask_anything().await;
                 }
@@ -282,6 +283,7 @@ impl Hand {
                 self.interrupted(order.epoch).await?;
                 let most = speed.clone().unwrap_or_else(|| self.cell.greatest(&self.layout, self.index, joints));
                 self.paced(joints, &most);
+                self.timed(joints, to, speed.as_deref().unwrap_or_default());
                 let group = Joints::Group(joints.clone());
                 self.set(Set::Move { joints: group, values: to.clone(), relative: false }).await
             }
@@ -336,6 +338,17 @@ impl Hand {
         let now = self.cell.secs(super::cell::instant());
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
             known.pace.told(joints, most, now);
+            known.gauge.forget(joints);
+        }
+    }
+
+    /// These joints are about to move there, deg, at reference speeds, deg/s.
+    fn timed(&self, joints: &[usize], to: &[f64], speed: &[f64]) {
+        let mut inner = self.cell.lock();
+        let Some(known) = inner.boards.get_mut(self.index) else { return };
+        for ((joint, to), speed) in joints.iter().zip(to).zip(speed) {
+            let from = known.q.get(*joint).copied().unwrap_or(*to);
+            known.gauge.told(*joint, from, *to, *speed);
         }
     }
 

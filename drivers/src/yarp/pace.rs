@@ -23,9 +23,9 @@ struct Told {
 /// A joint that is too fast, deg/s.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TooFast {
-    joint: usize,
-    speed: f64,
-    most: f64,
+    pub joint: usize,
+    pub speed: f64,
+    pub most: f64,
 }
 
 impl Pace {

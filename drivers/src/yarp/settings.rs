@@ -11,7 +11,8 @@ use std::time::Duration;
 pub struct YarpDriverSettings {
     /// The control boards, one per part of the robot model. Motors of parts without a board rest at home and take no commands.
     pub parts: Vec<PartSettings>,
-    /// Address of the name server, `HOST:PORT`; without it that of YARP's own configuration (`yarp.conf`).
+    /// Address of the name server, `HOST:PORT`. Without it: what YARP's own files and environment say, and `127.0.0.1:10000` if they
+    /// say nothing.
     #[serde(default)]
     pub server: Option<String>,
     /// The first part of our own port names; `/MoBeE/ROBOT/driver` if not given.

@@ -68,11 +68,23 @@ impl YarpSim {
     /// # Errors
     /// The first setting that can't be used.
     pub fn new(settings: &YarpDriverSettings, context: &Context) -> Result<YarpSim, KindError> {
+        // moves of set-points are for boards like iCub_SIM's
+        let imitates = (settings.moves == Moves::SetPoints).then_some(Imitated::ICubSim);
+        YarpSim::with_boards(settings, context, imitates)
+    }
+
+    /// The same, with boards that behave like those of a robot that was measured.
+    ///
+    /// # Errors
+    /// The first setting that can't be used.
+    pub fn with_boards(
+        settings: &YarpDriverSettings,
+        context: &Context,
+        imitates: Option<Imitated>,
+    ) -> Result<YarpSim, KindError> {
         // nobody may wait for boards in virtual time: whoever comes too early comes again
         let settings = YarpDriverSettings { connect_s: 0.0, ..settings.clone() };
         let layout = Layout::new(&settings, &context.robot)?;
-        // moves of set-points are for boards like iCub_SIM's
-        let imitates = (settings.moves == Moves::SetPoints).then_some(Imitated::ICubSim);
         let sim = SimSettings {
             imitates,
             // read when it is published, or all but: boards that read on a common beat would hide how theirs differ
@@ -95,7 +107,7 @@ impl YarpSim {
         };
         let parts: Vec<Part> = (0..).zip(&layout.patches).map(part).collect();
         let boards = layout.patches.iter().map(|p| (p.port.clone(), p.motors.clone()));
-        let judge = Arc::new(Mutex::new(Judge::new(boards, layout.motors(), settings.moves)));
+        let judge = Arc::new(Mutex::new(Judge::new(boards, layout.motors(), imitates.is_some())));
         let board = described(&layout, &parts, &settings)?;
         let wire = Arc::new(SimWire { parts, judge, far: OnceLock::new() });
         let hardware = YarpHardware::behind(wire.clone(), &settings, &context.robot)?;
@@ -292,6 +304,10 @@ impl Driver for Judged {
 
     fn leads(&self) -> bool {
         self.driver.leads()
+    }
+
+    fn news(&mut self) -> Option<String> {
+        self.driver.news()
     }
 
     fn found(&self) -> Vec<AsFound> {

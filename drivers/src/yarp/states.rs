@@ -65,11 +65,13 @@ fn take(cell: &Cell, layout: &Layout, index: usize, state: &Arc<RemoteState>, at
     known.fresh = true;
     let q = std::mem::take(&mut known.q);
     known.motions.read(at, &q);
+    known.gauge.read(at, &q);
     known.q = q;
     if let Speeds::At(speeds) = known.motions.speeds(at)
         && let Some(what) = known.pace.exceeded(&speeds, at)
     {
-        known.alarm = Some(what.in_words(layout, index));
+        known.gauge.outran(what.joint, what.speed / what.most.max(1e-3));
+        known.alarm.get_or_insert_with(|| what.in_words(layout, index));
     }
     let first = inner.joined.is_none();
     inner.join(layout);

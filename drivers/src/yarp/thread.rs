@@ -152,15 +152,18 @@ impl Shared {
         let mut end = self.end.clone();
         while !*self.end.borrow() {
             let mut crew = muster(&self, &self.end);
-            tokio::select! {
+            let lost = tokio::select! {
                 biased;
-                () = told(&mut end) => {
-                    // a board that does not answer is no reason to wait for ever
-                    let _ = tokio::time::timeout(ENDING + 3 * self.settings.timeout(), crew.ended()).await;
-                    return;
-                }
-                why = crew.lost() => self.reach.died(&why, side),
-            }
+                () = told(&mut end) => None,
+                // who heard of the end first has not died, and the others are not done yet
+                why = crew.lost() => Some(why).filter(|_| !*self.end.borrow()),
+            };
+            let Some(why) = lost else {
+                // a board that does not answer is no reason to wait for ever
+                let _ = tokio::time::timeout(ENDING + 3 * self.settings.timeout(), crew.ended()).await;
+                return;
+            };
+            self.reach.died(&why, side);
             drop(crew);
             tokio::time::sleep(AGAIN).await;
         }

@@ -40,7 +40,7 @@ impl Hand {
     }
 
     /// The references of all joints; none if the board does not tell them.
-    async fn references(&self, what: Reading) -> Result<Vec<f64>, CallError> {
+    pub(super) async fn references(&self, what: Reading) -> Result<Vec<f64>, CallError> {
         let answer = self.say(&Ask::Get(Get::Values(what, Joints::All))).await?;
         let read = answer.get(2).and_then(Value::as_list).and_then(mobee_yarp::Bottle::numbers).unwrap_or_default();
         Ok(if read.iter().all(|v| v.is_finite()) { read } else { Vec::new() })

@@ -38,6 +38,18 @@ impl Hand {
         Err(why)
     }
 
+    /// Reads references back under which joints were timed.
+    pub(super) async fn confirm(&self) {
+        if !self.cell.lock().boards.get(self.index).is_some_and(|known| known.gauge.asks()) {
+            return;
+        }
+        let Ok(read) = self.references(Reading::ReferenceSpeed).await else { return };
+        let mut inner = self.cell.lock();
+        if inner.boards.get_mut(self.index).is_some_and(|known| known.gauge.answered(&read)) {
+            inner.news = inner.unfair(&self.layout);
+        }
+    }
+
     /// Tells the references once; whether the board then has none that is greater. A board without accelerations to set, or that
     /// does not tell what it has, is no reason not to move.
     async fn tell_references(

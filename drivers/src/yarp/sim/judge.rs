@@ -6,7 +6,6 @@
 use super::faults::{Faults, WireFault};
 use super::watched::Watched;
 use crate::board_sim::JointSettings;
-use crate::yarp::settings::Moves;
 use mobee_contract::{AnswerTime, Command, Sample, Time};
 use mobee_yarp::board::{Ask, Joints, Set, Streamed};
 use std::collections::VecDeque;
@@ -69,15 +68,15 @@ pub(super) struct Judge {
 }
 
 impl Judge {
-    /// A judge of these boards: port and motors of each.
-    pub fn new(boards: impl IntoIterator<Item = (String, Range<usize>)>, motors: usize, moves: Moves) -> Judge {
+    /// A judge of these boards: port and motors of each. A command names its motors for longer where moves are `led` by set-points.
+    pub fn new(boards: impl IntoIterator<Item = (String, Range<usize>)>, motors: usize, led: bool) -> Judge {
         Judge {
             boards: boards.into_iter().map(|(port, motors)| Watched::new(port, motors)).collect(),
             found: Vec::new(),
             looked: Time::ZERO,
             lease: None,
             named: VecDeque::new(),
-            move_names: if moves == Moves::SetPoints { MOVED } else { NAMED },
+            move_names: if led { MOVED } else { NAMED },
             told: vec![VecDeque::new(); motors],
             died: None,
             heard_of: Time::ZERO,

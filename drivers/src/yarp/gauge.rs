@@ -1,0 +1,247 @@
+//! Whether a board's reference speeds mean speeds: its first moves are timed.
+//!
+//! Two stretches of a joint's way count, from a tenth of it to the half and from there to nine tenths. Boards that go by a speed, in
+//! trapezoids or with minimum jerk, are 1 to 1.6 times as fast there as they were told. Boards that take the reference for a gain, as
+//! iCub_SIM does, are as fast as their way is long: too fast at first, too slow at the end, or both.
+//!
+//! What was timed counts once the reference is read back, and is the one that was told: another program may have set its own.
+
+/// Where the stretches begin and end, shares of the way.
+const MARKS: [f64; 3] = [0.1, 0.5, 0.9];
+/// The shortest way that is timed, deg, and the shortest time that a stretch may be expected to take, s: encoders are noisy and late.
+const LEAST: (f64, f64) = (3.0, 0.2);
+/// The share of a stretch's time that may pass between two readings.
+const GAP: f64 = 0.25;
+/// How much slower or faster than told a joint is that goes by speeds.
+const FAIR: std::ops::RangeInclusive<f64> = 0.5..=2.0;
+/// So many stretches are timed; with so many that are not fair among them, references mean no speeds.
+const ENOUGH: usize = 12;
+const UNFAIR: usize = 3;
+/// A reference that differs by this share is another one.
+const ROUNDING: f64 = 0.01;
+
+/// The first moves of a board's joints.
+#[derive(Clone, Debug)]
+pub struct Gauge {
+    joints: Vec<Option<Timed>>,
+    /// What was timed under references that have not been read back yet.
+    pending: Vec<Pending>,
+    /// Speeds as seen, by those that were told.
+    seen: Vec<f64>,
+}
+
+/// Something that was timed.
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    joint: usize,
+    /// The reference that was told, deg/s.
+    told: f64,
+    /// The speed as seen, by that.
+    times: f64,
+}
+
+/// A joint under way.
+#[derive(Clone, Copy, Debug)]
+struct Timed {
+    from: f64,
+    way: f64,
+    /// The reference, deg/s.
+    speed: f64,
+    /// How long a stretch should take, s.
+    stretch: f64,
+    /// The mark that is passed next, and when the one before it was, unless readings were missing since.
+    next: usize,
+    since: Option<f64>,
+    /// The newest reading: when, and the share of the way that was gone.
+    newest: Option<(f64, f64)>,
+}
+
+impl Gauge {
+    /// No joint has moved.
+    pub fn new(axes: usize) -> Gauge {
+        Gauge { joints: vec![None; axes], pending: Vec::new(), seen: Vec::new() }
+    }
+
+    /// A joint at `from` was told to move to `to` (deg) at this speed (deg/s).
+    pub fn told(&mut self, joint: usize, from: f64, to: f64, speed: f64) {
+        let way = to - from;
+        let stretch = (MARKS[1] - MARKS[0]) * way.abs() / speed;
+        let counts = self.seen.len() < ENOUGH && way.abs() >= LEAST.0 && stretch >= LEAST.1 && stretch.is_finite();
+        self.pending.retain(|pending| pending.joint != joint);
+        if let Some(slot) = self.joints.get_mut(joint) {
+            *slot = counts.then_some(Timed { from, way, speed, stretch, next: 0, since: None, newest: None });
+        }
+    }
+
+    /// Something else becomes of these joints.
+    pub fn forget(&mut self, joints: &[usize]) {
+        for j in joints {
+            if let Some(slot) = self.joints.get_mut(*j) {
+                *slot = None;
+            }
+        }
+    }
+
+    /// A reading, s and deg.
+    pub fn read(&mut self, at: f64, q: &[f64]) {
+        for (joint, (slot, q)) in self.joints.iter_mut().zip(q).enumerate() {
+            let Some(timed) = slot else { continue };
+            let told = timed.speed;
+            self.pending.extend(timed.read(at, *q).map(|times| Pending { joint, told, times }));
+            if timed.next == MARKS.len() {
+                *slot = None;
+            }
+        }
+    }
+
+    /// A joint is much faster than it was told, which says enough of its move.
+    pub fn outran(&mut self, joint: usize, times: f64) {
+        if let Some(timed) = self.joints.get_mut(joint).and_then(Option::take) {
+            self.pending.push(Pending { joint, told: timed.speed, times });
+        }
+    }
+
+    /// Whether references are to be read back.
+    pub fn asks(&self) -> bool {
+        !self.pending.is_empty()
+    }
+
+    /// The references of all joints as they are, deg/s, none of a board that does not tell; whether they show that references mean
+    /// no speeds.
+    pub fn answered(&mut self, references: &[f64]) -> bool {
+        let was = self.is_unfair();
+        for Pending { joint, told, times } in self.pending.drain(..) {
+            let is_told = |read: &f64| (read - told).abs() <= ROUNDING * told;
+            if self.seen.len() < ENOUGH && references.get(joint).is_none_or(is_told) {
+                self.seen.push(times);
+            }
+        }
+        self.is_unfair() && !was
+    }
+
+    /// Whether references mean no speeds.
+    pub fn is_unfair(&self) -> bool {
+        self.seen.iter().filter(|times| !FAIR.contains(*times)).count() >= UNFAIR
+    }
+
+    /// Speeds as seen, by those that were told.
+    pub fn seen(&self) -> &[f64] {
+        &self.seen
+    }
+
+    /// For people: what was seen.
+    pub fn in_words(&self, port: &str) -> String {
+        let least = self.seen.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = self.seen.iter().copied().fold(0.0, f64::max);
+        format!(
+            "joints of {port} moved at {least:.1} to {most:.1} times the speeds that they were told: its reference speeds mean no speeds"
+        )
+    }
+}
+
+impl Timed {
+    /// Speeds of the stretches that are over, by those that were told.
+    fn read(&mut self, at: f64, q: f64) -> Option<f64> {
+        let share = (q - self.from) / self.way;
+        let (before, gone) = self.newest.replace((at, share))?;
+        if at - before > GAP * self.stretch {
+            self.since = None;
+        }
+        let mut seen = None;
+        while let Some(mark) = MARKS.get(self.next).filter(|mark| share >= **mark) {
+            let part = (mark - gone) / (share - gone).max(1e-9);
+            let passed = before + part.clamp(0.0, 1.0) * (at - before);
+            seen = self.since.map(|since| self.stretch / (passed - since).max(1e-3)).or(seen);
+            self.since = Some(passed).filter(|_| at - before <= GAP * self.stretch);
+            self.next += 1;
+        }
+        seen
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Moves one joint after the other by `way` degrees at 10 deg/s; where it is at a share of the time that this takes.
+    fn moved(gauge: &mut Gauge, way: f64, period: f64, at: impl Fn(f64) -> f64) -> bool {
+        gauge.told(0, 20.0, 20.0 + way, 10.0);
+        let whole = way.abs() / 10.0;
+        for k in 0..(40.0 * whole / period) as usize {
+            gauge.read(k as f64 * period, &[20.0 + way * at(k as f64 * period / whole)]);
+        }
+        gauge.answered(&[10.0])
+    }
+
+    #[test]
+    fn boards_that_go_by_speeds_are_taken_at_their_word() {
+        let even = |t: f64| t.min(1.0);
+        let eased = |t: f64| t.min(1.0).powi(3) * (10.0 - 15.0 * t.min(1.0) + 6.0 * t.min(1.0).powi(2));
+        for (way, period) in [(5.0, 0.02), (-40.0, 0.02), (30.0, 0.1)] {
+            let mut gauge = Gauge::new(1);
+            for _ in 0..4 {
+                assert!(!moved(&mut gauge, way, period, even) && !moved(&mut gauge, way, period, eased));
+            }
+            assert_eq!(gauge.seen.len(), ENOUGH, "no more than enough");
+            assert!(gauge.seen.iter().all(|times| (0.9..1.7).contains(times)), "{:?}", gauge.seen);
+        }
+    }
+
+    #[test]
+    fn a_board_that_takes_them_for_gains_is_found_out() {
+        // 10 deg/s is a gain of 6 * 0.175 / s: the way is gone in the same time, however long it is
+        let gain = 6.0 * 10f64.to_radians();
+        for way in [5.0, -10.0, 80.0] {
+            let mut gauge = Gauge::new(1);
+            let found =
+                (0..4).position(|_| moved(&mut gauge, way, 0.02, |t| 1.0 - (-gain * t * way.abs() / 10.0).exp()));
+            assert!(found.is_some_and(|moves| moves <= 3), "{way}: {found:?} {:?}", gauge.seen);
+            assert!(gauge.is_unfair());
+            assert!(!moved(&mut gauge, way, 0.02, |t| t.min(1.0)), "it is said once");
+        }
+        let mut gauge = Gauge::new(1);
+        let outran = |gauge: &mut Gauge| {
+            gauge.told(0, 0.0, 90.0, 10.0);
+            gauge.outran(0, 4.0);
+            gauge.outran(0, 4.0);
+            gauge.answered(&[])
+        };
+        assert_eq!([0; 4].map(|_| outran(&mut gauge)), [false, false, true, false], "once a move");
+        assert_eq!(
+            gauge.in_words("/arm"),
+            "joints of /arm moved at 4.0 to 4.0 times the speeds that they were told: its reference speeds mean no speeds"
+        );
+    }
+
+    /// Another program's references say nothing of the board.
+    #[test]
+    fn only_what_was_told_counts() {
+        let mut gauge = Gauge::new(1);
+        for _ in 0..5 {
+            gauge.told(0, 0.0, 90.0, 10.0);
+            gauge.outran(0, 5.0);
+            assert!(gauge.asks() && !gauge.answered(&[60.0]) && !gauge.asks());
+        }
+        gauge.told(0, 0.0, 90.0, 10.0);
+        gauge.outran(0, 5.0);
+        gauge.told(0, 0.0, 90.0, 20.0);
+        assert!(!gauge.asks() && gauge.seen.is_empty(), "its reference is gone");
+    }
+
+    /// Nothing is concluded from what was not seen, nor from what was interrupted.
+    #[test]
+    fn missing_readings_and_short_ways_do_not_count() {
+        let mut gauge = Gauge::new(2);
+        assert!(!moved(&mut gauge, 2.0, 0.02, |t| (0.1 * t).min(1.0)), "too short");
+        assert!(!moved(&mut gauge, 10.0, 0.2, |t| (0.1 * t).min(1.0)), "too few readings");
+        for k in 0..20 {
+            gauge.told(1, 0.0, 10.0, 10.0);
+            gauge.read(f64::from(k), &[0.0, 0.0]);
+            gauge.read(f64::from(k) + 0.05, &[0.0, 2.0]);
+            gauge.forget(&[1]);
+            gauge.read(f64::from(k) + 0.9, &[0.0, 6.0]);
+            assert!(!gauge.asks() && !gauge.answered(&[10.0, 10.0]));
+        }
+        assert!(gauge.seen.is_empty(), "{:?}", gauge.seen);
+    }
+}
