@@ -8,7 +8,7 @@ use mobee_contract::{
 };
 use mobee_model::{Edit, Robot, Scene};
 use ractor::RpcReplyPort;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -150,6 +150,11 @@ impl Filtered for Filter {
 
     fn end_of(&self, id: CommitId) -> Option<MotionEnd> {
         self.wires.ledger.book().end_of(id)
+    }
+
+    fn to_blame(&self, id: CommitId) -> Option<BTreeSet<usize>> {
+        let contacts = self.wires.ledger.book().contacts_of(id)?.to_vec();
+        Some(self.hub.movers(&contacts, self.wires.robot))
     }
 
     fn let_agent_act(&self, act: bool) -> Result<(), Refusal> {

@@ -4,6 +4,7 @@ use crate::controller::distance;
 use crate::history::HistoryCore;
 use crate::reflex::Motion;
 use mobee_contract::{Cause, CommitId, Event, MotionEnd, Outcome, Pose, Status, Time};
+use mobee_model::Contact;
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -128,7 +129,7 @@ pub struct Book {
     /// The safe pose last taken: kept while the robot counts as being there, so that rollbacks do not drift.
     pub safe: Option<Pose>,
     /// How the newest motions ended, oldest first.
-    ends: VecDeque<(CommitId, MotionEnd)>,
+    ends: VecDeque<(CommitId, MotionEnd, Option<Cause>)>,
 }
 
 impl Book {
@@ -160,7 +161,7 @@ impl Book {
         if self.ends.len() >= ENDS {
             self.ends.pop_front();
         }
-        self.ends.push_back((ended.open.id, ended.end()));
+        self.ends.push_back((ended.open.id, ended.end(), ended.open.cause.clone()));
         Some(ended)
     }
 
@@ -175,8 +176,16 @@ impl Book {
         if self.open.as_ref().is_some_and(|open| open.id == id) {
             return None;
         }
-        let ended = self.ends.iter().rev().find(|(i, _)| *i == id);
-        Some(ended.map_or(MotionEnd::Failed, |(_, end)| *end))
+        let ended = self.ends.iter().rev().find(|(i, ..)| *i == id);
+        Some(ended.map_or(MotionEnd::Failed, |(_, end, _)| *end))
+    }
+
+    /// What came into contact in a motion that failed by that, if it is remembered.
+    pub fn contacts_of(&self, id: CommitId) -> Option<&[Contact]> {
+        match self.ends.iter().rev().find(|(i, ..)| *i == id) {
+            Some((_, MotionEnd::Failed, Some(Cause::Contact(contacts)))) => Some(contacts),
+            _ => None,
+        }
     }
 }
 

@@ -66,8 +66,8 @@ pub enum SuperviseIn<'a> {
     Tick,
     /// The board reports a fault.
     Fault(String),
-    /// The reflex closed the filter.
-    Closed(u64, Cause),
+    /// The reflex closed the filter; the motors that brought together what touched, if it is known.
+    Closed(u64, Cause, Option<BTreeSet<usize>>),
     /// The reflex tells how the way back goes.
     Word(Word),
     /// Somebody asks to try the failed way back again.
@@ -256,7 +256,7 @@ impl SuperviseCore {
                     self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), now, &mut out);
                 }
             }
-            SuperviseIn::Closed(token, cause) => self.closed(token, cause, now, &mut out),
+            SuperviseIn::Closed(token, cause, blamed) => self.closed(token, (cause, blamed), now, &mut out),
             SuperviseIn::Word(word) => self.word(word, now, &mut out),
             SuperviseIn::Recover => self.recover(now, &mut out),
             SuperviseIn::Yield => self.yields = true,

@@ -13,7 +13,7 @@ use crate::tap::Taps;
 use mobee_contract::{AnswerTime, Board, Event, Hardware, Latest, Note, Snapshot, SwapPart, SwapStep};
 use mobee_model::{Contact, Pair, Robot, Scene};
 use ractor::{ActorRef, Message};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -186,6 +186,12 @@ pub struct Hub {
 }
 
 impl Hub {
+    /// The motors of a robot that brought together what touches.
+    pub fn movers(&self, contacts: &[Contact], robot: usize) -> BTreeSet<usize> {
+        let scene = self.scene.lock().clone();
+        contacts.iter().flat_map(|contact| contact.movers(scene.robots(), robot)).collect()
+    }
+
     /// Tells and counts an event.
     pub fn tell(&self, event: Event) {
         self.counts.lock().note(&event);

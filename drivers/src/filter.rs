@@ -20,7 +20,7 @@
 //! and references are the client's where it has set them. A connection whose motion failed gets `[fail]` once, whatever
 //! it asks, so that a slow one can't take a rolled-back motion for a finished one; a `[fail]` that it got while the filter
 //! was closed counts. A stream has no replies: one that failed is not heard until it was silent for half a second, or its
-//! client's RPC connection has got the `[fail]`.
+//! client's RPC connection has got the `[fail]`; one none of whose motors had a part in the contact goes on as the filter opens.
 
 mod device;
 mod lines;
@@ -56,6 +56,8 @@ pub struct Seen<'a> {
     pub q: &'a [f64],
     /// How a motion ended.
     pub end_of: &'a dyn Fn(CommitId) -> Option<MotionEnd>,
+    /// Which motors made a motion fail, if that is known.
+    pub to_blame: &'a dyn Fn(CommitId) -> Option<BTreeSet<usize>>,
 }
 
 /// Whether no agent's command passes in this state. A robot that stands still after a way back that failed, or with

@@ -5,6 +5,7 @@
 
 use crate::{Clause, Marker, Motor, NodeKind, Part, Robot};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use std::collections::BTreeSet;
 
 /// Where a marker is in the world.
 #[derive(Clone, Debug, PartialEq)]
@@ -167,6 +168,21 @@ impl Robot {
     /// Whether a moving joint lies between two nodes, so that their distance can change.
     pub fn moves(&self, a: usize, b: usize) -> bool {
         self.body(a) != self.body(b)
+    }
+
+    /// The motors that can change the distance between the shapes of two nodes; `None` is the world.
+    pub fn movers(&self, a: Option<usize>, b: Option<usize>) -> BTreeSet<usize> {
+        let joints = |node: Option<usize>| {
+            let above = |n: &usize| self.nodes.get(*n)?.parent;
+            let all = std::iter::successors(node.as_ref().and_then(above), above);
+            all.collect::<BTreeSet<usize>>()
+        };
+        let motor = |n: &usize| match self.nodes.get(*n)?.kind {
+            NodeKind::Joint { motor, .. } => Some(motor),
+            NodeKind::Link { .. } => None,
+        };
+        // what is above both moves both alike; one motor may have a joint above each
+        (&joints(a) ^ &joints(b)).iter().filter_map(motor).collect()
     }
 
     /// For each motor a bound, in metres per rad of encoder, on how fast it can move any point of any solid shape

@@ -15,6 +15,7 @@ pub(crate) use world::World;
 
 use crate::robot::{Primitive, Robot};
 use nalgebra::{Isometry3, Point3};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// What an object is to the robots.
@@ -90,6 +91,17 @@ pub struct Contact {
     pub distance: f64,
     /// The nearest (or deepest) points on the two shapes, world frame.
     pub points: [Point3<f64>; 2],
+}
+
+impl Contact {
+    /// The motors of one of the scene's robots that can change the distance of this pair.
+    pub fn movers(&self, robots: &[Arc<Robot>], robot: usize) -> BTreeSet<usize> {
+        let node = |shape: ShapeId| match shape {
+            ShapeId::Robot { robot: r, node, .. } if usize::from(r) == robot => Some(usize::from(node)),
+            _ => None,
+        };
+        robots.get(robot).map(|robot| robot.movers(node(self.pair.0), node(self.pair.1))).unwrap_or_default()
+    }
 }
 
 /// An immutable world of robots and objects.

@@ -160,3 +160,53 @@ async fn streams_are_transactions_and_what_is_grabbed_follows_the_hand() {
     let counters = &run.summary()["counters"];
     assert_eq!((&counters["committed"], &counters["rolled_back"]), (&2.into(), &0.into()), "{counters}");
 }
+
+/// Gaze streams all day and never pauses. When an arm runs into something the head goes back with it, and then on: it had no part in
+/// that.
+#[tokio::test(flavor = "current_thread")]
+async fn a_stream_goes_on_after_what_another_program_ran_into() {
+    let network = network();
+    let mut run = Run::start(&network, "configs/behaviors/filter.toml");
+    run.wait_for_port("/MoBeE/icub/right_arm/rpc:i");
+    run.wait_for_port("/MoBeE/icub/head/command:i");
+    let mut arm = Line::to(&network, "/test/rpc:o", "/MoBeE/icub/right_arm/rpc:i").await;
+    let mut watcher = Line::to(&network, "/watcher/rpc:o", "/MoBeE/icub/head/rpc:i").await;
+    arm.open().await;
+    assert_eq!(arm.say("[set] [velg] 7 (0 1 2 3 4 5 6) (20 20 20 20 20 20 20)").await, "[ok]");
+    assert!(arm.go(RIGHT).await, "the way to the right of the ball is free");
+    let yarp = mobee_yarp::Network::at(SocketAddr::from((Ipv4Addr::LOCALHOST, network.port)));
+    let options = RemoteOptions {
+        local: "/gaze".into(),
+        carrier: Carrier::FastTcp,
+        timeout: Duration::from_secs(10),
+        stale: Duration::from_secs(1),
+    };
+    let gaze = RemoteBoard::new(&yarp, "/MoBeE/icub/head", options);
+    gaze.facts().wait_for(Option::is_some).await.expect("the board answers");
+    let looking = tokio::spawn(async move {
+        for k in 0.. {
+            let speed = if k / 50 % 2 == 0 { 4.0 } else { -4.0 };
+            gaze.stream(Streamed::Velocity(Joints::One(2), vec![speed]));
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    });
+    // the watcher never commands anything: it is told of no failure
+    let moves = async |watcher: &mut Line| {
+        let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+        for _ in 0..60 {
+            let yaw = watcher.arm().await.get(2).copied().expect("a neck");
+            (least, most) = (least.min(yaw), most.max(yaw));
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        most - least > 1.0
+    };
+    assert!(moves(&mut watcher).await, "it looks around");
+    assert!(!arm.go(LEFT).await, "the straight way leads through the ball");
+    watcher.open().await;
+    assert!(moves(&mut watcher).await, "it looks around again");
+    looking.abort();
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    let journal = run.end();
+    assert!(journal.contains(HOLD), "{journal}");
+    assert_eq!(run.summary()["counters"]["rolled_back"], 1);
+}

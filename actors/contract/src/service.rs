@@ -4,6 +4,7 @@
 
 use crate::{Board, Commit, CommitId, Event, MotionEnd, Pose, Refusal, Setpoints, Status, Time, Verdict};
 use mobee_model::{Contact, Edit, Robot, Scene};
+use std::collections::BTreeSet;
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -47,6 +48,9 @@ pub trait Filtered: Send + Sync {
     fn stop(&self, agent: Arc<str>);
     /// How an accepted motion ended; `None` while it is under way. Ends older than the newest hundred are `Failed`.
     fn end_of(&self, id: CommitId) -> Option<MotionEnd>;
+    /// The robot's motors that brought together what touched in a motion that failed by contact; `None` if it failed by something
+    /// else, did not fail, or is not remembered.
+    fn to_blame(&self, id: CommitId) -> Option<BTreeSet<usize>>;
     /// Lets the built-in agent make motions, or (at the end of its present one) makes it pause for another.
     ///
     /// # Errors

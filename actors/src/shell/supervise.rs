@@ -106,7 +106,13 @@ impl Actor for SuperviseActor {
             SuperviseMsg::AgentDied(agent) => supervise.on(SuperviseIn::AgentDied(agent)),
             SuperviseMsg::Tick => supervise.on(SuperviseIn::Tick),
             SuperviseMsg::Fault(what) => supervise.on(SuperviseIn::Fault(what)),
-            SuperviseMsg::Closed(token, cause) => supervise.on(SuperviseIn::Closed(token, cause)),
+            SuperviseMsg::Closed(token, cause) => {
+                let blamed = match &cause {
+                    Cause::Contact(contacts) => Some(supervise.hub.movers(contacts, supervise.wires.robot)),
+                    _ => None,
+                };
+                supervise.on(SuperviseIn::Closed(token, cause, blamed));
+            }
             SuperviseMsg::Word(word) => supervise.on(SuperviseIn::Word(word)),
             SuperviseMsg::Recover => supervise.on(SuperviseIn::Recover),
             SuperviseMsg::Yield(reply) => {

@@ -3,6 +3,7 @@
 use super::{Closing, SuperviseCore, SuperviseOut};
 use crate::reflex::Word;
 use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
+use std::collections::BTreeSet;
 
 impl SuperviseCore {
     /// The motion is to be rolled back for a reason that supervise saw. An escape has no way back: it is measured.
@@ -20,13 +21,19 @@ impl SuperviseCore {
         }
     }
 
-    /// The reflex closed the filter.
-    pub(super) fn closed(&mut self, token: u64, cause: Cause, now: Time, out: &mut Vec<SuperviseOut>) {
+    /// The reflex closed the filter; the motors that had a part in it, if that is known.
+    pub(super) fn closed(
+        &mut self,
+        token: u64,
+        (cause, blamed): (Cause, Option<BTreeSet<usize>>),
+        now: Time,
+        out: &mut Vec<SuperviseOut>,
+    ) {
         if token != self.gate.token() {
             return; // somebody closed it anew since
         }
         self.token = token;
-        self.hush(now);
+        self.hush(now, blamed);
         (self.stream, self.forces) = (None, None);
         if self.is_moving() {
             self.give_cause(cause);

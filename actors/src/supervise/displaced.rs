@@ -56,6 +56,8 @@ impl SuperviseCore {
             *count = if by > share * self.rules.tolerance { *count + 1 } else { 0 };
         }
         let [tells, is_far] = self.resting.beyond.map(|count| count >= READINGS);
+        // what is beyond the tolerance closes the filter two readings later, or was noise
+        let tells = tells && by <= self.rules.tolerance;
         let closes = is_far && Gate::opens(self.token) && self.gate.token() == self.token;
         let place = self.resting.places.get_mut(motor).and_then(Option::as_mut);
         let is_news = tells && place.is_some_and(|place| !std::mem::replace(&mut place.told, true));

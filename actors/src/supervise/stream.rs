@@ -35,7 +35,7 @@ impl SuperviseCore {
         out: &mut Vec<SuperviseOut>,
     ) -> Verdict {
         check_setpoints(&setpoints, &self.rules)?;
-        self.listen(agent, now)?;
+        self.listen(agent, &setpoints.motors, now)?;
         match self.admit(now)? {
             Way::Escape { reason, .. } => Err(Refusal::Holding { reason }),
             Way::Join { .. } if self.status == Status::Escaping => Err(Refusal::Holding { reason: Hold::InContact }),

@@ -88,9 +88,10 @@ impl RobotFilter {
     fn with<T>(&self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
         let latest = self.filtered.latest();
         let end_of = |id: CommitId| self.filtered.end_of(id);
+        let to_blame = |id: CommitId| self.filtered.to_blame(id);
         let now = self.running.now();
         let time_of_day = self.running.time_of_day(now);
-        let seen = Seen { now, time_of_day, status: latest.status, q: &latest.q, end_of: &end_of };
+        let seen = Seen { now, time_of_day, status: latest.status, q: &latest.q, end_of: &end_of, to_blame: &to_blame };
         let mut core = self.core.lock().unwrap_or_else(PoisonError::into_inner);
         core.sense(latest.at, &latest.q, latest.status);
         f(&mut core, &seen)

@@ -15,6 +15,8 @@ struct Line {
     open: Option<(CommitId, BTreeSet<usize>)>,
     /// Whether that motion failed, and the client does not know yet.
     failed: bool,
+    /// Whether what it moved had no part in that.
+    innocent: bool,
     heard: Option<Time>,
 }
 
@@ -31,11 +33,14 @@ impl Lines {
         if line.family.is_none() {
             line.family = family(client.from);
         }
-        if let Some((id, _)) = &line.open {
+        if let Some((id, motors)) = &line.open {
             match (seen.end_of)(*id) {
                 None => {}
                 Some(MotionEnd::Reached) => line.open = None,
-                Some(MotionEnd::Failed) => (line.open, line.failed) = (None, true),
+                Some(MotionEnd::Failed) => {
+                    line.innocent = (seen.to_blame)(*id).is_some_and(|blamed| blamed.is_disjoint(motors));
+                    (line.open, line.failed) = (None, true);
+                }
             }
         }
     }
@@ -45,11 +50,11 @@ impl Lines {
         self.0.get(&client.connection).is_some_and(|l| l.failed)
     }
 
-    /// Whether a stream is not to be heard: it failed and has not been silent since. Counts as hearing it.
+    /// Whether a stream is not to be heard: it failed, had a part in that, and has not been silent since. Counts as hearing it.
     pub(super) fn deaf(&mut self, client: &Client, now: Time) -> bool {
         let Some(line) = self.0.get_mut(&client.connection) else { return false };
         let silent = line.heard.replace(now).is_some_and(|heard| now.since(heard) >= SILENCE);
-        if silent {
+        if silent || line.innocent {
             line.failed = false;
         }
         line.failed

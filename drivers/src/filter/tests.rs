@@ -13,6 +13,7 @@ struct Bench {
     now: Time,
     q: Vec<f64>,
     ends: RefCell<BTreeMap<u64, MotionEnd>>,
+    blamed: Option<BTreeSet<usize>>,
     next: u64,
     /// Requests that reached the board.
     asked: Vec<Bottle>,
@@ -47,6 +48,7 @@ impl Bench {
             now: Time::from_secs(1.0),
             q,
             ends: RefCell::default(),
+            blamed: None,
             next: 1,
             asked: vec![],
             stopped: 0,
@@ -56,8 +58,15 @@ impl Bench {
     fn seen<T>(&mut self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
         let ends = self.ends.borrow();
         let end_of = |id: CommitId| ends.get(&id.0).copied();
-        let seen =
-            Seen { now: self.now, time_of_day: self.now.secs(), status: self.status, q: &self.q, end_of: &end_of };
+        let blamed = self.blamed.clone();
+        let seen = Seen {
+            now: self.now,
+            time_of_day: self.now.secs(),
+            status: self.status,
+            q: &self.q,
+            end_of: &end_of,
+            to_blame: &|_| blamed.clone(),
+        };
         f(&mut self.core, &seen)
     }
 
@@ -286,6 +295,27 @@ fn a_stream_that_goes_on_while_the_filter_is_closed_is_not_heard_when_it_opens()
     assert!(!heard(&mut b, Status::Rest, 100), "it never paused");
     b.now = b.now + std::time::Duration::from_millis(500);
     assert!(heard(&mut b, Status::Rest, 1));
+}
+
+/// A gaze controller never pauses: what an arm ran into is none of its business.
+#[test]
+fn a_stream_that_had_no_part_in_a_contact_goes_on_as_the_filter_opens() {
+    let mut b = Bench::new();
+    let mut heard = |blamed: &[usize]| {
+        b.status = Status::Rest;
+        b.now = b.now + std::time::Duration::from_secs(1);
+        assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_some());
+        b.end(MotionEnd::Failed);
+        (b.blamed, b.status) = (Some(blamed.iter().copied().collect()), Status::Retreating);
+        b.now = b.now + std::time::Duration::from_millis(20);
+        assert!(b.stream(7, "[vmos]", &[1.0, 1.0]).is_none(), "closed");
+        b.status = Status::Rest;
+        b.now = b.now + std::time::Duration::from_millis(20);
+        b.stream(7, "[vmos]", &[1.0, 1.0]).is_some()
+    };
+    assert!(heard(&[2]));
+    assert!(!heard(&[1, 2]), "it pushed, too");
+    assert!(heard(&[]));
 }
 
 #[test]

@@ -73,6 +73,9 @@ fn reach_holds(robot: &Robot, steps: usize) {
                 let change = ((x.1 - x2.1).norm() - (y.1 - y2.1).norm()).abs();
                 assert!(change <= bound + 1e-12, "a distance changed by {change}, the bound is {bound}");
                 assert!(robot.moves(x.0, x2.0) || change < 1e-12, "nodes {} and {} moved", x.0, x2.0);
+                let movers = robot.movers(Some(x.0), Some(x2.0));
+                let moved = alone.is_none_or(|motor| movers.contains(&motor));
+                assert!(moved || change < 1e-12, "{alone:?} moved nodes {} and {}: {movers:?}", x.0, x2.0);
             }
         }
     }
@@ -88,6 +91,9 @@ fn two_nodes_move_if_a_joint_with_a_range_lies_between() {
     assert!(!robot.moves(2, 8), "a joint stands still on its parent");
     assert!(robot.moves(9, 13), "two fingers of one motor");
     assert!(!robot.moves(0, 14), "two roots");
+    let fingers = robot.movers(Some(9), Some(13));
+    assert!(fingers.len() == 1 && robot.movers(Some(9), None).is_superset(&fingers), "{fingers:?}");
+    assert!(robot.movers(Some(0), None).is_empty() && robot.movers(Some(2), Some(2)).is_empty());
 }
 
 #[test]

@@ -375,7 +375,7 @@ impl Cell {
                 let out = match self.to_supervise.pop_front() {
                     Some(ToSupervise::Pulse(pulse)) => self.supervise.on(SuperviseIn::Pulse(&pulse), self.now),
                     Some(ToSupervise::Closed(token, cause)) => {
-                        self.supervise.on(SuperviseIn::Closed(token, cause), self.now)
+                        self.supervise.on(SuperviseIn::Closed(token, cause, None), self.now)
                     }
                     Some(ToSupervise::Word(word)) => self.supervise.on(SuperviseIn::Word(word), self.now),
                     None => return,

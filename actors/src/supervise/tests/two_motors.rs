@@ -178,3 +178,19 @@ fn a_motor_that_is_moved_in_mid_motion_takes_the_motion_back() {
     assert!(out.iter().any(closed) && out.iter().any(back), "{out:?}");
     assert_eq!(two.supervise.status(), Status::Stopping);
 }
+
+/// Of two programs that stream, one ran into something: the other can't have pushed, and is heard while it never pauses.
+#[test]
+fn set_points_of_motors_that_had_no_part_in_a_contact_are_heard() {
+    for (blamed, heard) in [(Some(1), [true, false]), (Some(0), [false, true]), (None, [false, false])] {
+        let mut two = Two::new();
+        two.stream(Values::Velocity(vec![0.1, 0.1]));
+        let _ = two.read([0.01, 0.01], [false, false]);
+        let token = two.supervise.gate.close();
+        let blamed = blamed.map(|motor| [motor].into());
+        two.supervise.on(SuperviseIn::Closed(token, Cause::Contact(Vec::new()), blamed), two.now);
+        let mut is_heard = |motors: &[usize]| two.supervise.listen(&"a".into(), motors, two.now).is_ok();
+        assert_eq!([is_heard(&[0]), is_heard(&[1])], heard);
+        assert!(!is_heard(&[0, 1]), "together they push");
+    }
+}
