@@ -19,7 +19,7 @@ const WAY: f64 = 6.0 * std::f64::consts::PI / 180.0;
 /// How often: each move is timed twice, and a dozen times tell.
 const MOVES: u32 = 6;
 /// Share of the motor's greatest speed.
-const SPEED: f64 = 0.1;
+const SPEED: f64 = 0.05;
 
 /// To and fro.
 struct ToAndFro {

@@ -6,17 +6,20 @@
 //!
 //! What was timed counts once the reference is read back, and is the one that was told: another program may have set its own.
 
+use std::collections::BTreeSet;
+
 /// Where the stretches begin and end, shares of the way.
 const MARKS: [f64; 3] = [0.1, 0.5, 0.9];
 /// The shortest way that is timed, deg, and the shortest time that a stretch may be expected to take, s: encoders are noisy and late.
-const LEAST: (f64, f64) = (3.0, 0.2);
+const LEAST: (f64, f64) = (3.0, 0.4);
 /// The share of a stretch's time that may pass between two readings.
-const GAP: f64 = 0.25;
+const GAP: f64 = 0.1;
 /// How much slower or faster than told a joint is that goes by speeds.
 const FAIR: std::ops::RangeInclusive<f64> = 0.5..=2.0;
-/// So many stretches are timed; with so many that are not fair among them, references mean no speeds.
+/// So many stretches are timed; with so many that are not fair among them, of so many moves, references mean no speeds: what disturbs
+/// one move disturbs all of its joints.
 const ENOUGH: usize = 12;
-const UNFAIR: usize = 3;
+const UNFAIR: (usize, usize) = (3, 2);
 /// A reference that differs by this share is another one.
 const ROUNDING: f64 = 0.01;
 
@@ -28,12 +31,17 @@ pub struct Gauge {
     pending: Vec<Pending>,
     /// Speeds as seen, by those that were told.
     seen: Vec<f64>,
+    /// How many moves there were, and those in which a stretch was not fair.
+    moves: u64,
+    unfair: BTreeSet<u64>,
 }
 
 /// Something that was timed.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     joint: usize,
+    /// Its move.
+    number: u64,
     /// The reference that was told, deg/s.
     told: f64,
     /// The speed as seen, by that.
@@ -45,6 +53,8 @@ struct Pending {
 struct Timed {
     from: f64,
     way: f64,
+    /// Its move.
+    number: u64,
     /// The reference, deg/s.
     speed: f64,
     /// How long a stretch should take, s.
@@ -59,7 +69,12 @@ struct Timed {
 impl Gauge {
     /// No joint has moved.
     pub fn new(axes: usize) -> Gauge {
-        Gauge { joints: vec![None; axes], pending: Vec::new(), seen: Vec::new() }
+        Gauge { joints: vec![None; axes], pending: Vec::new(), seen: Vec::new(), moves: 0, unfair: BTreeSet::new() }
+    }
+
+    /// Some joints are about to be told a move.
+    pub fn begin(&mut self) {
+        self.moves += 1;
     }
 
     /// A joint at `from` was told to move to `to` (deg) at this speed (deg/s).
@@ -69,7 +84,16 @@ impl Gauge {
         let counts = self.seen.len() < ENOUGH && way.abs() >= LEAST.0 && stretch >= LEAST.1 && stretch.is_finite();
         self.pending.retain(|pending| pending.joint != joint);
         if let Some(slot) = self.joints.get_mut(joint) {
-            *slot = counts.then_some(Timed { from, way, speed, stretch, next: 0, since: None, newest: None });
+            *slot = counts.then_some(Timed {
+                from,
+                way,
+                number: self.moves,
+                speed,
+                stretch,
+                next: 0,
+                since: None,
+                newest: None,
+            });
         }
     }
 
@@ -86,8 +110,8 @@ impl Gauge {
     pub fn read(&mut self, at: f64, q: &[f64]) {
         for (joint, (slot, q)) in self.joints.iter_mut().zip(q).enumerate() {
             let Some(timed) = slot else { continue };
-            let told = timed.speed;
-            self.pending.extend(timed.read(at, *q).map(|times| Pending { joint, told, times }));
+            let (number, told) = (timed.number, timed.speed);
+            self.pending.extend(timed.read(at, *q).map(|times| Pending { joint, number, told, times }));
             if timed.next == MARKS.len() {
                 *slot = None;
             }
@@ -97,7 +121,7 @@ impl Gauge {
     /// A joint is much faster than it was told, which says enough of its move.
     pub fn outran(&mut self, joint: usize, times: f64) {
         if let Some(timed) = self.joints.get_mut(joint).and_then(Option::take) {
-            self.pending.push(Pending { joint, told: timed.speed, times });
+            self.pending.push(Pending { joint, number: timed.number, told: timed.speed, times });
         }
     }
 
@@ -110,10 +134,13 @@ impl Gauge {
     /// no speeds.
     pub fn answered(&mut self, references: &[f64]) -> bool {
         let was = self.is_unfair();
-        for Pending { joint, told, times } in self.pending.drain(..) {
+        for Pending { joint, number, told, times } in self.pending.drain(..) {
             let is_told = |read: &f64| (read - told).abs() <= ROUNDING * told;
             if self.seen.len() < ENOUGH && references.get(joint).is_none_or(is_told) {
                 self.seen.push(times);
+                if !FAIR.contains(&times) {
+                    self.unfair.insert(number);
+                }
             }
         }
         self.is_unfair() && !was
@@ -121,7 +148,8 @@ impl Gauge {
 
     /// Whether references mean no speeds.
     pub fn is_unfair(&self) -> bool {
-        self.seen.iter().filter(|times| !FAIR.contains(*times)).count() >= UNFAIR
+        let stretches = self.seen.iter().filter(|times| !FAIR.contains(*times)).count();
+        stretches >= UNFAIR.0 && self.unfair.len() >= UNFAIR.1
     }
 
     /// Speeds as seen, by those that were told.
@@ -165,6 +193,7 @@ mod tests {
 
     /// Moves one joint after the other by `way` degrees at 10 deg/s; where it is at a share of the time that this takes.
     fn moved(gauge: &mut Gauge, way: f64, period: f64, at: impl Fn(f64) -> f64) -> bool {
+        gauge.begin();
         gauge.told(0, 20.0, 20.0 + way, 10.0);
         let whole = way.abs() / 10.0;
         for k in 0..(40.0 * whole / period) as usize {
@@ -177,7 +206,7 @@ mod tests {
     fn boards_that_go_by_speeds_are_taken_at_their_word() {
         let even = |t: f64| t.min(1.0);
         let eased = |t: f64| t.min(1.0).powi(3) * (10.0 - 15.0 * t.min(1.0) + 6.0 * t.min(1.0).powi(2));
-        for (way, period) in [(5.0, 0.02), (-40.0, 0.02), (30.0, 0.1)] {
+        for (way, period) in [(15.0, 0.02), (-40.0, 0.02), (30.0, 0.1)] {
             let mut gauge = Gauge::new(1);
             for _ in 0..4 {
                 assert!(!moved(&mut gauge, way, period, even) && !moved(&mut gauge, way, period, eased));
@@ -191,7 +220,7 @@ mod tests {
     fn a_board_that_takes_them_for_gains_is_found_out() {
         // 10 deg/s is a gain of 6 * 0.175 / s: the way is gone in the same time, however long it is
         let gain = 6.0 * 10f64.to_radians();
-        for way in [5.0, -10.0, 80.0] {
+        for way in [10.0, -12.0, 80.0] {
             let mut gauge = Gauge::new(1);
             let found =
                 (0..4).position(|_| moved(&mut gauge, way, 0.02, |t| 1.0 - (-gain * t * way.abs() / 10.0).exp()));
@@ -201,6 +230,7 @@ mod tests {
         }
         let mut gauge = Gauge::new(1);
         let outran = |gauge: &mut Gauge| {
+            gauge.begin();
             gauge.told(0, 0.0, 90.0, 10.0);
             gauge.outran(0, 4.0);
             gauge.outran(0, 4.0);
@@ -233,7 +263,7 @@ mod tests {
     fn missing_readings_and_short_ways_do_not_count() {
         let mut gauge = Gauge::new(2);
         assert!(!moved(&mut gauge, 2.0, 0.02, |t| (0.1 * t).min(1.0)), "too short");
-        assert!(!moved(&mut gauge, 10.0, 0.2, |t| (0.1 * t).min(1.0)), "too few readings");
+        assert!(!moved(&mut gauge, 10.0, 0.1, |t| (0.1 * t).min(1.0)), "too few readings");
         for k in 0..20 {
             gauge.told(1, 0.0, 10.0, 10.0);
             gauge.read(f64::from(k), &[0.0, 0.0]);

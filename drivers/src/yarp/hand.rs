@@ -346,6 +346,7 @@ impl Hand {
     fn timed(&self, joints: &[usize], to: &[f64], speed: &[f64]) {
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
+        known.gauge.begin();
         for ((joint, to), speed) in joints.iter().zip(to).zip(speed) {
             let from = known.q.get(*joint).copied().unwrap_or(*to);
             known.gauge.told(*joint, from, *to, *speed);

@@ -93,7 +93,10 @@ fn a_board_is_as_it_was_found_however_a_motion_ends() {
                 }
                 "stops" => {
                     go(&robot, &mut driver, 5.0);
-                    robot.reading(&mut driver, "the move", |s| !s.done[0]);
+                    // all of it: a joint that was made stiff and not yet switched from set-points is given back with the lease only
+                    let before = robot.net.truth();
+                    let goes = |m: usize| (robot.net.truth()[m] - before[m]).abs() > 0.2;
+                    robot.reading(&mut driver, "the move", |_| [0, 2, 3].into_iter().all(goes));
                     driver.command(robot.now(), &Command::Stop { motors: Vec::new() }).unwrap();
                 }
                 "lease" => {
