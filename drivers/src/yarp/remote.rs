@@ -59,7 +59,9 @@ impl Wire for Network {
 
     fn stop_line(&self, patch: &Patch, own: &str, timeout: Duration) -> Option<Box<dyn StopLine>> {
         let network = self.clone().with_timeout(timeout);
-        Some(Box::new(RpcClient::keep(&network, own, &format!("{}/rpc:i", patch.port), Carrier::Tcp)))
+        // a stop must find its board while no name server runs, too
+        let line = RpcClient::keep(&network, own, &format!("{}/rpc:i", patch.port), Carrier::Tcp).remembering();
+        Some(Box::new(line))
     }
 
     fn questions(&self, patch: &Patch, local: &str, timeout: Duration) -> Option<Questions> {

@@ -27,8 +27,9 @@ impl Heard {
     }
 }
 
+/// The time in which sockets live.
 #[expect(clippy::disallowed_methods, reason = "peers on sockets live in real time")]
-fn now() -> Instant {
+pub(crate) fn now() -> Instant {
     Instant::now()
 }
 

@@ -87,6 +87,14 @@ impl RpcClient {
         RpcClient { keeper, limit: network.timeout() }
     }
 
+    /// One that, where the name server does not tell where the other side is (it may be down, or have just been started anew), connects to
+    /// where that was last. Another port may be there by now: only for what does no harm to it, such as a stop.
+    #[must_use]
+    pub fn remembering(mut self) -> RpcClient {
+        self.keeper.remember();
+        self
+    }
+
     /// With this limit for every reply; the default is the network's.
     pub fn with_timeout(self, limit: Duration) -> RpcClient {
         RpcClient { limit, ..self }

@@ -20,6 +20,8 @@ pub(crate) struct Keeper {
     to: Contact,
     own_name: String,
     keep: bool,
+    /// Where the other side was last, if that may be tried.
+    last: Option<Option<Contact>>,
     line: Option<Line>,
     delay: Duration,
     pause: Option<Pin<Box<Sleep>>>,
@@ -41,12 +43,17 @@ impl Keeper {
     /// Without a connection yet.
     pub fn idle(network: &Network, own_name: &str, to: Contact, carrier: Carrier, options: PortOptions) -> Keeper {
         let own_name = network.full_name(own_name);
-        let (network, keep, line, delay, pause) = (network.clone(), false, None, FIRST, None);
-        Keeper { network, options, carrier, to, own_name, keep, line, delay, pause }
+        let (network, keep, last, line, delay, pause) = (network.clone(), false, None, None, FIRST, None);
+        Keeper { network, options, carrier, to, own_name, keep, last, line, delay, pause }
     }
 
     pub fn keep(&mut self) {
         self.keep = true;
+    }
+
+    /// Whoever answers where the other side was last is good enough, if the name server does not tell where it is.
+    pub fn remember(&mut self) {
+        self.last = Some(None);
     }
 
     pub fn to(&self) -> &Contact {
@@ -57,9 +64,16 @@ impl Keeper {
         self.line.is_some()
     }
 
-    async fn dial(&self) -> Result<Line, PortError> {
-        let found = dial::find(&self.network, &self.to).await?;
-        dial::dial(&self.network, &self.options, &found, self.carrier, &self.own_name).await
+    async fn dial(&mut self) -> Result<Line, PortError> {
+        let found = match (dial::find(&self.network, &self.to).await, &self.last) {
+            (Err(PortError::Name(_) | PortError::Unknown(_)), Some(Some(last))) => last.clone(),
+            (found, _) => found?,
+        };
+        let line = dial::dial(&self.network, &self.options, &found, self.carrier, &self.own_name).await?;
+        if let Some(last) = &mut self.last {
+            *last = Some(found);
+        }
+        Ok(line)
     }
 
     /// The connection. A lost one is made anew if asked to [`keep`](Keeper::keep) it, but not before a pause that grows
