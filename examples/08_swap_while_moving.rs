@@ -6,13 +6,13 @@
 use mobee::compose::compose;
 use mobee::config::Config;
 use mobee_actors::check::check_events;
-use mobee_actors::clock::ClockKind;
-use mobee_actors::controller::Controller;
+use mobee_actors::record::tap::Taps;
+use mobee_actors::runtime::clock::ClockKind;
+use mobee_actors::runtime::swap::Terms;
 use mobee_actors::shell::{Maker, Offer};
-use mobee_actors::swap::Terms;
 use mobee_actors::system::{Control, NewPart, PartOffer, Setup, run_under};
-use mobee_actors::tap::Taps;
 use mobee_contract::{Agent, Event, Intent, MotionEnd, Refusal, Snapshot, SwapStep, Time, View};
+use mobee_controller::ControllerSettings;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -53,7 +53,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let faster = Maker(faster.robots.remove(0).agent.ok_or("explore.toml has an agent")?);
     let broken =
         Maker(Arc::new(|| Ok(Box::new(Broken(Snapshot { kind: String::new(), version: 0, state: ().into() })))));
-    let controller = Controller { margin_m: 0.008, period_s: 0.01, ..first.robots[0].controller.clone() };
+    let controller = ControllerSettings { margin_m: 0.008, period_s: 0.01, ..first.robots[0].controller.clone() };
     let (reply, _) = tokio::sync::oneshot::channel();
     let offer = PartOffer {
         part: NewPart::Controller(controller),

@@ -4,10 +4,10 @@ mod checks;
 mod script;
 
 use crate::config::{Complaints, Config, ConfigError, Source, suggestion};
-use mobee_actors::controller::Controller;
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
+use mobee_bridge::YarpServices;
 use mobee_contract::{Context, Hardware, KindError, Means, Service, agent_kinds, driver_kinds};
-use mobee_drivers::YarpServices;
+use mobee_controller::ControllerSettings;
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -288,7 +288,7 @@ pub(crate) fn margin_warning(
     r: &crate::config::Robot,
     robot: &Robot,
     hardware: &dyn Hardware,
-    controller: &Controller,
+    controller: &ControllerSettings,
     foreign: Option<f64>,
 ) -> Option<String> {
     // a real robot is not connected to before the run

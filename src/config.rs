@@ -26,7 +26,7 @@ pub use shape::{Misfit, misfits};
 pub use source::Source;
 pub use spelling::did_you_mean;
 
-use mobee_actors::clock::ClockKind;
+use mobee_actors::runtime::clock::ClockKind;
 use mobee_model::file::{MIB, read_text};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -69,7 +69,7 @@ pub struct Config {
     pub record: Record,
     /// MoBeE's own YARP ports: the port filter, the world's RPC. Absent: none are opened.
     #[serde(default)]
-    pub yarp: Option<mobee_drivers::YarpSettings>,
+    pub yarp: Option<mobee_bridge::YarpSettings>,
     /// What `mobee torture` demands of this behavior beside the invariants.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torture: Option<Torture>,

@@ -3,7 +3,7 @@
 use crate::config::{Config, ConfigError};
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::check::summary;
-use mobee_actors::journal::JournalError;
+use mobee_actors::record::journal::JournalError;
 use mobee_recorder::Poses;
 use std::fmt::Write;
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! `mobee kinds`: what a configuration file can name, with docs and settings, as registered where it is defined.
 
 use crate::config::{ConfigError, controller_schema, nearest};
-use mobee_actors::controller::controller_kinds;
 use mobee_contract::{agent_kinds, driver_kinds};
+use mobee_controller::controller_kinds;
 use serde_json::Value;
 use std::fmt::Write;
 

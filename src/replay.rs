@@ -15,9 +15,9 @@ use crate::run::{CtlAt, Done, Extras, Folder, PATIENCE, QUEUE, recorder_settings
 use changes::changes;
 use compare::{Compare, Verdict};
 use miette::{IntoDiagnostic, Report};
-use mobee_actors::journal;
+use mobee_actors::record::journal;
+use mobee_actors::record::tap::{Open, SinkSpec};
 use mobee_actors::system::Control;
-use mobee_actors::tap::{Open, SinkSpec};
 use mobee_contract::{Event, Time};
 use mobee_recorder::Recording;
 use std::path::{Path, PathBuf};

@@ -3,7 +3,7 @@
 
 use crate::config::Config;
 use crate::kinds::{Entry, entries};
-use mobee_actors::controller::DEFAULT_KIND;
+use mobee_controller::DEFAULT_KIND;
 use serde_json::{Map, Value, json};
 use std::sync::OnceLock;
 

@@ -20,7 +20,7 @@ pub use report::Tally;
 use crate::run::Folder;
 use faults::chosen;
 use miette::Report;
-use mobee_actors::journal::Journal;
+use mobee_actors::record::journal::Journal;
 use plan::{Planned, plan};
 use shrink::shrink;
 use std::path::{Path, PathBuf};

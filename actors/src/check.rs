@@ -30,7 +30,7 @@
 //! | I31 | moved at rest closes | a robot that is moved at rest, by no command of its filter, closes it: beyond the tolerance it is told of and does not stay open |
 //!
 //! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
-//! journal where there are any ([`crate::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25, I26 and I31 want them. I15 is judged where a simulation
+//! journal where there are any ([`crate::record::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25, I26 and I31 want them. I15 is judged where a simulation
 //! says that its faults have healed. [`ALL`] lists them.
 
 mod all;
@@ -70,7 +70,7 @@ pub use liveness::HEALED;
 pub use poses::Poses;
 pub use summary::{RunSummary, summary};
 
-use crate::journal::{JournalError, Line, read};
+use crate::record::journal::{JournalError, Line, read};
 use mobee_contract::{Event, Pose, Time};
 use poses::Merge;
 use serde::Serialize;

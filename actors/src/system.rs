@@ -22,11 +22,11 @@ pub use report::{Report, RobotReport};
 pub use run::{run, run_under};
 pub use trouble::{Blow, Troubles};
 
-use crate::clock::ClockKind;
-use crate::controller::Controller;
+use crate::record::tap::Taps;
+use crate::runtime::clock::ClockKind;
 use crate::shell::Offer;
-use crate::tap::Taps;
 use mobee_contract::{Agent, Hardware, Service, Snapshot, Time};
+use mobee_controller::ControllerSettings;
 use mobee_model::{Edit, Scene};
 use std::fmt;
 use std::sync::Arc;
@@ -64,7 +64,7 @@ pub struct RobotSetup {
     /// Its board.
     pub hardware: Arc<dyn Hardware>,
     /// Its controller's settings.
-    pub controller: Controller,
+    pub controller: ControllerSettings,
     /// Its agent, if it has one.
     pub agent: Option<AgentMaker>,
 }

@@ -1,16 +1,16 @@
 //! What connects a robot's actors, and outlives each of them.
 
-use crate::clock::Clock;
-use crate::controller::{Controller, Rules};
-use crate::convoy::Convoy;
-use crate::gate::Gate;
-use crate::ledger::Ledger;
-use crate::pulse::Pulse;
+use crate::record::tap::Taps;
+use crate::runtime::clock::Clock;
+use crate::runtime::stream::Stream;
 use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, Slot, SuperviseMsg};
-use crate::stream::Stream;
 use crate::system::{Counts, Cues, Troubles};
-use crate::tap::Taps;
 use mobee_contract::{AnswerTime, Board, Event, Hardware, Latest, Note, Snapshot, SwapPart, SwapStep};
+use mobee_controller::gate::Gate;
+use mobee_controller::joint_retreat::JointRetreat;
+use mobee_controller::ledger::Ledger;
+use mobee_controller::pulse::Pulse;
+use mobee_controller::{ControllerSettings, Rules, Shared};
 use mobee_model::{Contact, Pair, Robot, Scene};
 use ractor::{ActorRef, Message};
 use std::collections::{BTreeMap, BTreeSet};
@@ -106,6 +106,12 @@ pub struct Wires {
 }
 
 impl Wires {
+    /// Hands a step of a core what the robot's actors share. The ledger is locked meanwhile, for no longer than the step takes.
+    pub fn share<T>(&self, rules: &Rules, hub: &Hub, step: impl FnOnce(&mut Shared) -> T) -> T {
+        let book = &mut *self.ledger.book();
+        step(&mut Shared { rules, gate: &self.gate, book, joint_retreat: &hub.joint_retreat })
+    }
+
     /// Its rules now: an exchange of controller or driver brings others.
     pub fn rules(&self) -> Arc<Rules> {
         self.parts.lock().rules.clone()
@@ -116,7 +122,7 @@ impl Wires {
 #[derive(Clone, Debug)]
 pub struct Parts {
     /// Its controller's settings.
-    pub controller: Controller,
+    pub controller: ControllerSettings,
     /// Its hardware.
     pub plug: Plug,
     /// What the board can do.
@@ -129,7 +135,7 @@ pub struct Parts {
 
 impl Parts {
     /// The parts of a robot of this name and model.
-    pub fn new(robot: &str, model: Arc<Robot>, controller: Controller, plug: Plug, board: Board) -> Parts {
+    pub fn new(robot: &str, model: Arc<Robot>, controller: ControllerSettings, plug: Plug, board: Board) -> Parts {
         let bodies = model.parts.iter().map(|p| p.name.clone()).collect();
         let rules = Rules::new(robot, bodies, &controller, &board);
         let rules = Arc::new(rules.driving(&controller.drive, &model));
@@ -137,7 +143,7 @@ impl Parts {
     }
 
     /// The same with another controller.
-    pub fn with_controller(&self, controller: Controller) -> Parts {
+    pub fn with_controller(&self, controller: ControllerSettings) -> Parts {
         Parts::new(&self.rules.robot, self.model.clone(), controller, self.plug.clone(), self.board.clone())
     }
 
@@ -166,7 +172,7 @@ pub struct Hub {
     /// The scene now.
     pub scene: Cell<Arc<Scene>>,
     /// Robots that go back together.
-    pub convoy: Arc<Convoy>,
+    pub joint_retreat: Arc<JointRetreat>,
     /// The pulse of all robots into the model.
     pub to_model: Stream<(usize, Pulse)>,
     /// The line to the model.

@@ -5,7 +5,7 @@
 //! back is for an agent just a motion that failed.
 //!
 //! ```text
-//! View, MotionEnd ──> agents ──> walk ──> roadmap ──> nn
+//! View, MotionEnd ──> agents ──> walk ──> roadmap ──> neighbors
 //!                        │         └────> escape
 //!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
 //! ```
@@ -16,9 +16,5 @@
 //! Units: radians, metres, seconds; degrees only in settings, named `_deg`.
 
 pub mod agents;
-pub mod escape;
-pub mod group;
-pub mod nn;
+pub mod planners;
 pub mod roadmap;
-pub mod verdict;
-pub mod walk;

@@ -14,12 +14,15 @@
 //! the same of its opposite, if that was never driven. A failure tells less, as the motion broke off at its first contact.
 
 mod file;
+pub mod neighbors;
 #[cfg(test)]
 mod tests;
+pub mod verdict;
+pub mod walk;
 
 pub use file::VERSION;
 
-use crate::nn::{Neighbors, distance, neighbors};
+use crate::roadmap::neighbors::{Neighbors, distance, neighbors};
 use mobee_contract::{EdgeState, Note, Target};
 use petgraph::algo::{Measure, astar, dijkstra};
 use petgraph::stable_graph::{NodeIndex, StableDiGraph};

@@ -1,4 +1,4 @@
-//! What MoBeE drives: the simulated robot behind the driver contract.
+//! What MoBeE drives: simulated robots, robots behind YARP, and recorded ones.
 //!
 //! ```text
 //! settings ──> SimHardware ──connect──> SimDriver (one per life of a driver actor)
@@ -6,8 +6,8 @@
 //!                  └── one simulated board: Plant (motors) + encoders + injected faults
 //! ```
 //!
-//! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], the faults it can be given ([`SimFaults`]), the conformance suite that every
-//!   driver must pass ([`conformance`]), and the estimate of reaction and braking path ([`stopping_path`]).
+//! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], the faults it can be given ([`SimFaults`]), the driver of robots behind YARP ([`YarpHardware`], kind `yarp`), recorded robots
+//!   ([`ReplayHardware`], kind `replay`), and the estimate of reaction and braking path ([`stopping_path`]). What each promises is in `mobee-conformance`.
 //! * Accepts: `Command`s and leases of the driver contract. Emits: `Sample`s.
 //! * Promises: limits of position, speed and acceleration are never exceeded; nothing moves without a lease; the plant outlives
 //!   its drivers; the same seed and the same calls give the same readings.
@@ -33,25 +33,9 @@
     deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::indexing_slicing)
 )]
 
-mod board_sim;
-mod braking;
-pub mod conformance;
-mod encoders;
-mod faults;
-pub mod filter;
 mod fit;
-pub mod force_field;
-pub mod observation;
-pub mod part_rpc;
-pub mod path;
-mod plant;
 pub mod replay;
-mod robot_rpc;
-mod services;
-mod settings;
 mod sim;
-mod words;
-pub mod world_rpc;
 mod yarp;
 
 // the robot on a network of its own that the tests from outside have, for those that need to look inside
@@ -66,12 +50,9 @@ mod net;
 #[allow(dead_code, reason = "the tests from outside use all of it")]
 mod way;
 
-pub use board_sim::{SimBoard, SimClock};
-pub use braking::{StoppingPath, stopping_path};
-pub use faults::{Fault, FaultId, Garbage, SimFaults};
-pub use plant::Plant;
 pub use replay::ReplayHardware;
-pub use services::{RobotPorts, WorldService, YarpServices, YarpSettings};
-pub use settings::{Imitated, SimSettings};
-pub use sim::{SimDriver, SimHardware};
+pub use sim::{
+    Fault, FaultId, Garbage, Imitated, Plant, SimBoard, SimClock, SimDriver, SimFaults, SimHardware, SimSettings,
+    StoppingPath, path, stopping_path,
+};
 pub use yarp::{Moves, PartSettings, Who, WireFault, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim};

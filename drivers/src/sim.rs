@@ -1,9 +1,22 @@
 //! The simulated robot as hardware: one board that outlives its drivers, and the drivers themselves.
 
-use crate::encoders::Encoders;
-use crate::faults::{Active, Fault, Garbage};
-use crate::settings::Imitated;
-use crate::{Plant, SimFaults, SimSettings};
+mod board;
+mod braking;
+mod encoders;
+mod faults;
+pub mod path;
+mod plant;
+mod settings;
+
+pub(crate) use board::JointSettings;
+pub use board::{SimBoard, SimClock};
+pub use braking::{StoppingPath, stopping_path};
+pub use faults::{Fault, FaultId, Garbage, SimFaults};
+pub use plant::Plant;
+pub use settings::{Imitated, SimSettings};
+
+use encoders::Encoders;
+use faults::Active;
 use mobee_contract as contract;
 use mobee_contract::{
     Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample, SetPose, Time,

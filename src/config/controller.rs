@@ -1,7 +1,7 @@
 //! A robot's controller in the configuration: what all kinds share, and the settings of its kind beside it in one table.
 
-use mobee_actors::controller::{self, ControllerKind, DEFAULT_KIND, Drive, controller_kinds};
 use mobee_contract::KindError;
+use mobee_controller::{ControllerKind, ControllerSettings, DEFAULT_KIND, Drive, FRESH_PERIODS, controller_kinds};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -74,7 +74,7 @@ pub fn schema(kind: &ControllerKind) -> Value {
 impl Controller {
     /// Age at which a reading is stale, milliseconds.
     pub fn stale_after_ms(&self) -> f64 {
-        self.stale_ms.unwrap_or(self.period_ms * f64::from(controller::FRESH_PERIODS))
+        self.stale_ms.unwrap_or(self.period_ms * f64::from(FRESH_PERIODS))
     }
 
     /// How the kind drives motions.
@@ -96,15 +96,15 @@ impl Controller {
     ///
     /// # Errors
     /// As for [`Controller::drive`].
-    pub fn settings(&self) -> Result<controller::Controller, KindError> {
-        Ok(controller::Controller {
+    pub fn settings(&self) -> Result<ControllerSettings, KindError> {
+        Ok(ControllerSettings {
             period_s: self.period_ms * 1e-3,
             history: self.history,
             margin_m: self.margin_mm * 1e-3,
             tolerance_deg: self.tolerance_deg,
             stale_s: self.stale_ms.map(|ms| ms * 1e-3),
             drive: self.drive()?,
-            ..controller::Controller::default()
+            ..ControllerSettings::default()
         })
     }
 }

@@ -3,8 +3,8 @@
 use super::wire::Sent;
 use crate::compose::{compose, margin_warning};
 use crate::config::{Config, Source};
+use mobee_actors::runtime::swap::Terms;
 use mobee_actors::shell::{Maker, Offer};
-use mobee_actors::swap::Terms;
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::SwapPart;
 use mobee_model::Robot;

@@ -1,6 +1,6 @@
 //! A running system in words: one line per robot, then the tree and the links.
 
-use mobee_actors::supervision::Health;
+use mobee_actors::runtime::supervision::Health;
 use mobee_actors::system::{Report, RobotReport};
 use mobee_contract::{Hold, Status, SwapPart, SwapStep};
 use std::fmt::Write;
@@ -97,7 +97,7 @@ fn branch(health: &Health, depth: usize, lines: &mut Vec<String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mobee_actors::stream::Counters;
+    use mobee_actors::runtime::stream::Counters;
     use mobee_actors::system::Counts;
     use mobee_contract::{AnswerTime, Time};
     use std::collections::BTreeMap;

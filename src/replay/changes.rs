@@ -2,8 +2,8 @@
 
 use crate::compose::Composition;
 use crate::config::{ConfigError, differences};
+use mobee_actors::runtime::swap::Terms;
 use mobee_actors::shell::{Maker, Offer};
-use mobee_actors::swap::Terms;
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::Time;
 use mobee_model::{Edit, Object, Scene};

@@ -1,7 +1,7 @@
 //! A sink that compares a run with the journal of another one, event by event.
 
 use crate::run::Done;
-use mobee_actors::journal::{Fingerprint, JournalError, Line, Lines, read};
+use mobee_actors::record::journal::{Fingerprint, JournalError, Line, Lines, read};
 use mobee_actors::system::Control;
 use mobee_contract::{Entry, Event, Sink, Time};
 use std::path::Path;

@@ -2,7 +2,7 @@
 
 use super::CtlAt;
 use crate::config::{Config, ConfigError};
-use mobee_drivers::YarpSettings;
+use mobee_bridge::YarpSettings;
 use std::net::TcpListener;
 
 /// Files and sockets that a run has open: threads' runtimes, journal, recording, the control port; with room to spare.

@@ -1,7 +1,7 @@
 //! What `mobee ctl record` acts on while a run goes on: the switch of the recording, and viewers that come later.
 
 use super::sinks::VIEWER;
-use mobee_actors::tap::{Open, Taps};
+use mobee_actors::record::tap::{Open, Taps};
 use mobee_recorder::{Recorder, Settings};
 use std::net::{SocketAddr, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,6 +1,6 @@
 //! A sink that can be switched off and on again while the run goes on.
 
-use mobee_actors::tap::Kept;
+use mobee_actors::record::tap::Kept;
 use mobee_contract::{Entry, Sink, Time};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -7,7 +7,7 @@
 
 use crate::config::{Config, Source};
 use crate::ctl::offer::{self, Wanted};
-use mobee_actors::swap::Terms;
+use mobee_actors::runtime::swap::Terms;
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Event, Running, Service, SwapPart, SwapStep, Time};
 use mobee_model::file::{MIB, read};

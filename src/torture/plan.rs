@@ -6,7 +6,7 @@
 use super::faults::{WIRES, What};
 use super::swaps::{Flaw, Swap};
 use super::wires;
-use mobee_actors::swap::Terms;
+use mobee_actors::runtime::swap::Terms;
 use mobee_actors::system::{Blow, Spot};
 use mobee_contract::{SwapPart, Target, Time};
 use mobee_drivers::{Fault, Garbage};

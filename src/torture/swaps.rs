@@ -3,8 +3,8 @@
 
 use crate::config::{Config, Source};
 use crate::ctl::offer::{Offered, Wanted, take};
+use mobee_actors::runtime::swap::Terms;
 use mobee_actors::shell::Maker;
-use mobee_actors::swap::Terms;
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::{
     Agent, Board, Command, ControlMode, Driver, DriverFault, Hardware, Intent, MotionEnd, Note, Refusal, Sample,

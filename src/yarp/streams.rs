@@ -3,7 +3,7 @@
 use super::ports::{WAITING, carrier_of, printed};
 use super::{Failure, because, info, seconds};
 use crate::signals::Interrupt;
-use mobee_actors::clock::{Clock, ClockKind};
+use mobee_actors::runtime::clock::{Clock, ClockKind};
 use mobee_yarp::{Bottle, Carrier, Delivery, Message, Network, Payload, Queue, Reader, Relay, Stamp, Writer};
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval};

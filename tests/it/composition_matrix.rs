@@ -3,9 +3,9 @@
 
 use mobee::run::{Folder, run};
 use mobee_actors::check::check;
-use mobee_actors::controller::controller_kinds;
 use mobee_actors::system::Counts;
 use mobee_contract::{agent_kinds, driver_kinds};
+use mobee_controller::controller_kinds;
 use mobee_model::load_robot;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};

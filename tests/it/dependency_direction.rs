@@ -14,7 +14,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-behaviors", &["mobee-contract", "mobee-model"]),
     ("mobee-yarp", &[]),
     ("mobee-drivers", &["mobee-contract", "mobee-model", "mobee-yarp"]),
-    ("mobee-actors", &["mobee-contract", "mobee-model"]),
+    ("mobee-bridge", &["mobee-contract", "mobee-model", "mobee-yarp"]),
+    ("mobee-conformance", &["mobee-contract"]),
+    ("mobee-controller", &["mobee-contract", "mobee-model"]),
+    ("mobee-actors", &["mobee-contract", "mobee-controller", "mobee-model"]),
     ("mobee-recorder", &["mobee-contract", "mobee-model"]),
     (
         "mobee",
@@ -23,7 +26,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "mobee-contract",
             "mobee-behaviors",
             "mobee-drivers",
+            "mobee-bridge",
             "mobee-yarp",
+            "mobee-controller",
             "mobee-actors",
             "mobee-recorder",
         ],
@@ -59,6 +64,21 @@ fn crates_use_only_what_the_table_allows() {
                 assert!(allowed.contains(&used), "{name} may not use {used}");
             }
             assert!(used != "rerun" || name == "mobee-recorder", "only the recorder names rerun, not {name}");
+        }
+    }
+}
+
+/// The pure crates: what decides has no mailbox, no thread and no socket, whatever comes later.
+const PURE: &[&str] = &["mobee-model", "mobee-contract", "mobee-controller", "mobee-behaviors"];
+
+#[test]
+fn pure_crates_know_no_actor_library_and_no_runtime() {
+    let packages = packages();
+    for pure in PURE {
+        let package = packages.iter().find(|p| p["name"] == *pure).expect("in the workspace");
+        for dependency in package["dependencies"].as_array().expect("dependencies") {
+            let used = dependency["name"].as_str().expect("a name");
+            assert!(!["ractor", "tokio", "rerun", "tracing"].contains(&used), "{pure} is pure and may not use {used}");
         }
     }
 }

@@ -5,7 +5,7 @@
 //! # loose_rollback                                             its name
 //! A pose twenty times the tolerance away counts as reached.    what it does
 //! torture: configs/behaviors/torture.toml --faults F12         what finds it, if not the usual torture
-//! in actors/src/supervise/end.rs fn end                        where: a file, and a function of it if need be
+//! in actors/controller/src/supervise/end.rs fn end             where: a file, and a function of it if need be
 //! - distance(&q, pose) <= self.rules.tolerance                 a text that is there once
 //! + distance(&q, pose) <= if PLANTED { 20.0 } else { 1.0 } * self.rules.tolerance
 //! ```

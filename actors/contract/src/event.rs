@@ -21,6 +21,74 @@ pub enum Writer {
     Driver,
 }
 
+/// What a command to a driver is. Set-points are not told one by one: see [`Event::Streamed`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CommandKind {
+    /// A move of the board's own.
+    Move,
+    /// A stop.
+    Stop,
+    /// Other control modes.
+    Mode,
+    /// Other reference speeds and accelerations.
+    Reference,
+}
+
+impl CommandKind {
+    /// As people read it.
+    pub fn word(self) -> &'static str {
+        match self {
+            CommandKind::Move => "move",
+            CommandKind::Stop => "stop",
+            CommandKind::Mode => "mode",
+            CommandKind::Reference => "reference",
+        }
+    }
+}
+
+/// What became of an object of the world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WorldChange {
+    /// It is new.
+    Added,
+    /// It is elsewhere.
+    Moved,
+    /// It has another class, shape, or somebody who holds it.
+    Changed,
+    /// It is gone.
+    Removed,
+}
+
+impl WorldChange {
+    /// As people read it.
+    pub fn word(self) -> &'static str {
+        match self {
+            WorldChange::Added => "added",
+            WorldChange::Moved => "moved",
+            WorldChange::Changed => "changed",
+            WorldChange::Removed => "removed",
+        }
+    }
+}
+
+/// What an agent wants, without its values: an [`crate::Intent`] that nobody acts upon.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum IntentKind {
+    /// A motion.
+    Move,
+    /// Set-points.
+    Stream,
+    /// To brake.
+    Stop,
+    /// To be asked later.
+    Wait,
+    /// Nothing more.
+    Done,
+}
+
 /// A robot's constraints: every clause must hold. A clause holds if one of its members has a value above zero, which is the sum of its
 /// coefficients, each times the position of the motor of this index (degrees), and its constant.
 pub type Clauses = Vec<Vec<(Vec<(usize, f64)>, f64)>>;
@@ -206,8 +274,8 @@ pub enum Event {
         token: u64,
         /// Who wrote it.
         writer: Writer,
-        /// `move`, `stop`, `mode` or `reference`.
-        kind: String,
+        /// What it is.
+        kind: CommandKind,
         /// The motors that it names, by index; a stop that names none stops all. Older journals don't tell.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<usize>,
@@ -311,8 +379,8 @@ pub enum Event {
     World {
         /// Its name.
         object: String,
-        /// `added`, `moved`, `changed` or `removed`.
-        what: String,
+        /// What became of it.
+        what: WorldChange,
         /// Its class now, if it still exists.
         class: Option<mobee_model::ObjectClass>,
         /// Its position now, metres, if it still exists.
@@ -363,8 +431,8 @@ pub enum Event {
     Shadow {
         /// Robot.
         robot: String,
-        /// `move`, `stream`, `stop`, `wait` or `done`.
-        intent: String,
+        /// What it would have wanted.
+        intent: IntentKind,
         /// Targets per motor index, rad, if it is a move.
         q: Vec<(usize, f64)>,
     },

@@ -2,7 +2,9 @@
 //!
 //! Motions are straight lines at constant speed, contacts are the scene's own, and every contact leads back the way it came.
 
-use mobee_contract::{CommitId, EdgeState, Entry, Event, Hold, Note, Outcome, Pose, Sink, Status, Summary, Time};
+use mobee_contract::{
+    CommitId, EdgeState, Entry, Event, Hold, Note, Outcome, Pose, Sink, Status, Summary, Time, WorldChange,
+};
 use mobee_model::{Contact, Edit, Object, ObjectClass, Robot, Scene};
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -220,7 +222,7 @@ impl Actor<'_> {
         self.scene = Arc::new(self.scene.edit(&edit).map_err(|e| e.to_string())?);
         self.sink.write(self.at, &Entry::Scene(Arc::clone(&self.scene)))?;
         let class = Some(ObjectClass::Obstacle);
-        self.event(Event::World { object: name, what: "changed".into(), class, at: None })?;
+        self.event(Event::World { object: name, what: WorldChange::Changed, class, at: None })?;
         if self.touching(&self.q, MARGIN).is_empty() { Ok(()) } else { self.state(Status::Holding(Hold::InContact)) }
     }
 

@@ -89,7 +89,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         Event::World { object, what, class, at } => {
             let class = class.map(|c| format!(" {}", format!("{c:?}").to_lowercase())).unwrap_or_default();
             let at = at.map(|[x, y, z]| format!(" at {x:.2} {y:.2} {z:.2} m")).unwrap_or_default();
-            ("world", Info, format!("{object} {what}:{class}{at}"))
+            ("world", Info, format!("{object} {}:{class}{at}", what.word()))
         }
         Event::Note { robot, note } => return note_line(robot, note),
         Event::Done { robot, summary } => (robot, Info, format!("done: {}", summary.text)),

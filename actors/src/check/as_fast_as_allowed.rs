@@ -6,8 +6,8 @@
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
-use crate::journal::Line;
-use mobee_contract::{Event, Pose, Time, Writer};
+use crate::record::journal::Line;
+use mobee_contract::{CommandKind, Event, Pose, Time, Writer};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
@@ -128,7 +128,7 @@ impl Invariant for AsFastAsAllowed {
                     r.allow(line.at, motors);
                 }
             }),
-            Event::Command { robot, writer: Writer::Agent, kind, led: false, .. } if kind == "move" => {
+            Event::Command { robot, writer: Writer::Agent, kind, led: false, .. } if *kind == CommandKind::Move => {
                 self.robots.of(robot, |r| r.moves = true);
             }
             Event::Enabled { robot, .. } => self.robots.of(robot, |r| {

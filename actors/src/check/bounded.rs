@@ -1,7 +1,7 @@
 //! I7: no more wait on a link than its credit allows. The most that waited at once is told when a run ends in order.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::Event;
 
 #[derive(Default)]

@@ -6,8 +6,8 @@
 //! judged by when it was written. The driver itself only stops.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
-use mobee_contract::{Event, Time, Writer};
+use crate::record::journal::Line;
+use mobee_contract::{CommandKind, Event, Time, Writer};
 use std::collections::BTreeMap;
 
 #[derive(Default)]
@@ -63,15 +63,21 @@ impl Invariant for ClosedMeansClosed {
             Event::Command { robot, token, writer, kind, .. } => {
                 let filter = self.robots.entry(robot.clone()).or_default();
                 let now = filter.token;
-                if matches!(writer, Writer::Driver | Writer::Supervise) && kind != "stop" && kind != "mode" {
+                if matches!(writer, Writer::Driver | Writer::Supervise)
+                    && !matches!(kind, CommandKind::Stop | CommandKind::Mode)
+                {
                     let who = if *writer == Writer::Driver { "the driver" } else { "supervise" };
-                    found.say(format!("{robot}: {who} itself wrote a `{kind}`; it may only stop and set modes"));
+                    found.say(format!(
+                        "{robot}: {who} itself wrote a `{}`; it may only stop and set modes",
+                        kind.word()
+                    ));
                 } else if *writer == Writer::Driver {
                     // the stop that follows every start comes whatever the filter's state
                 } else if *token != now || !filter.may_write(*writer, *token) {
                     let state = if filter.may_write(Writer::Agent, now) { "open" } else { "closed" };
                     found.say(format!(
-                        "{robot}: {writer:?} wrote a `{kind}` under token {token} while the filter was {state} under {now}"
+                        "{robot}: {writer:?} wrote a `{}` under token {token} while the filter was {state} under {now}",
+                        kind.word()
                     ));
                 }
             }

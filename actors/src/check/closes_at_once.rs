@@ -4,8 +4,8 @@
 //! control mode, never where a stop was told.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
-use mobee_contract::{Event, SwapPart, SwapStep, Time, Writer};
+use crate::record::journal::Line;
+use mobee_contract::{CommandKind, Event, SwapPart, SwapStep, Time, Writer};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -47,17 +47,18 @@ impl Filter {
     /// A command was written, or a stream of them, which it ends.
     fn written(&mut self, robot: &str, event: &Event, found: &mut Found<'_>) {
         let (writer, kind, motors) = match event {
-            Event::Command { writer, kind, motors, .. } => (*writer, kind.as_str(), motors),
-            Event::Streamed { writer, motors, .. } => (*writer, "set-points", motors),
+            Event::Command { writer, kind, motors, .. } => (*writer, Some(*kind), motors),
+            Event::Streamed { writer, motors, .. } => (*writer, None, motors),
             _ => return,
         };
-        if std::mem::take(&mut self.new_driver) && (writer, kind) != (Writer::Driver, "stop") {
-            found.say(format!("{robot}: a new driver wrote a {kind} of the {writer:?} before a stop of its own"));
+        if std::mem::take(&mut self.new_driver) && (writer, kind) != (Writer::Driver, Some(CommandKind::Stop)) {
+            let what = kind.map_or("set-points".into(), |kind| format!("a {}", kind.word()));
+            found.say(format!("{robot}: a new driver wrote {what} of the {writer:?} before a stop of its own"));
         }
         let stopped = std::mem::take(&mut self.stopped);
         match stopped {
-            _ if kind == "stop" && writer != Writer::Driver => self.stopped = Some(motors.clone()),
-            Some(stopped) if kind == "set-points" => {
+            _ if kind == Some(CommandKind::Stop) && writer != Writer::Driver => self.stopped = Some(motors.clone()),
+            Some(stopped) if kind.is_none() => {
                 let meant = |m: &usize| stopped.is_empty() || stopped.contains(m);
                 if motors.iter().any(meant) {
                     found.say(format!("{robot}: set-points were written after a stop, and no new stream began"));

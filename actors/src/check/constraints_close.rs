@@ -5,7 +5,7 @@
 //! without a reflex promises nothing of this.
 
 use super::{Found, Invariant, PerRobot};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{Clauses, Event, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;

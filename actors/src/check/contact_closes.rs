@@ -2,7 +2,7 @@
 //! excused: it sets out in contact. A controller without a reflex does not promise it.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{Event, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;

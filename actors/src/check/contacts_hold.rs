@@ -3,7 +3,7 @@
 //! Whoever starts anew, as a reflex that died, or judges by another margin, finds contacts that were known before.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::Event;
 use mobee_model::Contact;
 use std::collections::BTreeMap;

@@ -4,7 +4,7 @@
 //! was told nothing.
 
 use super::{Found, Invariant, near};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{CommitId, EdgeState, Event, Note, Outcome, SwapStep};
 use std::collections::BTreeMap;
 

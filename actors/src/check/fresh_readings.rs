@@ -4,7 +4,7 @@
 //! end, is settled by the newest reading there is.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{Event, Hold, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -6,8 +6,8 @@
 //! the witness of a simulation, which knows where the motors really are.
 
 use super::{Found, Invariant, PerRobot, apart_deg};
-use crate::journal::Line;
-use mobee_contract::{Event, Pose, Status, Time, Writer};
+use crate::record::journal::Line;
+use mobee_contract::{CommandKind, Event, Pose, Status, Time, Writer};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -25,11 +25,11 @@ pub(super) struct FrozenIsNoticed {
 struct Robot {
     /// The newest reading, and since when it is so.
     newest: Option<(Pose, Time)>,
-    course: Option<Course>,
+    course: Option<ReferenceTrajectory>,
 }
 
 /// A move under way.
-struct Course {
+struct ReferenceTrajectory {
     begun: Time,
     target: Vec<(usize, f64)>,
     /// For how long readings may be equal.
@@ -38,7 +38,7 @@ struct Course {
 
 impl Robot {
     /// The course of a move from where the robot is.
-    fn course(&self, now: Time, q: &[(usize, f64)], speed: &[(usize, f64)]) -> Option<Course> {
+    fn course(&self, now: Time, q: &[(usize, f64)], speed: &[(usize, f64)]) -> Option<ReferenceTrajectory> {
         let (here, _) = self.newest.as_ref()?;
         let way = |(m, q): &(usize, f64)| Some((q - here.get(*m)?).abs());
         let farthest = q.iter().filter_map(way).fold(0.0, f64::max);
@@ -46,7 +46,7 @@ impl Robot {
         let secs = q.iter().zip(speed).filter_map(|(q, (_, v))| Some(2.0 * way(q)? / v.max(1e-6))).fold(0.0, f64::max);
         let degree = secs * 1f64.to_radians() / farthest.max(1e-9);
         let within = Duration::try_from_secs_f64(STILL.max(degree) + STILL).ok()?;
-        Some(Course { begun: now, target: q.to_vec(), within })
+        Some(ReferenceTrajectory { begun: now, target: q.to_vec(), within })
     }
 
     fn pose(&mut self, robot: &str, at: Time, q: &Pose) -> Option<String> {
@@ -79,7 +79,9 @@ impl Invariant for FrozenIsNoticed {
         match &line.event {
             Event::Robot { robot, .. } => drop(self.robots.entry(robot.clone()).or_default()),
             Event::Command { robot, writer: Writer::Agent, kind, q, speed, .. } => {
-                self.robots.of(robot, |r| r.course = if kind == "move" { r.course(line.at, q, speed) } else { None });
+                self.robots.of(robot, |r| {
+                    r.course = if *kind == CommandKind::Move { r.course(line.at, q, speed) } else { None }
+                });
             }
             Event::Disabled { robot, .. } | Event::Outcome { robot, .. } => self.robots.of(robot, |r| r.course = None),
             Event::State { robot, status } if !matches!(status, Status::Moving | Status::Escaping) => {

@@ -5,7 +5,7 @@
 //! vertex; it is off the map at the start, after any end elsewhere, and while the agent CONNECTs (Algorithm 1).
 
 use super::{Found, Invariant, apart_deg, near};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{Event, Note, Outcome, Pose};
 use std::collections::BTreeMap;
 

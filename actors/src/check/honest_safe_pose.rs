@@ -6,7 +6,7 @@
 
 use super::measured::Measured;
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{Event, Outcome, Pose, Time};
 use std::collections::BTreeMap;
 

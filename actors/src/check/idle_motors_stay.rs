@@ -7,8 +7,8 @@
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
-use crate::journal::Line;
-use mobee_contract::{Cause, Event, Pose, Time};
+use crate::record::journal::Line;
+use mobee_contract::{Cause, CommandKind, Event, Pose, Time};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -123,8 +123,8 @@ impl Invariant for IdleMotorsStay {
                 self.robots.of(robot, |r| r.motors.iter_mut().for_each(|m| m.place = None));
             }
             Event::SafePoseMoved { robot, .. } => self.robots.of(robot, |r| r.last = [None, None]),
-            Event::Command { robot, kind, motors, .. } if kind != "stop" => {
-                let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, kind, motors));
+            Event::Command { robot, kind, motors, .. } if *kind != CommandKind::Stop => {
+                let wrong = self.robots.get(robot).and_then(|r| r.commanded(robot, kind.word(), motors));
                 wrong.into_iter().for_each(|what| found.say(what));
             }
             Event::Streamed { robot, motors, .. } => {

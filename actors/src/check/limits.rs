@@ -5,7 +5,7 @@
 //! and of velocities, are told at their end with the greatest share of a motor's speed that they asked for.
 
 use super::{Found, Invariant};
-use crate::journal::{Line, NOT_FINITE};
+use crate::record::journal::{Line, NOT_FINITE};
 use mobee_contract::Event;
 use std::collections::{BTreeMap, BTreeSet};
 

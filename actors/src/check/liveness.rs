@@ -5,7 +5,7 @@
 //! group that used up its restarts is down for good.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{Event, Hold, Status, SwapPart, Time};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;

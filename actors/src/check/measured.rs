@@ -1,7 +1,7 @@
 //! How fast a robot is by the readings of its poses, for those who want no word for it.
 
 use super::near;
-use crate::track::QUANTUM;
+use crate::record::track::QUANTUM;
 use mobee_contract::{Pose, Time};
 use std::collections::VecDeque;
 use std::time::Duration;

@@ -4,7 +4,7 @@
 //! Wants the poses. The place of a rest is its first reading; a reading or two that jump are noise.
 
 use super::{Found, Invariant, PerRobot};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{Event, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -1,7 +1,7 @@
 //! I6: on every link, sent = handled + queued + dropped. The counters are told when a run ends in order.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::Event;
 
 #[derive(Default)]

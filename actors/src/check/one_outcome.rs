@@ -3,7 +3,7 @@
 //! A commit that is open at the end breaks it only if the run ended in order.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{CommitId, Event};
 use std::collections::BTreeMap;
 

@@ -2,7 +2,7 @@
 //! neither amended nor ends as committed, unless the filter has closed in between, or was closed before.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{CommitId, Event, Outcome, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;

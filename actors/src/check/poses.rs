@@ -4,7 +4,7 @@
 //! have excused: the checker is told that it sees it no more.
 
 use super::Checker;
-use crate::track::{Readings, file, read};
+use crate::record::track::{Readings, file, read};
 use mobee_contract::Time;
 use std::path::Path;
 

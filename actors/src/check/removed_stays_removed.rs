@@ -1,7 +1,7 @@
 //! I11: an edge that was removed is in no later plan, until a note states it as optimistic or feasible again.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{EdgeState, Event, Note};
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -6,8 +6,8 @@
 //! references move nothing. Nor does a swap: a new part takes over with no transaction open.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
-use mobee_contract::{Event, SwapStep, Time};
+use crate::record::journal::Line;
+use mobee_contract::{CommandKind, Event, SwapStep, Time};
 use std::collections::BTreeMap;
 
 /// The actors that keep a robot safe.
@@ -60,7 +60,7 @@ impl Invariant for RestartDoesNotMove {
                 let whole = || Some(("the process".to_owned(), line.at));
                 self.robots.values_mut().for_each(|restarted| *restarted = whole());
             }
-            Event::Command { robot, kind, .. } if kind == "move" => self.judge(robot, |_| true, found),
+            Event::Command { robot, kind, .. } if *kind == CommandKind::Move => self.judge(robot, |_| true, found),
             // told at its end, and so judged by when its last set-point was written
             Event::Streamed { robot, span, .. } => self.judge(robot, |restart| span.1 > restart, found),
             _ => {}

@@ -1,6 +1,6 @@
 //! A run in figures, from its journal.
 
-use crate::journal::{JournalError, read};
+use crate::record::journal::{JournalError, read};
 use mobee_contract::{EdgeState, Event, Note, Outcome, Summary, SwapStep, Time};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};

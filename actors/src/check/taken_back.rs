@@ -6,8 +6,8 @@
 
 use super::way_back::WayBack;
 use super::{Found, Invariant, apart_deg};
-use crate::journal::Line;
-use mobee_contract::{Cause, Event, Hold, Outcome, Pose, Status, Time, Writer};
+use crate::record::journal::Line;
+use mobee_contract::{Cause, CommandKind, Event, Hold, Outcome, Pose, Status, Time, Writer};
 use std::collections::BTreeMap;
 
 #[derive(Default)]
@@ -127,7 +127,7 @@ impl Invariant for TakenBack {
             }
             Event::CommandDropped { robot, .. } => self.of(robot, |r| r.motion.missed = false),
             Event::Streamed { robot, writer: Writer::Reflex, last, .. } => self.with(robot, |r| r.misled(last)),
-            Event::Command { robot, writer: Writer::Reflex, kind, .. } if kind == "move" => {
+            Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {
                 self.of(robot, |r| r.way.iter_mut().for_each(WayBack::is_moved))
             }
             Event::Died { actor, .. } if !actor.ends_with("/agent") => self.excuse_all(),

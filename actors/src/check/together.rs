@@ -3,7 +3,7 @@
 //! A pair that touched as they were stopped may part and touch again: the way leads past there once more, and is watched (I9).
 
 use super::{Found, Invariant};
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::Event;
 use mobee_model::{Contact, ShapeId};
 

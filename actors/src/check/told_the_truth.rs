@@ -4,9 +4,9 @@
 //! An agent that died, or was taken back while its motion was under way, need not be told.
 
 use super::{Found, Invariant};
-use crate::controller::distance;
-use crate::journal::Line;
+use crate::record::journal::Line;
 use mobee_contract::{CommitId, Event, MotionEnd, Outcome, Pose, SwapStep};
+use mobee_controller::distance;
 use std::collections::BTreeMap;
 
 #[derive(Default)]

@@ -7,8 +7,8 @@
 //! writes no move and no set-point until a new transaction.
 
 use super::{Found, Invariant};
-use crate::journal::Line;
-use mobee_contract::{Event, Hold, Status, Time, Writer};
+use crate::record::journal::Line;
+use mobee_contract::{CommandKind, Event, Hold, Status, Time, Writer};
 use mobee_model::Contact;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -114,7 +114,7 @@ impl Invariant for WatchedRetreat {
                     found.say(format!("{robot}: a contact on the way back stopped it after {took:.1} ms only"));
                 }
             }
-            Event::Command { robot, writer: Writer::Reflex, kind, .. } if kind == "move" => {
+            Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 if way.stopped.is_some() {
                     found.say(format!("{robot}: the reflex moved on after it had given up the way back"));

@@ -4,15 +4,15 @@ mod mind;
 
 pub use mind::{Offer, Slot};
 
-use crate::controller::RELEASE;
+use crate::runtime::swap::Phase;
 use crate::shell::SuperviseMsg;
-use crate::supervise::Revision;
-use crate::swap::Phase;
 use crate::wiring::{Hub, Wires};
 use mind::{Last, Mind};
 use mobee_contract::{
     Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Target, Verdict, View,
 };
+use mobee_controller::RELEASE;
+use mobee_controller::supervise::Revision;
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

@@ -1,11 +1,11 @@
 //! The driver's shell: owns the connection to one robot's hardware.
 
-use crate::clock::ClockKind;
-use crate::driver::Port;
-use crate::pulse::Pulse;
+use crate::runtime::clock::ClockKind;
 use crate::shell::SuperviseMsg;
 use crate::wiring::{Hub, Plug, Wires};
 use mobee_contract::{Command, Driver, DriverFault, Event, Sample, Time, Writer};
+use mobee_controller::command_guard::CommandGuard;
+use mobee_controller::pulse::Pulse;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -32,7 +32,7 @@ pub struct Driving {
     wires: Arc<Wires>,
     plug: Plug,
     driver: Option<Box<dyn Driver>>,
-    port: Port,
+    guard: CommandGuard,
     back_off: Duration,
     /// Whether the last reading made no sense.
     nonsense: bool,
@@ -53,13 +53,13 @@ impl Actor for DriverActor {
         (hub, wires): Self::Arguments,
     ) -> Result<Driving, ActorProcessingErr> {
         let plug = wires.parts.lock().plug.clone();
-        let port = Port::new(wires.rules(), wires.gate.clone());
+        let guard = CommandGuard::new(wires.rules());
         let mut driving = Driving {
             hub,
             wires,
             plug,
             driver: None,
-            port,
+            guard,
             back_off: BACK_OFF.0,
             nonsense: false,
             beyond: false,
@@ -124,8 +124,8 @@ impl Driving {
         if self.driver.is_none() {
             self.connect();
         }
-        if let Some((token, writer, command)) = self.port.due(now) {
-            match self.port.admit(token, writer, &command) {
+        if let Some((token, writer, command)) = self.guard.due(now) {
+            match self.guard.admit(&self.wires.gate, token, writer, &command) {
                 Ok(()) => self.give(token, writer, &command),
                 Err(reason) => self.drop_command(token, writer, reason),
             }
@@ -152,7 +152,7 @@ impl Driving {
 
     /// A reading goes on its way, unless it is none.
     fn take(&mut self, sample: Sample) {
-        let wrong = self.port.makes_no_sense(&sample);
+        let wrong = self.guard.makes_no_sense(&sample);
         if let Some(what) = &wrong
             && !self.nonsense
         {
@@ -162,7 +162,7 @@ impl Driving {
         }
         self.nonsense = wrong.is_some();
         self.hub.counts.lock().samples += 1;
-        let beyond = self.port.is_beyond(&sample).filter(|_| wrong.is_none());
+        let beyond = self.guard.is_beyond(&sample).filter(|_| wrong.is_none());
         if let Some(what) = &beyond
             && !self.beyond
         {
@@ -187,10 +187,10 @@ impl Driving {
     }
 
     fn command(&mut self, token: u64, writer: Writer, command: Command) {
-        if let Err(reason) = self.port.admit(token, writer, &command) {
+        if let Err(reason) = self.guard.admit(&self.wires.gate, token, writer, &command) {
             return self.drop_command(token, writer, reason);
         }
-        if let Some(command) = self.port.pace(token, writer, command, self.hub.clock.now()) {
+        if let Some(command) = self.guard.pace(token, writer, command, self.hub.clock.now()) {
             self.give(token, writer, &command);
         }
     }
@@ -203,8 +203,8 @@ impl Driving {
         driver.lease(now, Time(self.wires.lease.load(Ordering::SeqCst)));
         match driver.command(now, command) {
             Ok(()) => {
-                self.port.leads = driver.leads();
-                for event in self.port.took(token, writer, command, now) {
+                self.guard.leads = driver.leads();
+                for event in self.guard.took(token, writer, command, now) {
                     self.hub.tell(event);
                 }
             }

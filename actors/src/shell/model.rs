@@ -1,10 +1,10 @@
 //! Model: the hub where sensors, agents and controllers meet. One for all robots and objects.
 
-use crate::controller::RELEASE;
-use crate::ledger::Open;
 use crate::shell::AgentMsg;
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{CommitId, Event, Pose, Status};
+use mobee_contract::{CommitId, Event, Pose, Status, WorldChange};
+use mobee_controller::RELEASE;
+use mobee_controller::ledger::{Motion, Open};
 use mobee_model::{Contact, Edit, Field, Object, Scene, ShapeId, Watch};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
@@ -141,8 +141,8 @@ impl Fields {
     fn push(&mut self, wires: &Wires, robot: usize, poses: &[Pose]) -> Option<Arc<[f64]>> {
         let (open, ahead) = {
             let book = wires.ledger.book();
-            // a stream of somebody's set-points follows no forces
-            let forced = |o: &&Open| book.status == Status::Moving && o.due.is_some();
+            let forces = |o: &&Open| matches!(o.motion, Motion::Forces { .. });
+            let forced = |o: &&Open| book.status == Status::Moving && forces(o);
             (book.open.as_ref().filter(forced).map(|o| (o.id, o.target.clone())), book.ahead.clone())
         };
         let (_, target) = open.as_ref()?;
@@ -160,22 +160,22 @@ impl Fields {
 
 /// What an edit did, object by object.
 fn differences(before: &Scene, after: &Scene) -> Vec<Event> {
-    let told = |o: &Object, what: &str, exists: bool| Event::World {
+    let told = |o: &Object, what: WorldChange, exists: bool| Event::World {
         object: o.name.clone(),
-        what: what.into(),
+        what,
         class: exists.then_some(o.class),
         at: exists.then(|| o.pose.translation.vector.into()),
     };
     let mut events = Vec::new();
     for (id, old) in before.objects() {
         match after.objects().find(|(i, _)| *i == id) {
-            None => events.push(told(old, "removed", false)),
-            Some((_, new)) if old.class != new.class => events.push(told(new, "changed", true)),
-            Some((_, new)) if old.pose != new.pose => events.push(told(new, "moved", true)),
+            None => events.push(told(old, WorldChange::Removed, false)),
+            Some((_, new)) if old.class != new.class => events.push(told(new, WorldChange::Changed, true)),
+            Some((_, new)) if old.pose != new.pose => events.push(told(new, WorldChange::Moved, true)),
             Some(_) => {}
         }
     }
     let is_new = |id: u32| !before.objects().any(|(i, _)| i == id);
-    events.extend(after.objects().filter(|(id, _)| is_new(*id)).map(|(_, o)| told(o, "added", true)));
+    events.extend(after.objects().filter(|(id, _)| is_new(*id)).map(|(_, o)| told(o, WorldChange::Added, true)));
     events
 }

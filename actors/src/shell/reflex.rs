@@ -1,9 +1,10 @@
 //! Reflex's shell.
 
-use crate::reflex::{Motion, ReflexCore, ReflexIn, ReflexOut};
 use crate::shell::{DriverMsg, SuperviseMsg};
 use crate::wiring::{Hub, Wires};
 use mobee_contract::Writer;
+use mobee_controller::Rules;
+use mobee_controller::reflex::{ReflexCore, ReflexIn, ReflexOut, Underway};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 
@@ -16,7 +17,7 @@ pub enum ReflexMsg {
     /// There are pulses.
     Pulses,
     /// Supervise closed the filter: take the robot back.
-    RollBack(u64, Motion, bool),
+    RollBack(u64, Underway, bool),
 }
 
 /// What it keeps.
@@ -24,6 +25,7 @@ pub struct Reflex {
     hub: Arc<Hub>,
     wires: Arc<Wires>,
     core: ReflexCore,
+    rules: Arc<Rules>,
 }
 
 impl Actor for ReflexActor {
@@ -36,10 +38,11 @@ impl Actor for ReflexActor {
         myself: ActorRef<ReflexMsg>,
         (hub, wires): Self::Arguments,
     ) -> Result<Reflex, ActorProcessingErr> {
-        let core = ReflexCore::new(wires.robot, wires.rules(), wires.gate.clone(), hub.convoy.clone());
+        let rules = wires.rules();
+        let core = wires.share(&rules, &hub, |shared| ReflexCore::new(wires.robot, shared));
         wires.reflex.connect(myself.clone());
         wires.to_reflex.attach(Box::new(move || myself.send_message(ReflexMsg::Pulses).is_ok()));
-        Ok(Reflex { hub, wires, core })
+        Ok(Reflex { hub, wires, core, rules })
     }
 
     async fn handle(
@@ -59,11 +62,7 @@ impl Actor for ReflexActor {
 impl Reflex {
     fn pulses(&mut self) {
         while let Some(mut pulse) = self.wires.to_reflex.pop() {
-            let (motion, status) = {
-                let book = self.wires.ledger.book();
-                (book.motion(), book.status)
-            };
-            self.on(ReflexIn::Pulse(&mut pulse, motion.as_ref(), status));
+            self.on(ReflexIn::Pulse(&mut pulse));
             {
                 let mut latest = self.wires.latest.lock();
                 latest.at = pulse.sample.at;
@@ -78,7 +77,8 @@ impl Reflex {
     fn on(&mut self, input: ReflexIn) {
         let hub = self.hub.clone();
         let names = |pair| hub.names(pair);
-        let outputs = self.core.on(input, hub.clock.now(), &names);
+        let now = hub.clock.now();
+        let outputs = self.wires.share(&self.rules, &hub, |shared| self.core.on(input, now, shared, &names));
         for output in outputs {
             match output {
                 ReflexOut::Command(token, command) => {
@@ -89,8 +89,8 @@ impl Reflex {
                 }
                 ReflexOut::Bring(asked) => {
                     let scene = self.hub.scene.lock().clone();
-                    let who = asked.traveller(self.wires.rules(), &self.wires.ledger.book().history, scene);
-                    let enroll = |who| self.hub.convoy.enroll(who, self.hub.clock.now());
+                    let who = asked.participant(self.rules.clone(), &self.wires.ledger.book().history, scene);
+                    let enroll = |who| self.hub.joint_retreat.enroll(who, self.hub.clock.now());
                     self.on(ReflexIn::Brought(who.map(enroll)));
                 }
                 ReflexOut::Word(word) => {

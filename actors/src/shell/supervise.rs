@@ -1,11 +1,12 @@
 //! Supervise's shell.
 
-use crate::pulse::Pulse;
-use crate::reflex::Word;
 use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg};
-use crate::supervise::{Revision, SuperviseCore, SuperviseIn, SuperviseOut};
 use crate::wiring::{Hub, Wires};
 use mobee_contract::{Cause, Commit, CommitId, Event, Setpoints, Status, Verdict};
+use mobee_controller::Rules;
+use mobee_controller::pulse::Pulse;
+use mobee_controller::reflex::Word;
+use mobee_controller::supervise::{Revision, SuperviseCore, SuperviseIn, SuperviseOut};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -53,6 +54,7 @@ pub struct Supervise {
     hub: Arc<Hub>,
     wires: Arc<Wires>,
     core: SuperviseCore,
+    rules: Arc<Rules>,
     reply: Option<RpcReplyPort<Verdict>>,
     yielding: Option<RpcReplyPort<()>>,
 }
@@ -68,11 +70,12 @@ impl Actor for SuperviseActor {
         (hub, wires): Self::Arguments,
     ) -> Result<Supervise, ActorProcessingErr> {
         let now = hub.clock.now();
-        let (core, first) = SuperviseCore::new(wires.rules(), wires.gate.clone(), wires.ledger.clone(), now);
+        let rules = wires.rules();
+        let (core, first) = wires.share(&rules, &hub, |shared| SuperviseCore::new(shared, now));
         wires.supervise.connect(myself.clone());
-        myself.send_interval(wires.rules().fresh, || SuperviseMsg::Tick);
+        myself.send_interval(rules.fresh, || SuperviseMsg::Tick);
         wires.to_supervise.attach(Box::new(move || myself.send_message(SuperviseMsg::Pulses).is_ok()));
-        let mut supervise = Supervise { hub, wires, core, reply: None, yielding: None };
+        let mut supervise = Supervise { hub, wires, core, rules, reply: None, yielding: None };
         supervise.act(first);
         Ok(supervise)
     }
@@ -132,7 +135,8 @@ impl Actor for SuperviseActor {
 
 impl Supervise {
     fn on(&mut self, input: SuperviseIn) {
-        let outputs = self.core.on(input, self.hub.clock.now());
+        let now = self.hub.clock.now();
+        let outputs = self.wires.share(&self.rules, &self.hub, |shared| self.core.on(input, now, shared));
         if !outputs.is_empty() {
             self.act(outputs);
         }
@@ -189,7 +193,7 @@ impl Supervise {
     /// Edits that wait for this robot to rest at a pose.
     fn cue_pose(&self, pulse: &Pulse) {
         let mut cues = self.hub.cues.lock();
-        if cues.wants_poses() && self.core.status() == Status::Rest && pulse.speed < self.wires.rules().rest_speed {
+        if cues.wants_poses() && self.core.status() == Status::Rest && pulse.speed < self.rules.rest_speed {
             for edit in cues.pose(&self.wires.name, &pulse.sample.q) {
                 self.hub.model.send(ModelMsg::Edit(edit, None));
             }

@@ -4,7 +4,7 @@ use mobee_contract::Time;
 use mobee_model::Edit;
 
 use super::Past;
-use crate::controller::distance;
+use mobee_controller::distance;
 
 /// When to edit the world.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,14 +10,14 @@
 //! History ring, safe pose and token live in the ledger and the gate, and so outlast all of it. A driver is connected to only at the
 //! border, since a new connection begins with a stop.
 
-use crate::attempt::{Given, attempt};
-use crate::clock::ClockKind;
-use crate::controller::{Controller, distance};
+use crate::runtime::attempt::{Given, attempt};
+use crate::runtime::clock::ClockKind;
+use crate::runtime::supervision::{Between, GroupMsg};
+use crate::runtime::swap::Terms;
 use crate::shell::SuperviseMsg;
-use crate::supervision::{Between, GroupMsg};
-use crate::swap::Terms;
 use crate::wiring::{Hub, Parts, Plug, Trial, Wires};
 use mobee_contract::{Board, Driver, DriverFault, Hardware, Pose, Status, SwapPart, SwapStep, Time};
+use mobee_controller::{ControllerSettings, distance};
 use mobee_model::ShapeId;
 use ractor::ActorRef;
 use std::sync::Arc;
@@ -38,7 +38,7 @@ const LOOK: Duration = Duration::from_millis(20);
 #[derive(Clone)]
 pub enum NewPart {
     /// Other settings of History, Supervise and Reflex.
-    Controller(Controller),
+    Controller(ControllerSettings),
     /// Another driver of the same board.
     Driver(Arc<dyn Hardware>),
 }

@@ -1,10 +1,10 @@
 //! What an earlier process of a run left: read from its journal, for the process that resumes it.
 
 use super::Counts;
-use crate::gate::Gate;
-use crate::journal::Line;
-use crate::ledger::{Ledger, Open, Places};
+use crate::record::journal::Line;
 use mobee_contract::{AsFound, Cause, CommitId, Event, Note, Pose, Status, Time};
+use mobee_controller::gate::Gate;
+use mobee_controller::ledger::{Ledger, Motion, Open, Places};
 use mobee_model::{Edit, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -98,7 +98,7 @@ impl Past {
                     named,
                     safe: past.safe.clone().filter(|_| !escape),
                     since: line.at,
-                    due: Some(line.at),
+                    motion: if *escape { Motion::Escape { due: line.at } } else { Motion::Move { due: line.at } },
                     cause: Some(Cause::Crashed),
                     retreated: false,
                 });

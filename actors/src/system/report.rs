@@ -1,8 +1,8 @@
 //! How a running system is: what a status line, or a person's "why does it not move?", is answered from.
 
 use super::Counts;
-use crate::stream::Counters;
-use crate::supervision::Health;
+use crate::runtime::stream::Counters;
+use crate::runtime::supervision::Health;
 use crate::wiring::{Hub, Wires};
 use mobee_contract::{AnswerTime, Status, SwapPart, SwapStep, Time};
 use std::collections::BTreeMap;

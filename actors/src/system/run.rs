@@ -5,13 +5,13 @@ use super::inject::inject;
 use super::services::Services;
 use super::{Control, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, Troubles, tree};
 use crate::access::Access;
-use crate::clock::{Clock, ClockKind, runtime};
-use crate::gate::Gate;
+use crate::runtime::clock::{Clock, ClockKind, runtime};
+use crate::runtime::stream::Stream;
+use crate::runtime::supervision::{Group, GroupMsg};
 use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Slot, SuperviseMsg};
-use crate::stream::Stream;
-use crate::supervision::{Group, GroupMsg};
 use crate::wiring::{Cell, Hub, Line, Parts, Plug, Wires};
 use mobee_contract::{Board, Event, Latest, Status, Time};
+use mobee_controller::gate::Gate;
 use mobee_model::Contact;
 use ractor::ActorRef;
 use std::collections::VecDeque;
@@ -246,7 +246,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     let hub = Arc::new(Hub {
         robots: robots.collect(),
         scene: Cell::new(Arc::new(setup.scene)),
-        convoy: Arc::default(),
+        joint_retreat: Arc::default(),
         to_model: Stream::new("history>model", 256),
         model: Line::default(),
         clock,

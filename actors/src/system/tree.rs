@@ -12,9 +12,9 @@
 //! ```
 
 use super::trouble::Troubled;
+use crate::record::tap::TapActor;
+use crate::runtime::supervision::{Child, Group, Intensity, Restart, Strategy};
 use crate::shell::{AgentActor, DriverActor, HistoryActor, ModelActor, ReflexActor, SuperviseActor, SuperviseMsg};
-use crate::supervision::{Child, Group, Intensity, Restart, Strategy};
-use crate::tap::TapActor;
 use crate::wiring::{Hub, Wires};
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;

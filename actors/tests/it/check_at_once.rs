@@ -1,7 +1,7 @@
 //! Journals in which something takes a robot out of its controller's hands, or violates a constraint, and nobody minds (I25, I26, I28).
 
 use mobee_actors::check::Checker;
-use mobee_actors::journal::Line;
+use mobee_actors::record::journal::Line;
 use mobee_contract::*;
 
 const R: &str = "edge";
@@ -33,8 +33,8 @@ fn commit(escape: bool) -> Event {
     let (robot, agent, target) = (R.into(), "jog".into(), vec![0.0, 1.0].into());
     Event::Commit { robot, id: CommitId(1), agent, target, escape, motors: vec![(0, 0.5), (1, 0.5)] }
 }
-fn command(writer: Writer, kind: &str, motors: &[usize]) -> Event {
-    let (robot, kind, motors) = (R.into(), kind.into(), motors.to_vec());
+fn command(writer: Writer, kind: CommandKind, motors: &[usize]) -> Event {
+    let (robot, motors) = (R.into(), motors.to_vec());
     Event::Command { robot, token: 1, writer, kind, motors, q: vec![(1, 1.0)], speed: vec![(1, 0.2)], led: false }
 }
 fn streamed(writer: Writer, motors: &[usize]) -> Event {
@@ -129,7 +129,7 @@ fn i26_a_move_behind_readings_that_are_equal_ends_in_time() {
             (0.1, enabled(1)),
             (1.0, commit(false)),
             (1.0, state(Status::Moving)),
-            (1.0, command(Writer::Agent, "move", &[1])),
+            (1.0, command(Writer::Agent, CommandKind::Move, &[1])),
             (closes, disabled(2)),
         ];
         broken("I26", &events, |at| [0.0, 0.1 * (at.min(freezes) - 1.0).max(0.0)])
@@ -143,11 +143,11 @@ fn i26_a_move_behind_readings_that_are_equal_ends_in_time() {
 fn i28_a_new_driver_stops_its_board_first() {
     let died = Event::Died { actor: "edge/driver".into(), reason: "planted".into() };
     let run = |first: Event| broken("I28", &[(0.0, robot()), (1.0, died.clone()), (1.1, first)], |_| [0.0; 2]);
-    assert_eq!(run(command(Writer::Driver, "stop", &[])), 0);
-    assert_eq!(run(command(Writer::Reflex, "stop", &[])), 1);
+    assert_eq!(run(command(Writer::Driver, CommandKind::Stop, &[])), 0);
+    assert_eq!(run(command(Writer::Reflex, CommandKind::Stop, &[])), 1);
     let reason = "the board does not answer".to_string();
     let unheard = Event::CommandDropped { robot: R.into(), token: 1, writer: Writer::Driver, reason };
-    let events = [(0.0, robot()), (1.0, died), (1.1, unheard), (1.2, command(Writer::Reflex, "stop", &[]))];
+    let events = [(0.0, robot()), (1.0, died), (1.1, unheard), (1.2, command(Writer::Reflex, CommandKind::Stop, &[]))];
     assert_eq!(broken("I28", &events, |_| [0.0; 2]), 0);
 }
 
@@ -158,10 +158,10 @@ fn i28_a_stop_hushes_what_waits() {
             std::iter::once(robot()).chain(events.iter().cloned()).map(|e| (1.0, e)).collect();
         broken("I28", &events, |_| [0.0; 2])
     };
-    let stop = |motors: &[usize]| command(Writer::Reflex, "stop", motors);
+    let stop = |motors: &[usize]| command(Writer::Reflex, CommandKind::Stop, motors);
     assert_eq!(run(&[stop(&[]), streamed(Writer::Reflex, &[1])]), 1);
     assert_eq!(run(&[stop(&[1]), streamed(Writer::Reflex, &[0])]), 0, "other motors");
-    assert_eq!(run(&[stop(&[]), command(Writer::Reflex, "mode", &[1]), streamed(Writer::Reflex, &[1])]), 0);
+    assert_eq!(run(&[stop(&[]), command(Writer::Reflex, CommandKind::Mode, &[1]), streamed(Writer::Reflex, &[1])]), 0);
 }
 
 #[test]

@@ -1,9 +1,10 @@
 //! Every invariant has a good journal that passes and a planted fault that is found, by name and line.
 
 use mobee_actors::check::{Checker, Violation, check, check_events, summary};
-use mobee_actors::journal::{Journal, Line, NOT_FINITE};
+use mobee_actors::record::journal::{Journal, Line, NOT_FINITE};
 use mobee_contract::{
-    Cause, CommitId, EdgeState, Entry, Event, Hold, MotionEnd, Note, Outcome, Pose, Status, Time, Writer,
+    Cause, CommandKind, CommitId, EdgeState, Entry, Event, Hold, MotionEnd, Note, Outcome, Pose, Status, Time,
+    WorldChange, Writer,
 };
 use mobee_model::{Contact, ShapeId};
 use serde_json::json;
@@ -57,11 +58,11 @@ fn commit_of(id: u64, q: &[f64], motors: &[(usize, f64)]) -> Event {
 fn outcome(id: u64, outcome: Outcome, q: &[f64], safe: &[f64]) -> Event {
     Event::Outcome { robot: R.into(), id: CommitId(id), outcome, q: pose(q), safe: Some(pose(safe)), cause: None }
 }
-fn command(writer: Writer, token: u64, kind: &str, q: &[f64]) -> Event {
+fn command(writer: Writer, token: u64, kind: CommandKind, q: &[f64]) -> Event {
     let q: Vec<(usize, f64)> = q.iter().copied().enumerate().collect();
     let speed = q.iter().map(|(m, _)| (*m, 0.5)).collect();
     let motors = q.iter().map(|(m, _)| *m).collect();
-    Event::Command { robot: R.into(), token, writer, kind: kind.into(), motors, q, speed, led: false }
+    Event::Command { robot: R.into(), token, writer, kind, motors, q, speed, led: false }
 }
 fn streamed(writer: Writer, token: u64, from: f64, to: f64) -> Event {
     let span = (Time::from_secs(from), Time::from_secs(to));
@@ -118,16 +119,16 @@ fn good() -> Run {
         (0.2, vertex(1, &b)),
         (0.2, edge(0, 1, EdgeState::Optimistic)),
         (0.3, commit(1, &a)),
-        (0.3, command(Writer::Agent, 1, "move", &a)),
+        (0.3, command(Writer::Agent, 1, CommandKind::Move, &a)),
         (1.0, outcome(1, Outcome::Committed, &a, &[0.2, 0.2])),
         (1.0, safe(&a)),
         (1.1, plan(&[0, 1])),
         (1.1, commit(2, &b)),
-        (1.1, command(Writer::Agent, 1, "move", &b)),
+        (1.1, command(Writer::Agent, 1, CommandKind::Move, &b)),
         (1.5, contact(Status::Moving)),
         (1.5, disabled(2)),
-        (1.5, command(Writer::Reflex, 2, "stop", &[])),
-        (1.6, command(Writer::Reflex, 2, "mode", &[])),
+        (1.5, command(Writer::Reflex, 2, CommandKind::Stop, &[])),
+        (1.6, command(Writer::Reflex, 2, CommandKind::Mode, &[])),
         (2.0, streamed(Writer::Reflex, 2, 1.6, 1.9)),
         (2.0, outcome(2, Outcome::RolledBack, &[0.001, 0.0], &a)),
         (2.0, edge(0, 1, EdgeState::Removed)),
@@ -135,12 +136,12 @@ fn good() -> Run {
         (2.0, enabled(3)),
         (2.1, plan(&[0, 2, 1])),
         (2.1, commit(3, &[0.1, 0.1])),
-        (2.1, command(Writer::Agent, 3, "move", &[0.1, 0.1])),
+        (2.1, command(Writer::Agent, 3, CommandKind::Move, &[0.1, 0.1])),
         (2.3, disabled(4)),
         (2.3, Event::RetreatBegan { robot: R.into(), id: CommitId(3), poses: 10, secs: 0.2, near: vec![] }),
-        (2.3, command(Writer::Reflex, 4, "move", &a)),
+        (2.3, command(Writer::Reflex, 4, CommandKind::Move, &a)),
         (2.4, contact(Status::Retreating)),
-        (2.41, command(Writer::Reflex, 4, "stop", &[])),
+        (2.41, command(Writer::Reflex, 4, CommandKind::Stop, &[])),
         (2.41, retreat_stopped(2.4)),
         (2.5, outcome(3, Outcome::Faulted, &[0.05, 0.05], &a)),
         (3.0, enabled(5)),
@@ -155,7 +156,7 @@ fn good() -> Run {
                 motors: vec![(0, 0.5), (1, 0.5)],
             },
         ),
-        (3.0, command(Writer::Agent, 5, "move", &[0.04, 0.04])),
+        (3.0, command(Writer::Agent, 5, CommandKind::Move, &[0.04, 0.04])),
         (
             3.5,
             Event::Outcome {
@@ -169,11 +170,11 @@ fn good() -> Run {
         ),
         (3.6, disabled(6)),
         (3.6, restarted("edge/driver")),
-        (3.6, command(Writer::Driver, 6, "stop", &[])),
+        (3.6, command(Writer::Driver, 6, CommandKind::Stop, &[])),
         (3.7, safe(&[0.04, 0.04])),
         (3.7, enabled(7)),
         (3.8, commit(5, &a)),
-        (3.8, command(Writer::Agent, 7, "move", &a)),
+        (3.8, command(Writer::Agent, 7, CommandKind::Move, &a)),
         (4.0, outcome(5, Outcome::Committed, &a, &[0.04, 0.04])),
         (4.0, safe(&a)),
         (5.0, link(10)),
@@ -225,15 +226,15 @@ fn a_good_run_breaks_nothing() {
 
 #[test]
 fn i1_an_agents_command_while_the_filter_is_closed() {
-    let bad = command(Writer::Agent, 1, "stop", &[]);
+    let bad = command(Writer::Agent, 1, CommandKind::Stop, &[]);
     broken("I1", with(&disabled(2), std::slice::from_ref(&bad)), Some(&bad), "closed under 2");
 }
 
 #[test]
 fn i1_the_reflex_under_an_old_token_or_through_an_open_filter() {
-    let old = command(Writer::Reflex, 2, "stop", &[]);
+    let old = command(Writer::Reflex, 2, CommandKind::Stop, &[]);
     broken("I1", with(&disabled(4), std::slice::from_ref(&old)), Some(&old), "under token 2");
-    let open = command(Writer::Reflex, 3, "stop", &[]);
+    let open = command(Writer::Reflex, 3, CommandKind::Stop, &[]);
     broken("I1", with(&enabled(3), std::slice::from_ref(&open)), Some(&open), "open under 3");
 }
 
@@ -253,17 +254,17 @@ fn i1_a_stream_told_after_its_token_ended_is_judged_by_when_it_was_written() {
 #[test]
 fn i1_tokens_only_grow_and_the_driver_only_stops() {
     broken("I1", with(&enabled(1), &[disabled(1)]).into_iter().take(5).collect(), None, "only grow");
-    let bad = command(Writer::Driver, 6, "reference", &[]);
+    let bad = command(Writer::Driver, 6, CommandKind::Reference, &[]);
     broken("I1", with(&disabled(6), std::slice::from_ref(&bad)), Some(&bad), "only stop");
 }
 
 #[test]
 fn i1_supervise_itself_stops_while_the_filter_is_closed_and_no_more() {
-    let stop = command(Writer::Supervise, 2, "stop", &[]);
+    let stop = command(Writer::Supervise, 2, CommandKind::Stop, &[]);
     assert_eq!(run(with(&disabled(2), std::slice::from_ref(&stop))), []);
-    let moves = command(Writer::Supervise, 2, "move", &[0.0, 0.0]);
+    let moves = command(Writer::Supervise, 2, CommandKind::Move, &[0.0, 0.0]);
     broken("I1", with(&disabled(2), std::slice::from_ref(&moves)), Some(&moves), "supervise itself wrote a `move`");
-    let open = command(Writer::Supervise, 3, "stop", &[]);
+    let open = command(Writer::Supervise, 3, CommandKind::Stop, &[]);
     broken("I1", with(&enabled(3), std::slice::from_ref(&open)), Some(&open), "open under 3");
     let stream = streamed(Writer::Supervise, 2, 1.6, 1.9);
     broken("I1", instead(&streamed(Writer::Reflex, 2, 1.6, 1.9), stream.clone()), Some(&stream), "not its own");
@@ -401,11 +402,11 @@ fn i4_a_commit_without_a_safe_pose_and_an_escape_with_one() {
 
 #[test]
 fn i5_values_beyond_the_limits() {
-    let mv = command(Writer::Agent, 1, "move", &[0.5, 0.5]);
+    let mv = command(Writer::Agent, 1, CommandKind::Move, &[0.5, 0.5]);
     for (q, says) in [([0.5, 1.00001], "motor b"), ([-1.1, 0.0], "motor a"), ([0.0, f64::NAN], "motor b")] {
         let mut run = good();
         let i = run.iter().position(|(_, e)| *e == mv).unwrap();
-        run[i].1 = command(Writer::Agent, 1, "move", &q);
+        run[i].1 = command(Writer::Agent, 1, CommandKind::Move, &q);
         let found = self::run(run);
         assert!(found.len() == 1 && found[0].invariant == "I5" && found[0].what.contains(says), "{found:?}");
     }
@@ -537,7 +538,8 @@ fn i14_a_contact_begins_on_the_way_back_of_both() {
 
 #[test]
 fn i19_a_contact_in_mid_motion_that_closes_nothing() {
-    let met = with(&command(Writer::Agent, 3, "move", &[0.1, 0.1]), &[contact_ended(), contact(Status::Moving)]);
+    let met =
+        with(&command(Writer::Agent, 3, CommandKind::Move, &[0.1, 0.1]), &[contact_ended(), contact(Status::Moving)]);
     broken("I19", met, Some(&disabled(4)), "did not close the filter");
 }
 
@@ -553,7 +555,7 @@ fn i9_a_reading_shows_nothing_that_was_not_there_yet() {
                 _ => {}
             }
         }
-        let (object, what) = ("ball".into(), "added".into());
+        let (object, what) = ("ball".into(), WorldChange::Added);
         let added = Event::World { object, what, class: None, at: None };
         let i = run.iter().position(|(at, _)| *at == 2.405).unwrap();
         world.into_iter().for_each(|at| run.insert(i, (at, added.clone())));
@@ -564,7 +566,7 @@ fn i9_a_reading_shows_nothing_that_was_not_there_yet() {
 
 #[test]
 fn i9_the_reflex_pushes_on() {
-    let mv = command(Writer::Reflex, 4, "move", &[0.0, 0.0]);
+    let mv = command(Writer::Reflex, 4, CommandKind::Move, &[0.0, 0.0]);
     broken("I9", with(&retreat_stopped(2.4), std::slice::from_ref(&mv)), Some(&mv), "moved on");
     let stream = streamed(Writer::Reflex, 4, 2.3, 2.45);
     let found = run(with(&outcome(3, Outcome::Faulted, &[0.05, 0.05], &[0.0, 0.0]), &[stream]));
@@ -573,9 +575,9 @@ fn i9_the_reflex_pushes_on() {
 
 #[test]
 fn i10_motion_after_a_restart() {
-    let mv = command(Writer::Agent, 7, "move", &[0.0, 0.0]);
+    let mv = command(Writer::Agent, 7, CommandKind::Move, &[0.0, 0.0]);
     broken("I10", with(&enabled(7), std::slice::from_ref(&mv)).into_iter().take(43).collect(), None, "edge/driver");
-    let early = command(Writer::Agent, 1, "move", &[0.0, 0.0]);
+    let early = command(Writer::Agent, 1, CommandKind::Move, &[0.0, 0.0]);
     broken("I10", with(&enabled(1), &[early]), None, "before its first commit");
 }
 
@@ -640,7 +642,7 @@ fn moved(motors: &[(usize, f64)], q: impl Fn(f64) -> [f64; 2]) -> Vec<Violation>
         (1.9, safe(&q(1.9))),
         (1.9, enabled(1)),
         (2.0, commit_of(1, &q(4.0), motors)),
-        (2.0, command(Writer::Agent, 1, "move", &q(4.0))),
+        (2.0, command(Writer::Agent, 1, CommandKind::Move, &q(4.0))),
         (4.0, outcome(1, Outcome::Committed, &q(4.0), &q(1.9))),
         (4.0, Event::State { robot: R.into(), status: Status::Rest }),
         (9.0, Event::Warning { text: "the end is near".into() }),

@@ -1,8 +1,8 @@
 //! I22 by the measured poses: a way back that is none, each as a run in which nothing else is wrong.
 
 use mobee_actors::check::{Checker, Violation};
-use mobee_actors::journal::Line;
-use mobee_contract::{Cause, CommitId, Event, Hold, Outcome, Pose, Status, Time, Writer};
+use mobee_actors::record::journal::Line;
+use mobee_contract::{Cause, CommandKind, CommitId, Event, Hold, Outcome, Pose, Status, Time, Writer};
 
 const R: &str = "edge";
 /// When it is committed, stopped and taken back, s.
@@ -101,7 +101,7 @@ fn another_rate_is_none() {
     assert!(back(backwards(0.5), 7.5).contains("was in motion for"), "{}", back(backwards(0.5), 7.5));
     assert!(back(backwards(1.3), 5.0).contains("of its way back in"), "{}", back(backwards(1.3), 5.0));
     // from way-point to way-point the board goes as it does
-    let (robot, kind) = (R.into(), "move".into());
+    let (robot, kind) = (R.into(), CommandKind::Move);
     let mv = Event::Command {
         robot,
         token: 2,

@@ -1,7 +1,7 @@
 //! A foreign agent and the built-in one take turns while the robot runs, and a service that dies leaves nothing moving.
 
 use crate::common::{Ran, Trial};
-use mobee_actors::clock::ClockKind;
+use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{Control, Reason};
 use mobee_contract::*;
 use std::sync::Arc;

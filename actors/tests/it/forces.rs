@@ -1,9 +1,9 @@
 //! Controllers of kind `fields` on a robot of three motors: round what is near, back from what can't be passed, and all invariants.
 
 use crate::common::{Ran, Trial, ball};
-use mobee_actors::controller::{Drive, FieldsSettings};
 use mobee_actors::system::Reason;
 use mobee_contract::{Cause, Event, Outcome};
+use mobee_controller::{Drive, FieldsSettings};
 use mobee_model::ObjectClass;
 
 fn fields(reflex: bool) -> Drive {

@@ -1,8 +1,8 @@
 //! The journal: every change shows, every crash leaves a readable file (I12), equal runs have equal hashes (I13).
 
-use mobee_actors::clock::ClockKind;
-use mobee_actors::journal::{Journal, JournalError, Line, NOT_FINITE, VERSION, read};
-use mobee_actors::tap::{Open, SinkSpec, Taps};
+use mobee_actors::record::journal::{Journal, JournalError, Line, NOT_FINITE, VERSION, read};
+use mobee_actors::record::tap::{Open, SinkSpec, Taps};
+use mobee_actors::runtime::clock::ClockKind;
 use mobee_contract::{CommitId, Entry, Event, Outcome, Time};
 use proptest::prelude::*;
 use serde_json::json;

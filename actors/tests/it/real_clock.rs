@@ -1,10 +1,10 @@
 //! The same actors, unchanged, in real time: the safety chain on its own thread.
 
 use crate::common::{Trial, ball};
-use mobee_actors::clock::ClockKind;
-use mobee_actors::journal::{Journal, read};
+use mobee_actors::record::journal::{Journal, read};
+use mobee_actors::record::tap::{Open, SinkSpec};
+use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::Reason;
-use mobee_actors::tap::{Open, SinkSpec};
 use mobee_contract::{Entry, Event, Outcome, Sink, Time};
 use mobee_model::ObjectClass;
 use std::sync::{Arc, Condvar, Mutex};

@@ -1,13 +1,13 @@
 //! A bounded stream: never grows, rings once, and accounts for every item (I6, I7).
 
-use mobee_actors::clock::{ClockKind, runtime};
-use mobee_actors::stream::{Counters, Stream};
+use mobee_actors::runtime::clock::{ClockKind, runtime};
+use mobee_actors::runtime::stream::{Counters, Stream};
 use proptest::prelude::*;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-fn bell(count: &Arc<AtomicUsize>) -> mobee_actors::stream::Doorbell {
+fn bell(count: &Arc<AtomicUsize>) -> mobee_actors::runtime::stream::Doorbell {
     let count = count.clone();
     Box::new(move || {
         count.fetch_add(1, Ordering::SeqCst);

@@ -1,8 +1,8 @@
 //! Supervision with real ractor actors that panic, are killed or end, in virtual time.
 
-use mobee_actors::clock::{Clock, ClockKind, runtime};
-use mobee_actors::supervision::{Child, Group, GroupMsg, Health, Intensity, Restart, Strategy};
-use mobee_actors::tap::{Collected, Taps};
+use mobee_actors::record::tap::{Collected, Taps};
+use mobee_actors::runtime::clock::{Clock, ClockKind, runtime};
+use mobee_actors::runtime::supervision::{Child, Group, GroupMsg, Health, Intensity, Restart, Strategy};
 use mobee_contract::Event;
 use ractor::{Actor, ActorCell, ActorProcessingErr, ActorRef, call};
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! The strategies of OTP, on the pure plan.
 
-use mobee_actors::supervision::{Input, Intensity, Plan, Restart, Step, Strategy};
+use mobee_actors::runtime::supervision::{Input, Intensity, Plan, Restart, Step, Strategy};
 use mobee_contract::Time;
 use proptest::prelude::*;
 use std::time::Duration;

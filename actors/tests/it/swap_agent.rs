@@ -4,8 +4,8 @@
 //! `SWAPS=10000` sets how many swaps are tried.
 
 use crate::common::{Ran, Trial, arm, ball};
+use mobee_actors::runtime::swap::Terms;
 use mobee_actors::shell::{Maker, Offer};
-use mobee_actors::swap::Terms;
 use mobee_actors::system::{AgentMaker, Control, Reason};
 use mobee_behaviors::agents::{Explorer, ExplorerSettings};
 use mobee_contract::*;

@@ -2,10 +2,10 @@
 //! (I10), no command is lost (I6), and what does not fit or breaks is refused or reverted.
 
 use crate::common::{Ran, Trial, arm, ball};
-use mobee_actors::controller::Controller;
-use mobee_actors::swap::Terms;
+use mobee_actors::runtime::swap::Terms;
 use mobee_actors::system::{Control, NewPart, PartOffer, Reason};
 use mobee_contract::*;
+use mobee_controller::ControllerSettings;
 use mobee_drivers::{Fault, SimHardware, SimSettings};
 use mobee_model::{Edit, ObjectClass};
 use rand::{Rng, SeedableRng};
@@ -109,7 +109,7 @@ fn driver(board: &SimHardware, wrong: Wrong, probation: f64) -> Control {
 }
 
 fn controller(period_s: f64, margin_m: f64, history: usize, probation: f64) -> Control {
-    let settings = Controller { period_s, margin_m, history, ..Controller::default() };
+    let settings = ControllerSettings { period_s, margin_m, history, ..ControllerSettings::default() };
     offer(NewPart::Controller(settings), "Nothing".into(), probation)
 }
 

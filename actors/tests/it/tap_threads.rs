@@ -1,7 +1,7 @@
 //! Taps: nothing is lost unnoticed, and nobody waits in real time.
 
-use mobee_actors::clock::{Clock, ClockKind, runtime};
-use mobee_actors::tap::{SinkReport, SinkSpec, TapActor, Taps};
+use mobee_actors::record::tap::{SinkReport, SinkSpec, TapActor, Taps};
+use mobee_actors::runtime::clock::{Clock, ClockKind, runtime};
 use mobee_contract::{EdgeState, Entry, Event, Note, Sink, Status, Time};
 use mobee_model::Scene;
 use ractor::Actor;

@@ -1,11 +1,11 @@
 //! I14: robots that collide go back together; who would stand in another's way goes back farther, and its safe pose with it.
 
 use mobee_actors::check::check_events;
-use mobee_actors::clock::ClockKind;
-use mobee_actors::controller::Controller;
+use mobee_actors::record::tap::Taps;
+use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{RobotSetup, Setup, run};
-use mobee_actors::tap::Taps;
 use mobee_contract::*;
+use mobee_controller::ControllerSettings;
 use mobee_drivers::{SimHardware, SimSettings};
 use mobee_model::{Scene, parse_robot};
 use nalgebra::{Isometry3, Vector3};
@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-const ARM: &str = include_str!("../data/pan.xml");
+const ARM: &str = include_str!("../../controller/tests/data/pan.xml");
 
 /// Waits, goes to an angle (degrees) at a share of its speed, and so on.
 struct Plan(VecDeque<(Duration, f64, f64)>, bool);
@@ -51,7 +51,7 @@ fn collide(history: usize, left: &[(f64, f64, f64)], right: &[(f64, f64, f64)]) 
         robots.push(RobotSetup {
             name: name.into(),
             hardware: Arc::new(hardware),
-            controller: Controller { history, ..Controller::default() },
+            controller: ControllerSettings { history, ..ControllerSettings::default() },
             agent: Some(Arc::new(move || Ok(Box::new(Plan(steps.clone(), false)) as Box<dyn Agent>))),
         });
     }

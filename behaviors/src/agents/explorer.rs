@@ -1,9 +1,9 @@
 //! The explorer: builds a roadmap of random poses and drives its edges until the feasible part is known (paper, 3.1).
 
 use super::{Dice, open, seal};
-use crate::group;
+use crate::agents::group;
+use crate::roadmap::walk::{Progress, Step, Walker};
 use crate::roadmap::{Roadmap, Vertex};
-use crate::walk::{Progress, Step, Walker};
 use mobee_contract::*;
 use mobee_model::Robot;
 use rand::{Rng, SeedableRng};

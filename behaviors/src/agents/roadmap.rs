@@ -1,9 +1,9 @@
 //! The roadmap agent: CONNECT and GOTO over poses of its user's, round a tour of goals (Algorithms 1-3, figure 5).
 
 use super::{open, seal};
-use crate::group;
+use crate::agents::group;
+use crate::roadmap::walk::{Progress, Step, Walker};
 use crate::roadmap::{Roadmap, Vertex};
-use crate::walk::{Progress, Step, Walker};
 use mobee_contract::*;
 use mobee_model::Robot;
 use schemars::JsonSchema;

@@ -3,7 +3,7 @@
 use crate::world::*;
 use mobee_behaviors::agents::{Explorer, ExplorerSettings};
 use mobee_behaviors::roadmap::Roadmap;
-use mobee_behaviors::verdict::judge;
+use mobee_behaviors::roadmap::verdict::judge;
 use mobee_contract::*;
 use mobee_model::ObjectClass;
 use nalgebra::Isometry3;

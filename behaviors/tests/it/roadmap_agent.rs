@@ -2,7 +2,7 @@
 
 use crate::world::*;
 use mobee_behaviors::agents::{RoadmapAgent, RoadmapSettings};
-use mobee_behaviors::escape::{caught, escape};
+use mobee_behaviors::planners::escape::{caught, escape};
 use mobee_contract::*;
 use mobee_model::ObjectClass;
 use serde_json::json;

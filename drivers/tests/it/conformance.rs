@@ -1,7 +1,7 @@
 //! The simulated robot keeps every promise of the driver contract, and the suite notices drivers that don't.
 
+use mobee_conformance::Bench;
 use mobee_contract::{Axis, Board, Command, ControlMode, Driver, DriverFault, Hardware, Sample, Time};
-use mobee_drivers::conformance::{self, Bench};
 use mobee_drivers::path::Profile;
 use mobee_drivers::{SimHardware, SimSettings};
 
@@ -38,7 +38,7 @@ fn axes() -> Vec<Axis> {
 
 fn failures(settings: &SimSettings, wrap: Wrap) -> Vec<(&'static str, String)> {
     let start = [0.0, 60.0, 0.0, 0.5].map(f64::to_radians);
-    conformance::failures(&mut || {
+    mobee_conformance::failures(&mut || {
         let hardware = SimHardware::with_axes(axes(), &start, settings, 11);
         Box::new(Virtual { hardware, now: Time::ZERO, wrap })
     })

@@ -3,9 +3,9 @@
 #![allow(clippy::disallowed_methods, reason = "real sockets live in real time")]
 
 use crate::net::Net;
+use mobee_conformance::{Bench, Promise};
 use mobee_contract::{Driver, Hardware, Time};
 use mobee_drivers::YarpHardware;
-use mobee_drivers::conformance::{self, Bench, Promise};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -100,7 +100,7 @@ fn attempt(promise: Promise) -> Option<String> {
 
 #[test]
 fn the_robot_behind_yarp_keeps_every_promise() {
-    let all = Mutex::new(conformance::suite());
+    let all = Mutex::new(mobee_conformance::suite());
     let failures = Mutex::new(Vec::new());
     // most of each promise is waiting
     std::thread::scope(|scope| {

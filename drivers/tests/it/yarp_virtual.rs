@@ -4,8 +4,8 @@
 #![allow(clippy::disallowed_methods, reason = "the clock of a paused runtime is a virtual one")]
 
 use crate::net;
+use mobee_conformance::Bench;
 use mobee_contract::{Command, Context, Driver, DriverFault, Hardware, Move, Time};
-use mobee_drivers::conformance::{self, Bench};
 use mobee_drivers::{Imitated, Moves, YarpDriverSettings, YarpSim};
 use std::sync::Arc;
 use std::time::Duration;
@@ -70,14 +70,14 @@ impl Bench for Virtual {
 
 #[test]
 fn the_robot_behind_a_simulated_wire_keeps_every_promise() {
-    assert_eq!(conformance::failures(&mut || Box::new(Virtual::new())), []);
+    assert_eq!(mobee_conformance::failures(&mut || Box::new(Virtual::new())), []);
 }
 
 /// Boards like iCub_SIM's, whose own moves are as fast as they are far, do what any board can by set-points.
 #[test]
 fn a_robot_like_icub_sim_keeps_every_promise_by_set_points() {
     let settings = YarpDriverSettings { moves: Moves::SetPoints, ..net::settings() };
-    assert_eq!(conformance::failures(&mut || Box::new(Virtual::of(&settings))), []);
+    assert_eq!(mobee_conformance::failures(&mut || Box::new(Virtual::of(&settings))), []);
 }
 
 /// The encoders' noise hides how slowly a motor goes: it counts as moving as long as it was told a speed, and no longer.

@@ -44,7 +44,7 @@ pub(super) fn summed_up(dir: &Path) -> Result<Option<String>, ConfigError> {
 /// # Errors
 /// What contradicts the journal.
 pub(super) fn agrees(dir: &Path, past: &Past, stored: &Value) -> Result<(), ConfigError> {
-    let journal = dir.join(mobee_actors::journal::FILE);
+    let journal = dir.join(mobee_actors::record::journal::FILE);
     if past.events == 0 {
         let what = format!("{} holds no event: nothing tells what this run was, and did", journal.display());
         let help = "use a copy of the journal that is whole; if the run ended as it began, run its configuration anew";

@@ -1,11 +1,11 @@
 //! The planner in force, one that looks on and is to replace it, and the one that it replaced.
 
 use super::Maker;
-use crate::attempt::{Given, attempt};
-use crate::clock::ClockKind;
-use crate::swap::{Phase, SwapCore, SwapIn, SwapOut, Terms};
+use crate::runtime::attempt::{Given, attempt};
+use crate::runtime::clock::ClockKind;
+use crate::runtime::swap::{Phase, SwapCore, SwapIn, SwapOut, Terms};
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{Agent, CommitId, Event, Intent, MotionEnd, Note, Snapshot, SwapPart, SwapStep, View};
+use mobee_contract::{Agent, CommitId, Event, Intent, IntentKind, MotionEnd, Note, Snapshot, SwapPart, SwapStep, View};
 use sha2::{Digest, Sha256};
 use std::sync::Arc;
 use std::time::Duration;
@@ -201,16 +201,16 @@ impl Mind {
     }
 
     fn tell_shadow(&self, intent: &Intent) {
-        let (word, q) = match intent {
+        let (intent, q) = match intent {
             Intent::MoveTo(target) | Intent::MoveEach(target, _) => {
-                ("move", target.motors.iter().copied().zip(target.q.iter().copied()).collect())
+                (IntentKind::Move, target.motors.iter().copied().zip(target.q.iter().copied()).collect())
             }
-            Intent::Stream(_) => ("stream", Vec::new()),
-            Intent::Stop => ("stop", Vec::new()),
-            Intent::Wait(_) => ("wait", Vec::new()),
-            Intent::Done(_) => ("done", Vec::new()),
+            Intent::Stream(_) => (IntentKind::Stream, Vec::new()),
+            Intent::Stop => (IntentKind::Stop, Vec::new()),
+            Intent::Wait(_) => (IntentKind::Wait, Vec::new()),
+            Intent::Done(_) => (IntentKind::Done, Vec::new()),
         };
-        self.hub.tell(Event::Shadow { robot: self.wires.name.clone(), intent: word.into(), q });
+        self.hub.tell(Event::Shadow { robot: self.wires.name.clone(), intent, q });
     }
 
     async fn hand_over(&mut self) -> bool {

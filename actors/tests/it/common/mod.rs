@@ -1,11 +1,11 @@
 //! A small robot of three motors, its world, and scripted agents.
 
 use mobee_actors::check::{Violation, check_events};
-use mobee_actors::clock::ClockKind;
-use mobee_actors::controller::{Controller, Drive};
+use mobee_actors::record::tap::{Collected, SinkSpec, Taps};
+use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, Setup, run_under};
-use mobee_actors::tap::{Collected, SinkSpec, Taps};
 use mobee_contract::*;
+use mobee_controller::{ControllerSettings, Drive};
 use mobee_drivers::{SimFaults, SimHardware, SimSettings};
 use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, parse_robot};
 use nalgebra::Isometry3;
@@ -153,7 +153,7 @@ impl Ran {
 fn behind(clock: ClockKind, mut sinks: Vec<SinkSpec>) -> (Taps, Collected) {
     let told = Collected::default();
     let (keep, patience) = (told.clone(), Duration::from_secs(30));
-    let open: mobee_actors::tap::Open = Arc::new(move || Ok(Box::new(keep.clone())));
+    let open: mobee_actors::record::tap::Open = Arc::new(move || Ok(Box::new(keep.clone())));
     let (name, essential, poses, capacity) = ("test".into(), false, None, 8192);
     sinks.push(SinkSpec { name, essential, poses, capacity, patience, open: Some(open) });
     (Taps::spawn(clock, sinks).unwrap(), told)
@@ -208,13 +208,13 @@ impl Trial {
             robots: vec![RobotSetup {
                 name: "arm".into(),
                 hardware: Arc::new(hardware.clone()),
-                controller: Controller {
+                controller: ControllerSettings {
                     history: self.history,
                     period_s: self.period_s,
                     drive: self.drive,
                     // the machine may take all processors away for half a second
                     stale_s: (self.clock == ClockKind::Real).then_some(3.0),
-                    ..Controller::default()
+                    ..ControllerSettings::default()
                 },
                 agent: Some(self.agent.unwrap_or(Arc::new(agent))),
             }],

@@ -2,8 +2,8 @@
 
 use super::faults::{Faults, Who, WireFault};
 use super::judge::{Judge, Line};
-use crate::board_sim::{SimBoard, SimClock};
 use crate::sim::SimHardware;
+use crate::{SimBoard, SimClock};
 use mobee_contract::Time;
 use mobee_yarp::board::{Ask, AxisFacts, Device, Get, JointKind, Joints, Reading, Set, Streamed, reply};
 use mobee_yarp::{Bottle, CallError, JointData, Stamp};

@@ -5,7 +5,7 @@
 
 use super::faults::{Faults, WireFault};
 use super::watched::Watched;
-use crate::board_sim::JointSettings;
+use crate::sim::JointSettings;
 use mobee_contract::{AnswerTime, Command, Sample, Time};
 use mobee_yarp::board::{Ask, Joints, Set, Streamed};
 use std::collections::VecDeque;

@@ -1,6 +1,6 @@
 //! What the judge knows of one board.
 
-use crate::board_sim::JointSettings;
+use crate::sim::JointSettings;
 use mobee_contract::{Sample, Time};
 use mobee_yarp::board::{Ask, Joints, Set};
 use std::collections::VecDeque;

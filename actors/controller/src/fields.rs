@@ -1,0 +1,139 @@
+//! The kind `fields`: the force-field controller of the later MoBeE.
+
+use crate::{ControllerKind, Drive, Rules};
+use mobee_contract::{KindError, settings};
+use mobee_model::{ForceLaw, JointLaw, Robot};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::time::Duration;
+
+inventory::submit! {
+    ControllerKind {
+        name: "fields",
+        doc: "The force-field controller of the later MoBeE. A motion is streamed: its target attracts, joint limits, constraints and the fields about the \
+              shapes push, and what follows is damped, kept within limits, speeds and accelerations, and written once a period. So the robot goes \
+              round what is near instead of into it, but not always the straight way. Where the forces balance elsewhere for `patience_s`, the target counts \
+              as missed, and the motion is rolled back. The reflex stands behind as the last line, unless `reflex = false`: then contacts are recorded \
+              and counted, and stop nothing.",
+        schema: || schemars::schema_for!(FieldsSettings),
+        build: |value| {
+            let fields: FieldsSettings = settings(value)?;
+            fields.check()?;
+            Ok(Drive::Fields(fields))
+        },
+    }
+}
+
+/// Settings of the kind `fields`. Forces are accelerations, as in the original; all motors have the same.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FieldsSettings {
+    /// Whether the reflex stops and takes back what comes nearer than the margin. `false`: the forces alone keep the robot off.
+    pub reflex: bool,
+    /// How far the field about each shape reaches, millimetres; for robots whose files have no field shapes of their own.
+    pub field_mm: f64,
+    /// Strength of the attractor near it, 1/s^2.
+    pub spring_const: f64,
+    /// The greatest pull of the attractor, deg/s^2.
+    pub max_spring_force: f64,
+    /// Share of its velocity that a motor always loses, 1/s.
+    pub friction: f64,
+    /// What it loses in addition while something pushes, 1/s.
+    pub damping_const: f64,
+    /// How far from a limit its push begins, deg.
+    pub limit_const: f64,
+    /// The push at a limit, deg/s^2.
+    pub max_limit_force: f64,
+    /// The greatest push of the constraints, deg/s^2.
+    pub max_constraint_force: f64,
+    /// How quickly a field's push reaches its greatest effect.
+    pub field_const: f64,
+    /// The greatest push of the fields, deg/s^2.
+    pub max_field_force: f64,
+    /// How long the robot may rest elsewhere than at its target before the motion is rolled back, s.
+    pub patience_s: f64,
+}
+
+impl Default for FieldsSettings {
+    fn default() -> FieldsSettings {
+        FieldsSettings {
+            reflex: true,
+            field_mm: 50.0,
+            spring_const: 25.0,
+            max_spring_force: 250.0,
+            friction: 11.0,
+            damping_const: 5.0,
+            limit_const: 5.0,
+            max_limit_force: 600.0,
+            max_constraint_force: 600.0,
+            field_const: 20.0,
+            max_field_force: 1000.0,
+            patience_s: 1.0,
+        }
+    }
+}
+
+impl FieldsSettings {
+    fn check(&self) -> Result<(), KindError> {
+        let ranges = [
+            ("field_mm", self.field_mm, 0.0, 500.0),
+            ("spring_const", self.spring_const, 0.1, 100.0),
+            ("max_spring_force", self.max_spring_force, 1.0, 1e5),
+            ("friction", self.friction, 0.5, 100.0),
+            ("damping_const", self.damping_const, 0.0, 20.0),
+            ("limit_const", self.limit_const, 0.0, 90.0),
+            ("max_limit_force", self.max_limit_force, 0.0, 1e5),
+            ("max_constraint_force", self.max_constraint_force, 0.0, 1e5),
+            ("field_const", self.field_const, 0.0, 1e6),
+            ("max_field_force", self.max_field_force, 0.0, 1e5),
+            ("patience_s", self.patience_s, 0.1, 60.0),
+        ];
+        match ranges.into_iter().find(|(_, x, low, high)| !(x >= low && x <= high)) {
+            Some((name, x, low, high)) => {
+                Err(KindError::new(name, format!("{x} is out of range"), format!("give {low} to {high}")))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// The settings for a given robot and board: one law per body part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FieldRules {
+    /// The motors of each part, and their law.
+    pub laws: Vec<(Range<usize>, ForceLaw)>,
+    /// How far the fields of shapes reach, metres.
+    pub width: f64,
+    /// How long the robot may rest elsewhere than at its target.
+    pub patience: Duration,
+}
+
+impl FieldRules {
+    /// The settings for a robot under these rules.
+    pub fn new(settings: &FieldsSettings, robot: &Robot, rules: &Rules) -> FieldRules {
+        let weight = (-settings.friction * rules.period.as_secs_f64()).exp();
+        let joint = |axis: &mobee_contract::Axis| JointLaw {
+            weight,
+            spring_const: settings.spring_const,
+            max_spring_force: settings.max_spring_force,
+            damping_const: settings.damping_const,
+            limit_const: (settings.limit_const, settings.limit_const),
+            max_limit_force: settings.max_limit_force,
+            max_constraint_force: settings.max_constraint_force,
+            field_const: settings.field_const,
+            max_field_force: settings.max_field_force,
+            limits: (axis.min.to_degrees(), axis.max.to_degrees()),
+            ..JointLaw::default()
+        };
+        let law = |part: &mobee_model::Part| {
+            let axes = rules.axes.get(part.motors.clone()).unwrap_or_default();
+            (part.motors.clone(), ForceLaw::new(axes.iter().map(joint).collect(), part, 0.0))
+        };
+        FieldRules {
+            laws: robot.parts.iter().map(law).collect(),
+            width: settings.field_mm * 1e-3,
+            patience: Duration::from_secs_f64(settings.patience_s.clamp(0.1, 60.0)),
+        }
+    }
+}

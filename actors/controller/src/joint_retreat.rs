@@ -1,0 +1,294 @@
+//! Robots that are taken back together follow their common past on one clock (I14).
+//!
+//! What was recorded of several robots at the same instants was free of contact between them. Each by itself, they would be
+//! elsewhere on their ways than they were, and might touch. So a reflex whose robot rests asks here; those that are about to
+//! rest are waited for; then one [`Plan`] gives each its way. While they drive, none is ahead of what another has written: a
+//! robot that is late makes the others wait.
+//!
+//! One party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes after it. A robot of which nothing
+//! was heard for a second is counted out, so that nobody has to tell of a death; the others stop then, and go on one by one.
+
+mod plan;
+
+pub use plan::{Participant, Plan, Way};
+
+use crate::Rules;
+use crate::history::{HistoryCore, HistoryTooShort};
+use crate::ledger::Places;
+use mobee_contract::{Pose, Time};
+use mobee_model::Scene;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// A robot of which nothing was heard for so long does not come along.
+const LOST: Duration = Duration::from_secs(1);
+/// How long others are waited for.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// How many poses are checked per question: well below a control period's work.
+const SLICE: usize = 32;
+/// By how many of its periods a robot may be behind the clock: it makes up for them in one step.
+const BEHIND: f64 = 1.5;
+
+/// What a reflex is answered.
+#[derive(Clone, Debug)]
+pub enum Answer {
+    /// Ask again at the next reading.
+    Wait,
+    /// Bring what was recorded, by [`JointRetreat::enroll`], and ask again.
+    Bring,
+    /// This is the way.
+    Go(Way),
+}
+
+/// A robot that asked for its way back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Asked {
+    /// Its index in the scene.
+    pub robot: usize,
+    /// Its safe pose, and when that was read.
+    pub safe: (Time, Pose),
+    /// Whether it is another try after a failed one.
+    pub again: bool,
+    /// The motors that its motion has named.
+    pub named: Arc<[usize]>,
+    /// Where its motors had been sent when the motion began.
+    pub places: Places,
+}
+
+impl Asked {
+    /// The robot with what it recorded, as it is now: the history goes on while others are waited for.
+    ///
+    /// # Errors
+    /// If the history does not reach back to the safe pose.
+    pub fn participant(
+        self,
+        rules: Arc<Rules>,
+        history: &HistoryCore,
+        scene: Arc<Scene>,
+    ) -> Result<Participant, HistoryTooShort> {
+        let Asked { robot, safe: (since, safe), again, named, places } = self;
+        let (past, start) = history.past(since)?;
+        let mut participant = Participant { robot, rules, past, start, safe, again, named, places, scene };
+        if again {
+            participant.without_detour();
+        }
+        Ok(participant)
+    }
+}
+
+/// Shared by the reflexes of all robots.
+#[derive(Debug, Default)]
+pub struct JointRetreat(Mutex<State>);
+
+#[derive(Clone, Debug, Default)]
+struct State {
+    stages: Vec<Stage>,
+    party: Option<Party>,
+}
+
+/// What is known of one robot.
+#[derive(Clone, Debug, Default)]
+enum Stage {
+    /// It goes its own ways.
+    #[default]
+    Away,
+    /// It was stopped, and does not rest yet; last heard of then.
+    Coming(Time),
+    /// It rests, since then, and asked; last then.
+    Ready { since: Time, heard: Time, who: Participant },
+}
+
+#[derive(Clone, Debug)]
+struct Party {
+    /// While it is being checked.
+    plan: Option<Plan>,
+    members: Vec<Member>,
+    /// Seconds on the way, of all.
+    clock: f64,
+    /// When it was last advanced.
+    last: Time,
+}
+
+#[derive(Clone, Debug)]
+struct Member {
+    robot: usize,
+    period: f64,
+    reaction: Duration,
+    heard: Time,
+    /// Until it has been taken.
+    way: Option<Way>,
+    /// How far it is: seconds, or way-points; and how far it has to go.
+    at: f64,
+    end: f64,
+    left: bool,
+}
+
+impl Member {
+    fn new(who: &Participant, now: Time) -> Member {
+        Member {
+            robot: who.robot,
+            period: who.rules.period.as_secs_f64(),
+            reaction: who.rules.reaction(),
+            heard: now,
+            way: None,
+            at: 0.0,
+            end: f64::INFINITY,
+            left: false,
+        }
+    }
+
+    fn is_through(&self) -> bool {
+        self.way.is_none() && self.at >= self.end
+    }
+
+    fn is_lost(&self, now: Time) -> bool {
+        !self.is_through() && (self.left || now > self.heard + LOST)
+    }
+}
+
+impl JointRetreat {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The robot was stopped, to be taken back once it rests.
+    pub fn coming(&self, robot: usize, now: Time) {
+        let mut state = self.state();
+        if let Some(stage) = state.stage(robot) {
+            *stage = Stage::Coming(now);
+        }
+    }
+
+    /// The robot rests, and asks for its way back: at each reading, until it is answered.
+    pub fn ask(&self, robot: usize, now: Time) -> Answer {
+        self.state().ask(robot, now)
+    }
+
+    /// What [`Answer::Bring`] asked for.
+    pub fn enroll(&self, who: Participant, now: Time) {
+        let mut state = self.state();
+        if let Some(stage) = state.stage(who.robot) {
+            *stage = Stage::Ready { since: now, heard: now, who };
+        }
+    }
+
+    /// The robot writes a set-point: it is `most` seconds on its way at most. Returns how far all are; nothing once somebody
+    /// who is on the way with it was lost.
+    pub fn step(&self, robot: usize, most: f64, now: Time) -> Option<f64> {
+        let mut state = self.state();
+        let party = state.party.as_mut()?;
+        party.hear(robot, now)?;
+        let elapsed = now.since(party.last).as_secs_f64();
+        let reach = party.members.iter().map(|m| m.at + BEHIND * m.period).fold(f64::INFINITY, f64::min);
+        party.clock = (party.clock + elapsed).min(reach).max(party.clock);
+        party.last = party.last.max(now);
+        let clock = party.clock.min(most);
+        let member = party.member(robot)?;
+        member.at = member.at.max(clock);
+        Some(member.at)
+    }
+
+    /// The robot has reached so many way-points. Returns whether all have; nothing once somebody was lost.
+    pub fn reached(&self, robot: usize, points: usize, now: Time) -> Option<bool> {
+        let mut state = self.state();
+        let party = state.party.as_mut()?;
+        party.hear(robot, now)?;
+        let member = party.member(robot)?;
+        member.at = member.at.max(points as f64);
+        Some(party.members.iter().all(|m| m.at >= points as f64))
+    }
+
+    /// The robot is back, or goes no further.
+    pub fn leave(&self, robot: usize) {
+        let mut state = self.state();
+        if let Some(stage) = state.stage(robot) {
+            *stage = Stage::Away;
+        }
+        if let Some(party) = &mut state.party {
+            party.members.iter_mut().filter(|m| m.robot == robot).for_each(|m| m.left = true);
+            if party.members.iter().all(|m| m.left) {
+                state.party = None;
+            }
+        }
+    }
+
+    #[cfg(test)]
+    pub(crate) fn fork(&self) -> JointRetreat {
+        JointRetreat(Mutex::new(self.state().clone()))
+    }
+}
+
+impl State {
+    fn stage(&mut self, robot: usize) -> Option<&mut Stage> {
+        if self.stages.len() <= robot {
+            self.stages.resize_with(robot + 1, Stage::default);
+        }
+        self.stages.get_mut(robot)
+    }
+
+    fn ask(&mut self, robot: usize, now: Time) -> Answer {
+        self.party = self.party.take().filter(|party| !party.members.iter().all(|m| m.is_through() || m.is_lost(now)));
+        if let Some(party) = &mut self.party
+            && let Some(member) = party.member(robot)
+        {
+            member.heard = now;
+            return party.proceed(robot, now).map_or(Answer::Wait, Answer::Go);
+        }
+        let Some(Stage::Ready { since, heard, who }) = self.stage(robot) else { return Answer::Bring };
+        *heard = now;
+        let (patient, alone) = (now < *since + PATIENCE, who.again);
+        let coming = |stage: &Stage| matches!(stage, Stage::Coming(heard) if now <= *heard + LOST);
+        if self.party.is_some() || (!alone && patient && self.stages.iter().any(coming)) {
+            return Answer::Wait;
+        }
+        let mut participants = Vec::new();
+        for stage in &mut self.stages {
+            let goes = |who: &Participant| if alone { who.robot == robot } else { !who.again };
+            match std::mem::take(stage) {
+                Stage::Ready { heard, who, .. } if goes(&who) && now <= heard + LOST => participants.push(who),
+                other => *stage = other,
+            }
+        }
+        let members = participants.iter().map(|who| Member::new(who, now)).collect();
+        let mut party = Party { plan: Plan::new(participants), members, clock: 0.0, last: now };
+        let way = party.proceed(robot, now);
+        self.party = Some(party);
+        way.map_or(Answer::Wait, Answer::Go)
+    }
+}
+
+impl Party {
+    fn member(&mut self, robot: usize) -> Option<&mut Member> {
+        self.members.iter_mut().find(|m| m.robot == robot && !m.left)
+    }
+
+    /// The robot lives. Nothing if another does not.
+    fn hear(&mut self, robot: usize, now: Time) -> Option<()> {
+        self.member(robot)?.heard = now;
+        (!self.members.iter().any(|m| m.is_lost(now))).then_some(())
+    }
+
+    /// Checks a little more; the robot's way once all has been checked.
+    fn proceed(&mut self, robot: usize, now: Time) -> Option<Way> {
+        if let Some(plan) = &mut self.plan {
+            if !plan.check(SLICE) {
+                return None;
+            }
+            let ways = plan.ways();
+            self.plan = None;
+            for (member, way) in self.members.iter_mut().zip(ways) {
+                member.end = way.end();
+                member.way = Some(way);
+            }
+            // all have heard of it, and their boards are prepared, before the first set-point is due
+            let reaction = self.members.iter().map(|m| m.reaction).max().unwrap_or_default();
+            let period = self.members.iter().map(|m| m.period).fold(0.0, f64::max);
+            let hear = if self.members.len() > 1 { Duration::from_secs_f64(period) } else { Duration::ZERO };
+            self.last = now + reaction + hear;
+        }
+        self.member(robot)?.way.take()
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

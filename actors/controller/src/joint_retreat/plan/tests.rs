@@ -1,0 +1,208 @@
+//! One leg of a plan, when two of them meet, and the way of a robot that goes back by itself.
+
+use super::*;
+use crate::joint_retreat::SLICE;
+use crate::joint_retreat::tests::{A, recorded, rules, scene};
+use std::time::Duration;
+
+/// A robot that rested at the first of these angles (radians), moved, and rests at the second; its way ends at the first rest.
+fn farther(then: f64, safe: f64, place: Option<f64>) -> Leg {
+    let (a, b) = (then.to_degrees(), safe.to_degrees());
+    let who = recorded(0, true, &[(0.0, a), (1.0, a), (2.0, b), (3.0, b)], 2.5);
+    let who = Participant { named: [].into(), places: vec![place].into(), ..who };
+    Leg { end: 50, rested: Time::ZERO, blocked: false, who }
+}
+
+/// A motor that the motion did not name goes along only if it was sent elsewhere since then.
+#[test]
+fn who_goes_farther_takes_along_what_was_sent_since_then() {
+    let tolerance = rules(true).tolerance;
+    for (then, safe, along) in
+        [(0.2, 0.2 + 0.4 * tolerance, false), (0.2, 0.2 + 0.6 * tolerance, true), (0.2, -0.2, true)]
+    {
+        let motors = farther(then, safe, Some(safe)).motors();
+        assert_eq!(motors.to_vec(), vec![0; usize::from(along)], "from {then} to {safe}");
+    }
+    assert!(farther(0.2, -0.2, None).motors().is_empty(), "nobody knows where that was sent");
+}
+
+/// Between two readings, as much of the way as of the time.
+#[test]
+fn between_two_readings_a_robot_moved_evenly() {
+    let leg = farther(0.0, 0.5, Some(0.0));
+    for (ms, q) in [(1250, 0.125), (1252, 0.126), (1509, 0.2545)] {
+        let (pose, moved) = leg.at(Time(ms * 1_000_000));
+        assert!((pose[0] - q).abs() < 1e-9 && moved, "{pose:?} at {ms} ms, not {q}");
+    }
+    let before_its_end = leg.at(Time(400_000_000));
+    assert_eq!(before_its_end, (vec![0.0].into(), false));
+}
+
+/// A contact that would be told as released only at this distance is one already.
+#[test]
+fn two_meet_until_they_are_released() {
+    let margin = rules(true).margin;
+    // the angle (degrees) from which on one stays clear of whatever the other does, for a contact at this distance
+    let clear = |margin: f64| {
+        let mut watch = Watch::new(scene(), margin);
+        let mut meets = |b: f64| {
+            let poses = |a: i32| [f64::from(a) * 0.1, b].map(|q| vec![q.to_radians()]);
+            (-900..=900).any(|a| !watch.update(&poses(a)).is_empty())
+        };
+        let halve = |(low, high): (f64, f64), _| {
+            let middle = 0.5 * (low + high);
+            if meets(middle) { (middle, high) } else { (low, middle) }
+        };
+        (0..14).fold((0.0, 90.0), halve).1
+    };
+    let (near, far) = (clear(margin - RELEASE), clear(margin + RELEASE));
+    assert!(near < far, "{near} {far}");
+    let meet = |b: f64| {
+        let other = recorded(1, true, &[(0.0, b), (3.0, b)], 0.0);
+        let mut plan = Plan::new(vec![recorded(0, true, &[(0.0, -90.0), (3.0, 90.0)], 0.0), other]).unwrap();
+        (0..300).any(|k| plan.meet(Time(k * 10_000_000)).is_some())
+    };
+    assert!(meet(near) && !meet(far + 0.1), "{near} {far}");
+}
+
+/// Checking goes on in slices, each of no more than so many poses, and comes to the same end.
+#[test]
+fn a_plan_is_checked_in_slices() {
+    let participants = || {
+        let (there, back) = ([(0.0, -90.0), (3.0, 90.0)], [(0.0, 90.0), (1.0, 90.0), (2.0, 70.0), (3.0, 70.0)]);
+        vec![recorded(0, true, &there, 0.0), recorded(1, true, &back, 2.5)]
+    };
+    let mut whole = Plan::new(participants()).unwrap();
+    assert!(whole.check(1000));
+    let mut plan = Plan::new(participants()).unwrap();
+    let slices = (1..100).find(|_| plan.check(10));
+    // what was while both moved, or one passed the other at rest, is not checked: it begins where the other came to rest, at 2.1 s
+    assert!(slices.is_some_and(|n| (20..=22).contains(&n)), "{slices:?}");
+    assert_eq!(plan.ways(), whole.ways());
+}
+
+/// The nearest pose between two readings is that of the line through all motors.
+#[test]
+fn a_pose_is_passed_on_the_line_between_two_readings() {
+    let past = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0)], 0.0).past;
+    let at = |k: usize, q: [f64; 2]| {
+        let mut at = past[k].clone();
+        at.q = q.to_vec().into();
+        at
+    };
+    let (a, b) = (at(10, [0.5, 1.0]), at(11, [1.5, 1.0]));
+    for (pose, q, ms) in [([0.75, 3.0], 0.75, 102.5), ([0.0, 1.0], 0.5, 100.0), ([2.0, 0.5], 1.5, 110.0)] {
+        let passed = passing(&a, &b, &pose);
+        assert!((passed.q[0] - q).abs() < 1e-12 && passed.q[1] == 1.0, "{passed:?}");
+        assert!((passed.at.secs() * 1e3 - ms).abs() < 1e-6, "{passed:?}");
+    }
+    let still = passing(&a, &at(11, [0.5, 1.0]), &[0.0, 0.0]);
+    assert_eq!((still.q, still.at), (a.q, a.at));
+}
+
+/// What rests keeps the place where it was sent: the way ends there, unless it was recorded elsewhere; and a motor that the
+/// motion did not name is not on it.
+#[test]
+fn a_way_ends_where_its_motors_had_been_sent() {
+    let end = |place: Option<f64>, named: &[usize]| {
+        let who = Participant { places: vec![place].into(), named: named.into(), ..recorded(0, true, &A, 0.3) };
+        let safe = who.safe.clone();
+        let way = alone(who);
+        assert_eq!(way.end.1, safe, "it is judged by what was recorded");
+        (way.of(&way.points.last().unwrap().1), way.motors.to_vec(), safe[0])
+    };
+    let tolerance = rules(true).tolerance;
+    let (q, motors, safe) = end(None, &[0]);
+    assert_eq!((q, motors), (vec![safe], vec![0]));
+    assert_eq!(end(Some(safe + 0.4 * tolerance), &[0]).0, [safe + 0.4 * tolerance]);
+    assert_eq!(end(Some(safe + 0.6 * tolerance), &[0]).0, [safe], "it was moved by somebody else");
+    assert_eq!(end(Some(safe), &[]), (vec![], vec![], safe));
+}
+
+/// The way of a robot that goes back by itself.
+fn alone(who: Participant) -> Way {
+    let mut plan = Plan::new(vec![who]).unwrap();
+    assert!(plan.check(SLICE));
+    plan.ways().remove(0)
+}
+
+/// Between two recorded poses of one robot, another is where it was meanwhile: half of the way, half of the time.
+#[test]
+fn a_way_leads_through_what_was_recorded_at_that_time() {
+    let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (2.5, 30.0)], 0.5));
+    assert_eq!((way.direct, way.farther, way.blocked), (true, false, false));
+    // speeds are told a few readings late: rest is left a little later, and entered a little later, than it was
+    assert!((way.end() - 1.0).abs() < 0.08, "rests are skipped: {} s", way.end());
+    let there = |t: f64| {
+        let next = way.points.iter().position(|(at, _)| *at >= t).unwrap();
+        let ((t0, a), (t1, b)) = (&way.points[next - 1], &way.points[next]);
+        (a[0] + (b[0] - a[0]) * (t - t0) / (t1 - t0)).to_degrees()
+    };
+    for t in [0.2, 0.5, 0.8] {
+        let exact = 30.0 * (1.0 - t);
+        assert!((there(t) - exact).abs() < 2.0, "{} after {t} s, not {exact}", there(t));
+    }
+    assert!(way.points.windows(2).all(|w| w[0].0 <= w[1].0 && w[0].1[0] >= w[1].1[0]));
+    assert!((100..120).contains(&way.points.len()), "one point for each rest: {}", way.points.len());
+}
+
+/// What is recorded faster than a board may be asked for is driven as fast as it may: a jump takes the time that its motor needs, at
+/// the slowest rate at which a way is gone.
+#[test]
+fn no_motor_is_asked_for_more_than_it_can() {
+    let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (1.01, 60.0), (2.0, 60.0)], 0.5));
+    let needs = 60_f64.to_radians() / (3.0 * 0.95);
+    assert!(way.end() >= needs - 1e-9 && way.end() < 1.6 * needs + 0.1, "{} of {needs} s", way.end());
+    assert!(way.points.windows(2).all(|w| (w[0].1[0] - w[1].1[0]).abs() <= 2.85 * (w[1].0 - w[0].0) + 1e-9));
+}
+
+/// Where the path begins or ends faster than motors can follow, it is gone more slowly; and at the recorded rate in between.
+#[test]
+fn no_motor_is_asked_to_set_out_or_stop_at_once() {
+    let way = alone(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 150.0), (3.0, 150.0)], 0.5));
+    assert!((1.1..1.25).contains(&way.end()), "{} s", way.end());
+    let speed = |w: &[(f64, Pose)]| ((w[0].1[0] - w[1].1[0]) / (w[1].0 - w[0].0)).to_degrees();
+    let speeds: Vec<f64> = way.points.windows(2).map(speed).collect();
+    let (first, middle) = (speeds[2], speeds[speeds.len() / 2]);
+    assert!(first < 120.0 && (middle - 150.0).abs() < 1.0, "{first} and {middle} deg/s");
+}
+
+/// A board without position-direct gets the corners of the path, and no more.
+#[test]
+fn way_points_are_the_corners() {
+    let turns = [(0.0, 0.0), (1.0, 0.0), (2.0, 40.0), (3.0, 20.0), (4.0, 60.0), (5.0, 60.0)];
+    let way = alone(recorded(0, false, &turns, 0.5));
+    let q: Vec<f64> = way.points.iter().map(|(_, q)| q[0].to_degrees().round()).collect();
+    assert_eq!((q.first(), q.last()), (Some(&60.0), Some(&0.0)));
+    assert_eq!(way.end(), (q.len() - 1) as f64);
+    assert!(q.len() <= 10, "few are left of 500: {q:?}");
+    let turn = |deg: f64| q.iter().any(|q| (q - deg).abs() <= 1.0);
+    assert!(turn(20.0) && turn(40.0), "{q:?}");
+}
+
+/// Another try leaves out where the robot went after it first was about where it is now.
+#[test]
+fn a_detour_is_cut_off() {
+    let mut who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (3.0, 60.0), (4.0, 30.0)], 0.5);
+    let whole = who.past.len();
+    who.without_detour();
+    let end = who.past.last().unwrap();
+    assert!((end.q[0].to_degrees() - 30.0).abs() <= 2.0 * rules(true).tolerance.to_degrees() + 1e-9);
+    assert!((198..=201).contains(&who.past.len()), "{} of {whole}", who.past.len());
+    let mut short = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0)], 0.5);
+    let whole = short.past.len();
+    short.without_detour();
+    assert!(whole - short.past.len() <= 2, "nothing but the last readings, which are near each other");
+    // it came at 150 deg/s, and stands half way between two readings
+    let mut fast = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 150.0), (3.0, 74.25), (4.0, 74.25)], 0.5);
+    fast.without_detour();
+    let end = fast.past.last().unwrap();
+    assert!((end.q[0].to_degrees() - 74.25).abs() < 0.3 && (end.at.secs() - 1.495).abs() < 0.003, "{end:?}");
+    for kept in [&who.past, &short.past, &fast.past] {
+        let steps: Vec<Duration> = kept.windows(2).map(|w| w[1].at.since(w[0].at)).collect();
+        assert!(
+            steps.iter().all(|step| (1..=10_000_000).contains(&step.as_nanos())),
+            "nothing twice, and nothing left out"
+        );
+    }
+}

@@ -1,0 +1,364 @@
+//! Two arms that reach each other where both point at the other: what either recorded, where both end, and how near they come.
+
+use super::*;
+use crate::ControllerSettings;
+use crate::pulse::Pulse;
+use mobee_contract::{Axis, Board, Sample};
+use mobee_model::parse_robot;
+use nalgebra::{Isometry3, Vector3};
+use proptest::prelude::*;
+
+const ARM: &str = include_str!("../../tests/data/pan.xml");
+pub(crate) const PERIOD: Duration = Duration::from_millis(10);
+
+/// Two of them, 80 cm apart: at zero each points at the other, and they touch if both do.
+pub(crate) fn scene() -> Arc<Scene> {
+    let arm = |name: &str| {
+        let text = ARM.replace("NAME", name).replace("HOME", "0");
+        Arc::new(parse_robot("arm.xml", &text).map(|l| l.value).unwrap())
+    };
+    let turned = Isometry3::new(Vector3::new(0.8, 0.0, 0.0), Vector3::new(0.0, 0.0, std::f64::consts::PI));
+    Arc::new(Scene::new(vec![(arm("left"), Isometry3::identity()), (arm("right"), turned)], Vec::new()).unwrap())
+}
+
+pub(crate) fn rules(direct: bool) -> Arc<Rules> {
+    let axis = Axis { name: "pan".into(), min: -3.0, max: 3.0, max_speed: 3.0, max_acceleration: 30.0 };
+    let board = Board { axes: vec![axis], period: PERIOD, latency: Duration::ZERO, position_direct: direct };
+    let controller = ControllerSettings { period_s: PERIOD.as_secs_f64(), ..ControllerSettings::default() };
+    Arc::new(Rules::new("arm", vec!["arm".into()], &controller, &board))
+}
+
+/// A robot that was at these angles (degrees) at these times (seconds), moved evenly in between, and asks for its way back to
+/// where it was at `safe`.
+pub(crate) fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f64) -> Participant {
+    let mut history = HistoryCore::new(10_000);
+    let [first, last] = [turns.first(), turns.last()].map(|t| (t.unwrap().0 * 100.0).round() as u64);
+    for k in first..=last {
+        let at = Time::ZERO + PERIOD * k as u32;
+        let leg = turns.windows(2).find(|w| at.secs() <= w[1].0 + 1e-9).unwrap();
+        let part = (at.secs() - leg[0].0) / (leg[1].0 - leg[0].0);
+        let q = (leg[0].1 + (leg[1].1 - leg[0].1) * part).to_radians();
+        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true] };
+        history.push(&mut Pulse::new(sample, &Vec::new().into()), PERIOD * 5);
+    }
+    let at = Time::ZERO + PERIOD * (safe * 100.0).round() as u32;
+    let q = history.recorded_near(at, &[0.0], Duration::ZERO).unwrap().q.clone();
+    let asked = Asked { robot, safe: (at, q), again: false, named: vec![0].into(), places: vec![None].into() };
+    asked.participant(rules(direct), &history, scene()).unwrap()
+}
+
+/// Where both end, degrees; whether that is beyond their safe poses; and whether they are blocked on the way.
+fn ends(a: &[(f64, f64)], b: &[(f64, f64)], safe: [f64; 2]) -> [(f64, bool, bool); 2] {
+    let participants = vec![recorded(0, true, a, safe[0]), recorded(1, true, b, safe[1])];
+    let mut plan = Plan::new(participants).unwrap();
+    while !plan.check(SLICE) {}
+    let ways = plan.ways();
+    assert_eq!(ways[0].end(), ways[1].end());
+    [0, 1].map(|i| (ways[i].end.1[0].to_degrees().round(), ways[i].farther, ways[i].blocked))
+}
+
+/// Out of the way until 3 s, at rest in the way until 4 s, and then moved.
+const B: [(f64, f64); 6] = [(0.0, 90.0), (2.0, 90.0), (3.0, 10.0), (4.0, 10.0), (4.5, 0.0), (5.0, -5.0)];
+/// Out of the way at -90, past the other until 2 s, then waits beyond until it comes back into the way.
+pub(crate) const A: [(f64, f64); 6] = [(0.0, -90.0), (0.5, -90.0), (2.0, 90.0), (4.0, 90.0), (4.8, 50.0), (5.0, 42.0)];
+
+#[test]
+fn each_ends_at_its_safe_pose_if_the_others_passed_it_there() {
+    // both set out at 4 s; or one earlier, but past the place where the other rests
+    assert_eq!(ends(&A, &B, [4.0, 4.0]), [(90.0, false, false), (10.0, false, false)]);
+    assert_eq!(ends(&A, &B, [3.0, 4.0]), [(90.0, false, false), (10.0, false, false)]);
+    // one stands where it stood all the time that the other was on its way
+    let still = [(0.0, 30.0), (4.0, 30.0), (5.0, 42.0)];
+    assert_eq!(ends(&[(0.0, -90.0), (0.5, -90.0), (5.0, -20.0)], &still, [0.3, 4.0])[1], (30.0, false, false));
+}
+
+#[test]
+fn who_would_stand_in_the_way_goes_back_to_the_rest_before() {
+    // the older one passed the place where the younger rests now before the younger came there
+    assert_eq!(ends(&A, &B, [0.3, 4.0]), [(-90.0, false, false), (90.0, true, false)]);
+}
+
+#[test]
+fn who_cannot_pass_stops_where_the_common_past_ends() {
+    let short: Vec<(f64, f64)> = B.iter().filter(|(t, _)| *t >= 3.0).copied().collect();
+    assert_eq!(ends(&A, &short, [0.3, 4.0]), [(90.0, false, true), (10.0, false, false)]);
+}
+
+#[test]
+fn dwells_of_all_are_skipped_and_no_motor_is_hurried() {
+    let mut plan = Plan::new(vec![recorded(0, true, &A, 0.3), recorded(1, true, &B, 4.0)]).unwrap();
+    while !plan.check(SLICE) {}
+    let ways = plan.ways();
+    // both rest from 3 s to 4 s; speeds are told a few readings late
+    assert!((ways[0].end() - 3.5).abs() < 0.2, "{} s", ways[0].end());
+    for pair in ways.iter().flat_map(|w| w.points.windows(2)) {
+        assert!((pair[0].1[0] - pair[1].1[0]).abs() <= 3.0 * (pair[1].0 - pair[0].0) + 1e-9, "{pair:?}");
+    }
+}
+
+/// A robot's reading: it asks for its way until it has one, then writes set-points. Returns how far it is, if it wrote one.
+fn reading(
+    joint_retreat: &JointRetreat,
+    t: &Participant,
+    way: &mut Option<(f64, Time)>,
+    now: Time,
+) -> Option<Option<f64>> {
+    if let Some((at, last)) = way {
+        let elapsed = now.since(*last).as_secs_f64();
+        let wrote = joint_retreat.step(t.robot, *at + elapsed.min(1.5 * PERIOD.as_secs_f64()), now);
+        (*at, *last) = (wrote.unwrap_or(*at), now);
+        return Some(wrote);
+    }
+    match joint_retreat.ask(t.robot, now) {
+        Answer::Go(_) => *way = Some((0.0, now)),
+        Answer::Bring => joint_retreat.enroll(t.clone(), now),
+        Answer::Wait => {}
+    }
+    None
+}
+
+proptest! {
+    /// On one clock: whatever readings are held up, nobody is ahead of what another will have written in its next step, nobody
+    /// goes back faster than time passes, and both arrive.
+    #[test]
+    fn all_keep_step(phase in 0_u64..10_000_000, stalls in prop::collection::vec((any::<bool>(), 0_u64..300, 1_u64..16), 0..6)) {
+        let (joint_retreat, both) = (JointRetreat::default(), [recorded(0, true, &A, 4.0), recorded(1, true, &B, 4.0)]);
+        let held = |robot: usize, k: u64| {
+            stalls.iter().any(|(one, from, n)| usize::from(*one) == robot && (*from..from + n).contains(&k))
+        };
+        both.iter().for_each(|t| joint_retreat.coming(t.robot, Time::from_secs(5.0)));
+        let mut ways = [None, None];
+        for k in 0..800 {
+            for robot in 0..2_usize {
+                let now = Time(5_000_000_000 + k * 10_000_000 + robot as u64 * phase);
+                let before = ways[robot];
+                if held(robot, k) {
+                    continue;
+                }
+                let wrote = reading(&joint_retreat, &both[robot], &mut ways[robot], now);
+                let (Some(at), Some((was, last))) = (wrote, before) else { continue };
+                let at = at.unwrap();
+                prop_assert!(at - was <= now.since(last).as_secs_f64() + 1e-9, "{at} after {was}");
+                let other = ways[1 - robot].map_or(0.0, |(at, _)| at);
+                prop_assert!(at - other <= 1.5 * PERIOD.as_secs_f64() + 1e-9, "{at} with {other}");
+            }
+        }
+        let end = 1.0;
+        prop_assert!(ways.iter().all(|w| w.is_some_and(|(at, _)| at >= end)), "{ways:?}");
+    }
+}
+
+#[test]
+fn who_waits_for_one_that_died_goes_on_without() {
+    let joint_retreat = JointRetreat::default();
+    let both = [recorded(0, true, &A, 4.0), recorded(1, true, &B, 4.0)];
+    let at = |ms: u64| Time(5_000_000_000 + ms * 1_000_000);
+    // the other was stopped, and was not heard of again
+    joint_retreat.coming(1, at(0));
+    let mut way = None;
+    let set_out = (1..500).find(|k| {
+        let _ = reading(&joint_retreat, &both[0], &mut way, at(10 * k));
+        way.is_some()
+    });
+    assert!(set_out.is_some_and(|k| (100..110).contains(&k)), "{set_out:?}");
+
+    // it came along, and dies on the way: the one that is left is told once it is lost, and not before
+    let joint_retreat = JointRetreat::default();
+    let mut ways = [None, None];
+    both.iter().for_each(|t| joint_retreat.coming(t.robot, at(0)));
+    let parted = (1..500).find(|k| {
+        let told = reading(&joint_retreat, &both[0], &mut ways[0], at(10 * k));
+        if *k < 50 {
+            let _ = reading(&joint_retreat, &both[1], &mut ways[1], at(10 * k));
+        }
+        told == Some(None)
+    });
+    assert!(parted.is_some_and(|k| (149..155).contains(&k)), "{parted:?}");
+}
+
+#[test]
+fn way_points_are_left_by_all_at_once() {
+    let both = [recorded(0, false, &A, 4.0), recorded(1, false, &B, 4.0)];
+    let mut plan = Plan::new(both.to_vec()).unwrap();
+    assert!(plan.check(SLICE));
+    let ways = plan.ways();
+    assert!(ways.iter().all(|w| !w.direct && (3..10).contains(&w.points.len())), "{ways:?}");
+    assert!(ways[0].points.iter().zip(&ways[1].points).all(|(a, b)| a.0 == b.0), "{ways:?}");
+
+    let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(6.0));
+    both.iter().for_each(|t| joint_retreat.enroll(t.clone(), now));
+    assert!((0..2).all(|robot| matches!(joint_retreat.ask(robot, now), Answer::Go(_))));
+    assert_eq!(joint_retreat.reached(0, 1, now), Some(false));
+    assert_eq!(joint_retreat.reached(1, 0, now), Some(true), "it is on its way to the first, as the other was");
+    assert_eq!(joint_retreat.reached(0, 1, now), Some(false));
+    assert_eq!(joint_retreat.reached(1, 1, now), Some(true));
+    assert_eq!(joint_retreat.reached(0, 1, now), Some(true));
+    assert_eq!(joint_retreat.reached(0, 2, now), Some(false));
+    joint_retreat.leave(1);
+    assert_eq!(joint_retreat.reached(0, 2, now), None, "the other one gave up");
+}
+
+/// The whole way of the reflex of an arm that can't pass the other: it stops where the common past ends, and holds.
+#[test]
+fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
+    use crate::reflex::tests::Alone;
+    use crate::reflex::{ReflexIn, ReflexOut, Underway, Word};
+    use mobee_contract::{Command, CommitId, Hold, Status};
+    let short: Vec<(f64, f64)> = B.iter().filter(|(t, _)| *t >= 3.0).copied().collect();
+    let both = [recorded(0, true, &A, 0.3), recorded(1, true, &short, 4.0)];
+    let mut reflex = Alone::new(rules(true));
+    let safe = Some((both[0].past[both[0].start].at, both[0].safe.clone()));
+    let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+    let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
+    reflex.on(roll_back, Time::from_secs(5.0));
+    let (mut q, mut words, mut other) = (both[0].past.last().unwrap().q.clone(), Vec::new(), None);
+    for k in 1..1000 {
+        let now = Time::from_secs(5.0) + PERIOD * k;
+        let _ = reading(&reflex.joint_retreat, &both[1], &mut other, now);
+        let sample = Sample { seq: u64::from(k), at: now, q: q.clone(), done: vec![true] };
+        let mut pulse = Pulse::new(sample, &Vec::new().into());
+        pulse.speed = 0.0;
+        let mut out = reflex.read(&mut pulse, None, Status::Stopping, now);
+        while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
+            out.remove(i);
+            reflex.joint_retreat.enroll(both[0].clone(), now);
+            out.extend(reflex.on(ReflexIn::Brought(Ok(())), now));
+        }
+        for told in out {
+            match told {
+                ReflexOut::Command(_, Command::Direct { q: written, .. }) => q = written.into(),
+                ReflexOut::Word(word) => words.push(word),
+                _ => {}
+            }
+        }
+    }
+    assert_eq!(words, [Word::Retreating, Word::Settling, Word::GaveUp(Hold::RetreatBlocked)]);
+    assert_eq!(q[0].to_degrees().round(), 90.0);
+}
+
+/// Two robots that may go back at the same time, and a time so many milliseconds after they came to rest.
+fn both() -> [Participant; 2] {
+    [recorded(0, true, &A, 4.0), recorded(1, true, &B, 4.0)]
+}
+
+fn at(ms: u64) -> Time {
+    Time(5_000_000_000 + ms * 1_000_000)
+}
+
+fn goes(joint_retreat: &JointRetreat, robot: usize, now: Time) -> bool {
+    matches!(joint_retreat.ask(robot, now), Answer::Go(_))
+}
+
+#[test]
+fn those_that_are_about_to_rest_are_waited_for_as_long_as_they_tell() {
+    let [first, second] = both();
+    assert!(matches!(JointRetreat::default().ask(0, at(0)), Answer::Bring));
+    // the last word of the one that is coming is a second old, and then a little more
+    for (late, waits) in [(0, true), (1, false)] {
+        let joint_retreat = JointRetreat::default();
+        joint_retreat.coming(1, at(0));
+        joint_retreat.enroll(first.clone(), at(100));
+        assert_eq!(goes(&joint_retreat, 0, Time(at(1000).0 + late)), !waits, "{late}");
+    }
+    // it is coming all the time: nobody waits longer than three seconds
+    let joint_retreat = JointRetreat::default();
+    joint_retreat.enroll(first.clone(), at(0));
+    let set_out = (0..5000).find(|ms| {
+        joint_retreat.coming(1, at(*ms));
+        goes(&joint_retreat, 0, at(*ms))
+    });
+    assert_eq!(set_out, Some(3000));
+    // who rests, too, comes along if it asked within the last second
+    for (late, along) in [(0, true), (1, false)] {
+        let joint_retreat = JointRetreat::default();
+        joint_retreat.enroll(second.clone(), at(0));
+        joint_retreat.enroll(first.clone(), at(1000));
+        let now = Time(at(1000).0 + late);
+        assert!(goes(&joint_retreat, 0, now));
+        assert_eq!(goes(&joint_retreat, 1, now), along, "{late}");
+    }
+}
+
+#[test]
+fn who_tries_again_goes_alone_and_the_others_after_it() {
+    let [first, second] = both();
+    let again = Participant { again: true, ..first };
+    let joint_retreat = JointRetreat::default();
+    joint_retreat.enroll(second.clone(), at(0));
+    joint_retreat.coming(2, at(0));
+    joint_retreat.enroll(again.clone(), at(0));
+    assert!(goes(&joint_retreat, 0, at(0)), "it waits for nobody");
+    assert!(matches!(joint_retreat.ask(1, at(0)), Answer::Wait), "one party at a time");
+    joint_retreat.leave(0);
+    assert!(matches!(joint_retreat.ask(1, at(0)), Answer::Wait), "and it waits for the one that is coming");
+    joint_retreat.leave(2);
+    assert!(goes(&joint_retreat, 1, at(0)));
+    // the other way round: who goes for the first time takes along nobody who tries again
+    let joint_retreat = JointRetreat::default();
+    joint_retreat.enroll(again, at(0));
+    joint_retreat.enroll(second, at(0));
+    assert!(goes(&joint_retreat, 1, at(0)));
+    assert!(matches!(joint_retreat.ask(0, at(0)), Answer::Wait));
+}
+
+/// The clock begins once all boards are prepared, and a period later if others must hear of it; nobody is more than a period and a
+/// half ahead of the slowest.
+#[test]
+fn the_clock_of_a_party() {
+    let reaction = rules(true).reaction();
+    let [first, second] = both();
+    let alone = JointRetreat::default();
+    alone.enroll(first.clone(), at(0));
+    assert!(goes(&alone, 0, at(0)));
+    let ms = |secs: f64| (secs * 1e3 * 1e3).round() / 1e3;
+    let gone = |joint_retreat: &JointRetreat, robot, since: Duration| {
+        joint_retreat.step(robot, 9.0, at(0) + reaction + since).map(ms)
+    };
+    assert_eq!(gone(&alone, 0, Duration::ZERO), Some(0.0));
+    assert_eq!(gone(&alone, 0, PERIOD), Some(10.0));
+    assert_eq!(alone.step(0, 0.013, at(0) + reaction + 2 * PERIOD), Some(0.013), "not farther than it may");
+    assert_eq!(alone.step(0, 0.0, at(0) + reaction + 2 * PERIOD), Some(0.013), "nor back");
+    assert_eq!(gone(&alone, 0, 9 * PERIOD), Some(28.0), "a period and a half from where it was");
+
+    let joint_retreat = JointRetreat::default();
+    [first, second].into_iter().for_each(|t| joint_retreat.enroll(t, at(0)));
+    assert!(goes(&joint_retreat, 0, at(0)) && goes(&joint_retreat, 1, at(0)));
+    assert_eq!(gone(&joint_retreat, 0, PERIOD), Some(0.0), "the other one has just heard of it");
+    assert_eq!(gone(&joint_retreat, 0, 2 * PERIOD), Some(10.0));
+    assert_eq!(gone(&joint_retreat, 0, 4 * PERIOD), Some(15.0), "the other is still at its beginning");
+    assert_eq!(gone(&joint_retreat, 1, 4 * PERIOD), Some(15.0));
+    assert_eq!(gone(&joint_retreat, 1, 5 * PERIOD), Some(25.0));
+}
+
+/// A robot of which nothing was heard for more than a second is lost to those on the way, unless it has arrived.
+#[test]
+fn who_has_arrived_is_not_lost() {
+    let party = || {
+        let joint_retreat = JointRetreat::default();
+        both().into_iter().for_each(|t| joint_retreat.enroll(t, at(0)));
+        assert!(goes(&joint_retreat, 0, at(0)) && goes(&joint_retreat, 1, at(0)));
+        joint_retreat
+    };
+    let joint_retreat = party();
+    assert!(joint_retreat.step(1, 9.0, at(1000)).is_some(), "a second is not too long");
+    assert!(joint_retreat.step(1, 9.0, Time(at(1000).0 + 1)).is_none());
+    assert!(
+        goes(&joint_retreat, 0, at(2500)) || matches!(joint_retreat.ask(0, at(2500)), Answer::Bring),
+        "all were lost, the party is over"
+    );
+
+    let joint_retreat = party();
+    let mut now = 0;
+    let end = loop {
+        now += 10;
+        let (a, b) = (joint_retreat.step(0, 9.0, at(now)), joint_retreat.step(1, 9.0, at(now)));
+        assert_eq!(a.is_some(), b.is_some());
+        if a.is_some_and(|at| at >= 1.5) && a == b {
+            break now;
+        }
+    };
+    assert!(joint_retreat.step(1, 9.0, at(end + 5000)).is_some(), "the first is there, and says nothing more");
+    assert!(joint_retreat.step(2, 9.0, at(end + 5000)).is_none(), "one that does not belong to it");
+    joint_retreat.leave(0);
+    assert!(matches!(joint_retreat.ask(0, at(end + 5000)), Answer::Bring | Answer::Wait));
+}

@@ -1,0 +1,227 @@
+//! Contacts with hysteresis: one begins below the margin and ends above margin + 2 mm.
+
+use crate::{DEEPER, RELEASE};
+use mobee_model::{Contact, Pair};
+use std::sync::Arc;
+
+/// A present contact.
+#[derive(Clone, Debug)]
+struct Touch {
+    contact: Contact,
+    /// Whether distance zero was told, or is not the robot's doing.
+    hard: bool,
+}
+
+/// What a reading changed.
+#[derive(Debug, Default)]
+pub struct Changes {
+    /// Contacts that began.
+    pub began: Vec<Contact>,
+    /// Pairs whose contact ended.
+    pub ended: Vec<Pair>,
+    /// Contacts that reached distance zero by a motion of the robot.
+    pub hard: Vec<Contact>,
+}
+
+/// The contacts of one robot.
+#[derive(Clone, Debug)]
+pub struct Contacts {
+    margin: f64,
+    epoch: u64,
+    present: Vec<Touch>,
+    shown: Arc<[Contact]>,
+}
+
+impl Contacts {
+    /// None yet.
+    pub fn new(margin: f64) -> Contacts {
+        Contacts { margin, epoch: 0, present: Vec::new(), shown: Vec::new().into() }
+    }
+
+    /// Takes in all pairs nearer than margin + 2 mm. `back`: whether the robot is being taken back, which is not followed to the
+    /// hair: what it passed just beyond the margin touches only once it stops the way back. `moving`: whether the robot may be
+    /// the one who caused them; `epoch`: the scene they were found in, since what an edit puts onto the robot is not the
+    /// robot's doing either.
+    pub fn update(&mut self, near: &[Contact], back: bool, moving: bool, epoch: u64) -> Changes {
+        let mut changes = Changes::default();
+        let edited = std::mem::replace(&mut self.epoch, epoch) != epoch;
+        if near.is_empty() && self.present.is_empty() {
+            return changes;
+        }
+        let (margin, ended) = (self.margin, &mut changes.ended);
+        self.present.retain_mut(|touch| match near.iter().find(|c| c.pair == touch.contact.pair) {
+            Some(c) if c.distance <= margin + RELEASE => {
+                touch.contact = *c;
+                true
+            }
+            _ => {
+                ended.push(touch.contact.pair);
+                false
+            }
+        });
+        let begins = if back { margin - DEEPER } else { margin };
+        for c in near.iter().filter(|c| c.distance < begins) {
+            if !self.present.iter().any(|t| t.contact.pair == c.pair) {
+                self.present.push(Touch { contact: *c, hard: false });
+                changes.began.push(*c);
+            }
+        }
+        for touch in self.present.iter_mut().filter(|t| t.contact.distance <= 0.0 && !t.hard) {
+            touch.hard = true;
+            if moving && !edited {
+                changes.hard.push(touch.contact);
+            }
+        }
+        self.show();
+        changes
+    }
+
+    /// The robot is back where it was free: pairs beyond the margin no longer count as touching. Returns those.
+    pub fn settle(&mut self) -> Vec<Pair> {
+        let margin = self.margin;
+        let mut ended = Vec::new();
+        self.present.retain(|t| {
+            let stays = t.contact.distance < margin;
+            if !stays {
+                ended.push(t.contact.pair);
+            }
+            stays
+        });
+        self.show();
+        ended
+    }
+
+    fn show(&mut self) {
+        self.shown = self.present.iter().map(|t| t.contact).collect();
+    }
+
+    /// The present contacts.
+    pub fn present(&self) -> &Arc<[Contact]> {
+        &self.shown
+    }
+}
+
+/// How near pairs may come while the robot backs out of contact: none begins, none gets deeper than it has been.
+#[derive(Clone, Debug, Default)]
+pub struct Floors {
+    margin: f64,
+    /// The least distances that were read so far.
+    least: Vec<Contact>,
+}
+
+impl Floors {
+    /// From the pairs near the robot as it was stopped, or sets out.
+    pub fn new(margin: f64, near: &[Contact]) -> Floors {
+        Floors { margin, least: near.to_vec() }
+    }
+
+    /// The pairs near it in another reading, before it is taken back: the way leads through there again.
+    pub fn note(&mut self, near: &[Contact]) {
+        for c in near {
+            match self.least.iter_mut().find(|l| l.pair == c.pair) {
+                Some(least) if least.distance <= c.distance => {}
+                Some(least) => *least = *c,
+                None => self.least.push(*c),
+            }
+        }
+    }
+
+    /// The pairs that touched, each where it was nearest.
+    pub fn touched(&self) -> Vec<Contact> {
+        self.least.iter().filter(|c| c.distance < self.margin).copied().collect()
+    }
+
+    /// The first pair that is nearer than it may be.
+    pub fn broken<'a>(&self, near: &'a [Contact]) -> Option<&'a Contact> {
+        near.iter().find(|c| {
+            let start = self.least.iter().find(|l| l.pair == c.pair).map_or(self.margin, |l| l.distance);
+            c.distance < start.min(self.margin) - DEEPER
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mobee_model::ShapeId;
+    use nalgebra::Point3;
+
+    const MARGIN: f64 = 0.01;
+
+    /// One of a robot's nodes and an object, at so many millimetres.
+    fn near(node: u16, mm: f64) -> Contact {
+        let pair = (ShapeId::Robot { robot: 0, node, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
+        Contact { pair, distance: mm * 1e-3, points: [Point3::origin(); 2] }
+    }
+
+    /// What the next reading changes: how many contacts begin, end and are hard, and how many are present then.
+    fn told(contacts: &mut Contacts, near: &[Contact], (back, moving, epoch): (bool, bool, u64)) -> [usize; 4] {
+        let Changes { began, ended, hard } = contacts.update(near, back, moving, epoch);
+        [began.len(), ended.len(), hard.len(), contacts.present().len()]
+    }
+
+    const MOVING: (bool, bool, u64) = (false, true, 0);
+
+    #[test]
+    fn a_contact_begins_below_the_margin_and_ends_beyond_two_millimetres_more() {
+        let mut contacts = Contacts::new(MARGIN);
+        let mut next = |mm: f64| told(&mut contacts, &[near(1, mm)], MOVING);
+        assert_eq!(next(10.0), [0, 0, 0, 0], "the margin itself is free");
+        assert_eq!(next(9.9), [1, 0, 0, 1]);
+        assert_eq!(next(11.9), [0, 0, 0, 1]);
+        assert_eq!(next(12.1), [0, 1, 0, 0]);
+        assert_eq!(next(11.0), [0, 0, 0, 0]);
+        assert_eq!(next(5.0), [1, 0, 0, 1]);
+        assert_eq!(told(&mut contacts, &[], MOVING), [0, 1, 0, 0], "what is far is not told at all");
+        assert_eq!(told(&mut contacts, &[], MOVING), [0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn pairs_are_told_apart() {
+        let mut contacts = Contacts::new(MARGIN);
+        assert_eq!(told(&mut contacts, &[near(1, 5.0), near(2, 20.0)], MOVING), [1, 0, 0, 1]);
+        assert_eq!(told(&mut contacts, &[near(1, 5.0), near(2, 5.0)], MOVING), [1, 0, 0, 2]);
+        assert_eq!(told(&mut contacts, &[near(2, 4.0)], MOVING), [0, 1, 0, 1]);
+        assert_eq!(contacts.present()[..], [near(2, 4.0)], "at its newest distance");
+    }
+
+    /// Once per contact, only if the robot moved there by itself.
+    #[test]
+    fn distance_zero_is_told_once_and_as_the_robots_doing() {
+        let mut contacts = Contacts::new(MARGIN);
+        assert_eq!(told(&mut contacts, &[near(1, 1.0)], MOVING), [1, 0, 0, 1]);
+        assert_eq!(told(&mut contacts, &[near(1, 0.0)], MOVING), [0, 0, 1, 1]);
+        assert_eq!(told(&mut contacts, &[near(1, -1.0)], MOVING), [0, 0, 0, 1]);
+        assert_eq!(told(&mut contacts, &[near(1, -1.0), near(2, -1.0)], (false, false, 0)), [1, 0, 0, 2], "it rests");
+        assert_eq!(told(&mut contacts, &[near(1, -1.0), near(2, -1.0)], MOVING), [0, 0, 0, 2]);
+        let edited = [near(1, -1.0), near(2, -1.0), near(3, -1.0)];
+        assert_eq!(told(&mut contacts, &edited, (false, true, 1)), [1, 0, 0, 3], "an edit put it there");
+    }
+
+    #[test]
+    fn on_the_way_back_a_contact_begins_a_millimetre_later() {
+        let mut contacts = Contacts::new(MARGIN);
+        assert_eq!(told(&mut contacts, &[near(1, 9.1)], (true, true, 0)), [0, 0, 0, 0]);
+        assert_eq!(told(&mut contacts, &[near(1, 8.9), near(2, 11.0)], (true, true, 0)), [1, 0, 0, 1]);
+        assert_eq!(told(&mut contacts, &[near(1, 10.0), near(2, 9.5)], MOVING), [1, 0, 0, 2]);
+        assert_eq!(contacts.settle(), [near(1, 0.0).pair], "back, and not within the margin");
+        assert_eq!(contacts.present()[..], [near(2, 9.5)]);
+    }
+
+    /// On its way out of contact the robot may come as near as it has been, and to the margin elsewhere; a millimetre is granted.
+    #[test]
+    fn nothing_comes_nearer_than_it_has_been() {
+        let mut floors = Floors::new(MARGIN, &[near(1, 4.0), near(2, 15.0)]);
+        let broken = |floors: &Floors, node, mm| floors.broken(&[near(9, 30.0), near(node, mm)]).map(|c| c.pair);
+        let hit = |node| Some(near(node, 0.0).pair);
+        assert_eq!((broken(&floors, 1, 3.1), broken(&floors, 1, 2.9)), (None, hit(1)));
+        assert_eq!((broken(&floors, 2, 9.1), broken(&floors, 2, 8.9)), (None, hit(2)), "it was free");
+        assert_eq!((broken(&floors, 3, 9.1), broken(&floors, 3, 8.9)), (None, hit(3)), "it was not near");
+        floors.note(&[near(1, 2.0), near(2, 16.0), near(3, 5.0)]);
+        floors.note(&[near(1, 6.0)]);
+        assert_eq!((broken(&floors, 1, 1.1), broken(&floors, 1, 0.9)), (None, hit(1)), "the deepest counts");
+        assert_eq!((broken(&floors, 3, 4.1), broken(&floors, 3, 3.9)), (None, hit(3)));
+        assert_eq!(floors.touched(), [near(1, 2.0), near(3, 5.0)]);
+        assert_eq!(Floors::new(MARGIN, &[near(1, 10.0)]).touched(), []);
+    }
+}

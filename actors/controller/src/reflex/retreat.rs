@@ -1,0 +1,198 @@
+//! The way back: the recorded poses backwards at the recorded rate (Algorithm 6), on the clock of all that go back together.
+
+use super::FROZEN_WAY;
+use crate::joint_retreat::{JointRetreat, Way};
+use crate::{Rules, distance, within};
+use mobee_contract::{Command, ControlMode, Sample, Target, Time};
+use std::time::Duration;
+
+/// A way back that is being driven.
+#[derive(Clone, Debug)]
+pub struct Retreat {
+    /// Its robot, by index.
+    robot: usize,
+    way: Way,
+    clock: f64,
+    next: usize,
+    last: Time,
+    /// What was last written to the way's motors.
+    written: Vec<f64>,
+    /// Since when the robot has not followed.
+    behind: Option<Time>,
+}
+
+/// Another robot that was on its way back with this one went no further.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Parted;
+
+impl Retreat {
+    /// Of a robot, on this way.
+    pub fn new(robot: usize, way: Way, rules: &Rules, now: Time) -> Retreat {
+        let written = way.points.first().map(|(_, q)| way.of(q)).unwrap_or_default();
+        Retreat { robot, way, clock: 0.0, next: 1, last: now + rules.reaction(), written, behind: None }
+    }
+
+    /// Where it leads.
+    pub fn way(&self) -> &Way {
+        &self.way
+    }
+
+    /// How long the way is: poses and seconds.
+    pub fn length(&self) -> (usize, f64) {
+        (self.way.points.len(), self.secs(self.way.points.len()))
+    }
+
+    /// The command that prepares the board.
+    pub fn begin(&self) -> Command {
+        let mode = if self.way.direct { ControlMode::PositionDirect } else { ControlMode::Position };
+        Command::Mode { motors: self.way.motors.to_vec(), mode }
+    }
+
+    /// The positions last written, of the motors that go back.
+    pub fn written(&self) -> &[f64] {
+        &self.written
+    }
+
+    /// How long the robot has not followed.
+    pub fn waits(&self, now: Time) -> Duration {
+        self.behind.map_or(Duration::ZERO, |since| now.since(since))
+    }
+
+    /// Whether the last set-point has been written.
+    pub fn is_over(&self) -> bool {
+        self.next >= self.way.points.len()
+    }
+
+    /// The time of the point before this one, seconds on the way.
+    fn secs(&self, next: usize) -> f64 {
+        next.checked_sub(1).and_then(|i| self.way.points.get(i)).map_or(0.0, |(t, _)| *t)
+    }
+
+    /// When the last written pose should be reached: a way-point takes its leg's time, a set-point is followed at once.
+    pub fn arrival(&self, now: Time) -> Time {
+        let end = self.way.points.len();
+        let leg = self.secs(end) - self.secs(end.saturating_sub(1));
+        if self.way.direct { now } else { now + Duration::from_secs_f64(leg.clamp(0.0, 1e6)) }
+    }
+
+    /// The next command if it is time for one.
+    ///
+    /// Set-points are spaced by the clock, not by the readings: those that were held up come in a bunch.
+    ///
+    /// # Errors
+    /// If somebody who went along does so no more.
+    pub fn step(
+        &mut self,
+        joint_retreat: &JointRetreat,
+        sample: &Sample,
+        now: Time,
+        rules: &Rules,
+    ) -> Result<Option<Command>, Parted> {
+        if self.is_over() {
+            Ok(None)
+        } else if self.way.direct {
+            self.set_point(joint_retreat, sample, now, rules)
+        } else {
+            self.way_point(joint_retreat, sample, now, rules)
+        }
+    }
+
+    fn set_point(
+        &mut self,
+        joint_retreat: &JointRetreat,
+        sample: &Sample,
+        now: Time,
+        rules: &Rules,
+    ) -> Result<Option<Command>, Parted> {
+        // half a sample early rather than a whole one late
+        let elapsed = now.since(self.last).as_secs_f64();
+        let period = rules.period.as_secs_f64();
+        if elapsed < 0.75 * period {
+            return Ok(None);
+        }
+        let follows = self.is_followed(sample, now, rules);
+        self.behind = if follows { None } else { self.behind.or(Some(now)) };
+        let most = if follows { self.clock + elapsed } else { self.clock };
+        self.clock = joint_retreat.step(self.robot, most, now).ok_or(Parted)?;
+        self.next += self.way.points.iter().skip(self.next).take_while(|(t, _)| *t <= self.clock).count();
+        self.last = now;
+        self.written = self.limited(self.positions(), rules);
+        Ok(Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() }))
+    }
+
+    /// The last set-point once more, if the robot rests beside it: it may have come as the lease was over, or never.
+    pub fn again(&mut self, sample: &Sample, now: Time, rules: &Rules) -> Option<Command> {
+        let apart = distance(&self.way.of(&sample.q), &self.written);
+        let beside = apart > rules.tolerance && apart <= FROZEN_WAY;
+        if !(self.way.direct && beside && now >= self.last + rules.reaction()) {
+            return None;
+        }
+        self.last = now;
+        Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() })
+    }
+
+    /// Whether each motor is where it was sent within its reaction, to a degree. A board without a lease, or one that is held up,
+    /// is not: to go on without the robot would lead it straight to where the clock is then, beside its recorded path.
+    fn is_followed(&self, sample: &Sample, now: Time, rules: &Rules) -> bool {
+        let since = self.clock - (rules.reaction() + now.since(sample.at)).as_secs_f64();
+        let first = self.way.points.partition_point(|(t, _)| *t <= since).saturating_sub(1);
+        let sent = |m: usize| {
+            let passed = self.way.points.iter().take(self.next).skip(first).filter_map(|(_, q)| q.get(m));
+            passed.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), q| (q.min(low), q.max(high)))
+        };
+        self.way.motors.iter().zip(&self.written).all(|(m, written)| {
+            let ((low, high), here) = (sent(*m), sample.q.get(*m).copied().unwrap_or(f64::NAN));
+            (low.min(*written) - FROZEN_WAY..=high.max(*written) + FROZEN_WAY).contains(&here)
+        })
+    }
+
+    /// Where its motors are at the clock's time.
+    fn positions(&self) -> Vec<f64> {
+        let before = self.next.checked_sub(1).and_then(|i| self.way.points.get(i));
+        match (before, self.way.points.get(self.next)) {
+            (Some((t0, a)), Some((t1, b))) => {
+                let part = ((self.clock - t0) / (t1 - t0).max(1e-9)).clamp(0.0, 1.0);
+                self.way.of(a).iter().zip(self.way.of(b)).map(|(a, b)| a + (b - a) * part).collect()
+            }
+            (a, b) => a.or(b).map_or_else(|| self.written.clone(), |(_, q)| self.way.of(q)),
+        }
+    }
+
+    /// Within the limits of its motors.
+    fn limited(&self, mut q: Vec<f64>, rules: &Rules) -> Vec<f64> {
+        for (m, q) in self.way.motors.iter().zip(&mut q) {
+            *q = rules.axes.get(*m).map_or(*q, |axis| within(*q, axis));
+        }
+        q
+    }
+
+    fn way_point(
+        &mut self,
+        joint_retreat: &JointRetreat,
+        sample: &Sample,
+        now: Time,
+        rules: &Rules,
+    ) -> Result<Option<Command>, Parted> {
+        let reacted = sample.at >= self.last + rules.reaction();
+        let here = self.way.of(&sample.q);
+        let near = distance(&here, &self.written) <= 3.0 * rules.tolerance;
+        let there = reacted && near && sample.done.iter().all(|d| *d);
+        let reached = if there { self.next } else { self.next.saturating_sub(1) };
+        let all = joint_retreat.reached(self.robot, reached, now).ok_or(Parted)?;
+        let Some((_, q)) = self.way.points.get(self.next).filter(|_| there && all) else { return Ok(None) };
+        let secs = self.secs(self.next + 1) - self.secs(self.next);
+        let q = self.limited(self.way.of(q), rules);
+        let pace =
+            |(axis, (a, b)): (&mobee_contract::Axis, (&f64, f64))| (a - b).abs() / (axis.max_speed * secs.max(1e-3));
+        let axes = self.way.motors.iter().filter_map(|m| rules.axes.get(*m));
+        let speed = axes.zip(q.iter().zip(here)).map(pace).fold(0.01, f64::max).min(1.0);
+        self.written = q;
+        self.next += 1;
+        self.last = sample.at;
+        let target = Target { motors: self.way.motors.to_vec(), q: self.written.clone(), speed };
+        Ok(Some(Command::Move(target.in_step(&sample.q, &rules.axes))))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,146 @@
+//! What is written on a way back, when it waits, and a robot that is held up on it.
+
+use super::*;
+use crate::joint_retreat::Answer;
+use crate::joint_retreat::tests::{PERIOD, recorded, rules};
+use std::sync::Arc;
+
+/// A way of 90 degrees at 30 deg/s, backwards.
+fn way_back(rules: &Arc<Rules>) -> (JointRetreat, Retreat) {
+    let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(5.0));
+    joint_retreat.enroll(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5), now);
+    let Answer::Go(way) = joint_retreat.ask(0, now) else { panic!("there is a way") };
+    (joint_retreat, Retreat::new(0, way, rules, now))
+}
+
+/// The greatest way between what is written and where the robot is, degrees, until it is back, and how long it was waited for at
+/// most; it does not move between these times, s.
+fn apart(stands: (f64, f64)) -> (f64, f64) {
+    let rules = rules(true);
+    let (joint_retreat, mut retreat) = way_back(&rules);
+    let (mut now, mut q, mut apart, mut waited) = (Time::from_secs(5.0), 90_f64.to_radians(), 0.0_f64, 0.0_f64);
+    for seq in 0..1000 {
+        now = now + PERIOD;
+        let held = (stands.0..stands.1).contains(&now.secs());
+        let sample = Sample { seq, at: now, q: vec![q].into(), done: vec![false] };
+        let Ok(command) = retreat.step(&joint_retreat, &sample, now, &rules) else { panic!("nobody was lost") };
+        if let Some(Command::Direct { q: to, .. }) = command {
+            apart = apart.max((to[0] - q).abs().to_degrees());
+            q = if held { q } else { to[0] };
+        }
+        waited = waited.max(retreat.waits(now).as_secs_f64());
+        if retreat.is_over() {
+            assert!(q.abs() < 1e-9, "it is back");
+            return (apart, waited);
+        }
+    }
+    (apart, waited)
+}
+
+#[test]
+fn a_robot_that_is_held_up_is_waited_for_and_never_gone_after_straight() {
+    assert!(apart((0.0, 0.0)).0 < 0.5);
+    let (far, waited) = apart((6.0, 7.0));
+    assert!(far < 2.5, "it was sent {far:.1} degrees in one step");
+    assert!((0.8..1.0).contains(&waited), "it was waited for {waited} s");
+    let (far, waited) = apart((6.0, 100.0));
+    assert!(far < 2.5 && waited > 5.0, "{far:.1} degrees, {waited} s");
+}
+
+/// A way of one motor through these points: seconds, degrees.
+fn way(direct: bool, points: &[(f64, f64)]) -> (JointRetreat, Retreat, Arc<Rules>) {
+    let rules = rules(direct);
+    let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(5.0));
+    joint_retreat.enroll(recorded(0, direct, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5), now);
+    let Answer::Go(asked) = joint_retreat.ask(0, now) else { panic!("there is a way") };
+    let points = points.iter().map(|(t, deg)| (*t, vec![deg.to_radians()].into())).collect();
+    let retreat = Retreat::new(0, Way { points, ..asked }, &rules, now);
+    (joint_retreat, retreat, rules)
+}
+
+/// What is written at a reading, so long after the way began, of a motor that is at so many degrees: where to, in degrees, and how fast,
+/// in degrees per second.
+fn written(
+    (joint_retreat, retreat, rules): &mut (JointRetreat, Retreat, Arc<Rules>),
+    (secs, deg, done): (f64, f64, bool),
+) -> Option<(f64, Option<f64>)> {
+    let at = Time::from_secs(5.0) + rules.reaction() + Duration::from_secs_f64(secs);
+    let sample = Sample { seq: 1, at, q: vec![deg.to_radians()].into(), done: vec![done] };
+    let round = |rad: f64| (rad.to_degrees() * 1e6).round() / 1e6;
+    match retreat.step(joint_retreat, &sample, at, rules).unwrap_or_else(|_| panic!("nobody was lost")) {
+        Some(Command::Direct { q, .. }) => Some((round(q[0]), None)),
+        Some(Command::Move(m)) => Some((round(m.q[0]), m.speed.map(|v| round(v[0])))),
+        None => None,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn set_points_are_those_of_the_clock() {
+    let mut back = way(true, &[(0.0, 90.0), (0.02, 89.0), (0.06, 88.6), (0.07, 87.6)]);
+    assert_eq!((back.1.length(), back.1.is_over()), ((4, 0.07), false));
+    assert_eq!(back.1.written(), [90_f64.to_radians()]);
+    assert_eq!(back.1.begin(), Command::Mode { motors: vec![0], mode: ControlMode::PositionDirect });
+    assert_eq!(written(&mut back, (0.007, 90.0, false)), None, "not three quarters of a period");
+    assert_eq!(written(&mut back, (0.008, 90.0, false)), Some((89.6, None)));
+    assert_eq!(written(&mut back, (0.018, 89.9, false)), Some((89.1, None)));
+    assert_eq!(written(&mut back, (0.018, 89.9, false)), None);
+    assert_eq!(written(&mut back, (0.030, 89.5, false)), Some((88.9, None)));
+    assert_eq!(written(&mut back, (0.050, 89.2, false)), Some((88.75, None)), "late: a period and a half, and no more");
+    assert!(!back.1.is_over());
+    assert_eq!(written(&mut back, (0.065, 88.9, false)), Some((88.6, None)));
+    assert_eq!(written(&mut back, (0.080, 88.7, false)), Some((87.6, None)));
+    assert!(back.1.is_over());
+    assert_eq!(written(&mut back, (0.090, 88.0, false)), None);
+    let now = Time::from_secs(9.0);
+    assert_eq!(back.1.arrival(now), now, "a set-point is followed at once");
+}
+
+/// A motor counts as following while it is within a degree of where it was sent of late: neither behind that, nor ahead.
+#[test]
+fn the_clock_waits_for_who_does_not_follow() {
+    // it rests for 0.2 s, and then goes at 20 deg/s
+    let sent = |off: f64| {
+        let points: Vec<(f64, f64)> =
+            (0..=120).map(|k| 0.01 * f64::from(k)).map(|t| (t, 90.0 - 20.0 * (t - 0.2).clamp(0.0, 0.5))).collect();
+        let mut back = way(true, &points);
+        let lag = back.2.reaction().as_secs_f64();
+        let here = |t: f64| 90.0 - 20.0 * (t - 0.2 - lag).clamp(0.0, 0.5);
+        let mut last = 90.0;
+        for k in 1..=40 {
+            let t = 0.01 * f64::from(k);
+            let from = if k < 30 { 0.0 } else { off };
+            last = written(&mut back, (t, here(t) + from, false)).map_or(last, |(q, _)| q);
+        }
+        last
+    };
+    assert_eq!(sent(0.0), 86.0);
+    assert_eq!([sent(0.9), sent(-0.9)], [86.0; 2]);
+    assert!(sent(1.5) > 86.3, "behind: {}", sent(1.5));
+    assert!(sent(-3.5) > 86.3, "far ahead: {}", sent(-3.5));
+}
+
+/// The next way-point is moved to once the last one was reached: the board says so, and the motor is there; and as fast as it was passed.
+#[test]
+fn way_points_are_left_when_they_are_reached() {
+    let mut back = way(false, &[(0.0, 90.0), (1.0, 60.0), (3.0, 60.0), (3.4, 50.0)]);
+    let tolerance = back.2.tolerance.to_degrees();
+    assert_eq!(back.1.begin(), Command::Mode { motors: vec![0], mode: ControlMode::Position });
+    let reaction = back.2.reaction().as_secs_f64();
+    assert_eq!(written(&mut back, (reaction - 0.001, 90.0, true)), None, "the mode is not set yet");
+    assert_eq!(written(&mut back, (reaction, 90.0, false)), None, "it is not done");
+    assert_eq!(written(&mut back, (reaction, 90.0 - 3.1 * tolerance, true)), None, "it is not there");
+    let near = 90.0 - 2.9 * tolerance;
+    let (to, speed) = written(&mut back, (reaction, near, true)).unwrap();
+    assert_eq!(to, 60.0);
+    assert!((speed.unwrap() - (near - 60.0)).abs() < 1e-3, "in a second: {speed:?}");
+    assert_eq!(written(&mut back, (2.0 * reaction - 0.001, 60.0, true)), None, "the board can't have heard of it");
+    let (to, speed) = written(&mut back, (2.0 * reaction, 60.0, true)).unwrap();
+    let slowest = (0.01 * 3_f64).to_degrees();
+    assert!(to == 60.0 && (speed.unwrap() - slowest).abs() < 1e-3, "a rest is a slow move: {speed:?}");
+    assert_eq!(written(&mut back, (3.0 * reaction, 60.0, true)).unwrap(), (50.0, Some(25.0)));
+    assert!(back.1.is_over());
+    assert_eq!(written(&mut back, (4.0 * reaction, 50.0, true)), None);
+    let now = Time::from_secs(20.0);
+    assert!(back.1.arrival(now).since(now).abs_diff(Duration::from_millis(400)) < Duration::from_micros(1));
+}

@@ -1,0 +1,130 @@
+//! What a controller's settings mean for a given board: what the cores go by.
+
+use crate::fields::FieldRules;
+use crate::settings::{ControllerSettings, Drive};
+use mobee_contract::{Axis, Board, Event, Pose};
+use mobee_model::{Clause, Robot};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What a contact must exceed beyond the margin to end, metres.
+pub const RELEASE: f64 = 0.002;
+/// What counts as deeper, metres.
+pub const DEEPER: f64 = 0.001;
+/// How many control periods a reading stays fresh, and a lease lasts, unless the settings say otherwise.
+pub const FRESH_PERIODS: u32 = 5;
+
+/// Settings and board in the units of the inside: what the cores go by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rules {
+    /// The robot's name, as events carry it.
+    pub robot: String,
+    /// The names of the body parts.
+    pub parts: Vec<String>,
+    /// The board's motors.
+    pub axes: Arc<[Axis]>,
+    /// Control period.
+    pub period: Duration,
+    /// Greatest age of a reading that is still fresh, and the length of a lease.
+    pub fresh: Duration,
+    /// Greatest delay from a command to its effect.
+    pub latency: Duration,
+    /// Whether the board follows set-points directly.
+    pub position_direct: bool,
+    /// Margin of the reflex, metres.
+    pub margin: f64,
+    /// Greatest distance per motor at which a pose counts as reached, rad.
+    pub tolerance: f64,
+    /// Speed below which a motor counts as at rest, rad/s.
+    pub rest_speed: f64,
+    /// Greatest share of full speed for an escape.
+    pub escape_speed: f64,
+    /// For how long a stream may be quiet.
+    pub stream_quiet: Duration,
+    /// The kind of the controller.
+    pub kind: &'static str,
+    /// Whether the reflex acts. If not, contacts are told and counted, and stop nothing but a way back.
+    pub reflex: bool,
+    /// Set if motions are driven by forces.
+    pub fields: Option<Arc<FieldRules>>,
+}
+
+impl Rules {
+    /// The rules for a board under these settings.
+    pub fn new(robot: &str, parts: Vec<String>, controller: &ControllerSettings, board: &Board) -> Rules {
+        let period = Duration::from_secs_f64(controller.period_s.clamp(1e-3, 1e3));
+        let stale = controller.stale_s.map(|s| Duration::from_secs_f64(s.clamp(1e-3, 1e3)));
+        Rules {
+            robot: robot.to_string(),
+            parts,
+            axes: board.axes.clone().into(),
+            period,
+            fresh: stale.unwrap_or(period * FRESH_PERIODS),
+            latency: board.latency,
+            position_direct: board.position_direct,
+            margin: controller.margin_m,
+            tolerance: controller.tolerance_deg.to_radians(),
+            rest_speed: controller.rest_speed_deg.to_radians(),
+            escape_speed: controller.escape_speed,
+            stream_quiet: Duration::from_secs_f64(controller.stream_quiet_s.clamp(1e-2, 1e2)),
+            kind: controller.drive.kind(),
+            reflex: controller.drive.has_reflex(),
+            fields: None,
+        }
+    }
+
+    /// The same with what drives a robot of this model under forces, if anything does.
+    #[must_use]
+    pub fn driving(mut self, drive: &Drive, robot: &Robot) -> Rules {
+        if let Drive::Fields(settings) = drive {
+            self.fields = Some(Arc::new(FieldRules::new(settings, robot, &self)));
+        }
+        self
+    }
+
+    /// The robot of this model as the journal's readers know it.
+    pub fn described(&self, robot: &Robot) -> [Event; 2] {
+        let constraints = robot.parts.iter().flat_map(|part| &part.clauses);
+        let members = |clause: &Clause| clause.0.iter().map(|half| (half.terms.clone(), half.b)).collect();
+        let constraints = constraints.map(members).collect();
+        let of = |f: fn(&Axis) -> f64| self.axes.iter().map(f).collect();
+        let robot = Event::Robot {
+            robot: self.robot.clone(),
+            motors: self.axes.iter().map(|a| a.name.clone()).collect(),
+            min: of(|a| a.min),
+            max: of(|a| a.max),
+            max_speed: of(|a| a.max_speed),
+            period: self.period.as_secs_f64(),
+            fresh: self.fresh.as_secs_f64(),
+            margin: self.margin,
+            tolerance: self.tolerance,
+            rest_speed: self.rest_speed,
+            constraints,
+        };
+        let (name, kind) = (self.robot.clone(), self.kind.to_owned());
+        [robot, Event::Controller { robot: name, kind, reflex: self.reflex }]
+    }
+
+    /// How long after a command its effect is surely in the readings.
+    pub fn reaction(&self) -> Duration {
+        self.latency + self.period * 2
+    }
+}
+
+/// The greatest difference of any motor between two poses, rad. Infinite if they don't belong to one robot.
+pub fn distance(a: &[f64], b: &[f64]) -> f64 {
+    if a.len() != b.len() {
+        return f64::INFINITY;
+    }
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// Readings near a limit may lie beyond it by the noise; commands never do (I5).
+pub fn clamped(q: &[f64], rules: &Rules) -> Pose {
+    q.iter().zip(rules.axes.iter()).map(|(q, axis)| within(*q, axis)).collect()
+}
+
+/// The same of one motor.
+pub fn within(q: f64, axis: &Axis) -> f64 {
+    q.clamp(axis.min.min(axis.max), axis.max.max(axis.min))
+}

@@ -1,0 +1,98 @@
+//! A controller's settings, as its config file has them.
+
+use crate::fields::FieldsSettings;
+use crate::kinds::DEFAULT_KIND;
+use serde::{Deserialize, Serialize};
+
+/// A robot's controller as its config file sets it: two required settings, the rest has defaults.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ControllerSettings {
+    /// Control period, seconds: the retreat's set-points are this far apart.
+    pub period_s: f64,
+    /// Length of the history: how many poses it keeps. A motion that outlasts it moves its safe pose.
+    pub history: usize,
+    /// Distance below which two shapes count as touching, metres.
+    #[serde(default = "margin")]
+    pub margin_m: f64,
+    /// Greatest distance per motor at which a pose counts as reached, degrees.
+    #[serde(default = "tolerance")]
+    pub tolerance_deg: f64,
+    /// Speed below which a motor counts as at rest, degrees per second.
+    #[serde(default = "rest_speed")]
+    pub rest_speed_deg: f64,
+    /// Greatest share of full speed for an escape from a hold: so slow that it can be stopped within a millimetre.
+    #[serde(default = "escape_speed")]
+    pub escape_speed: f64,
+    /// A stream of set-points that is quiet for so long, seconds, has ended: the robot brakes, and rests where it is.
+    #[serde(default = "stream_quiet")]
+    pub stream_quiet_s: f64,
+    /// Age at which a reading is stale, and the length of a lease, seconds; five control periods if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stale_s: Option<f64>,
+    /// How motions are driven, by the controller's kind.
+    #[serde(default)]
+    pub drive: Drive,
+}
+
+/// How a controller drives the motions that agents commit.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Drive {
+    /// Straight to the target, by the board's own position moves.
+    #[default]
+    Straight,
+    /// Drawn and pushed by forces.
+    Fields(FieldsSettings),
+}
+
+impl Drive {
+    /// The name of the kind that drives so.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Drive::Straight => DEFAULT_KIND,
+            Drive::Fields(_) => "fields",
+        }
+    }
+
+    /// Whether the reflex stops and takes back what comes too near.
+    pub fn has_reflex(&self) -> bool {
+        match self {
+            Drive::Straight => true,
+            Drive::Fields(fields) => fields.reflex,
+        }
+    }
+}
+
+fn margin() -> f64 {
+    0.010
+}
+fn tolerance() -> f64 {
+    0.1
+}
+fn rest_speed() -> f64 {
+    0.5
+}
+fn escape_speed() -> f64 {
+    0.02
+}
+
+fn stream_quiet() -> f64 {
+    0.1
+}
+
+impl Default for ControllerSettings {
+    fn default() -> ControllerSettings {
+        ControllerSettings {
+            period_s: 0.02,
+            history: 3000,
+            margin_m: margin(),
+            tolerance_deg: tolerance(),
+            rest_speed_deg: rest_speed(),
+            escape_speed: escape_speed(),
+            stream_quiet_s: stream_quiet(),
+            stale_s: None,
+            drive: Drive::default(),
+        }
+    }
+}

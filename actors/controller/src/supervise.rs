@@ -1,0 +1,423 @@
+//! Supervise (Algorithm 5): the filtered interface that agents command, and the keeper of transactions.
+//!
+//! ```text
+//!           Commit accepted                     motion done, at target
+//!   Rest ---------------------> Moving ---------------------------------> Rest         Committed
+//!    ^                            | contact, constraint, target missed, agent died
+//!    |                            v
+//!    |                         Stopping --> Retreating --> Settling --> Rest           RolledBack
+//!    |                                        |
+//!    +---- escape or `recover` ------- Holding(reason)                                 Faulted
+//! ```
+//!
+//! Whatever else happens (stale encoders, a death, a stop): close, stop, wait for fresh readings at rest, and give the
+//! open transaction the outcome that the measured pose shows. Then, if nothing touches the robot, open again: a robot
+//! should not need a person to free it.
+
+mod back;
+mod check;
+mod commit;
+mod credit;
+mod displaced;
+mod end;
+mod forces;
+mod hush;
+mod stream;
+mod streaming;
+
+use crate::gate::Gate;
+use crate::ledger::Book;
+use crate::pulse::Pulse;
+use crate::reflex::{Underway, Word};
+use crate::shared::Shared;
+use crate::stop::Stop;
+use crate::{Rules, distance};
+use credit::Credits;
+use mobee_contract::{
+    Cause, Command, Commit, CommitId, Event, Hold, MotionEnd, Pose, Refusal, Setpoints, Status, Time, Verdict, Writer,
+};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// What becomes of a motion that is under way.
+#[derive(Debug)]
+pub enum Revision {
+    /// It goes to another target.
+    Commit(Commit),
+    /// Its stream goes on.
+    Stream(Arc<str>, Setpoints),
+}
+
+/// What supervise hears.
+#[derive(Debug)]
+pub enum SuperviseIn<'a> {
+    /// An agent commits. Answered by [`SuperviseOut::Verdict`].
+    Commit(Commit),
+    /// An agent streams set-points. Answered by [`SuperviseOut::Verdict`].
+    Stream(Arc<str>, Setpoints),
+    /// An agent changes its motion, if that is still under way. Answered by [`SuperviseOut::Verdict`].
+    Revise(CommitId, Revision),
+    /// The agent wants its motion to brake.
+    Stop(Arc<str>),
+    /// The agent died.
+    AgentDied(Arc<str>),
+    /// A reading came through the whole chain.
+    Pulse(&'a Pulse),
+    /// Time passed.
+    Tick,
+    /// The board reports a fault.
+    Fault(String),
+    /// The reflex closed the filter; the motors that brought together what touched, if it is known.
+    Closed(u64, Cause, Option<BTreeSet<usize>>),
+    /// The reflex tells how the way back goes.
+    Word(Word),
+    /// Somebody asks to try the failed way back again.
+    Recover,
+    /// A part of the controller is to be exchanged: close at the next border, and say so by [`SuperviseOut::Yielded`].
+    Yield,
+    /// It is not exchanged after all: open again.
+    Resume,
+    /// The run ends: come to rest, and accept nothing more.
+    Shutdown,
+    /// The run ends without waiting: the open transaction gets its outcome by the newest reading, however old.
+    Abandon,
+}
+
+/// What supervise wants done.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SuperviseOut {
+    /// Answer the commit.
+    Verdict(Verdict),
+    /// Tell the driver.
+    Command(u64, Writer, Command),
+    /// Let the driver move until then.
+    Lease(Time),
+    /// Ask the reflex to take the robot back; the filter is closed under this token.
+    RollBack {
+        /// The token.
+        token: u64,
+        /// What to roll back.
+        motion: Underway,
+        /// Whether it is another try.
+        again: bool,
+    },
+    /// Say that the filter is closed at a border.
+    Yielded,
+    /// Tell the agent that its motion has ended.
+    Ended(Arc<str>, CommitId, MotionEnd),
+    /// Tell the taps.
+    Event(Event),
+}
+
+/// What supervise keeps of a reading.
+#[derive(Clone, Debug)]
+struct Reading {
+    at: Time,
+    q: Pose,
+    /// The greatest speed of a motor, rad/s.
+    speed: f64,
+    at_rest: bool,
+    /// Whether nothing is there that the reflex would act upon.
+    free: bool,
+}
+
+/// How a closed filter comes to its end.
+#[derive(Clone, Debug, PartialEq)]
+enum Closing {
+    /// Nothing is pending: open, or holding with the outcome given.
+    No,
+    /// When the readings are fresh and the robot rests, measure where it is; not before this time.
+    Settle(Time),
+    /// The reflex acts and will tell.
+    Reflex,
+    /// A part of the controller is being exchanged: nothing happens until it has been, or `Resume`.
+    Yielded,
+}
+
+/// What supervise knows of the open transaction's motion beside the ledger. Dropped as a whole when the filter closes, and begun
+/// anew with each transaction.
+#[derive(Clone, Debug, Default)]
+struct Driving {
+    /// The start of the board's own moves in it.
+    started: Option<Started>,
+    /// Its set-points.
+    stream: Option<streaming::Streaming>,
+    /// The forces that lead the set-points, if it is a motion under forces.
+    forces: Option<forces::Forces>,
+    /// Since when the board has said that it is done, away from its target.
+    done_since: Option<Time>,
+}
+
+/// A commit as it was accepted, or last amended.
+#[derive(Clone, Copy, Debug)]
+struct Started {
+    at: Time,
+    /// Of the motor with the longest way, rad.
+    distance_to_go: f64,
+    /// How long it should take, s.
+    expected: f64,
+}
+
+impl Started {
+    /// Of the motor with the longest way, rad/s.
+    fn mean_speed(self) -> f64 {
+        self.distance_to_go / self.expected.max(1e-3)
+    }
+}
+
+/// One step of supervise: what it shares with the other actors of its robot, the time, and what it wants done.
+struct Step<'a> {
+    rules: &'a Rules,
+    gate: &'a Gate,
+    book: &'a mut Book,
+    now: Time,
+    out: Vec<SuperviseOut>,
+}
+
+impl<'a> Step<'a> {
+    fn new(shared: &'a mut Shared, now: Time) -> Step<'a> {
+        Step { rules: shared.rules, gate: shared.gate, book: shared.book, now, out: Vec::new() }
+    }
+
+    fn emit(&mut self, event: Event) {
+        self.out.push(SuperviseOut::Event(event));
+    }
+
+    fn command(&mut self, token: u64, writer: Writer, command: Command) {
+        self.out.push(SuperviseOut::Command(token, writer, command));
+    }
+
+    /// The safe pose for a robot that rests at `q`: the last one if the robot counts as being there, so that many rollbacks
+    /// to one vertex do not drift with the encoders' noise.
+    fn safe_pose(&mut self, q: &Pose) -> Pose {
+        let kept = self.book.safe.clone().filter(|safe| distance(safe, q) <= self.rules.tolerance);
+        let safe = kept.unwrap_or_else(|| q.clone());
+        self.book.safe = Some(safe.clone());
+        safe
+    }
+
+    /// Who committed the open transaction.
+    fn owner(&self) -> Option<Arc<str>> {
+        self.book.open.as_ref().map(|open| open.agent.clone())
+    }
+
+    /// The cause that was there first stays.
+    fn give_cause(&mut self, cause: Cause) {
+        if let Some(open) = &mut self.book.open {
+            open.cause.get_or_insert(cause);
+        }
+    }
+
+    fn robot(&self) -> String {
+        self.rules.robot.clone()
+    }
+}
+
+/// The state machine. Its transactions live in the ledger's book, which each step is handed.
+#[derive(Clone, Debug)]
+pub struct SuperviseCore {
+    /// The token as far as supervise knows.
+    token: u64,
+    status: Status,
+    closing: Closing,
+    /// The last stop that was told.
+    stop: Stop,
+    /// The newest reading.
+    newest: Option<Reading>,
+    /// Where the motors rest that nobody commands.
+    resting: displaced::Resting,
+    /// The safe pose of a way back that failed, for another try.
+    retry: Option<Underway>,
+    /// How the open transaction is driven.
+    driving: Driving,
+    /// Who streamed into something, and is not heard.
+    hushed: Option<hush::Hush>,
+    /// The motors that are perhaps in another control mode than that of position moves.
+    modes: BTreeSet<usize>,
+    /// Whether to close at the next border.
+    yields: bool,
+    shutdown: bool,
+    /// How much of a flood is heard.
+    credits: Credits,
+}
+
+impl SuperviseCore {
+    /// Starts closed: nothing moves until the readings are fresh, the robot rests, and the open transaction, if a
+    /// predecessor left one, has its outcome (I10). Returns what is to be done first.
+    pub fn new(shared: &mut Shared, now: Time) -> (SuperviseCore, Vec<SuperviseOut>) {
+        let step = &mut Step::new(shared, now);
+        let token = step.gate.token();
+        let named = step.book.open.as_ref().map(|o| o.named.clone());
+        let open = named.is_some();
+        let mut core = SuperviseCore {
+            token,
+            status: Status::Starting,
+            closing: Closing::Settle(now),
+            stop: Stop::told(now),
+            newest: None,
+            resting: displaced::Resting::default(),
+            retry: None,
+            driving: Driving::default(),
+            hushed: None,
+            modes: named.iter().flat_map(|named| named.iter().copied()).collect(),
+            yields: false,
+            shutdown: false,
+            credits: Credits::full(now),
+        };
+        if open || Gate::opens(token) {
+            // a crash of the process is the cause already if that is what happened
+            core.interrupt(Cause::ActorDied("supervise".into()), Status::Holding(Hold::Restarted), step);
+        } else {
+            core.enter(Status::Starting, step);
+        }
+        (core, std::mem::take(&mut step.out))
+    }
+
+    /// The filter's state.
+    pub fn status(&self) -> Status {
+        self.status
+    }
+
+    /// Whether the robot rests with every outcome given.
+    pub fn is_settled(&self) -> bool {
+        self.closing == Closing::No && matches!(self.status, Status::Rest | Status::Holding(_))
+    }
+
+    /// One step.
+    pub fn on(&mut self, input: SuperviseIn, now: Time, shared: &mut Shared) -> Vec<SuperviseOut> {
+        let step = &mut Step::new(shared, now);
+        self.note_death(step);
+        match input {
+            SuperviseIn::Commit(commit) => self.motion_asked(Revision::Commit(commit), true, step),
+            SuperviseIn::Stream(agent, setpoints) => {
+                self.motion_asked(Revision::Stream(agent, setpoints), true, step);
+            }
+            SuperviseIn::Revise(id, revision) => {
+                let open = step.book.open.as_ref().is_some_and(|open| open.id == id);
+                self.motion_asked(revision, open, step);
+            }
+            SuperviseIn::Stop(agent) => {
+                if self.is_moving() && step.owner().is_some_and(|a| a == agent) {
+                    self.interrupt(Cause::Asked, Status::Stopping, step);
+                }
+            }
+            SuperviseIn::AgentDied(agent) => {
+                if self.is_moving() && step.owner().is_some_and(|a| a == agent) {
+                    self.roll_back(Cause::AgentDied, step);
+                }
+            }
+            SuperviseIn::Pulse(pulse) => self.pulse(pulse, step),
+            SuperviseIn::Tick => {
+                self.sum_up(step);
+                let stale = self.newest.as_ref().is_none_or(|newest| now > newest.at + step.rules.fresh);
+                let known = matches!(self.status, Status::Starting | Status::Holding(Hold::Stale));
+                if stale && !known && !matches!(self.closing, Closing::Settle(_)) {
+                    self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
+                }
+            }
+            SuperviseIn::Fault(what) => {
+                if self.status != Status::Holding(Hold::BoardFault) {
+                    self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), step);
+                }
+            }
+            SuperviseIn::Closed(token, cause, blamed) => self.closed(token, (cause, blamed), step),
+            SuperviseIn::Word(word) => self.word(word, step),
+            SuperviseIn::Recover => self.recover(step),
+            SuperviseIn::Yield => self.yields = true,
+            SuperviseIn::Resume => {
+                self.yields = false;
+                if self.closing == Closing::Yielded {
+                    self.closing = Closing::Settle(now);
+                }
+            }
+            SuperviseIn::Shutdown => {
+                self.shutdown = true;
+                let closed = self.closing == Closing::Yielded;
+                if closed || self.is_moving() || self.status == Status::Rest {
+                    self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), step);
+                }
+            }
+            SuperviseIn::Abandon => {
+                self.shutdown = true;
+                if self.closing != Closing::No || self.is_moving() {
+                    self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), step);
+                    self.end(None, step);
+                    self.closing = Closing::No;
+                }
+            }
+        }
+        if self.yields && self.is_at_border(step) {
+            self.yields = false;
+            self.close(Cause::Asked, step);
+            self.closing = Closing::Yielded;
+            self.enter(Status::Starting, step);
+            step.out.push(SuperviseOut::Yielded);
+        }
+        std::mem::take(&mut step.out)
+    }
+
+    /// Whether the robot rests with every outcome given, and nothing is left to be tried. One that no reading comes from any
+    /// more was at rest when it was last seen.
+    fn is_at_border(&self, step: &Step) -> bool {
+        let lost = matches!(self.status, Status::Holding(Hold::Stale | Hold::BoardFault))
+            && matches!(self.closing, Closing::Settle(_));
+        let rests = self.newest.as_ref().is_some_and(|newest| newest.at_rest);
+        let tells = self.token == step.gate.token() && !self.shutdown && self.retry.is_none();
+        (self.is_settled() || lost) && rests && tells && step.book.open.is_none()
+    }
+
+    fn is_moving(&self) -> bool {
+        matches!(self.status, Status::Moving | Status::Escaping)
+    }
+
+    /// An agent asks for a motion, or for another one in the place of one that may be over.
+    fn motion_asked(&mut self, asked: Revision, goes_on: bool, step: &mut Step) {
+        match asked {
+            Revision::Commit(commit) => {
+                let agent = commit.agent.clone();
+                let verdict = if goes_on { self.commit(commit, step) } else { Err(Refusal::Over) };
+                self.answer(&agent, verdict, step);
+            }
+            Revision::Stream(agent, setpoints) => {
+                let verdict = if goes_on { self.stream(&agent, setpoints, step) } else { Err(Refusal::Over) };
+                self.answer_setpoints(&agent, verdict, step);
+            }
+        }
+    }
+
+    fn enter(&mut self, status: Status, step: &mut Step) {
+        step.book.status = status;
+        if std::mem::replace(&mut self.status, status) != status || status == Status::Starting {
+            step.emit(Event::State { robot: step.robot(), status });
+        }
+    }
+
+    /// Closes the filter and stops the robot.
+    fn close(&mut self, cause: Cause, step: &mut Step) {
+        self.driving = Driving::default();
+        self.token = step.gate.close();
+        let (robot, token) = (step.robot(), self.token);
+        step.emit(Event::Disabled { robot, token, cause });
+        step.command(token, Writer::Supervise, Command::Stop { motors: Vec::new() });
+    }
+
+    /// Something ends the motion that is no matter for the reflex: close, stop, then measure.
+    fn interrupt(&mut self, cause: Cause, status: Status, step: &mut Step) {
+        self.close(cause.clone(), step);
+        step.give_cause(cause);
+        self.closing = Closing::Settle(step.now + step.rules.reaction());
+        self.stop = Stop::told(step.now);
+        self.enter(status, step);
+    }
+
+    /// An actor of the controller died since we looked last: its successor knows nothing of the motion.
+    fn note_death(&mut self, step: &mut Step) {
+        let died = step.book.died.take();
+        let Some(actor) = died else { return };
+        let status = if self.status == Status::Starting { Status::Starting } else { Status::Holding(Hold::Restarted) };
+        self.interrupt(Cause::ActorDied(actor), status, step);
+    }
+}
+
+#[cfg(test)]
+mod tests;

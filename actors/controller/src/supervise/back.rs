@@ -1,0 +1,102 @@
+//! The way back as supervise sees it: it asks the reflex for one, hears how it goes, and may have one that failed tried again.
+
+use super::{Closing, Driving, Step, SuperviseCore, SuperviseOut};
+use crate::reflex::Word;
+use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
+use std::collections::BTreeSet;
+
+impl SuperviseCore {
+    /// The motion is to be rolled back for a reason that supervise saw. An escape has no way back: it is measured.
+    pub(super) fn roll_back(&mut self, cause: Cause, step: &mut Step) {
+        let motion = step.book.motion();
+        match motion.filter(|m| !m.is_escape()) {
+            Some(motion) => {
+                self.close(cause.clone(), step);
+                step.give_cause(cause);
+                self.closing = Closing::Reflex;
+                self.enter(Status::Stopping, step);
+                step.out.push(SuperviseOut::RollBack { token: self.token, motion, again: false });
+            }
+            None => self.interrupt(cause, Status::Stopping, step),
+        }
+    }
+
+    /// The reflex closed the filter; the motors that had a part in it, if that is known.
+    pub(super) fn closed(&mut self, token: u64, (cause, blamed): (Cause, Option<BTreeSet<usize>>), step: &mut Step) {
+        if token != step.gate.token() {
+            return; // somebody closed it anew since
+        }
+        self.token = token;
+        self.hush(blamed, step);
+        self.driving = Driving::default();
+        if self.is_moving() {
+            step.give_cause(cause);
+            self.closing = Closing::Reflex;
+            self.enter(Status::Stopping, step);
+        } else {
+            self.closing = Closing::Settle(step.now + step.rules.reaction());
+            self.enter(Status::Holding(Hold::InContact), step);
+        }
+    }
+
+    /// How the way back goes.
+    pub(super) fn word(&mut self, word: Word, step: &mut Step) {
+        if self.closing != Closing::Reflex || self.token != step.gate.token() {
+            return;
+        }
+        if let (Some(again), Word::Back | Word::Stopped | Word::GaveUp(_)) = (&self.retry, &word) {
+            self.resting.commanded(&again.named);
+        }
+        match word {
+            Word::Retreating => {
+                step.book.open.iter_mut().for_each(|open| open.retreated = true);
+                self.enter(Status::Retreating, step);
+            }
+            Word::Settling => self.enter(Status::Settling, step),
+            Word::Farther((at, q), motors) => {
+                if let Some(open) = &mut step.book.open {
+                    open.name(&motors);
+                    open.safe = Some((at, q.clone()));
+                    let id = open.id;
+                    step.emit(Event::SafePoseMoved { robot: step.robot(), id, q });
+                }
+            }
+            // the outcome is measured at the next reading, which is the one that the reflex judged by
+            Word::Back | Word::Stopped => {
+                self.modes.clear();
+                if let Some(motion) = self.retry.as_ref().filter(|_| word == Word::Back) {
+                    step.book.send_home(motion, step.rules.tolerance);
+                }
+                self.closing = Closing::Settle(Time::ZERO);
+            }
+            Word::GaveUp(hold) => {
+                self.modes.clear();
+                self.retry = self.retry.take().or(step.book.motion()).filter(|m| !m.is_escape());
+                self.end(Some(Outcome::Faulted), step);
+                self.closing = if hold == Hold::Stale { Closing::Settle(step.now) } else { Closing::No };
+                self.enter(Status::Holding(hold), step);
+            }
+        }
+    }
+
+    /// Whether the robot holds where a way back can be tried again, or was held by a crash that left none.
+    pub fn can_recover(&self) -> bool {
+        let holds = self.closing == Closing::No && matches!(self.status, Status::Holding(_));
+        holds && (self.retry.is_some() || self.status == Status::Holding(Hold::AfterCrash))
+    }
+
+    /// Tries the failed way back again.
+    pub(super) fn recover(&mut self, step: &mut Step) {
+        if !self.can_recover() {
+            return;
+        }
+        let Some(motion) = self.retry.clone() else {
+            // there was no safe pose: the robot stays, and is asked to stay no longer
+            return self.interrupt(Cause::Asked, Status::Holding(Hold::Restarted), step);
+        };
+        self.close(Cause::Asked, step);
+        self.closing = Closing::Reflex;
+        self.enter(Status::Stopping, step);
+        step.out.push(SuperviseOut::RollBack { token: self.token, motion, again: true });
+    }
+}

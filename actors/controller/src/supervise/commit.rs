@@ -1,0 +1,251 @@
+//! Algorithm 5: a command arrives, and is refused, accepted as a new transaction, or joins the open one.
+
+use super::check::{check, check_speeds};
+use super::{Closing, Driving, Reading, Started, Step, SuperviseCore, SuperviseOut};
+use crate::ledger::{Motion, Open};
+use crate::{Rules, distance};
+use mobee_contract::{
+    Command, Commit, CommitId, Event, Hold, Move, Pose, Refusal, Status, Target, Time, Verdict, Writer,
+};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How many times longer than the straight way a motion under forces may take.
+const DETOUR_FACTOR: u32 = 3;
+/// Greatest share of a motor's speed that a motion under forces uses: what is streamed must be followed.
+const FASTEST: f64 = 0.9;
+
+impl SuperviseCore {
+    /// Algorithm 5: a command arrives.
+    pub(super) fn commit(&mut self, commit: Commit, step: &mut Step) -> Verdict {
+        check(&commit.target, step.rules)?;
+        check_speeds(&commit, step.rules)?;
+        if !self.credits.commits.take(step.now) {
+            return Err(Refusal::Busy);
+        }
+        match self.admit(step)? {
+            Way::Join { here } => self.amend(commit, &here, step),
+            Way::Begin { here, at, speed } => {
+                let safe = self.take_safe(at, &here, speed, step);
+                self.accept(commit, Some(safe), here, step)
+            }
+            Way::Escape { here, .. } => {
+                let Some(token) = step.gate.open(self.token) else { return Err(Refusal::Closed) };
+                self.token = token;
+                step.emit(Event::Enabled { robot: step.robot(), token });
+                self.accept(commit, None, here, step)
+            }
+        }
+    }
+
+    /// What a command that fits would be now.
+    ///
+    /// # Errors
+    /// Why none is taken now.
+    pub(super) fn admit(&self, step: &Step) -> Result<Way, Refusal> {
+        if self.shutdown {
+            return Err(Refusal::Holding { reason: Hold::ShuttingDown });
+        }
+        let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
+        let Some(Reading { at, q: here, speed, at_rest, free }) = self.newest.clone() else {
+            return not_ready("a first reading of the encoders");
+        };
+        if step.now > at + step.rules.fresh {
+            return not_ready("fresh readings of the encoders");
+        }
+        match self.status {
+            Status::Starting => not_ready("the robot to come to rest"),
+            Status::Stopping | Status::Retreating | Status::Settling => Err(Refusal::Closed),
+            Status::Holding(reason) if self.closing != Closing::No => Err(Refusal::Holding { reason }),
+            Status::Rest | Status::Moving | Status::Escaping if step.gate.token() != self.token => Err(Refusal::Closed),
+            Status::Moving | Status::Escaping => Ok(Way::Join { here }),
+            // the filter may have opened by a reading before the contact began: the reflex will close it at the next one
+            Status::Rest if !free => Err(Refusal::Holding { reason: Hold::InContact }),
+            Status::Holding(reason @ (Hold::AfterCrash | Hold::SlowBoard)) => Err(Refusal::Holding { reason }),
+            // something moves it, though it was at rest: no pose to come back to (I4)
+            Status::Rest | Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
+            Status::Rest => Ok(Way::Begin { here, at, speed }),
+            Status::Holding(reason) => Ok(Way::Escape { here, reason }),
+        }
+    }
+
+    /// Takes the safe pose of a new transaction from a reading at rest.
+    pub(super) fn take_safe(&self, at: Time, q: &Pose, speed: f64, step: &mut Step) -> (Time, Pose) {
+        let safe = step.safe_pose(q);
+        let (robot, age) = (step.robot(), step.now.since(at).as_secs_f64());
+        step.emit(Event::SafePose { robot, q: safe.clone(), age, speed, free: step.rules.reflex });
+        (at, safe)
+    }
+
+    fn accept(&mut self, commit: Commit, safe: Option<(Time, Pose)>, here: Pose, step: &mut Step) -> Verdict {
+        let escape = safe.is_none();
+        let course = course(&commit, &here, escape, step.rules);
+        let target = commit.target.pose(&here);
+        // an escape creeps straight, watched
+        let fields = step.rules.fields.as_deref().filter(|_| !escape);
+        let motion = match fields {
+            _ if escape => Motion::Escape { due: step.now + course.patience() },
+            Some(_) => Motion::Forces { due: step.now + course.patience() * DETOUR_FACTOR },
+            None => Motion::Move { due: step.now + course.patience() },
+        };
+        let id = self.open(commit.agent.clone(), (target.clone(), &commit.target.motors), (safe, motion), step);
+        self.driving.started = Some(course.started(distance(&target, &here), step.now));
+        let (robot, agent) = (step.robot(), commit.agent.to_string());
+        let motors = allowed(&commit, escape, step.rules);
+        let told = Event::Commit { robot, id, agent, target: target.clone(), escape, motors: motors.clone() };
+        step.emit(told);
+        self.enter(if escape { Status::Escaping } else { Status::Moving }, step);
+        if let Some(fields) = fields {
+            self.begin_forces(fields, (&target, &motors), &here, step);
+            return Ok(id);
+        }
+        step.command(self.token, Writer::Agent, Command::Move(course.command));
+        Ok(id)
+    }
+
+    /// Enters a transaction into the ledger: its target, and the motors that it names.
+    pub(super) fn open(
+        &mut self,
+        agent: Arc<str>,
+        (target, motors): (Pose, &[usize]),
+        (safe, motion): (Option<(Time, Pose)>, Motion),
+        step: &mut Step,
+    ) -> CommitId {
+        self.retry = None;
+        self.driving = Driving::default();
+        // the reading that opened the filter may have been the newest: it lets the robot move as the next will
+        step.out.extend(self.newest.as_ref().map(|newest| SuperviseOut::Lease(newest.at + step.rules.fresh)));
+        step.book.last_id += 1;
+        let id = CommitId(step.book.last_id);
+        let (named, since) = (Vec::new().into(), step.now);
+        let mut open = Open { id, agent, target, named, safe, since, motion, cause: None, retreated: false };
+        open.name(motors);
+        step.book.open = Some(open);
+        id
+    }
+
+    /// A command in mid-motion changes the open transaction: same id, same safe pose. Motors that it does not name keep
+    /// the targets they have.
+    fn amend(&mut self, commit: Commit, here: &Pose, step: &mut Step) -> Verdict {
+        match step.owner() {
+            None => return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() }),
+            Some(owner) if owner != commit.agent => return Err(Refusal::Busy),
+            Some(_) if self.driving.forces.is_some() => {}
+            Some(_) => self.leave_stream(&commit.target.motors),
+        }
+        let escape = self.status == Status::Escaping;
+        let course = course(&commit, here, escape, step.rules);
+        let (id, target) = {
+            let Some(open) = step.book.open.as_mut() else {
+                return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() });
+            };
+            open.target = commit.target.pose(&open.target);
+            open.name(&commit.target.motors);
+            open.since = step.now;
+            let detours = if let Motion::Forces { .. } = open.motion { DETOUR_FACTOR } else { 1 };
+            let due = step.now + course.patience() * detours;
+            // motors that go on as they were may need longer
+            let all = commit.target.motors.len() == here.len();
+            open.motion = open.motion.until(open.motion.due().filter(|_| !all).map_or(due, |before| before.max(due)));
+            (open.id, open.target.clone())
+        };
+        self.driving.done_since = None;
+        self.driving.started = Some(course.started(distance(&target, here), step.now));
+        let (robot, motors) = (step.robot(), allowed(&commit, escape, step.rules));
+        step.emit(Event::Amended { robot, id, target: target.clone(), motors: motors.clone() });
+        if self.driving.forces.is_some() {
+            self.aim_forces(&target, &motors, step);
+            return Ok(id);
+        }
+        // from a moving start the motors can't be kept in step exactly; the board replans each from where it is
+        step.command(self.token, Writer::Agent, Command::Move(course.command));
+        Ok(id)
+    }
+}
+
+/// The motors of a commit, each with the greatest speed that it may have, rad/s: its own, or its share of the axis'. An escape
+/// creeps, and what is streamed under forces must be followed.
+fn allowed(commit: &Commit, escape: bool, rules: &Rules) -> Vec<(usize, f64)> {
+    let most = match &rules.fields {
+        _ if escape => rules.escape_speed,
+        Some(_) => FASTEST,
+        None => 1.0,
+    };
+    let share = commit.target.speed.min(most);
+    let cap = |(i, m): (usize, &usize)| {
+        let most = rules.axes.get(*m).map_or(0.0, |a| a.max_speed * share);
+        let own = commit.speeds.as_ref().and_then(|v| v.get(i)).copied().unwrap_or(most);
+        (*m, own.min(most))
+    };
+    commit.target.motors.iter().enumerate().map(cap).collect()
+}
+
+/// How a commit is driven from `here`: in step, or each motor at its own speed, never above what its axis can do.
+fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> Course {
+    let share = if escape { rules.escape_speed.min(commit.target.speed) } else { commit.target.speed };
+    let target = Target { speed: share, ..commit.target.clone() };
+    let own: Option<Vec<f64>> =
+        commit.speeds.as_ref().map(|_| allowed(commit, escape, rules).into_iter().map(|(_, speed)| speed).collect());
+    let mut secs = 0.0;
+    for (i, (m, q)) in target.motors.iter().zip(&target.q).enumerate() {
+        let (Some(axis), Some(here)) = (rules.axes.get(*m), here.get(*m)) else { continue };
+        let speed = own.as_ref().and_then(|v| v.get(i)).copied().unwrap_or(share * axis.max_speed);
+        let way = (q - here).abs();
+        let push = (way / axis.max_acceleration.max(1e-6)).sqrt();
+        // at a mean speed of half the greatest
+        secs = f64::max(secs, 2.0 * way / speed.max(1e-6) + 2.0 * push);
+    }
+    let secs = secs + rules.latency.as_secs_f64();
+    let command = match own {
+        None => target.in_step(here, &rules.axes),
+        Some(speed) => {
+            let push = |m: &usize| rules.axes.get(*m).map_or(0.0, |a| a.max_acceleration);
+            let acceleration = Some(target.motors.iter().map(push).collect());
+            Move { motors: target.motors, q: target.q, relative: false, speed: Some(speed), acceleration }
+        }
+    };
+    Course { command, secs }
+}
+
+/// What a command that fits would be.
+pub(super) enum Way {
+    /// It joins the open transaction.
+    Join {
+        /// The newest reading.
+        here: Pose,
+    },
+    /// It begins one.
+    Begin {
+        /// The newest reading.
+        here: Pose,
+        /// When it was read.
+        at: Time,
+        /// How fast the robot was.
+        speed: f64,
+    },
+    /// It is an escape from a hold.
+    Escape {
+        /// The newest reading.
+        here: Pose,
+        /// Why the robot holds.
+        reason: Hold,
+    },
+}
+
+/// How a commit is driven, and how long that should take.
+struct Course {
+    command: Move,
+    secs: f64,
+}
+
+impl Course {
+    /// It is driven from now on, so far.
+    fn started(&self, distance_to_go: f64, now: Time) -> Started {
+        Started { at: now, distance_to_go, expected: self.secs }
+    }
+
+    /// After which time it must have ended.
+    fn patience(&self) -> Duration {
+        Duration::from_secs_f64((2.0 * self.secs + 1.0).min(1e6))
+    }
+}

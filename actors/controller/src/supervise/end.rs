@@ -1,0 +1,218 @@
+//! How motions end: what each reading decides.
+
+use super::{Closing, Reading, Step, SuperviseCore, SuperviseOut};
+use crate::gate::Gate;
+use crate::ledger::{Book, Open};
+use crate::pulse::Pulse;
+use crate::reflex::{FROZEN, FROZEN_WAY};
+use crate::{Rules, distance};
+use mobee_contract::{Cause, Command, Event, Hold, Outcome, Status, Time, Writer};
+use std::time::Duration;
+
+/// How long the board may say "done" away from the target.
+const MISSED: Duration = Duration::from_millis(200);
+
+impl SuperviseCore {
+    /// A reading came through the whole chain: all live. Renew the lease, and see whether something has ended.
+    pub(super) fn pulse(&mut self, pulse: &Pulse, step: &mut Step) {
+        let at = pulse.sample.at;
+        let at_rest = pulse.speed < step.rules.rest_speed;
+        if self.newest.as_ref().is_some_and(|newest| at <= newest.at) {
+            return;
+        }
+        let (q, speed, free) = (pulse.sample.q.clone(), pulse.speed, pulse.free);
+        self.newest = Some(Reading { at, q, speed, at_rest, free });
+        // what was held up on its way is no ground for a decision (I8)
+        if step.now > at + step.rules.fresh {
+            return;
+        }
+        if self.watch_idle(pulse, step) || step.gate.token() != self.token {
+            return; // somebody closed the filter, and will tell why
+        }
+        match self.closing {
+            Closing::Settle(after) => {
+                if self.stop.is_ignored(pulse, step.rules, step.now) {
+                    step.command(self.token, Writer::Supervise, Command::Stop { motors: Vec::new() });
+                }
+                // what is written at a reading must be with the driver before the filter may open at the next
+                if at_rest && at >= after && !self.restore_modes(Writer::Supervise, step) {
+                    self.settle(pulse, step);
+                }
+            }
+            Closing::Yielded => {}
+            Closing::Reflex => step.out.push(SuperviseOut::Lease(at + step.rules.fresh)),
+            Closing::No => {
+                step.out.push(SuperviseOut::Lease(at + step.rules.fresh));
+                match self.status {
+                    Status::Moving | Status::Escaping => self.moving(pulse, at_rest, step),
+                    Status::Holding(Hold::InContact | Hold::SlowBoard) if at_rest && pulse.free => {
+                        self.open_or_hold(pulse, step)
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+
+    /// The robot rests: the open transaction, if any, gets the outcome that the pose shows; then open, or hold.
+    fn settle(&mut self, pulse: &Pulse, step: &mut Step) {
+        if self.take_back(step) {
+            return;
+        }
+        let lost = self.end_after_crash(step);
+        self.end(None, step);
+        self.closing = Closing::No;
+        let hold = match self.status {
+            _ if self.shutdown => Some(Hold::ShuttingDown),
+            // whatever was before, the way out of a contact is an escape
+            _ if !pulse.free => Some(Hold::InContact),
+            _ if lost => Some(Hold::AfterCrash),
+            _ => None,
+        };
+        match hold {
+            Some(reason) => self.enter(Status::Holding(reason), step),
+            None => self.open_or_hold(pulse, step),
+        }
+    }
+
+    /// A part of the controller was restarted in mid-motion, and is well again: if the path has been recorded without a gap, the
+    /// motion is taken back after all, by a fresh reading and watched as always. Whether it is.
+    fn take_back(&mut self, step: &mut Step) -> bool {
+        let restarted = self.status == Status::Holding(Hold::Restarted) && !self.shutdown;
+        let (Some(open), Some(Reading { q: here, .. }), true) = (&step.book.open, &self.newest, restarted) else {
+            return false;
+        };
+        let Some((since, safe)) = &open.safe else { return false };
+        let away = |pose: &[f64]| distance(here, pose) > step.rules.tolerance;
+        let crashed = open.cause == Some(Cause::Crashed);
+        if crashed || !away(safe) || !away(&open.target) || step.book.history.past(*since).is_err() {
+            return false;
+        }
+        let (again, Some(motion)) = (open.retreated, step.book.motion()) else { return false };
+        self.closing = Closing::Reflex;
+        self.enter(Status::Stopping, step);
+        step.out.push(SuperviseOut::RollBack { token: self.token, motion, again });
+        true
+    }
+
+    /// All is well: open the filter, unless the board answers too slowly for what is reckoned with its latency.
+    fn open_or_hold(&mut self, pulse: &Pulse, step: &mut Step) {
+        let Some(answers) = pulse.answers.filter(|answers| answers.most > step.rules.latency) else {
+            return self.reopen(step);
+        };
+        if self.status != Status::Holding(Hold::SlowBoard) {
+            let (robot, allowed) = (step.robot(), step.rules.latency.as_secs_f64() * 1e3);
+            let text = format!(
+                "{robot}: the filter stays closed: the board {answers}, and its `latency_ms` is {allowed}; find out what slows it, or allow more and keep a wider margin"
+            );
+            step.emit(Event::Warning { text });
+        }
+        self.enter(Status::Holding(Hold::SlowBoard), step);
+    }
+
+    /// What an earlier process left open gets the outcome that the pose shows. Whether that is neither of its two ends: then
+    /// nothing moves before somebody asks for it, and the way back can be tried.
+    fn end_after_crash(&mut self, step: &mut Step) -> bool {
+        let crashed = step.book.open.as_ref().is_some_and(|o| o.cause == Some(Cause::Crashed));
+        if !crashed {
+            return false;
+        }
+        let motion = step.book.motion();
+        let lost = self.end(None, step) == Some(Outcome::Faulted);
+        self.retry = motion.filter(|m| lost && !m.is_escape());
+        lost
+    }
+
+    fn reopen(&mut self, step: &mut Step) {
+        self.retry = None;
+        if !Gate::opens(self.token) {
+            let Some(token) = step.gate.open(self.token) else { return };
+            self.token = token;
+            step.emit(Event::Enabled { robot: step.robot(), token });
+            self.begin_silence(self.newest.as_ref().map_or(Time::ZERO, |newest| newest.at));
+        }
+        self.enter(Status::Rest, step);
+    }
+
+    /// Gives the open transaction its one outcome (I2): as told, or as the newest reading shows.
+    pub(super) fn end(&mut self, told: Option<Outcome>, step: &mut Step) -> Option<Outcome> {
+        let newest = self.newest.as_ref().map(|newest| newest.q.clone());
+        let q = newest.or_else(|| step.book.last_known())?;
+        let ended = step.book.settle(told, q, step.rules.tolerance)?;
+        self.resting.commanded(&ended.open.named);
+        let (outcome, end) = (ended.outcome, ended.end());
+        let (agent, id) = (ended.open.agent.clone(), ended.open.id);
+        if told.is_none() && outcome == Outcome::Committed {
+            // it was cut off, and rests where its stream had led by then
+            let (robot, target) = (step.robot(), ended.open.target.clone());
+            step.emit(Event::Amended { robot, id, target, motors: Vec::new() });
+        }
+        step.emit(ended.event(step.robot()));
+        step.out.push(SuperviseOut::Ended(agent, id, end));
+        Some(outcome)
+    }
+
+    /// A motion is under way: has it ended, or gone wrong?
+    fn moving(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) {
+        if self.driving.forces.is_some() {
+            return self.under_forces(pulse, at_rest, step);
+        }
+        if self.driving.stream.is_some() && !self.streaming(pulse, at_rest, step) {
+            return;
+        }
+        let at = pulse.sample.at;
+        let q = &pulse.sample.q;
+        let Some(Open { target, since, motion, .. }) = &step.book.open else { return };
+        let (since, due) = (*since, motion.due());
+        let done = pulse.sample.done.iter().all(|d| *d);
+        let away = distance(q, target);
+        if done && at_rest && at > since && away <= step.rules.tolerance {
+            self.done(pulse, step);
+            return;
+        }
+        let reacted = at >= since + step.rules.reaction();
+        // there, but not yet known to rest, as after a gap in the readings, is not missed
+        let elsewhere = done && reacted && away > step.rules.tolerance;
+        self.driving.done_since = self.driving.done_since.filter(|_| elsewhere).or(elsewhere.then_some(at));
+        if self.driving.done_since.is_some_and(|t| at >= t + MISSED) || due.is_some_and(|due| at > due) {
+            self.roll_back(Cause::TargetMissed, step);
+        } else if away > FROZEN_WAY && self.is_frozen(at, pulse.unchanged, step.rules) {
+            self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
+        } else {
+            self.keep_in_history(step);
+        }
+    }
+
+    /// The robot rests at its target.
+    pub(super) fn done(&mut self, pulse: &Pulse, step: &mut Step) {
+        let escaped = self.status == Status::Escaping;
+        self.restore_modes(Writer::Agent, step);
+        self.end(Some(Outcome::Committed), step);
+        if escaped && !pulse.free {
+            self.close(Cause::Contact(pulse.contacts.to_vec()), step);
+            self.enter(Status::Holding(Hold::InContact), step);
+        } else {
+            self.enter(Status::Rest, step);
+        }
+    }
+
+    /// Whether the readings have been equal bit for bit while the farthest motor should have gone on, at the motion's
+    /// mean speed.
+    fn is_frozen(&self, at: Time, unchanged: Time, rules: &Rules) -> bool {
+        let Some(started) = self.driving.started else { return false };
+        let still = at.since(unchanged.max(started.at + rules.reaction()));
+        still >= FROZEN && started.mean_speed() * still.as_secs_f64() > FROZEN_WAY
+    }
+
+    /// A motion that outlasts the history takes its safe pose along: all that was recorded in it was free, else the
+    /// reflex would have ended it.
+    pub(super) fn keep_in_history(&self, step: &mut Step) {
+        let Book { open: Some(open), history, .. } = &mut *step.book else { return };
+        let later = open.safe.as_ref().and_then(|(at, _)| history.later_start(*at));
+        if let Some(later) = later {
+            open.safe = Some((later.at, later.q.clone()));
+            let (id, q) = (open.id, later.q.clone());
+            step.emit(Event::SafePoseMoved { robot: step.robot(), id, q });
+        }
+    }
+}

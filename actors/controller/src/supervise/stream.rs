@@ -1,0 +1,204 @@
+//! Streams of set-points as transactions: YARP's position direct and velocity move.
+//!
+//! ```text
+//! Rest ──first set-point──> Moving ──quiet for `stream_quiet`──> brakes ──at rest──> Rest   Committed where it rests
+//!                            └^ each next amends                 └── contact at any time: rolled back as any motion
+//! ```
+//!
+//! Several programs may share one transaction: some stream positions, some velocities, some move; each motor does what was said of it last.
+//! Streams are refused while the robot holds: an escape is a commit. What is written of them is a matter of [`Streaming`].
+
+use super::check::check_setpoints;
+use super::commit::Way;
+use super::streaming::{Streaming, mode_of};
+use super::{Step, SuperviseCore};
+use crate::Rules;
+use crate::ledger::{Motion, home};
+use crate::pulse::Pulse;
+use crate::reflex::{FROZEN, FROZEN_WAY};
+use mobee_contract::{
+    Cause, Command, ControlMode, Event, Hold, Pose, Refusal, Setpoints, Status, Time, Verdict, Writer,
+};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long the robot may take to come to rest after the last set-point.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+impl SuperviseCore {
+    /// Set-points arrive: they open a transaction, or amend the open stream.
+    pub(super) fn stream(&mut self, agent: &Arc<str>, setpoints: Setpoints, step: &mut Step) -> Verdict {
+        let (rules, now) = (step.rules, step.now);
+        check_setpoints(&setpoints, rules)?;
+        self.listen(agent, &setpoints.motors, step)?;
+        match self.admit(step)? {
+            Way::Escape { reason, .. } => Err(Refusal::Holding { reason }),
+            Way::Join { .. } if self.status == Status::Escaping => Err(Refusal::Holding { reason: Hold::InContact }),
+            Way::Join { here } => self.join_stream(agent, &setpoints, &here, step),
+            Way::Begin { here, at, speed } => {
+                let mut stream = Streaming::new(rules, now);
+                stream.take(&setpoints, (&here, now), rules)?;
+                let safe = self.take_safe(at, &here, speed, step);
+                let target = stream.asked(&here);
+                let motors = setpoints.motors.as_slice();
+                let id = self.open(agent.clone(), (target.clone(), motors), (Some(safe), Motion::Stream), step);
+                let (robot, agent) = (rules.robot.clone(), agent.to_string());
+                let named = stream.named();
+                let motors = greatest(&named, rules);
+                step.emit(Event::Commit { robot, id, agent, target, escape: false, motors });
+                self.enter(Status::Moving, step);
+                self.begin_stream(stream, &named, &here, step);
+                Ok(id)
+            }
+        }
+    }
+
+    /// The stream begins, or goes on, with these motors new to it.
+    pub(super) fn begin_stream(&mut self, stream: Streaming, new: &[usize], here: &Pose, step: &mut Step) {
+        self.driving.stream = Some(stream);
+        self.switch_modes(new, step);
+        self.write_stream(here, step);
+    }
+
+    fn join_stream(&mut self, agent: &Arc<str>, setpoints: &Setpoints, here: &Pose, step: &mut Step) -> Verdict {
+        let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
+        let Some(open) = &mut step.book.open else { return not_ready("the outcome of the last motion") };
+        if open.agent != *agent {
+            return Err(Refusal::Busy);
+        }
+        if self.driving.forces.is_some() {
+            return not_ready("the end of the move under way");
+        }
+        let (rules, now, mode) = (step.rules, step.now, mode_of(&setpoints.values));
+        let mut stream = self.driving.stream.clone().unwrap_or_else(|| Streaming::new(rules, now));
+        if stream.braking.is_some() {
+            return not_ready("the robot to come to rest");
+        }
+        // those that move otherwise are taken over; the others go on
+        let new: Vec<usize> = setpoints.motors.iter().copied().filter(|m| !stream.drives(*m, mode)).collect();
+        stream.take(setpoints, (here, now), rules)?;
+        open.name(&setpoints.motors);
+        open.target = stream.asked(&open.target);
+        let (id, target) = (open.id, open.target.clone());
+        if !new.is_empty() {
+            step.emit(Event::Amended { robot: step.robot(), id, target, motors: greatest(&new, rules) });
+        }
+        self.begin_stream(stream, &new, here, step);
+        Ok(id)
+    }
+
+    pub(super) fn write_stream(&mut self, here: &[f64], step: &mut Step) {
+        let Some(stream) = &mut self.driving.stream else { return };
+        for command in stream.write(here, step.rules, step.now) {
+            step.command(self.token, Writer::Agent, command);
+        }
+    }
+
+    /// A commit takes some motors over from the stream, which goes on with the others.
+    pub(super) fn leave_stream(&mut self, motors: &[usize]) {
+        if let Some(stream) = &mut self.driving.stream {
+            stream.leave(motors);
+        }
+        self.driving.stream.take_if(|stream| stream.named().is_empty());
+    }
+
+    /// A reading during a stream: go on, brake, or see that it has come to rest. Returns whether the stream is over and
+    /// the motion is to be judged as any other.
+    pub(super) fn streaming(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) -> bool {
+        let rules = step.rules;
+        let (at, q) = (pulse.sample.at, &pulse.sample.q);
+        if self.is_stream_frozen(pulse) {
+            self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
+            return false;
+        }
+        let Some(stream) = &mut self.driving.stream else { return true };
+        match stream.braking {
+            None if at >= stream.heard + rules.stream_quiet => {
+                // positions end at the last of them, where the board holds by itself
+                let motors = stream.brake(at);
+                if !motors.is_empty() {
+                    step.command(self.token, Writer::Agent, Command::Stop { motors });
+                }
+            }
+            None => self.write_stream(q, step),
+            Some(_) if stream.goes_on() => self.write_stream(q, step),
+            Some(since) => {
+                let all_done = |of: bool| {
+                    let motors = pulse.sample.done.iter().enumerate();
+                    motors.filter(|(m, _)| stream.names(*m) == of).all(|(_, done)| *done)
+                };
+                // motors that a commit moves may well go on
+                let (done, others_move) = (all_done(true), !all_done(false));
+                if at >= since + rules.reaction() && done && (at_rest || others_move) {
+                    self.end_stream(q, since, at, step);
+                    return true;
+                }
+                if at >= since + PATIENCE {
+                    self.roll_back(Cause::TargetMissed, step);
+                    return false;
+                }
+            }
+        }
+        self.keep_in_history(step);
+        false
+    }
+
+    /// Whether the readings have been equal bit for bit while the set-points moved on.
+    pub(super) fn is_stream_frozen(&mut self, pulse: &Pulse) -> bool {
+        let Some(stream) = &mut self.driving.stream else { return false };
+        let at = pulse.sample.at;
+        if stream.mark.0 != pulse.unchanged {
+            stream.mark = (pulse.unchanged, 0.0);
+        } else {
+            stream.mark.1 += stream.fastest() * at.since(stream.seen).as_secs_f64();
+        }
+        stream.seen = at;
+        at.since(stream.mark.0) >= FROZEN && stream.mark.1 > FROZEN_WAY
+    }
+
+    /// The robot rests: where it does is the stream's target, or the last set-point if it counts as being there.
+    fn end_stream(&mut self, q: &Pose, since: Time, at: Time, step: &mut Step) {
+        let Some(stream) = self.driving.stream.take() else { return };
+        if let Some(open) = &mut step.book.open {
+            let rest = |(m, q): (usize, &f64)| home(stream.sent(m), *q, step.rules.tolerance);
+            let rests: Vec<f64> = q.iter().enumerate().map(rest).collect();
+            open.target = stream.with(&open.target, &rests);
+            open.since = since;
+            if open.motion == Motion::Stream {
+                self.driving.started = None;
+            }
+            // motors that a commit moves may still be on their way
+            open.motion = Motion::Move { due: open.motion.due().max(Some(at + PATIENCE)).unwrap_or(at) };
+            let (id, target) = (open.id, open.target.clone());
+            step.emit(Event::Amended { robot: step.robot(), id, target, motors: Vec::new() });
+        }
+        self.restore_modes(Writer::Agent, step);
+    }
+
+    /// Motors that join the stream take its set-points from now on.
+    pub(super) fn switch_modes(&mut self, motors: &[usize], step: &mut Step) {
+        let Some(stream) = &self.driving.stream else { return };
+        self.modes.extend(motors);
+        for mode in [ControlMode::Velocity, ControlMode::PositionDirect] {
+            let motors: Vec<usize> = motors.iter().copied().filter(|m| stream.drives(*m, mode)).collect();
+            if !motors.is_empty() {
+                step.command(self.token, Writer::Agent, Command::Mode { motors, mode });
+            }
+        }
+    }
+
+    /// Motors that a stream has taken out of the mode of position moves are put back; whether there were any.
+    pub(super) fn restore_modes(&mut self, writer: Writer, step: &mut Step) -> bool {
+        let motors: Vec<usize> = std::mem::take(&mut self.modes).into_iter().collect();
+        let any = !motors.is_empty();
+        if any {
+            step.command(self.token, writer, Command::Mode { motors, mode: ControlMode::Position });
+        }
+        any
+    }
+}
+
+/// The greatest speeds of these motors, rad/s: a stream may use all of them.
+fn greatest(motors: &[usize], rules: &Rules) -> Vec<(usize, f64)> {
+    motors.iter().filter_map(|m| Some((*m, rules.axes.get(*m)?.max_speed))).collect()
+}

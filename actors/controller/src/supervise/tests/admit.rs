@@ -1,0 +1,89 @@
+//! What is not taken, and why: state by state.
+
+use super::*;
+
+/// A robot at rest.
+fn rests() -> Cell {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    cell
+}
+
+/// The newest reading of it tells this speed, and whether nothing touches it.
+fn reads(cell: &mut Cell, speed: f64, free: bool) {
+    let at = cell.now + Duration::from_millis(10);
+    let sample = Sample { seq: 1000, at, q: vec![cell.q].into(), done: vec![true] };
+    let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
+    (pulse.speed, pulse.free, pulse.unchanged) = (speed, free, at);
+    cell.on(SuperviseIn::Pulse(&pulse), at);
+}
+
+#[test]
+fn a_commit_is_taken_at_rest_by_a_fresh_reading_only() {
+    type Before = fn(&mut Cell);
+    let cases: [(&str, Before, Result<(), &str>); 7] = [
+        ("at rest", |_| (), Ok(())),
+        ("stopped by a fault, and not settled", |cell| cell.apply(Op::Fault), Err("holding")),
+        (
+            "the reflex has closed, and not told yet",
+            |cell| {
+                cell.gate.close();
+            },
+            Err("closed"),
+        ),
+        ("something touches it in the newest reading", |cell| reads(cell, 0.0, false), Err("holding")),
+        ("somebody pushes it", |cell| reads(cell, 0.5, true), Err("not_ready")),
+        ("the reading is as old as it may be", |cell| cell.now = cell.now + cell.rules.fresh, Ok(())),
+        ("older", |cell| cell.now = cell.now + cell.rules.fresh + Duration::from_nanos(1), Err("not_ready")),
+    ];
+    for (name, before, expected) in cases {
+        let mut cell = rests();
+        cell.now = cell.supervise.newest.as_ref().map(|newest| newest.at).unwrap();
+        before(&mut cell);
+        let commit =
+            Commit { agent: "a".into(), target: Target { motors: vec![0], q: vec![1.0], speed: 0.5 }, speeds: None };
+        let verdict = cell.on(SuperviseIn::Commit(commit), cell.now).into_iter().find_map(|o| match o {
+            SuperviseOut::Verdict(verdict) => Some(verdict.map(drop).map_err(|refusal| refusal.code())),
+            _ => None,
+        });
+        assert_eq!(verdict, Some(expected), "{name}");
+    }
+}
+
+/// A motion that is amended is due when the new one is, however long the first would have taken.
+#[test]
+fn a_motion_that_is_amended_is_due_anew() {
+    let mut cell = rests();
+    let commit = |speed: f64| {
+        let target = Target { motors: vec![0], q: vec![1.0], speed };
+        SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds: None })
+    };
+    let due = |cell: &Cell| cell.book.open.as_ref().and_then(|open| open.motion.due()).unwrap();
+    cell.on(commit(0.01), cell.now);
+    let slow = due(&cell);
+    cell.on(commit(0.5), cell.now);
+    assert!(due(&cell).secs() - cell.now.secs() < 10.0 && slow.secs() - cell.now.secs() > 100.0);
+}
+
+/// Silence counts from when the filter opens: the way back is no pause of the one who pushed.
+#[test]
+fn who_pushed_is_silent_first() {
+    let mut cell = rests();
+    cell.wall = Some(cell.q + 0.8);
+    let push = |cell: &mut Cell| cell.stream(true, Values::Velocity(vec![0.8])).map(drop).map_err(|r| r.code());
+    while cell.commits == 0 || cell.supervise.status() == Status::Moving {
+        push(&mut cell).unwrap();
+        cell.apply(Op::Samples(2));
+    }
+    let closed = cell.now;
+    while cell.supervise.status() != Status::Rest {
+        cell.apply(Op::Samples(1));
+    }
+    assert!(cell.now > closed + Duration::from_millis(600));
+    let refused = push(&mut cell);
+    assert_eq!(refused, Err("pushing"));
+    cell.apply(Op::Samples(45));
+    assert_eq!(push(&mut cell), refused, "not half a second");
+    cell.apply(Op::Samples(52));
+    assert_eq!(push(&mut cell), Ok(()));
+}

@@ -1,0 +1,389 @@
+//! One sink behind its bounded queue, on its own thread.
+
+use super::{Kept, Open, SinkSpec};
+use crate::runtime::clock::ClockKind;
+use crate::runtime::stream::Counters;
+use mobee_contract::{Entry, Event, Pose, Sink, Time};
+use mobee_model::Contact;
+use std::collections::{BTreeMap, VecDeque};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// How long entries may wait for more to come, so that the sink's thread is woken rarely.
+const GATHER: Duration = Duration::from_millis(20);
+
+/// What became of the entries of a sink.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SinkReport {
+    /// The sink.
+    pub name: String,
+    /// Entries told.
+    pub sent: u64,
+    /// Entries written.
+    pub handled: u64,
+    /// Entries that waited when the sink was closed after an error.
+    pub queued: u64,
+    /// Entries dropped.
+    pub dropped: u64,
+    /// Why it could not be written to the end.
+    pub error: Option<String>,
+}
+
+impl SinkReport {
+    /// As the event that a run ends with.
+    pub fn link(&self) -> Event {
+        let SinkReport { name, sent, handled, queued, dropped, .. } = self.clone();
+        Event::Link { link: name, sent, handled, queued, dropped, most: 0, capacity: 0 }
+    }
+}
+
+pub(super) struct Pipe {
+    spec: SinkSpec,
+    /// Opens the sink; none as long as nobody was attached.
+    open: Mutex<Option<Open>>,
+    virtual_time: bool,
+    shared: Arc<Shared>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+struct Shared {
+    queue: Mutex<Queue>,
+    filled: Condvar,
+    emptied: Condvar,
+    /// Entries written and flushes made: a thread that does not get on is left behind at the end.
+    steps: AtomicU64,
+}
+
+#[derive(Default)]
+struct Queue {
+    entries: VecDeque<(Time, Entry)>,
+    /// Taken by the thread and not written yet.
+    in_hand: usize,
+    /// The sink's thread sleeps.
+    asleep: bool,
+    closed: bool,
+    /// The sink is closed and its thread at its end.
+    ended: bool,
+    /// Why the thread has ended before its time.
+    error: Option<String>,
+    /// What a sink that is opened later has to be told.
+    kept: Kept,
+    /// How many threads were started; only the newest one counts.
+    threads: u64,
+    /// How many sinks were attached while the run went on.
+    attached: u64,
+    /// Something was lost that must not be.
+    lost: Option<String>,
+    sent: u64,
+    handled: u64,
+    dropped: u64,
+    /// Per robot: the span of its last pose, and whether it was in contact.
+    last: BTreeMap<usize, (u64, bool)>,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A thread is at its end; one that was replaced has nothing to say.
+    fn ended(&self, thread: u64, error: Option<String>) {
+        let mut queue = self.lock();
+        if queue.threads == thread {
+            (queue.error, queue.ended) = (error, true);
+            self.emptied.notify_all();
+        }
+    }
+}
+
+impl Pipe {
+    pub(super) fn spawn(clock: ClockKind, spec: SinkSpec) -> Result<Pipe, String> {
+        let spec = SinkSpec { capacity: spec.capacity.max(1), ..spec };
+        let (filled, emptied) = (Condvar::new(), Condvar::new());
+        let shared = Shared { queue: Mutex::default(), filled, emptied, steps: AtomicU64::new(0) };
+        shared.lock().ended = true;
+        let pipe = Pipe {
+            open: Mutex::new(spec.open.clone()),
+            spec,
+            virtual_time: clock == ClockKind::Virtual,
+            shared: Arc::new(shared),
+            thread: Mutex::new(None),
+        };
+        pipe.open().map_err(|e| format!("{}: {e}", pipe.spec.name))?;
+        Ok(pipe)
+    }
+
+    pub(super) fn name(&self) -> &str {
+        &self.spec.name
+    }
+
+    pub(super) fn is_essential(&self) -> bool {
+        self.spec.essential
+    }
+
+    /// Opens the sink (again), if there is one, and starts its thread, which begins with what waits in the queue.
+    pub(super) fn open(&self) -> Result<(), String> {
+        let attached = self.attached();
+        let open = self.open.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        open.map_or(Ok(()), |open| self.start(open()?, attached))
+    }
+
+    /// Puts a sink in the place of the present one, whose thread ends by itself when it can. `open` opens it anew.
+    pub(super) fn attach(&self, sink: Box<dyn Sink>, open: Open) -> Result<(), String> {
+        *self.open.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
+        self.drop_queued();
+        let attached = {
+            let mut queue = self.shared.lock();
+            queue.attached += 1;
+            queue.attached
+        };
+        self.start(sink, attached)
+    }
+
+    /// Starts the thread of a sink, unless another one was attached meanwhile.
+    fn start(&self, mut sink: Box<dyn Sink>, attached: u64) -> Result<(), String> {
+        let (mine, kept) = {
+            let mut queue = self.shared.lock();
+            if queue.attached != attached {
+                return Ok(());
+            }
+            queue.dropped += std::mem::take(&mut queue.in_hand) as u64;
+            (queue.error, queue.ended) = (None, false);
+            queue.threads += 1;
+            (queue.threads, queue.kept.clone())
+        };
+        let shared = self.shared.clone();
+        let work = move || {
+            let end = catch_unwind(AssertUnwindSafe(|| {
+                for (at, entry) in kept.entries() {
+                    sink.write(at, &entry)?;
+                    shared.steps.fetch_add(1, Ordering::Relaxed);
+                }
+                serve(&shared, sink.as_mut(), mine)
+            }));
+            // what waits in the sink is written here
+            let closed = catch_unwind(AssertUnwindSafe(|| drop(sink)));
+            let error = match end.and_then(|end| closed.map(|()| end)) {
+                Ok(Ok(())) => None,
+                Ok(Err(e)) => Some(e),
+                Err(panic) => Some(panic_text(panic.as_ref())),
+            };
+            shared.ended(mine, error);
+        };
+        let thread = std::thread::Builder::new().name(self.spec.name.clone()).spawn(work);
+        let thread = thread.map_err(|e| {
+            let why = format!("no thread: {e}");
+            self.shared.ended(mine, Some(why.clone()));
+            why
+        })?;
+        *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread);
+        Ok(())
+    }
+
+    pub(super) fn push_pose(&self, at: Time, robot: usize, q: &Pose, contacts: &Arc<[Contact]>) {
+        let Some(period) = self.spec.poses else { return };
+        let mut queue = self.shared.lock();
+        if queue.threads == 0 {
+            return;
+        }
+        let now = (at.0.checked_div(u64::try_from(period.as_nanos()).unwrap_or(u64::MAX)), !contacts.is_empty());
+        if let (Some(span), touching) = now
+            && queue.last.insert(robot, (span, touching)) == Some((span, touching))
+        {
+            return;
+        }
+        let entry = Entry::Pose { robot, q: q.clone(), contacts: contacts.clone() };
+        self.put(queue, at, entry);
+    }
+
+    pub(super) fn push(&self, at: Time, entry: &Entry) {
+        if self.spec.poses.is_none() && !matches!(entry, Entry::Event(_)) {
+            return;
+        }
+        let mut queue = self.shared.lock();
+        if self.spec.poses.is_some() {
+            queue.kept.note(at, entry);
+        }
+        self.put(queue, at, entry.clone());
+    }
+
+    fn put(&self, mut queue: MutexGuard<'_, Queue>, at: Time, entry: Entry) {
+        if queue.closed || queue.threads == 0 {
+            return;
+        }
+        queue.sent += 1;
+        let full = |queue: &Queue| queue.entries.len() + queue.in_hand >= self.spec.capacity;
+        while self.virtual_time && full(&queue) && queue.error.is_none() {
+            self.shared.filled.notify_one();
+            queue = self.shared.emptied.wait(queue).unwrap_or_else(PoisonError::into_inner);
+        }
+        if full(&queue) {
+            let pose = queue.entries.iter().position(|(_, e)| matches!(e, Entry::Pose { .. }));
+            queue.dropped += 1;
+            match pose {
+                Some(oldest) => drop(queue.entries.remove(oldest)),
+                None if matches!(entry, Entry::Pose { .. }) => return,
+                None if self.spec.essential => {
+                    let why = queue.error.clone().unwrap_or_else(|| "the disk can't keep up".into());
+                    queue.lost.get_or_insert(format!("{} lost an event: {why}", self.spec.name));
+                    return;
+                }
+                None => {
+                    // the thread may hold all of them
+                    if queue.entries.pop_front().is_none() {
+                        return;
+                    }
+                }
+            }
+        }
+        let urgent = !self.virtual_time && matches!(entry, Entry::Event(_));
+        queue.entries.push_back((at, entry));
+        if queue.asleep && (urgent || queue.entries.len() * 2 >= self.spec.capacity) {
+            queue.asleep = false;
+            self.shared.filled.notify_one();
+        }
+    }
+
+    /// Why the thread has ended, if it has before its time.
+    pub(super) fn error(&self) -> Option<String> {
+        self.shared.lock().error.clone()
+    }
+
+    /// Drops what can't be written any more, so that nobody waits for this sink again.
+    pub(super) fn drop_queued(&self) {
+        let mut queue = self.shared.lock();
+        queue.dropped += queue.entries.len() as u64;
+        queue.entries.clear();
+    }
+
+    /// How many sinks were attached while the run went on.
+    pub(super) fn attached(&self) -> u64 {
+        self.shared.lock().attached
+    }
+
+    /// Entries dropped so far.
+    pub(super) fn dropped(&self) -> u64 {
+        self.shared.lock().dropped
+    }
+
+    /// What went through it so far; what its thread has in hand still waits.
+    pub(super) fn counters(&self) -> Counters {
+        let queue = self.shared.lock();
+        let queued = (queue.entries.len() + queue.in_hand) as u64;
+        Counters { sent: queue.sent, handled: queue.handled, queued, dropped: queue.dropped }
+    }
+
+    /// For an essential sink: why the record is not complete, or not being written now.
+    pub(super) fn broken(&self) -> Option<String> {
+        if !self.spec.essential {
+            return None;
+        }
+        let queue = self.shared.lock();
+        queue.lost.clone().or_else(|| queue.error.as_ref().map(|e| format!("{}: {e}", self.spec.name)))
+    }
+
+    /// Closes the sink, and waits for its thread as long as that gets on. One that hangs is left behind, so that a frozen
+    /// viewer or disk does not keep the run from its end.
+    pub(super) fn finish(&self) -> SinkReport {
+        if self.spec.essential && self.error().is_some() {
+            // a last try: what used up the disk may have ended before
+            let _ = self.open();
+        }
+        let mut queue = self.shared.lock();
+        queue.closed = true;
+        self.shared.filled.notify_one();
+        let steps = || self.shared.steps.load(Ordering::Relaxed);
+        let mut hangs = false;
+        while !queue.ended && !hangs {
+            let before = steps();
+            let waited = self.shared.emptied.wait_timeout(queue, self.spec.patience);
+            let (locked, late) = waited.unwrap_or_else(PoisonError::into_inner);
+            queue = locked;
+            hangs = late.timed_out() && steps() == before;
+        }
+        let left = format!("it has not answered for {} s, and is left behind", self.spec.patience.as_secs());
+        let report = SinkReport {
+            name: self.spec.name.clone(),
+            sent: queue.sent,
+            handled: queue.handled,
+            queued: (queue.entries.len() + queue.in_hand) as u64,
+            dropped: queue.dropped,
+            error: queue.lost.clone().or_else(|| queue.error.clone()).or((hangs && !queue.ended).then_some(left)),
+        };
+        drop(queue);
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(thread) = thread.filter(|_| !hangs) {
+            // its panic has been caught and told
+            let _ = thread.join();
+        }
+        report
+    }
+}
+
+/// The thread of a sink: writes what comes until the pipe is closed, or it is replaced. An entry that failed goes back to the
+/// queue.
+fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> {
+    let mut batch = VecDeque::new();
+    let mut dropped = shared.lock().dropped;
+    loop {
+        let mut queue = shared.lock();
+        if queue.threads != mine {
+            return Ok(());
+        }
+        if queue.entries.is_empty() && queue.closed {
+            drop(queue);
+            return sink.flush();
+        }
+        if queue.entries.is_empty() {
+            drop(queue);
+            sink.flush()?;
+            shared.steps.fetch_add(1, Ordering::Relaxed);
+            queue = shared.lock();
+        }
+        while queue.entries.is_empty() && !queue.closed && queue.threads == mine {
+            queue.asleep = true;
+            queue = shared.filled.wait_timeout(queue, GATHER).unwrap_or_else(PoisonError::into_inner).0;
+            queue.asleep = false;
+        }
+        if queue.threads != mine {
+            return Ok(());
+        }
+        std::mem::swap(&mut batch, &mut queue.entries);
+        queue.in_hand = batch.len();
+        let lost = std::mem::replace(&mut dropped, queue.dropped) != queue.dropped;
+        drop(queue);
+        let end = catch_unwind(AssertUnwindSafe(|| {
+            if lost {
+                sink.lost();
+            }
+            while let Some((at, entry)) = batch.front() {
+                sink.write(*at, entry)?;
+                batch.pop_front();
+                shared.steps.fetch_add(1, Ordering::Relaxed);
+            }
+            Ok(())
+        }));
+        let mut queue = shared.lock();
+        if queue.threads != mine {
+            return Ok(());
+        }
+        queue.handled += (queue.in_hand - batch.len()) as u64;
+        queue.in_hand = 0;
+        if !batch.is_empty() {
+            batch.append(&mut queue.entries);
+            std::mem::swap(&mut batch, &mut queue.entries);
+        }
+        shared.emptied.notify_all();
+        drop(queue);
+        end.unwrap_or_else(|panic| Err(panic_text(panic.as_ref())))?;
+    }
+}
+
+fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(ToString::to_string);
+    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+    format!("it panicked: {}", text.unwrap_or_else(|| "no message".into()))
+}

@@ -1,0 +1,7 @@
+//! What actors run on: time, bounded streams, supervision, and the exchange of one part for another.
+
+pub(crate) mod attempt;
+pub mod clock;
+pub mod stream;
+pub mod supervision;
+pub mod swap;

@@ -1,0 +1,3 @@
+//! Planners: ways through a scene that is known.
+
+pub mod escape;

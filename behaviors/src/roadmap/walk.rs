@@ -1,0 +1,260 @@
+//! Walking a roadmap: CONNECT, GOTO and WAITFORMOTION (Algorithms 1-3) as one small machine.
+//!
+//! ```text
+//!          caught at rest          away from the map            at a vertex
+//!  step ──> escape ──────> step ──> CONNECT(q_current) ──> step ──> GOTO(goal): plan, drive one edge ──> step ...
+//! ```
+//!
+//! It plans anew at every vertex and commits edge by edge, so the robot's safe pose is always a vertex. WAITFORMOTION is
+//! the [`MotionEnd`] that the next [`Walker::step`] is given. Nothing but the pose says where the robot is.
+
+use crate::agents::group::cause;
+use crate::planners::escape::{caught, escape, line_free};
+use crate::roadmap::Roadmap;
+use mobee_contract::{EdgeState, Intent, MotionEnd, Note, Target, View};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Escapes tried in a row before the walker waits for help.
+const ESCAPES: u32 = 20;
+/// How often it waits a second for somebody to take away what holds the robot.
+const WAITS: u32 = 60;
+/// How often CONNECT may end at its target and yet not at the vertex, in a row.
+const CONNECTS: u32 = 10;
+/// How many of the nearest vertices CONNECT checks in the scene before it just tries the nearest.
+const CHECKED: usize = 50;
+
+/// What a walker says to its agent.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// Give this intent; then step again with the motion's end.
+    Do(Intent),
+    /// The robot rests at this vertex, and no goal is left: choose one.
+    At(u32),
+    /// No way leads from where the robot rests to this goal, which is dropped: choose another.
+    Unreachable(u32),
+    /// The robot can't be brought to the map.
+    Lost(String),
+}
+
+/// What is being done; part of an agent's state, so that a successor understands how the open motion ends.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Doing {
+    #[default]
+    Nothing,
+    Escaping,
+    Connecting {
+        to: u32,
+        rest: Vec<u32>,
+    },
+    Driving {
+        from: u32,
+        to: u32,
+    },
+}
+
+/// What a successor must know besides the map.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Progress {
+    doing: Doing,
+    goal: Option<u32>,
+    /// The last vertex where the robot rested.
+    last: Option<u32>,
+    escapes: u32,
+    waits: u32,
+    connects: u32,
+    /// Motions committed along edges.
+    pub driven: u32,
+    /// Motions that failed, of any sort.
+    pub failed: u32,
+}
+
+/// A roadmap and where on it the robot is going.
+pub struct Walker {
+    /// The map.
+    pub map: Roadmap,
+    speed: f64,
+    tolerance: f64,
+    seed: u64,
+    progress: Progress,
+    plan: Vec<u32>,
+    notes: Vec<Note>,
+    said: String,
+}
+
+impl Walker {
+    /// A walker that moves at this share of the greatest speed, and takes a pose within `tolerance` (rad, every motor) of
+    /// a vertex for that vertex. The seed serves escapes.
+    pub fn new(map: Roadmap, speed: f64, tolerance: f64, seed: u64) -> Walker {
+        Walker {
+            map,
+            speed,
+            tolerance,
+            seed,
+            progress: Progress::default(),
+            plan: Vec::new(),
+            notes: Vec::new(),
+            said: String::new(),
+        }
+    }
+
+    /// GOTO(goal): taken up by the following steps.
+    pub fn goto(&mut self, goal: u32) {
+        self.progress.goal = Some(goal);
+    }
+
+    /// Drives an edge that begins where the robot rests.
+    pub fn drive(&mut self, from: u32, to: u32) -> Intent {
+        self.follow(vec![from, to])
+    }
+
+    /// What it has done so far.
+    pub fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// Takes over another walker's progress.
+    pub fn resume(&mut self, progress: Progress) {
+        self.progress = progress;
+    }
+
+    /// What changed since the last call, the map's changes first.
+    pub fn notes(&mut self) -> Vec<Note> {
+        let mut all = self.map.notes();
+        all.append(&mut self.notes);
+        all
+    }
+
+    /// A line for the event log, unless it was the last one already: a commit that has to wait is given again and again.
+    pub fn log(&mut self, text: impl Into<String>) {
+        let text = text.into();
+        if self.said != text {
+            self.said.clone_from(&text);
+            self.notes.push(Note::Log { text });
+        }
+    }
+
+    /// The robot rests; `last` says how the last motion ended.
+    pub fn step(&mut self, last: Option<MotionEnd>, view: &View) -> Step {
+        let rest = self.settle(last, view);
+        if caught(view) {
+            return self.escape(view);
+        }
+        (self.progress.escapes, self.progress.waits) = (0, 0);
+        let Some(at) = self.map.at(view.pose(), self.tolerance) else { return self.connect(rest, view) };
+        (self.progress.last, self.progress.connects) = (Some(at), 0);
+        match self.progress.goal {
+            Some(goal) if goal != at => match self.map.plan(at, goal) {
+                Some(path) => Step::Do(self.follow(path)),
+                None => {
+                    self.progress.goal = None;
+                    self.show(Vec::new());
+                    Step::Unreachable(goal)
+                }
+            },
+            _ => {
+                self.progress.goal = None;
+                Step::At(at)
+            }
+        }
+    }
+
+    /// Draws the conclusion from the motion that ended (from `None`, none: it was never begun, or nobody knows); the vertices that CONNECT has not tried yet, if it was at it.
+    fn settle(&mut self, last: Option<MotionEnd>, view: &View) -> Option<Vec<u32>> {
+        if last == Some(MotionEnd::Failed) {
+            self.progress.failed = self.progress.failed.saturating_add(1);
+        }
+        let doing = std::mem::take(&mut self.progress.doing);
+        match (&doing, last) {
+            (_, None) => {}
+            (Doing::Driving { .. }, _) => self.progress.driven = self.progress.driven.saturating_add(1),
+            (Doing::Connecting { .. }, Some(MotionEnd::Reached)) => self.progress.connects += 1,
+            (Doing::Escaping, _) => self.progress.escapes += 1,
+            _ => {}
+        }
+        match (doing, last) {
+            (Doing::Driving { from, to }, Some(MotionEnd::Reached)) => self.map.succeeded(from, to),
+            (Doing::Driving { from, to }, Some(MotionEnd::Failed)) => {
+                let cause = cause(view);
+                let why = cause.as_deref().map(|c| format!(": {c}")).unwrap_or_default();
+                self.log(format!("edge {from} -> {to} failed and is removed{why}"));
+                self.map.failed(from, to, cause);
+            }
+            (Doing::Connecting { rest, .. }, Some(MotionEnd::Failed)) => return Some(rest),
+            _ => {}
+        }
+        None
+    }
+
+    fn escape(&mut self, view: &View) -> Step {
+        let toward: Vec<_> =
+            self.progress.last.and_then(|id| self.map.vertex(id)).map(|v| v.q.clone()).into_iter().collect();
+        let tries = self.progress.escapes;
+        let seed = self.seed.wrapping_add(u64::from(tries));
+        let way = (tries < ESCAPES).then(|| escape(view, self.map.motors(), &toward, self.speed, seed)).flatten();
+        self.show(Vec::new());
+        if let Some(target) = way {
+            self.progress.doing = Doing::Escaping;
+            self.log("something touches the resting robot: escaping");
+            return Step::Do(Intent::MoveTo(target));
+        }
+        self.progress.waits += 1;
+        if self.progress.waits > WAITS {
+            return Step::Lost("something touches the resting robot, and every way out makes it worse".to_owned());
+        }
+        self.progress.escapes = 0;
+        Step::Do(Intent::Wait(Duration::from_secs(1)))
+    }
+
+    /// CONNECT(q_current): drives to the nearest vertex whose line is free in the scene; if there is none, to the
+    /// nearest that was not tried yet.
+    fn connect(&mut self, rest: Option<Vec<u32>>, view: &View) -> Step {
+        if self.progress.connects > CONNECTS {
+            return Step::Lost(
+                "motions end, but not within `tolerance_deg` of their vertex: make it larger".to_owned(),
+            );
+        }
+        let mut rest = rest.unwrap_or_else(|| self.map.by_distance(view.pose()));
+        let free = |id: &u32| self.whole(*id, view).is_some_and(|q| line_free(view, &q));
+        let chosen = rest.iter().take(CHECKED).position(free).unwrap_or(0);
+        if chosen >= rest.len() {
+            return Step::Lost("no vertex of the roadmap can be reached from where the robot rests".to_owned());
+        }
+        let to = rest.remove(chosen);
+        let Some(target) = self.map.target(to, self.speed) else {
+            return Step::Lost(format!("there is no vertex {to}"));
+        };
+        self.log(format!("connecting to vertex {to}"));
+        self.progress.doing = Doing::Connecting { to, rest };
+        self.show(vec![to]);
+        Step::Do(Intent::MoveTo(target))
+    }
+
+    /// The robot's pose with the group at a vertex.
+    fn whole(&self, id: u32, view: &View) -> Option<Vec<f64>> {
+        Some(self.map.target(id, self.speed)?.pose(view.pose()).to_vec())
+    }
+
+    fn follow(&mut self, path: Vec<u32>) -> Intent {
+        let (Some(from), Some(to)) = (path.first().copied(), path.get(1).copied()) else { return Intent::Stop };
+        let Some(Target { motors, q, speed }) = self.map.target(to, self.speed) else { return Intent::Stop };
+        self.progress.doing = Doing::Driving { from, to };
+        self.show(path);
+        Intent::MoveTo(Target { motors, q, speed })
+    }
+
+    /// Tells the plan if it is news (empty: there is none any more); the rest of the plan that was told before is no news.
+    pub fn show(&mut self, path: Vec<u32>) {
+        if !(path.len() > 1 && self.plan.ends_with(&path)) && self.plan != path {
+            self.notes.push(Note::Plan { path: path.clone() });
+        }
+        self.plan = path;
+    }
+
+    /// Edges out of a vertex that were never tried and are in this state, nearest end first.
+    pub fn untried(&self, from: u32, state: EdgeState) -> Vec<u32> {
+        self.map.out(from).into_iter().filter(|(_, e)| e.state == state).map(|(to, _)| to).collect()
+    }
+}

@@ -1,0 +1,81 @@
+//! What a part's `cmd:i` is told, and forces at a marker as forces of joints.
+
+use crate::words;
+use mobee_model::{NodeKind, Robot};
+use mobee_yarp::{Bottle, Value};
+use nalgebra::Vector3;
+
+/// A message of a part's `cmd:i`.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Wish {
+    /// `qatt (n0 n1 ...)`: be drawn there; shares of each joint's range. What is missing keeps its value.
+    Attractor(Vec<f64>),
+    /// `qfor (f0 f1 ...)`: a force per joint, until it is replaced.
+    Force(Vec<f64>),
+    /// `opsp MARKER (Fx Fy Fz Tx Ty Tz)`: a force and a torque at a marker, world frame. What is missing is 0.
+    Wrench {
+        /// The marker's name.
+        marker: String,
+        /// The force.
+        force: [f64; 3],
+        /// The torque.
+        torque: [f64; 3],
+    },
+}
+
+impl Wish {
+    /// Reads a message; `None` if it is none of these or has a number that is none.
+    pub fn parse(message: &Bottle) -> Option<Wish> {
+        let list = |value: Option<&Value>| match value {
+            Some(Value::List(list)) => words::numbers(&list.0),
+            _ => None,
+        };
+        match words::name(message.0.first())?.as_str() {
+            "qatt" => list(message.0.get(1)).map(Wish::Attractor),
+            "qfor" => list(message.0.get(1)).map(Wish::Force),
+            "opsp" => {
+                let wrench = list(message.0.get(2))?;
+                let at = |i: usize| wrench.get(i).copied().unwrap_or_default();
+                let marker = words::name(message.0.get(1))?;
+                Some(Wish::Wrench { marker, force: [at(0), at(1), at(2)], torque: [at(3), at(4), at(5)] })
+            }
+            _ => None,
+        }
+    }
+}
+
+/// The transposed Jacobian at a marker times a force and a torque: a force for each motor of the part (`q`: the robot's
+/// whole pose, rad). The chain ends at the part's root motor; a motor of several joints gets each one's share. (The
+/// original took the k-th joint of the chain for the k-th motor, which is wrong for the torso.)
+pub(super) fn joint_forces(
+    robot: &Robot,
+    part: usize,
+    q: &[f64],
+    marker: &str,
+    force: &Vector3<f64>,
+    torque: &Vector3<f64>,
+) -> Result<Vec<f64>, String> {
+    let motors = robot.parts.get(part).map(|p| p.motors.clone()).unwrap_or_default();
+    let node = robot.marker(marker).map(|m| m.node).ok_or_else(|| format!("there is no marker {marker}"))?;
+    let mut frames = Vec::with_capacity(robot.nodes.len());
+    robot.forward(q, &mut frames);
+    let here = frames.get(node).map(|f| f.translation.vector).unwrap_or_default();
+    let mut forces = vec![0.0; motors.len()];
+    let mut walk = Some(node);
+    while let Some(at) = walk {
+        let Some((node, frame)) = robot.nodes.get(at).zip(frames.get(at)) else { break };
+        walk = node.parent;
+        let NodeKind::Joint { axis, motor, min, max, .. } = &node.kind else { continue };
+        let Some(m) = robot.motors.get(*motor) else { continue };
+        let axis = frame.rotation * **axis;
+        let lever = axis.cross(&(here - frame.translation.vector));
+        let share = if m.max > m.min { (max - min) / (m.max - m.min) } else { 0.0 };
+        if let Some(slot) = motor.checked_sub(motors.start).and_then(|i| forces.get_mut(i)) {
+            *slot += share * (lever.dot(force) + axis.dot(torque));
+        }
+        if m.is_part_root {
+            break;
+        }
+    }
+    Ok(forces)
+}

@@ -1,0 +1,90 @@
+//! What every driver promises, as checks that any driver can be put through.
+//!
+//! A [`Bench`] gives connections to one board and lets time pass, virtual or real; [`failures`] puts a fresh bench through every [`Promise`]:
+//!
+//! ```
+//! use mobee_contract::{Axis, Driver, Hardware, Time};
+//! use mobee_conformance as conformance;
+//! use mobee_drivers::{SimHardware, SimSettings};
+//!
+//! struct Sim(SimHardware, Time);
+//! impl conformance::Bench for Sim {
+//!     fn connect(&mut self) -> Result<Box<dyn Driver>, String> {
+//!         self.0.connect().map_err(|e| e.to_string())
+//!     }
+//!     fn now(&self) -> Time {
+//!         self.1
+//!     }
+//!     fn wait_until(&mut self, then: Time) {
+//!         self.1 = self.1.max(then);
+//!     }
+//! }
+//! let axis = |name: &str| Axis { name: name.into(), min: -1.0, max: 1.0, max_speed: 1.7, max_acceleration: 3.5 };
+//! let failures = conformance::failures(&mut || {
+//!     let hardware = SimHardware::with_axes(vec![axis("a"), axis("b")], &[0.0, 0.2], &SimSettings::default(), 1);
+//!     Box::new(Sim(hardware, Time::ZERO))
+//! });
+//! assert_eq!(failures, []);
+//! ```
+//! The board needs two motors with some degrees of free room around where they rest. On a real robot the suite moves each of up to three motors
+//! by 8 degrees at up to 10 deg/s, and to both its limits: see that the way is free.
+
+#![cfg_attr(
+    not(test),
+    deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::indexing_slicing)
+)]
+
+mod leases;
+mod motions;
+mod readings;
+mod refusals;
+mod streams;
+mod trial;
+mod velocities;
+
+use mobee_contract::{Driver, Time};
+
+/// A board under test, and the passing of time.
+pub trait Bench {
+    /// A new driver for the board; called again for the same board where a promise is about restarts.
+    ///
+    /// # Errors
+    /// Why there is none.
+    fn connect(&mut self) -> Result<Box<dyn Driver>, String>;
+    /// The time now.
+    fn now(&self) -> Time;
+    /// Lets time pass until then: jumps there, or waits.
+    fn wait_until(&mut self, then: Time);
+    /// Share of the readings that may come late or get lost because the bench has its machine not to itself; none in virtual time.
+    fn disturbed(&self) -> f64 {
+        0.0
+    }
+}
+
+/// One promise of the driver contract.
+#[derive(Clone, Copy, Debug)]
+pub struct Promise {
+    /// What is promised.
+    pub name: &'static str,
+    /// Puts a board through it; says what was seen if the promise is broken.
+    pub check: fn(&mut dyn Bench) -> Result<(), String>,
+}
+
+/// All promises.
+pub fn suite() -> Vec<Promise> {
+    let lists = [
+        readings::PROMISES,
+        refusals::PROMISES,
+        motions::PROMISES,
+        streams::PROMISES,
+        velocities::PROMISES,
+        leases::PROMISES,
+    ];
+    lists.concat()
+}
+
+/// Puts a fresh bench through every promise; the broken ones, with what was seen.
+pub fn failures(fresh: &mut dyn FnMut() -> Box<dyn Bench>) -> Vec<(&'static str, String)> {
+    let check = |p: Promise| (p.check)(fresh().as_mut()).err().map(|seen| (p.name, seen));
+    suite().into_iter().filter_map(check).collect()
+}

@@ -1,0 +1,225 @@
+//! The simulated board and its motors: a state machine stepped by the time it is told.
+//!
+//! ```text
+//! command ──checked──> in flight ──latency──> takes effect ──> a new path per motor
+//! lease ───────────────────────────────────────ends──────────> every motor brakes
+//! ```
+//! Between such events every motor follows a path in closed form, so a plant that nobody commands costs nothing,
+//! and an hour passes in one step.
+
+mod check;
+mod motor;
+
+use crate::sim::path::{Bounds, Profile};
+use check::Checked;
+use mobee_contract::{Axis, Command, ControlMode, Time};
+use motor::Motor;
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Most commands that may be on their way to the board at once; more are refused.
+const MOST_IN_FLIGHT: usize = 1024;
+
+/// A simulated board with its motors. Pure: time comes in with every call and never runs backwards.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    axes: Vec<Axis>,
+    motors: Vec<Motor>,
+    profile: Profile,
+    now: Time,
+    /// The lease, until it has run out.
+    lease: Option<Time>,
+    /// Accepted commands and when they take effect, in that order.
+    in_flight: VecDeque<(Time, Checked)>,
+}
+
+impl Plant {
+    /// A plant at rest at `start` (rad, one per axis; axes without one start at the middle of their range).
+    ///
+    /// Until told otherwise the reference speed is a tenth of the greatest and the reference acceleration the greatest. All motors start in
+    /// [`ControlMode::Position`] and without a lease.
+    pub fn new(axes: Vec<Axis>, start: &[f64], profile: Profile) -> Plant {
+        let starts = start.iter().copied().map(Some).chain(std::iter::repeat(None));
+        let motors = axes
+            .iter()
+            .zip(starts)
+            .map(|(axis, q)| Motor::at_rest(q.unwrap_or(0.5 * (axis.min + axis.max)).clamp(axis.min, axis.max), axis))
+            .collect();
+        Plant { axes, motors, profile, now: Time::ZERO, lease: None, in_flight: VecDeque::new() }
+    }
+
+    /// The time it was last told.
+    pub fn now(&self) -> Time {
+        self.now
+    }
+
+    /// Its motors' limits.
+    pub fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
+    /// Moves on to `now`. An earlier time than before changes nothing.
+    pub fn advance(&mut self, now: Time) {
+        let now = now.max(self.now);
+        loop {
+            let effect = self.in_flight.front().map(|(at, _)| *at).filter(|at| *at <= now);
+            let expiry = self.lease.filter(|until| *until <= now);
+            match (effect, expiry) {
+                // what would take effect just as the lease ends finds it ended
+                (effect, Some(until)) if effect.is_none_or(|at| until <= at) => {
+                    self.lease = None;
+                    self.brake(until);
+                }
+                (Some(at), _) => {
+                    if let Some((_, command)) = self.in_flight.pop_front() {
+                        self.take_effect(at, command);
+                    }
+                }
+                (None, _) => break,
+            }
+        }
+        self.now = now;
+    }
+
+    /// Lets it move until then, and no longer than the newest lease says.
+    pub fn lease(&mut self, now: Time, until: Time) {
+        self.advance(now);
+        if until > self.now {
+            self.lease = Some(until);
+        } else {
+            self.lease = None;
+            self.brake(self.now);
+        }
+    }
+
+    /// Whether it may move now.
+    pub fn is_leased(&self) -> bool {
+        self.lease.is_some()
+    }
+
+    /// Accepts a command that takes effect `latency` later, never before those given earlier.
+    ///
+    /// # Errors
+    /// What does not fit, naming the motor; nothing is changed then.
+    pub fn command(&mut self, now: Time, command: &Command, latency: Duration) -> Result<(), String> {
+        self.advance(now);
+        if self.in_flight.len() >= MOST_IN_FLIGHT {
+            return Err(format!("{MOST_IN_FLIGHT} commands are on their way already"));
+        }
+        let checked = check::check(self, command)?;
+        if checked.moves() && !self.is_leased() {
+            return Err("there is no lease to move under".into());
+        }
+        let after = self.in_flight.back().map_or(Time::ZERO, |(at, _)| *at);
+        self.in_flight.push_back(((self.now + latency).max(after), checked));
+        // without latency it is in force at once
+        self.advance(now);
+        Ok(())
+    }
+
+    /// Brakes all motors now, whatever is on its way.
+    pub fn brake_all(&mut self) {
+        self.brake(self.now);
+    }
+
+    /// Pushes a motor from where it rests, within its limits; not while any of them moves.
+    pub fn push(&mut self, motor: usize, by: f64) {
+        if !self.moves()
+            && let (Some(motor), Some(axis)) = (self.motors.get_mut(motor), self.axes.get(motor))
+        {
+            motor.push(self.now, by, axis);
+        }
+    }
+
+    /// Whether any motor moves.
+    pub fn moves(&self) -> bool {
+        self.motors.iter().any(|m| !m.rests(self.now))
+    }
+
+    /// Position of every motor, rad.
+    pub fn positions(&self) -> impl Iterator<Item = f64> + '_ {
+        self.motors.iter().map(|m| m.state(self.now).q)
+    }
+
+    /// Speed of every motor, rad/s.
+    pub fn speeds(&self) -> impl Iterator<Item = f64> + '_ {
+        self.motors.iter().map(|m| m.state(self.now).v)
+    }
+
+    /// Per motor whether it says that it is done, and nothing that is on its way will move it.
+    pub fn done(&self) -> Vec<bool> {
+        let mut done: Vec<bool> = self.motors.iter().map(|m| m.is_done(self.now)).collect();
+        for (_, command) in &self.in_flight {
+            for m in command.disturbs() {
+                if let Some(d) = done.get_mut(m) {
+                    *d = false;
+                }
+            }
+        }
+        done
+    }
+
+    /// Control mode of every motor, as now in force.
+    pub fn modes(&self) -> Vec<ControlMode> {
+        self.motors.iter().map(|m| m.mode).collect()
+    }
+
+    fn brake(&mut self, at: Time) {
+        for (m, axis) in self.motors.iter_mut().zip(&self.axes) {
+            m.brake(at, greatest(axis));
+        }
+    }
+
+    fn take_effect(&mut self, at: Time, command: Checked) {
+        let leased = self.is_leased();
+        let profile = self.profile;
+        let mut with = |m: usize, act: &mut dyn FnMut(&mut Motor, &Axis)| {
+            if let (Some(motor), Some(axis)) = (self.motors.get_mut(m), self.axes.get(m)) {
+                act(motor, axis);
+            }
+        };
+        match command {
+            Checked::Move(ways) => {
+                for way in ways {
+                    with(way.motor, &mut |motor, axis| {
+                        motor.refer(way.speed, way.acceleration, axis);
+                        if leased {
+                            motor.go(at, way.to, profile, greatest(axis));
+                        }
+                    });
+                }
+            }
+            Checked::Direct(each) if leased => {
+                for (m, to) in each {
+                    with(m, &mut |motor, axis| motor.set_point(at, to, axis));
+                }
+            }
+            Checked::Velocity(speeds) if leased => {
+                for (m, v) in speeds {
+                    with(m, &mut |motor, axis| motor.run(at, v, axis));
+                }
+            }
+            Checked::Direct(_) | Checked::Velocity(_) => {}
+            Checked::Stop(motors) => {
+                for m in motors {
+                    with(m, &mut |motor, axis| motor.brake(at, greatest(axis)));
+                }
+            }
+            Checked::Reference(references) => {
+                for (m, speed, acceleration) in references {
+                    with(m, &mut |motor, axis| motor.refer(Some(speed), Some(acceleration), axis));
+                }
+            }
+            Checked::Mode(motors, mode) => {
+                for m in motors {
+                    with(m, &mut |motor, axis| motor.switch(at, mode, greatest(axis)));
+                }
+            }
+        }
+    }
+}
+
+/// What an axis can do at most.
+fn greatest(axis: &Axis) -> Bounds {
+    Bounds { speed: axis.max_speed, acceleration: axis.max_acceleration }
+}

@@ -1,0 +1,148 @@
+//! One motor: its control mode, its references, and the path it is on.
+
+use crate::sim::path::{Bounds, Leg, Path, Profile, State, brake, cruise, follow};
+use mobee_contract::{Axis, ControlMode, Time};
+
+/// The least reference a motor takes, as a share of its greatest. Lower ones are raised to it: a motor that has next to nothing to do in a move of
+/// many would otherwise creep on long after the others, over the difference between an encoder's reading and where it really was.
+const LEAST_REFERENCE: f64 = 1.0 / 5000.0;
+/// Set-points farther apart than this (s) are single ones, not a stream.
+const STREAM_GAP: f64 = 0.1;
+/// Shortest interval (s) between set-points of a stream that is believed.
+const SHORTEST_INTERVAL: f64 = 1e-3;
+
+/// How long (s) a motor goes on at a velocity that is not given again; then it brakes, as real boards do.
+const WATCHDOG: f64 = 0.1;
+
+/// One motor of the plant.
+#[derive(Clone, Debug)]
+pub struct Motor {
+    /// Its control mode, as now in force.
+    pub mode: ControlMode,
+    reference: Bounds,
+    path: Path,
+    began: Time,
+    /// The leg to the newest set-point, and when that came.
+    leg: Option<(Time, Leg)>,
+}
+
+impl Motor {
+    /// At rest at `q`, with the references that hold until others are set.
+    pub fn at_rest(q: f64, axis: &Axis) -> Motor {
+        Motor {
+            mode: ControlMode::Position,
+            reference: Bounds { speed: 0.1 * axis.max_speed, acceleration: axis.max_acceleration },
+            path: Path::Rest(q),
+            began: Time::ZERO,
+            leg: None,
+        }
+    }
+
+    /// Where it is, and how fast.
+    pub fn state(&self, now: Time) -> State {
+        match &self.path {
+            Path::Rest(q) => State::rest(*q),
+            path => path.at(self.passed(now)),
+        }
+    }
+
+    /// Whether it has come to rest.
+    pub fn rests(&self, now: Time) -> bool {
+        match &self.path {
+            Path::Rest(_) => true,
+            path => self.passed(now) >= path.duration(),
+        }
+    }
+
+    /// Whether it says that it has nothing left to do.
+    pub fn is_done(&self, now: Time) -> bool {
+        self.passed(now) >= self.path.done()
+    }
+
+    /// Sets references; what exceeds the axis is lowered to what it can do.
+    pub fn refer(&mut self, speed: Option<f64>, acceleration: Option<f64>, axis: &Axis) {
+        if let Some(v) = speed {
+            self.reference.speed = v.clamp(LEAST_REFERENCE * axis.max_speed, axis.max_speed);
+        }
+        if let Some(a) = acceleration {
+            self.reference.acceleration = a.clamp(LEAST_REFERENCE * axis.max_acceleration, axis.max_acceleration);
+        }
+    }
+
+    /// Starts a position move at `at`, from wherever it is.
+    pub fn go(&mut self, at: Time, to: f64, profile: Profile, greatest: Bounds) {
+        self.mode = ControlMode::Position;
+        self.leg = None;
+        self.take(at, Path::to(profile, self.state(at), to, self.reference, greatest));
+    }
+
+    /// Follows a set-point that came at `at`; other modes ignore it.
+    pub fn set_point(&mut self, at: Time, to: f64, axis: &Axis) {
+        if self.mode != ControlMode::PositionDirect {
+            return;
+        }
+        let greatest = super::greatest(axis);
+        let state = self.state(at);
+        let interval = |came: Time| at.since(came).as_secs_f64();
+        let leg = match self.leg {
+            Some((came, leg)) if interval(came) <= STREAM_GAP => {
+                Leg::new(leg.at(interval(came)), to, interval(came).max(SHORTEST_INTERVAL), greatest)
+            }
+            // the first of a stream is a position to go to
+            _ => Leg { from: to, to, seconds: SHORTEST_INTERVAL },
+        };
+        self.leg = Some((at, leg));
+        if state.v == 0.0 && state.q == to && leg.from == to {
+            self.take(at, Path::Rest(to));
+        } else {
+            self.take(at, Path::Pieces(Box::new(follow(state, leg, [axis.min, axis.max], greatest))));
+        }
+    }
+
+    /// Goes at a velocity that came at `at`, until the next command or the watchdog, and never into a limit.
+    pub fn run(&mut self, at: Time, v: f64, axis: &Axis) {
+        let greatest = super::greatest(axis);
+        self.switch(at, ControlMode::Velocity, greatest);
+        self.leg = None;
+        let state = self.state(at);
+        if v == 0.0 && state.v == 0.0 {
+            self.take(at, Path::Rest(state.q));
+        } else {
+            self.take(at, Path::Pieces(Box::new(cruise(state, v, WATCHDOG, [axis.min, axis.max], greatest))));
+        }
+    }
+
+    /// Brakes as hard as it can, unless it does already.
+    pub fn brake(&mut self, at: Time, greatest: Bounds) {
+        self.leg = None;
+        let state = self.state(at);
+        if self.rests(at) {
+            self.take(at, Path::Rest(state.q));
+        } else {
+            self.take(at, Path::Pieces(Box::new(brake(state, greatest.acceleration))));
+        }
+    }
+
+    /// Is elsewhere at once, and rests there.
+    pub fn push(&mut self, at: Time, by: f64, axis: &Axis) {
+        let q = self.state(at).q;
+        self.take(at, Path::Rest((q + by).clamp(axis.min.min(q), axis.max.max(q))));
+    }
+
+    /// Switches the control mode; a motor whose mode changes in mid-motion brakes.
+    pub fn switch(&mut self, at: Time, mode: ControlMode, greatest: Bounds) {
+        if self.mode != mode {
+            self.mode = mode;
+            self.brake(at, greatest);
+        }
+    }
+
+    fn take(&mut self, at: Time, path: Path) {
+        self.path = path;
+        self.began = at;
+    }
+
+    fn passed(&self, now: Time) -> f64 {
+        now.since(self.began).as_secs_f64()
+    }
+}

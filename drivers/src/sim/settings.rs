@@ -1,0 +1,158 @@
+//! The settings of the simulated robot.
+
+mod imitated;
+
+pub use imitated::Imitated;
+
+use crate::sim::path::Profile;
+use mobee_contract::{Axis, KindError, suggestion};
+use mobee_model::Robot;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Settings of a simulated robot. All have defaults.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SimSettings {
+    /// A robot to behave like, such as `iCub_SIM`; what is measured there counts, and not `profile` and the model's limits.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub imitates: Option<Imitated>,
+    /// Shape of position moves: `minimum_jerk`, `trapezoidal` or `gain`.
+    pub profile: Profile,
+    /// Greatest speed of every motor, deg/s.
+    pub max_speed_deg_per_s: f64,
+    /// Greatest acceleration of every motor, deg/s^2. Also its braking.
+    pub max_acceleration_deg_per_s2: f64,
+    /// Time from a command to its effect, ms.
+    pub latency_ms: f64,
+    /// Encoder readings per second.
+    pub rate_hz: f64,
+    /// Step of the encoders, deg; 0 for none.
+    pub resolution_deg: f64,
+    /// Standard deviation of the encoders' noise, deg; no reading is off by more than 3.5 times this.
+    pub noise_deg: f64,
+    /// Greatest deviation of a reading's time from its period, ms.
+    pub jitter_ms: f64,
+    /// Where motors start, by name, in degrees of encoder; others start at home.
+    pub start_deg: BTreeMap<String, f64>,
+}
+
+impl Default for SimSettings {
+    fn default() -> SimSettings {
+        SimSettings {
+            imitates: None,
+            profile: Profile::default(),
+            max_speed_deg_per_s: 100.0,
+            max_acceleration_deg_per_s2: 200.0,
+            latency_ms: 20.0,
+            rate_hz: 100.0,
+            resolution_deg: 0.01,
+            noise_deg: 0.005,
+            jitter_ms: 0.2,
+            start_deg: BTreeMap::new(),
+        }
+    }
+}
+
+impl SimSettings {
+    /// The same without noise, resolution and jitter: encoders that tell the truth.
+    pub fn exact(self) -> SimSettings {
+        SimSettings { resolution_deg: 0.0, noise_deg: 0.0, jitter_ms: 0.0, ..self }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// The first one that makes no sense, with what would.
+    pub fn validate(&self) -> Result<(), KindError> {
+        let ranges = [
+            ("max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 10_000.0),
+            ("max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e6),
+            ("latency_ms", self.latency_ms, 0.0, 10_000.0),
+            ("rate_hz", self.rate_hz, 0.1, 10_000.0),
+            ("resolution_deg", self.resolution_deg, 0.0, 10.0),
+            ("noise_deg", self.noise_deg, 0.0, 10.0),
+            ("jitter_ms", self.jitter_ms, 0.0, 400.0 / self.rate_hz),
+        ];
+        KindError::gather(ranges.map(|(name, value, least, most)| {
+            // a rate that is none is complained of once
+            let judged = name != "jitter_ms" || self.rate_hz > 0.0;
+            // written so that not-a-number fails
+            let usable = value >= least && value <= most;
+            if judged && !usable {
+                let help = match name {
+                    "jitter_ms" => format!("give a number from 0 to {most} (0.4 of the time between two readings)"),
+                    _ => format!("give a number from {least} to {most}"),
+                };
+                return Err(KindError::new(name, format!("{value} is no usable value here"), help));
+            }
+            Ok(())
+        }))?;
+        Ok(())
+    }
+
+    /// The robot's axes under these settings.
+    pub fn axes(&self, robot: &Robot) -> Vec<Axis> {
+        let axis = |m: &mobee_model::Motor| {
+            let axis = Axis {
+                name: m.name.clone(),
+                min: m.min,
+                max: m.max,
+                max_speed: self.max_speed_deg_per_s.to_radians(),
+                max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
+            };
+            match self.imitates {
+                Some(robot) => robot.axis(axis),
+                None => axis,
+            }
+        };
+        robot.motors.iter().map(axis).collect()
+    }
+
+    /// Where the robot's motors start, rad.
+    ///
+    /// # Errors
+    /// A motor the robot does not have, or a position outside its limits.
+    pub fn start(&self, robot: &Robot) -> Result<Vec<f64>, KindError> {
+        let mut start: Vec<f64> = robot.motors.iter().map(|m| m.home).collect();
+        let names: Vec<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
+        KindError::gather(self.start_deg.iter().map(|(name, deg)| {
+            let path = format!("start_deg.{name}");
+            let found = robot.motors.iter().zip(&mut start).find(|(m, _)| m.name == *name);
+            let Some((motor, slot)) = found else {
+                let what = format!("robot {} has no motor {name}", robot.name);
+                return Err(KindError::new(path, what, suggestion(name, "motor", &names)));
+            };
+            let (min, max) = (motor.min.to_degrees(), motor.max.to_degrees());
+            if !(*deg >= min - 1e-6 && *deg <= max + 1e-6) {
+                let what = format!("{deg} deg is outside the limits of {name}");
+                return Err(KindError::new(path, what, format!("give a position from {min:.3} to {max:.3} deg")));
+            }
+            *slot = deg.to_radians().clamp(motor.min, motor.max);
+            Ok(())
+        }))?;
+        Ok(start)
+    }
+
+    /// The shape of position moves.
+    pub fn profile(&self) -> Profile {
+        if self.imitates == Some(Imitated::ICubSim) { Profile::Gain } else { self.profile }
+    }
+
+    /// Time between two readings.
+    pub fn period(&self) -> Duration {
+        Duration::try_from_secs_f64(1.0 / self.rate_hz).unwrap_or(Duration::from_millis(10))
+    }
+
+    /// Time from a command to its effect.
+    pub fn latency(&self) -> Duration {
+        Duration::try_from_secs_f64(self.latency_ms * 1e-3).unwrap_or_default()
+    }
+
+    /// Greatest deviation of a reading's time.
+    pub fn jitter(&self) -> Duration {
+        Duration::try_from_secs_f64(self.jitter_ms * 1e-3).unwrap_or_default()
+    }
+}
