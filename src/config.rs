@@ -80,7 +80,7 @@ pub struct Config {
 #[serde(deny_unknown_fields)]
 pub struct Torture {
     /// Greatest share of the commits that may end as faulted, percent, over fifty seeds or more of the usual faults. Escapes, which have
-    /// no way back, and the end of a run don't count.
+    /// no retreat, and the end of a run don't count.
     pub faulted_percent: f64,
 }
 

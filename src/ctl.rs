@@ -61,7 +61,7 @@ enum CtlCommand {
         /// Only this robot's.
         robot: Option<String>,
     },
-    /// Try a failed way back again.
+    /// Try a failed retreat again.
     Recover {
         /// Only this robot's.
         robot: Option<String>,

@@ -182,7 +182,7 @@ impl Filtered for Filter {
             Hold::ShuttingDown => "start it again with `mobee run --resume`",
             _ => "commit an escape, or clear away what touches it",
         };
-        Err(format!("there is no way back to try again: the robot holds ({why}); {opens}"))
+        Err(format!("there is no retreat to try again: the robot holds ({why}); {opens}"))
     }
 
     fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {

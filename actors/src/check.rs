@@ -10,10 +10,10 @@
 //! | I6 | nothing vanishes | sent = handled + queued + dropped on every link |
 //! | I7 | bounded | no more wait on a link than its credit allows |
 //! | I8 | stale is not fresh | commits are accepted, and outcomes given, by fresh readings |
-//! | I9 | the retreat is watched | a contact on the way back stops it within one period |
-//! | I10 | a restart does not move | no motion from a start or restart until the next commit, but a way back |
+//! | I9 | the retreat is watched | a contact during the retreat stops it within one period |
+//! | I10 | a restart does not move | no motion from a start or restart until the next commit, but a retreat |
 //! | I11 | removed stays removed | no plan leads over a removed edge |
-//! | I14 | several robots | while several are on the way back, no contact between two of them begins |
+//! | I14 | several robots | while several are retreating, no contact between two of them begins |
 //! | I15 | liveness | once all faults have healed, motions end, filters open, and agents go on |
 //! | I17 | ended means at rest | an outcome is given only while the robot is measured to rest |
 //! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
@@ -22,7 +22,7 @@
 //! | I21 | idle motors stay | a motor that no open commit names does not leave its place, not in the long run either, and no command but a stop names it |
 //! | I22 | what is to be taken back is | a contact, a constraint, a missed target, the agent's death: the motion ends rolled back, the way it came, unless the journal says why not |
 //! | I23 | a failed edge is removed | before the agent commits again, and no other is |
-//! | I25 | a constraint closes | a constraint that is violated, at rest or in motion, closes the filter; on the way back, or if it gets worse in an escape, it stops the robot |
+//! | I25 | a constraint closes | a constraint that is violated, at rest or in motion, closes the filter; during the retreat, or if it gets worse in an escape, it stops the robot |
 //! | I26 | frozen encoders are noticed | readings that are equal bit for bit while the motors should go on end the motion in a stated time |
 //! | I27 | contacts have a hysteresis | a contact begins below the margin, and again only after it has ended |
 //! | I28 | what dies closes at once | the death of the model or of a controller's actor closes the filter within two leases, an exchange before the new part is looked at; a new driver stops its board first, and a stop hushes what waits |
@@ -58,12 +58,12 @@ mod poses;
 mod removed_stays_removed;
 mod rest_at_the_end;
 mod restart_does_not_move;
+mod retreat_pace;
 mod summary;
 mod taken_back;
 mod together;
 mod told_the_truth;
 mod watched_retreat;
-mod way_back;
 mod window;
 pub use all::{ALL, Promise, Wants, judged, wants_poses};
 pub use liveness::HEALED;

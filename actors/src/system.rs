@@ -82,7 +82,7 @@ pub enum Control {
     Kill(String),
     /// Put a fault into the system, or say that all have healed. In runs of [`run_under`] with faults only.
     Inject(Injection),
-    /// Try a robot's failed way back again.
+    /// Try a robot's failed retreat again.
     Recover(String),
     /// Exchange a robot's agent. Answered once the new one is built and checked, or why not; see [`Event::Swap`] for what
     /// becomes of it.

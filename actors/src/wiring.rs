@@ -99,7 +99,7 @@ pub struct Wires {
     pub agent_name: Arc<str>,
     /// Whether the agent may make motions, or makes way for another.
     pub agent_acts: AtomicBool,
-    /// Whether there is a failed way back that can be tried again.
+    /// Whether there is a failed retreat that can be tried again.
     pub can_recover: AtomicBool,
     /// What an earlier process of this run noted of the agent's map.
     pub notes: Vec<Note>,

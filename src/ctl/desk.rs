@@ -84,7 +84,7 @@ impl Desk {
                 for robot in asked {
                     let answer = robot.recover();
                     tried |= answer.is_ok();
-                    let answer = answer.map_or_else(|why| why, |()| "the way back is tried again".into());
+                    let answer = answer.map_or_else(|why| why, |()| "the retreat is tried again".into());
                     said.push(format!("{}: {answer}", robot.name()));
                 }
                 if tried { Ok(said) } else { Err(said.join("\n")) }

@@ -115,7 +115,7 @@ mod tests {
         assert_eq!(says(Status::Moving, 1500), "STALE(1.5 s)");
         assert_eq!(says(Status::Starting, 1500), "CLOSED(starting)");
         assert_eq!(says(Status::Settling, 10), "RETREATING");
-        assert_eq!(says(Status::Holding(Hold::RetreatBlocked), 10), "HOLDING(the way back is blocked)");
+        assert_eq!(says(Status::Holding(Hold::RetreatBlocked), 10), "HOLDING(the retreat is blocked)");
         assert_eq!(says(Status::Holding(Hold::BoardFault), 10), "FAULT(board)");
         assert_eq!(says(Status::Holding(Hold::SlowBoard), 10), "CLOSED(slow board)");
         assert_eq!(state(&robot(Status::Rest, 10), true), "FAULT(gave_up)");

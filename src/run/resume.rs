@@ -46,7 +46,7 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
     let composition = compose_again(Config::from_source(&source)?, &source)?;
     for (r, model) in composition.config.robot.iter().zip(composition.scene.robots()) {
         let file = ring::file(dir, &r.name);
-        let help = "the run goes on without what it recorded of its way back";
+        let help = "the run goes on without what it recorded of its retreat";
         let poses = ring::read(&file).map_err(|e| ConfigError::plain(e, help))?;
         past.recorded(&r.name, evidence::of_robot(&file, model, poses)?);
         let measured = track::read(&track::file(dir, &r.name)).map_err(|e| ConfigError::plain(e, help))?;

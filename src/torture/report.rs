@@ -36,13 +36,13 @@ pub struct Tally {
     pub closed: BTreeMap<&'static str, u64>,
     /// Restarts of actors.
     pub restarts: u64,
-    /// Ways back that were given up.
+    /// Retreats that were given up.
     pub retreats_stopped: u64,
     /// Escapes.
     pub escapes: u64,
     /// Swaps: settled, reverted, refused.
     pub swaps: [u64; 3],
-    /// What several robots did on the way back at once.
+    /// What several robots did during the retreat at once.
     pub joint: Joint,
     /// Groups that used up their restarts.
     pub gave_up: u64,
@@ -87,7 +87,7 @@ impl Tally {
         self.growth = self.growth.into_iter().chain(ran.growth).reduce(f64::max);
     }
 
-    /// The share of the commits that ended as faulted, percent, but for escapes and the end of a run: motions that had a way back,
+    /// The share of the commits that ended as faulted, percent, but for escapes and the end of a run: motions that had a retreat,
     /// and were not taken back.
     pub fn faulted_share(&self) -> f64 {
         let faulted = self.faulted.iter().filter(|(why, _)| ![ESCAPE, END].contains(why)).map(|(_, n)| n).sum();
@@ -148,7 +148,7 @@ impl fmt::Display for Tally {
         let Joint { times, nearer } = self.joint;
         if times > 0 {
             let mm = nearer * 1e3;
-            writeln!(f, "together   {times} times several were on the way back, and came {mm:.2} mm nearer at most")?;
+            writeln!(f, "together   {times} times several were retreating, and came {mm:.2} mm nearer at most")?;
         }
         if self.swaps != [0; 3] {
             let [settled, reverted, refused] = self.swaps;

@@ -31,7 +31,7 @@ const LIVE: Duration = Duration::from_secs(122);
 const GROWS: f64 = 1.0;
 /// A board's fault that is over sooner may pass unseen.
 const LASTS: Duration = Duration::from_millis(60);
-/// Why a commit ended as faulted: an escape has no way back, and stops where it would make something worse.
+/// Why a commit ended as faulted: an escape has no retreat, and stops where it would make something worse.
 pub(super) const ESCAPE: &str = "escape";
 /// The run was over.
 pub(super) const END: &str = "end of run";
@@ -62,7 +62,7 @@ pub struct Ran {
     pub closed: BTreeMap<&'static str, u64>,
     /// What became of its swaps: settled, reverted, refused.
     pub swaps: [u64; 3],
-    /// What several robots did on the way back at once.
+    /// What several robots did during the retreat at once.
     pub joint: Joint,
     /// The hash of its journal.
     pub hash: String,

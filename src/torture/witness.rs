@@ -8,9 +8,9 @@ use std::time::Duration;
 
 /// How much nearer than its margin a pair must be, metres: the robots' poses in a scene are a reading apart.
 const NEARER: f64 = 0.003;
-/// How much nearer than its margin, or than as it began, a pair may come on the way back, metres: 1 mm, and as above.
+/// How much nearer than its margin, or than as it began, a pair may come during the retreat, metres: 1 mm, and as above.
 const DEEPER: f64 = 0.001 + NEARER;
-/// The same of two robots that are both on the way back, metres (I14).
+/// The same of two robots that are both retreating, metres (I14).
 const TOGETHER: f64 = 0.001;
 /// How many control periods a contact may go unanswered.
 const PERIODS: u32 = 3;
@@ -40,13 +40,13 @@ pub struct Witness {
     /// When something was done to the run last, and what happened last.
     disturbed: Time,
     now: Time,
-    /// What several robots did on the way back at once.
+    /// What several robots did during the retreat at once.
     pub joint: Joint,
     /// What was seen to be broken: the invariant, and a sentence.
     pub found: Vec<(&'static str, String)>,
 }
 
-/// Ways back of several robots at once.
+/// Retreats of several robots at once.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Joint {
     /// How often that began.
@@ -80,7 +80,7 @@ struct Seen {
     last: Time,
     /// Since when it is too near to something.
     near: Option<Time>,
-    /// While it is on the way back: the pairs below the margin as that began.
+    /// While it is retreating: the pairs below the margin as that began.
     back: Option<Vec<Contact>>,
     /// While it escapes: the pairs that were near as it set out, and when it did.
     escape: (Option<Vec<Contact>>, Time),
@@ -295,13 +295,13 @@ impl Witness {
             let state = match promise {
                 "I24" => "the escape that deepens it goes on",
                 _ if seen.open => "the filter is open",
-                _ => "the way back goes on",
+                _ => "the retreat goes on",
             };
             self.found.push((promise, format!("{name}: {a} and {b} are at {mm:.1} mm at {at}, and {state}")));
         }
     }
 
-    /// How near those come to each other that are on the way back (I14).
+    /// How near those come to each other that are retreating (I14).
     fn together(&mut self, at: Time) {
         let Some(scene) = &self.scene else { return };
         let back = |robot: usize| self.robots.get(robot).and_then(|r| Some((r.back.as_ref()?, r.margin)));
@@ -321,7 +321,7 @@ impl Witness {
             if self.joint.nearer > TOGETHER {
                 let (a, b) = (scene.shape_name(c.pair.0), scene.shape_name(c.pair.1));
                 let [now, start] = [c.distance, start].map(|m| m * 1e3);
-                let what = format!("{a} and {b} are at {now:.1} mm on the way back of both, below {start:.1} mm");
+                let what = format!("{a} and {b} are at {now:.1} mm during the retreat of both, below {start:.1} mm");
                 self.found.push(("I14", format!("{what} at {at}")));
             }
         }
@@ -362,7 +362,7 @@ mod tests {
 
     /// I14: the arms come nearer to each other than they were.
     #[test]
-    fn arms_that_meet_on_the_way_back_of_both_break_i14() {
+    fn arms_that_meet_on_the_retreat_of_both_break_i14() {
         let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/torture.toml");
         let (config, source) = Config::load(&file, &[]).unwrap();
         let scene = Arc::new(compose(config, &source).unwrap().scene);

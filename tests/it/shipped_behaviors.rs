@@ -51,7 +51,7 @@ fn the_icub_explores_by_itself() {
     assert!(mobee(&["inspect", out.to_str().expect("a readable path")]).status.success());
 }
 
-/// At the greatest speed of its motors every way back still runs along the path that was measured, and none overshoots its end (I22).
+/// At the greatest speed of its motors every retreat still runs along the path that was measured, and none overshoots its end (I22).
 #[test]
 fn the_icub_comes_back_from_its_fastest_motions() {
     let dir = tempfile::tempdir().expect("a folder");

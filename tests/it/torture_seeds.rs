@@ -119,7 +119,7 @@ fn arms_under_forces_hold_all_invariants() {
     assert!(tally.outcomes.iter().sum::<u64>() > 50, "{tally}");
 }
 
-/// 580 and 609: a pair that nearly touched as the way back began touched on it (I9). 78: a stopped robot whose readings
+/// 580 and 609: a pair that nearly touched as the retreat began touched on it (I9). 78: a stopped robot whose readings
 /// tremble was given its outcome after three seconds (I17). 2143: readings that came after the one that an outcome was given by
 /// were held against it (I17). 2173: set-points that waited for a stalled driver were written in one instant (I5). 69: an explorer
 /// found no free pose while the other arm touched something, was done with that, and nobody escaped for it later (I15). 106: an

@@ -203,7 +203,7 @@ pub enum Event {
         free: bool,
     },
     /// The safe pose of a motion moved: to the oldest recorded free pose, if it outlasted the history; to an earlier rest, if on
-    /// the way back another robot has to pass where it would stand.
+    /// the retreat another robot has to pass where it would stand.
     SafePoseMoved {
         /// Robot.
         robot: String,
@@ -349,7 +349,7 @@ pub enum Event {
         /// The two shapes in words.
         names: (String, String),
     },
-    /// The way back begins.
+    /// The retreat begins.
     RetreatBegan {
         /// Robot.
         robot: String,
@@ -364,7 +364,7 @@ pub enum Event {
         #[serde(default)]
         near: Vec<Contact>,
     },
-    /// The way back was given up.
+    /// The retreat was given up.
     RetreatStopped {
         /// Robot.
         robot: String,

@@ -105,11 +105,11 @@ pub enum Outcome {
 pub enum Hold {
     /// Something touches the robot where it rests.
     InContact,
-    /// The way back was blocked by a new or deeper contact.
+    /// The retreat was blocked by a new or deeper contact.
     RetreatBlocked,
     /// The history does not reach back to the safe pose.
     HistoryTooShort,
-    /// The way back was driven but the robot did not arrive or come to rest in time.
+    /// The retreat was driven but the robot did not arrive or come to rest in time.
     RetreatMissed,
     /// The encoders have gone stale.
     Stale,
@@ -132,9 +132,9 @@ impl fmt::Display for Hold {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Hold::InContact => "something touches the robot at rest",
-            Hold::RetreatBlocked => "the way back is blocked",
+            Hold::RetreatBlocked => "the retreat is blocked",
             Hold::HistoryTooShort => "the history does not reach back to the safe pose",
-            Hold::RetreatMissed => "the robot did not arrive on its way back",
+            Hold::RetreatMissed => "the retreat did not arrive",
             Hold::Stale => "the encoders are stale",
             Hold::Restarted => "a part of the controller was restarted in mid-motion",
             Hold::BoardFault => "the board reports a fault",

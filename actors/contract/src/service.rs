@@ -56,7 +56,7 @@ pub trait Filtered: Send + Sync {
     /// # Errors
     /// [`Refusal::NotReady`] if the robot has no agent of its own.
     fn let_agent_act(&self, act: bool) -> Result<(), Refusal>;
-    /// Tries a failed way back again.
+    /// Tries a failed retreat again.
     ///
     /// # Errors
     /// There is none; a sentence says why the robot holds, if it does, and what opens its filter.

@@ -15,7 +15,7 @@ pub enum Status {
     Moving,
     /// An escape from contact is under way.
     Escaping,
-    /// Braking before the way back.
+    /// Braking before the retreat.
     Stopping,
     /// Going back along the recorded path.
     Retreating,

@@ -38,9 +38,9 @@ pub enum SwapStep {
         /// For how long it is on probation once it has taken over, seconds.
         probation: f64,
     },
-    /// It has taken over, at a transaction border.
+    /// It has taken over, at a transaction boundary.
     TookOver {
-        /// From the border to the new part's being in place, seconds.
+        /// From the boundary to the new part's being in place, seconds.
         gap: f64,
         /// Hash of the roadmap that was handed over, if there is one: equal before and after.
         map: Option<String>,

@@ -40,7 +40,7 @@ pub enum Answer {
     Go(Way),
 }
 
-/// A robot that asked for its way back.
+/// A robot that asked for its retreat.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Asked {
     /// Its index in the scene.
@@ -159,7 +159,7 @@ impl JointRetreat {
         }
     }
 
-    /// The robot rests, and asks for its way back: at each reading, until it is answered.
+    /// The robot rests, and asks for its retreat: at each reading, until it is answered.
     pub fn ask(&self, robot: usize, now: Time) -> Answer {
         self.state().ask(robot, now)
     }

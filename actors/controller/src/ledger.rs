@@ -69,7 +69,7 @@ pub struct Open {
     pub motion: Motion,
     /// Why it will not reach its target, once that is known.
     pub cause: Option<Cause>,
-    /// Whether a way back has begun.
+    /// Whether a retreat has begun.
     pub retreated: bool,
 }
 
@@ -142,7 +142,7 @@ impl Ended {
 /// happens to read.
 pub type Places = Arc<[Option<f64>]>;
 
-/// Where a motor is to rest that was recorded at `q`: at its place, if it counts as being there, so that ways back to one
+/// Where a motor is to rest that was recorded at `q`: at its place, if it counts as being there, so that retreats to one
 /// rest do not drift with the noise of its encoder. Half of the tolerance is left for that noise.
 pub fn home(place: Option<f64>, q: f64, tolerance: f64) -> f64 {
     place.filter(|place| (place - q).abs() <= 0.5 * tolerance).unwrap_or(q)
@@ -281,7 +281,7 @@ mod tests {
         let (mut forth, mut back) = (open(false), open(true));
         for (q, outcome) in [(1.005, Outcome::Committed), (1.02, Outcome::Faulted)] {
             assert_eq!(shown(&forth, q), outcome);
-            // what came to rest at the target on its way back was not reached by the motion
+            // what came to rest at the target during its retreat was not reached by the motion
             assert_eq!(shown(&back, q), Outcome::Faulted);
         }
         (forth.target, back.target) = (vec![0.0, 0.205, 0.5].into(), vec![0.0, 0.205, 0.5].into());
@@ -326,9 +326,9 @@ mod tests {
         assert_eq!(book.last_known(), Some(vec![0.0, 0.4, 0.0].into()));
     }
 
-    /// A way back that succeeds after its outcome was given leaves the named motors at their places, or where they were safe.
+    /// A retreat that succeeds after its outcome was given leaves the named motors at their places, or where they were safe.
     #[test]
-    fn a_late_way_back_leaves_the_motors_at_home() {
+    fn a_late_retreat_leaves_the_motors_at_home() {
         let ledger = Ledger::new(1);
         let mut book = ledger.book();
         book.open = Some(open(false));

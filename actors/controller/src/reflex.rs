@@ -41,7 +41,7 @@ pub struct Underway {
     pub id: CommitId,
     /// Its safe pose; an escape has none.
     pub safe: Option<(Time, Pose)>,
-    /// The motors that it has named, in order: on the way back no other is written to.
+    /// The motors that it has named, in order: during the retreat no other is written to.
     pub named: Arc<[usize]>,
     /// Where all motors had been sent when it began.
     pub places: Places,
@@ -92,10 +92,10 @@ pub enum ReflexOut {
     Event(Event),
 }
 
-/// What supervise learns about the way back.
+/// What supervise learns about the retreat.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Word {
-    /// The way back begins.
+    /// The retreat begins.
     Retreating,
     /// It leads beyond the safe pose, to this earlier rest, and moves these motors: another robot has to pass there.
     Farther((Time, Pose), Arc<[usize]>),

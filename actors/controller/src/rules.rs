@@ -43,7 +43,7 @@ pub struct Rules {
     pub stream_quiet: Duration,
     /// The kind of the controller.
     pub kind: &'static str,
-    /// Whether the reflex acts. If not, contacts are told and counted, and stop nothing but a way back.
+    /// Whether the reflex acts. If not, contacts are told and counted, and stop nothing but a retreat.
     pub reflex: bool,
     /// Set if motions are driven by forces.
     pub fields: Option<Arc<FieldRules>>,

@@ -69,11 +69,11 @@ pub enum SuperviseIn<'a> {
     Fault(String),
     /// The reflex closed the filter; the motors that brought together what touched, if it is known.
     Closed(u64, Cause, Option<BTreeSet<usize>>),
-    /// The reflex tells how the way back goes.
+    /// The reflex tells how the retreat goes.
     Word(Word),
-    /// Somebody asks to try the failed way back again.
+    /// Somebody asks to try the failed retreat again.
     Recover,
-    /// A part of the controller is to be exchanged: close at the next border, and say so by [`SuperviseOut::Yielded`].
+    /// A part of the controller is to be exchanged: close at the next boundary, and say so by [`SuperviseOut::Yielded`].
     Yield,
     /// It is not exchanged after all: open again.
     Resume,
@@ -101,7 +101,7 @@ pub enum SuperviseOut {
         /// Whether it is another try.
         again: bool,
     },
-    /// Say that the filter is closed at a border.
+    /// Say that the filter is closed at a boundary.
     Yielded,
     /// Tell the agent that its motion has ended.
     Ended(Arc<str>, CommitId, MotionEnd),
@@ -226,7 +226,7 @@ pub struct SuperviseCore {
     newest: Option<Reading>,
     /// Where the motors rest that nobody commands.
     resting: displaced::Resting,
-    /// The safe pose of a way back that failed, for another try.
+    /// The safe pose of a retreat that failed, for another try.
     retry: Option<Underway>,
     /// How the open transaction is driven.
     driving: Driving,
@@ -234,7 +234,7 @@ pub struct SuperviseCore {
     hushed: Option<hush::Hush>,
     /// The motors that are perhaps in another control mode than that of position moves.
     modes: BTreeSet<usize>,
-    /// Whether to close at the next border.
+    /// Whether to close at the next boundary.
     yields: bool,
     shutdown: bool,
     /// How much of a flood is heard.
@@ -346,7 +346,7 @@ impl SuperviseCore {
                 }
             }
         }
-        if self.yields && self.is_at_border(step) {
+        if self.yields && self.is_at_boundary(step) {
             self.yields = false;
             self.close(Cause::Asked, step);
             self.closing = Closing::Yielded;
@@ -358,7 +358,7 @@ impl SuperviseCore {
 
     /// Whether the robot rests with every outcome given, and nothing is left to be tried. One that no reading comes from any
     /// more was at rest when it was last seen.
-    fn is_at_border(&self, step: &Step) -> bool {
+    fn is_at_boundary(&self, step: &Step) -> bool {
         let lost = matches!(self.status, Status::Holding(Hold::Stale | Hold::BoardFault))
             && matches!(self.closing, Closing::Settle(_));
         let rests = self.newest.as_ref().is_some_and(|newest| newest.at_rest);

@@ -85,7 +85,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         Event::RetreatBegan { robot, id, secs, .. } => {
             (robot, Warn, format!("#{} goes back along {secs:.1} s of its path", id.0))
         }
-        Event::RetreatStopped { robot, what, .. } => (robot, Error, format!("the way back was given up: {what}")),
+        Event::RetreatStopped { robot, what, .. } => (robot, Error, format!("the retreat was given up: {what}")),
         Event::World { object, what, class, at } => {
             let class = class.map(|c| format!(" {}", format!("{c:?}").to_lowercase())).unwrap_or_default();
             let at = at.map(|[x, y, z]| format!(" at {x:.2} {y:.2} {z:.2} m")).unwrap_or_default();

@@ -2,7 +2,7 @@
 //!
 //! Wants the poses, and a journal that tells what is allowed (version 2). For a while after an amendment what was allowed before still
 //! is: the motor brakes. Where set-points are streamed it may be faster, as it catches up with those that came late, and as fast as it
-//! can if the board did not take some; a move that the driver makes of set-points counts as streamed; on the way back it may be so fast as any commit has allowed it to be. A kink of its readings is no motion. What no commit names is a matter of I21.
+//! can if the board did not take some; a move that the driver makes of set-points counts as streamed; during the retreat it may be so fast as any commit has allowed it to be. A kink of its readings is no motion. What no commit names is a matter of I21.
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
@@ -44,7 +44,7 @@ struct Motor {
     allowed: f64,
     before: VecDeque<(Time, f64)>,
     ever: f64,
-    /// The greatest kink of its readings in this motion, rad: on the way back it is led along them.
+    /// The greatest kink of its readings in this motion, rad: during the retreat it is led along them.
     kink: f64,
     /// Whether it was told in this motion.
     told: bool,

@@ -1,6 +1,6 @@
-//! I25: a constraint that is violated closes the filter, at rest and in motion, and on the way back it stops the robot.
+//! I25: a constraint that is violated closes the filter, at rest and in motion, and during the retreat it stops the robot.
 //!
-//! Wants the poses, and a journal that tells the robot's constraints. What was violated already as a way back set out is excused while
+//! Wants the poses, and a journal that tells the robot's constraints. What was violated already as a retreat set out is excused while
 //! that goes on: it may be what the robot comes out of. An escape may violate as much as it did when it set out, and no more. A controller
 //! without a reflex promises nothing of this.
 
@@ -10,7 +10,7 @@ use mobee_contract::{Clauses, Event, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How many control periods it may take until the filter is closed, or the way back stopped.
+/// How many control periods it may take until the filter is closed, or the retreat stopped.
 const PERIODS: u32 = 3;
 /// A clause below this counts as violated, degrees times its coefficients: measured poses are kept rounded.
 const SURELY: f64 = -0.001;
@@ -45,14 +45,14 @@ enum Watch {
     Nothing,
     /// Close the filter.
     Close,
-    /// Stop the way back, or the escape.
+    /// Stop the retreat, or the escape.
     Stop,
 }
 
 impl Robot {
     fn watch(&mut self, watch: Watch) {
         self.escape = None;
-        // what was violated from the start of a way back is excused
+        // what was violated from the start of a retreat is excused
         self.watch = if watch == Watch::Stop && self.violates { Watch::Nothing } else { watch };
         (self.since, self.begins) = (None, true);
     }

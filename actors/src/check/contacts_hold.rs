@@ -1,4 +1,4 @@
-//! I27: contacts have a hysteresis: one begins below the margin (on the way back 1 mm below it), and begins again only after it has ended.
+//! I27: contacts have a hysteresis: one begins below the margin (during the retreat 1 mm below it), and begins again only after it has ended.
 //!
 //! Whoever starts anew, as a reflex that died, or judges by another margin, finds contacts that were known before.
 

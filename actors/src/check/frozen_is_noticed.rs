@@ -2,7 +2,7 @@
 //! within half a second, or the time in which the motor with the longest way should have gone a degree at its mean speed, whichever is
 //! longer, and half a second more.
 //!
-//! Wants the poses. Streams tell the journal of no set-point: what moves on behind frozen encoders there, and on the way back, is seen by
+//! Wants the poses. Streams tell the journal of no set-point: what moves on behind frozen encoders there, and during the retreat, is seen by
 //! the witness of a simulation, which knows where the motors really are.
 
 use super::{Found, Invariant, PerRobot, apart_deg};

@@ -37,7 +37,7 @@ struct Robot {
     /// Whether a commit is open that does not tell its motors.
     untold: bool,
     /// The motors that the last two commits named: a mode that is put back may be told after the next has begun. `None`: not told, as of
-    /// a way back that leads beyond its commit.
+    /// a retreat that leads beyond its commit.
     last: [Option<BTreeSet<usize>>; 2],
 }
 

@@ -2,7 +2,7 @@
 //! back the motion that was interrupted.
 //!
 //! It is about driver, history, model, supervise and reflex, named `ROBOT/ACTOR` (or `ACTOR` alone for all robots): the death
-//! of an agent or a recorder stops no controller, and the reflex may well be on its way back then. Stops, modes and
+//! of an agent or a recorder stops no controller, and the reflex may well be retreating then. Stops, modes and
 //! references move nothing. Nor does a swap: a new part takes over with no transaction open.
 
 use super::{Found, Invariant};
@@ -38,7 +38,7 @@ impl Invariant for RestartDoesNotMove {
     fn on(&mut self, line: &Line, found: &mut Found<'_>) {
         match &line.event {
             Event::Commit { robot, .. } => drop(self.robots.insert(robot.clone(), None)),
-            // told before anything of the way back is written, and only with a transaction open (I2, I9)
+            // told before anything of the retreat is written, and only with a transaction open (I2, I9)
             Event::RetreatBegan { robot, .. } => {
                 if let Some(restarted) = self.robots.get_mut(robot) {
                     *restarted = None;

@@ -41,7 +41,7 @@ pub struct RunSummary {
     pub contacts: u64,
     /// Contacts at distance zero.
     pub hard_contacts: u64,
-    /// Ways back that were given up.
+    /// Retreats that were given up.
     pub retreats_stopped: u64,
     /// Safe poses that moved in mid-motion.
     pub safe_poses_moved: u64,

@@ -1,10 +1,10 @@
 //! I22: what is taken back: a motion in which a contact begins or a constraint is violated, whose target is missed, or whose agent died. An
-//! escape has no way back.
+//! escape has no retreat.
 //!
-//! Where there are measured poses, the way back is judged by them, too ([`WayBack`]). Where it leads is judged by what was written
+//! Where there are measured poses, the retreat is judged by them, too ([`RetreatPace`]). Where it leads is judged by what was written
 //! last: to the safe pose, and to an earlier rest only to let another robot pass.
 
-use super::way_back::WayBack;
+use super::retreat_pace::RetreatPace;
 use super::{Found, Invariant, apart_deg};
 use crate::record::journal::Line;
 use mobee_contract::{Cause, CommandKind, Event, Hold, Outcome, Pose, Status, Time, Writer};
@@ -25,7 +25,7 @@ struct Robot {
     safe: Option<Pose>,
     motion: Motion,
     /// The way of the open motion, if it has a safe pose and tells its motors.
-    way: Option<WayBack>,
+    way: Option<RetreatPace>,
 }
 
 #[derive(Default)]
@@ -34,7 +34,7 @@ struct Motion {
     open: bool,
     /// Why it is to be taken back, in words.
     cause: Option<&'static str>,
-    /// Whether a way back was driven, and to its last pose.
+    /// Whether a retreat was driven, and to its last pose.
     driven: bool,
     settling: bool,
     /// Whether it ended there without being back.
@@ -56,7 +56,7 @@ fn in_words(cause: &Cause) -> Option<&'static str> {
 impl Robot {
     fn set_out(&mut self, escape: bool, motors: &[(usize, f64)]) {
         self.motion = Motion { open: !escape, ..Motion::default() };
-        let way = (!escape && !motors.is_empty()).then(|| WayBack::new(motors, self.rest_speed, self.period));
+        let way = (!escape && !motors.is_empty()).then(|| RetreatPace::new(motors, self.rest_speed, self.period));
         self.way = way.map(|mut way| {
             self.newest.iter().for_each(|(at, q)| _ = way.take(*at, q));
             way
@@ -68,13 +68,13 @@ impl Robot {
         self.way = None;
     }
 
-    /// The way back was stopped. One that got to its end, and was not back, must have led there.
+    /// The retreat was stopped. One that got to its end, and was not back, must have led there.
     fn stopped(&mut self, reason: Hold) {
         self.motion.missed = reason == Hold::RetreatMissed && self.motion.settling && !self.motion.excused;
         self.excuse();
     }
 
-    /// What was written last on a way back that missed its end, if that is not its end.
+    /// What was written last during a retreat that missed its end, if that is not its end.
     fn misled(&mut self, last: &[(usize, f64)]) -> Option<String> {
         let safe = self.safe.as_ref().filter(|_| std::mem::take(&mut self.motion.missed))?;
         let (sent, end): (Vec<f64>, Vec<f64>) = last.iter().filter_map(|(m, q)| Some((q, safe.get(*m)?))).unzip();
@@ -89,7 +89,7 @@ impl Robot {
             return Some(format!("commit {id} was to be taken back for {cause}, and ended otherwise"));
         }
         if !motion.driven {
-            return Some(format!("commit {id} was rolled back for {cause} without a way back"));
+            return Some(format!("commit {id} was rolled back for {cause} without a retreat"));
         }
         way?.over()
     }
@@ -110,7 +110,7 @@ impl Invariant for TakenBack {
                 self.of(robot, |r| r.way.iter_mut().for_each(|way| way.join(motors)))
             }
             Event::Disabled { robot, cause, .. } => self.of(robot, |r| {
-                // anything else, or a second closing, ends the way back
+                // anything else, or a second closing, ends the retreat
                 if r.motion.cause.is_some() || in_words(cause).is_none() {
                     r.excuse();
                 }
@@ -128,7 +128,7 @@ impl Invariant for TakenBack {
             Event::CommandDropped { robot, .. } => self.of(robot, |r| r.motion.missed = false),
             Event::Streamed { robot, writer: Writer::Reflex, last, .. } => self.with(robot, |r| r.misled(last)),
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {
-                self.of(robot, |r| r.way.iter_mut().for_each(WayBack::is_moved))
+                self.of(robot, |r| r.way.iter_mut().for_each(RetreatPace::is_moved))
             }
             Event::Died { actor, .. } if !actor.ends_with("/agent") => self.excuse_all(),
             Event::Resumed { .. } => self.excuse_all(),
@@ -163,14 +163,14 @@ impl TakenBack {
         None
     }
 
-    /// The safe pose of a motion moved. On the way back, to let another robot pass that is taken back, too.
+    /// The safe pose of a motion moved. During the retreat, to let another robot pass that is taken back, too.
     fn moved(&mut self, robot: &str, q: &Pose) -> Option<String> {
         let taken_back = |(name, r): (&String, &Robot)| name != robot && r.motion.open && r.motion.cause.is_some();
         let for_another = self.robots.iter().any(taken_back);
         self.with(robot, |r| {
             r.safe = Some(q.clone());
             let driven = r.motion.driven && !r.motion.excused;
-            r.way.iter_mut().filter(|_| driven).for_each(WayBack::forget);
+            r.way.iter_mut().filter(|_| driven).for_each(RetreatPace::forget);
             (driven && !for_another).then(|| "is taken back farther than to its safe pose, and lets nobody pass".into())
         })
     }

@@ -1,4 +1,4 @@
-//! I14: while several robots are on the way back, no contact between two of them begins.
+//! I14: while several robots are retreating, no contact between two of them begins.
 //!
 //! A pair that touched as they were stopped may part and touch again: the way leads past there once more, and is watched (I9).
 
@@ -15,7 +15,7 @@ pub(super) struct Together {
 
 struct Robot {
     name: String,
-    /// While it is on the way back: the pairs that touched before.
+    /// While it is retreating: the pairs that touched before.
     back: Option<Vec<Contact>>,
 }
 
@@ -24,7 +24,7 @@ impl Together {
         self.robots.iter_mut().filter(|r| r.name == name).for_each(|r| r.back.clone_from(&back));
     }
 
-    /// The robot that a shape belongs to, if that is on the way back.
+    /// The robot that a shape belongs to, if that is retreating.
     fn back(&self, shape: ShapeId) -> Option<(&Robot, &Vec<Contact>)> {
         let robot = self.robots.get(shape.robot()?)?;
         Some((robot, robot.back.as_ref()?))
@@ -49,7 +49,7 @@ impl Invariant for Together {
                 if one.name != other.name && !of_one.iter().chain(of_other).any(|c| c.pair == pair) {
                     let mm = contact.distance * 1e3;
                     let (one, other) = (&one.name, &other.name);
-                    found.say(format!("{a} and {b} came to {mm:.1} mm while {one} and {other} were on the way back"));
+                    found.say(format!("{a} and {b} came to {mm:.1} mm while {one} and {other} were retreating"));
                 }
             }
             _ => {}

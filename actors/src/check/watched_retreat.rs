@@ -1,7 +1,7 @@
-//! I9: a contact that begins on the way back stops it within one control period, and nothing is driven on. Behind boards, each of which
+//! I9: a contact that begins during the retreat stops it within one control period, and nothing is driven on. Behind boards, each of which
 //! reads its encoders in its own time, it takes a second one: a reading of all is as old as its oldest part.
 //!
-//! A pair may come 1 mm nearer than its margin, or than it was as the way back began, since that is not followed to the hair
+//! A pair may come 1 mm nearer than its margin, or than it was as the retreat began, since that is not followed to the hair
 //! and a pair that all but touches must be able to part. One that is nearer as its contact begins, or as it touches, must
 //! stop it. The same holds from the sample that showed a contact deepen (`RetreatStopped::seen`). After the stop the reflex
 //! writes no move and no set-point until a new transaction.
@@ -13,7 +13,7 @@ use mobee_model::Contact;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How much nearer than its margin, or than as it began, a pair may come on the way back, metres.
+/// How much nearer than its margin, or than as it began, a pair may come during the retreat, metres.
 const DEEPER: f64 = 0.001;
 
 #[derive(Default)]
@@ -29,14 +29,14 @@ struct Way {
     /// Whether it is behind boards, each of which reads its encoders in its own time: what is read of all is as old as the oldest part.
     has_boards: bool,
     margin: f64,
-    /// The pairs that were nearer than the margin as the way back began.
+    /// The pairs that were nearer than the margin as the retreat began.
     near: Vec<Contact>,
     retreating: bool,
-    /// A way back is being driven: from its beginning until it has stopped, or the filter was closed anew.
+    /// A retreat is being driven: from its beginning until it has stopped, or the filter was closed anew.
     driven: bool,
-    /// The filter was closed since the last way back.
+    /// The filter was closed since the last retreat.
     closed: bool,
-    /// When a contact began on the way back that has not stopped it yet.
+    /// When a contact began during the retreat that has not stopped it yet.
     contact: Option<Time>,
     stopped: Option<Time>,
 }
@@ -47,7 +47,7 @@ impl Way {
         to.since(from) <= self.period + parts
     }
 
-    /// A contact on the way back, which has to stop it if it is nearer than it may be.
+    /// A contact during the retreat, which has to stop it if it is nearer than it may be.
     fn meet(&mut self, contact: &Contact, at: Time) {
         let too_near = match self.near.iter().find(|c| c.pair == contact.pair) {
             Some(start) => contact.distance < start.distance.min(self.margin) - DEEPER,
@@ -58,10 +58,10 @@ impl Way {
         }
     }
 
-    /// The way back is over; a contact that should have stopped it has not.
+    /// The retreat is over; a contact that should have stopped it has not.
     fn over(&mut self, robot: &str, found: &mut Found<'_>) {
         if let Some(at) = self.contact.take() {
-            found.say(format!("{robot}: the contact that began at {at} on the way back did not stop it"));
+            found.say(format!("{robot}: the contact that began at {at} during the retreat did not stop it"));
         }
     }
 }
@@ -92,7 +92,7 @@ impl Invariant for WatchedRetreat {
                 (way.driven, way.closed) = (false, true);
                 if let Some(at) = way.contact.take().filter(|at| !way.in_time(*at, line.at)) {
                     found.say(format!(
-                        "{robot}: the contact that began at {at} on the way back did not stop it in time"
+                        "{robot}: the contact that began at {at} during the retreat did not stop it in time"
                     ));
                 }
             }
@@ -111,19 +111,19 @@ impl Invariant for WatchedRetreat {
                 let seen = (*reason == Hold::RetreatBlocked).then_some((*seen).max(self.changed));
                 if let Some(from) = way.contact.take().into_iter().chain(seen).find(|t| !way.in_time(*t, line.at)) {
                     let took = line.at.since(from).as_secs_f64() * 1e3;
-                    found.say(format!("{robot}: a contact on the way back stopped it after {took:.1} ms only"));
+                    found.say(format!("{robot}: a contact during the retreat stopped it after {took:.1} ms only"));
                 }
             }
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 if way.stopped.is_some() {
-                    found.say(format!("{robot}: the reflex moved on after it had given up the way back"));
+                    found.say(format!("{robot}: the reflex moved on after it had given up the retreat"));
                 }
             }
             Event::Streamed { robot, writer: Writer::Reflex, span, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
                 if way.stopped.is_some_and(|stop| span.1 > stop) {
-                    found.say(format!("{robot}: the reflex streamed on after it had given up the way back"));
+                    found.say(format!("{robot}: the reflex streamed on after it had given up the retreat"));
                 }
             }
             Event::Outcome { robot, .. } => self.robots.entry(robot.clone()).or_default().over(robot, found),

@@ -1,14 +1,14 @@
 //! Exchanging a part while the robot runs, as a pure state machine.
 //!
 //! ```text
-//!            Offer          border, shadow over          probation over
+//!            Offer          boundary, shadow over          probation over
 //!   Settled ------> Shadow -------------------> Probation -------------> Settled
 //!      ^              | it breaks or refuses       | it breaks
 //!      +--------------+ discarded, nothing was     | the old part returns, loudly
 //!      +-------------------------------------------+
 //! ```
 //!
-//! A border is a moment with no transaction open: the robot rests, every outcome is given. Only there a part takes over, so
+//! A boundary is a moment with no transaction open: the robot rests, every outcome is given. Only there a part takes over, so
 //! that no command is lost (I6) and nothing moves because of it (I10).
 
 use mobee_contract::Time;
@@ -40,7 +40,7 @@ pub enum Phase {
     /// There is one part, and it is trusted.
     #[default]
     Settled,
-    /// A new one looks on until then, and takes over at the first border after it.
+    /// A new one looks on until then, and takes over at the first boundary after it.
     Shadow(Time),
     /// The new one has taken over; the old one is kept until then.
     Probation(Time),
@@ -52,7 +52,7 @@ pub enum SwapIn {
     /// A new part, built and checked.
     Offer(Terms),
     /// No transaction is open.
-    Border,
+    Boundary,
     /// Time passed.
     Tick,
     /// The part answered as it should.
@@ -110,8 +110,8 @@ impl SwapCore {
                 (Phase::Shadow(now + terms.shadow), SwapOut::Keep)
             }
             (phase, SwapIn::Offer(_)) => (phase, SwapOut::Busy),
-            (Phase::Shadow(until), SwapIn::Border) if now < until => (self.phase, SwapOut::Rehearse),
-            (Phase::Shadow(_), SwapIn::Border) => (self.phase, SwapOut::HandOver),
+            (Phase::Shadow(until), SwapIn::Boundary) if now < until => (self.phase, SwapOut::Rehearse),
+            (Phase::Shadow(_), SwapIn::Boundary) => (self.phase, SwapOut::HandOver),
             (Phase::Shadow(_), SwapIn::TookOver) => {
                 self.answered = false;
                 self.phase = Phase::Probation(now + self.terms.probation);
@@ -119,7 +119,7 @@ impl SwapCore {
             }
             (Phase::Shadow(_), SwapIn::Broke) => (Phase::Settled, SwapOut::Discard),
             (Phase::Probation(_), SwapIn::Broke) => (Phase::Settled, SwapOut::Revert),
-            (Phase::Probation(until), SwapIn::Border | SwapIn::Tick) if now >= until && self.answered => {
+            (Phase::Probation(until), SwapIn::Boundary | SwapIn::Tick) if now >= until && self.answered => {
                 (Phase::Settled, SwapOut::Settle)
             }
             (Phase::Probation(_), SwapIn::Answered) => {

@@ -168,13 +168,13 @@ impl Planning {
         }
     }
 
-    /// Time for a new planner to take over, if the old one does not come to a border by itself, or for its probation to end.
+    /// Time for a new planner to take over, if the old one does not come to a boundary by itself, or for its probation to end.
     async fn tick(&mut self, myself: &ActorRef<AgentMsg>) {
         self.mind.tick();
         if self.moving.is_some() || self.rests || !self.mind.is_due() {
             return;
         }
-        if self.border(myself).await {
+        if self.boundary(myself).await {
             self.ask(myself).await;
         } else if self.mind.is_due() {
             myself.send_after(PAUSE, || AgentMsg::Tick);
@@ -182,11 +182,11 @@ impl Planning {
     }
 
     /// No transaction is open, if the robot is ready: whether a new planner took over.
-    async fn border(&mut self, myself: &ActorRef<AgentMsg>) -> bool {
+    async fn boundary(&mut self, myself: &ActorRef<AgentMsg>) -> bool {
         if self.mind.phase() == Phase::Settled || !self.wires.latest.lock().ready {
             return false;
         }
-        let took_over = self.mind.border(self.last, &self.view()).await;
+        let took_over = self.mind.boundary(self.last, &self.view()).await;
         if took_over {
             self.done = false;
             let probation = self.wires.slot.lock().core.terms().probation;
@@ -197,7 +197,7 @@ impl Planning {
 
     async fn ask(&mut self, myself: &ActorRef<AgentMsg>) {
         self.asked += 1;
-        self.border(myself).await;
+        self.boundary(myself).await;
         if !(self.wires.agent_acts.load(Ordering::SeqCst) && self.wires.latest.lock().ready) {
             return self.ask_after(myself, PAUSE);
         }

@@ -35,11 +35,11 @@ pub enum SuperviseMsg {
     Fault(String),
     /// The reflex closed the filter.
     Closed(u64, Cause),
-    /// The reflex tells how the way back goes.
+    /// The reflex tells how the retreat goes.
     Word(Word),
-    /// Try the failed way back again.
+    /// Try the failed retreat again.
     Recover,
-    /// Close at the next border, answer, and wait to be exchanged.
+    /// Close at the next boundary, answer, and wait to be exchanged.
     Yield(RpcReplyPort<()>),
     /// Open again: nothing is exchanged.
     Resume,

@@ -1,14 +1,14 @@
 //! Exchanging a robot's controller or driver while it runs.
 //!
 //! ```text
-//! Offered ──border──> filter closed ──the new part fits──> all four actors stopped, new parts put in, started again ──> TookOver
+//! Offered ──boundary──> filter closed ──the new part fits──> all four actors stopped, new parts put in, started again ──> TookOver
 //!                          │ it does not: opened again, Refused
 //! TookOver ──ready in time, nobody dies, probation over──> Settled
 //!              │ else: the old parts are put back in, all four actors started again, Reverted
 //! ```
-//! The border is supervise's to find: the robot rests, every outcome is given, and from that moment no command passes (I10, F22).
+//! The boundary is supervise's to find: the robot rests, every outcome is given, and from that moment no command passes (I10, F22).
 //! History ring, safe pose and token live in the ledger and the gate, and so outlast all of it. A driver is connected to only at the
-//! border, since a new connection begins with a stop.
+//! boundary, since a new connection begins with a stop.
 
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::ClockKind;
@@ -25,7 +25,7 @@ use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::task::JoinSet;
 
-/// How long to wait for a border.
+/// How long to wait for a boundary.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// How long connecting to a board may take.
 const CONNECT: Duration = Duration::from_secs(30);
@@ -141,12 +141,12 @@ impl Exchange {
         self.hub.tell_swap(&self.wires, self.part, step);
     }
 
-    /// At a border, puts the new part in.
+    /// At a boundary, puts the new part in.
     ///
     /// # Errors
     /// Why not; all is then as it was.
     async fn take_over(&self, part: NewPart) -> Result<(), String> {
-        self.border().await?;
+        self.boundary().await?;
         let begun = self.hub.clock.now();
         let new = match self.fit(part, begun).await {
             Ok(new) => new,
@@ -179,8 +179,8 @@ impl Exchange {
         Ok(())
     }
 
-    /// Waits until supervise has closed the filter at a border.
-    async fn border(&self) -> Result<(), String> {
+    /// Waits until supervise has closed the filter at a boundary.
+    async fn boundary(&self) -> Result<(), String> {
         let clock = &self.hub.clock;
         let until = clock.now() + PATIENCE;
         while clock.now() < until {
@@ -244,7 +244,7 @@ impl Exchange {
         ))
     }
 
-    /// The first reading that is newer than the border.
+    /// The first reading that is newer than the boundary.
     async fn first_reading(&self, driver: Box<dyn Driver>, begun: Time) -> Result<Pose, String> {
         let clock = &self.hub.clock;
         let until = clock.now() + READY;

@@ -283,7 +283,7 @@ mod tests {
         let ledger = robot.ledger(100);
         let motion = ledger.book().motion().unwrap();
         assert_eq!((motion.named.to_vec(), motion.places.to_vec()), (vec![1], vec![None, Some(1.0), None]));
-        // dead on its way back: resting beside the target would not be reaching it
+        // dead during its retreat: resting beside the target would not be reaching it
         let back = Event::State { robot: r(), status: Status::Retreating };
         past.on(&Line { line: 9, n: 7, at: Time(7), event: back, hash: String::new() });
         assert!(past.robot("r").open.is_some_and(|open| open.retreated));

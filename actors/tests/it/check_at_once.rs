@@ -98,7 +98,7 @@ fn i25_a_violated_constraint_closes_the_filter_at_rest_and_in_motion() {
 }
 
 #[test]
-fn i25_a_constraint_stops_the_way_back_unless_it_was_violated_from_the_start() {
+fn i25_a_constraint_stops_the_retreat_unless_it_was_violated_from_the_start() {
     let began = Event::RetreatBegan { robot: R.into(), id: CommitId(1), poses: 3, secs: 0.1, near: vec![] };
     let (reason, what) = (Hold::RetreatBlocked, "a constraint would be violated".to_string());
     let stopped = Event::RetreatStopped { robot: R.into(), reason, what, seen: Time::from_secs(2.0) };

@@ -106,7 +106,7 @@ fn link(sent: u64) -> Event {
 
 type Run = Vec<(f64, Event)>;
 
-/// A run with everything in it and nothing wrong: to a vertex, a rollback from an edge, a blocked way back, an escape, a
+/// A run with everything in it and nothing wrong: to a vertex, a rollback from an edge, a blocked retreat, an escape, a
 /// restart, and on.
 fn good() -> Run {
     let (a, b) = ([0.0, 0.0], [0.5, 0.5]);
@@ -453,7 +453,7 @@ fn i6_counters_that_do_not_add_up() {
 }
 
 #[test]
-fn i9_a_contact_on_the_way_back_that_does_not_stop_it() {
+fn i9_a_contact_on_the_retreat_that_does_not_stop_it() {
     broken("I9", without(&retreat_stopped(2.4)), None, "did not stop it");
     let mut late = good();
     let i = late.iter().position(|(_, e)| *e == contact(Status::Retreating)).unwrap();
@@ -476,7 +476,7 @@ fn i9_a_graze_may_pass_but_a_touch_may_not() {
     broken("I9", run, None, "did not stop it");
 }
 
-/// The good run, but for its second way back, which begins with a pair at this distance and touches at that one; it is driven on.
+/// The good run, but for its second retreat, which begins with a pair at this distance and touches at that one; it is driven on.
 fn touching(start: f64, touch: f64) -> Vec<(f64, Event)> {
     let mut run = good();
     run.retain(|(_, e)| !matches!(e, Event::RetreatStopped { .. }));
@@ -497,7 +497,7 @@ fn touching(start: f64, touch: f64) -> Vec<(f64, Event)> {
 }
 
 #[test]
-fn i9_a_pair_that_nearly_touched_as_the_way_back_began_may_touch_but_not_deeper() {
+fn i9_a_pair_that_nearly_touched_as_the_retreat_began_may_touch_but_not_deeper() {
     assert_eq!(run(touching(0.00005, -0.0001)), []);
     assert_eq!(run(touching(-0.003, -0.0039)), []);
     broken("I9", touching(0.00005, -0.0011), None, "did not stop it");
@@ -506,7 +506,7 @@ fn i9_a_pair_that_nearly_touched_as_the_way_back_began_may_touch_but_not_deeper(
 }
 
 #[test]
-fn i14_a_contact_begins_on_the_way_back_of_both() {
+fn i14_a_contact_begins_on_the_retreat_of_both() {
     let of = |robot: &str, mut event: Event| {
         match &mut event {
             Event::Robot { robot: r, .. } | Event::RetreatBegan { robot: r, .. } | Event::Outcome { robot: r, .. } => {
@@ -760,7 +760,7 @@ fn i22_a_contact_in_mid_motion_ends_rolled_back_unless_the_journal_says_why_not(
     assert_eq!(judged(&[contact(), began.clone(), back.clone()]), 0);
     assert_eq!(judged(&[contact(), began.clone(), faulted.clone()]), 1);
     assert_eq!(judged(&[contact(), faulted.clone()]), 1);
-    assert_eq!(judged(&[contact(), back]), 1, "without a way back");
+    assert_eq!(judged(&[contact(), back]), 1, "without a retreat");
     assert_eq!(judged(&[closing(Cause::AgentDied), faulted.clone()]), 1);
     assert_eq!(judged(&[contact(), began.clone(), retreat_stopped(0.5), faulted.clone()]), 0);
     assert_eq!(judged(&[closing(Cause::Asked), faulted.clone()]), 0);

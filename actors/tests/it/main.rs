@@ -2,7 +2,7 @@
 
 mod check_at_once;
 mod check_invariants;
-mod check_way_back;
+mod check_retreat;
 mod commanded;
 mod common;
 mod displaced;

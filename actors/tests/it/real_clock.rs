@@ -53,7 +53,7 @@ impl Sink for Onlooker {
 }
 
 #[test]
-fn contact_stop_and_the_whole_way_back_wait_for_no_disk() {
+fn contact_stop_and_the_whole_retreat_wait_for_no_disk() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::create(dir.path(), &serde_json::Value::Null).unwrap();
     let disk = Arc::new(Disk::default());

@@ -1,4 +1,4 @@
-//! I9: an obstacle that appears on the way back stops the retreat at once; the robot holds, and gets out by an escape.
+//! I9: an obstacle that appears during the retreat stops the retreat at once; the robot holds, and gets out by an escape.
 
 use crate::common::{Ran, Trial, ball};
 use mobee_actors::system::{Control, Reason};

@@ -60,7 +60,7 @@ pub struct Seen<'a> {
     pub to_blame: &'a dyn Fn(CommitId) -> Option<BTreeSet<usize>>,
 }
 
-/// Whether no agent's command passes in this state. A robot that stands still after a way back that failed, or with
+/// Whether no agent's command passes in this state. A robot that stands still after a retreat that failed, or with
 /// something touching it, takes escapes: nobody needs to free it.
 pub fn closed(status: Status) -> bool {
     match status {

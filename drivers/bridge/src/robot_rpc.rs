@@ -3,7 +3,7 @@
 //! ```text
 //! status        the filter's state in one word, and the reason of a hold
 //! agent on|off  lets the built-in agent make motions, or makes it pause (at the end of its present one) for another
-//! recover       tries a failed way back again
+//! recover       tries a failed retreat again
 //! ```
 
 use crate::words::{self, line, string};

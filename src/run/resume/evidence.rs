@@ -83,10 +83,7 @@ pub(super) fn of_robot(file: &Path, robot: &Robot, poses: Vec<(Time, Pose)>) -> 
         Some((_, q)) => {
             let (n, own) = (q.len(), robot.motors.len());
             let what = format!("{}: poses of {n} motors, and {} has {own}", file.display(), robot.name);
-            Err(ConfigError::plain(
-                what,
-                "take the file away: the run goes on without what it recorded of its way back",
-            ))
+            Err(ConfigError::plain(what, "take the file away: the run goes on without what it recorded of its retreat"))
         }
     }
 }

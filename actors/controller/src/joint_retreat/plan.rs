@@ -1,4 +1,4 @@
-//! Where each robot's way back ends, and how all get there on one clock.
+//! Where each robot's retreat ends, and how all get there on one clock.
 //!
 //! Each ends at its own safe pose, if those that go on pass it there. What was recorded does: until the younger safe pose all
 //! move as they did, and while a robot rested where it now rests, the others passed it once already. The rest is checked,
@@ -72,7 +72,7 @@ fn passing(a: &Recorded, b: &Recorded, pose: &[f64]) -> Recorded {
     passed
 }
 
-/// One robot's way back.
+/// One robot's retreat.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Way {
     /// Seconds from the way's beginning, and the pose there: these times are those of all robots that go together.

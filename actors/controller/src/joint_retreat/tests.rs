@@ -28,7 +28,7 @@ pub(crate) fn rules(direct: bool) -> Arc<Rules> {
     Arc::new(Rules::new("arm", vec!["arm".into()], &controller, &board))
 }
 
-/// A robot that was at these angles (degrees) at these times (seconds), moved evenly in between, and asks for its way back to
+/// A robot that was at these angles (degrees) at these times (seconds), moved evenly in between, and asks for its retreat to
 /// where it was at `safe`.
 pub(crate) fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f64) -> Participant {
     let mut history = HistoryCore::new(10_000);

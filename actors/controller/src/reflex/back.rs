@@ -1,4 +1,4 @@
-//! The way back: what the reflex does while the filter is closed, from the stop to the word that all is well, or that it gave up.
+//! The retreat: what the reflex does while the filter is closed, from the stop to the word that all is well, or that it gave up.
 
 use super::retreat::{Parted, Retreat};
 use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, Step, Then, Word};
@@ -114,7 +114,7 @@ impl ReflexCore {
         }
     }
 
-    /// The robot rests: ask for the way back, and begin it once it is known.
+    /// The robot rests: ask for the retreat, and begin it once it is known.
     pub(super) fn ask(&mut self, step: &mut Step) {
         let Phase::Stopping { token, then: Then::Retreat(back), .. } = &self.phase else { return };
         let (token, mut back) = (*token, back.clone());

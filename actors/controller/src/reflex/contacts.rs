@@ -39,7 +39,7 @@ impl Contacts {
     }
 
     /// Takes in all pairs nearer than margin + 2 mm. `back`: whether the robot is being taken back, which is not followed to the
-    /// hair: what it passed just beyond the margin touches only once it stops the way back. `moving`: whether the robot may be
+    /// hair: what it passed just beyond the margin touches only once it stops the retreat. `moving`: whether the robot may be
     /// the one who caused them; `epoch`: the scene they were found in, since what an edit puts onto the robot is not the
     /// robot's doing either.
     pub fn update(&mut self, near: &[Contact], back: bool, moving: bool, epoch: u64) -> Changes {
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn on_the_way_back_a_contact_begins_a_millimetre_later() {
+    fn on_the_retreat_a_contact_begins_a_millimetre_later() {
         let mut contacts = Contacts::new(MARGIN);
         assert_eq!(told(&mut contacts, &[near(1, 9.1)], (true, true, 0)), [0, 0, 0, 0]);
         assert_eq!(told(&mut contacts, &[near(1, 8.9), near(2, 11.0)], (true, true, 0)), [1, 0, 0, 1]);

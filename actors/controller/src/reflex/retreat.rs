@@ -1,4 +1,4 @@
-//! The way back: the recorded poses backwards at the recorded rate (Algorithm 6), on the clock of all that go back together.
+//! The retreat: the recorded poses backwards at the recorded rate (Algorithm 6), on the clock of all that go back together.
 
 use super::FROZEN_WAY;
 use crate::joint_retreat::{JointRetreat, Way};
@@ -6,7 +6,7 @@ use crate::{Rules, distance, within};
 use mobee_contract::{Command, ControlMode, Sample, Target, Time};
 use std::time::Duration;
 
-/// A way back that is being driven.
+/// A retreat that is being driven.
 #[derive(Clone, Debug)]
 pub struct Retreat {
     /// Its robot, by index.
@@ -21,7 +21,7 @@ pub struct Retreat {
     behind: Option<Time>,
 }
 
-/// Another robot that was on its way back with this one went no further.
+/// Another robot that was retreating with this one went no further.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parted;
 

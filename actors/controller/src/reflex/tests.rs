@@ -1,4 +1,4 @@
-//! Escapes, and ways back from the stop to the end.
+//! Escapes, and retreats from the stop to the end.
 
 use crate::gate::Gate;
 use crate::joint_retreat::JointRetreat;
@@ -109,7 +109,7 @@ fn an_agent_learns_from_what_touched_the_robot() {
     assert_eq!(read(30, None), (vec![9], 0), "as it began");
 }
 
-/// What is wrong with a reading on the way back.
+/// What is wrong with a reading during the retreat.
 #[derive(Clone, Copy, Default)]
 struct Wrong {
     /// The encoders tell what they told before.
@@ -175,7 +175,7 @@ fn taken_back(wrong: impl Fn(u64, Option<&Word>) -> Wrong) -> (Vec<(u64, Word)>,
 }
 
 #[test]
-fn a_way_back_is_told_from_its_stop_to_its_end() {
+fn a_retreat_is_told_from_its_stop_to_its_end() {
     let (told, why) = taken_back(|_, _| Wrong::default());
     let words: Vec<&Word> = told.iter().map(|(_, word)| word).collect();
     assert_eq!((words, why), (vec![&Word::Retreating, &Word::Settling, &Word::Back], None));
@@ -189,7 +189,7 @@ fn a_way_back_is_told_from_its_stop_to_its_end() {
 }
 
 #[test]
-fn a_way_back_behind_frozen_encoders_is_given_up() {
+fn a_retreat_behind_frozen_encoders_is_given_up() {
     let (told, why) = taken_back(|k, _| Wrong { frozen: (100..130).contains(&k), ..Wrong::default() });
     assert_eq!((told.last().map(|(_, word)| word), why), (Some(&Word::Back), None), "0.3 s are not long");
     let (told, why) = taken_back(|k, _| Wrong { frozen: k >= 100, ..Wrong::default() });
@@ -199,7 +199,7 @@ fn a_way_back_behind_frozen_encoders_is_given_up() {
 }
 
 #[test]
-fn a_way_back_stops_at_what_is_new_in_it() {
+fn a_retreat_stops_at_what_is_new_in_it() {
     let blocked = Some(&Word::GaveUp(Hold::RetreatBlocked));
     let at = |from: u64| move |k: u64, _: Option<&Word>| Wrong { violated: k >= from, ..Wrong::default() };
     let (told, why) = taken_back(at(100));
@@ -220,7 +220,7 @@ fn a_way_back_stops_at_what_is_new_in_it() {
 
 /// What does not come to rest is not taken back, and nothing is said of it before it rests.
 #[test]
-fn a_way_back_waits_for_rest_three_seconds() {
+fn a_retreat_waits_for_rest_three_seconds() {
     let rests = |from: u64| taken_back(move |k, _| Wrong { restless: k < from, ..Wrong::default() });
     let (told, why) = rests(299);
     assert_eq!(
@@ -234,7 +234,7 @@ fn a_way_back_waits_for_rest_three_seconds() {
 
 /// Who does not follow is given three seconds, on the way and at its end.
 #[test]
-fn a_way_back_that_is_not_followed_is_missed() {
+fn a_retreat_that_is_not_followed_is_missed() {
     let missed = Some(&Word::GaveUp(Hold::RetreatMissed));
     let (told, why) = taken_back(|k, _| Wrong { stuck: k > 0, ..Wrong::default() });
     assert_eq!(told.last().map(|(_, w)| w), missed, "{told:?}");

@@ -1,4 +1,4 @@
-//! The way back as supervise sees it: it asks the reflex for one, hears how it goes, and may have one that failed tried again.
+//! The retreat as supervise sees it: it asks the reflex for one, hears how it goes, and may have one that failed tried again.
 
 use super::{Closing, Driving, Step, SuperviseCore, SuperviseOut};
 use crate::reflex::Word;
@@ -6,7 +6,7 @@ use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
 use std::collections::BTreeSet;
 
 impl SuperviseCore {
-    /// The motion is to be rolled back for a reason that supervise saw. An escape has no way back: it is measured.
+    /// The motion is to be rolled back for a reason that supervise saw. An escape has no retreat: it is measured.
     pub(super) fn roll_back(&mut self, cause: Cause, step: &mut Step) {
         let motion = step.book.motion();
         match motion.filter(|m| !m.is_escape()) {
@@ -39,7 +39,7 @@ impl SuperviseCore {
         }
     }
 
-    /// How the way back goes.
+    /// How the retreat goes.
     pub(super) fn word(&mut self, word: Word, step: &mut Step) {
         if self.closing != Closing::Reflex || self.token != step.gate.token() {
             return;
@@ -79,13 +79,13 @@ impl SuperviseCore {
         }
     }
 
-    /// Whether the robot holds where a way back can be tried again, or was held by a crash that left none.
+    /// Whether the robot holds where a retreat can be tried again, or was held by a crash that left none.
     pub fn can_recover(&self) -> bool {
         let holds = self.closing == Closing::No && matches!(self.status, Status::Holding(_));
         holds && (self.retry.is_some() || self.status == Status::Holding(Hold::AfterCrash))
     }
 
-    /// Tries the failed way back again.
+    /// Tries the failed retreat again.
     pub(super) fn recover(&mut self, step: &mut Step) {
         if !self.can_recover() {
             return;

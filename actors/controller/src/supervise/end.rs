@@ -111,7 +111,7 @@ impl SuperviseCore {
     }
 
     /// What an earlier process left open gets the outcome that the pose shows. Whether that is neither of its two ends: then
-    /// nothing moves before somebody asks for it, and the way back can be tried.
+    /// nothing moves before somebody asks for it, and the retreat can be tried.
     fn end_after_crash(&mut self, step: &mut Step) -> bool {
         let crashed = step.book.open.as_ref().is_some_and(|o| o.cause == Some(Cause::Crashed));
         if !crashed {

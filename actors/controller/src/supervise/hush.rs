@@ -1,5 +1,5 @@
 //! Whoever streamed into something is not heard before it fell silent. A stream that goes on as if nothing had happened would push
-//! again and again, once per way back. Set-points of motors that had no part in the contact can't push, and are heard: gaze goes on
+//! again and again, once per retreat. Set-points of motors that had no part in the contact can't push, and are heard: gaze goes on
 //! when an arm ran into something.
 
 use super::{Step, SuperviseCore};

@@ -7,12 +7,12 @@ fn input() -> impl Strategy<Value = (SwapIn, u64)> {
         SwapIn::Offer(Terms { shadow: secs(shadow), probation: secs(probation), ..Terms::default() })
     });
     let other =
-        prop::sample::select(vec![SwapIn::Border, SwapIn::Tick, SwapIn::Answered, SwapIn::TookOver, SwapIn::Broke]);
+        prop::sample::select(vec![SwapIn::Boundary, SwapIn::Tick, SwapIn::Answered, SwapIn::TookOver, SwapIn::Broke]);
     (prop_oneof![terms, other], 0_u64..3)
 }
 
 proptest! {
-    /// Every swap that is kept ends once; nobody takes over but at a border, or before the shadow's time.
+    /// Every swap that is kept ends once; nobody takes over but at a boundary, or before the shadow's time.
     #[test]
     fn every_swap_ends_once(inputs in prop::collection::vec(input(), 0..60)) {
         let mut core = SwapCore::default();
@@ -40,7 +40,7 @@ proptest! {
                     open = false;
                 }
                 Some(SwapOut::HandOver) => {
-                    prop_assert!(input == SwapIn::Border);
+                    prop_assert!(input == SwapIn::Boundary);
                     prop_assert!(matches!(before, Phase::Shadow(until) if now >= until));
                 }
                 Some(SwapOut::Rehearse) => prop_assert!(matches!(before, Phase::Shadow(until) if now < until)),
@@ -58,11 +58,11 @@ fn what_breaks_in_the_shadow_is_discarded_and_what_breaks_later_is_reverted() {
     let mut core = SwapCore::default();
     let terms = Terms { shadow: Duration::from_secs(1), ..Terms::default() };
     assert_eq!(core.on(SwapIn::Offer(terms), Time::ZERO), Some(SwapOut::Keep));
-    assert_eq!(core.on(SwapIn::Border, Time::ZERO), Some(SwapOut::Rehearse));
+    assert_eq!(core.on(SwapIn::Boundary, Time::ZERO), Some(SwapOut::Rehearse));
     assert_eq!(core.on(SwapIn::Broke, Time::ZERO), Some(SwapOut::Discard));
     assert_eq!(core.on(SwapIn::Offer(terms), Time::ZERO), Some(SwapOut::Keep));
     let later = Time::ZERO + Duration::from_secs(1);
-    assert_eq!(core.on(SwapIn::Border, later), Some(SwapOut::HandOver));
+    assert_eq!(core.on(SwapIn::Boundary, later), Some(SwapOut::HandOver));
     assert_eq!(core.on(SwapIn::TookOver, later), None);
     assert_eq!(core.on(SwapIn::Offer(terms), later), Some(SwapOut::Busy));
     assert_eq!(core.on(SwapIn::Broke, later), Some(SwapOut::Revert));

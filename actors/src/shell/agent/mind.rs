@@ -150,8 +150,8 @@ impl Mind {
     }
 
     /// No transaction is open: a new planner may look on, or take over. Says whether it did.
-    pub(super) async fn border(&mut self, last: Option<Last>, view: &View) -> bool {
-        match self.step_core(SwapIn::Border) {
+    pub(super) async fn boundary(&mut self, last: Option<Last>, view: &View) -> bool {
+        match self.step_core(SwapIn::Boundary) {
             Some(SwapOut::Rehearse) => self.rehearse(last, view).await,
             Some(SwapOut::HandOver) => return self.hand_over().await,
             Some(SwapOut::Settle) => self.settle(),

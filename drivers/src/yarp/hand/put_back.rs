@@ -14,7 +14,7 @@ use tokio::time::sleep;
 pub const ENDING: Duration = Duration::from_secs(1);
 /// How often that is looked for.
 const LOOK: Duration = Duration::from_millis(10);
-/// The ticket of modes that are on their way back; no order has it.
+/// The ticket of modes that are retreating; no order has it.
 const BACK: u64 = u64::MAX;
 
 impl Hand {

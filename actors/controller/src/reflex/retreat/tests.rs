@@ -1,4 +1,4 @@
-//! What is written on a way back, when it waits, and a robot that is held up on it.
+//! What is written during a retreat, when it waits, and a robot that is held up on it.
 
 use super::*;
 use crate::joint_retreat::Answer;
@@ -6,7 +6,7 @@ use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use std::sync::Arc;
 
 /// A way of 90 degrees at 30 deg/s, backwards.
-fn way_back(rules: &Arc<Rules>) -> (JointRetreat, Retreat) {
+fn retreat(rules: &Arc<Rules>) -> (JointRetreat, Retreat) {
     let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(5.0));
     joint_retreat.enroll(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5), now);
     let Answer::Go(way) = joint_retreat.ask(0, now) else { panic!("there is a way") };
@@ -17,7 +17,7 @@ fn way_back(rules: &Arc<Rules>) -> (JointRetreat, Retreat) {
 /// most; it does not move between these times, s.
 fn apart(stands: (f64, f64)) -> (f64, f64) {
     let rules = rules(true);
-    let (joint_retreat, mut retreat) = way_back(&rules);
+    let (joint_retreat, mut retreat) = retreat(&rules);
     let (mut now, mut q, mut apart, mut waited) = (Time::from_secs(5.0), 90_f64.to_radians(), 0.0_f64, 0.0_f64);
     for seq in 0..1000 {
         now = now + PERIOD;

@@ -65,7 +65,7 @@ fn a_motion_that_is_amended_is_due_anew() {
     assert!(due(&cell).secs() - cell.now.secs() < 10.0 && slow.secs() - cell.now.secs() > 100.0);
 }
 
-/// Silence counts from when the filter opens: the way back is no pause of the one who pushed.
+/// Silence counts from when the filter opens: the retreat is no pause of the one who pushed.
 #[test]
 fn who_pushed_is_silent_first() {
     let mut cell = rests();

@@ -104,7 +104,7 @@ pub(super) struct Cell {
     pub outcome: Option<Outcome>,
     /// An actor was restarted since the last commit (I10).
     restarted: bool,
-    /// A way back is being driven: its token, and how near the wall was as it began (I9).
+    /// A retreat is being driven: its token, and how near the wall was as it began (I9).
     way: Option<(u64, f64)>,
     /// How near the wall was in the last reading that the reflex saw, and at least since the filter was closed.
     pub near_at: f64,
@@ -320,7 +320,7 @@ impl Cell {
         }
         let ignored = self.rules.reflex && moving && distance < self.rules.margin && self.gate.is_open();
         assert!(!ignored, "a contact in mid-motion, {distance} m, closed nothing");
-        assert!(!blocked || (stops && !drives), "I9: drives on, {distance} m from what is in the way back");
+        assert!(!blocked || (stops && !drives), "I9: drives on, {distance} m from what is in the retreat");
     }
 
     pub fn deliver(&mut self, link: u8) {

@@ -53,9 +53,9 @@ fn a_flood_of_commits_is_not_judged() {
     assert_eq!([heard(now), heard(now), heard(now + Duration::from_secs(1))], [500, 0, 250]);
 }
 
-/// An exchange happens at a border only: at rest, with every outcome given, and nothing left to be tried.
+/// An exchange happens at a boundary only: at rest, with every outcome given, and nothing left to be tried.
 #[test]
-fn a_filter_yields_at_a_border() {
+fn a_filter_yields_at_a_boundary() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     cell.apply(Op::Commit(0.5, true));
@@ -108,7 +108,7 @@ fn at_the_end_of_a_run_everything_is_closed() {
     }
 }
 
-/// A run that ends without waiting gives the open motion its outcome at once, in motion as on its way back.
+/// A run that ends without waiting gives the open motion its outcome at once, in motion as during its retreat.
 #[test]
 fn a_run_that_is_abandoned_settles_at_once() {
     for stopped in [false, true] {
@@ -234,7 +234,7 @@ fn what_a_crash_left_open_ends_as_the_pose_shows() {
     let lost = |again| (Some(Outcome::Faulted), Status::Holding(Hold::AfterCrash), false, again);
     assert_eq!(ended(1.0, Some(0.5), false), lost(true));
     assert_eq!(ended(0.0, Some(0.5), true), lost(true), "it was being taken back");
-    assert_eq!(ended(1.0, None, false), lost(false), "an escape has no way back");
+    assert_eq!(ended(1.0, None, false), lost(false), "an escape has no retreat");
 }
 
 /// An escape that ends where it still touches something leaves the filter closed, and others may follow.
@@ -267,7 +267,7 @@ fn a_contact_at_rest_is_settled_when_a_stop_would_have_had_its_effect() {
         cell.apply(Op::Samples(1));
     }
     let closed = cell.now;
-    assert!(!told(&cell.on(SuperviseIn::Yield, closed)).1, "no border");
+    assert!(!told(&cell.on(SuperviseIn::Yield, closed)).1, "no boundary");
     cell.on(SuperviseIn::Resume, closed);
     while !cell.supervise.is_settled() {
         cell.apply(Op::Samples(1));
@@ -276,9 +276,9 @@ fn a_contact_at_rest_is_settled_when_a_stop_would_have_had_its_effect() {
     assert_eq!(cell.supervise.status(), Status::Holding(Hold::InContact));
 }
 
-/// There is no way back to be tried again where none failed.
+/// There is no retreat to be tried again where none failed.
 #[test]
-fn to_recover_does_nothing_where_no_way_back_failed() {
+fn to_recover_does_nothing_where_no_retreat_failed() {
     type Before = fn(&mut Cell);
     let cases: [(&str, Before); 3] = [
         ("at rest", |_| ()),
@@ -346,9 +346,9 @@ fn refused_set_points_are_one_line_per_burst() {
     assert_eq!(told, [4, 5], "commits are told one by one");
 }
 
-/// The last set-points of a way back may be lost, as when they come after the lease's end: they are said again.
+/// The last set-points of a retreat may be lost, as when they come after the lease's end: they are said again.
 #[test]
-fn a_way_back_whose_last_set_points_are_lost_ends_all_the_same() {
+fn a_retreat_whose_last_set_points_are_lost_ends_all_the_same() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
     cell.apply(Op::Wall(Some(0.5)));

@@ -86,7 +86,7 @@ fn sets_out() -> (Cell, impl FnMut(&mut Cell, f64, Duration) -> Vec<SuperviseOut
     (cell, read)
 }
 
-/// I8: the lease is as long as a reading may be old, counted from the reading, in motion and on the way back; one that is older
+/// I8: the lease is as long as a reading may be old, counted from the reading, in motion and during the retreat; one that is older
 /// renews nothing, and decides nothing.
 #[test]
 fn a_lease_is_as_long_as_a_reading_is_fresh() {
@@ -128,7 +128,7 @@ fn the_first_cause_is_told() {
     assert_eq!(cause, Some(Cause::AgentDied));
 }
 
-/// Who rests where it counts as being at the last safe pose has that one again: many ways back to one vertex do not drift.
+/// Who rests where it counts as being at the last safe pose has that one again: many retreats to one vertex do not drift.
 #[test]
 fn a_safe_pose_is_kept_while_the_robot_counts_as_being_there() {
     for (tolerances, kept) in [(0.99, true), (1.01, false)] {

@@ -20,7 +20,7 @@ enum Trouble {
     Commit(f64, bool),
 }
 
-/// When it befalls it: half way there, half way back (if it is taken back), or at rest afterwards.
+/// When it befalls it: half way there, halfway back (if it is taken back), or at rest afterwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum When {
     Going,
@@ -100,7 +100,7 @@ struct Round {
     to: f64,
     trouble: Trouble,
     when: When,
-    /// Whether a failed way back is tried again, rather than escaped from.
+    /// Whether a failed retreat is tried again, rather than escaped from.
     recover: bool,
 }
 
@@ -203,7 +203,7 @@ proptest! {
             prop_assert!((found.q - expected.q).abs() < off, "{:?}: {:?} and not {:?}", r, found, expected);
             prop_assert_eq!(cell.gate.is_open(), found.status == Status::Rest);
             prop_assert_eq!(cell.outcomes.len() as u64, cell.commits);
-            // free again: by itself, or from a way back that failed
+            // free again: by itself, or from a retreat that failed
             cell.wall = None;
             cell.heal();
             if cell.supervise.status() == Status::Holding(Hold::RetreatBlocked) {

@@ -1,4 +1,4 @@
-//! I22 by the measured poses: a way back that is none, each as a run in which nothing else is wrong.
+//! I22 by the measured poses: a retreat that is none, each as a run in which nothing else is wrong.
 
 use mobee_actors::check::{Checker, Violation};
 use mobee_actors::record::journal::Line;
@@ -69,7 +69,7 @@ fn found(back: impl Fn(f64) -> [f64; 2], end: f64, outcome: Outcome, more: Vec<(
     checker.end().1.into_iter().filter(|v| v.invariant == "I22").collect()
 }
 
-/// The same of a way back that ends as one should.
+/// The same of a retreat that ends as one should.
 fn back(q: impl Fn(f64) -> [f64; 2], end: f64) -> String {
     found(q, end, Outcome::RolledBack, vec![]).iter().map(|v| v.what.clone()).collect()
 }
@@ -99,7 +99,7 @@ fn another_path_is_none() {
 #[test]
 fn another_rate_is_none() {
     assert!(back(backwards(0.5), 7.5).contains("was in motion for"), "{}", back(backwards(0.5), 7.5));
-    assert!(back(backwards(1.3), 5.0).contains("of its way back in"), "{}", back(backwards(1.3), 5.0));
+    assert!(back(backwards(1.3), 5.0).contains("of its retreat in"), "{}", back(backwards(1.3), 5.0));
     // from way-point to way-point the board goes as it does
     let (robot, kind) = (R.into(), CommandKind::Move);
     let mv = Event::Command {
@@ -124,7 +124,7 @@ fn an_encoder_that_jumps_and_readings_that_are_missing_say_nothing() {
 }
 
 #[test]
-fn a_way_back_that_missed_its_end_was_written_to_it() {
+fn a_retreat_that_missed_its_end_was_written_to_it() {
     let missed = |last: Vec<(usize, f64)>| {
         let (robot, span) = (|| R.to_string(), (Time::from_secs(BACK), Time::from_secs(5.0)));
         let (writer, motors) = (Writer::Reflex, vec![0, 1]);

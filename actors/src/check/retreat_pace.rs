@@ -1,4 +1,4 @@
-//! The way back of a motion, by the measured poses (I22).
+//! The retreat of a motion, by the measured poses (I22).
 //!
 //! It runs along what was measured from the commit to the stop, backwards and in order, and at that rate: the robot is nowhere earlier
 //! than it was on its way there, and is in motion about as long. Who goes back with others may have to wait for them, and rests
@@ -35,18 +35,18 @@ struct Passed {
     moved: f64,
 }
 
-/// A motion with a safe pose, and its way back.
-pub(super) struct WayBack {
+/// A motion with a safe pose, and its retreat.
+pub(super) struct RetreatPace {
     motors: Vec<usize>,
     rest_speed: f64,
     pause: Duration,
     there: VecDeque<Passed>,
     back: Option<Back>,
-    /// Set once the way there, or the way back, can't be told.
+    /// Set once the way there, or the retreat, can't be told.
     lost: bool,
 }
 
-/// The way back so far.
+/// The retreat so far.
 struct Back {
     began: Time,
     /// Where on the way there the robot is now.
@@ -56,12 +56,12 @@ struct Back {
     streamed: bool,
 }
 
-impl WayBack {
+impl RetreatPace {
     /// Of these motors of a robot that rests below this speed, rad/s, and is controlled with this period, s.
-    pub fn new(motors: &[(usize, f64)], rest_speed: f64, period: f64) -> WayBack {
+    pub fn new(motors: &[(usize, f64)], rest_speed: f64, period: f64) -> RetreatPace {
         let pause = Duration::try_from_secs_f64(period).unwrap_or_default() * PAUSE;
         let mut way =
-            WayBack { motors: Vec::new(), rest_speed, pause, there: VecDeque::new(), back: None, lost: false };
+            RetreatPace { motors: Vec::new(), rest_speed, pause, there: VecDeque::new(), back: None, lost: false };
         way.join(motors);
         way
     }
@@ -72,7 +72,7 @@ impl WayBack {
         self.motors.extend(new);
     }
 
-    /// The way back begins. Another one after a failed one is not judged: it leaves out detours.
+    /// The retreat begins. Another one after a failed one is not judged: it leaves out detours.
     pub fn turn(&mut self, at: Time) {
         if self.back.is_some() {
             return self.forget();
@@ -91,7 +91,7 @@ impl WayBack {
         self.lost = true;
     }
 
-    /// Takes the next reading. Returns what is wrong with the way back, in words, once.
+    /// Takes the next reading. Returns what is wrong with the retreat, in words, once.
     pub fn take(&mut self, at: Time, q: &Pose) -> Option<String> {
         let newest = self.back.as_ref().map_or(&self.there, |back| &back.newest);
         let last = newest.back().map_or((at, 0.0), |last| (last.at, last.moved));
@@ -130,7 +130,7 @@ impl WayBack {
         let (secs, streamed) = (now.at.since(back.began).as_secs_f64(), back.streamed);
         self.back.iter_mut().for_each(|back| back.here = here);
         (streamed && gone > secs + EARLY)
-            .then(|| format!("has gone {gone:.2} s of its way back in {secs:.2} s at {}", now.at))
+            .then(|| format!("has gone {gone:.2} s of its retreat in {secs:.2} s at {}", now.at))
     }
 
     /// The robot is back. Returns what is wrong with how long it took, in words.
@@ -140,7 +140,7 @@ impl WayBack {
         let took = back.newest.back()?.moved - there;
         let gone = there - self.there.get(back.here)?.moved;
         (took > LONGER.0 * there + LONGER.1)
-            .then(|| format!("was in motion for {took:.2} s on {gone:.2} s of its way back"))
+            .then(|| format!("was in motion for {took:.2} s on {gone:.2} s of its retreat"))
     }
 
     /// How far a pose is from the path about one of its readings, rad: at most half a step from the nearest of them, and what the
