@@ -8,7 +8,7 @@ use mobee::config::Config;
 use mobee_actors::check::check_events;
 use mobee_actors::record::tap::Taps;
 use mobee_actors::runtime::clock::ClockKind;
-use mobee_actors::runtime::swap::Terms;
+use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::shell::{Maker, Offer};
 use mobee_actors::system::{Control, NewPart, PartOffer, Setup, run_under};
 use mobee_contract::{Agent, Event, Intent, MotionEnd, Refusal, Snapshot, SwapStep, Time, View};
@@ -35,7 +35,7 @@ impl Agent for Broken {
 
 /// An agent, as it is offered in the place of the one that runs.
 fn agent(what: &str, maker: Maker, shadow: u64) -> Control {
-    let terms = Terms { shadow: Duration::from_secs(shadow), ..Terms::default() };
+    let terms = SwapPolicy { shadow: Duration::from_secs(shadow), ..SwapPolicy::default() };
     let (reply, _) = tokio::sync::oneshot::channel();
     let offer = Offer { maker, what: what.into(), fresh: false, terms };
     Control::SwapAgent { robot: "icub".into(), offer, reply }
@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let offer = PartOffer {
         part: NewPart::Controller(controller),
         what: "one with a margin of 8 mm and a period of 10 ms".into(),
-        terms: Terms::default(),
+        terms: SwapPolicy::default(),
     };
     let at = |secs: u64| Time::ZERO + Duration::from_secs(secs);
     let controls = vec![

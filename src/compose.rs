@@ -6,7 +6,7 @@ mod script;
 use crate::config::{Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
 use mobee_bridge::YarpServices;
-use mobee_contract::{Context, Hardware, KindError, Means, Service, agent_kinds, driver_kinds};
+use mobee_contract::{Context, Hardware, KindError, Requirements, Service, agent_kinds, driver_kinds};
 use mobee_controller::ControllerSettings;
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -77,7 +77,7 @@ enum Begin {
 struct Built {
     model: Arc<Robot>,
     hardware: Option<Arc<dyn Hardware>>,
-    agent: Option<(AgentMaker, Means)>,
+    agent: Option<(AgentMaker, Requirements)>,
 }
 
 fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -> Result<Composition, Complaints> {
@@ -274,12 +274,12 @@ fn services(config: &Config, source: &Source) -> Result<Vec<Box<dyn Service>>, C
     Ok(vec![Box::new(ports)])
 }
 
-fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Means), Complaints> {
+fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Requirements), Complaints> {
     let kinds = agent_kinds();
     let names: Vec<&'static str> = kinds.iter().map(|k| k.name).collect();
     let (name, settings) = kind(source, at, value, &names)?;
     let build = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds").build;
-    let means = build(&settings, &context).map_err(|e| placed(source, at, e))?.means();
+    let means = build(&settings, &context).map_err(|e| placed(source, at, e))?.requirements();
     Ok((Arc::new(move || build(&settings, &context).map_err(|e| e.to_string())), means))
 }
 

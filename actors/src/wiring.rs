@@ -124,7 +124,7 @@ pub struct Parts {
     /// Its controller's settings.
     pub controller: ControllerSettings,
     /// Its hardware.
-    pub plug: Plug,
+    pub plug: HardwareHandle,
     /// What the board can do.
     pub board: Board,
     /// The robot's model.
@@ -135,7 +135,13 @@ pub struct Parts {
 
 impl Parts {
     /// The parts of a robot of this name and model.
-    pub fn new(robot: &str, model: Arc<Robot>, controller: ControllerSettings, plug: Plug, board: Board) -> Parts {
+    pub fn new(
+        robot: &str,
+        model: Arc<Robot>,
+        controller: ControllerSettings,
+        plug: HardwareHandle,
+        board: Board,
+    ) -> Parts {
         let bodies = model.parts.iter().map(|p| p.name.clone()).collect();
         let rules = Rules::new(robot, bodies, &controller, &board);
         let rules = Arc::new(rules.driving(&controller.drive, &model));
@@ -148,7 +154,7 @@ impl Parts {
     }
 
     /// The same with another driver of its board.
-    pub fn with_driver(&self, plug: Plug, board: Board) -> Parts {
+    pub fn with_driver(&self, plug: HardwareHandle, board: Board) -> Parts {
         Parts::new(&self.rules.robot, self.model.clone(), self.controller.clone(), plug, board)
     }
 }
@@ -253,10 +259,10 @@ impl Hub {
 
 /// A robot's hardware, as its driver actor connects to it.
 #[derive(Clone)]
-pub struct Plug(pub Arc<dyn Hardware>);
+pub struct HardwareHandle(pub Arc<dyn Hardware>);
 
-impl std::fmt::Debug for Plug {
+impl std::fmt::Debug for HardwareHandle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("Plug")
+        f.write_str("HardwareHandle")
     }
 }

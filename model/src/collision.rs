@@ -42,9 +42,9 @@ impl Scene {
         nearest
     }
 
-    /// Whether every reflex pair is farther apart than `clearance` metres and every robot's pose is lawful.
+    /// Whether every reflex pair is farther apart than `clearance` metres and every robot's pose is satisfies_constraints.
     pub fn free<P: AsRef<[f64]>>(&self, poses: &[P], clearance: f64) -> bool {
-        if poses.iter().enumerate().any(|(r, q)| !self.lawful(r, q.as_ref())) {
+        if poses.iter().enumerate().any(|(r, q)| !self.satisfies_constraints(r, q.as_ref())) {
             return false;
         }
         let placement = self.placement(poses);
@@ -53,9 +53,9 @@ impl Scene {
     }
 
     /// Whether every reflex pair of one robot (with itself, the others and objects) is farther apart than `clearance` metres and
-    /// its pose is lawful. What the others touch meanwhile is their matter.
+    /// its pose is satisfies_constraints. What the others touch meanwhile is their matter.
     pub fn robot_free<P: AsRef<[f64]>>(&self, robot: usize, poses: &[P], clearance: f64) -> bool {
-        if poses.get(robot).is_some_and(|q| !self.lawful(robot, q.as_ref())) {
+        if poses.get(robot).is_some_and(|q| !self.satisfies_constraints(robot, q.as_ref())) {
             return false;
         }
         let placement = self.placement(poses);
@@ -72,7 +72,7 @@ impl Scene {
     }
 
     /// Whether a robot's pose satisfies all of its constraints.
-    pub fn lawful(&self, robot: usize, q: &[f64]) -> bool {
+    pub fn satisfies_constraints(&self, robot: usize, q: &[f64]) -> bool {
         self.robots().get(robot).is_none_or(|r| r.violated(q).next().is_none())
     }
 

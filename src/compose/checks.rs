@@ -90,7 +90,9 @@ impl Poses<'_> {
                 let near = self.nearest(i, &poses, r.controller.margin_mm);
                 let what = match &near {
                     Some(c) => format!("in this pose {}", self.words(c, r.controller.margin_mm)),
-                    None if !self.scene.lawful(i, q) => "this pose breaks a constraint of the robot's file".to_owned(),
+                    None if !self.scene.satisfies_constraints(i, q) => {
+                        "this pose breaks a constraint of the robot's file".to_owned()
+                    }
                     None => continue,
                 };
                 let may_change = *optional || near.as_ref().is_some_and(|c| self.may_move(c));

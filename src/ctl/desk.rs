@@ -4,7 +4,7 @@ use super::offer::Wanted;
 use super::wire::{Reply, Request, Sent};
 use super::{offer, show};
 use crate::run::Recording;
-use mobee_actors::runtime::swap::Terms;
+use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, Report};
 use mobee_bridge::WorldService;
 use mobee_contract::{Running, SwapPart, SwapStep};
@@ -244,7 +244,7 @@ fn word(value: &Value) -> String {
 }
 
 /// Shadow, probation and budget, seconds.
-fn terms(rest: &[&str]) -> Result<Terms, String> {
+fn terms(rest: &[&str]) -> Result<SwapPolicy, String> {
     let secs = |i: usize, name: &str, default: Duration| match rest.get(i).filter(|w| **w != "fresh") {
         None => Ok(default),
         Some(word) => word
@@ -254,8 +254,8 @@ fn terms(rest: &[&str]) -> Result<Terms, String> {
             .map(Duration::from_secs_f64)
             .ok_or_else(|| format!("{word} is no {name} in seconds; give a number from 0")),
     };
-    let default = Terms::default();
-    Ok(Terms {
+    let default = SwapPolicy::default();
+    Ok(SwapPolicy {
         shadow: secs(0, "shadow", default.shadow)?,
         probation: secs(1, "probation", default.probation)?,
         budget: secs(2, "budget", default.budget)?,

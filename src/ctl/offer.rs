@@ -3,7 +3,7 @@
 use super::wire::Sent;
 use crate::compose::{compose, margin_warning};
 use crate::config::{Config, Source};
-use mobee_actors::runtime::swap::Terms;
+use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::shell::{Maker, Offer};
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::SwapPart;
@@ -40,7 +40,7 @@ pub(crate) struct Wanted<'a> {
     /// Whether a new agent begins without the state of the old one.
     pub fresh: bool,
     /// How the new part is tried.
-    pub terms: Terms,
+    pub terms: SwapPolicy,
 }
 
 /// Checks a whole configuration as it was sent, and takes what is wanted of it.
@@ -124,7 +124,7 @@ mod tests {
     fn agent_of(file: Sent) -> Result<Offered, String> {
         let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/icub.xml");
         let model = Arc::new(mobee_model::load_robot(robot).unwrap().value);
-        let terms = Terms::default();
+        let terms = SwapPolicy::default();
         sent(file, &Wanted { part: SwapPart::Agent, name: "icub", model: &model, fresh: false, terms })
     }
 

@@ -2,7 +2,7 @@
 
 use crate::compose::Composition;
 use crate::config::{ConfigError, differences};
-use mobee_actors::runtime::swap::Terms;
+use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::shell::{Maker, Offer};
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::Time;
@@ -22,7 +22,7 @@ pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<
             && let Some(setup) = new.robots.get(i)
         {
             let part = NewPart::Controller(setup.controller.clone());
-            let offer = PartOffer { part, what: what.into(), terms: Terms::default() };
+            let offer = PartOffer { part, what: what.into(), terms: SwapPolicy::default() };
             let (reply, _) = tokio::sync::oneshot::channel();
             controls.push(Control::SwapPart { robot: was.name.clone(), offer, reply });
         }
@@ -40,7 +40,7 @@ pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<
             what: what.into(),
             // another kind knows nothing of this one's state
             fresh: kind(&was.agent) != kind(&is.agent),
-            terms: Terms::default(),
+            terms: SwapPolicy::default(),
         };
         let (reply, _) = tokio::sync::oneshot::channel();
         controls.push(Control::SwapAgent { robot: was.name.clone(), offer, reply });

@@ -7,7 +7,7 @@
 
 use crate::config::{Config, Source};
 use crate::ctl::offer::{self, Wanted};
-use mobee_actors::runtime::swap::Terms;
+use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Event, Running, Service, SwapPart, SwapStep, Time};
 use mobee_model::file::{MIB, read};
@@ -77,7 +77,7 @@ impl WatchService {
             for (robot, part) in changes.swaps {
                 let model = names.iter().position(|n| *n == robot).and_then(|i| models.get(i));
                 let model = model.ok_or_else(|| format!("there is no robot {robot} in this run"))?;
-                let wanted = Wanted { part, name: &robot, model, fresh: false, terms: Terms::default() };
+                let wanted = Wanted { part, name: &robot, model, fresh: false, terms: SwapPolicy::default() };
                 let offered = offer::take(config.clone(), &source, &wanted)?;
                 offers.push((robot, part, offered));
             }

@@ -6,7 +6,7 @@
 use super::faults::{WIRES, What};
 use super::swaps::{Flaw, Swap};
 use super::wires;
-use mobee_actors::runtime::swap::Terms;
+use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Blow, Spot};
 use mobee_contract::{SwapPart, Target, Time};
 use mobee_drivers::{Fault, Garbage};
@@ -245,7 +245,7 @@ impl Planner<'_> {
         let looks_on = part == SwapPart::Agent && self.rng.random_range(0..3) == 0;
         let shadow = if looks_on { self.secs(0.1, 3.0) } else { Duration::ZERO };
         let fresh = part == SwapPart::Agent && self.rng.random_range(0..4) == 0;
-        let terms = Terms { shadow, probation: self.secs(0.1, 5.0), ..Terms::default() };
+        let terms = SwapPolicy { shadow, probation: self.secs(0.1, 5.0), ..SwapPolicy::default() };
         Swap { robot, part, edits, fresh, flaw, terms }
     }
 

@@ -3,7 +3,7 @@
 
 use crate::config::{Config, Source};
 use crate::ctl::offer::{Offered, Wanted, take};
-use mobee_actors::runtime::swap::Terms;
+use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::shell::Maker;
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::{
@@ -41,7 +41,7 @@ pub struct Swap {
     /// What is wrong with it: with agents and drivers only.
     pub flaw: Option<Flaw>,
     /// What it must go through.
-    pub terms: Terms,
+    pub terms: SwapPolicy,
 }
 
 impl Swap {

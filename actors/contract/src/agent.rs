@@ -53,13 +53,13 @@ pub trait Agent: Send {
 
     /// The motors it moves, and the poses that its settings name: checked against robot, hardware and world before
     /// anything moves.
-    fn means(&self) -> Means {
-        Means::default()
+    fn requirements(&self) -> Requirements {
+        Requirements::default()
     }
 
     /// How long its last answer took by a virtual clock, on which thinking takes no time by itself: for the simulation of
     /// slow planners. By a real clock the time is measured, and this is not asked for.
-    fn cost(&self) -> Duration {
+    fn simulated_latency(&self) -> Duration {
         Duration::ZERO
     }
 
@@ -78,7 +78,7 @@ pub trait Agent: Send {
 
 /// What an agent is going to use, as far as its settings tell.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Means {
+pub struct Requirements {
     /// The motors it moves.
     pub motors: Vec<usize>,
     /// Poses it goes to.

@@ -87,14 +87,14 @@ pub enum ReflexOut {
     /// Bring the joint retreat what the robot recorded, then say so.
     Bring(Asked),
     /// Tell supervise.
-    Word(Word),
+    ReflexReport(ReflexReport),
     /// Tell the taps.
     Event(Event),
 }
 
 /// What supervise learns about the retreat.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Word {
+pub enum ReflexReport {
     /// The retreat begins.
     Retreating,
     /// It leads beyond the safe pose, to this earlier rest, and moves these motors: another robot has to pass there.
@@ -120,7 +120,7 @@ enum Phase {
 #[derive(Debug, Clone)]
 enum Then {
     Retreat(Back),
-    Say(Word),
+    Say(ReflexReport),
 }
 
 /// A motion that is taken back: to where, and whether it is another try.
@@ -231,7 +231,7 @@ impl ReflexCore {
                 if token == step.gate.token() {
                     self.stopped = motion.named.clone();
                     let back = motion.safe.clone().map(|safe| Then::Retreat(Back { motion, safe, again }));
-                    let then = back.unwrap_or(Then::Say(Word::GaveUp(Hold::HistoryTooShort)));
+                    let then = back.unwrap_or(Then::Say(ReflexReport::GaveUp(Hold::HistoryTooShort)));
                     self.floors = Floors::new(step.rules.margin, &self.near);
                     self.turn(Phase::Stopping { token, since: step.now, then }, step);
                 }
@@ -241,7 +241,7 @@ impl ReflexCore {
                 if let Phase::Stopping { token, then: Then::Retreat(_), .. } = self.phase {
                     let (robot, reason, what) = (step.robot(), Hold::HistoryTooShort, why.to_string());
                     step.emit(Event::RetreatStopped { robot, reason, what, seen: step.now });
-                    self.say(token, Word::GaveUp(reason), step);
+                    self.say(token, ReflexReport::GaveUp(reason), step);
                 }
             }
         }
@@ -333,7 +333,7 @@ impl ReflexCore {
         let Some(motion) = motion else { return };
         self.stopped = motion.named.clone();
         let back = |safe| Then::Retreat(Back { motion: motion.clone(), safe, again: false });
-        let then = motion.safe.clone().map_or(Then::Say(Word::Stopped), back);
+        let then = motion.safe.clone().map_or(Then::Say(ReflexReport::Stopped), back);
         // the stop takes effect from now on: a reading that was held up does not show it
         self.floors = Floors::new(step.rules.margin, &pulse.contacts);
         self.turn(Phase::Stopping { token, since: step.now, then }, step);

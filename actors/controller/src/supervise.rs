@@ -28,7 +28,7 @@ mod streaming;
 use crate::gate::Gate;
 use crate::ledger::Book;
 use crate::pulse::Pulse;
-use crate::reflex::{Underway, Word};
+use crate::reflex::{ReflexReport, Underway};
 use crate::shared::Shared;
 use crate::stop::Stop;
 use crate::{Rules, distance};
@@ -70,7 +70,7 @@ pub enum SuperviseIn<'a> {
     /// The reflex closed the filter; the motors that brought together what touched, if it is known.
     Closed(u64, Cause, Option<BTreeSet<usize>>),
     /// The reflex tells how the retreat goes.
-    Word(Word),
+    ReflexReport(ReflexReport),
     /// Somebody asks to try the failed retreat again.
     Recover,
     /// A part of the controller is to be exchanged: close at the next boundary, and say so by [`SuperviseOut::Yielded`].
@@ -321,7 +321,7 @@ impl SuperviseCore {
                 }
             }
             SuperviseIn::Closed(token, cause, blamed) => self.closed(token, (cause, blamed), step),
-            SuperviseIn::Word(word) => self.word(word, step),
+            SuperviseIn::ReflexReport(word) => self.word(word, step),
             SuperviseIn::Recover => self.recover(step),
             SuperviseIn::Yield => self.yields = true,
             SuperviseIn::Resume => {

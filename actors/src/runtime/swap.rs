@@ -19,7 +19,7 @@ mod tests;
 
 /// What a new part must go through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Terms {
+pub struct SwapPolicy {
     /// For how long it sees all inputs while its intents are recorded, not executed.
     pub shadow: Duration,
     /// For how long after it took over the old part is kept, to return if the new one breaks.
@@ -28,9 +28,9 @@ pub struct Terms {
     pub budget: Duration,
 }
 
-impl Default for Terms {
-    fn default() -> Terms {
-        Terms { shadow: Duration::ZERO, probation: Duration::from_secs(10), budget: Duration::from_secs(1) }
+impl Default for SwapPolicy {
+    fn default() -> SwapPolicy {
+        SwapPolicy { shadow: Duration::ZERO, probation: Duration::from_secs(10), budget: Duration::from_secs(1) }
     }
 }
 
@@ -50,7 +50,7 @@ pub enum Phase {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SwapIn {
     /// A new part, built and checked.
-    Offer(Terms),
+    Offer(SwapPolicy),
     /// No transaction is open.
     Boundary,
     /// Time passed.
@@ -86,7 +86,7 @@ pub enum SwapOut {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SwapCore {
     phase: Phase,
-    terms: Terms,
+    terms: SwapPolicy,
     /// Whether the new part has answered since it took over: one that was never asked is never trusted.
     answered: bool,
 }
@@ -98,7 +98,7 @@ impl SwapCore {
     }
 
     /// What the present swap has to go through.
-    pub fn terms(&self) -> Terms {
+    pub fn terms(&self) -> SwapPolicy {
         self.terms
     }
 

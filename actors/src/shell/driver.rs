@@ -2,7 +2,7 @@
 
 use crate::runtime::clock::ClockKind;
 use crate::shell::SuperviseMsg;
-use crate::wiring::{Hub, Plug, Wires};
+use crate::wiring::{HardwareHandle, Hub, Wires};
 use mobee_contract::{Command, Driver, DriverFault, Event, Sample, Time, Writer};
 use mobee_controller::command_guard::CommandGuard;
 use mobee_controller::pulse::Pulse;
@@ -30,7 +30,7 @@ const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::fro
 pub struct Driving {
     hub: Arc<Hub>,
     wires: Arc<Wires>,
-    plug: Plug,
+    plug: HardwareHandle,
     driver: Option<Box<dyn Driver>>,
     guard: CommandGuard,
     back_off: Duration,

@@ -93,8 +93,8 @@ impl Reflex {
                     let enroll = |who| self.hub.joint_retreat.enroll(who, self.hub.clock.now());
                     self.on(ReflexIn::Brought(who.map(enroll)));
                 }
-                ReflexOut::Word(word) => {
-                    self.wires.supervise.send(SuperviseMsg::Word(word));
+                ReflexOut::ReflexReport(word) => {
+                    self.wires.supervise.send(SuperviseMsg::ReflexReport(word));
                 }
                 ReflexOut::Event(event) => hub.tell(event),
             }

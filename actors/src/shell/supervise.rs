@@ -5,7 +5,7 @@ use crate::wiring::{Hub, Wires};
 use mobee_contract::{Cause, Commit, CommitId, Event, Setpoints, Status, Verdict};
 use mobee_controller::Rules;
 use mobee_controller::pulse::Pulse;
-use mobee_controller::reflex::Word;
+use mobee_controller::reflex::ReflexReport;
 use mobee_controller::supervise::{Revision, SuperviseCore, SuperviseIn, SuperviseOut};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
@@ -36,7 +36,7 @@ pub enum SuperviseMsg {
     /// The reflex closed the filter.
     Closed(u64, Cause),
     /// The reflex tells how the retreat goes.
-    Word(Word),
+    ReflexReport(ReflexReport),
     /// Try the failed retreat again.
     Recover,
     /// Close at the next boundary, answer, and wait to be exchanged.
@@ -116,7 +116,7 @@ impl Actor for SuperviseActor {
                 };
                 supervise.on(SuperviseIn::Closed(token, cause, blamed));
             }
-            SuperviseMsg::Word(word) => supervise.on(SuperviseIn::Word(word)),
+            SuperviseMsg::ReflexReport(word) => supervise.on(SuperviseIn::ReflexReport(word)),
             SuperviseMsg::Recover => supervise.on(SuperviseIn::Recover),
             SuperviseMsg::Yield(reply) => {
                 supervise.yielding = Some(reply);

@@ -13,9 +13,9 @@
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::supervision::{Between, GroupMsg};
-use crate::runtime::swap::Terms;
+use crate::runtime::swap::SwapPolicy;
 use crate::shell::SuperviseMsg;
-use crate::wiring::{Hub, Parts, Plug, Trial, Wires};
+use crate::wiring::{HardwareHandle, Hub, Parts, Trial, Wires};
 use mobee_contract::{Board, Driver, DriverFault, Hardware, Pose, Status, SwapPart, SwapStep, Time};
 use mobee_controller::{ControllerSettings, distance};
 use mobee_model::ShapeId;
@@ -67,7 +67,7 @@ pub struct PartOffer {
     /// What it is, in words.
     pub what: String,
     /// What it must go through. A controller or driver can't look on: its shadow is not used.
-    pub terms: Terms,
+    pub terms: SwapPolicy,
 }
 
 /// The exchanges of a run.
@@ -119,7 +119,7 @@ struct Exchange {
 }
 
 impl Exchange {
-    async fn carry_out(&self, part: NewPart, terms: Terms) {
+    async fn carry_out(&self, part: NewPart, terms: SwapPolicy) {
         let last = match self.take_over(part).await {
             Err(why) => SwapStep::Refused { why },
             Ok(()) => match self.probation(terms).await {
@@ -224,7 +224,7 @@ impl Exchange {
                         "the pose that it reads is {away:.2} deg from the robot's, more than {most:.2} deg; it drives another robot"
                     ));
                 }
-                Ok(old.with_driver(Plug(hardware), board))
+                Ok(old.with_driver(HardwareHandle(hardware), board))
             }
         }
     }
@@ -283,7 +283,7 @@ impl Exchange {
     ///
     /// # Errors
     /// How it broke.
-    async fn probation(&self, terms: Terms) -> Result<Parts, String> {
+    async fn probation(&self, terms: SwapPolicy) -> Result<Parts, String> {
         let clock = &self.hub.clock;
         let begun = clock.now();
         let mut seen: Option<Time> = None;

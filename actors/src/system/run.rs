@@ -9,7 +9,7 @@ use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::stream::Stream;
 use crate::runtime::supervision::{Group, GroupMsg};
 use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Slot, SuperviseMsg};
-use crate::wiring::{Cell, Hub, Line, Parts, Plug, Wires};
+use crate::wiring::{Cell, HardwareHandle, Hub, Line, Parts, Wires};
 use mobee_contract::{Board, Event, Latest, Status, Time};
 use mobee_controller::gate::Gate;
 use mobee_model::Contact;
@@ -211,7 +211,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     let homes = setup.scene.home();
     let robots = setup.robots.iter().zip(boards).zip(setup.scene.robots()).enumerate();
     let robots = robots.map(|(i, ((robot, board), model))| {
-        let plug = Plug(robot.hardware.clone());
+        let plug = HardwareHandle(robot.hardware.clone());
         let parts = Parts::new(&robot.name, model.clone(), robot.controller.clone(), plug, board.clone());
         let stream = |link: &str| Stream::new(format!("{}/{link}", robot.name), 64);
         let q = homes.get(i).cloned().unwrap_or_else(|| Vec::new().into());

@@ -4,7 +4,7 @@
 //! `SWAPS=10000` sets how many swaps are tried.
 
 use crate::common::{Ran, Trial, arm, ball};
-use mobee_actors::runtime::swap::Terms;
+use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::shell::{Maker, Offer};
 use mobee_actors::system::{AgentMaker, Control, Reason};
 use mobee_behaviors::agents::{Explorer, ExplorerSettings};
@@ -68,7 +68,7 @@ impl Agent for Version {
     fn notes(&mut self) -> Vec<Note> {
         self.explorer.notes()
     }
-    fn cost(&self) -> Duration {
+    fn simulated_latency(&self) -> Duration {
         if self.wrong == IsTooSlow && self.asked > 0 { Duration::from_secs(3) } else { Duration::ZERO }
     }
     fn export(&self) -> Snapshot {
@@ -103,7 +103,7 @@ fn version(wrong: Wrong, seed: u64) -> AgentMaker {
     })
 }
 
-fn swap(wrong: Wrong, seed: u64, terms: Terms) -> Control {
+fn swap(wrong: Wrong, seed: u64, terms: SwapPolicy) -> Control {
     let offer = Offer { maker: Maker(version(wrong, seed)), what: format!("{wrong:?}"), fresh: false, terms };
     let (reply, _) = tokio::sync::oneshot::channel();
     Control::SwapAgent { robot: "arm".into(), offer, reply }
@@ -145,10 +145,10 @@ fn one(seed: u64, tally: &mut Tally) {
             10 => Control::Recover("arm".into()),
             _ => {
                 let wrong = if rng.random_bool(0.4) { Nothing } else { ALL[rng.random_range(0..ALL.len())] };
-                let terms = Terms {
+                let terms = SwapPolicy {
                     shadow: Duration::from_millis([0, 0, 0, 1500][rng.random_range(0..4)]),
                     probation: Duration::from_millis([100, 300, 1500][rng.random_range(0..3)]),
-                    ..Terms::default()
+                    ..SwapPolicy::default()
                 };
                 swap(wrong, rng.random_range(0..1000), terms)
             }
@@ -260,7 +260,7 @@ fn swaps_at_random_instants_lose_nothing() {
 #[test]
 fn a_version_that_breaks_later_is_reverted_and_its_motion_taken_back() {
     be_quiet();
-    let terms = Terms { probation: Duration::from_secs(60), ..Terms::default() };
+    let terms = SwapPolicy { probation: Duration::from_secs(60), ..SwapPolicy::default() };
     for wrong in [PanicsAfterTwo, PanicsInMidMotion] {
         let edit = |n: u32| Control::Edit(Edit::Add(ball(&format!("far{n}"), [9.0, 9.0, 9.0], ObjectClass::Obstacle)));
         let mut controls = vec![(Duration::from_millis(100), swap(wrong, 1, terms))];

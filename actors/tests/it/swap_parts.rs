@@ -2,7 +2,7 @@
 //! (I10), no command is lost (I6), and what does not fit or breaks is refused or reverted.
 
 use crate::common::{Ran, Trial, arm, ball};
-use mobee_actors::runtime::swap::Terms;
+use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, NewPart, PartOffer, Reason};
 use mobee_contract::*;
 use mobee_controller::ControllerSettings;
@@ -98,7 +98,7 @@ impl Driver for OtherDriver {
 }
 
 fn offer(part: NewPart, what: String, probation: f64) -> Control {
-    let terms = Terms { probation: Duration::from_secs_f64(probation), ..Terms::default() };
+    let terms = SwapPolicy { probation: Duration::from_secs_f64(probation), ..SwapPolicy::default() };
     let (reply, _) = tokio::sync::oneshot::channel();
     Control::SwapPart { robot: "arm".into(), offer: PartOffer { part, what, terms }, reply }
 }

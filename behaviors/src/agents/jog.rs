@@ -252,8 +252,8 @@ impl Agent for Jog {
         Some(Intent::Stream(next))
     }
 
-    fn means(&self) -> Means {
-        Means { motors: self.ranges.iter().map(|(m, ..)| *m).collect(), poses: Vec::new() }
+    fn requirements(&self) -> Requirements {
+        Requirements { motors: self.ranges.iter().map(|(m, ..)| *m).collect(), poses: Vec::new() }
     }
 
     fn export(&self) -> Snapshot {

@@ -228,11 +228,11 @@ impl Agent for RoadmapAgent {
         self.walker.map.recall(past);
     }
 
-    fn means(&self) -> Means {
+    fn requirements(&self) -> Requirements {
         let first = self.walker.map.len().saturating_sub(self.own);
         let own = self.walker.map.vertices().skip(first).enumerate();
         let poses = own.map(|(i, (_, v))| SetPose { path: format!("poses[{i}]"), q: v.q.clone(), optional: false });
-        Means { motors: self.walker.map.motors().to_vec(), poses: poses.collect() }
+        Requirements { motors: self.walker.map.motors().to_vec(), poses: poses.collect() }
     }
 
     fn export(&self) -> Snapshot {

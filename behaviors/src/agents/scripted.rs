@@ -111,9 +111,9 @@ impl Agent for Scripted {
     }
 
     /// Each pose as it is if all before it were reached, from home on.
-    fn means(&self) -> Means {
+    fn requirements(&self) -> Requirements {
         let mut q = self.home.clone();
-        let mut means = Means::default();
+        let mut means = Requirements::default();
         for (i, (target, _)) in self.poses.iter().enumerate() {
             q = target.pose(&q).to_vec();
             means.poses.push(SetPose { path: format!("poses[{i}]"), q: q.clone(), optional: true });

@@ -202,7 +202,7 @@ fn way_points_are_left_by_all_at_once() {
 #[test]
 fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
     use crate::reflex::tests::Alone;
-    use crate::reflex::{ReflexIn, ReflexOut, Underway, Word};
+    use crate::reflex::{ReflexIn, ReflexOut, ReflexReport, Underway};
     use mobee_contract::{Command, CommitId, Hold, Status};
     let short: Vec<(f64, f64)> = B.iter().filter(|(t, _)| *t >= 3.0).copied().collect();
     let both = [recorded(0, true, &A, 0.3), recorded(1, true, &short, 4.0)];
@@ -227,12 +227,12 @@ fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
         for told in out {
             match told {
                 ReflexOut::Command(_, Command::Direct { q: written, .. }) => q = written.into(),
-                ReflexOut::Word(word) => words.push(word),
+                ReflexOut::ReflexReport(word) => words.push(word),
                 _ => {}
             }
         }
     }
-    assert_eq!(words, [Word::Retreating, Word::Settling, Word::GaveUp(Hold::RetreatBlocked)]);
+    assert_eq!(words, [ReflexReport::Retreating, ReflexReport::Settling, ReflexReport::GaveUp(Hold::RetreatBlocked)]);
     assert_eq!(q[0].to_degrees().round(), 90.0);
 }
 

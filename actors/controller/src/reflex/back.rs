@@ -1,7 +1,7 @@
 //! The retreat: what the reflex does while the filter is closed, from the stop to the word that all is well, or that it gave up.
 
 use super::retreat::{Parted, Retreat};
-use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, Step, Then, Word};
+use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Then};
 use crate::distance;
 use crate::joint_retreat::{Answer, Asked};
 use crate::pulse::Pulse;
@@ -76,7 +76,7 @@ impl ReflexCore {
                         let (retreat, violated) = (retreat.clone(), *violated);
                         let since = retreat.arrival(now);
                         self.phase = Phase::Settling { token, since, retreat, violated };
-                        step.out.push(ReflexOut::Word(Word::Settling));
+                        step.out.push(ReflexOut::ReflexReport(ReflexReport::Settling));
                     }
                 }
             }
@@ -98,7 +98,7 @@ impl ReflexCore {
                     for pair in self.contacts.settle() {
                         step.emit(Event::ContactEnded { robot: step.robot(), names: names(pair) });
                     }
-                    self.say(token, Word::Back, step);
+                    self.say(token, ReflexReport::Back, step);
                 } else if sampled_at >= *since + PATIENCE {
                     self.give_up(
                         token,
@@ -131,14 +131,14 @@ impl ReflexCore {
                     back.safe = way.end.clone();
                 }
                 self.stopped = way.motors.clone();
-                let farther = way.farther.then(|| Word::Farther(way.end.clone(), way.motors.clone()));
+                let farther = way.farther.then(|| ReflexReport::Farther(way.end.clone(), way.motors.clone()));
                 let retreat = Retreat::new(self.robot, way, step.rules, step.now);
                 let (poses, secs) = retreat.length();
                 let near = self.floors.touched();
                 step.emit(Event::RetreatBegan { robot, id, poses, secs, near });
                 step.out.push(ReflexOut::Command(token, retreat.begin()));
-                step.out.push(ReflexOut::Word(Word::Retreating));
-                step.out.extend(farther.map(ReflexOut::Word));
+                step.out.push(ReflexOut::ReflexReport(ReflexReport::Retreating));
+                step.out.extend(farther.map(ReflexOut::ReflexReport));
                 let mark = (Time::ZERO, retreat.written().to_vec(), step.now);
                 let violated = self.violated;
                 self.phase = Phase::Retreating { token, retreat, back, violated, mark };
@@ -149,7 +149,7 @@ impl ReflexCore {
     fn give_up(&mut self, token: u64, reason: Hold, what: String, seen: Time, step: &mut Step) {
         step.stop(token);
         step.emit(Event::RetreatStopped { robot: step.robot(), reason, what, seen });
-        self.turn(Phase::Stopping { token, since: step.now, then: Then::Say(Word::GaveUp(reason)) }, step);
+        self.turn(Phase::Stopping { token, since: step.now, then: Then::Say(ReflexReport::GaveUp(reason)) }, step);
     }
 
     /// The robot does not come to rest, or its readings don't: stop it once more, and say nothing before it rests (I17). A
@@ -165,12 +165,12 @@ impl ReflexCore {
     }
 
     /// The robot rests: restore the control modes and tell.
-    pub(super) fn say(&mut self, token: u64, word: Word, step: &mut Step) {
+    pub(super) fn say(&mut self, token: u64, word: ReflexReport, step: &mut Step) {
         let motors = self.stopped.to_vec();
         if !motors.is_empty() {
             step.out.push(ReflexOut::Command(token, Command::Mode { motors, mode: ControlMode::Position }));
         }
-        step.out.push(ReflexOut::Word(word));
+        step.out.push(ReflexOut::ReflexReport(word));
         self.turn(Phase::Watching, step);
     }
 }

@@ -5,7 +5,7 @@ use crate::joint_retreat::JointRetreat;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use crate::ledger::{Book, Motion, Open};
 use crate::pulse::Pulse;
-use crate::reflex::{ReflexCore, ReflexIn, ReflexOut, Underway, Word};
+use crate::reflex::{ReflexCore, ReflexIn, ReflexOut, ReflexReport, Underway};
 use crate::{Rules, Shared};
 use mobee_contract::{Command, CommitId, Event, Hold, Sample, Status, Time};
 use mobee_model::{Contact, Pair, ShapeId};
@@ -126,12 +126,12 @@ struct Wrong {
 }
 
 /// A robot is taken back over 90 degrees, which takes 3 s: what is told of it, each with its reading (every 10 ms), and why it was stopped.
-fn taken_back(wrong: impl Fn(u64, Option<&Word>) -> Wrong) -> (Vec<(u64, Word)>, Option<String>) {
+fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64, ReflexReport)>, Option<String>) {
     let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5);
     let mut reflex = Alone::new(rules(true));
     let (mut q, mut told, mut why) = (90_f64.to_radians(), Vec::new(), None);
     let (mut goal, mut unchanged) = (q, Time::ZERO);
-    let mut read = |k: u64, reflex: &mut Alone, last: Option<&Word>, goal: f64| {
+    let mut read = |k: u64, reflex: &mut Alone, last: Option<&ReflexReport>, goal: f64| {
         let (at, wrong) = (Time::from_secs(5.0) + PERIOD * k as u32, wrong(k, last));
         let moves = goal != q && !wrong.frozen && !wrong.stuck;
         if moves {
@@ -165,7 +165,7 @@ fn taken_back(wrong: impl Fn(u64, Option<&Word>) -> Wrong) -> (Vec<(u64, Word)>,
         for out in out {
             match out {
                 ReflexOut::Command(_, Command::Direct { q, .. }) => goal = q[0],
-                ReflexOut::Word(word) => told.push((k, word)),
+                ReflexOut::ReflexReport(word) => told.push((k, word)),
                 ReflexOut::Event(Event::RetreatStopped { what, .. }) => why = why.or(Some(what)),
                 _ => {}
             }
@@ -177,8 +177,8 @@ fn taken_back(wrong: impl Fn(u64, Option<&Word>) -> Wrong) -> (Vec<(u64, Word)>,
 #[test]
 fn a_retreat_is_told_from_its_stop_to_its_end() {
     let (told, why) = taken_back(|_, _| Wrong::default());
-    let words: Vec<&Word> = told.iter().map(|(_, word)| word).collect();
-    assert_eq!((words, why), (vec![&Word::Retreating, &Word::Settling, &Word::Back], None));
+    let words: Vec<&ReflexReport> = told.iter().map(|(_, word)| word).collect();
+    assert_eq!((words, why), (vec![&ReflexReport::Retreating, &ReflexReport::Settling, &ReflexReport::Back], None));
     // it may set out once the stop surely shows, and takes as long as the way there
     assert_eq!(told[0].0, 2);
     assert!((295..320).contains(&(told[1].0 - told[0].0)), "{told:?}");
@@ -191,25 +191,28 @@ fn a_retreat_is_told_from_its_stop_to_its_end() {
 #[test]
 fn a_retreat_behind_frozen_encoders_is_given_up() {
     let (told, why) = taken_back(|k, _| Wrong { frozen: (100..130).contains(&k), ..Wrong::default() });
-    assert_eq!((told.last().map(|(_, word)| word), why), (Some(&Word::Back), None), "0.3 s are not long");
+    assert_eq!((told.last().map(|(_, word)| word), why), (Some(&ReflexReport::Back), None), "0.3 s are not long");
     let (told, why) = taken_back(|k, _| Wrong { frozen: k >= 100, ..Wrong::default() });
     let (k, word) = told.last().unwrap();
-    assert_eq!((word, why.as_deref()), (&Word::GaveUp(Hold::Stale), Some("the encoders do not follow the set-points")));
+    assert_eq!(
+        (word, why.as_deref()),
+        (&ReflexReport::GaveUp(Hold::Stale), Some("the encoders do not follow the set-points"))
+    );
     assert!((150..156).contains(k), "after half a second: {told:?}");
 }
 
 #[test]
 fn a_retreat_stops_at_what_is_new_in_it() {
-    let blocked = Some(&Word::GaveUp(Hold::RetreatBlocked));
-    let at = |from: u64| move |k: u64, _: Option<&Word>| Wrong { violated: k >= from, ..Wrong::default() };
+    let blocked = Some(&ReflexReport::GaveUp(Hold::RetreatBlocked));
+    let at = |from: u64| move |k: u64, _: Option<&ReflexReport>| Wrong { violated: k >= from, ..Wrong::default() };
     let (told, why) = taken_back(at(100));
     assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (blocked, Some("a constraint would be violated")));
     assert!(told.last().is_some_and(|(k, _)| *k < 110), "at once: {told:?}");
     let (told, why) = taken_back(at(0));
-    assert_eq!((told.last().map(|(_, w)| w), why), (Some(&Word::Back), None), "it was violated from the start");
+    assert_eq!((told.last().map(|(_, w)| w), why), (Some(&ReflexReport::Back), None), "it was violated from the start");
     // where it settles, too
     let settling = |what: fn(bool) -> Wrong| {
-        let (told, why) = taken_back(move |_, last| what(last == Some(&Word::Settling)));
+        let (told, why) = taken_back(move |_, last| what(last == Some(&ReflexReport::Settling)));
         (told.last().map(|(_, w)| w.clone()), why)
     };
     let violated = settling(|there| Wrong { violated: there, ..Wrong::default() });
@@ -225,26 +228,28 @@ fn a_retreat_waits_for_rest_three_seconds() {
     let (told, why) = rests(299);
     assert_eq!(
         (told.first(), told.last().map(|(_, w)| w), why),
-        (Some(&(299, Word::Retreating)), Some(&Word::Back), None)
+        (Some(&(299, ReflexReport::Retreating)), Some(&ReflexReport::Back), None)
     );
     let (told, why) = rests(900);
-    assert_eq!(told, [(900, Word::GaveUp(Hold::RetreatMissed))]);
+    assert_eq!(told, [(900, ReflexReport::GaveUp(Hold::RetreatMissed))]);
     assert_eq!(why.as_deref(), Some("the robot did not come to rest in time"));
 }
 
 /// Who does not follow is given three seconds, on the way and at its end.
 #[test]
 fn a_retreat_that_is_not_followed_is_missed() {
-    let missed = Some(&Word::GaveUp(Hold::RetreatMissed));
+    let missed = Some(&ReflexReport::GaveUp(Hold::RetreatMissed));
     let (told, why) = taken_back(|k, _| Wrong { stuck: k > 0, ..Wrong::default() });
     assert_eq!(told.last().map(|(_, w)| w), missed, "{told:?}");
     assert_eq!(why.as_deref(), Some("the robot does not follow the set-points"));
     // at rest beside its end, or restless there: it has three seconds from when it is to be there
     let ends = |from: u64, wrong: Wrong| {
-        taken_back(move |k, last| if last == Some(&Word::Settling) && k < from { wrong } else { Wrong::default() })
+        taken_back(
+            move |k, last| if last == Some(&ReflexReport::Settling) && k < from { wrong } else { Wrong::default() },
+        )
     };
     let restless = Wrong { restless: true, ..Wrong::default() };
-    assert_eq!(ends(500, restless).0.last(), Some(&(500, Word::Back)));
+    assert_eq!(ends(500, restless).0.last(), Some(&(500, ReflexReport::Back)));
     let (told, why) = ends(900, restless);
     assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (missed, Some("the safe pose was not reached in time")));
 }

@@ -1,7 +1,7 @@
 //! The retreat as supervise sees it: it asks the reflex for one, hears how it goes, and may have one that failed tried again.
 
 use super::{Closing, Driving, Step, SuperviseCore, SuperviseOut};
-use crate::reflex::Word;
+use crate::reflex::ReflexReport;
 use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
 use std::collections::BTreeSet;
 
@@ -40,20 +40,22 @@ impl SuperviseCore {
     }
 
     /// How the retreat goes.
-    pub(super) fn word(&mut self, word: Word, step: &mut Step) {
+    pub(super) fn word(&mut self, word: ReflexReport, step: &mut Step) {
         if self.closing != Closing::Reflex || self.token != step.gate.token() {
             return;
         }
-        if let (Some(again), Word::Back | Word::Stopped | Word::GaveUp(_)) = (&self.retry, &word) {
+        if let (Some(again), ReflexReport::Back | ReflexReport::Stopped | ReflexReport::GaveUp(_)) =
+            (&self.retry, &word)
+        {
             self.resting.commanded(&again.named);
         }
         match word {
-            Word::Retreating => {
+            ReflexReport::Retreating => {
                 step.book.open.iter_mut().for_each(|open| open.retreated = true);
                 self.enter(Status::Retreating, step);
             }
-            Word::Settling => self.enter(Status::Settling, step),
-            Word::Farther((at, q), motors) => {
+            ReflexReport::Settling => self.enter(Status::Settling, step),
+            ReflexReport::Farther((at, q), motors) => {
                 if let Some(open) = &mut step.book.open {
                     open.name(&motors);
                     open.safe = Some((at, q.clone()));
@@ -62,14 +64,14 @@ impl SuperviseCore {
                 }
             }
             // the outcome is measured at the next reading, which is the one that the reflex judged by
-            Word::Back | Word::Stopped => {
+            ReflexReport::Back | ReflexReport::Stopped => {
                 self.modes.clear();
-                if let Some(motion) = self.retry.as_ref().filter(|_| word == Word::Back) {
+                if let Some(motion) = self.retry.as_ref().filter(|_| word == ReflexReport::Back) {
                     step.book.send_home(motion, step.rules.tolerance);
                 }
                 self.closing = Closing::Settle(Time::ZERO);
             }
-            Word::GaveUp(hold) => {
+            ReflexReport::GaveUp(hold) => {
                 self.modes.clear();
                 self.retry = self.retry.take().or(step.book.motion()).filter(|m| !m.is_escape());
                 self.end(Some(Outcome::Faulted), step);

@@ -338,7 +338,10 @@ fn the_reflex_says_nothing_before_the_robot_rests() {
     assert_eq!((stops / 10, given_up), (4, 1), "{stops}");
     let rests: Vec<ReflexOut> = (1000..1100).flat_map(|k| read(k, 0.0, &mut reflex)).collect();
     assert!(
-        matches!(rests.as_slice(), [ReflexOut::Command(..), ReflexOut::Word(Word::GaveUp(Hold::RetreatMissed))]),
+        matches!(
+            rests.as_slice(),
+            [ReflexOut::Command(..), ReflexOut::ReflexReport(ReflexReport::GaveUp(Hold::RetreatMissed))]
+        ),
         "{rests:?}"
     );
 }

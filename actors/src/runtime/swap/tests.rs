@@ -4,7 +4,7 @@ use proptest::prelude::*;
 fn input() -> impl Strategy<Value = (SwapIn, u64)> {
     let terms = (0_u64..5, 0_u64..5).prop_map(|(shadow, probation)| {
         let secs = Duration::from_secs;
-        SwapIn::Offer(Terms { shadow: secs(shadow), probation: secs(probation), ..Terms::default() })
+        SwapIn::Offer(SwapPolicy { shadow: secs(shadow), probation: secs(probation), ..SwapPolicy::default() })
     });
     let other =
         prop::sample::select(vec![SwapIn::Boundary, SwapIn::Tick, SwapIn::Answered, SwapIn::TookOver, SwapIn::Broke]);
@@ -56,7 +56,7 @@ proptest! {
 #[test]
 fn what_breaks_in_the_shadow_is_discarded_and_what_breaks_later_is_reverted() {
     let mut core = SwapCore::default();
-    let terms = Terms { shadow: Duration::from_secs(1), ..Terms::default() };
+    let terms = SwapPolicy { shadow: Duration::from_secs(1), ..SwapPolicy::default() };
     assert_eq!(core.on(SwapIn::Offer(terms), Time::ZERO), Some(SwapOut::Keep));
     assert_eq!(core.on(SwapIn::Boundary, Time::ZERO), Some(SwapOut::Rehearse));
     assert_eq!(core.on(SwapIn::Broke, Time::ZERO), Some(SwapOut::Discard));

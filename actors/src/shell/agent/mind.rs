@@ -3,7 +3,7 @@
 use super::Maker;
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::ClockKind;
-use crate::runtime::swap::{Phase, SwapCore, SwapIn, SwapOut, Terms};
+use crate::runtime::swap::{Phase, SwapCore, SwapIn, SwapOut, SwapPolicy};
 use crate::wiring::{Hub, Wires};
 use mobee_contract::{Agent, CommitId, Event, Intent, IntentKind, MotionEnd, Note, Snapshot, SwapPart, SwapStep, View};
 use sha2::{Digest, Sha256};
@@ -20,7 +20,7 @@ pub struct Offer {
     /// Whether it begins anew instead of taking the old one's state.
     pub fresh: bool,
     /// What it must go through.
-    pub terms: Terms,
+    pub terms: SwapPolicy,
 }
 
 /// A robot's planners, as far as they must survive the death of their actor.
@@ -118,7 +118,7 @@ impl Mind {
     ///
     /// # Errors
     /// Why not; everything is then as before.
-    pub(super) async fn offer(&mut self, offer: Offer) -> Result<Terms, String> {
+    pub(super) async fn offer(&mut self, offer: Offer) -> Result<SwapPolicy, String> {
         if self.phase() != Phase::Settled {
             return Err("another swap of this agent is under way; wait until it is settled".into());
         }
@@ -129,13 +129,13 @@ impl Mind {
                 Some(state) => agent.import(state).map(|()| agent).map_err(|e| e.to_string()),
                 None => Ok(agent),
             });
-            let cost = made.as_ref().map_or(Duration::ZERO, |a| a.cost());
+            let cost = made.as_ref().map_or(Duration::ZERO, |a| a.simulated_latency());
             Given { value: made, cost }
         });
         match built.await.and_then(|made| made) {
             Ok(agent) => {
                 self.step_core(SwapIn::Offer(offer.terms));
-                let Terms { shadow, probation, .. } = offer.terms;
+                let SwapPolicy { shadow, probation, .. } = offer.terms;
                 let (shadow, probation) = (shadow.as_secs_f64(), probation.as_secs_f64());
                 self.tell(SwapStep::Offered { what: offer.what.clone(), shadow, probation });
                 let terms = offer.terms;
@@ -188,7 +188,7 @@ impl Mind {
             let taken = state.map_or(Ok(()), |state| agent.import(state));
             let intent = taken.map(|()| agent.next(last, &view)).map_err(|e| e.to_string());
             agent.notes();
-            let cost = agent.cost();
+            let cost = agent.simulated_latency();
             Given { value: intent.map(|intent| (agent, intent)), cost }
         });
         match asked.await.and_then(|asked| asked) {
@@ -222,7 +222,7 @@ impl Mind {
             let taken = if offer.fresh { Ok(()) } else { agent.import(given).map_err(|e| e.to_string()) };
             // what it says now was said before
             agent.notes();
-            let (back, cost) = (agent.export(), agent.cost());
+            let (back, cost) = (agent.export(), agent.simulated_latency());
             Given { value: taken.map(|()| (agent, back)), cost }
         });
         let (agent, back) = match taken.await.and_then(|taken| taken) {
@@ -290,7 +290,7 @@ impl Mind {
         let call = move || {
             let answer = question(&mut *agent);
             let said = Said { answer, notes: agent.notes() };
-            let cost = agent.cost();
+            let cost = agent.simulated_latency();
             Given { value: (agent, said), cost }
         };
         let (agent, said) = match self.phase() {

@@ -58,7 +58,7 @@ pub(super) enum Op {
 enum ToSupervise {
     Pulse(Pulse),
     Closed(u64, Cause),
-    Word(Word),
+    ReflexReport(ReflexReport),
 }
 #[derive(Clone, Debug)]
 enum ToReflex {
@@ -298,11 +298,11 @@ impl Cell {
                     self.driver.push_back((token, Writer::Reflex, command));
                 }
                 ReflexOut::Closed { token, cause } => self.to_supervise.push_back(ToSupervise::Closed(token, cause)),
-                ReflexOut::Word(word) => {
-                    if matches!(word, Word::Back | Word::GaveUp(_)) {
+                ReflexOut::ReflexReport(word) => {
+                    if matches!(word, ReflexReport::Back | ReflexReport::GaveUp(_)) {
                         self.way = None;
                     }
-                    self.to_supervise.push_back(ToSupervise::Word(word));
+                    self.to_supervise.push_back(ToSupervise::ReflexReport(word));
                 }
                 ReflexOut::Bring(asked) => {
                     let who = asked.participant(self.rules.clone(), &self.book.history, self.scene.clone());
@@ -375,7 +375,7 @@ impl Cell {
                 Some(ToSupervise::Closed(token, cause)) => {
                     self.supervise_on(SuperviseIn::Closed(token, cause, None));
                 }
-                Some(ToSupervise::Word(word)) => self.supervise_on(SuperviseIn::Word(word)),
+                Some(ToSupervise::ReflexReport(word)) => self.supervise_on(SuperviseIn::ReflexReport(word)),
                 None => {}
             },
         }

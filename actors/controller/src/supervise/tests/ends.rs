@@ -191,12 +191,18 @@ fn a_motion_that_goes_nowhere_ends_in_time() {
 /// What the reflex says changes something only while it takes the robot back: words may be late.
 #[test]
 fn late_words_of_the_reflex_change_nothing() {
-    let words = [Word::Retreating, Word::Settling, Word::Back, Word::Stopped, Word::GaveUp(Hold::RetreatMissed)];
+    let words = [
+        ReflexReport::Retreating,
+        ReflexReport::Settling,
+        ReflexReport::Back,
+        ReflexReport::Stopped,
+        ReflexReport::GaveUp(Hold::RetreatMissed),
+    ];
     for word in words {
         let mut cell = Cell::new();
         cell.apply(Op::Samples(30));
         let said = |cell: &mut Cell| {
-            let out = cell.on(SuperviseIn::Word(word.clone()), cell.now);
+            let out = cell.on(SuperviseIn::ReflexReport(word.clone()), cell.now);
             (cell.supervise.status(), out.len())
         };
         assert_eq!(said(&mut cell), (Status::Rest, 0), "{word:?}");
