@@ -1,4 +1,8 @@
-//! Who runs: supervision, driver, history, supervise, reflex, model, agent and journal as supervised actors.
+//! Who runs: driver, history, supervise, reflex, model, agent and journal as supervised actors.
+//!
+//! What the controller decides is in `mobee-controller`, what agents want in `mobee-behaviors`; here they get mailboxes ([`shell`]), what
+//! connects them ([`wiring`]), time and supervision ([`runtime`]), a run around them ([`system`]), what it leaves behind ([`record`]), and
+//! who judges that ([`check`]).
 
 #![cfg_attr(
     not(test),

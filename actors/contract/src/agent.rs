@@ -103,6 +103,35 @@ pub enum Intent {
     Done(Summary),
 }
 
+impl Intent {
+    /// What it is, without its values.
+    pub fn kind(&self) -> IntentKind {
+        match self {
+            Intent::MoveTo(_) | Intent::MoveEach(..) => IntentKind::Move,
+            Intent::Stream(_) => IntentKind::Stream,
+            Intent::Stop => IntentKind::Stop,
+            Intent::Wait(_) => IntentKind::Wait,
+            Intent::Done(_) => IntentKind::Done,
+        }
+    }
+}
+
+/// What an agent wants, without its values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum IntentKind {
+    /// A motion.
+    Move,
+    /// Set-points.
+    Stream,
+    /// To brake.
+    Stop,
+    /// To be asked later.
+    Wait,
+    /// Nothing more.
+    Done,
+}
+
 /// What an agent says at its end: counts and findings by name, shown in the run's summary.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {

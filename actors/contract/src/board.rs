@@ -118,6 +118,45 @@ pub enum Command {
     },
 }
 
+impl Command {
+    /// What it is, for the journal; set-points are told there as streams, and are of none of these kinds.
+    pub fn kind(&self) -> Option<CommandKind> {
+        match self {
+            Command::Move(_) => Some(CommandKind::Move),
+            Command::Stop { .. } => Some(CommandKind::Stop),
+            Command::Mode { .. } => Some(CommandKind::Mode),
+            Command::Reference { .. } => Some(CommandKind::Reference),
+            Command::Direct { .. } | Command::Velocity { .. } => None,
+        }
+    }
+}
+
+/// What a command is, without its values. Set-points are told as streams: see [`crate::Event::Streamed`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CommandKind {
+    /// A move of the board's own.
+    Move,
+    /// A stop.
+    Stop,
+    /// Other control modes.
+    Mode,
+    /// Other reference speeds and accelerations.
+    Reference,
+}
+
+impl CommandKind {
+    /// As people read it.
+    pub fn word(self) -> &'static str {
+        match self {
+            CommandKind::Move => "move",
+            CommandKind::Stop => "stop",
+            CommandKind::Mode => "mode",
+            CommandKind::Reference => "reference",
+        }
+    }
+}
+
 /// One reading of all encoders.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sample {

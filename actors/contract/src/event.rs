@@ -1,7 +1,8 @@
 //! What a run leaves behind: its events.
 
 use crate::{
-    Cause, CommitId, Hold, MotionEnd, Note, Outcome, Pose, Refusal, Status, Summary, SwapPart, SwapStep, Time,
+    Cause, CommandKind, CommitId, Hold, IntentKind, MotionEnd, Note, Outcome, Pose, Refusal, Status, Summary, SwapPart,
+    SwapStep, Time,
 };
 use mobee_model::Contact;
 use serde::{Deserialize, Serialize};
@@ -19,32 +20,6 @@ pub enum Writer {
     Supervise,
     /// The driver itself: the stop that follows every start.
     Driver,
-}
-
-/// What a command to a driver is. Set-points are not told one by one: see [`Event::Streamed`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CommandKind {
-    /// A move of the board's own.
-    Move,
-    /// A stop.
-    Stop,
-    /// Other control modes.
-    Mode,
-    /// Other reference speeds and accelerations.
-    Reference,
-}
-
-impl CommandKind {
-    /// As people read it.
-    pub fn word(self) -> &'static str {
-        match self {
-            CommandKind::Move => "move",
-            CommandKind::Stop => "stop",
-            CommandKind::Mode => "mode",
-            CommandKind::Reference => "reference",
-        }
-    }
 }
 
 /// What became of an object of the world.
@@ -71,22 +46,6 @@ impl WorldChange {
             WorldChange::Removed => "removed",
         }
     }
-}
-
-/// What an agent wants, without its values: an [`crate::Intent`] that nobody acts upon.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum IntentKind {
-    /// A motion.
-    Move,
-    /// Set-points.
-    Stream,
-    /// To brake.
-    Stop,
-    /// To be asked later.
-    Wait,
-    /// Nothing more.
-    Done,
 }
 
 /// A robot's constraints: every clause must hold. A clause holds if one of its members has a value above zero, which is the sum of its

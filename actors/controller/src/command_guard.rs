@@ -172,27 +172,25 @@ impl CommandGuard {
     pub fn took(&mut self, token: u64, writer: Writer, command: &Command, now: Time) -> Vec<Event> {
         let by_motor = |motors: &[usize], values: &[f64]| motors.iter().copied().zip(values.iter().copied()).collect();
         let none = Vec::new;
-        let (kind, motors, q, speed) = match command {
-            Command::Direct { .. } | Command::Velocity { .. } => {
-                let velocity = matches!(command, Command::Velocity { .. });
-                let goes_on = |s: &Streaming| s.token == token && s.writer == writer && s.last.is_none() == velocity;
-                let ended = self.streaming.as_ref().is_some_and(|s| !goes_on(s));
-                let told = if ended { self.end_stream() } else { None };
-                self.stream(token, writer, command, now);
-                return told.into_iter().collect();
-            }
+        let Some(kind) = command.kind() else {
+            let velocity = matches!(command, Command::Velocity { .. });
+            let goes_on = |s: &Streaming| s.token == token && s.writer == writer && s.last.is_none() == velocity;
+            let ended = self.streaming.as_ref().is_some_and(|s| !goes_on(s));
+            let told = if ended { self.end_stream() } else { None };
+            self.stream(token, writer, command, now);
+            return told.into_iter().collect();
+        };
+        let (motors, q, speed) = match command {
             Command::Move(m) => {
                 let speed = m.speed.as_deref().unwrap_or_default();
-                (CommandKind::Move, &m.motors, by_motor(&m.motors, &m.q), by_motor(&m.motors, speed))
+                (&m.motors, by_motor(&m.motors, &m.q), by_motor(&m.motors, speed))
             }
-            Command::Stop { motors } => (CommandKind::Stop, motors, none(), none()),
-            Command::Reference { motors, speed, .. } => {
-                (CommandKind::Reference, motors, none(), by_motor(motors, speed))
-            }
-            Command::Mode { motors, .. } => (CommandKind::Mode, motors, none(), none()),
+            Command::Stop { motors } | Command::Mode { motors, .. } => (motors, none(), none()),
+            Command::Reference { motors, speed, .. } => (motors, none(), by_motor(motors, speed)),
+            Command::Direct { motors, .. } | Command::Velocity { motors, .. } => (motors, none(), none()),
         };
         let (robot, motors) = (self.rules.robot.clone(), motors.clone());
-        let led = matches!(command, Command::Move(_)) && self.leads;
+        let led = kind == CommandKind::Move && self.leads;
         let command = Event::Command { robot, token, writer, kind, motors, q, speed, led };
         self.end_stream().into_iter().chain([command]).collect()
     }

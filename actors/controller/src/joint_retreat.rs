@@ -82,13 +82,13 @@ pub struct JointRetreat(Mutex<State>);
 
 #[derive(Clone, Debug, Default)]
 struct State {
-    stages: Vec<Stage>,
+    presences: Vec<Presence>,
     party: Option<Party>,
 }
 
 /// What is known of one robot.
 #[derive(Clone, Debug, Default)]
-enum Stage {
+enum Presence {
     /// It goes its own ways.
     #[default]
     Away,
@@ -154,8 +154,8 @@ impl JointRetreat {
     /// The robot was stopped, to be taken back once it rests.
     pub fn coming(&self, robot: usize, now: Time) {
         let mut state = self.state();
-        if let Some(stage) = state.stage(robot) {
-            *stage = Stage::Coming(now);
+        if let Some(presence) = state.presence(robot) {
+            *presence = Presence::Coming(now);
         }
     }
 
@@ -167,8 +167,8 @@ impl JointRetreat {
     /// What [`Answer::Bring`] asked for.
     pub fn enroll(&self, who: Participant, now: Time) {
         let mut state = self.state();
-        if let Some(stage) = state.stage(who.robot) {
-            *stage = Stage::Ready { since: now, heard: now, who };
+        if let Some(presence) = state.presence(who.robot) {
+            *presence = Presence::Ready { since: now, heard: now, who };
         }
     }
 
@@ -201,8 +201,8 @@ impl JointRetreat {
     /// The robot is back, or goes no further.
     pub fn leave(&self, robot: usize) {
         let mut state = self.state();
-        if let Some(stage) = state.stage(robot) {
-            *stage = Stage::Away;
+        if let Some(presence) = state.presence(robot) {
+            *presence = Presence::Away;
         }
         if let Some(party) = &mut state.party {
             party.members.iter_mut().filter(|m| m.robot == robot).for_each(|m| m.left = true);
@@ -219,11 +219,11 @@ impl JointRetreat {
 }
 
 impl State {
-    fn stage(&mut self, robot: usize) -> Option<&mut Stage> {
-        if self.stages.len() <= robot {
-            self.stages.resize_with(robot + 1, Stage::default);
+    fn presence(&mut self, robot: usize) -> Option<&mut Presence> {
+        if self.presences.len() <= robot {
+            self.presences.resize_with(robot + 1, Presence::default);
         }
-        self.stages.get_mut(robot)
+        self.presences.get_mut(robot)
     }
 
     fn ask(&mut self, robot: usize, now: Time) -> Answer {
@@ -234,19 +234,19 @@ impl State {
             member.heard = now;
             return party.proceed(robot, now).map_or(Answer::Wait, Answer::Go);
         }
-        let Some(Stage::Ready { since, heard, who }) = self.stage(robot) else { return Answer::Bring };
+        let Some(Presence::Ready { since, heard, who }) = self.presence(robot) else { return Answer::Bring };
         *heard = now;
         let (patient, alone) = (now < *since + PATIENCE, who.again);
-        let coming = |stage: &Stage| matches!(stage, Stage::Coming(heard) if now <= *heard + LOST);
-        if self.party.is_some() || (!alone && patient && self.stages.iter().any(coming)) {
+        let coming = |presence: &Presence| matches!(presence, Presence::Coming(heard) if now <= *heard + LOST);
+        if self.party.is_some() || (!alone && patient && self.presences.iter().any(coming)) {
             return Answer::Wait;
         }
         let mut participants = Vec::new();
-        for stage in &mut self.stages {
+        for presence in &mut self.presences {
             let goes = |who: &Participant| if alone { who.robot == robot } else { !who.again };
-            match std::mem::take(stage) {
-                Stage::Ready { heard, who, .. } if goes(&who) && now <= heard + LOST => participants.push(who),
-                other => *stage = other,
+            match std::mem::take(presence) {
+                Presence::Ready { heard, who, .. } if goes(&who) && now <= heard + LOST => participants.push(who),
+                other => *presence = other,
             }
         }
         let members = participants.iter().map(|who| Member::new(who, now)).collect();

@@ -137,7 +137,7 @@ enum Closing {
 /// What supervise knows of the open transaction's motion beside the ledger. Dropped as a whole when the filter closes, and begun
 /// anew with each transaction.
 #[derive(Clone, Debug, Default)]
-struct Driving {
+struct MotionState {
     /// The start of the board's own moves in it.
     started: Option<Started>,
     /// Its set-points.
@@ -229,7 +229,7 @@ pub struct SuperviseCore {
     /// The safe pose of a retreat that failed, for another try.
     retry: Option<Underway>,
     /// How the open transaction is driven.
-    driving: Driving,
+    motion: MotionState,
     /// Who streamed into something, and is not heard.
     hushed: Option<hush::Hush>,
     /// The motors that are perhaps in another control mode than that of position moves.
@@ -257,7 +257,7 @@ impl SuperviseCore {
             newest: None,
             resting: displaced::Resting::default(),
             retry: None,
-            driving: Driving::default(),
+            motion: MotionState::default(),
             hushed: None,
             modes: named.iter().flat_map(|named| named.iter().copied()).collect(),
             yields: false,
@@ -394,7 +394,7 @@ impl SuperviseCore {
 
     /// Closes the filter and stops the robot.
     fn close(&mut self, cause: Cause, step: &mut Step) {
-        self.driving = Driving::default();
+        self.motion = MotionState::default();
         self.token = step.gate.close();
         let (robot, token) = (step.robot(), self.token);
         step.emit(Event::Disabled { robot, token, cause });

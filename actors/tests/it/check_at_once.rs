@@ -1,34 +1,15 @@
 //! Journals in which something takes a robot out of its controller's hands, or violates a constraint, and nobody minds (I25, I26, I28).
 
+use crate::events::{R, disabled, enabled, ended};
 use mobee_actors::check::Checker;
 use mobee_actors::record::journal::Line;
 use mobee_contract::*;
 
-const R: &str = "edge";
-
 /// A robot of two motors of which the first is to stay below 10 degrees.
 fn robot() -> Event {
-    Event::Robot {
-        robot: R.into(),
-        motors: vec!["a".into(), "b".into()],
-        min: vec![-3.0; 2],
-        max: vec![3.0; 2],
-        max_speed: vec![2.0; 2],
-        period: 0.02,
-        fresh: 0.1,
-        margin: 0.01,
-        tolerance: 0.002,
-        rest_speed: 0.01,
-        constraints: vec![vec![(vec![(0, -1.0)], 10.0)]],
-    }
+    crate::events::robot(3.0, vec![vec![(vec![(0, -1.0)], 10.0)]])
 }
 
-fn enabled(token: u64) -> Event {
-    Event::Enabled { robot: R.into(), token }
-}
-fn disabled(token: u64) -> Event {
-    Event::Disabled { robot: R.into(), token, cause: Cause::Asked }
-}
 fn commit(escape: bool) -> Event {
     let (robot, agent, target) = (R.into(), "jog".into(), vec![0.0, 1.0].into());
     Event::Commit { robot, id: CommitId(1), agent, target, escape, motors: vec![(0, 0.5), (1, 0.5)] }
@@ -69,8 +50,7 @@ fn broken(invariant: &str, events: &[(f64, Event)], q: impl Fn(f64) -> [f64; 2])
         }
         checker.pose(0, Time::from_secs(at), &q(at).as_slice().into());
     }
-    let ended = Event::Ended { reason: "done".into() };
-    checker.on(&Line { line: n + 1, n, at: Time::from_secs(6.0), event: ended, hash: String::new() });
+    checker.on(&Line { line: n + 1, n, at: Time::from_secs(6.0), event: ended(), hash: String::new() });
     checker.end().1.iter().filter(|v| v.invariant == invariant).count()
 }
 

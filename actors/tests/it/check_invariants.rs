@@ -1,5 +1,6 @@
 //! Every invariant has a good journal that passes and a planted fault that is found, by name and line.
 
+use crate::events::{R, disabled, enabled, ended, started};
 use mobee_actors::check::{Checker, Violation, check, check_events, summary};
 use mobee_actors::record::journal::{Journal, Line, NOT_FINITE};
 use mobee_contract::{
@@ -10,40 +11,14 @@ use mobee_model::{Contact, ShapeId};
 use serde_json::json;
 use std::sync::Arc;
 
-const R: &str = "edge";
-
 fn pose(q: &[f64]) -> Pose {
     q.into()
 }
 
 fn robot() -> Event {
-    Event::Robot {
-        robot: R.into(),
-        motors: vec!["a".into(), "b".into()],
-        min: vec![-1.0; 2],
-        max: vec![1.0; 2],
-        max_speed: vec![2.0; 2],
-        period: 0.02,
-        fresh: 0.1,
-        margin: 0.01,
-        tolerance: 0.002,
-        rest_speed: 0.01,
-        constraints: Vec::new(),
-    }
+    crate::events::robot(1.0, Vec::new())
 }
 
-fn started() -> Event {
-    Event::Started { seed: 1, clock: "virtual".into(), config: json!({}) }
-}
-fn ended() -> Event {
-    Event::Ended { reason: "done".into() }
-}
-fn enabled(token: u64) -> Event {
-    Event::Enabled { robot: R.into(), token }
-}
-fn disabled(token: u64) -> Event {
-    Event::Disabled { robot: R.into(), token, cause: Cause::Asked }
-}
 fn safe(q: &[f64]) -> Event {
     Event::SafePose { robot: R.into(), q: pose(q), age: 0.01, speed: 0.0, free: true }
 }

@@ -1,10 +1,10 @@
 //! I22 by the measured poses: a retreat that is none, each as a run in which nothing else is wrong.
 
+use crate::events::{R, ended, robot, started};
 use mobee_actors::check::{Checker, Violation};
 use mobee_actors::record::journal::Line;
 use mobee_contract::{Cause, CommandKind, CommitId, Event, Hold, Outcome, Pose, Status, Time, Writer};
 
-const R: &str = "edge";
 /// When it is committed, stopped and taken back, s.
 const COMMIT: f64 = 1.0;
 const STOP: f64 = 3.0;
@@ -20,38 +20,22 @@ fn backwards(rate: f64) -> impl Fn(f64) -> [f64; 2] {
     move |at| there(STOP - rate * (at - BACK - 0.06).max(0.0))
 }
 
-fn rules() -> Event {
-    Event::Robot {
-        robot: R.into(),
-        motors: vec!["a".into(), "b".into()],
-        min: vec![-1.0; 2],
-        max: vec![1.0; 2],
-        max_speed: vec![2.0; 2],
-        period: 0.02,
-        fresh: 0.1,
-        margin: 0.01,
-        tolerance: 0.002,
-        rest_speed: 0.01,
-        constraints: Vec::new(),
-    }
-}
-
 /// What of I22 is found where the robot goes back as `back` says, with more events; the outcome comes at `end`.
 fn found(back: impl Fn(f64) -> [f64; 2], end: f64, outcome: Outcome, more: Vec<(f64, Event)>) -> Vec<Violation> {
-    let (robot, id, home) = (|| R.to_string(), CommitId(1), || Pose::from([0.0, 0.0]));
+    let (name, id, home) = (|| R.to_string(), CommitId(1), || Pose::from([0.0, 0.0]));
     let motors = vec![(0, 0.5), (1, 0.5)];
     let (agent, target) = ("explorer".into(), Pose::from([0.5, 0.5]));
     let q = Pose::from(back(end));
     let mut events = vec![
-        (0.0, Event::Started { seed: 1, clock: "virtual".into(), config: serde_json::json!({}) }),
-        (0.0, rules()),
-        (0.9, Event::SafePose { robot: robot(), q: home(), age: 0.01, speed: 0.0, free: true }),
-        (0.9, Event::Enabled { robot: robot(), token: 1 }),
-        (COMMIT, Event::Commit { robot: robot(), id, agent, target, escape: false, motors }),
-        (STOP, Event::Disabled { robot: robot(), token: 2, cause: Cause::Contact(vec![]) }),
-        (BACK, Event::RetreatBegan { robot: robot(), id, poses: 200, secs: 2.0, near: vec![] }),
-        (end, Event::Outcome { robot: robot(), id, outcome, q, safe: Some(home()), cause: None }),
-        (end + 1.0, Event::Ended { reason: "done".into() }),
+        (0.0, started()),
+        (0.0, robot(1.0, Vec::new())),
+        (0.9, Event::SafePose { robot: name(), q: home(), age: 0.01, speed: 0.0, free: true }),
+        (0.9, Event::Enabled { robot: name(), token: 1 }),
+        (COMMIT, Event::Commit { robot: name(), id, agent, target, escape: false, motors }),
+        (STOP, Event::Disabled { robot: name(), token: 2, cause: Cause::Contact(vec![]) }),
+        (BACK, Event::RetreatBegan { robot: name(), id, poses: 200, secs: 2.0, near: vec![] }),
+        (end, Event::Outcome { robot: name(), id, outcome, q, safe: Some(home()), cause: None }),
+        (end + 1.0, ended()),
     ];
     events.extend(more);
     events.sort_by(|a, b| a.0.total_cmp(&b.0));

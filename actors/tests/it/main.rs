@@ -6,6 +6,7 @@ mod check_retreat;
 mod commanded;
 mod common;
 mod displaced;
+mod events;
 mod exchange;
 mod fifty_seeds;
 mod forces;

@@ -21,10 +21,8 @@ fn boards_that_come_back_are_stopped_first_and_nothing_is_resumed() {
     assert!(rest[0] < 44.0 && rest[2] < 49.0, "they were stopped: {rest:?}");
     let sample = robot.reading(&mut driver, "a reading at rest", |s| s.done.iter().all(|d| *d));
     assert!((sample.q[0].to_degrees() - rest[0]).abs() < 0.2, "no jump");
-    assert_eq!(
-        robot.rests().iter().map(|q| q.round()).collect::<Vec<_>>(),
-        rest.iter().map(|q| q.round()).collect::<Vec<_>>()
-    );
+    let rests = robot.rests();
+    assert!(rests.iter().zip(&rest).all(|(now, then)| (now - then).abs() < 0.2), "{rests:?}, and before {rest:?}");
     // and it can be used again
     robot.under_way(&mut driver);
 }

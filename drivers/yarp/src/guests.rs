@@ -1,5 +1,6 @@
 //! The connections that a listening socket serves: so many at a time, and nobody is locked out by those that say nothing.
 
+use crate::clock;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::task::{AbortHandle, JoinSet};
@@ -14,23 +15,17 @@ pub(crate) struct Heard(Mutex<(bool, Instant)>);
 
 impl Heard {
     fn new() -> Heard {
-        Heard(Mutex::new((false, now())))
+        Heard(Mutex::new((false, clock::now())))
     }
 
     /// It has said something.
     pub fn now(&self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (true, now());
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (true, clock::now());
     }
 
     fn last(&self) -> (bool, Instant) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// The time in which sockets live.
-#[expect(clippy::disallowed_methods, reason = "peers on sockets live in real time")]
-pub(crate) fn now() -> Instant {
-    Instant::now()
 }
 
 /// Those connections, each a task.

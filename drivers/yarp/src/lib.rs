@@ -3,6 +3,7 @@
 pub mod auth;
 pub mod board;
 mod bottle;
+mod clock;
 pub mod config;
 mod contact;
 mod guests;

@@ -1,6 +1,6 @@
 //! The retreat as supervise sees it: it asks the reflex for one, hears how it goes, and may have one that failed tried again.
 
-use super::{Closing, Driving, Step, SuperviseCore, SuperviseOut};
+use super::{Closing, MotionState, Step, SuperviseCore, SuperviseOut};
 use crate::reflex::ReflexReport;
 use mobee_contract::{Cause, Event, Hold, Outcome, Status, Time};
 use std::collections::BTreeSet;
@@ -28,7 +28,7 @@ impl SuperviseCore {
         }
         self.token = token;
         self.hush(blamed, step);
-        self.driving = Driving::default();
+        self.motion = MotionState::default();
         if self.is_moving() {
             step.give_cause(cause);
             self.closing = Closing::Reflex;

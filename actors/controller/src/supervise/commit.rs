@@ -1,7 +1,7 @@
 //! Algorithm 5: a command arrives, and is refused, accepted as a new transaction, or joins the open one.
 
 use super::check::{check, check_speeds};
-use super::{Closing, Driving, Reading, Started, Step, SuperviseCore, SuperviseOut};
+use super::{Closing, MotionState, Reading, Started, Step, SuperviseCore, SuperviseOut};
 use crate::ledger::{Motion, Open};
 use crate::{Rules, distance};
 use mobee_contract::{
@@ -89,7 +89,7 @@ impl SuperviseCore {
             None => Motion::Move { due: step.now + course.patience() },
         };
         let id = self.open(commit.agent.clone(), (target.clone(), &commit.target.motors), (safe, motion), step);
-        self.driving.started = Some(course.started(distance(&target, &here), step.now));
+        self.motion.started = Some(course.started(distance(&target, &here), step.now));
         let (robot, agent) = (step.robot(), commit.agent.to_string());
         let motors = allowed(&commit, escape, step.rules);
         let told = Event::Commit { robot, id, agent, target: target.clone(), escape, motors: motors.clone() };
@@ -112,7 +112,7 @@ impl SuperviseCore {
         step: &mut Step,
     ) -> CommitId {
         self.retry = None;
-        self.driving = Driving::default();
+        self.motion = MotionState::default();
         // the reading that opened the filter may have been the newest: it lets the robot move as the next will
         step.out.extend(self.newest.as_ref().map(|newest| SuperviseOut::Lease(newest.at + step.rules.fresh)));
         step.book.last_id += 1;
@@ -130,7 +130,7 @@ impl SuperviseCore {
         match step.owner() {
             None => return Err(Refusal::NotReady { missing: "the outcome of the last motion".into() }),
             Some(owner) if owner != commit.agent => return Err(Refusal::Busy),
-            Some(_) if self.driving.forces.is_some() => {}
+            Some(_) if self.motion.forces.is_some() => {}
             Some(_) => self.leave_stream(&commit.target.motors),
         }
         let escape = self.status == Status::Escaping;
@@ -149,11 +149,11 @@ impl SuperviseCore {
             open.motion = open.motion.until(open.motion.due().filter(|_| !all).map_or(due, |before| before.max(due)));
             (open.id, open.target.clone())
         };
-        self.driving.done_since = None;
-        self.driving.started = Some(course.started(distance(&target, here), step.now));
+        self.motion.done_since = None;
+        self.motion.started = Some(course.started(distance(&target, here), step.now));
         let (robot, motors) = (step.robot(), allowed(&commit, escape, step.rules));
         step.emit(Event::Amended { robot, id, target: target.clone(), motors: motors.clone() });
-        if self.driving.forces.is_some() {
+        if self.motion.forces.is_some() {
             self.aim_forces(&target, &motors, step);
             return Ok(id);
         }
@@ -181,7 +181,7 @@ fn allowed(commit: &Commit, escape: bool, rules: &Rules) -> Vec<(usize, f64)> {
 }
 
 /// How a commit is driven from `here`: in step, or each motor at its own speed, never above what its axis can do.
-fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> Course {
+fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedMove {
     let share = if escape { rules.escape_speed.min(commit.target.speed) } else { commit.target.speed };
     let target = Target { speed: share, ..commit.target.clone() };
     let own: Option<Vec<f64>> =
@@ -204,7 +204,7 @@ fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> Course {
             Move { motors: target.motors, q: target.q, relative: false, speed: Some(speed), acceleration }
         }
     };
-    Course { command, secs }
+    PlannedMove { command, secs }
 }
 
 /// What a command that fits would be.
@@ -233,12 +233,12 @@ pub(super) enum Way {
 }
 
 /// How a commit is driven, and how long that should take.
-struct Course {
+struct PlannedMove {
     command: Move,
     secs: f64,
 }
 
-impl Course {
+impl PlannedMove {
     /// It is driven from now on, so far.
     fn started(&self, distance_to_go: f64, now: Time) -> Started {
         Started { at: now, distance_to_go, expected: self.secs }

@@ -154,10 +154,10 @@ impl SuperviseCore {
 
     /// A motion is under way: has it ended, or gone wrong?
     fn moving(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) {
-        if self.driving.forces.is_some() {
+        if self.motion.forces.is_some() {
             return self.under_forces(pulse, at_rest, step);
         }
-        if self.driving.stream.is_some() && !self.streaming(pulse, at_rest, step) {
+        if self.motion.stream.is_some() && !self.streaming(pulse, at_rest, step) {
             return;
         }
         let at = pulse.sample.at;
@@ -173,8 +173,8 @@ impl SuperviseCore {
         let reacted = at >= since + step.rules.reaction();
         // there, but not yet known to rest, as after a gap in the readings, is not missed
         let elsewhere = done && reacted && away > step.rules.tolerance;
-        self.driving.done_since = self.driving.done_since.filter(|_| elsewhere).or(elsewhere.then_some(at));
-        if self.driving.done_since.is_some_and(|t| at >= t + MISSED) || due.is_some_and(|due| at > due) {
+        self.motion.done_since = self.motion.done_since.filter(|_| elsewhere).or(elsewhere.then_some(at));
+        if self.motion.done_since.is_some_and(|t| at >= t + MISSED) || due.is_some_and(|due| at > due) {
             self.roll_back(Cause::TargetMissed, step);
         } else if away > FROZEN_WAY && self.is_frozen(at, pulse.unchanged, step.rules) {
             self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
@@ -199,7 +199,7 @@ impl SuperviseCore {
     /// Whether the readings have been equal bit for bit while the farthest motor should have gone on, at the motion's
     /// mean speed.
     fn is_frozen(&self, at: Time, unchanged: Time, rules: &Rules) -> bool {
-        let Some(started) = self.driving.started else { return false };
+        let Some(started) = self.motion.started else { return false };
         let still = at.since(unchanged.max(started.at + rules.reaction()));
         still >= FROZEN && started.mean_speed() * still.as_secs_f64() > FROZEN_WAY
     }

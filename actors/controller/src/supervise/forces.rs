@@ -7,7 +7,7 @@
 //! ```
 
 use super::streaming::Streaming;
-use super::{Driving, Reading, Step, SuperviseCore};
+use super::{MotionState, Reading, Step, SuperviseCore};
 use crate::pulse::Pulse;
 use crate::trajectory::ReferenceTrajectory;
 use crate::{FieldRules, Rules, clamped, distance};
@@ -44,7 +44,7 @@ impl SuperviseCore {
         let moving = course.motors();
         stream.ask(&moving, mode(rules), &still(here, rules), (here, now), rules);
         step.book.ahead = Some(start);
-        self.driving.forces = Some(Forces { course, aimed: now, stepped: now, there: None, still: None });
+        self.motion.forces = Some(Forces { course, aimed: now, stepped: now, there: None, still: None });
         self.begin_stream(stream, &moving, here, step);
     }
 
@@ -52,7 +52,7 @@ impl SuperviseCore {
     pub(super) fn aim_forces(&mut self, target: &Pose, motors: &[(usize, f64)], step: &mut Step) {
         let (rules, now) = (step.rules, step.now);
         let Some(fields) = rules.fields.as_deref() else { return };
-        let (Some(forces), Some(stream)) = (&mut self.driving.forces, &mut self.driving.stream) else { return };
+        let (Some(forces), Some(stream)) = (&mut self.motion.forces, &mut self.motion.stream) else { return };
         forces.course.aim(fields, target, motors);
         (forces.aimed, forces.there, forces.still) = (now, None, None);
         let new: Vec<usize> = motors.iter().map(|(m, _)| *m).filter(|m| !stream.names(*m)).collect();
@@ -69,7 +69,7 @@ impl SuperviseCore {
         if self.is_stream_frozen(pulse) {
             return self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
         }
-        let (Some(forces), Some(stream)) = (&mut self.driving.forces, &mut self.driving.stream) else { return };
+        let (Some(forces), Some(stream)) = (&mut self.motion.forces, &mut self.motion.stream) else { return };
         let (elapsed, period) = (now.since(forces.stepped).as_secs_f64(), rules.period.as_secs_f64());
         if elapsed >= 0.75 * period {
             forces.stepped = now;
@@ -90,7 +90,7 @@ impl SuperviseCore {
         let still = forces.still.is_some_and(|since| at >= since.max(set_out) + fields.patience);
         self.write_stream(q, step);
         if arrived && at_rest && at >= set_out && distance(q, &target) <= rules.tolerance {
-            self.driving = Driving::default();
+            self.motion = MotionState::default();
             self.done(pulse, step);
         } else if still || due.is_some_and(|due| at > due) {
             self.roll_back(Cause::TargetMissed, step);

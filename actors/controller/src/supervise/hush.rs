@@ -21,7 +21,7 @@ pub(super) struct Hush {
 impl SuperviseCore {
     /// The reflex has closed the filter in mid-motion: if that was a stream of an agent's, it is not heard from now on.
     pub(super) fn hush(&mut self, blamed: Option<BTreeSet<usize>>, step: &Step) {
-        if self.driving.stream.is_none() || self.driving.forces.is_some() {
+        if self.motion.stream.is_none() || self.motion.forces.is_some() {
             return;
         }
         self.hushed = step.owner().map(|agent| Hush { agent, heard: step.now, blamed });

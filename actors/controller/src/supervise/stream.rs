@@ -55,7 +55,7 @@ impl SuperviseCore {
 
     /// The stream begins, or goes on, with these motors new to it.
     pub(super) fn begin_stream(&mut self, stream: Streaming, new: &[usize], here: &Pose, step: &mut Step) {
-        self.driving.stream = Some(stream);
+        self.motion.stream = Some(stream);
         self.switch_modes(new, step);
         self.write_stream(here, step);
     }
@@ -66,11 +66,11 @@ impl SuperviseCore {
         if open.agent != *agent {
             return Err(Refusal::Busy);
         }
-        if self.driving.forces.is_some() {
+        if self.motion.forces.is_some() {
             return not_ready("the end of the move under way");
         }
         let (rules, now, mode) = (step.rules, step.now, mode_of(&setpoints.values));
-        let mut stream = self.driving.stream.clone().unwrap_or_else(|| Streaming::new(rules, now));
+        let mut stream = self.motion.stream.clone().unwrap_or_else(|| Streaming::new(rules, now));
         if stream.braking.is_some() {
             return not_ready("the robot to come to rest");
         }
@@ -88,7 +88,7 @@ impl SuperviseCore {
     }
 
     pub(super) fn write_stream(&mut self, here: &[f64], step: &mut Step) {
-        let Some(stream) = &mut self.driving.stream else { return };
+        let Some(stream) = &mut self.motion.stream else { return };
         for command in stream.write(here, step.rules, step.now) {
             step.command(self.token, Writer::Agent, command);
         }
@@ -96,10 +96,10 @@ impl SuperviseCore {
 
     /// A commit takes some motors over from the stream, which goes on with the others.
     pub(super) fn leave_stream(&mut self, motors: &[usize]) {
-        if let Some(stream) = &mut self.driving.stream {
+        if let Some(stream) = &mut self.motion.stream {
             stream.leave(motors);
         }
-        self.driving.stream.take_if(|stream| stream.named().is_empty());
+        self.motion.stream.take_if(|stream| stream.named().is_empty());
     }
 
     /// A reading during a stream: go on, brake, or see that it has come to rest. Returns whether the stream is over and
@@ -111,7 +111,7 @@ impl SuperviseCore {
             self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
             return false;
         }
-        let Some(stream) = &mut self.driving.stream else { return true };
+        let Some(stream) = &mut self.motion.stream else { return true };
         match stream.braking {
             None if at >= stream.heard + rules.stream_quiet => {
                 // positions end at the last of them, where the board holds by itself
@@ -145,7 +145,7 @@ impl SuperviseCore {
 
     /// Whether the readings have been equal bit for bit while the set-points moved on.
     pub(super) fn is_stream_frozen(&mut self, pulse: &Pulse) -> bool {
-        let Some(stream) = &mut self.driving.stream else { return false };
+        let Some(stream) = &mut self.motion.stream else { return false };
         let at = pulse.sample.at;
         if stream.mark.0 != pulse.unchanged {
             stream.mark = (pulse.unchanged, 0.0);
@@ -158,14 +158,14 @@ impl SuperviseCore {
 
     /// The robot rests: where it does is the stream's target, or the last set-point if it counts as being there.
     fn end_stream(&mut self, q: &Pose, since: Time, at: Time, step: &mut Step) {
-        let Some(stream) = self.driving.stream.take() else { return };
+        let Some(stream) = self.motion.stream.take() else { return };
         if let Some(open) = &mut step.book.open {
             let rest = |(m, q): (usize, &f64)| home(stream.sent(m), *q, step.rules.tolerance);
             let rests: Vec<f64> = q.iter().enumerate().map(rest).collect();
             open.target = stream.with(&open.target, &rests);
             open.since = since;
             if open.motion == Motion::Stream {
-                self.driving.started = None;
+                self.motion.started = None;
             }
             // motors that a commit moves may still be on their way
             open.motion = Motion::Move { due: open.motion.due().max(Some(at + PATIENCE)).unwrap_or(at) };
@@ -177,7 +177,7 @@ impl SuperviseCore {
 
     /// Motors that join the stream take its set-points from now on.
     pub(super) fn switch_modes(&mut self, motors: &[usize], step: &mut Step) {
-        let Some(stream) = &self.driving.stream else { return };
+        let Some(stream) = &self.motion.stream else { return };
         self.modes.extend(motors);
         for mode in [ControlMode::Velocity, ControlMode::PositionDirect] {
             let motors: Vec<usize> = motors.iter().copied().filter(|m| stream.drives(*m, mode)).collect();

@@ -5,7 +5,7 @@ use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::swap::{Phase, SwapCore, SwapIn, SwapOut, SwapPolicy};
 use crate::wiring::{Hub, Wires};
-use mobee_contract::{Agent, CommitId, Event, Intent, IntentKind, MotionEnd, Note, Snapshot, SwapPart, SwapStep, View};
+use mobee_contract::{Agent, CommitId, Event, Intent, MotionEnd, Note, Snapshot, SwapPart, SwapStep, View};
 use sha2::{Digest, Sha256};
 use std::sync::Arc;
 use std::time::Duration;
@@ -201,16 +201,13 @@ impl Mind {
     }
 
     fn tell_shadow(&self, intent: &Intent) {
-        let (intent, q) = match intent {
+        let q = match intent {
             Intent::MoveTo(target) | Intent::MoveEach(target, _) => {
-                (IntentKind::Move, target.motors.iter().copied().zip(target.q.iter().copied()).collect())
+                target.motors.iter().copied().zip(target.q.iter().copied()).collect()
             }
-            Intent::Stream(_) => (IntentKind::Stream, Vec::new()),
-            Intent::Stop => (IntentKind::Stop, Vec::new()),
-            Intent::Wait(_) => (IntentKind::Wait, Vec::new()),
-            Intent::Done(_) => (IntentKind::Done, Vec::new()),
+            _ => Vec::new(),
         };
-        self.hub.tell(Event::Shadow { robot: self.wires.name.clone(), intent, q });
+        self.hub.tell(Event::Shadow { robot: self.wires.name.clone(), intent: intent.kind(), q });
     }
 
     async fn hand_over(&mut self) -> bool {

@@ -220,15 +220,6 @@ async fn send_all(shared: Arc<Shared>, mut sender: Sender, mut queue: mpsc::Rece
     }
 }
 
-/// The time of an arrival.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "arrivals are told on the machine's own monotonic clock; callers make their time of it"
-)]
-fn arrival() -> Instant {
-    Instant::now()
-}
-
 /// Why a port could not be opened or reached, in one line.
 fn in_words(error: &PortError) -> String {
     error.to_string()

@@ -20,8 +20,9 @@ pub(crate) struct Keeper {
     to: Contact,
     own_name: String,
     keep: bool,
-    /// Where the other side was last, if that may be tried.
-    last: Option<Option<Contact>>,
+    /// Whether the other side may be tried where it was last.
+    remembers: bool,
+    last: Option<Contact>,
     line: Option<Line>,
     delay: Duration,
     pause: Option<Pin<Box<Sleep>>>,
@@ -43,8 +44,9 @@ impl Keeper {
     /// Without a connection yet.
     pub fn idle(network: &Network, own_name: &str, to: Contact, carrier: Carrier, options: PortOptions) -> Keeper {
         let own_name = network.full_name(own_name);
-        let (network, keep, last, line, delay, pause) = (network.clone(), false, None, None, FIRST, None);
-        Keeper { network, options, carrier, to, own_name, keep, last, line, delay, pause }
+        let (network, keep, remembers, delay) = (network.clone(), false, false, FIRST);
+        let (last, line, pause) = (None, None, None);
+        Keeper { network, options, carrier, to, own_name, keep, remembers, last, line, delay, pause }
     }
 
     pub fn keep(&mut self) {
@@ -53,7 +55,7 @@ impl Keeper {
 
     /// Whoever answers where the other side was last is good enough, if the name server does not tell where it is.
     pub fn remember(&mut self) {
-        self.last = Some(None);
+        self.remembers = true;
     }
 
     pub fn to(&self) -> &Contact {
@@ -65,14 +67,13 @@ impl Keeper {
     }
 
     async fn dial(&mut self) -> Result<Line, PortError> {
-        let found = match (dial::find(&self.network, &self.to).await, &self.last) {
-            (Err(PortError::Name(_) | PortError::Unknown(_)), Some(Some(last))) => last.clone(),
+        let last = self.last.as_ref().filter(|_| self.remembers);
+        let found = match (dial::find(&self.network, &self.to).await, last) {
+            (Err(PortError::Name(_) | PortError::Unknown(_)), Some(last)) => last.clone(),
             (found, _) => found?,
         };
         let line = dial::dial(&self.network, &self.options, &found, self.carrier, &self.own_name).await?;
-        if let Some(last) = &mut self.last {
-            *last = Some(found);
-        }
+        self.last = Some(found);
         Ok(line)
     }
 

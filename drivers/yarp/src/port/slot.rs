@@ -2,7 +2,7 @@
 
 use super::{Payload, lock};
 use crate::Dialect;
-use crate::guests;
+use crate::clock;
 use bytes::Bytes;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -80,7 +80,7 @@ impl Slot {
         if state.quit || state.closed {
             return;
         }
-        let (now, before) = (guests::now(), state.packets.len());
+        let (now, before) = (clock::now(), state.packets.len());
         match self.delivery {
             Delivery::Newest => {
                 let old = |since: &Instant| now.duration_since(*since) > HICCUP;

@@ -109,7 +109,7 @@ fn a_commit_takes_one_motor_over_and_the_other_goes_on() {
     let told = two.now;
     let over = (1..100).find(|k| {
         let _ = two.read([0.4 + 1e-3 * f64::from(*k), 0.02], [false, true]);
-        two.supervise.driving.stream.is_none()
+        two.supervise.motion.stream.is_none()
     });
     assert!(over.is_some() && two.now == told + two.rules.reaction(), "{over:?}");
     assert_eq!((two.target(), two.supervise.status()), (vec![1.0, 0.02], Status::Moving));

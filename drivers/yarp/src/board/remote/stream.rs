@@ -1,6 +1,7 @@
 //! The port that a board's states come to.
 
-use super::{RemoteState, Shared, arrival};
+use super::{RemoteState, Shared};
+use crate::clock;
 use crate::payload::vector;
 use crate::port::Core;
 use crate::{Field, JointData, Message, PortError, Queue, Reader, Stamp};
@@ -97,7 +98,7 @@ async fn read(shared: Arc<Shared>, mut reader: Reader, mut told: mpsc::Receiver<
             message = reader.recv() => message,
         };
         let Some(message) = message else { break };
-        let arrived = arrival();
+        let arrived = clock::now();
         let Some(joints) = axes.and_then(|n| joints(&shared, &message, n)) else {
             tracing::debug!(board = shared.port, from = message.from, "a state that makes no sense");
             continue;

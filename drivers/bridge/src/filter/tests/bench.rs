@@ -1,0 +1,124 @@
+//! The filter on a bench: a board, and motions whose end the test decides.
+
+use super::super::*;
+use mobee_contract::Axis;
+use mobee_model::Part;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
+/// A robot of two parts (2 and 1 motors) behind a filter, with motions whose end the test decides.
+pub struct Bench {
+    pub core: FilterCore,
+    pub status: Status,
+    pub now: Time,
+    pub q: Vec<f64>,
+    pub ends: RefCell<BTreeMap<u64, MotionEnd>>,
+    pub blamed: Option<BTreeSet<usize>>,
+    pub next: u64,
+    /// Requests that reached the board.
+    pub asked: Vec<Bottle>,
+    pub stopped: usize,
+}
+
+impl Bench {
+    pub fn new() -> Bench {
+        let axis = |name: &str| Axis {
+            name: name.into(),
+            min: (-90.0_f64).to_radians(),
+            max: 90.0_f64.to_radians(),
+            max_speed: 50.0_f64.to_radians(),
+            max_acceleration: 1.0,
+        };
+        let part = |name: &str, motors| Part { name: name.into(), motors, root_node: None, clauses: vec![] };
+        let robot = Robot {
+            name: "toy".into(),
+            parts: vec![part("arm", 0..2), part("head", 2..3)],
+            motors: vec![],
+            nodes: vec![],
+            markers: vec![],
+            pairs: Default::default(),
+        };
+        let axes = vec![axis("a"), axis("b"), axis("c")];
+        let period = std::time::Duration::from_millis(10);
+        let board = Board { axes, period, latency: period, position_direct: true };
+        let q = vec![0.1, 0.2, 0.3];
+        Bench {
+            core: FilterCore::new("toy", &robot, &board, &q, 1.0),
+            status: Status::Rest,
+            now: Time::from_secs(1.0),
+            q,
+            ends: RefCell::default(),
+            blamed: None,
+            next: 1,
+            asked: vec![],
+            stopped: 0,
+        }
+    }
+
+    pub fn seen<T>(&mut self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
+        let ends = self.ends.borrow();
+        let end_of = |id: CommitId| ends.get(&id.0).copied();
+        let blamed = self.blamed.clone();
+        let seen = Seen {
+            now: self.now,
+            time_of_day: self.now.secs(),
+            status: self.status,
+            q: &self.q,
+            end_of: &end_of,
+            to_blame: &|_| blamed.clone(),
+        };
+        f(&mut self.core, &seen)
+    }
+
+    /// What the shell does with a request on a connection.
+    pub fn rpc(&mut self, connection: u64, request: &Bottle) -> Bottle {
+        let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
+        let step = self.seen(|core, seen| core.request(&client, request, seen));
+        match &step {
+            Step::Reply(reply) => reply.clone(),
+            Step::Ask => {
+                self.asked.push(request.clone());
+                self.seen(|core, seen| core.answer(&client, request, seen))
+            }
+            Step::Stop => {
+                self.stopped += 1;
+                reply::ok()
+            }
+            Step::Commit(_) | Step::Stream(_) => {
+                let verdict = Ok(CommitId(self.next));
+                self.status = Status::Moving;
+                self.seen(|core, seen| core.accepted(&client, &step, &verdict, seen))
+            }
+        }
+    }
+
+    pub fn say(&mut self, connection: u64, text: &str) -> String {
+        self.rpc(connection, &bottle(text)).to_string()
+    }
+
+    pub fn step(&mut self, text: &str) -> Step {
+        let client = Client { part: 0, connection: 99, from: "anon", listens: true };
+        self.seen(|core, seen| core.request(&client, &bottle(text), seen))
+    }
+
+    pub fn stream(&mut self, connection: u64, head: &str, body: &[f64]) -> Option<Step> {
+        let client = Client { part: 0, connection, from: "/me/command:o", listens: false };
+        let step = self.seen(|core, seen| core.streamed(&client, &bottle(head), body, seen));
+        if let Some(step) = &step {
+            let verdict = Ok(CommitId(self.next));
+            self.status = Status::Moving;
+            self.seen(|core, seen| core.accepted(&client, step, &verdict, seen));
+        }
+        step
+    }
+
+    pub fn end(&mut self, end: MotionEnd) {
+        self.ends.borrow_mut().insert(self.next, end);
+        self.next += 1;
+        self.status = Status::Rest;
+    }
+}
+
+pub fn bottle(text: &str) -> Bottle {
+    Bottle::parse(text, Default::default()).unwrap()
+}
