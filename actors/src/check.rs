@@ -17,17 +17,17 @@
 //! | I15 | liveness | once all faults have healed, motions end, filters open, and agents go on |
 //! | I17 | ended means at rest | an outcome is given only while the robot is measured to rest |
 //! | I18 | orphans are cancelled | a motion does not go on when its agent has died |
-//! | I19 | a contact closes | a contact that begins in mid-motion closes the filter within one control period |
+//! | I19 | a contact closes the filter | a contact that begins in mid-motion closes the filter within one control period |
 //! | I20 | no motor too fast | no motor is measured to go faster than its commit allows it |
-//! | I21 | idle motors stay | a motor that no open commit names does not leave its place, not in the long run either, and no command but a stop names it |
-//! | I22 | what is to be taken back is | a contact, a constraint, a missed target, the agent's death: the motion ends rolled back, the way it came, unless the journal says why not |
+//! | I21 | idle motors stay put | a motor that no open commit names does not leave its place, not in the long run either, and no command but a stop names it |
+//! | I22 | failed motions are rolled back | a contact, a constraint, a missed target, the agent's death: the motion ends rolled back, the way it came, unless the journal says why not |
 //! | I23 | a failed edge is removed | before the agent commits again, and no other is |
-//! | I25 | a constraint closes | a constraint that is violated, at rest or in motion, closes the filter; during the retreat, or if it gets worse in an escape, it stops the robot |
+//! | I25 | a violated constraint closes the filter | a constraint that is violated, at rest or in motion, closes the filter; during the retreat, or if it gets worse in an escape, it stops the robot |
 //! | I26 | frozen encoders are noticed | readings that are equal bit for bit while the motors should go on end the motion in a stated time |
-//! | I27 | contacts have a hysteresis | a contact begins below the margin, and again only after it has ended |
-//! | I28 | what dies closes at once | the death of the model or of a controller's actor closes the filter within two leases, an exchange before the new part is looked at; a new driver stops its board first, and a stop hushes what waits |
+//! | I27 | contacts have hysteresis | a contact begins below the margin, and again only after it has ended |
+//! | I28 | a death closes the filter | the death of the model or of a controller's actor closes the filter within two leases, an exchange before the new part is looked at; a new driver stops its board first, and a stop hushes what waits |
 //! | I29 | agents are told the truth | `committed` is said only within the tolerance of the target; the built-in agent is told how its motion ended once, after its outcome and before it commits again, and it is what the outcome says |
-//! | I31 | moved at rest closes | a robot that is moved at rest, by no command of its filter, closes it: beyond the tolerance it is told of and does not stay open |
+//! | I31 | displacement at rest closes the filter | a robot that is moved at rest, by no command of its filter, closes it: beyond the tolerance it is told of and does not stay open |
 //!
 //! Each is a small state machine in a file of its own, fed with one line after the other, and with the measured poses beside the
 //! journal where there are any ([`crate::record::track`]): I4 and I22 look at those, too, I8, I17, I20, I21, I25, I26 and I31 want them. I15 is judged where a simulation
