@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# A picture of a recording, on a machine without screen or graphics card:
+# Renders a picture of a recording on a machine without a screen or graphics card:
 #
 #     tools/shot.sh RECORDING.rrd PICTURE.png [WIDTHxHEIGHT]
 #
-# The viewer opens the recording with the layout it carries, at its end, and is photographed. Takes about a minute.
+# The viewer opens the recording at its end, with the recording's own layout; then a screenshot is taken. Takes up to a minute.
 set -euo pipefail
 
 usage() { echo "usage: tools/shot.sh RECORDING.rrd PICTURE.png [WIDTHxHEIGHT]" >&2; exit 2; }
@@ -18,7 +18,7 @@ command -v rerun > /dev/null || missing "the viewer" "pip install rerun-sdk==0.3
 driver=$(find /usr/share/vulkan/icd.d -name 'lvp_icd*.json' 2> /dev/null | head -n 1)
 [ -n "$driver" ] || missing "the software Vulkan driver" "$packages"
 viewer=$(command -v rerun)
-# a version manager's stand-in looks its real program up from the home folder, which is about to be another one
+# a version manager's shim looks up the real program from the home folder, which is about to change
 command -v pyenv > /dev/null && viewer=$(pyenv which rerun 2> /dev/null || echo "$viewer")
 python=${PYTHON:-python3}
 "$python" -c 'import rerun.experimental' 2> /dev/null || missing "the viewer's Python package" "pip install rerun-sdk==0.36.3"
