@@ -1,4 +1,4 @@
-//! Load a robot, move it, and ask where its hand is and what it would touch.
+//! Load a robot, move it, and query where its hand is and what it would touch.
 //!
 //! `cargo run --release --example 01_load_a_robot`
 

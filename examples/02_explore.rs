@@ -1,4 +1,4 @@
-//! The paper's first experiment, smaller: an iCub explores a roadmap of eight poses, and every figure of it is printed.
+//! The paper's first experiment, smaller: an iCub explores a roadmap of eight poses, and all its figures are printed.
 //!
 //! `cargo run --release --example 02_explore`
 

@@ -1,5 +1,5 @@
-//! The paper's second experiment (figure 5): the short way leads through a ball that turns solid; the robot is rolled back
-//! once and finds the way round. Then an obstacle is put onto its resting arm: it holds, and escapes.
+//! The paper's second experiment (figure 5): the shorter path leads through a ball that becomes solid; a motion is rolled
+//! back, and the robot finds the way around. Then an obstacle appears on its resting arm: the robot holds, then escapes.
 //!
 //! `cargo run --release --example 03_the_ball`
 

@@ -1,7 +1,7 @@
-//! Write an agent: it waves with one motor, and turns back wherever it meets resistance.
+//! Write an agent: it waves with one motor, and turns back wherever a motion fails.
 //!
-//! An agent is asked what to do whenever the robot rests. It may want what turns out to be infeasible: the controller sees
-//! to it that no harm is done, and the agent only hears that the motion failed.
+//! An agent is asked what to do whenever the robot rests. It may ask for an infeasible motion: the controller prevents
+//! harm, and the agent only learns that the motion failed.
 //!
 //! `cargo run --release --example 07_write_your_own_agent`
 
@@ -9,15 +9,15 @@ use mobee_contract::{
     Agent, AgentKind, Intent, KindError, MotionEnd, Refusal, Snapshot, Summary, Target, View, settings,
 };
 
-/// Its settings, as they stand in a configuration file. The doc comments are what `mobee kinds` shows.
+/// Its settings, as written in a configuration file. `mobee kinds` shows the doc comments.
 #[derive(serde::Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct WaveSettings {
     /// The motor to wave with.
     motor: String,
-    /// How far to go from the middle, degrees.
+    /// Amplitude about the middle, degrees.
     swing_deg: f64,
-    /// How often.
+    /// How many times.
     times: u32,
 }
 

@@ -1,5 +1,5 @@
-//! Swap it while it moves: an iCub explores, and meanwhile gets another agent, a controller with other settings, and an agent that
-//! panics. Every step is printed, in simulated seconds; nothing moves because of any of them.
+//! Swap parts of a moving robot: an iCub explores while it gets another agent, a controller with other settings, and an agent that
+//! panics. Every step is printed, with its simulated time; no swap moves the robot.
 //!
 //! `cargo run --release --example 08_swap_while_moving`
 
@@ -17,7 +17,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A version with a bug: it takes over what the old one knew, and panics at its first decision.
+/// A version with a bug: it imports the old agent's state, and panics at its first decision.
 struct Broken(Snapshot);
 
 impl Agent for Broken {
@@ -33,7 +33,7 @@ impl Agent for Broken {
     }
 }
 
-/// An agent, as it is offered in the place of the one that runs.
+/// An agent, offered as a replacement for the running one.
 fn agent(what: &str, maker: Maker, shadow: u64) -> Control {
     let terms = SwapPolicy { shadow: Duration::from_secs(shadow), ..SwapPolicy::default() };
     let (reply, _) = tokio::sync::oneshot::channel();

@@ -1,10 +1,10 @@
-//! What a recording holds, and how to look at it:
+//! Print a recording's contents, and how to view it:
 //!
 //! ```sh
 //! cargo run --release --example 09_look_at_a_recording runs/NAME-TIME/recording.rrd
 //! ```
 //!
-//! Without a file, a short made-up exploration of the iCub is recorded first.
+//! Without a file, it first records a short made-up exploration of the iCub.
 
 use mobee_model::{load_robot, load_world};
 use mobee_recorder::{Contents, Recorder, Settings, staged};
@@ -54,7 +54,7 @@ fn about(group: &str) -> &'static str {
     }
 }
 
-/// Records two minutes that nobody drove.
+/// Records two minutes of made-up motion.
 fn make_up_one() -> Result<PathBuf, Box<dyn Error>> {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
     let robot = Arc::new(load_robot(configs.join("robots/icub.xml"))?.value);
