@@ -37,15 +37,15 @@ const PAUSE: Duration = Duration::from_millis(100);
 /// The arguments of `mobee agent`.
 #[derive(clap::Args)]
 pub struct AgentArgs {
-    /// The behavior whose agent is run: its robot model and its world must be those of the running system.
+    /// The behavior whose agent to run; its robot model and world must be those of the running system.
     file: PathBuf,
-    /// What the names of the robot's boards begin with.
+    /// Prefix of the names of the robot's boards.
     #[arg(long, value_name = "PREFIX", default_value = "/MoBeE/icub")]
     robot: String,
-    /// The port of the running system's world. Without it the objects are taken to be where FILE has them.
+    /// The port of the running system's world. Without it, objects are assumed to be where FILE puts them.
     #[arg(long, value_name = "PORT")]
     world: Option<String>,
-    /// Whose agent in FILE; default: the robot that PREFIX ends with, or the only one.
+    /// The robot in FILE whose agent to run; default: the robot that PREFIX ends with, or the only one.
     #[arg(long, value_name = "ROBOT")]
     name: Option<String>,
     /// End after this many seconds.
@@ -54,7 +54,7 @@ pub struct AgentArgs {
     /// Override a setting: --set robot.icub.agent.vertices=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Print the summary as JSON, and nothing else, on standard output.
+    /// Print only the summary, as JSON, on standard output.
     #[arg(long)]
     json: bool,
 }

@@ -1,10 +1,10 @@
-//! `mobee ctl`: look at a running `mobee run`, exchange its parts, pause it, stop it.
+//! `mobee ctl`: inspect a running `mobee run`, swap its parts, pause it, stop it.
 //!
 //! ```text
 //! mobee ctl ──RUN/ctl.sock (JSON lines)──> a service of the run ──Control──> the system
 //! ```
-//! Who may do what: the run's own user and root, anything; anybody else, nothing. `mobee ctl` reads the files, the run opens none
-//! that it is told of.
+//! The run's own user and root may do anything, nobody else anything. `mobee ctl` reads the files; the run opens none on
+//! request.
 
 mod client;
 mod desk;
@@ -26,13 +26,13 @@ use std::process::ExitCode;
 /// The arguments of `mobee ctl`.
 #[derive(Args)]
 pub struct CtlArgs {
-    /// The folder of the run; default: the newest one in runs/ that can be controlled.
+    /// The run's folder; default: the newest one in runs/ that can be controlled.
     #[arg(long, global = true, value_name = "DIR")]
     run: Option<PathBuf>,
-    /// The address of a run on another computer that was started with --ctl ADDRESS:PORT, instead of the folder; needs --key.
+    /// Instead of the folder, the address of a run on another computer that was started with --ctl ADDRESS:PORT; needs --key.
     #[arg(long, global = true, value_name = "HOST:PORT", conflicts_with = "run", requires = "key")]
     at: Option<String>,
-    /// A copy of the file ctl.tcp in the folder of that run.
+    /// A copy of the file ctl.tcp from that run's folder.
     #[arg(long, global = true, value_name = "FILE", requires = "at")]
     key: Option<PathBuf>,
     #[command(subcommand)]
@@ -41,48 +41,48 @@ pub struct CtlArgs {
 
 #[derive(Subcommand)]
 enum CtlCommand {
-    /// How each robot is, in one line; then the tree of actors with restarts, queues, rates and drops.
+    /// Show each robot's state in one line, then the tree of actors with restarts, queues, rates and drops.
     Status,
-    /// The same, live, until Ctrl-C: once a second, in place if this is a terminal.
+    /// Show the same live, once a second, until Ctrl-C; on a terminal, in place.
     Top {
-        /// End after so many.
+        /// End after this many updates.
         #[arg(long, value_name = "N")]
         times: Option<u64>,
     },
-    /// Exchange a part of a robot by the one of another configuration file, while it runs.
+    /// Replace a part of a running robot with the one from another configuration file.
     Swap(SwapArgs),
-    /// Let the robots' own agents make no motions for now (the present ones end first).
+    /// Pause the robots' own agents (motions under way end first).
     Pause {
-        /// Only this robot's.
+        /// Only for this robot.
         robot: Option<String>,
     },
-    /// Let them make motions again.
+    /// Resume paused agents.
     Resume {
-        /// Only this robot's.
+        /// Only for this robot.
         robot: Option<String>,
     },
-    /// Try a failed retreat again.
+    /// Retry a failed retreat.
     Recover {
-        /// Only this robot's.
+        /// Only for this robot.
         robot: Option<String>,
     },
-    /// End the run in order: motions stop, every commit has its outcome.
+    /// Shut down in order: motions stop, and every commit gets its outcome.
     Stop {
         /// Without waiting for rest.
         #[arg(long)]
         now: bool,
     },
-    /// Say something to the world, such as `mk ssph 0.05 0.3 0 0.5`, `ls`, `rm ssph 1`, `help`.
+    /// Send a request to the world, such as `mk ssph 0.05 0.3 0 0.5`, `ls`, `rm ssph 1`, `help`.
     World {
         /// The request.
         #[arg(required = true, trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
     },
-    /// Switch the recording `on` or `off` (the journal is always kept), or let a Rerun viewer follow: `connect`.
+    /// Turn the recording `on` or `off` (the journal is always kept), or `connect` a Rerun viewer that follows the run.
     Record {
         /// `on`, `off` or `connect`.
         what: String,
-        /// Where the viewer listens, as the run sees it; default: 127.0.0.1:9876.
+        /// Where the viewer listens, as seen from the run; default: 127.0.0.1:9876.
         #[arg(value_name = "ADDRESS:PORT")]
         address: Option<String>,
     },
@@ -90,26 +90,26 @@ enum CtlCommand {
 
 #[derive(Args)]
 struct SwapArgs {
-    /// What to exchange: `agent`, `controller` or `driver`.
+    /// The part to swap: `agent`, `controller` or `driver`.
     part: String,
-    /// The configuration file that has the new one. It may `include` the running one.
+    /// The configuration file that contains the new part. It may `include` the running one.
     file: PathBuf,
-    /// Which robot; needed if there are several.
+    /// The robot; required if there are several.
     #[arg(long)]
     robot: Option<String>,
-    /// Seconds that a new agent only looks on; what it would have done is in the journal.
+    /// Seconds for which a new agent only observes; the journal records what it would have done.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     shadow: f64,
-    /// Seconds after it took over in which the old one returns if it breaks.
+    /// Seconds after the takeover during which the old part returns if the new one fails.
     #[arg(long, value_name = "SECONDS", default_value_t = 10.0)]
     probation: f64,
-    /// The longest that it may take for an answer until its probation is over, seconds.
+    /// The longest time that the new part may take to answer during its probation, seconds.
     #[arg(long, value_name = "SECONDS", default_value_t = 1.0)]
     budget: f64,
-    /// Begin anew instead of taking over the old agent's state: for an agent of another kind.
+    /// Start without the old agent's state: for an agent of another kind.
     #[arg(long)]
     fresh: bool,
-    /// Return when it is built and checked, instead of when its probation is over.
+    /// Return once the part is built and checked, without waiting for the end of its probation.
     #[arg(long)]
     no_wait: bool,
 }
@@ -117,7 +117,7 @@ struct SwapArgs {
 /// Carries out `mobee ctl ...`.
 ///
 /// # Errors
-/// A run that can't be found or reached, and whatever it did not accept, in its words.
+/// A run that can't be found or reached, or a request that it refused, with its own explanation.
 pub fn command(args: CtlArgs) -> Result<ExitCode, Report> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|e| Report::msg(format!("no asynchronous runtime: {e}")))?;

@@ -24,13 +24,13 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// The arguments of `mobee doctor`.
 #[derive(clap::Args)]
 pub struct DoctorArgs {
-    /// A configuration file: its robots are looked for as well.
+    /// A configuration file whose robots to check as well.
     file: Option<PathBuf>,
     /// Override a setting: --set robot.icub.agent.vertices=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Move this motor of a robot behind YARP to and fro by a few degrees, in transactions under the file's reflex, and time it: do
-    /// its board's reference speeds mean speeds?
+    /// Move this motor of a robot behind YARP back and forth by a few degrees, in transactions under the file's reflex, to measure
+    /// whether its board honors reference speeds.
     #[arg(long = "move", value_name = "MOTOR", requires = "file")]
     moves: Option<String>,
 }

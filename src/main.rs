@@ -11,7 +11,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Modular Behavioral Environment: robots that explore, collide, undo and plan again.
+/// Modular Behavioral Environment: robots that explore, collide, undo their motion and plan again.
 ///
 /// A research safety layer, not a certified one: keep a hardware stop above it.
 #[derive(Parser)]
@@ -32,11 +32,11 @@ enum Command {
         /// Override a setting: --set robot.icub.agent.vertices=30
         #[arg(long = "set", value_name = "KEY=VALUE")]
         set: Vec<String>,
-        /// Also judge every tried edge offline, by its straight line (a run's folder only).
+        /// Also judge every attempted edge offline, along its straight line (a run's folder only).
         #[arg(long)]
         edges: bool,
     },
-    /// Look at, evaluate or convert robot models.
+    /// Inspect, evaluate or convert robot models.
     Model {
         #[command(subcommand)]
         command: ModelCommand,
@@ -45,13 +45,13 @@ enum Command {
     Inspect {
         /// A run's folder, or a journal.
         run: PathBuf,
-        /// As JSON.
+        /// Print JSON.
         #[arg(long)]
         json: bool,
-        /// Write the poses of its recording into this file, as a table for the driver kind `replay`.
+        /// Write the recorded poses into this file, as a table for the driver kind `replay`.
         #[arg(long, value_name = "FILE", conflicts_with = "json")]
         poses: Option<PathBuf>,
-        /// Of this robot, if there are several.
+        /// The robot, if there are several.
         #[arg(long, requires = "poses")]
         robot: Option<String>,
     },
@@ -60,18 +60,18 @@ enum Command {
         /// A run's folder, or a recording.
         run: PathBuf,
     },
-    /// Run a run in virtual time again: as it was, or from an instant on with another agent, world or script.
+    /// Repeat a run in virtual time: unchanged, or from a given time on with another agent, world or script.
     Replay(replay::ReplayArgs),
     /// Serve the simulated robots of a configuration file as YARP devices, until Ctrl-C.
     Sim(sim::SimArgs),
-    /// Search for faults: run a behavior in virtual time under seeded random faults, and watch all invariants.
+    /// Search for faults: run a behavior in virtual time under seeded random faults, checking all invariants.
     Torture(torture::TortureArgs),
-    /// List what a configuration file can name, with docs and settings.
+    /// List the kinds of agents, controllers and drivers that a configuration file can name, with their settings.
     Kinds {
         /// Show this kind in full.
         name: Option<String>,
     },
-    /// Write a starting file for a behavior of your own, with the robot and the world that it names beside it.
+    /// Write a starting file for your own behavior, together with the robot and world that it names.
     New {
         /// Its name: NAME.toml is written.
         name: String,
@@ -81,18 +81,18 @@ enum Command {
     },
     /// Print the JSON Schema of configuration files, for editors.
     Schema,
-    /// Run the agent of a behavior alone, against the filtered control boards of a system that runs elsewhere.
+    /// Run only the agent of a behavior, against the filtered control boards of a system running elsewhere.
     Agent(agent::AgentArgs),
-    /// Show a configuration with all its layers.
+    /// Show a configuration with all its layers merged.
     Config {
         #[command(subcommand)]
         command: ConfigCommand,
     },
-    /// Look at a running `mobee run`, exchange its parts, pause it, stop it.
+    /// Inspect a running `mobee run`, swap its parts, pause it, stop it.
     Ctl(ctl::CtlArgs),
-    /// See whether this machine can run it: processors, timers, disk, viewer, name server, and the robots of a file.
+    /// Check that this machine is fit: processors, timers, disk, viewer, name server, and the robots of a file.
     Doctor(doctor::DoctorArgs),
-    /// Speak YARP: a name server, and the tools to look at ports, read, write and connect them.
+    /// Use YARP: a name server, and tools to inspect, read, write and connect ports.
     Yarp(yarp::YarpArgs),
 }
 
@@ -101,16 +101,16 @@ struct RunArgs {
     /// The configuration file, such as configs/behaviors/explore.toml
     #[arg(required_unless_present = "resume")]
     file: Option<PathBuf>,
-    /// Go on with the run in this folder, where it ended or its process died.
+    /// Continue the run in this folder from where it ended or its process died.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["file", "out"])]
     resume: Option<PathBuf>,
-    /// The seed of everything random.
+    /// The seed of all randomness.
     #[arg(long)]
     seed: Option<u64>,
     /// `virtual` (as fast as the machine allows) or `real`.
     #[arg(long, value_parser = clock)]
     clock: Option<Clock>,
-    /// End after this many seconds on the run's own clock.
+    /// End after this many seconds on the run's clock.
     #[arg(long = "for", value_name = "SECONDS", allow_negative_numbers = true)]
     secs: Option<f64>,
     /// Write the run into this new folder instead of runs/NAME-TIME.
@@ -119,17 +119,17 @@ struct RunArgs {
     /// Override a setting: --set robot.icub.agent.vertices=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Where `mobee ctl` reaches a run with a real clock: ADDRESS:PORT (by a key in the run's folder) or `off`; default: a socket
-    /// in the run's folder, for its own user alone.
+    /// Where `mobee ctl` reaches a run with a real clock: ADDRESS:PORT (with a key in the run's folder) or `off`; default: a socket
+    /// in the run's folder, for its own user only.
     #[arg(long, value_name = "WHERE", value_parser = ctl_at)]
     ctl: Option<run::CtlAt>,
-    /// Take over edits of FILE while the run goes on: agents, controllers and drivers are exchanged. Needs a real clock.
+    /// Apply edits of FILE during the run by swapping agents, controllers and drivers. Needs a real clock.
     #[arg(long, conflicts_with = "resume")]
     watch: bool,
     /// Make no recording (the journal is always kept).
     #[arg(long)]
     no_record: bool,
-    /// Print the summary as JSON, and nothing else, on standard output.
+    /// Print only the summary, as JSON, on standard output.
     #[arg(long)]
     json: bool,
 }
@@ -190,12 +190,12 @@ fn clock(text: &str) -> Result<Clock, String> {
     }
 }
 
-/// What printing panics with if it can't write.
+/// How the panic message of a failed print begins.
 const NO_OUTPUT: &str = "failed printing to stdout";
-/// What is logged if `MOBEE_LOG` says nothing: warnings, but not those of Rerun's encoder and of its line to a viewer, whose
-/// errors the recorder tells.
+/// The log filter unless `MOBEE_LOG` is set: warnings, except those of Rerun's encoder and of its connection to a viewer, whose
+/// errors the recorder reports.
 const LOG: &str = "warn,re_log_encoding=error,re_grpc_client=off";
-/// The same for `mobee torture`, where parts break by the dozen, as they should.
+/// The same for `mobee torture`, where parts fail by the dozen, on purpose.
 const TORTURE_LOG: &str = "off";
 
 fn main() -> ExitCode {

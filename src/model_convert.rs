@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 /// What to convert, and how.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ConvertArgs {
-    /// The URDF (run xacro on it first, if it has macros).
+    /// The URDF file (expand macros with xacro first).
     urdf: PathBuf,
     /// The robot file to write; it must not exist yet.
     xml: PathBuf,
-    /// Look for meshes here too (repeatable); the folders above the URDF are always searched.
+    /// Also search this folder for meshes (repeatable); the folders above the URDF are always searched.
     #[arg(long, value_name = "DIR")]
     meshes: Vec<PathBuf>,
     /// Leave out meshes instead of fitting a box, capsule or sphere around each.
@@ -21,7 +21,7 @@ pub struct ConvertArgs {
     /// Hold prismatic, planar and floating joints at zero instead of refusing them.
     #[arg(long)]
     fix_unsupported: bool,
-    /// Name of the body part that all motors go to (default: the robot's name).
+    /// Name of the body part that contains all motors (default: the robot's name).
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
     /// Replace the robot file if it exists.

@@ -30,16 +30,16 @@ use tokio::sync::mpsc;
 pub struct ReplayArgs {
     /// The folder of a run in virtual time.
     run: PathBuf,
-    /// From this second of the run on, do what `--set` says; up to it everything must be as it was.
+    /// Apply `--set` from this second of the run on; up to it everything must be as recorded.
     #[arg(long, value_name = "SECONDS", requires = "set")]
     at: Option<f64>,
-    /// Another agent, controller, world or script: --set robot.icub.agent.speed=0.2
+    /// Change the agent, controller, world or script: --set robot.icub.agent.speed=0.2
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Write into this new folder instead of runs/NAME-replay-TIME.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Print the summary as JSON, and nothing else, on standard output.
+    /// Print only the summary, as JSON, on standard output.
     #[arg(long)]
     json: bool,
 }

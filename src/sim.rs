@@ -17,13 +17,13 @@ use std::sync::Arc;
 pub struct SimArgs {
     /// A configuration file whose robots have drivers of kind `sim`, such as configs/behaviors/explore.toml
     file: PathBuf,
-    /// First part of the port names; `/NAMESim` for a robot called NAME if not given (one robot only).
+    /// Prefix of the port names (one robot only); default: `/NAMESim` for a robot called NAME.
     #[arg(long)]
     prefix: Option<String>,
-    /// How many times faster than real time the robots live.
+    /// How many times faster than real time to simulate.
     #[arg(long, default_value_t = 1.0)]
     speed: f64,
-    /// The name server, HOST:PORT; that of YARP's own configuration if not given. One is started if there is none on this machine.
+    /// The name server, HOST:PORT; default: from YARP's own configuration. If this machine has none, one is started.
     #[arg(long)]
     server: Option<String>,
     /// Override a setting: --set robot.icub.driver.latency_ms=5

@@ -1,4 +1,4 @@
-//! `mobee torture`: the production actors in virtual time under seeded random faults, with the invariants watched in every run.
+//! `mobee torture`: the production actors in virtual time under seeded random faults, with all invariants checked in every run.
 //!
 //! ```text
 //! seed ──plan──> faults ──trial──> run ──Checker──> nothing, or a violation ──shrink──> the shortest list of faults
@@ -33,27 +33,27 @@ const TWICE: f64 = 600.0;
 /// The arguments of `mobee torture`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct TortureArgs {
-    /// The behavior to torture; its robots are simulated, whatever it says: those behind YARP with the driver that they have.
+    /// The behavior to torture. Its robots are always simulated; those behind YARP keep their driver.
     pub file: PathBuf,
-    /// How many seeds, one run each.
+    /// Number of seeds, one run each.
     #[arg(long, default_value_t = 200)]
     pub seeds: u64,
     /// The first seed.
     #[arg(long, default_value_t = 1)]
     pub first: u64,
-    /// Only these kinds of faults, such as F1,F8 or usual,F29; `mild`: few, of those that a robot meets any day; `usual`: what comes if none is named; `all`: swaps as well; `none`.
+    /// Only these kinds of faults, such as F1,F8 or usual,F29; `mild`: few, and of everyday kinds; `usual`: the default; `all`: swaps as well; `none`.
     #[arg(long, default_value = "", hide_default_value = true)]
     pub faults: String,
-    /// Begin no further seed after so many minutes.
+    /// Start no further seed after this many minutes.
     #[arg(long, value_name = "M")]
     pub minutes: Option<f64>,
-    /// Simulated seconds per run; the last of them, and more if needed, without faults.
+    /// Simulated seconds per run; the last of them (more if needed) are free of faults.
     #[arg(long, default_value_t = 60.0)]
     pub secs: f64,
     /// Override a setting: --set robot.icub.agent.vertices=30
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Only these faults of each seed's list, by number; what a failure is reproduced with.
+    /// Only these faults of each seed's list, by number, to reproduce a failure.
     #[arg(long, value_name = "N,N,...", value_delimiter = ',')]
     pub only: Option<Vec<usize>>,
     /// Stop at the first seed that fails.

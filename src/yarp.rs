@@ -44,7 +44,7 @@ enum YarpCommand {
         /// Only ports whose names begin with this.
         prefix: Option<String>,
     },
-    /// Say something to the name server, such as `query /port` or `help`.
+    /// Send a request to the name server, such as `query /port` or `help`.
     Name {
         /// The request.
         #[arg(required = true)]
@@ -52,41 +52,41 @@ enum YarpCommand {
     },
     /// Report where the name server is running.
     Where,
-    /// Look for a name server where the configuration says, and at the usual places of this computer.
+    /// Look for a name server at the configured address and at the usual ones of this computer.
     Detect {
         /// Write its address into yarp.conf.
         #[arg(long)]
         write: bool,
     },
-    /// Show where yarp.conf is, or write the name server's address into it: `conf HOST NUMBER`.
+    /// Show the path of yarp.conf, or write the name server's address into it: `conf HOST NUMBER`.
     Conf(conf::ConfArgs),
-    /// Show the namespace, or choose another.
+    /// Show the namespace, or set another.
     Namespace {
-        /// The new one, such as /root.
+        /// The new namespace, such as /root.
         name: Option<String>,
     },
-    /// Say which version this is.
+    /// Print the version.
     Version,
-    /// Get live information about a port.
+    /// Ask a port for information about itself.
     Ping {
         /// The port.
         port: String,
     },
-    /// Check if a port, or a connection between two, is alive: exit code 0, else 1.
+    /// Check whether a port, or a connection between two, is alive: exit code 0, else 1.
     Exists {
-        /// The port, or the one that sends.
+        /// The port, or the sending port.
         port: String,
-        /// The one that receives.
+        /// The receiving port.
         to: Option<String>,
-        /// Wait for it this long.
+        /// How long to wait for it.
         #[arg(long, value_name = "SECONDS")]
         wait: Option<f64>,
     },
     /// Wait until a port, or a connection between two, is alive.
     Wait {
-        /// The port, or the one that sends.
+        /// The port, or the sending port.
         port: String,
-        /// The one that receives.
+        /// The receiving port.
         to: Option<String>,
     },
     /// Read from the network and print to standard output, until Ctrl-C.
@@ -116,7 +116,7 @@ enum YarpCommand {
     Rpc {
         /// The port.
         port: String,
-        /// Our own name.
+        /// The name of our own port.
         #[arg(default_value = "anon_rpc")]
         name: String,
         /// tcp, fast_tcp, text or text_ack.
@@ -130,34 +130,34 @@ enum YarpCommand {
     Admin {
         /// The port.
         port: String,
-        /// Our own name.
+        /// The name of our own port.
         #[arg(default_value = "anon_rpc")]
         name: String,
     },
-    /// Drop or repeat messages, so that they go on at a constant rate.
+    /// Drop or repeat messages, so that they leave at a constant rate.
     Sample(streams::SampleArgs),
-    /// Put the newest messages of several ports together, whenever one comes.
+    /// Whenever a message arrives, combine the newest messages of several ports into one.
     Merge(streams::MergeArgs),
     /// Connect two ports; without ports, list the persistent connections.
     Connect {
-        /// The port that sends.
+        /// The sending port.
         from: Option<String>,
-        /// The port that receives (also as udp://port).
+        /// The receiving port (also as udp://port).
         to: Option<String>,
         /// The carrier, as a word.
         #[arg(conflicts_with = "option", value_parser = between_others)]
         word: Option<String>,
-        /// tcp, fast_tcp, text, text_ack or udp; between other programs any that they know, also with modifiers.
+        /// tcp, fast_tcp, text, text_ack or udp; between other programs any that they support, also with modifiers.
         #[arg(id = "option", long = "carrier", value_name = "CARRIER", value_parser = between_others)]
         carrier: Option<String>,
         #[command(flatten)]
         persist: Persist,
     },
-    /// End the connection between two ports.
+    /// Disconnect two ports.
     Disconnect {
-        /// The port that sends.
+        /// The sending port.
         from: String,
-        /// The port that receives.
+        /// The receiving port.
         to: String,
         /// Forget a persistent connection instead.
         #[arg(long)]
@@ -170,13 +170,13 @@ enum YarpCommand {
 #[derive(Args)]
 #[group(multiple = false)]
 struct Persist {
-    /// Let the name server connect them whenever both are there.
+    /// Let the name server connect them whenever both exist.
     #[arg(long)]
     persist: bool,
-    /// The same, until the port that sends is closed.
+    /// The same, until the sending port closes.
     #[arg(long)]
     persist_from: bool,
-    /// The same, until the port that receives is closed.
+    /// The same, until the receiving port closes.
     #[arg(long)]
     persist_to: bool,
 }

@@ -15,7 +15,7 @@ pub(super) struct ConfArgs {
     /// Its port number.
     #[arg(value_parser = clap::value_parser!(u16).range(1..))]
     number: Option<u16>,
-    /// The kind of name server; there is one.
+    /// The kind of name server; only one exists.
     #[arg(default_value = "yarp", value_parser = ["yarp"])]
     mode: String,
     /// Forget the address.

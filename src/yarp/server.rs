@@ -11,16 +11,16 @@ use std::path::Path;
 /// The arguments of the name server.
 #[derive(clap::Args)]
 pub(super) struct ServerArgs {
-    /// The port number; 10000 unless YARP_PORT_RANGE says otherwise, 0 for any.
+    /// The port number; 10000 unless YARP_PORT_RANGE is set, 0 for any.
     #[arg(long, value_name = "NUMBER")]
     socket: Option<u16>,
-    /// Serve where yarp.conf says.
+    /// Serve at the address in yarp.conf.
     #[arg(long, conflicts_with_all = ["write", "socket"])]
     read: bool,
-    /// Write the address into yarp.conf, whatever stands there.
+    /// Write the address into yarp.conf, replacing its contents.
     #[arg(long)]
     write: bool,
-    /// Allow other addresses than loopback. Whoever reaches a name server can take over every port.
+    /// Allow addresses other than loopback. Anyone who can reach a name server can take over every port.
     #[arg(long)]
     public: bool,
 }

@@ -11,7 +11,7 @@ use tokio::time::{MissedTickBehavior, interval};
 /// The arguments of `sample`.
 #[derive(clap::Args)]
 pub(super) struct SampleArgs {
-    /// The port to open: what comes to it leaves it.
+    /// The port to open, which both receives and sends the messages.
     #[arg(long, value_name = "PORT")]
     output: String,
     /// A port to read from.
@@ -26,7 +26,7 @@ pub(super) struct SampleArgs {
     /// The carrier from the input: tcp, fast_tcp, text, text_ack or udp.
     #[arg(long, default_value = "tcp")]
     carrier: Carrier,
-    /// Print the data, too.
+    /// Also print the data.
     #[arg(long)]
     show: bool,
 }
@@ -37,13 +37,13 @@ pub(super) struct MergeArgs {
     /// The ports to read from.
     #[arg(required_unless_present = "input", conflicts_with = "input")]
     ports: Vec<String>,
-    /// The ports to read from, as the original also takes them.
+    /// The ports to read from, in the original's alternative form.
     #[arg(long, num_args = 1.., value_name = "PORT")]
     input: Vec<String>,
-    /// The port to open for what is merged.
+    /// The port to open for the merged messages.
     #[arg(long, value_name = "PORT", default_value = "/portsMerge/o0")]
     output: String,
-    /// What the names of the ports that read begin with; a number follows.
+    /// Prefix of the names of the reading ports; a number follows.
     #[arg(long, value_name = "PREFIX", default_value = "/portsMerge/i")]
     worker: String,
     /// The carrier from the inputs: tcp, fast_tcp, text, text_ack or udp.
