@@ -41,19 +41,19 @@ const LONGEST: u64 = 16 * MIB;
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Files whose settings come before this file's, which win over them; relative to this file.
+    /// Files whose settings this file overrides; paths are relative to this file.
     #[serde(default, skip_serializing)]
     pub include: Vec<PathBuf>,
-    /// Name of the run; its folder is called after it. Default: the file's name.
+    /// Name of the run and of its folder. Default: the file's name.
     #[serde(default)]
     pub name: String,
-    /// The seed of everything random.
+    /// The seed of all randomness.
     #[serde(default = "one")]
     pub seed: u64,
     /// `virtual` (as fast as the machine allows) or `real`.
     #[serde(default)]
     pub clock: Clock,
-    /// Ends the run after this many seconds on the run's own clock; absent: when the agents are done.
+    /// Ends the run after this many seconds on the run's clock; default: when the agents are done.
     #[serde(default)]
     pub for_s: Option<f64>,
     /// The world around the robots.
@@ -61,26 +61,26 @@ pub struct Config {
     pub world: World,
     /// The robots.
     pub robot: Vec<Robot>,
-    /// What happens to the world while the robots move.
+    /// Changes to the world while the robots move.
     #[serde(default)]
     pub script: Vec<Step>,
     /// The recording.
     #[serde(default)]
     pub record: Record,
-    /// MoBeE's own YARP ports: the port filter, the world's RPC. Absent: none are opened.
+    /// MoBeE's own YARP ports: the port filter, the world RPC. Absent: none are opened.
     #[serde(default)]
     pub yarp: Option<mobee_bridge::YarpSettings>,
-    /// What `mobee torture` demands of this behavior beside the invariants.
+    /// What `mobee torture` requires of this behavior beside the invariants.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torture: Option<Torture>,
 }
 
-/// What a battery of tortures must come to.
+/// The result that a `mobee torture` battery must reach.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Torture {
-    /// Greatest share of the commits that may end as faulted, percent, over fifty seeds or more of the usual faults. Escapes, which have
-    /// no retreat, and the end of a run don't count.
+    /// Maximum share of commits that may end as faulted, percent, over fifty or more seeds of the usual faults. Escapes, which have
+    /// no retreat, and commits cut off by the end of a run don't count.
     pub faulted_percent: f64,
 }
 
@@ -104,7 +104,7 @@ pub struct World {
     pub file: Option<PathBuf>,
 }
 
-/// One robot: its model, what drives it, what keeps it safe, and who plans for it.
+/// One robot: its model, driver, controller and agent.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Robot {
@@ -131,11 +131,11 @@ pub struct Robot {
 pub struct Base {
     /// Position, metres.
     pub position_m: [f64; 3],
-    /// Turn about the vertical, degrees.
+    /// Rotation about the vertical, degrees.
     pub yaw_deg: f64,
 }
 
-/// Something that happens to the world.
+/// A change to the world.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Step {
@@ -160,7 +160,7 @@ pub enum When {
     },
 }
 
-/// What happens to an object.
+/// A change to an object.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EditStep {
@@ -170,10 +170,10 @@ pub struct EditStep {
     #[serde(default)]
     #[schemars(with = "Option<String>", extend("enum" = ["obstacle", "target", "ghost", null]))]
     pub class: Option<mobee_model::ObjectClass>,
-    /// Its new position, metres.
+    /// Its new position, meters.
     #[serde(default)]
     pub position_m: Option<[f64; 3]>,
-    /// Takes it out of the world.
+    /// Removes it from the world.
     #[serde(default)]
     pub remove: bool,
 }
@@ -182,7 +182,7 @@ pub struct EditStep {
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Record {
-    /// Whether there is one.
+    /// Whether to record.
     pub enabled: bool,
     /// Poses per second of the run's clock.
     pub poses_hz: f64,

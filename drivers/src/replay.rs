@@ -23,8 +23,8 @@ const LONGEST: u64 = 64 * MIB;
 inventory::submit! {
     contract::DriverKind {
         name: "replay",
-        doc: "Plays recorded poses as a robot: what would the model, the reflex and a sensor have seen? The table comes from `mobee inspect RUN --poses FILE`, or \
-              from any log of encoders. The robot moves by itself and takes no commands: it answers them as a board does, and does not obey. Use it without an agent.",
+        doc: "Plays recorded poses as a robot, to show what the model, the reflex or a sensor would have seen. The table comes from `mobee inspect RUN --poses FILE`, \
+              or from any encoder log. The robot moves on its own: it answers commands like a board, but does not obey them. Use it without an agent.",
         schema: || schemars::schema_for!(ReplaySettings),
         example: |_| Err("it needs the table of a recorded run"),
         build: |settings, context| Ok(Arc::new(ReplayHardware::build(settings, context)?)),
@@ -35,7 +35,7 @@ inventory::submit! {
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReplaySettings {
-    /// The table of poses, relative to the configuration file: columns `t_s` (s of the run, rising) and `PART.MOTOR` (degrees).
+    /// The table of poses, relative to the configuration file: columns `t_s` (s of the run, increasing) and `PART.MOTOR` (degrees).
     /// Motors without a column stay at home; between two rows poses are interpolated.
     pub file: PathBuf,
     /// Readings per second.

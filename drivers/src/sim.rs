@@ -28,10 +28,10 @@ use std::time::Duration;
 inventory::submit! {
     contract::DriverKind {
         name: "sim",
-        doc: "A simulated robot inside the program. It behaves as a YARP control board does: position moves of one, some or all motors with \
+        doc: "A simulated robot inside the program. It behaves like a YARP control board: position moves of one, some or all motors with \
               reference speeds and accelerations, relative moves, stop, motion-done, limits, control modes and position-direct set-points. Motions keep to \
-              speed and acceleration limits, braking takes its time, commands arrive late, and the encoders have a rate, a resolution, noise and jitter. \
-              It stops by itself when its lease runs out.",
+              speed and acceleration limits, braking takes time, commands arrive late, and the encoders have a rate, a resolution, noise and jitter. \
+              It stops by itself when its lease expires.",
         schema: || schemars::schema_for!(SimSettings),
         example: |_| Ok(serde_json::json!({})),
         build: |settings, context| Ok(Arc::new(SimHardware::build(settings, context)?)),

@@ -66,8 +66,8 @@ inventory::submit! {
     DriverKind {
         name: "yarp",
         doc: "A real robot, or a simulator in another process, behind YARP control boards: one board per part, over any YARP network, in real time. \
-              Motions are position moves with a speed of their own for every joint; the retreat streams position-direct set-points. States come from \
-              `stateExt:o` or `state:o`. It stops the robot at the end of its lease, and before anything else when a board has come back.",
+              Motions are position moves with an individual speed per joint; the retreat streams position-direct set-points. States come from \
+              `stateExt:o` or `state:o`. It stops the robot when its lease expires, and before anything else when a board returns.",
         schema: || schemars::schema_for!(YarpDriverSettings),
         example: |_| Err("it needs a robot, or its simulator, behind YARP"),
         build: |settings, context| Ok(Arc::new(YarpHardware::build(settings, context)?)),

@@ -19,15 +19,15 @@ pub struct Controller {
     pub period_ms: f64,
     /// How many poses the history holds.
     pub history: usize,
-    /// The reflex acts when anything comes nearer than this, millimetres.
+    /// The reflex acts when anything comes nearer than this, millimeters.
     #[serde(default = "margin")]
     pub margin_mm: f64,
     /// A pose counts as reached within this, degrees per motor.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
-    /// A reading older than this, milliseconds, is stale, and closes the filter; for so long a board moves on without being
-    /// told to. Five control periods if not given. Longer: a slow network or a busy machine is forgiven, and for so long
-    /// the robot moves unwatched.
+    /// A reading older than this, milliseconds, is stale and closes the filter. Default: five control periods. A longer
+    /// time tolerates a slow network or a busy machine, but a board may go on with its last command, unwatched, for that
+    /// long.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stale_ms: Option<f64>,
     /// The settings of the kind.

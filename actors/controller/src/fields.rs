@@ -11,11 +11,11 @@ use std::time::Duration;
 inventory::submit! {
     ControllerKind {
         name: "fields",
-        doc: "The force-field controller of the later MoBeE. A motion is streamed: its target attracts, joint limits, constraints and the fields about the \
-              shapes push, and what follows is damped, kept within limits, speeds and accelerations, and written once a period. So the robot goes \
-              round what is near instead of into it, but not always the straight way. Where the forces balance elsewhere for `patience_s`, the target counts \
-              as missed, and the motion is rolled back. The reflex stands behind as the last line, unless `reflex = false`: then contacts are recorded \
-              and counted, and stop nothing.",
+        doc: "The force-field controller of later versions of MoBeE. A motion is streamed: its target attracts; joint limits, constraints and the fields around \
+              the shapes push; the result is damped, kept within limits, speeds and accelerations, and written once a period. So the robot goes \
+              around what is near instead of into it, but not always straight. Where the forces balance elsewhere for `patience_s`, the target counts \
+              as missed, and the motion is rolled back. The reflex is the last resort, unless `reflex = false`: then contacts are recorded \
+              and counted, but stop nothing.",
         schema: || schemars::schema_for!(FieldsSettings),
         build: |value| {
             let fields: FieldsSettings = settings(value)?;
@@ -29,29 +29,29 @@ inventory::submit! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FieldsSettings {
-    /// Whether the reflex stops and takes back what comes nearer than the margin. `false`: the forces alone keep the robot off.
+    /// Whether the reflex stops and rolls back a motion that comes nearer than the margin. `false`: the forces alone keep the robot away.
     pub reflex: bool,
-    /// How far the field about each shape reaches, millimetres; for robots whose files have no field shapes of their own.
+    /// Width of the field around each shape, millimeters; for robots whose files have no field shapes.
     pub field_mm: f64,
-    /// Strength of the attractor near it, 1/s^2.
+    /// Stiffness of the attractor near the target, 1/s^2.
     pub spring_const: f64,
-    /// The greatest pull of the attractor, deg/s^2.
+    /// Maximum pull of the attractor, deg/s^2.
     pub max_spring_force: f64,
     /// Share of its velocity that a motor always loses, 1/s.
     pub friction: f64,
-    /// What it loses in addition while something pushes, 1/s.
+    /// Additional damping while something pushes, 1/s.
     pub damping_const: f64,
-    /// How far from a limit its push begins, deg.
+    /// Distance from a limit at which its push begins, deg.
     pub limit_const: f64,
     /// The push at a limit, deg/s^2.
     pub max_limit_force: f64,
-    /// The greatest push of the constraints, deg/s^2.
+    /// Maximum push of the constraints, deg/s^2.
     pub max_constraint_force: f64,
-    /// How quickly a field's push reaches its greatest effect.
+    /// How quickly a field's push approaches its maximum.
     pub field_const: f64,
-    /// The greatest push of the fields, deg/s^2.
+    /// Maximum push of the fields, deg/s^2.
     pub max_field_force: f64,
-    /// How long the robot may rest elsewhere than at its target before the motion is rolled back, s.
+    /// How long the robot may rest away from its target before the motion is rolled back, s.
     pub patience_s: f64,
 }
 

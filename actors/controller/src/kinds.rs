@@ -35,7 +35,7 @@ inventory::submit! {
     ControllerKind {
         name: DEFAULT_KIND,
         doc: "The paper's controller. A motion is driven straight to its target, all motors in step. When anything comes nearer than the margin, \
-              the reflex stops the robot and takes it back along its own recorded path to where the motion began.",
+              the reflex stops the robot and retraces its recorded path to where the motion began.",
         schema: || schemars::schema_for!(RollbackSettings),
         build: |value| settings::<RollbackSettings>(value).map(|_| Drive::Straight),
     }

@@ -22,28 +22,28 @@ pub struct ExplorerSettings {
     /// Names of parts or motors to explore with, such as `["torso", "r_shoulder_pitch", "r_elbow"]`; a part stands for all
     /// of its motors. The other motors stay where they are.
     pub motors: Vec<String>,
-    /// How many random poses the roadmap gets.
+    /// How many random poses the roadmap contains.
     #[serde(default = "twenty")]
     pub vertices: usize,
-    /// To how many of its nearest poses each pose is joined, in both directions.
+    /// How many of its nearest poses each pose is joined to, in both directions.
     #[serde(default = "ten")]
     pub neighbors: usize,
     /// Share of each motor's greatest speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
-    /// Ranges to draw poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; else the motor's limits.
+    /// Ranges to sample poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits.
     #[serde(default)]
     pub range_deg: BTreeMap<String, [f64; 2]>,
-    /// The most random poses that are drawn: those that are not free or not satisfies_constraints are thrown away.
+    /// Maximum number of random poses to sample; those that are not free or violate constraints are discarded.
     #[serde(default = "many")]
     pub samples: usize,
-    /// Seed of everything random; without it, one that follows from the run's.
+    /// Seed of all randomness; default: derived from the run's seed.
     #[serde(default)]
     pub seed: Option<u64>,
-    /// How near every motor must be to a pose of the roadmap for the robot to count as being there, degrees.
+    /// How near every motor must be to a pose of the roadmap for the robot to count as at that pose, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
-    /// The marker whose place in the world stands for each pose in pictures of the roadmap; without it, the one that most of the
+    /// The marker whose position represents each pose in pictures of the roadmap; default: the one that most of the
     /// motors move.
     #[serde(default)]
     pub hand: Option<String>,
@@ -134,7 +134,7 @@ impl Explorer {
         &self.walker.map
     }
 
-    /// Random poses, kept only if free at the view's clearance and satisfies_constraints; edges to the nearest, all optimistic. While there are
+    /// Random poses, kept only if free at the view's clearance and within the constraints; edges to the nearest, all optimistic. While there are
     /// fewer than two, only a share of the samples is drawn.
     fn sample(&mut self, view: &View) {
         let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
@@ -341,9 +341,9 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     AgentKind {
         name: "explorer",
-        doc: "Builds a roadmap of random free poses, joins each to its nearest ones by edges that nobody has checked, and \
-              drives them until every edge that can be reached is known to be feasible or not. An edge that fails is \
-              removed; its opposite is tried last.",
+        doc: "Builds a roadmap of random free poses, joins each to its nearest ones by unchecked edges, and drives these \
+              until every reachable edge is known to be feasible or not. An edge that fails is removed; its opposite \
+              is tried last.",
         schema: || schemars::schema_for!(ExplorerSettings),
         example: |robot| {
             let motors = [group::example_part(robot).map(|p| &p.name)];

@@ -17,27 +17,27 @@ use std::time::Duration;
 pub struct JogSettings {
     /// Names of parts or motors to move, such as `["torso", "r_elbow"]`; a part stands for all of its motors.
     pub motors: Vec<String>,
-    /// What it does, drawn anew for each motion.
+    /// The ways to move, one of which is drawn for each motion.
     #[serde(default = "velocities")]
     pub by: Vec<JogBy>,
-    /// How many of the motors are moved at once, at most; the others stay where they are.
+    /// Maximum number of motors to move at once; the others stay where they are.
     #[serde(default = "two")]
     pub at_once: usize,
-    /// How many motions to make; 0: for ever.
+    /// How many motions to make; 0: forever.
     #[serde(default = "ten")]
     pub count: u32,
-    /// Greatest share of a motor's greatest speed, above 0 and up to 1; each motor has a speed of its own between a third of this
+    /// Maximum share of a motor's maximum speed, above 0 and up to 1; each motor has its own speed between a third of this
     /// and all of it.
     #[serde(default = "tenth")]
     pub speed: f64,
-    /// How long it streams before it lets go, seconds: at least and at most.
+    /// How long it streams before it goes quiet, seconds: minimum and maximum.
     #[serde(default = "some_seconds")]
     pub lasts_s: [f64; 2],
-    /// Ranges to stay in, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; else the motor's limits. A stream turns
-    /// round at their ends.
+    /// Ranges to stay in, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits. A stream
+    /// reverses at their ends.
     #[serde(default)]
     pub range_deg: BTreeMap<String, [f64; 2]>,
-    /// Seed of the motions; without it, one that follows from the run's.
+    /// Seed of the motions; default: derived from the run's seed.
     #[serde(default)]
     pub seed: Option<u64>,
 }
@@ -48,9 +48,9 @@ pub struct JogSettings {
 pub enum JogBy {
     /// A stream of velocities.
     Velocity,
-    /// A stream of set-points of position, which the board follows at once. Wants a board that takes them.
+    /// A stream of position set-points, which the board follows at once. Requires a board that accepts them.
     Position,
-    /// A move in which each motor goes at its own speed. Beside the others it also takes motors out of a stream.
+    /// A move in which each motor goes at its own speed. Beside the others it also takes motors over from a stream.
     Move,
 }
 
@@ -276,8 +276,8 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     AgentKind {
         name: "jog",
-        doc: "Moves a few motors at a time, each at a speed of its own, and leaves the others alone: by streams of velocities or \
-              of positions that it lets go after some seconds, or by moves. It does not look where it goes.",
+        doc: "Moves a few motors at a time, each at its own speed, and leaves the others alone: by streams of velocities or \
+              positions that go quiet after some seconds, or by moves. It does not check for obstacles.",
         schema: || schemars::schema_for!(JogSettings),
         example: |robot| {
             let part = group::example_part(robot).map(|p| &p.name);

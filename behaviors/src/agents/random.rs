@@ -17,19 +17,19 @@ use std::time::Duration;
 pub struct RandomSettings {
     /// Names of parts or motors to move, such as `["torso", "r_elbow"]`; a part stands for all of its motors.
     pub motors: Vec<String>,
-    /// How many moves to make; 0: for ever.
+    /// How many moves to make; 0: forever.
     #[serde(default = "ten")]
     pub count: u32,
     /// Share of each motor's greatest speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
-    /// Ranges to draw poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; else the motor's limits.
+    /// Ranges to sample poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits.
     #[serde(default)]
     pub range_deg: BTreeMap<String, [f64; 2]>,
-    /// Whether to look in the scene first, and go only to poses that are free and satisfies_constraints. The way there is not checked.
+    /// Whether to check the scene first, and go only to poses that are free and within the constraints. The path is not checked.
     #[serde(default)]
     pub checked: bool,
-    /// Seed of the moves; without it, one that follows from the run's.
+    /// Seed of the moves; default: derived from the run's seed.
     #[serde(default)]
     pub seed: Option<u64>,
 }
@@ -133,8 +133,8 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     AgentKind {
         name: "random",
-        doc: "Goes to random poses within the limits of a group of motors, a given number of times or for ever; if asked to, \
-              only to poses that are free in the scene. What it runs into on the way is the reflex's business.",
+        doc: "Goes to random poses within the limits of a group of motors, a given number of times or forever; if asked to, \
+              only to poses that are free in the scene. It leaves collisions on the way to the reflex.",
         schema: || schemars::schema_for!(RandomSettings),
         example: |robot| json!({ "motors": [group::example_part(robot).map(|p| &p.name)], "count": 0, "speed": 0.1 }),
         build,

@@ -17,24 +17,24 @@ use std::time::Duration;
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RoadmapSettings {
-    /// Poses of the roadmap, each with a name of its own.
+    /// Poses of the roadmap, each with a unique name.
     #[serde(default)]
     pub poses: Vec<NamedPose>,
     /// Pairs of poses to join, in both directions, such as `[["a", "b"], ["b", "c"]]`.
     #[serde(default)]
     pub edges: Vec<[String; 2]>,
-    /// Joins every pose to this many of its nearest ones as well.
+    /// Also joins every pose to this many of its nearest poses.
     #[serde(default)]
     pub neighbors: usize,
-    /// A roadmap as a run writes it (`roadmap.json`), to start from; its poses are named by their numbers.
+    /// A roadmap to start from, as written by a run (`roadmap.json`); its poses are named by their numbers.
     #[serde(default)]
     pub map: Option<Value>,
-    /// Names of parts or motors that the roadmap moves; without it, those that the poses name.
+    /// Names of parts or motors that the roadmap moves; default: those that the poses name.
     #[serde(default)]
     pub motors: Vec<String>,
     /// The poses to go to, in order.
     pub goals: Vec<String>,
-    /// How often to go round the goals; 0: for ever.
+    /// How many times to repeat the tour; 0: forever.
     #[serde(default = "once")]
     pub repeat: u32,
     /// How long to rest at each goal, seconds.
@@ -43,10 +43,10 @@ pub struct RoadmapSettings {
     /// Share of each motor's greatest speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
-    /// How near every motor must be to a pose of the roadmap for the robot to count as being there, degrees.
+    /// How near every motor must be to a pose of the roadmap for the robot to count as at that pose, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
-    /// The marker whose place in the world stands for each pose in pictures of the roadmap; without it, the one that most of the
+    /// The marker whose position represents each pose in pictures of the roadmap; default: the one that most of the
     /// motors move.
     #[serde(default)]
     pub hand: Option<String>,
@@ -338,8 +338,8 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     AgentKind {
         name: "roadmap",
-        doc: "Goes round a tour of goals over a roadmap of given poses. It takes every edge for feasible until it fails; then \
-              that edge is removed, the robot is back where the edge began, and the next best way is planned.",
+        doc: "Tours goals over a roadmap of given poses. It assumes that every edge is feasible until it fails; then \
+              that edge is removed, the robot is back where the edge began, and the next best path is planned.",
         schema: || schemars::schema_for!(RoadmapSettings),
         example: |robot| {
             let pose = |name, share| json!({ "name": name, "q_deg": group::example_pose(robot, share) });

@@ -18,7 +18,7 @@ pub struct ScriptedSettings {
     /// Share of each motor's greatest speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
-    /// How often the list is gone through; 0: for ever.
+    /// How many times to repeat the list; 0: forever.
     #[serde(default = "once")]
     pub repeat: u32,
 }
@@ -29,7 +29,7 @@ pub struct ScriptedSettings {
 pub struct ScriptedPose {
     /// Motor positions in degrees, such as `{ torso_yaw = 10, r_elbow = 40 }`; the other motors stay where they are.
     pub q_deg: BTreeMap<String, f64>,
-    /// How long to rest there, seconds.
+    /// How long to rest at the pose, seconds.
     #[serde(default)]
     pub wait_s: f64,
 }
@@ -139,7 +139,7 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 inventory::submit! {
     AgentKind {
         name: "scripted",
-        doc: "Goes through a list of poses with waits between them, once, several times or for ever. A motion that \
+        doc: "Visits a list of poses with waits between them, once, several times or forever. A motion that \
               fails is counted, and the next pose is tried.",
         schema: || schemars::schema_for!(ScriptedSettings),
         example: |robot| {

@@ -65,7 +65,7 @@ fn the_cause_is_remembered_in_words() {
 fn a_doubtful_edge_is_driven_if_there_is_no_other_way() {
     let scene = scene(&arm(2), vec![]);
     let mut view = view(&scene, &start());
-    // only the direction a -> b of the short way fails, and nothing leads round during the retreat
+    // only the direction a -> b of the short way fails, and the detour fails on the way back
     let (a, b) = (60f64.to_radians(), -60f64.to_radians());
     let mut agent = agent(json!({ "goals": ["b", "a"] }));
     let run = drive(&mut agent, &mut view, 100, |_, from, to| {

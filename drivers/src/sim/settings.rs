@@ -16,26 +16,26 @@ use std::time::Duration;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimSettings {
-    /// A robot to behave like, such as `iCub_SIM`; what is measured there counts, and not `profile` and the model's limits.
+    /// A robot to imitate, such as `iCub_SIM`; its measured behavior replaces `profile` and the model's limits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub imitates: Option<Imitated>,
     /// Shape of position moves: `minimum_jerk`, `trapezoidal` or `gain`.
     pub profile: Profile,
-    /// Greatest speed of every motor, deg/s.
+    /// Maximum speed of every motor, deg/s.
     pub max_speed_deg_per_s: f64,
-    /// Greatest acceleration of every motor, deg/s^2. Also its braking.
+    /// Maximum acceleration of every motor, also in braking, deg/s^2.
     pub max_acceleration_deg_per_s2: f64,
     /// Time from a command to its effect, ms.
     pub latency_ms: f64,
     /// Encoder readings per second.
     pub rate_hz: f64,
-    /// Step of the encoders, deg; 0 for none.
+    /// Resolution of the encoders, deg; 0: unlimited.
     pub resolution_deg: f64,
-    /// Standard deviation of the encoders' noise, deg; no reading is off by more than 3.5 times this.
+    /// Standard deviation of the encoder noise, deg; no reading is off by more than 3.5 times this.
     pub noise_deg: f64,
-    /// Greatest deviation of a reading's time from its period, ms.
+    /// Maximum deviation of a reading's time from its period, ms.
     pub jitter_ms: f64,
-    /// Where motors start, by name, in degrees of encoder; others start at home.
+    /// Where motors start, by name, in encoder degrees; others start at home.
     pub start_deg: BTreeMap<String, f64>,
 }
 

@@ -9,29 +9,29 @@ use std::time::Duration;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct YarpDriverSettings {
-    /// The control boards, one per part of the robot model. Motors of parts without a board rest at home and take no commands.
+    /// The control boards, one per part of the robot model. Motors of parts without a board rest at home and accept no commands.
     pub parts: Vec<PartSettings>,
-    /// Address of the name server, `HOST:PORT`. Without it: what YARP's own files and environment say, and `127.0.0.1:10000` if they
-    /// say nothing.
+    /// Address of the name server, `HOST:PORT`. Default: from YARP's own files and environment, or `127.0.0.1:10000` if they
+    /// give none.
     #[serde(default)]
     pub server: Option<String>,
-    /// The first part of our own port names; `/MoBeE/ROBOT/driver` if not given.
+    /// Prefix of our own port names; default: `/MoBeE/ROBOT/driver`.
     #[serde(default)]
     pub name: Option<String>,
-    /// The address of this machine that our ports listen on; this machine alone (127.0.0.1) if not given. YARP has no encryption:
-    /// whoever reaches these ports can send wrong states.
+    /// The address of this machine on which our ports listen; default: 127.0.0.1, for this machine only. YARP has no encryption:
+    /// anyone who can reach these ports can send wrong states.
     #[serde(default)]
     pub listen: Option<String>,
-    /// How states and streamed commands travel: `fast_tcp`, `tcp` or `udp`.
+    /// The carrier of states and streamed commands: `fast_tcp`, `tcp` or `udp`.
     #[serde(default = "carrier")]
     pub carrier: String,
-    /// The dialect of the robot's network: `3.x` (iCub software to this day) or `4.x`.
+    /// The dialect of the robot's network: `3.x` (all iCub software so far) or `4.x`.
     #[serde(default = "dialect")]
     pub dialect: String,
     /// Time between two states of a board, ms.
     #[serde(default = "period_ms")]
     pub period_ms: f64,
-    /// Greatest time from a command to its effect as far as it is known, the way through the network included, ms.
+    /// Maximum known time from a command to its effect, including the network, ms.
     #[serde(default = "latency_ms")]
     pub latency_ms: f64,
     /// A board whose state is older than this is stale, ms.
@@ -40,20 +40,20 @@ pub struct YarpDriverSettings {
     /// How long to wait for an answer, ms.
     #[serde(default = "timeout_ms")]
     pub timeout_ms: f64,
-    /// How long to wait for all boards at the beginning, s.
+    /// How long to wait for all boards at the start, s.
     #[serde(default = "connect_s")]
     pub connect_s: f64,
-    /// Greatest speed of every motor, deg/s, where the board allows no less.
+    /// Maximum speed of every motor, deg/s, unless the board allows less.
     #[serde(default = "max_speed")]
     pub max_speed_deg_per_s: f64,
-    /// Greatest acceleration of every motor, deg/s^2. Also its braking.
+    /// Maximum acceleration of every motor, also in braking, deg/s^2.
     #[serde(default = "max_acceleration")]
     pub max_acceleration_deg_per_s2: f64,
-    /// Whether the boards take position-direct set-points; the retreat streams them, else it uses thinned way-points.
+    /// Whether the boards accept position-direct set-points; the retreat streams them, otherwise it uses thinned way-points.
     #[serde(default = "yes")]
     pub position_direct: bool,
-    /// How moves are made: `position` tells the boards targets and reference speeds; `set-points` streams a trajectory of our own,
-    /// for boards whose reference speeds mean no speeds, such as iCub_SIM's.
+    /// How moves are made: `position` sends the boards targets and reference speeds; `set-points` streams a trajectory of our own,
+    /// for boards that do not honor reference speeds, such as iCub_SIM's.
     #[serde(default)]
     pub moves: Moves,
 }

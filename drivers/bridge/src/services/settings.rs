@@ -15,37 +15,37 @@ use std::time::Duration;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct YarpSettings {
-    /// What the names of MoBeE's ports begin with.
+    /// Prefix of the names of MoBeE's ports.
     pub prefix: String,
-    /// Address of the name server, such as `127.0.0.1:10000`. Without it: what YARP's own files and environment say, and
-    /// `127.0.0.1:10000` if they say nothing.
+    /// Address of the name server, such as `127.0.0.1:10000`. Default: from YARP's own files and environment, or
+    /// `127.0.0.1:10000` if they give none.
     pub name_server: Option<SocketAddr>,
     /// Whether to start a name server in this process, at that address, if none answers there.
     pub start_name_server: bool,
-    /// Whether ports may be reached from other computers. YARP has neither passwords nor encryption: who reaches a port
-    /// moves the robot.
+    /// Whether ports may be reached from other computers. YARP has neither passwords nor encryption: anyone who can reach a port
+    /// can move the robot.
     pub allow_open_network: bool,
-    /// Whether an open network may do without the key of `auth.conf`, by which programs show at each connection that they belong
-    /// to it: then everybody who reaches the ports moves the robot.
+    /// Whether an open network may do without the key of `auth.conf`, with which programs authenticate each connection:
+    /// then anyone who can reach the ports can move the robot.
     pub without_auth: bool,
-    /// Which YARP is spoken: `3` or `4`. The two can't be told apart on the wire.
+    /// The YARP dialect: `3` or `4`. The two can't be distinguished on the wire.
     pub dialect: u8,
-    /// Whether to open the port filter: a board for each part through which any YARP program moves the robot safely.
+    /// Whether to open the port filter: a board for each part, through which any YARP program moves the robot safely.
     pub filter: bool,
-    /// The share of each motor's greatest speed that programs may use through the filter: slower than asked for is safe,
-    /// faster than the robot can stop within its margin is not. Position-direct set-points are followed as they come.
+    /// The share of each motor's maximum speed that programs may use through the filter. Slower than requested is safe;
+    /// too fast to stop within the margin is not. Position-direct set-points are followed as they arrive.
     pub speed: f64,
     /// Time between two messages of the state ports, ms.
     pub period_ms: f64,
-    /// Robots under other names than the prefix and their own, or with some parts only; by the robot's name in the run.
+    /// Robots whose boards have other names, or only some of the parts; keyed by the robot's name in the run.
     pub robots: BTreeMap<String, RobotPorts>,
-    /// Whether to open the world's RPC, `/MoBeE/world`.
+    /// Whether to open the world RPC, `/MoBeE/world`.
     pub world: bool,
-    /// The folder of the world RPC's `save` and `load`. Without it both are refused.
+    /// The folder for the world RPC's `save` and `load`. Without it both are refused.
     pub save_folder: Option<PathBuf>,
     /// Whether to open the ports of the parts (`/MoBeE/right_arm/rpc` and so on) and of the robots.
     pub parts: bool,
-    /// The force-field controller of a part, by the part's name. A part without it takes no `cmd:i`.
+    /// The force-field controller of a part, by the part's name. A part without it serves no `cmd:i`.
     pub force_field: BTreeMap<String, ForceFieldSettings>,
 }
 
@@ -53,8 +53,8 @@ pub struct YarpSettings {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobotPorts {
-    /// What stands before the part's name: `/icub` serves the boards under the robot's own names (its real boards must
-    /// then have others). Default: the prefix and the robot's name, `/MoBeE/icub`.
+    /// Prefix of the part's name: `/icub` serves the boards under the robot's own names (the real boards must
+    /// then have others). Default: `prefix` and the robot's name, `/MoBeE/icub`.
     pub prefix: Option<String>,
     /// The parts to serve; default: all.
     pub parts: Option<Vec<String>>,
