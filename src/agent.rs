@@ -240,7 +240,7 @@ impl Session {
             match world.refresh(&self.scene).await {
                 Ok(Some(scene)) => self.scene = Arc::new(scene),
                 Ok(None) => {}
-                Err(e) => eprintln!("the world is taken to be as it was: {e}"),
+                Err(e) => eprintln!("the world is assumed to be unchanged: {e}"),
             }
         }
         Ok(View {

@@ -65,7 +65,7 @@ fn say_poses(poses: &Poses) {
     }
     if !missing.is_empty() {
         let (robots, not) = (missing.join(", "), wants_poses());
-        println!("no measured poses of {robots} beside the journal, as of an older run: {not} are not judged there");
+        println!("no measured poses of {robots} beside the journal (an older run?): {not} are not judged there");
     }
     for why in wrong {
         println!("attention: {why}");
@@ -123,7 +123,7 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
         if c.robots[i].controller.drive == Drive::Straight {
             good &= report.disagree.is_empty();
         } else {
-            println!("  ({} is not driven straight, so that these need not agree)", r.name);
+            println!("  ({} is not driven straight, so these need not agree)", r.name);
         }
     }
     Ok(good)

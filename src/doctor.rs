@@ -107,7 +107,7 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
     tell(vec![match own {
         Ok(network) => runtime.block_on(boards::name_server(&network, needed)),
         Err(e) if needed => {
-            let remedy = "mend yarp.conf (`mobee yarp conf HOST PORT`), or set `server` in the table of the driver";
+            let remedy = "fix yarp.conf (`mobee yarp conf HOST PORT`), or set `server` in the driver's table";
             Finding::bad(e.to_string(), remedy)
         }
         Err(_) => {
@@ -123,7 +123,7 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
         let behind: Vec<&str> = behind.collect();
         let not = |why: String| Finding::bad(format!("{motor} was not moved"), why);
         tell(vec![if worst.get() == Grade::Bad {
-            not("mend what is bad first".into())
+            not("fix what is bad first".into())
         } else if !behind.contains(&motor.as_str()) {
             not(suggestion(motor, "motor behind YARP", &behind))
         } else {
@@ -144,7 +144,7 @@ struct Remote {
 /// Checks a file as `mobee check` does, and returns its robots behind YARP.
 fn configuration(file: &Path, set: &[String]) -> (Vec<Finding>, Vec<Remote>) {
     let bad = |report: miette::Report| {
-        let remedy = "mend the file; `mobee check` says the same";
+        let remedy = "fix the file; `mobee check` reports the same";
         (vec![Finding::bad(format!("{}: {report:?}", file.display()), remedy)], Vec::new())
     };
     let (config, source) = match Config::load(file, set) {

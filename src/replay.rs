@@ -61,7 +61,7 @@ impl Recorded {
             |what: &str, help: &str| Report::from(ConfigError::plain(format!("{}: {what}", dir.display()), help));
         if config.clock == Clock::Real {
             return Err(refuse(
-                "a run by the wall clock can't be run again",
+                "a run by the wall clock can't be replayed",
                 "play what it recorded as a robot: `mobee inspect RUN --poses FILE`, and a driver of kind `replay`",
             ));
         }
@@ -76,14 +76,14 @@ impl Recorded {
             match line.event {
                 Event::Injected { .. } => {
                     return Err(refuse(
-                        "faults were put into this run, and its folder does not say which will come",
-                        "run it again by the command that `mobee torture` printed",
+                        "faults were injected into this run, and its folder does not record which",
+                        "repeat it with the command that `mobee torture` printed",
                     ));
                 }
                 Event::Resumed { .. } => {
                     return Err(refuse(
-                        "this run was resumed, and nothing says at which instant its process had ended",
-                        "replay a run that went on without a break",
+                        "this run was resumed, and the time at which its process had ended is not recorded",
+                        "replay an uninterrupted run",
                     ));
                 }
                 Event::Ended { reason } => ended = Some(reason),
@@ -130,7 +130,7 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
         let (sink, verdict) = recorded.watch(None, controls.clone())?;
         let extras = Extras { sinks: vec![sink], ..Extras::default() };
         let done = show(composition, &folder, extras, args.json, CtlAt::Off, (controls, receiver))?;
-        return Ok(judged(&verdict.after(&done), "the run was as recorded", &done));
+        return Ok(judged(&verdict.after(&done), "the run matched the journal", &done));
     }
     let at = moment(args.at, &recorded)?;
     let mut source = recorded.source.clone();
@@ -153,7 +153,7 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
     };
     if let Some(recording) = &recording {
         // the future that was, beside the one that would have been
-        eprintln!("first as it was, for the recording");
+        eprintln!("first unchanged, for the recording");
         again(&recorded, recording)?;
     }
     let told = serde_json::to_value(&composition.config).into_diagnostic()?;
@@ -164,7 +164,7 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
     let recorder = recording.map(|r| opener(r, "changed"));
     let extras = Extras { sinks: vec![sink], planned, recorder, told: Some(told), ..Extras::default() };
     let done = show(composition, &folder, extras, args.json, CtlAt::Off, (controls, receiver))?;
-    Ok(judged(&verdict.after(&done), &format!("as recorded up to {:.2} s, then otherwise", at.secs()), &done))
+    Ok(judged(&verdict.after(&done), &format!("as recorded up to {:.2} s, then changed", at.secs()), &done))
 }
 
 /// Opens a recorder of a recording that others draw into too.

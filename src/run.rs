@@ -60,7 +60,7 @@ pub fn command(
     let source = Source::load(file, set)?;
     let mut composition = crate::compose::from_source(&source)?;
     if watch && composition.config.clock == Clock::Virtual {
-        let what = "--watch waits for edits, and by this file's virtual clock the run is over in no time";
+        let what = "--watch waits for edits, but with this file's virtual clock the run ends almost at once";
         return Err(ConfigError::plain(what, "add --clock real").into());
     }
     for w in &composition.warnings {

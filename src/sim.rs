@@ -38,7 +38,7 @@ pub struct SimArgs {
 pub fn command(args: &SimArgs) -> Result<(), Report> {
     if !(args.speed > 0.0 && args.speed <= 1000.0) {
         return Err(
-            ConfigError::plain(format!("{} is no speed", args.speed), "give a number above 0, up to 1000").into()
+            ConfigError::plain(format!("{} is not a speed", args.speed), "give a number above 0, up to 1000").into()
         );
     }
     let boards = boards(args)?;
@@ -113,7 +113,7 @@ async fn network(server: Option<&str>) -> Result<(Network, Option<NameServer>), 
             ConfigError::plain(format!("`{text}` is no address"), "give HOST:PORT, such as 127.0.0.1:10000")
         })?,
         None => config::network_or_default(&Env::real())
-            .map_err(|e| ConfigError::plain(e.to_string(), "mend yarp.conf, or give --server HOST:PORT"))?,
+            .map_err(|e| ConfigError::plain(e.to_string(), "fix yarp.conf, or give --server HOST:PORT"))?,
     };
     if network.query(network.namespace()).await.is_ok() {
         return Ok((network, None));

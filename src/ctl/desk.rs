@@ -64,7 +64,7 @@ impl Desk {
         // they come into the journal and onto the run's terminal
         let name = offer.as_ref().map(|o| o.file.to_string_lossy().into_owned());
         if words.iter().chain(&name).any(|w| w.chars().any(char::is_control)) {
-            return Err("there are control characters in this; say it in plain text".into());
+            return Err("this contains control characters; use plain text".into());
         }
         let words: Vec<&str> = words.iter().map(String::as_str).collect();
         match words.as_slice() {
@@ -84,7 +84,7 @@ impl Desk {
                 for robot in asked {
                     let answer = robot.recover();
                     tried |= answer.is_ok();
-                    let answer = answer.map_or_else(|why| why, |()| "the retreat is tried again".into());
+                    let answer = answer.map_or_else(|why| why, |()| "the retreat is being retried".into());
                     said.push(format!("{}: {answer}", robot.name()));
                 }
                 if tried { Ok(said) } else { Err(said.join("\n")) }
@@ -152,7 +152,7 @@ impl Desk {
     fn robot(&self, name: &str) -> Result<usize, String> {
         match self.robots(if name.is_empty() { &[] } else { std::slice::from_ref(&name) })?.as_slice() {
             [one] => Ok(*one),
-            _ => Err(format!("say which robot, with --robot; {}", self.unknown(name))),
+            _ => Err(format!("name the robot with --robot; {}", self.unknown(name))),
         }
     }
 
@@ -160,7 +160,7 @@ impl Desk {
         let mut lines = Vec::new();
         for i in self.robots(names)? {
             let Some(robot) = self.running.robots().get(i) else { continue };
-            let state = if acts { "acts" } else { "pauses after its present motion" };
+            let state = if acts { "acts" } else { "pauses after the motion under way" };
             match robot.let_agent_act(acts) {
                 Ok(()) => lines.push(format!("{}: its agent {state}", robot.name())),
                 Err(refusal) if !names.is_empty() => return Err(format!("{refusal}; {}", refusal.remedy())),
@@ -180,12 +180,10 @@ impl Desk {
         };
         let all = [SwapPart::Agent, SwapPart::Controller, SwapPart::Driver];
         let Some(part) = all.into_iter().find(|p| p.to_string() == part) else {
-            return Err(format!("`{part}` can't be exchanged; agent, controller and driver can"));
+            return Err(format!("`{part}` can't be swapped; agent, controller and driver can"));
         };
         if part != SwapPart::Agent && (fresh || !terms.shadow.is_zero()) {
-            return Err(format!(
-                "a {part} can't look on, and has no state to begin anew with; leave --shadow and --fresh out"
-            ));
+            return Err(format!("a {part} can't observe, and has no state to discard; omit --shadow and --fresh"));
         }
         let name = robot.name().to_owned();
         let built = {
@@ -209,7 +207,7 @@ impl Desk {
             .get(i)
             .and_then(|r| r.swaps.iter().find(|(p, _)| p.to_string() == part))
             .map(|(_, step)| step.clone());
-        let step = step.ok_or("it was never exchanged")?;
+        let step = step.ok_or("it was never swapped")?;
         let word = match &step {
             SwapStep::Offered { .. } => "offered",
             SwapStep::TookOver { .. } => "took over",
@@ -252,7 +250,7 @@ fn terms(rest: &[&str]) -> Result<SwapPolicy, String> {
             .ok()
             .filter(|s| (0.0..=1e6).contains(s))
             .map(Duration::from_secs_f64)
-            .ok_or_else(|| format!("{word} is no {name} in seconds; give a number from 0")),
+            .ok_or_else(|| format!("{word} is not a {name} in seconds; give a number from 0")),
     };
     let default = SwapPolicy::default();
     Ok(SwapPolicy {

@@ -31,7 +31,7 @@ impl Client {
         };
         let late = |_| Err(io::Error::new(io::ErrorKind::TimedOut, "the run does not answer"));
         timeout(PATIENCE, asked).await.unwrap_or_else(late).map_err(|e| {
-            ConfigError::plain(format!("no answer: {e}"), "see whether the run still goes on, and ask again")
+            ConfigError::plain(format!("no answer: {e}"), "check whether the run is still active, and ask again")
         })
     }
 }
@@ -58,7 +58,7 @@ pub(super) async fn connect(args: &CtlArgs) -> Result<Client, ConfigError> {
     let line = line.unwrap_or_else(late).map_err(|e| {
         let help = match e.kind() {
             io::ErrorKind::PermissionDenied => "a run is controlled by its own user, or root, with its own key",
-            _ => "it is not running any more; give another with --run",
+            _ => "it is no longer running; give another with --run",
         };
         ConfigError::plain(format!("{what} can't be reached: {e}"), help)
     })?;

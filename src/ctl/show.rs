@@ -59,7 +59,7 @@ pub(super) fn lines(now: &Report, before: Option<&Report>) -> Vec<String> {
     if c.displaced > 0 {
         let times = c.displaced;
         lines.push(format!(
-            "motors that nobody commanded were moved {times} times: by another program, by hand or by their weight; see the journal"
+            "motors moved uncommanded {times} times: by another program, by hand or by their weight; see the journal"
         ));
     }
     let taps = now.links.iter().filter_map(|(name, c)| Some((name.strip_prefix("tap>")?.to_owned(), c.dropped)));

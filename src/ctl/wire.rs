@@ -77,7 +77,7 @@ pub(super) async fn read<T: DeserializeOwned>(from: &mut (impl AsyncBufRead + Un
 pub(super) async fn write(to: &mut (impl AsyncWrite + Unpin), what: &impl Serialize) -> io::Result<()> {
     let mut line = serde_json::to_vec(what)?;
     if line.len() >= LONGEST {
-        let what = format!("the files have more than {} MiB together", LONGEST >> 20);
+        let what = format!("the files exceed {} MiB in total", LONGEST >> 20);
         return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
     }
     line.push(b'\n');

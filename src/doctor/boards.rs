@@ -97,7 +97,7 @@ async fn looked_at(
         Some((name.as_str(), *model, (min.to_radians(), max.to_radians())))
     });
     if let Some(less) = mobee_contract::narrowed(limits) {
-        let remedy = "the narrower limits count; give them to the model, too, if they are the robot's";
+        let remedy = "the narrower limits apply; put them into the model too if they are the robot's";
         found.push(Finding::warn(format!("{what}: {less}"), remedy));
     }
     found.push(states(robot, board, port, axes, what).await);
@@ -119,13 +119,10 @@ async fn states(robot: &Remote, board: &RemoteBoard, port: &str, axes: usize, wh
     let wanted = 1.0 / robot.settings.period().as_secs_f64();
     let what = format!("{what}: {axes} joints, {rate:.0} states per second of {wanted:.0}, answers in {answers:.0?}");
     if rate == 0.0 {
-        return Finding::bad(what, format!("see whether {port}/state:o is there and sends"));
+        return Finding::bad(what, format!("check that {port}/state:o exists and sends"));
     }
     if rate < 0.8 * wanted {
-        return Finding::warn(
-            what,
-            "set the driver\'s period_ms to what the board really sends, or look at the network",
-        );
+        return Finding::warn(what, "set the driver\'s period_ms to the board\'s real period, or check the network");
     }
     if answers > robot.settings.latency() {
         let remedy = "the filter does not open while that is longer than the driver's latency_ms: find out what slows the board, \

@@ -13,7 +13,7 @@ pub(super) fn processors() -> Finding {
     match std::thread::available_parallelism().map_or(1, usize::from) {
         1 => Finding::warn(
             "one processor",
-            "run planner and viewer on another machine: the safety chain wants one of its own",
+            "run planner and viewer on another machine: the safety chain needs a processor of its own",
         ),
         n => Finding::ok(format!("{n} processors")),
     }
@@ -31,7 +31,7 @@ pub(super) async fn timers() -> Finding {
     late.sort();
     let ms = |d: Option<&Duration>| d.map_or(0.0, |d| d.as_secs_f64() * 1e3);
     let (median, worst) = (ms(late.get(late.len() / 2)), ms(late.last()));
-    let what = format!("timers come {median:.1} ms late, {worst:.1} ms at worst");
+    let what = format!("timers are {median:.1} ms late, {worst:.1} ms at worst");
     if median > 5.0 || worst > 50.0 {
         return Finding::warn(
             what,
@@ -46,7 +46,7 @@ pub(super) fn folder(runs: &Path) -> Vec<Finding> {
     let here = if runs.is_dir() { runs } else { Path::new(".") };
     let written = match tempfile::tempfile_in(here) {
         Ok(_) => Finding::ok("runs/ can be written"),
-        Err(e) => Finding::bad(format!("runs/ can't be written: {e}"), "go to a folder that can be, or give --out DIR"),
+        Err(e) => Finding::bad(format!("runs/ can't be written: {e}"), "work in a writable folder, or give --out DIR"),
     };
     vec![written, room(here)]
 }
@@ -55,7 +55,7 @@ fn room(folder: &Path) -> Finding {
     let out = Command::new("df").arg("-Pk").arg(folder).output();
     let text = out.map(|o| String::from_utf8_lossy(&o.stdout).into_owned()).unwrap_or_default();
     match free(&text) {
-        None => Finding::warn("how full the disk is can't be told", "see that there is room for recordings"),
+        None => Finding::warn("free disk space can't be determined", "make sure that there is room for recordings"),
         Some((gigabytes, percent)) => {
             let what = format!("{gigabytes:.1} GB of disk are free ({percent:.0} %)");
             match percent {

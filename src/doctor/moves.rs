@@ -89,7 +89,7 @@ fn only(composition: &mut Composition, motor: &str) -> Option<Arc<dyn Hardware>>
 fn told(paces: &[Paces], motor: &str, folder: &Path) -> Finding {
     let measured = paces.iter().find(|paces| !paces.fair || paces.seen.len() > MOVES as usize);
     let Some(Paces { board, seen, fair }) = measured else {
-        let what = format!("how fast {motor} moves by what it is told could not be measured");
+        let what = format!("the speed of {motor} against its commands could not be measured");
         return Finding::bad(
             what,
             format!(
@@ -99,16 +99,14 @@ fn told(paces: &[Paces], motor: &str, folder: &Path) -> Finding {
         );
     };
     let (least, most) = seen.iter().fold((f64::INFINITY, 0.0f64), |(least, most), v| (least.min(*v), most.max(*v)));
-    let what = format!(
-        "{motor} moved at {least:.2} to {most:.2} times the speeds that it was told, in {} stretches of way",
-        seen.len()
-    );
+    let what =
+        format!("{motor} moved at {least:.2} to {most:.2} times the commanded speeds, in {} stretches", seen.len());
     if *fair {
-        Finding::ok(format!("{what}: the reference speeds of {board} mean speeds"))
+        Finding::ok(format!("{what}: {board} honors reference speeds"))
     } else {
         Finding::bad(
-            format!("{what}: the reference speeds of {board} mean no speeds"),
-            "set moves = \"set-points\" in the table of the driver",
+            format!("{what}: {board} does not honor reference speeds"),
+            "set moves = \"set-points\" in the driver's table",
         )
     }
 }

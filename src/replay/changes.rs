@@ -31,7 +31,7 @@ pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<
         }
         let maker = new.robots.get(i).and_then(|r| r.agent.clone()).filter(|_| was.agent.is_some());
         let Some(maker) = maker else {
-            let what = format!("robot {}: an agent can be exchanged, neither added nor taken away", was.name);
+            let what = format!("robot {}: an agent can be swapped, but not added or removed", was.name);
             return Err(ConfigError::plain(what, "run the changed file from its beginning"));
         };
         let kind = |agent: &Option<Value>| agent.as_ref().and_then(|a| a.get("kind")).cloned();
@@ -48,7 +48,7 @@ pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<
     let same_script = values_of(&old.config.script) == values_of(&new.config.script);
     if controls.is_empty() && same_script && old.config.for_s == new.config.for_s {
         return Err(ConfigError::plain(
-            "nothing is otherwise",
+            "nothing is changed",
             "change an agent, a controller, the world, the script or `for_s`",
         ));
     }
@@ -75,8 +75,8 @@ fn values(composition: &Composition) -> Value {
 
 fn fixed(old: &Value, new: &Value) -> Result<(), ConfigError> {
     let Some(key) = differences(old, new).into_iter().next().map(|d| d.key) else { return Ok(()) };
-    let help = "agents, controllers, the world, the script and `for_s` can; for all else run the changed file from its beginning";
-    Err(ConfigError::plain(format!("{key} can't change while a run goes on"), help))
+    let help = "agents, controllers, the world, the script and `for_s` can; for anything else run the changed file from its beginning";
+    Err(ConfigError::plain(format!("{key} can't change during a run"), help))
 }
 
 /// The edits that make one world the other.

@@ -46,7 +46,7 @@ impl Folder {
         if path.join("config.json").is_file() {
             return Ok(());
         }
-        let what = format!("{} is no folder of a run: there is no config.json in it", path.display());
+        let what = format!("{} is not a run's folder: it contains no config.json", path.display());
         Err(ConfigError::plain(what, "give a folder that `mobee run` made, such as runs/explore-..."))
     }
 

@@ -14,8 +14,7 @@ const ABANDONED: i32 = 130;
 /// # Errors
 /// If the system gives no thread or poller.
 pub(super) fn listen(controls: mpsc::Sender<Control>) -> Result<(), ConfigError> {
-    let no =
-        |e: std::io::Error| ConfigError::plain(format!("nobody can listen for signals: {e}"), "free some resources");
+    let no = |e: std::io::Error| ConfigError::plain(format!("can't listen for signals: {e}"), "free some resources");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(no)?;
     let mut interrupt = {
         let _within = runtime.enter();
@@ -25,9 +24,9 @@ pub(super) fn listen(controls: mpsc::Sender<Control>) -> Result<(), ConfigError>
     let listen = move || {
         runtime.block_on(async {
             interrupt.wait().await;
-            wish(&controls, Control::Stop, "stopping; once more to stop now");
+            wish(&controls, Control::Stop, "stopping; again to stop now");
             interrupt.wait().await;
-            wish(&controls, Control::Abort, "stopping now; once more to leave everything as it is");
+            wish(&controls, Control::Abort, "stopping now; again to quit at once");
             interrupt.wait().await;
             std::process::exit(ABANDONED);
         });

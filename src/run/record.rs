@@ -48,14 +48,14 @@ impl Recording {
     /// # Errors
     /// If nobody is there, or it is no viewer.
     pub(crate) fn connect(&self, address: SocketAddr) -> Result<(), String> {
-        let (taps, settings) = self.viewer.get().ok_or("the run is about to start; ask again")?;
+        let (taps, settings) = self.viewer.get().ok_or("the run is about to start; try again")?;
         let help = format!("start one with `rerun --port {}`, or give the address of one", address.port());
         TcpStream::connect_timeout(&address, PATIENCE)
             .map_err(|e| format!("there is no viewer at {address}: {e}; {help}"))?;
         let settings = Settings { live: Some(address.to_string()), ..settings.clone() };
         let open = move || Recorder::new(&settings).map_err(|e| e.to_string());
         let viewer = open()?;
-        viewer.reach(PATIENCE).map_err(|e| format!("who listens at {address} is no viewer: {e}; {help}"))?;
+        viewer.reach(PATIENCE).map_err(|e| format!("the program at {address} is not a viewer: {e}; {help}"))?;
         let again: Open = Arc::new(move || Ok(Box::new(open()?)));
         taps.attach(VIEWER, Box::new(viewer), again)
     }

@@ -63,7 +63,7 @@ pub fn print(done: &Done, folder: &Folder, as_json: bool) -> Result<(), Report> 
     }
     let path = folder.path().display();
     if done.end.reason == Reason::NoJournal {
-        println!("\n  the journal could not be written on, so the robots were brought to rest; when it can:");
+        println!("\n  the journal could no longer be written, so the robots were brought to rest; once it can be:");
         println!("  mobee run --resume {path}");
     }
     println!(

@@ -61,7 +61,7 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
     }
     for name in missing {
         eprintln!(
-            "warning: the object {name} was made while the run went on, and no file says its shape: make it again"
+            "warning: the object {name} was created during the run, and no file records its shape: create it again"
         );
     }
     let extras = Extras { past: Some((journal, past)), ..Extras::default() };

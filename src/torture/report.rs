@@ -135,7 +135,7 @@ impl fmt::Display for Tally {
             let all = share(faulted, self.commits);
             writeln!(
                 f,
-                "           {all:.1} % of all, {:.1} % but for escapes and the end of runs{bound}",
+                "           {all:.1} % of all, {:.1} % without escapes and ends of runs{bound}",
                 self.faulted_share()
             )?;
         }
@@ -148,7 +148,10 @@ impl fmt::Display for Tally {
         let Joint { times, nearer } = self.joint;
         if times > 0 {
             let mm = nearer * 1e3;
-            writeln!(f, "together   {times} times several were retreating, and came {mm:.2} mm nearer at most")?;
+            writeln!(
+                f,
+                "joint      {times} times several robots retreated at once, and came {mm:.2} mm nearer at most"
+            )?;
         }
         if self.swaps != [0; 3] {
             let [settled, reverted, refused] = self.swaps;
@@ -166,7 +169,7 @@ impl fmt::Display for Tally {
         if self.is_over() {
             writeln!(
                 f,
-                "more commits ended as faulted than `torture.faulted_percent` allows: what was to be taken back was not"
+                "more commits ended as faulted than `torture.faulted_percent` allows: motions that should have been rolled back were not"
             )?;
         }
         match (self.is_good(), self.failed.is_empty()) {

@@ -20,7 +20,7 @@ fn a_simulated_robot_needs_no_network() {
     assert_eq!(code, Some(0), "{said}");
     for line in [
         "processor",
-        "timers come",
+        "timers are",
         "runs/ can be written",
         "of disk are free",
         "explore.toml is right",
@@ -57,7 +57,7 @@ fn the_boards_of_a_robot_are_looked_for() {
         (code, said.lines().skip_while(|l| !l.contains(motor) || !l.contains("moved")).collect::<Vec<_>>().join(" "))
     };
     let (code, said) = moved("r_elbow");
-    assert!(code == Some(1) && said.contains("/icubSim/right_arm mean no speeds"), "{said}");
+    assert!(code == Some(1) && said.contains("/icubSim/right_arm does not honor reference speeds"), "{said}");
     assert!(said.contains("-> set moves = \"set-points\""), "{said}");
     let (code, said) = moved("r_elbo");
     assert!(code == Some(1) && said.contains("was not moved") && said.contains("did you mean `r_elbow`?"), "{said}");
@@ -81,7 +81,7 @@ fn reference_speeds_are_measured_on_request() {
     let _boards = sim(&network, "configs/behaviors/explore.toml", "/icubSim", &[]);
     let file = ["configs/behaviors/explore-yarp.toml", "--set", &server, "--move", "torso_yaw"];
     let (code, said) = doctor(&network, &file);
-    let measured = said.contains("in 12 stretches of way: the reference speeds of /icubSim/torso mean speeds");
+    let measured = said.contains("in 12 stretches: /icubSim/torso honors reference speeds");
     assert!(code == Some(0) && measured, "{said}");
     let (code, said) = doctor(&network, &["configs/behaviors/explore.toml", "--move", "torso_yaw"]);
     assert!(code == Some(1) && said.contains("there is no motor behind YARP at all"), "{said}");

@@ -117,9 +117,9 @@ fn what_can_t_be_replayed_is_refused_with_a_remedy() {
         assert!(!out.exists(), "{more:?} left something behind");
     };
     refused(&["--at", "1e6", "--set", "robot.icub.agent.speed=0.05"], "give seconds between 0 and 20");
-    refused(&["--at", "5", "--set", "for_s=20.0"], "nothing is otherwise");
-    refused(&["--at", "5", "--set", "robot.icub.base.yaw_deg=10.0"], "can't change while a run goes on");
-    refused(&["--at", "5", "--set", "seed=2"], "seed can't change while a run goes on");
+    refused(&["--at", "5", "--set", "for_s=20.0"], "nothing is changed");
+    refused(&["--at", "5", "--set", "robot.icub.base.yaw_deg=10.0"], "can't change during a run");
+    refused(&["--at", "5", "--set", "seed=2"], "seed can't change during a run");
     refused(&["--at", "5"], "--set");
     assert_eq!(mobee(&["replay", text(dir.path())]).status.code(), Some(2));
 }

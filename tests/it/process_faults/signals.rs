@@ -14,7 +14,7 @@ fn an_end_that_is_asked_for_is_in_order_whoever_asks() {
         run.signal(name);
         let end = run.end();
         assert!(end.status.success(), "{name}: {}", said(&end));
-        assert!(said(&end).contains("stopping; once more to stop now"), "{name}");
+        assert!(said(&end).contains("stopping; again to stop now"), "{name}");
         assert!(holds(&out).last().is_some_and(|e| e["event"] == "ended" && e["reason"] == "interrupted"), "{name}");
     }
 }
