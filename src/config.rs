@@ -120,7 +120,7 @@ pub struct Robot {
     pub driver: Value,
     /// The controller: `kind` (default: `rollback`), what all kinds have, and the kind's settings; see `mobee kinds`.
     pub controller: Controller,
-    /// `kind` and settings of the agent; see `mobee kinds`. Absent: nobody plans.
+    /// `kind` and settings of the agent; see `mobee kinds`. Absent: no agent.
     #[serde(default)]
     pub agent: Option<Value>,
 }

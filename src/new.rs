@@ -50,7 +50,7 @@ pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
     let stem = path.file_name().and_then(|s| s.to_str()).unwrap_or_default();
     if stem.is_empty() || !stem.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_') {
         let help = "use letters, digits, - and _, such as `mobee new reach`";
-        return Err(ConfigError::plain(format!("{name:?} is no name for a behavior"), help));
+        return Err(ConfigError::plain(format!("{name:?} is not a valid name for a behavior"), help));
     }
     let dir = path.parent().unwrap_or(Path::new(""));
     if !dir.as_os_str().is_empty() && !dir.is_dir() {

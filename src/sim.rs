@@ -110,7 +110,7 @@ async fn network(server: Option<&str>) -> Result<(Network, Option<NameServer>), 
     };
     let network = match server {
         Some(text) => at(text).ok_or_else(|| {
-            ConfigError::plain(format!("`{text}` is no address"), "give HOST:PORT, such as 127.0.0.1:10000")
+            ConfigError::plain(format!("`{text}` is not an address"), "give HOST:PORT, such as 127.0.0.1:10000")
         })?,
         None => config::network_or_default(&Env::real())
             .map_err(|e| ConfigError::plain(e.to_string(), "fix yarp.conf, or give --server HOST:PORT"))?,

@@ -46,7 +46,7 @@ pub(crate) fn digits(out: &mut String, c: char) {
 /// What is wrong with text that is a name or another value, if it holds a hidden character.
 pub fn hidden_in(text: &str) -> Option<String> {
     let c = text.chars().find(|c| is_hidden(*c))?;
-    Some(format!("there is a hidden character in it, U+{:04X}", u32::from(c)))
+    Some(format!("this contains a hidden character, U+{:04X}", u32::from(c)))
 }
 
 #[cfg(test)]
@@ -57,7 +57,7 @@ mod tests {
     fn nothing_but_text_gets_through() {
         assert_eq!(printable("a\u{1b}[31mb\u{202e}c\u{9b}d\r\n\té→"), "a\\u001b[31mb\\u202ec\\u009bd\\u000d\n\té→");
         assert!(matches!(printable("plain\n"), Cow::Borrowed(_)));
-        assert_eq!(hidden_in("k\u{202e}evil").as_deref(), Some("there is a hidden character in it, U+202E"));
+        assert_eq!(hidden_in("k\u{202e}evil").as_deref(), Some("this contains a hidden character, U+202E"));
         assert_eq!(hidden_in("é → 機"), None);
     }
 }

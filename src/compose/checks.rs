@@ -163,7 +163,7 @@ fn boards(config: &Config, source: &Source, built: &[Built], wrong: &mut Complai
         if !idle.is_empty() {
             let names: Vec<&str> = idle.into_iter().take(5).collect();
             let what = format!("the agent moves motors that have no board: {}", names.join(", "));
-            let help = "name the boards of their parts in the driver's `parts`, or take the motors away";
+            let help = "name the boards of their parts in the driver's `parts`, or remove the motors";
             wrong.push(source.error(&format!("robot[{i}].agent.motors"), what, help));
         }
     }

@@ -42,8 +42,8 @@ impl Checks<'_> {
         if !near(p) {
             let metres = p.map(|x| (x * 1e3).round() / 1e6);
             let hint =
-                if near(&metres) { format!("; if millimetres are meant, write {metres:?}") } else { String::new() };
-            let help = format!("give metres, up to {FARTHEST_M} from the origin{hint}");
+                if near(&metres) { format!("; if millimeters are meant, write {metres:?}") } else { String::new() };
+            let help = format!("give meters, up to {FARTHEST_M} from the origin{hint}");
             self.say(path, format!("{p:?} m is far away from everything"), help);
         }
     }
@@ -107,7 +107,7 @@ impl Config {
             c.range(&at("controller.history"), r.controller.history as f64, 10.0, 1e7, "poses");
             // no margin at all may be wanted in a simulation; one of micrometres is a mistake
             let least = if k.margin_mm == 0.0 { 0.0 } else { 0.5 };
-            c.range_or(&at("controller.margin_mm"), k.margin_mm, (least, 500.0), "mm", Some(("metres", 1e3)));
+            c.range_or(&at("controller.margin_mm"), k.margin_mm, (least, 500.0), "mm", Some(("meters", 1e3)));
             c.range(&at("controller.tolerance_deg"), k.tolerance_deg, 1e-3, 10.0, "deg");
             if let Some(ms) = k.stale_ms {
                 c.range(&at("controller.stale_ms"), ms, 2.0 * k.period_ms, 10_000.0, "ms");
@@ -154,11 +154,11 @@ impl Config {
                 c.position(&format!("script[{i}].edit.position_m"), p);
             }
             if s.edit.remove && (s.edit.class.is_some() || s.edit.position_m.is_some()) {
-                let what = "what is removed has no class and no position any more";
-                c.say(&format!("script[{i}].edit"), what, "take either `remove` or the others away");
+                let what = "a removed object has no class or position";
+                c.say(&format!("script[{i}].edit"), what, "remove either `remove` or the others");
             }
             if s.edit.class.is_none() && s.edit.position_m.is_none() && !s.edit.remove {
-                c.say(&format!("script[{i}].edit"), "nothing happens here", "give class, position_m or remove");
+                c.say(&format!("script[{i}].edit"), "this step changes nothing", "give class, position_m or remove");
             }
         }
     }

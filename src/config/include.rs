@@ -18,7 +18,7 @@ const LONGEST: u64 = MIB;
 const LONGEST_TOGETHER: usize = 2 * MIB as usize;
 
 /// What to do about a hidden character.
-const UNSEEN: &str = "write names and texts of characters that show";
+const UNSEEN: &str = "use only visible characters in names and texts";
 
 /// One file of a configuration.
 #[derive(Clone, Debug)]
@@ -123,7 +123,7 @@ impl Reader {
             };
             let Content::Leaf(Value::String(file)) = &entry.content else {
                 let help = "write include = [\"other.toml\"], with paths relative to this file";
-                wrong.push(self.files[number].error(span, "this is no path of a file", help));
+                wrong.push(self.files[number].error(span, "this is not a file path", help));
                 continue;
             };
             match self.include(Path::new(file), number, span) {
@@ -142,8 +142,11 @@ impl Reader {
             wrong(format!("can't read {}: {e}", path.display()), "give the path of a file, relative to this file")
         })?;
         if self.open.contains(&real) {
-            let what = format!("{} includes itself, here or by way of others", file.display());
-            return Err(wrong(what, "take this include out; an included file need not include what includes it"));
+            let what = format!("{} includes itself, directly or through others", file.display());
+            return Err(wrong(
+                what,
+                "remove this include; an included file need not include the file that includes it",
+            ));
         }
         if self.open.len() > DEEPEST {
             return Err(wrong(
@@ -173,7 +176,7 @@ impl Reader {
 /// What to do about an error of syntax.
 fn remedy(message: &str) -> &'static str {
     let remedies = [
-        ("duplicate key", "take one of the two away"),
+        ("duplicate key", "remove one of the two"),
         ("must be quoted", "put text in quotes, and write numbers without a unit"),
         ("expected newline", "write one setting per line, and decimals with a point, such as 0.1"),
         ("expected `=`", "write key = value"),
@@ -181,5 +184,5 @@ fn remedy(message: &str) -> &'static str {
         ("unclosed", "close the bracket"),
         ("string, expected", "close the quotes"),
     ];
-    remedies.iter().find(|(part, _)| message.contains(part)).map_or("mend the TOML syntax here", |(_, help)| help)
+    remedies.iter().find(|(part, _)| message.contains(part)).map_or("fix the TOML syntax here", |(_, help)| help)
 }

@@ -93,7 +93,7 @@ impl<'a> Walk<'a> {
         let names: Vec<&str> = expected.iter().map(|t| name(t)).collect();
         let help = [hint(value, expected), doc.replace('\n', " ")];
         let help: Vec<String> = help.into_iter().filter(|h| !h.is_empty()).collect();
-        self.say(false, format!("this is {}, and {} belongs here", given(value), names.join(" or ")), help.join("\n"));
+        self.say(false, format!("expected {}, found {}", names.join(" or "), given(value)), help.join("\n"));
     }
 
     fn list(&mut self, schema: &'a Value, list: &[Value], doc: &str) {
@@ -102,7 +102,7 @@ impl<'a> Walk<'a> {
         if least.is_some_and(|least| n < least) || most.is_some_and(|most| n > most) {
             let wanted = least.or(most).unwrap_or(0);
             let help = if doc.is_empty() { format!("give {wanted} values") } else { doc.replace('\n', " ") };
-            self.say(false, format!("{n} values stand here, and {wanted} belong here"), help);
+            self.say(false, format!("expected {wanted} values, found {n}"), help);
         }
         for (i, element) in list.iter().enumerate() {
             if self.found.len() >= MOST {
@@ -165,7 +165,7 @@ impl<'a> Walk<'a> {
         let keys: Vec<(&str, &'a Value)> = options.iter().filter_map(keys).collect();
         let names: Vec<&str> = keys.iter().map(|(k, _)| *k).collect();
         if map.len() != 1 {
-            let what = format!("{} keys stand here, and one belongs here", map.len());
+            let what = format!("expected one key, found {}", map.len());
             return self.say(false, what, format!("choose one of {}", names.join(", ")));
         }
         for (key, value) in map {
@@ -274,7 +274,9 @@ fn hint(value: &Value, expected: &[&str]) -> String {
         Value::Number(n) if expected == ["integer"] => {
             n.as_f64().filter(|x| x.fract() == 0.0).map_or(String::new(), |x| format!("write {x}"))
         }
-        Value::Object(_) if expected == ["array"] => "a list of tables has double brackets in its head: [[...]]".into(),
+        Value::Object(_) if expected == ["array"] => {
+            "a list of tables needs double brackets in its header: [[...]]".into()
+        }
         Value::Array(_) | Value::Object(_) => String::new(),
         other if expected == ["array"] => format!("write it in brackets: [{other}]"),
         other if expected == ["string"] => format!("write it in quotes: \"{other}\""),

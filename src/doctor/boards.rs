@@ -29,7 +29,7 @@ pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
     let network = match &robot.settings.server {
         Some(server) => match server.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?))) {
             Some((host, port)) => Network::of(host, port),
-            None => return vec![Finding::bad(format!("`{server}` is no address"), "give HOST:PORT")],
+            None => return vec![Finding::bad(format!("`{server}` is not an address"), "give HOST:PORT")],
         },
         // said already
         None => match config::network_or_default(&Env::real()) {

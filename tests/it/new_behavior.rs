@@ -41,7 +41,7 @@ fn nothing_is_written_over() {
         (&["new", "three", "--from", "ball"], "ball.xml exists already"),
         (&["new", "three", "--from", "exlpore"], "did you mean `explore`"),
         (&["new", "nowhere/three"], "there is no folder nowhere"),
-        (&["new", "a b"], "no name for a behavior"),
+        (&["new", "a b"], "not a valid name for a behavior"),
     ];
     for (args, expected) in refusals {
         let out = mobee(dir.path(), args);

@@ -55,12 +55,7 @@ fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
     // file, what is replaced, by what, and what the answer must hold (its place first)
     let cases: &[(&str, &str, &str, &[&str])] = &[
         ("behavior.toml", "period_ms = 20", "period = 20", &["behavior.toml:6", "period", "did you mean `period_ms`"]),
-        (
-            "behavior.toml",
-            "period_ms = 20",
-            "period_ms = \"20 ms\"",
-            &["behavior.toml:6", "a number belongs here", "help"],
-        ),
+        ("behavior.toml", "period_ms = 20", "period_ms = \"20 ms\"", &["behavior.toml:6", "expected a number", "help"]),
         (
             "behavior.toml",
             "period_ms = 20",
@@ -73,7 +68,7 @@ fn every_mistake_is_named_with_place_and_remedy_before_anything_moves() {
             "behavior.toml",
             "history = 500",
             "history = 500, kind = 3",
-            &["behavior.toml:6", "text in quotes belongs here", "help"],
+            &["behavior.toml:6", "expected text in quotes", "help"],
         ),
         ("behavior.toml", "history = 500", "history = 500, kind = \"fields\", field_m = 3", &["toml:6", "`field_mm`"]),
         ("behavior.toml", "history = 500", "history = 500, kind = \"fields\", field_mm = -3", &["toml:6", "0 to 500"]),

@@ -28,7 +28,7 @@ pub struct ExplorerSettings {
     /// How many of its nearest poses each pose is joined to, in both directions.
     #[serde(default = "ten")]
     pub neighbors: usize,
-    /// Share of each motor's greatest speed, above 0 and up to 1.
+    /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
     /// Ranges to sample poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits.
@@ -317,7 +317,7 @@ fn counts(settings: &ExplorerSettings) -> Result<(), KindError> {
     let help = format!("give a number from 2 to {MOST_VERTICES}, such as 20");
     let size = (2..=MOST_VERTICES).contains(vertices);
     KindError::gather([
-        unless(size, "vertices", format!("{vertices} is no size of a roadmap"), &help),
+        unless(size, "vertices", format!("{vertices} is not a valid roadmap size"), &help),
         unless(
             *neighbors > 0,
             "neighbors",

@@ -18,7 +18,7 @@ pub fn motors(path: &str, names: &[String], robot: &Robot) -> Result<Vec<usize>,
         };
         if found.iter().any(|m| group.contains(m)) {
             let help = "name each motor once; a part stands for all of its motors";
-            return Err(KindError::new(place, format!("{name:?} names a motor that was named before"), help));
+            return Err(KindError::new(place, format!("{name:?} names a motor a second time"), help));
         }
         group.extend(found);
         Ok(())
@@ -107,8 +107,8 @@ pub fn ranges(
         let path = format!("{path}.{name}");
         let motor = motor(&path, name, robot)?;
         if !motors.contains(&motor) {
-            let help = "add the motor to `motors`, or take its range away";
-            return Err(KindError::new(path, format!("{name} is not one of the motors that are moved"), help));
+            let help = "add the motor to `motors`, or remove its range";
+            return Err(KindError::new(path, format!("{name} is not one of the moved motors"), help));
         }
         if min > max {
             let help = format!("write [{max}, {min}]");
@@ -136,8 +136,8 @@ pub fn speed(path: &str, share: f64) -> Result<f64, KindError> {
     if share > 0.0 && share <= 1.0 {
         return Ok(share);
     }
-    let help = "give a share of each motor's greatest speed (not deg/s), above 0 and up to 1, such as 0.1";
-    Err(KindError::new(path, format!("{share} is no share of the greatest speed"), help))
+    let help = "give a share of each motor's maximum speed (not deg/s), above 0 and up to 1, such as 0.1";
+    Err(KindError::new(path, format!("{share} is not a share of the maximum speed"), help))
 }
 
 /// Checks a time in seconds.
@@ -148,7 +148,7 @@ pub fn seconds(path: &str, s: f64) -> Result<std::time::Duration, KindError> {
     if (0.0..=1e6).contains(&s) {
         return Ok(std::time::Duration::from_secs_f64(s));
     }
-    Err(KindError::new(path, format!("{s} is no time to wait"), "give seconds, 0 or more"))
+    Err(KindError::new(path, format!("{s} is not a valid waiting time"), "give seconds, 0 or more"))
 }
 
 /// Checks a distance in degrees at which a pose counts as reached; answers rad.
@@ -159,7 +159,11 @@ pub fn tolerance(path: &str, deg: f64) -> Result<f64, KindError> {
     if deg > 0.0 && deg <= 10.0 {
         return Ok(deg.to_radians());
     }
-    Err(KindError::new(path, format!("{deg} deg is no tolerance"), "give degrees above 0 and up to 10, such as 0.5"))
+    Err(KindError::new(
+        path,
+        format!("{deg} deg is not a valid tolerance"),
+        "give degrees above 0 and up to 10, such as 0.5",
+    ))
 }
 
 /// A robot's home pose, rad.

@@ -20,7 +20,7 @@ pub struct RandomSettings {
     /// How many moves to make; 0: forever.
     #[serde(default = "ten")]
     pub count: u32,
-    /// Share of each motor's greatest speed, above 0 and up to 1.
+    /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
     /// Ranges to sample poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits.

@@ -40,7 +40,7 @@ pub struct RoadmapSettings {
     /// How long to rest at each goal, seconds.
     #[serde(default)]
     pub wait_s: f64,
-    /// Share of each motor's greatest speed, above 0 and up to 1.
+    /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
     /// How near every motor must be to a pose of the roadmap for the robot to count as at that pose, degrees.
@@ -266,7 +266,7 @@ fn map(settings: &RoadmapSettings, robot: &Robot) -> Result<Roadmap, KindError> 
     };
     if let Some(stranger) = named.iter().find(|m| !map.motors().contains(m)) {
         let name = robot.motors.get(*stranger).map_or("?", |m| m.name.as_str());
-        let help = "add it to `motors`, or take it out of the poses";
+        let help = "add it to `motors`, or remove it from the poses";
         return Err(KindError::new("poses", format!("the roadmap does not move {name}"), help));
     }
     for (i, (pose, q)) in settings.poses.iter().zip(poses).enumerate() {
@@ -318,7 +318,7 @@ fn goals(settings: &RoadmapSettings, map: &Roadmap) -> Result<Vec<u32>, KindErro
         if reach.contains_key(goal) {
             return Ok(());
         }
-        let what = format!("no way leads from {:?} to {name:?}", settings.goals.first().map_or("", |g| g));
+        let what = format!("no path leads from {:?} to {name:?}", settings.goals.first().map_or("", |g| g));
         Err(KindError::new(format!("goals[{i}]"), what, "join the poses by `edges`, or set `neighbors`"))
     }))?;
     Ok(goals)

@@ -15,7 +15,7 @@ use std::time::Duration;
 pub struct ScriptedSettings {
     /// The poses, in order.
     pub poses: Vec<ScriptedPose>,
-    /// Share of each motor's greatest speed, above 0 and up to 1.
+    /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
     /// How many times to repeat the list; 0: forever.

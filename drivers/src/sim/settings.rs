@@ -86,7 +86,7 @@ impl SimSettings {
                     "jitter_ms" => format!("give a number from 0 to {most} (0.4 of the time between two readings)"),
                     _ => format!("give a number from {least} to {most}"),
                 };
-                return Err(KindError::new(name, format!("{value} is no usable value here"), help));
+                return Err(KindError::new(name, format!("{value} is not a usable value here"), help));
             }
             Ok(())
         }))?;

@@ -152,7 +152,7 @@ impl YarpDriverSettings {
             if value >= least && value <= most {
                 return Ok(());
             }
-            let what = format!("{value} is no usable value here");
+            let what = format!("{value} is not a usable value here");
             Err(KindError::new(name, what, format!("give a number from {least} to {most}")))
         };
         let ports = self.parts.iter().enumerate().map(|(i, p)| rooted(&format!("parts[{i}].port"), &p.port));
@@ -175,10 +175,10 @@ impl YarpDriverSettings {
             && listen.parse::<std::net::IpAddr>().is_err()
         {
             let help = "give this machine's address in the robot's network, such as 10.0.0.12, or 0.0.0.0 for all";
-            return Err(KindError::new("listen", format!("`{listen}` is no address"), help));
+            return Err(KindError::new("listen", format!("`{listen}` is not an address"), help));
         }
         if !["fast_tcp", "tcp", "udp"].contains(&self.carrier.as_str()) {
-            let what = format!("a robot's states can't travel by `{}`", self.carrier);
+            let what = format!("a robot's states can't be carried by `{}`", self.carrier);
             return Err(KindError::new("carrier", what, "choose fast_tcp, tcp or udp"));
         }
         if self.dialect == "4.x" {
@@ -226,5 +226,5 @@ fn rooted(path: &str, name: &str) -> Result<(), KindError> {
         return Ok(());
     }
     let help = "port names begin with a slash, end without one and contain no blanks: /icub/torso";
-    Err(KindError::new(path, format!("`{name}` is no name for ports"), help))
+    Err(KindError::new(path, format!("`{name}` is not a valid port name"), help))
 }

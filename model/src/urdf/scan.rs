@@ -59,7 +59,7 @@ pub(super) fn scan(source: &Source) -> Result<Places, FileError> {
                 let values =
                     tag.attributes().flatten().filter_map(|a| a.normalized_value(XmlVersion::Implicit1_0).ok());
                 if let Some(what) = values.map(Cow::into_owned).find_map(|value| hidden_in(&value)) {
-                    return Err(source.error(at, what, "write names and values of characters that show"));
+                    return Err(source.error(at, what, "use only visible characters in names and values"));
                 }
                 match open.len() {
                     0 if name != "robot" => {

@@ -95,7 +95,7 @@ impl Element {
         match attr.value.trim().parse::<f64>() {
             Ok(v) if v.is_nan() || v.abs() > MAX_NUMBER => {
                 let message = format!("`{name}` is {}, beyond {MAX_NUMBER:e}", attr.value.trim());
-                Err(self.error_at(name, message, "lengths are in metres, angles in degrees"))
+                Err(self.error_at(name, message, "lengths are in meters, angles in degrees"))
             }
             Ok(v) => Ok(Some(v)),
             Err(_) => Err(self.error_at(name, format!("`{name}` is not a number: \"{}\"", attr.value), help())),
@@ -124,11 +124,11 @@ impl Element {
                     self.written,
                     if v > 0.0 { "a nanometre or more" } else { "above 0" }
                 ),
-                "give the size in metres",
+                "give the size in meters",
             )),
             None => Err(self.error(
                 format!("<{}> has no `{name}`", self.written),
-                format!("give the size in metres: {name}=\"0.05\""),
+                format!("give the size in meters: {name}=\"0.05\""),
             )),
         }
     }
@@ -139,7 +139,7 @@ impl Element {
             Some(v) if v < 0.0 => Err(self.error_at(
                 name,
                 format!("`{name}` of <{}> is {v}, but must not be negative", self.written),
-                "give a size in metres, or 0 for none",
+                "give a size in meters, or 0 for none",
             )),
             other => Ok(other.filter(|v| *v > 0.0)),
         }

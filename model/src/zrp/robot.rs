@@ -177,7 +177,7 @@ impl RobotReader {
     fn current_part(&self, e: &Element) -> Result<usize, FileError> {
         self.part.ok_or_else(|| {
             e.error(
-                format!("<{}> stands outside any body part", e.written),
+                format!("<{}> is outside any body part", e.written),
                 "put it into a <bodypart name=\"...\">; after a part's end the part around its first mention goes on",
             )
         })
@@ -293,7 +293,7 @@ impl RobotReader {
             return Err(e.error_at("type", message, "only revolute joints are; leave `type` out"));
         }
         let Some(motor) = self.motor else {
-            return Err(e.error("<joint> stands outside any motor", "put it into a <motor name=\"...\">"));
+            return Err(e.error("<joint> is outside any motor", "put it into a <motor name=\"...\">"));
         };
         let (min, max) = limits(e, "the joint", -180.0, 180.0)?;
         self.motors[motor].joints.push(self.nodes.len());
@@ -304,7 +304,7 @@ impl RobotReader {
     fn shape(&mut self, e: &Element, sizes: &'static [&'static str]) -> Result<Open, FileError> {
         e.warn_unknown(&[sizes, geometry::POSE, &["field"]], &mut self.warnings);
         let Some(node) = self.node else {
-            let message = format!("<{}> stands outside any link or joint", e.written);
+            let message = format!("<{}> is outside any link or joint", e.written);
             return Err(e.error(message, "put it into the <link> or <joint> that carries it"));
         };
         let primitive = geometry::primitive(e)?;
@@ -325,7 +325,7 @@ impl RobotReader {
         let part = self.current_part(e)?;
         let Some(node) = self.node else {
             let help = "put it into the <link> or <joint> that carries it";
-            return Err(e.error("<marker> stands outside any link or joint", help));
+            return Err(e.error("<marker> is outside any link or joint", help));
         };
         let name = e.name_attr()?;
         if self.markers.iter().any(|m| m.name == name) {
@@ -341,7 +341,7 @@ impl RobotReader {
 
     fn clause(&mut self, element: Element) -> Open {
         if self.part.is_none() {
-            let message = "<constraintList> stands outside any body part; it is ignored";
+            let message = "<constraintList> is outside any body part; it is ignored";
             self.warnings.add(|| element.warning_at("", message, "put it into the part whose motors it is about"));
         }
         self.clause = Some(Vec::new());

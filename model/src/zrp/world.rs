@@ -91,7 +91,7 @@ impl WorldReader {
         };
         e.warn_unknown(&[sizes, geometry::POSE], &mut self.warnings);
         match self.objects.last_mut().filter(|_| self.open_at.is_some()) {
-            None => Err(e.error(format!("<{}> stands outside any object", e.written), "put it into an <object>")),
+            None => Err(e.error(format!("<{}> is outside any object", e.written), "put it into an <object>")),
             Some(_) if self.shapes >= MAX_SHAPES => {
                 let message = format!("the world has more than {MAX_SHAPES} shapes");
                 Err(e.error(message, "leave out what no robot can reach, or replace many small shapes by a large one"))
@@ -112,7 +112,7 @@ impl WorldReader {
             "target" => ObjectClass::Target,
             "ghost" => ObjectClass::Ghost,
             other => {
-                let message = format!("\"{other}\" is no type of object");
+                let message = format!("\"{other}\" is not an object type");
                 return Err(e.error_at("type", message, "write obstacle, target or ghost"));
             }
         };

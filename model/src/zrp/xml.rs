@@ -112,7 +112,7 @@ impl<'a> Tokens<'a> {
                 return Err(self.source.error(value_at, message, "shorten it"));
             }
             if let Some(what) = hidden_in(&value) {
-                return Err(self.source.error(value_at, what, "write names and values of characters that show"));
+                return Err(self.source.error(value_at, what, "use only visible characters in names and values"));
             }
             let key = attr.key.into_inner();
             let key_at = self.place(key).unwrap_or_else(|| at.clone());
@@ -152,7 +152,7 @@ impl<'a> Tokens<'a> {
                 let opened = self.open.last().map_or(0, |o| self.source.error(o.clone(), "", "").line());
                 (
                     format!("</{found}> closes <{expected}>, which was opened in line {opened}"),
-                    format!("close <{expected}> first, or spell both names alike (upper and lower case count here)"),
+                    format!("close <{expected}> first, or spell both names alike (case matters here)"),
                 )
             }
             Error::IllFormed(Ill::UnmatchedEndTag(found)) => {

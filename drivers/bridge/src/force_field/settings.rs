@@ -61,7 +61,11 @@ impl ForceFieldSettings {
                 return Err(KindError::new(path, what, "give one number per joint of the part"));
             }
             if let Some(wrong) = list.iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
-                return Err(KindError::new(path, format!("{wrong} is no usable value"), "give numbers of 0 or more"));
+                return Err(KindError::new(
+                    path,
+                    format!("{wrong} is not a usable value"),
+                    "give numbers of 0 or more",
+                ));
             }
         }
         if let Some(wrong) = self.weight.iter().find(|w| **w > 1.0) {

@@ -113,7 +113,7 @@ impl YarpSettings {
             check(
                 self.speed > 0.0 && self.speed <= 1.0,
                 "speed",
-                format!("{} is no share of the greatest speed", self.speed),
+                format!("{} is not a share of the maximum speed", self.speed),
                 "give a number above 0 and up to 1",
             ),
             check(
@@ -126,13 +126,13 @@ impl YarpSettings {
                 self.filter || self.world || self.parts,
                 "",
                 "this table opens no port at all".into(),
-                "leave `filter`, `world` or `parts` true, or take the table away",
+                "leave `filter`, `world` or `parts` true, or remove the table",
             ),
             check(
                 self.parts || self.force_field.is_empty(),
                 "force_field",
                 "with parts = false no port serves these controllers".into(),
-                "set parts = true, or take the table away",
+                "set parts = true, or remove the table",
             ),
         ];
         KindError::gather(all.into_iter().chain(self.robots.iter().filter_map(own)).chain(fields))?;
