@@ -1,7 +1,7 @@
 //! MoBeE: the Modular Behavioral Environment for humanoids and other robots, as a framework of supervised actors.
 //!
-//! This crate is the program: the command line, and the way from a configuration file to a running system.
-//! The parts are crates of their own; see ARCHITECTURE.md.
+//! This crate is the program: the command line, and the composition of a running system from a configuration file.
+//! The other parts are separate crates; see ARCHITECTURE.md.
 //!
 //! ```text
 //! configs/behaviors/explore.toml ──config──> Config ──compose──> Setup ──run──> runs/explore-TIME/

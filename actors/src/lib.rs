@@ -1,8 +1,8 @@
-//! Who runs: driver, history, supervise, reflex, model, agent and journal as supervised actors.
+//! The runtime: driver, history, supervise, reflex, model, agent and journal as supervised actors.
 //!
-//! What the controller decides is in `mobee-controller`, what agents want in `mobee-behaviors`; here they get mailboxes ([`shell`]), what
-//! connects them ([`wiring`]), time and supervision ([`runtime`]), a run around them ([`system`]), what it leaves behind ([`record`]), and
-//! who judges that ([`check`]).
+//! The controller's decisions are in `mobee-controller`, the agents' in `mobee-behaviors`; here they get mailboxes ([`shell`]),
+//! connections ([`wiring`]), time and supervision ([`runtime`]), a run around them ([`system`]), its records ([`record`]), and
+//! the checker of these ([`check`]).
 
 #![cfg_attr(
     not(test),

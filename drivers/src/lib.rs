@@ -1,4 +1,4 @@
-//! What MoBeE drives: simulated robots, robots behind YARP, and recorded ones.
+//! Drivers: simulated robots, robots behind YARP, and recorded robots.
 //!
 //! ```text
 //! settings ──> SimHardware ──connect──> SimDriver (one per life of a driver actor)
@@ -6,10 +6,10 @@
 //!                  └── one simulated board: Plant (motors) + encoders + injected faults
 //! ```
 //!
-//! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], the faults it can be given ([`SimFaults`]), the driver of robots behind YARP ([`YarpHardware`], kind `yarp`), recorded robots
-//!   ([`ReplayHardware`], kind `replay`), and the estimate of reaction and braking path ([`stopping_path`]). What each promises is in `mobee-conformance`.
+//! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], its injectable faults ([`SimFaults`]), the driver of robots behind YARP ([`YarpHardware`], kind `yarp`), recorded robots
+//!   ([`ReplayHardware`], kind `replay`), and the estimate of reaction and braking path ([`stopping_path`]). `mobee-conformance` states what each must promise.
 //! * Accepts: `Command`s and leases of the driver contract. Emits: `Sample`s.
-//! * Promises: limits of position, speed and acceleration are never exceeded; nothing moves without a lease; the plant outlives
+//! * Promises: position, speed and acceleration limits are never exceeded; nothing moves without a lease; the plant outlives
 //!   its drivers; the same seed and the same calls give the same readings.
 //!
 //! ```

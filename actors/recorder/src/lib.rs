@@ -1,9 +1,9 @@
-//! State to Rerun: a tap on its own thread, never in the path.
+//! Sends state to Rerun: a tap on its own thread, never in the control path.
 //!
-//! Owns how a run looks: robots as solid shapes, the world's objects, trails of the hands, the roadmap in the world and
+//! Owns the appearance of a run: robots as solid shapes, the world's objects, trails of the hands, the roadmap in the world and
 //! flat, joint plots, state lanes and an event log, and the layout that shows them. Accepts [`Entry`](mobee_contract::Entry)s as a
 //! [`Sink`](mobee_contract::Sink); emits one `.rrd` file and, if asked, a live view. Promises to be cheap (a
-//! 20 Hz frame costs microseconds), and that a killed run's file can be read up to about its last second.
+//! 20 Hz frame costs microseconds), and that a killed run's file is readable up to about its last second.
 //!
 //! ```text
 //! Entry::Pose  ── angles that changed ──> columns, 2048 frames at once ─┐
@@ -11,7 +11,7 @@
 //! Entry::Event ── words, lanes, roadmap ─> rows ───────────────────────┘
 //! ```
 //!
-//! This is the only crate that names Rerun.
+//! This is the only crate that depends on Rerun.
 
 mod blueprint;
 mod body;

@@ -1,6 +1,6 @@
-//! What every driver promises, as checks that any driver can be put through.
+//! What every driver promises, as checks that can be run against any driver.
 //!
-//! A [`Bench`] gives connections to one board and lets time pass, virtual or real; [`failures`] puts a fresh bench through every [`Promise`]:
+//! A [`Bench`] connects to one board and advances time, virtual or real; [`failures`] checks every [`Promise`] on a fresh bench:
 //!
 //! ```
 //! use mobee_contract::{Axis, Driver, Hardware, Time};
@@ -26,8 +26,8 @@
 //! });
 //! assert_eq!(failures, []);
 //! ```
-//! The board needs two motors with some degrees of free room around where they rest. On a real robot the suite moves each of up to three motors
-//! by 8 degrees at up to 10 deg/s, and to both its limits: see that the way is free.
+//! The board needs two motors with some degrees of free room around their rest positions. On a real robot the suite moves up to three motors,
+//! each by 8 degrees at up to 10 deg/s, and to both its limits: make sure that the path is free.
 
 #![cfg_attr(
     not(test),

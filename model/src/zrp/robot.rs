@@ -351,7 +351,7 @@ impl RobotReader {
     fn constraint(&mut self, e: Element) -> Result<Open, FileError> {
         e.warn_unknown(&[Member::ATTRIBUTES], &mut self.warnings);
         let Some(clause) = &mut self.clause else {
-            return Err(e.error("<constraint> stands outside a constraintList", "put it into a <constraintList>"));
+            return Err(e.error("<constraint> is outside a constraintList", "put it into a <constraintList>"));
         };
         clause.push(Member::read(e)?);
         Ok(Open::Other)
