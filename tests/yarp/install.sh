@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # Builds the real YARP 3.5.0 that our YARP is tested against, once, under $MOBEE_YARP (default
 # ~/.cache/mobee/yarp-3.5.0): build/bin/{yarp,yarpserver,yarpdev}, build/share/yarp, and our C++ test programs in
-# programs/. About 3 minutes on two idle cores, because nothing is optimized: the tests ask what YARP says, not how fast.
+# programs/. About 3 minutes on two idle cores, because nothing is optimized: the tests check what YARP says, not how fast.
 # To compare speeds (drivers/yarp/examples/wire.rs), build a second one:
 #
 #   MOBEE_YARP=~/.cache/mobee/yarp-fast MOBEE_YARP_FLAGS="-O3 -DNDEBUG" tests/yarp/install.sh
 #
-# Exit code 0: it is there - or it can't be had, and the last line says why ("skipped: ...").
-# Any other: the download was damaged or the build itself failed; the log is named.
+# Exit code 0: YARP is installed, or can't be obtained, and the last line says why ("skipped: ...").
+# Any other: the download was damaged or the build failed; the message names the log.
 set -euo pipefail
 
 version=3.5.0
