@@ -1,4 +1,4 @@
-//! What a run leaves behind: its events.
+//! The events that a run records.
 
 use crate::{
     Cause, CommandKind, CommitId, Hold, IntentKind, MotionEnd, Note, Outcome, Pose, Refusal, Status, Summary, SwapPart,
@@ -15,29 +15,29 @@ pub enum Writer {
     Agent,
     /// The reflex.
     Reflex,
-    /// Supervise on its own behalf: the stop when it closes the filter, and the control modes before it opens again. Older
-    /// journals tell these as the reflex's.
+    /// Supervise on its own behalf: the stop when it closes the filter, and the control modes before it reopens it. Older
+    /// journals attribute these to the reflex.
     Supervise,
     /// The driver itself: the stop that follows every start.
     Driver,
 }
 
-/// What became of an object of the world.
+/// How an object of the world changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WorldChange {
     /// It is new.
     Added,
-    /// It is elsewhere.
+    /// It has another position.
     Moved,
-    /// It has another class, shape, or somebody who holds it.
+    /// It has another class, shape or holder.
     Changed,
-    /// It is gone.
+    /// It no longer exists.
     Removed,
 }
 
 impl WorldChange {
-    /// As people read it.
+    /// The word shown to users.
     pub fn word(self) -> &'static str {
         match self {
             WorldChange::Added => "added",
@@ -48,49 +48,49 @@ impl WorldChange {
     }
 }
 
-/// A robot's constraints: every clause must hold. A clause holds if one of its members has a value above zero, which is the sum of its
-/// coefficients, each times the position of the motor of this index (degrees), and its constant.
+/// A robot's constraints: every clause must hold. A clause holds if one of its members has a positive value. This is the sum of the member's
+/// coefficients, each times the position of the motor with the given index (degrees), plus its constant.
 pub type Clauses = Vec<Vec<(Vec<(usize, f64)>, f64)>>;
 
-/// An event of a run. `robot` is the robot's name; tokens are fencing tokens of its filter, which only grow.
+/// An event of a run. `robot` is the robot's name; tokens are the fencing tokens of its filter, which only grow.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
-    /// First event: what is run.
+    /// First event: what runs.
     Started {
-        /// The seed of everything random.
+        /// The seed of all randomness.
         seed: u64,
         /// `virtual` or `real`.
         clock: String,
         /// The resolved configuration.
         config: serde_json::Value,
     },
-    /// A run that ended, or whose process died, goes on in another process: all filters are closed.
+    /// A run that ended, or whose process died, continues in another process: all filters are closed.
     Resumed {
-        /// How many events were told before.
+        /// How many events were recorded before.
         events: u64,
-        /// The resolved configuration that it goes on with; older journals do not tell it.
+        /// The resolved configuration of the resumed run; absent in older journals.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         config: Option<serde_json::Value>,
     },
-    /// A motor has left the place where it rested by more than half of the tolerance, by no command of the filter. Beyond the
-    /// tolerance the filter closes, which `disabled` tells instead.
+    /// A motor has left its place of rest by more than half the tolerance without a command of the filter. Beyond the
+    /// tolerance the filter closes, and `disabled` is recorded instead.
     Displaced {
         /// Robot.
         robot: String,
         /// The motor's name.
         motor: String,
-        /// How far it has gone, rad.
+        /// How far it has moved, rad.
         by: f64,
     },
-    /// How the motors of a robot were found by its driver; told before any of them is commanded.
+    /// How a robot's driver found its motors, recorded before any of them is commanded.
     Found {
         /// Robot.
         robot: String,
-        /// Its motors, those behind boards that tell.
+        /// Its motors, as far as their boards report this.
         motors: Vec<crate::AsFound>,
     },
-    /// A robot as its controller knows it: what a checker needs.
+    /// A robot as its controller knows it, for the checker.
     Robot {
         /// Its name.
         robot: String,
@@ -100,19 +100,19 @@ pub enum Event {
         min: Vec<f64>,
         /// Upper limits, rad.
         max: Vec<f64>,
-        /// Greatest speeds, rad/s.
+        /// Maximum speeds, rad/s.
         max_speed: Vec<f64>,
         /// Control period, s.
         period: f64,
-        /// Greatest age of a reading that is still fresh, s.
+        /// Maximum age of a fresh reading, s.
         fresh: f64,
         /// Margin of the reflex, m.
         margin: f64,
-        /// Greatest distance per motor at which a pose counts as reached, rad.
+        /// Maximum distance per motor at which a pose counts as reached, rad.
         tolerance: f64,
         /// Speed below which a motor counts as at rest, rad/s.
         rest_speed: f64,
-        /// Its constraints; older journals don't tell.
+        /// Its constraints; absent in older journals.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         constraints: Clauses,
     },
@@ -120,9 +120,9 @@ pub enum Event {
     Controller {
         /// Robot.
         robot: String,
-        /// Its name, as `mobee kinds` shows it.
+        /// The kind's name, as shown by `mobee kinds`.
         kind: String,
-        /// Whether the reflex stops and takes back what comes too near. If not, contacts are told and stop nothing.
+        /// Whether the reflex stops and rolls back motions that come too near. If not, contacts are recorded but stop nothing.
         reflex: bool,
     },
     /// The filter opened: commands of agents pass from now on, under this token.
@@ -156,13 +156,13 @@ pub enum Event {
         q: Pose,
         /// Age of the reading, s.
         age: f64,
-        /// Greatest motor speed in the reading, rad/s.
+        /// Greatest motor speed of the reading, rad/s.
         speed: f64,
-        /// Whether it is known to be free of contact; no controller without a reflex says so.
+        /// Whether it is known to be free of contact; always false under a controller without a reflex.
         free: bool,
     },
-    /// The safe pose of a motion moved: to the oldest recorded free pose, if it outlasted the history; to an earlier rest, if on
-    /// the retreat another robot has to pass where it would stand.
+    /// The safe pose of a motion moved: to the oldest recorded free pose, if the motion outlasted the history; or to an earlier
+    /// rest, if during the retreat another robot has to pass where it would stand.
     SafePoseMoved {
         /// Robot.
         robot: String,
@@ -183,8 +183,8 @@ pub enum Event {
         target: Pose,
         /// Whether it is an escape from a hold.
         escape: bool,
-        /// The motors that it names, by index, each with the greatest speed that it may have, rad/s. Every commit names some;
-        /// none: the journal is older than version 2, and does not tell.
+        /// The motors that it names, by index, each with its maximum permitted speed, rad/s. Every commit names some;
+        /// empty in journals older than version 2.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<(usize, f64)>,
     },
@@ -196,12 +196,12 @@ pub enum Event {
         id: CommitId,
         /// The new whole target pose, rad.
         target: Pose,
-        /// The motors that it names, by index, each with the greatest speed that it may have from now on, rad/s; the others keep
+        /// The motors that it names, by index, each with its maximum permitted speed from now on, rad/s; the others keep
         /// theirs.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<(usize, f64)>,
     },
-    /// A commit was not accepted and changed nothing.
+    /// A commit was refused and changed nothing.
     Refused {
         /// Robot.
         robot: String,
@@ -225,7 +225,7 @@ pub enum Event {
         /// Why it did not reach its target.
         cause: Option<Cause>,
     },
-    /// A command reached the driver (set-points of a stream are summed up in [`Event::Streamed`]).
+    /// A command reached the driver (set-points of a stream are summarized in [`Event::Streamed`]).
     Command {
         /// Robot.
         robot: String,
@@ -235,7 +235,7 @@ pub enum Event {
         writer: Writer,
         /// What it is.
         kind: CommandKind,
-        /// The motors that it names, by index; a stop that names none stops all. Older journals don't tell.
+        /// The motors that it names, by index; a stop that names none stops all. Absent in older journals.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<usize>,
         /// Targets per motor index, rad, if any.
@@ -246,7 +246,7 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         led: bool,
     },
-    /// A command arrived under an old token, or did not fit the board, and was thrown away.
+    /// A command arrived under an old token, or did not fit the board, and was discarded.
     CommandDropped {
         /// Robot.
         robot: String,
@@ -265,19 +265,19 @@ pub enum Event {
         token: u64,
         /// Who wrote it.
         writer: Writer,
-        /// The motors that they named, by index. Older journals don't tell.
+        /// The motors that they named, by index. Absent in older journals.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         motors: Vec<usize>,
         /// How many set-points.
         count: u64,
         /// When the first and the last were written.
         span: (Time, Time),
-        /// Greatest step of a motor between two set-points, as a share of what its greatest speed allows in the time;
-        /// for velocities the greatest share of a motor's greatest speed.
+        /// Greatest step of a motor between two set-points, as a share of what its maximum speed allows in that time;
+        /// for velocities the greatest share of a motor's maximum speed.
         greatest_step: f64,
         /// Whether every value was finite and within limits.
         within_limits: bool,
-        /// The last position of each motor that was written, by index, rad; of velocities none. Older journals don't tell.
+        /// The last position written to each motor, by index, rad; none for velocities. Absent in older journals.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         last: Vec<(usize, f64)>,
     },
@@ -285,9 +285,9 @@ pub enum Event {
     ContactBegan {
         /// Robot.
         robot: String,
-        /// It.
+        /// The contact.
         contact: Contact,
-        /// The two shapes in words.
+        /// The names of the two shapes.
         names: (String, String),
         /// The state of the filter at that moment.
         during: Status,
@@ -296,40 +296,40 @@ pub enum Event {
     ContactEnded {
         /// Robot.
         robot: String,
-        /// The two shapes in words.
+        /// The names of the two shapes.
         names: (String, String),
     },
     /// A reflex pair reached distance zero.
     HardContact {
         /// Robot.
         robot: String,
-        /// It.
+        /// The contact.
         contact: Contact,
-        /// The two shapes in words.
+        /// The names of the two shapes.
         names: (String, String),
     },
     /// The retreat begins.
     RetreatBegan {
         /// Robot.
         robot: String,
-        /// The commit that is rolled back.
+        /// The commit that is being rolled back.
         id: CommitId,
-        /// Recorded poses on the way.
+        /// Number of recorded poses to retrace.
         poses: usize,
-        /// Recorded seconds on the way.
+        /// Recorded time to retrace, s.
         secs: f64,
-        /// Pairs that came below the margin since the filter was closed, each where it was nearest: on the way none of them may
+        /// Pairs that came below the margin since the filter closed, each at its nearest: during the retreat none of them may
         /// come more than 1 mm nearer than that.
         #[serde(default)]
         near: Vec<Contact>,
     },
-    /// The retreat was given up.
+    /// The retreat was abandoned.
     RetreatStopped {
         /// Robot.
         robot: String,
         /// Why the robot now holds.
         reason: Hold,
-        /// What was seen, in words.
+        /// What was observed, in words.
         what: String,
         /// The sample that showed it.
         seen: Time,
@@ -338,11 +338,11 @@ pub enum Event {
     World {
         /// Its name.
         object: String,
-        /// What became of it.
+        /// How it changed.
         what: WorldChange,
         /// Its class now, if it still exists.
         class: Option<mobee_model::ObjectClass>,
-        /// Its position now, metres, if it still exists.
+        /// Its position now, meters, if it still exists.
         at: Option<[f64; 3]>,
     },
     /// An agent's note.
@@ -356,41 +356,41 @@ pub enum Event {
     Done {
         /// Robot.
         robot: String,
-        /// What it says.
+        /// Its summary.
         summary: Summary,
     },
     /// The built-in agent was told how its motion ended, and asked what comes next.
     Told {
         /// Robot.
         robot: String,
-        /// The motion's commit; none: it was refused.
+        /// The motion's commit; none if it was refused.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         id: Option<CommitId>,
         /// What it was told.
         end: MotionEnd,
     },
-    /// The built-in agent was let act again, or makes way for another one.
+    /// The built-in agent may act again, or pauses for another agent.
     AgentActs {
         /// Robot.
         robot: String,
         /// Whether it may make motions.
         acts: bool,
     },
-    /// A part of a robot is being exchanged while it runs.
+    /// A part of a running robot is being swapped.
     Swap {
         /// Robot.
         robot: String,
         /// Which part.
         part: SwapPart,
-        /// How far it is.
+        /// The step reached.
         #[serde(flatten)]
         step: SwapStep,
     },
-    /// What an agent that only looks on would have wanted; nothing of it is done.
+    /// What an agent that only observes would have done; none of it is carried out.
     Shadow {
         /// Robot.
         robot: String,
-        /// What it would have wanted.
+        /// What it would have done.
         intent: IntentKind,
         /// Targets per motor index, rad, if it is a move.
         q: Vec<(usize, f64)>,
@@ -399,14 +399,14 @@ pub enum Event {
     Died {
         /// Its name.
         actor: String,
-        /// Of what.
+        /// The cause.
         reason: String,
     },
-    /// An actor was started again.
+    /// An actor was restarted.
     Restarted {
         /// Its name.
         actor: String,
-        /// Restarts within the intensity period, this one included.
+        /// Restarts within the intensity period, including this one.
         restarts: u32,
     },
     /// A group's restart budget is used up: it stays down.
@@ -416,10 +416,10 @@ pub enum Event {
     },
     /// A fault was injected (simulation only).
     Injected {
-        /// It, in words.
+        /// The fault, in words.
         fault: String,
     },
-    /// A part of the machine deserves attention.
+    /// Something needs attention.
     Warning {
         /// In words, with a remedy.
         text: String,
@@ -434,16 +434,16 @@ pub enum Event {
         handled: u64,
         /// Still queued.
         queued: u64,
-        /// Thrown away, by design or by a restart.
+        /// Discarded, by design or by a restart.
         dropped: u64,
-        /// The most that waited at once; 0 if that was not watched.
+        /// The most items waiting at once; 0 if not measured.
         #[serde(default)]
         most: u64,
-        /// How many may wait (I7); 0 if not told.
+        /// How many items may wait (I7); 0 if not recorded.
         #[serde(default)]
         capacity: u64,
     },
-    /// Last event: the run ended in order.
+    /// Last event: the run ended in an orderly way.
     Ended {
         /// Why: `done`, `time`, `interrupted`, `gave up`.
         reason: String,
