@@ -4,7 +4,7 @@ use crate::{Pose, Time};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// One motor as its board knows it.
+/// One motor as described by its board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Axis {
     /// The motor's name, as in the robot model.
@@ -13,9 +13,9 @@ pub struct Axis {
     pub min: f64,
     /// Upper limit, rad.
     pub max: f64,
-    /// Greatest speed, rad/s.
+    /// Maximum speed, rad/s.
     pub max_speed: f64,
-    /// Greatest acceleration, rad/s^2.
+    /// Maximum acceleration, rad/s^2.
     pub max_acceleration: f64,
 }
 
@@ -26,23 +26,23 @@ pub struct Board {
     pub axes: Vec<Axis>,
     /// Time between two encoder samples.
     pub period: Duration,
-    /// Greatest delay from a command to its effect, as far as it is known.
+    /// Maximum known delay from a command to its effect.
     pub latency: Duration,
-    /// Whether it takes position-direct set-points; the retreat streams them, else it uses thinned way-points.
+    /// Whether it accepts position-direct set-points; the retreat streams them, otherwise it uses thinned way-points.
     pub position_direct: bool,
 }
 
-/// How a motor takes its set-points.
+/// How a motor interprets its set-points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlMode {
-    /// Takes no command and holds.
+    /// Accepts no command and holds.
     Idle,
-    /// Position moves along a trajectory of the board's own.
+    /// Position moves along the board's own trajectory.
     Position,
     /// Position set-points followed directly.
     PositionDirect,
-    /// Velocity set-points, each good for a short time only.
+    /// Velocity set-points, each valid for a short time.
     Velocity,
 }
 
@@ -53,26 +53,26 @@ pub struct Move {
     pub motors: Vec<usize>,
     /// Targets (rad), or distances if `relative`. Targets outside a motor's limits are refused.
     pub q: Vec<f64>,
-    /// Whether `q` counts from where the motor is when the command is given.
+    /// Whether `q` is relative to the motor's position when the command is given.
     pub relative: bool,
-    /// Reference speeds, rad/s; `None` keeps those set before. The board lowers what exceeds its greatest.
+    /// Reference speeds, rad/s; `None` keeps those set before. The board reduces what exceeds its maximum.
     pub speed: Option<Vec<f64>>,
     /// Reference accelerations, rad/s^2; `None` keeps those set before.
     pub acceleration: Option<Vec<f64>>,
 }
 
-/// How fast a board's joints were in its first moves, by the reference speeds that they were told.
+/// How fast a board's joints moved in its first moves, relative to the commanded reference speeds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Paces {
-    /// Where the board is, such as the first part of its port names.
+    /// The board's address, such as the prefix of its port names.
     pub board: String,
-    /// Speeds as they were seen by those that were told, 1 where they are equal, one for each stretch of way that was timed.
+    /// Measured over commanded speed (1 if equal), one for each stretch that was timed.
     pub seen: Vec<f64>,
-    /// Whether the board goes by speeds, as far as is known.
+    /// Whether the board honors reference speeds, as far as is known.
     pub fair: bool,
 }
 
-/// What a board can be told.
+/// The commands of a board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Command {
@@ -83,11 +83,11 @@ pub enum Command {
     Direct {
         /// Indices of the motors.
         motors: Vec<usize>,
-        /// Their positions, rad. Recorded readings may be streamed: one that exceeds a limit by no more than the noise of an
-        /// encoder (0.1 deg) is taken for the limit.
+        /// Their positions, rad. Recorded readings may be streamed: one that exceeds a limit by no more than encoder
+        /// noise (0.1 deg) counts as the limit.
         q: Vec<f64>,
     },
-    /// Velocities to go at from now on, within the limits of position, until the next command or the board's own
+    /// Velocities from now on, within the position limits, until the next command or the board's own
     /// watchdog. Puts its motors into [`ControlMode::Velocity`] first.
     Velocity {
         /// Indices of the motors.
@@ -95,7 +95,7 @@ pub enum Command {
         /// Velocities, rad/s.
         speed: Vec<f64>,
     },
-    /// Brakes these motors (all if empty) to a standstill at their greatest deceleration.
+    /// Brakes these motors (all if empty) to a standstill at their maximum deceleration.
     Stop {
         /// Indices of the motors.
         motors: Vec<usize>,
@@ -119,7 +119,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// What it is, for the journal; set-points are told there as streams, and are of none of these kinds.
+    /// Its kind, for the journal; set-points are recorded there as streams and have none of these kinds.
     pub fn kind(&self) -> Option<CommandKind> {
         match self {
             Command::Move(_) => Some(CommandKind::Move),
@@ -131,11 +131,11 @@ impl Command {
     }
 }
 
-/// What a command is, without its values. Set-points are told as streams: see [`crate::Event::Streamed`].
+/// The kind of a command, without its values. Set-points are recorded as streams: see [`crate::Event::Streamed`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CommandKind {
-    /// A move of the board's own.
+    /// One of the board's own moves.
     Move,
     /// A stop.
     Stop,
@@ -146,7 +146,7 @@ pub enum CommandKind {
 }
 
 impl CommandKind {
-    /// As people read it.
+    /// The word shown to users.
     pub fn word(self) -> &'static str {
         match self {
             CommandKind::Move => "move",
@@ -160,22 +160,22 @@ impl CommandKind {
 /// One reading of all encoders.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
-    /// Counts readings; a gap means lost ones.
+    /// Counts readings; a gap means that readings were lost.
     pub seq: u64,
     /// When the encoders were read.
     pub at: Time,
     /// Motor positions, rad.
     pub q: Pose,
-    /// Motion done, per motor: it rests, and no command given before `at` is still going to move it.
+    /// Motion done, per motor: it rests, and no command given before `at` will still move it.
     pub done: Vec<bool>,
 }
 
-/// How long a board took to answer of late: the round trips of what it was asked.
+/// A board's recent response times: round trips of requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AnswerTime {
     /// Half of the answers took no longer.
     pub median: Duration,
-    /// Nine of ten answers took no longer: what the filter goes by. A machine that was held up once is no slow board.
+    /// Nine of ten answers took no longer: the filter uses this, since a machine that stalled once is not a slow board.
     pub most: Duration,
     /// The longest.
     pub greatest: Duration,
@@ -188,7 +188,7 @@ impl std::fmt::Display for AnswerTime {
     }
 }
 
-/// How a motor was found, before it was told anything. What a board does not tell is `None`.
+/// How a motor was found, before any command. What a board does not report is `None`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AsFound {
     /// Index of the motor.
@@ -196,7 +196,7 @@ pub struct AsFound {
     /// Its control mode.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mode: Option<ControlMode>,
-    /// Whether it gave way to forces.
+    /// Whether it was compliant.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub compliant: Option<bool>,
     /// Its reference speed, rad/s.
@@ -207,13 +207,13 @@ pub struct AsFound {
     pub acceleration: Option<f64>,
 }
 
-/// Limits of position, rad, least and greatest.
+/// Position limits, rad: lower and upper.
 pub type Limits = (f64, f64);
 
-/// Which motors a board allows less than the robot's model does, in words: for each its name, the model's limits and the board's.
-/// `None` if there are none.
+/// The motors for which a board's limits are narrower than the robot model's, in words: for each its name, the model's limits and the
+/// board's. `None` if there are none.
 pub fn narrowed<'a>(motors: impl Iterator<Item = (&'a str, Limits, Limits)>) -> Option<String> {
-    // what rounding to degrees takes off is not worth a word
+    // differences due to rounding to degrees are not reported
     let slack = 0.05_f64.to_radians();
     let one = |(name, model, board): (&str, Limits, Limits)| {
         let span = |(min, max): Limits| format!("{:.1}..{:.1}", min.to_degrees(), max.to_degrees());
@@ -224,14 +224,14 @@ pub fn narrowed<'a>(motors: impl Iterator<Item = (&'a str, Limits, Limits)>) -> 
     (!all.is_empty()).then(|| format!("its boards allow less than the model, in deg: {}", all.join(", ")))
 }
 
-/// Recoverable trouble with a board.
+/// A recoverable failure of a board.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum DriverFault {
     /// No connection; it may come back.
     #[error("the board does not answer")]
     Lost,
-    /// The command does not fit the board; it changed nothing.
+    /// The board refused the command, which changed nothing.
     #[error("the board refuses: {0}")]
     Refused(String),
     /// The board itself reports a fault.
@@ -241,35 +241,35 @@ pub enum DriverFault {
 
 /// A robot's hardware, real or simulated, as its driver actor sees it.
 ///
-/// No call blocks: a driver that talks to a network does so on threads of its own. `now` never runs backwards.
-/// A driver is made anew after a crash of its actor; the board behind it lives on, as hardware does.
+/// No call blocks: a driver that uses a network does so on its own threads. `now` never runs backwards.
+/// A driver is created anew after a crash of its actor; the board behind it persists, as hardware does.
 pub trait Driver: Send {
     /// What the board can do.
     fn board(&self) -> &Board;
-    /// Gives a command. An error means that nothing of it was done. Commands take effect in the order given, each
+    /// Gives a command. An error means that none of it was carried out. Commands take effect in the order given, each
     /// within the board's latency. Moves and set-points are refused without a lease.
     fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault>;
-    /// The newest reading, if there is one that was not given before. Readings that nobody fetched in time are lost.
+    /// The newest reading, unless it was returned before. Readings that are not fetched in time are lost.
     fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault>;
     /// When to ask for the next sample; later than `now` if the newest was fetched at `now`.
     fn next_sample(&self, now: Time) -> Time;
-    /// Lets the board move until then; at the end of its lease it brakes by itself. Without a lease it never moves,
-    /// and what it was doing is not taken up again under the next one. The newest lease counts; it holds at once.
+    /// Lets the board move until then; when the lease expires it brakes by itself. Without a lease it never moves,
+    /// and an interrupted motion is not resumed under the next lease. The newest lease counts, at once.
     fn lease(&mut self, now: Time, until: Time);
-    /// How long the board took to answer of late; `None` if it is not asked, or not known yet. While it is longer than
+    /// The board's recent response times; `None` if not measured, or not known yet. While they are longer than
     /// [`Board::latency`] the filter does not open.
     fn answer_time(&self) -> Option<AnswerTime> {
         None
     }
-    /// What it found out of the board and people should know, said once: it becomes a warning.
+    /// Findings about the board that users should know, reported once each, as a warning.
     fn news(&mut self) -> Option<String> {
         None
     }
-    /// How the motors were found, of a board whose references and modes outlive whoever sets them; it is given back so.
+    /// How the motors were found, for a board whose references and modes outlive the program that sets them; they are restored.
     fn found(&self) -> Vec<AsFound> {
         Vec::new()
     }
-    /// Whether its moves are made of set-points of its own, which come late now and then and are caught up with, and not by the board.
+    /// Whether the driver makes its moves of set-points instead of leaving them to the board; motors catch up with late set-points.
     fn leads(&self) -> bool {
         false
     }

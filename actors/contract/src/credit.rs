@@ -1,8 +1,8 @@
-//! Credit: how much of a flood is heard.
+//! Credit: how much of a flood is accepted.
 
 use crate::Time;
 
-/// What may still come: a steady flow in full, of a flood as much as flows back.
+/// A token bucket: a steady flow passes in full, a flood only at the refill rate.
 #[derive(Clone, Copy, Debug)]
 pub struct Credit {
     left: f64,
@@ -12,12 +12,12 @@ pub struct Credit {
 }
 
 impl Credit {
-    /// All of it: `most` at once, of which `per_second` come back.
+    /// A full bucket of `most`, refilled at `per_second`.
     pub fn full(now: Time, per_second: f64, most: f64) -> Credit {
         Credit { left: most, at: now, per_second, most }
     }
 
-    /// Uses one, if there is one.
+    /// Takes one token, if there is one.
     pub fn take(&mut self, now: Time) -> bool {
         self.left = (self.left + now.since(self.at).as_secs_f64() * self.per_second).min(self.most);
         self.at = self.at.max(now);
@@ -28,8 +28,8 @@ impl Credit {
         is_left
     }
 
-    /// Uses so many more whether they are there or not: what belongs together is not torn apart, and who is in debt waits the
-    /// longer for the next one.
+    /// Takes `count` more tokens, even if they are not there: a large request is not split, and the debt delays the
+    /// next one.
     pub fn owe(&mut self, count: usize) {
         self.left -= count as f64;
     }

@@ -3,7 +3,7 @@
 use crate::Hold;
 use serde::{Deserialize, Serialize};
 
-/// The state of a robot's filter, in the words that a status line shows.
+/// The state of a robot's filter, as a status line shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "state", content = "reason", rename_all = "snake_case")]
 pub enum Status {
@@ -17,11 +17,11 @@ pub enum Status {
     Escaping,
     /// Braking before the retreat.
     Stopping,
-    /// Going back along the recorded path.
+    /// Retracing the recorded path.
     Retreating,
     /// Back at the safe pose, coming to rest.
     Settling,
-    /// Standing still with a reason; only escapes are taken.
+    /// Standing still for a reason; only escapes are accepted.
     Holding(Hold),
 }
 

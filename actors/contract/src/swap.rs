@@ -1,17 +1,17 @@
-//! Exchanging a part while the robot runs: which part, and how far it is.
+//! Swapping a part while the robot runs: which part, and how far the swap is.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A part that can be exchanged while the robot runs.
+/// A part that can be swapped while the robot runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SwapPart {
-    /// Who plans.
+    /// The planner.
     Agent,
     /// The settings of History, Supervise and Reflex.
     Controller,
-    /// What drives the board.
+    /// The driver of the board.
     Driver,
 }
 
@@ -33,24 +33,24 @@ pub enum SwapStep {
     Offered {
         /// What it is, in words.
         what: String,
-        /// For how long it only looks on, seconds.
+        /// For how long it only observes, seconds.
         shadow: f64,
         /// For how long it is on probation once it has taken over, seconds.
         probation: f64,
     },
     /// It has taken over, at a transaction boundary.
     TookOver {
-        /// From the boundary to the new part's being in place, seconds.
+        /// From the boundary until the new part is in place, seconds.
         gap: f64,
         /// Hash of the roadmap that was handed over, if there is one: equal before and after.
         map: Option<String>,
     },
-    /// It was not taken, and the old part goes on as if nothing had been.
+    /// It was refused, and the old part continues unaffected.
     Refused {
         /// Why.
         why: String,
     },
-    /// It broke while on probation, and the old part is back.
+    /// It failed on probation, and the old part is back.
     Reverted {
         /// Why.
         why: String,
@@ -60,7 +60,7 @@ pub enum SwapStep {
 }
 
 impl SwapStep {
-    /// Whether the swap is over with this.
+    /// Whether this step ends the swap.
     pub fn is_last(&self) -> bool {
         matches!(self, SwapStep::Refused { .. } | SwapStep::Reverted { .. } | SwapStep::Settled)
     }
