@@ -70,7 +70,7 @@ pub struct Config {
     /// MoBeE's own YARP ports: the port filter, the world RPC. Absent: none are opened.
     #[serde(default)]
     pub yarp: Option<mobee_bridge::YarpSettings>,
-    /// What `mobee torture` requires of this behavior beside the invariants.
+    /// What `mobee torture` demands of this behavior beside the invariants.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torture: Option<Torture>,
 }

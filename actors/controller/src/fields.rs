@@ -29,9 +29,9 @@ inventory::submit! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FieldsSettings {
-    /// Whether the reflex stops and rolls back a motion that comes nearer than the margin. `false`: the forces alone keep the robot away.
+    /// Whether the reflex stops and takes back what comes nearer than the margin. `false`: the forces alone keep the robot off.
     pub reflex: bool,
-    /// Width of the field around each shape, millimeters; for robots whose files have no field shapes.
+    /// How far the field about each shape reaches, millimetres; for robots whose files have no field shapes of their own.
     pub field_mm: f64,
     /// Stiffness of the attractor near the target, 1/s^2.
     pub spring_const: f64,

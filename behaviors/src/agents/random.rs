@@ -26,7 +26,7 @@ pub struct RandomSettings {
     /// Ranges to sample poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits.
     #[serde(default)]
     pub range_deg: BTreeMap<String, [f64; 2]>,
-    /// Whether to check the scene first, and go only to poses that are free and within the constraints. The path is not checked.
+    /// Whether to look in the scene first, and go only to poses that are free and satisfy the constraints. The way there is not checked.
     #[serde(default)]
     pub checked: bool,
     /// Seed of the moves; default: derived from the run's seed.
