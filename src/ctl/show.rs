@@ -148,7 +148,7 @@ mod tests {
         let expected = "\
 icub  ARMED  rest; its board answers in 1.2 ms, nine of ten in 3.0 ms, all in 40.0 ms, its agent is paused; swap of the agent: settled: its probation is over
 12.0 s: 0 commits, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
-overload: 2 entries dropped by the recorder; take load off the machine (`mobee doctor` looks at it), or give the controller a longer period_ms or stale_ms
+overload: 2 entries dropped by the recorder; reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms
 
 controller
   model

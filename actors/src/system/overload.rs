@@ -7,7 +7,7 @@ use std::time::Duration;
 const LASTING: u64 = 10;
 /// What to do about it.
 const REMEDY: &str =
-    "take load off the machine (`mobee doctor` looks at it), or give the controller a longer period_ms or stale_ms";
+    "reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms";
 
 /// Control periods in which the driver's turn came too late, by the run's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -50,7 +50,7 @@ pub fn overload(counts: &Counts, dropped: &[(String, u64)]) -> Option<(String, b
     }
     let lasts = !seen.is_empty() && seconds >= LASTING;
     if counts.readings_dropped > 0 {
-        seen.push(format!("{} readings dropped on their way", counts.readings_dropped));
+        seen.push(format!("{} readings dropped in transit", counts.readings_dropped));
     }
     seen.extend(dropped.iter().filter(|(_, n)| *n > 0).map(|(name, n)| format!("{n} entries dropped by the {name}")));
     let lost = counts.readings_dropped > 0 || dropped.iter().any(|(_, n)| *n > 0);
