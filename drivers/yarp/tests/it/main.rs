@@ -3,6 +3,7 @@
 mod board_words;
 mod common;
 mod exchanges;
+mod fuzz_corpus;
 mod hostile;
 mod leaks;
 mod matrix;
