@@ -38,7 +38,7 @@ pub use error::{Excerpt, FileError, Loaded};
 pub use field::Field;
 pub use kinematics::MarkerPose;
 pub use law::{ForceLaw, Influences, JointLaw};
-pub use printable::{hidden_in, is_hidden, printable, told};
+pub use printable::{hidden_in, is_hidden, printable, readable};
 pub use robot::*;
 pub use scene::*;
 pub use shape::{BoundingCapsule, Primitive, Shape};

@@ -34,7 +34,7 @@ pub struct ExplorerSettings {
     /// Ranges to draw poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; else the motor's limits.
     #[serde(default)]
     pub range_deg: BTreeMap<String, [f64; 2]>,
-    /// The most random poses that are drawn: those that are not free or not satisfies_constraints are thrown away.
+    /// The most random poses that are drawn: those that are not free or violate a constraint are thrown away.
     #[serde(default = "many")]
     pub samples: usize,
     /// Seed of everything random; without it, one that follows from the run's.
@@ -134,7 +134,7 @@ impl Explorer {
         &self.walker.map
     }
 
-    /// Random poses, kept only if free at the view's clearance and satisfies_constraints; edges to the nearest, all optimistic. While there are
+    /// Random poses, kept only if free at the view's clearance and within all constraints; edges to the nearest, all optimistic. While there are
     /// fewer than two, only a share of the samples is drawn.
     fn sample(&mut self, view: &View) {
         let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));

@@ -26,7 +26,7 @@ pub struct RandomSettings {
     /// Ranges to draw poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; else the motor's limits.
     #[serde(default)]
     pub range_deg: BTreeMap<String, [f64; 2]>,
-    /// Whether to look in the scene first, and go only to poses that are free and satisfies_constraints. The way there is not checked.
+    /// Whether to look in the scene first, and go only to poses that are free and satisfy the constraints. The way there is not checked.
     #[serde(default)]
     pub checked: bool,
     /// Seed of the moves; without it, one that follows from the run's.

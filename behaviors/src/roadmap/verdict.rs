@@ -22,7 +22,7 @@ pub struct Judged {
     pub to: u32,
     /// Whether it was driven to its end.
     pub reached: bool,
-    /// Whether the offline check finds it free and satisfies_constraints.
+    /// Whether the offline check finds it free and within all constraints.
     pub free: bool,
     /// The smallest distance on the line, metres, as far as it was measured (5 mm beyond the clearance).
     pub distance: f64,
