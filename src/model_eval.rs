@@ -6,7 +6,7 @@
 use crate::config::ConfigError;
 use miette::{IntoDiagnostic, WrapErr};
 use mobee_model::file::{MIB, read_text};
-use mobee_model::{Kind, Object, Robot, Scene, ShapeId, load_robot, load_world};
+use mobee_model::{ContactKind, Object, Robot, Scene, ShapeId, load_robot, load_world};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
@@ -265,9 +265,9 @@ impl Tables {
         }
         for found in scene.report(&[&pose.q]) {
             let kind = match found.kind {
-                Kind::Reflex => "reflex",
-                Kind::VisualOnly => "visual_only",
-                Kind::Field => "field",
+                ContactKind::Reflex => "reflex",
+                ContactKind::VisualOnly => "visual_only",
+                ContactKind::Field => "field",
             };
             let depth = -found.contact.distance;
             let (a, b) = found.contact.pair;

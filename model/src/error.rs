@@ -5,7 +5,7 @@ mod excerpt;
 pub use excerpt::Excerpt;
 
 use crate::file;
-use crate::printable::{printable, told};
+use crate::printable::{printable, readable};
 use miette::{Diagnostic, LabeledSpan, Severity, SourceCode};
 use std::{fmt, ops::Range, path::Path, sync::Arc};
 
@@ -14,6 +14,7 @@ use std::{fmt, ops::Range, path::Path, sync::Arc};
 pub(crate) struct Source(Arc<(String, String)>);
 
 impl Source {
+    /// The text of the file that messages call `name`.
     pub(crate) fn new(name: &str, text: &str) -> Self {
         Self(Arc::new((name.to_owned(), text.to_owned())))
     }
@@ -39,6 +40,7 @@ impl Source {
             Ok(text) => Ok(Self::new(&name, &text)),
             Err(e) => {
                 let at = e.utf8_error().valid_up_to();
+                // Read as well as can be, to show the place; up to there it is text, so the byte is the same.
                 let text = String::from_utf8_lossy(e.as_bytes()).into_owned();
                 let help = "save the file in the encoding UTF-8".to_owned();
                 Err(Self::new(&name, &text).error(at..at, "this byte is not UTF-8 text", help))
@@ -46,10 +48,12 @@ impl Source {
         }
     }
 
+    /// What messages call the file.
     pub(crate) fn name(&self) -> &str {
         &self.0.0
     }
 
+    /// All of its text.
     pub(crate) fn text(&self) -> &str {
         &self.0.1
     }
@@ -68,28 +72,43 @@ impl Source {
 /// What is wrong (or, as a warning, odd) in a file that a user wrote: where it is and how to mend it.
 ///
 /// `Display` prints `file:line:column: message`; as a [`Diagnostic`] it has the source text, a caret and a help line.
+///
+/// # Example
+/// ```
+/// let wrong = mobee_model::parse_world("w.xml", "<WorldList>\n<object radios=\"1\"><ball/></object>\n<sphere/></WorldList>");
+/// let error = wrong.expect_err("a sphere outside any object");
+/// assert_eq!((error.line(), error.is_warning()), (3, false));
+/// assert_eq!(error.to_string(), "w.xml:3:2: <sphere> stands outside any object");
+/// assert_eq!(error.remedy(), "put it into an <object>");
+/// ```
 #[derive(Clone)]
 pub struct FileError(Box<Inner>);
 
+/// Boxed, so that a `Result` of it is no larger than a pointer where all goes well.
 #[derive(Clone, Debug)]
 struct Inner {
+    /// As named to the loader, printable.
     file: String,
     /// Where it is; none if the file could not be read at all.
     place: Option<Excerpt>,
+    /// What is wrong, printable and not too long.
     message: String,
+    /// What to do about it.
     help: String,
+    /// Whether the file was loaded all the same.
     severity: Severity,
 }
 
 impl FileError {
+    /// The one place where messages are made printable: what they quote came from a file.
     fn new(source: &Source, span: Option<Range<usize>>, message: String, help: String, severity: Severity) -> Self {
         let file = printable(source.name()).into_owned();
         let place = span.map(|span| Excerpt::new(&file, source.text(), span));
-        let (message, help) = (told(&message), told(&help));
+        let (message, help) = (readable(&message), readable(&help));
         Self(Box::new(Inner { file, place, message, help, severity }))
     }
 
-    /// The file, as it was named to the loader.
+    /// The file, as it was named to the loader, printable.
     pub fn file(&self) -> &str {
         &self.0.file
     }
@@ -148,7 +167,8 @@ impl Diagnostic for FileError {
     }
 }
 
-/// Something read from a file, and what was odd about the file.
+/// Something read from a file, and what was odd about the file. Whoever loads shows the warnings: they are how a user learns
+/// that an attribute was mistyped.
 #[derive(Clone, Debug)]
 pub struct Loaded<T> {
     /// What the file describes.

@@ -10,32 +10,51 @@
 //! The chain runs from the shape to the robot's root. (The original's ended at the root motor of the shape's body part, and
 //! took its lever from the node's origin instead of the witness point.)
 
+use crate::engine::{DefaultEngine, Engine};
 use crate::{Contact, Pair, Robot, Scene, ShapeId, Watch};
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
 /// The fields of one robot of a scene.
 #[derive(Clone, Debug)]
-pub struct Field {
+pub struct Field<E: Engine = DefaultEngine> {
+    /// Its index in the scene.
     robot: usize,
+    /// How far the fields reach beyond the shapes, metres; zero if the robot has field primitives.
     width: f64,
-    watch: Watch,
-    /// Pairs that are nearer than the width at the target, sorted, and how near.
-    spared: Vec<(Pair, f64)>,
+    /// Follows what is in the fields.
+    watch: Watch<E>,
+    /// What is in each other's field at the target, sorted by pair.
+    spared: Vec<Spared>,
+    /// `world_from_frame` of the robot, filled only if something pushes.
     frames: Vec<Isometry3<f64>>,
+    /// Per motor: metres times metres.
     torques: Vec<f64>,
 }
 
-impl Field {
-    /// The fields of the robot of this index: its own field primitives, or `width` metres about each of its solid shapes.
-    pub fn new(scene: &Arc<Scene>, robot: usize, width: f64) -> Field {
+/// A pair that pushes less during a motion, since it is near at the motion's target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Spared {
+    /// Which two.
+    pair: Pair,
+    /// Their distance at the target, metres: nearer than this they push.
+    distance: f64,
+}
+
+impl<E: Engine> Field<E> {
+    /// The fields of one robot.
+    ///
+    /// # Arguments
+    /// * `robot`: its index in [`Scene::robots`].
+    /// * `width`: how far the fields of its solid shapes reach, metres. Not read if it has field primitives.
+    pub fn new(scene: &Arc<Scene<E>>, robot: usize, width: f64) -> Field<E> {
         let width = if scene.robots().get(robot).is_some_and(|r| has_fields(r)) { 0.0 } else { width };
         let watch = Watch::new(fields_of(scene, robot), width);
         Field { robot, width, watch, spared: Vec::new(), frames: Vec::new(), torques: Vec::new() }
     }
 
     /// Goes on in another scene, such as one after an edit. Whoever moves must [`Field::aim`] again.
-    pub fn set_scene(&mut self, scene: &Arc<Scene>) {
+    pub fn set_scene(&mut self, scene: &Arc<Scene<E>>) {
         self.watch.set_scene(fields_of(scene, self.robot));
         self.spared.clear();
     }
@@ -44,10 +63,17 @@ impl Field {
     /// nearer than that: else the target would be no place to rest at, and nothing near anything could be reached.
     pub fn aim<P: AsRef<[f64]>>(&mut self, target: &[P]) {
         let near = self.watch.scene().contacts(target, self.width);
-        self.spared = near.iter().map(|c| (c.pair, c.distance)).collect();
+        self.spared = near.iter().map(|c| Spared { pair: c.pair, distance: c.distance }).collect();
     }
 
-    /// The torques on the robot's motors at these poses, one number per motor; nothing pushes where it is zero.
+    /// The torques on the robot's motors: the downward slope of half the sum of squared depths.
+    ///
+    /// # Arguments
+    /// * `poses`: of all robots, rad of encoder. Meant for a stream of poses, as those of a [`Watch`].
+    ///
+    /// # Returns
+    /// One number per motor, metres of depth times metres of lever; nothing pushes where it is zero. Empty if there is no such
+    /// robot.
     pub fn torques<P: AsRef<[f64]>>(&mut self, poses: &[P]) -> &[f64] {
         let scene = self.watch.scene().clone();
         let (bodies, robot) = (scene.bodies(), self.robot);
@@ -61,6 +87,8 @@ impl Field {
             if depth <= 0.0 || contact.distance.abs() < 1e-9 {
                 continue; // shapes that just touch give no direction
             }
+            // Along the witness points: from the first shape to the second where they are apart, turned about where they
+            // overlap, as the distance is negative then.
             let push = apart * (depth / contact.distance);
             for (shape, point, push) in
                 [(contact.pair.0, contact.points[0], -push), (contact.pair.1, contact.points[1], push)]
@@ -72,6 +100,7 @@ impl Field {
                 if self.frames.is_empty() {
                     skeleton.place(poses.get(robot).map_or(&[], AsRef::as_ref), &mut self.frames);
                 }
+                // Down the chain to the base: every hinge below the shape feels the push by its lever.
                 let mut frame = skeleton.frame.get(usize::from(node)).copied().unwrap_or(0);
                 while let Some(hinge) = frame.checked_sub(1).and_then(|f| skeleton.joints.get(f)) {
                     let world = &self.frames[frame];
@@ -87,16 +116,18 @@ impl Field {
     }
 }
 
-fn width_of(spared: &[(Pair, f64)], contact: &Contact, width: f64) -> f64 {
-    spared.binary_search_by_key(&contact.pair, |(pair, _)| *pair).map_or(width, |i| width.min(spared[i].1))
+/// How wide the field between a contact's shapes is, metres.
+fn width_of(spared: &[Spared], contact: &Contact, width: f64) -> f64 {
+    spared.binary_search_by_key(&contact.pair, |s| s.pair).map_or(width, |i| width.min(spared[i].distance))
 }
 
+/// Whether the file gives the robot field primitives of its own.
 fn has_fields(robot: &Robot) -> bool {
     robot.nodes.iter().any(|n| !n.fields.is_empty())
 }
 
 /// A scene in which this robot's solids are its field primitives, if it has any.
-fn fields_of(scene: &Arc<Scene>, robot: usize) -> Arc<Scene> {
+fn fields_of<E: Engine>(scene: &Arc<Scene<E>>, robot: usize) -> Arc<Scene<E>> {
     if !scene.robots().get(robot).is_some_and(|r| has_fields(r)) {
         return scene.clone();
     }
@@ -112,5 +143,5 @@ fn fields_of(scene: &Arc<Scene>, robot: usize) -> Arc<Scene> {
     };
     let robots = scene.robots().iter().enumerate().map(of).collect();
     let objects = scene.objects().map(|(_, o)| (**o).clone()).collect();
-    Scene::new(robots, objects).map_or_else(|_| scene.clone(), Arc::new)
+    Scene::with_engine(robots, objects).map_or_else(|_| scene.clone(), Arc::new)
 }

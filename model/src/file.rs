@@ -32,7 +32,7 @@ pub fn open(path: &Path) -> Result<File> {
     }
 }
 
-/// The bytes of a regular file of at most `most` bytes.
+/// The bytes of a regular file of at most `most` bytes. Never holds more than one byte beyond that in memory.
 ///
 /// # Errors
 /// As for [`open`], and if the file is longer.
@@ -59,6 +59,7 @@ pub fn read_text(path: &Path, most: u64) -> Result<String> {
     })
 }
 
+/// A number of bytes for people.
 fn size(bytes: u64) -> String {
     if bytes.is_multiple_of(MIB) { format!("{} MiB", bytes / MIB) } else { format!("{bytes} bytes") }
 }

@@ -2,6 +2,10 @@
 //!
 //! Poses are slices of motor positions in the order of [`Robot::motors`], rad of encoder. Positions outside a motor's
 //! limits count as the limit, here as in the original; a motor without an entry is at home.
+//!
+//! Two kinematics stand side by side. The functions here walk every node and are the reference: they answer for markers,
+//! for the transforms that files are compared by, and for tools. A [`crate::Scene`] boils its robots down to moving frames
+//! (`scene/skeleton.rs`), at one rotation per moving joint; a test holds both to each other.
 
 use crate::{Clause, Marker, Motor, NodeKind, Part, Robot};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
@@ -24,7 +28,7 @@ impl MarkerPose {
 }
 
 impl Motor {
-    /// The position as a fraction of the motor's range, clamped to 0..=1; 0 for a motor without range.
+    /// The position `q` (rad of encoder) as a fraction of the motor's range, clamped to 0..=1; 0 for a motor without range.
     pub fn fraction(&self, q: f64) -> f64 {
         let range = self.max - self.min;
         if range > 0.0 { (q.clamp(self.min, self.max) - self.min) / range } else { 0.0 }
@@ -32,12 +36,12 @@ impl Motor {
 }
 
 impl Robot {
-    /// The home position of every motor.
+    /// The home position of every motor, rad of encoder, in pose order.
     pub fn home(&self) -> Vec<f64> {
         self.motors.iter().map(|m| m.home).collect()
     }
 
-    /// The index of a motor in every pose.
+    /// The index of the motor of that name in every pose.
     pub fn motor_index(&self, name: &str) -> Option<usize> {
         self.motors.iter().position(|m| m.name == name)
     }
@@ -52,22 +56,27 @@ impl Robot {
         self.markers.iter().find(|m| m.name == name)
     }
 
+    /// A motor's position within its limits, rad of encoder; home if the pose has none.
     fn position(&self, motor: usize, q: &[f64]) -> f64 {
         let m = &self.motors[motor];
         q.get(motor).copied().unwrap_or(m.home).clamp(m.min, m.max)
     }
 
-    /// The angle of a joint in rad; 0 for a link.
+    /// The angle of a joint at the pose `q`, rad; 0 for a link.
+    ///
+    /// # Panics
+    /// If the robot has no such node, here and wherever a node is given by its number.
     pub fn joint_angle(&self, node: usize, q: &[f64]) -> f64 {
         match self.nodes[node].kind {
             NodeKind::Link { .. } => 0.0,
+            // Linear from limit to limit: a joint may have another range than its motor, and several may share one.
             NodeKind::Joint { motor, min, max, .. } => {
                 min + self.motors[motor].fraction(self.position(motor, q)) * (max - min)
             }
         }
     }
 
-    /// `node_from_child`: what a node does to the frame of its children.
+    /// `node_from_child`: what a node does to the frame of its children. A link moves it, a joint turns it.
     fn motion(&self, node: usize, q: &[f64]) -> Isometry3<f64> {
         match &self.nodes[node].kind {
             NodeKind::Link { offset } => Isometry3::from_parts((*offset).into(), UnitQuaternion::identity()),
@@ -78,19 +87,25 @@ impl Robot {
         }
     }
 
-    /// Fills `out` with `world_from_node` of every node, the roots at the world's origin. Does not allocate when `out`
-    /// is used again. A node's frame is the one before its own motion: a joint's own shapes do not turn with it.
+    /// Forward kinematics: fills `out` with `world_from_node` of every node, the roots at the world's origin.
+    ///
+    /// A node's frame is the one before its own motion: a joint's own shapes do not turn with it.
+    ///
+    /// # Arguments
+    /// * `q`: motor positions, rad of encoder.
+    /// * `out`: emptied first; does not allocate when it is used again.
     pub fn forward(&self, q: &[f64], out: &mut Vec<Isometry3<f64>>) {
         self.forward_from(&Isometry3::identity(), q, out);
     }
 
-    /// As [`Robot::forward`], with the roots at `world_from_base`.
+    /// As [`Robot::forward`], with the roots at `world_from_base` instead of the world's origin.
     pub fn forward_from(&self, base: &Isometry3<f64>, q: &[f64], out: &mut Vec<Isometry3<f64>>) {
         out.clear();
         for node in &self.nodes {
             let frame = match node.parent {
                 None => *base,
                 Some(parent) => {
+                    // Parents stand before their children, so one pass is enough and nothing is searched.
                     let above = out[parent];
                     match &self.nodes[parent].kind {
                         NodeKind::Link { offset } => {
@@ -108,7 +123,7 @@ impl Robot {
         }
     }
 
-    /// Every marker at the pose, in the order of [`Robot::markers`].
+    /// Where every marker is at the pose `q`, in the order of [`Robot::markers`]; the robot stands at the world's origin.
     pub fn markers_at(&self, q: &[f64]) -> Vec<MarkerPose> {
         let mut frames = Vec::with_capacity(self.nodes.len());
         self.forward(q, &mut frames);
@@ -116,7 +131,11 @@ impl Robot {
         self.markers.iter().map(pose).collect()
     }
 
-    /// The value of a clause: the largest `a.q + b` of its members, in encoder units (degrees). It holds above zero.
+    /// The value of a clause at the pose `q`: the largest `a.q + b` of its members, in encoder units (degrees). The clause
+    /// holds where that is above zero, since one member that holds is enough.
+    ///
+    /// Positions count as the limit beyond it, as for kinematics: a constraint speaks of where the robot is, and it is never
+    /// beyond its limits.
     pub fn clause_value(&self, clause: &Clause, q: &[f64]) -> f64 {
         let value = |member: &crate::HalfSpace| {
             let sum: f64 = member.terms.iter().map(|(m, a)| a * self.position(*m, q).to_degrees()).sum();
@@ -125,11 +144,12 @@ impl Robot {
         clause.0.iter().map(value).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The clauses that do not hold at the pose, as (index into [`Robot::parts`], index into its clauses).
+    /// The clauses that do not hold at the pose `q`, as (index into [`Robot::parts`], index into its clauses), in that order.
     pub fn violated<'a>(&'a self, q: &'a [f64]) -> impl Iterator<Item = (usize, usize)> + 'a {
         self.parts.iter().enumerate().flat_map(move |(p, part)| {
             let broken = move |(_, clause): &(usize, &Clause)| {
                 let value = self.clause_value(clause, q);
+                // A pose that is not a number satisfies nothing: whoever asks must not move there.
                 value.is_nan() || value <= 0.0
             };
             part.clauses.iter().enumerate().filter(broken).map(move |(c, _)| (p, c))
@@ -154,6 +174,8 @@ impl Robot {
     }
 
     /// The rigid body that a node belongs to, named by the nearest joint above it that can move; `None` is the base.
+    ///
+    /// A joint belongs to the body before it: its own frame does not turn with it.
     pub fn body(&self, node: usize) -> Option<usize> {
         let mut at = self.nodes[node].parent;
         while let Some(n) = at {
@@ -188,6 +210,7 @@ impl Robot {
     /// For each motor a bound, in metres per rad of encoder, on how fast it can move any point of any solid shape
     /// relative to any other solid shape or the world, at any pose.
     ///
+    /// # Method
     /// Sum over the motor's joints of (joint range / motor range) times the largest distance from the joint's axis
     /// that a point moved by it can have. For a straight path in joint space, the sum over the motors of bound times
     /// |change| bounds how much any distance can shrink.
@@ -197,7 +220,9 @@ impl Robot {
         for (j, node) in self.nodes.iter().enumerate() {
             let NodeKind::Joint { motor, min, max, axis, .. } = &node.kind else { continue };
             if self.can_move(j) {
+                // A motor that drives several joints moves a point by all of them at once: the bounds add up.
                 let range = self.motors[*motor].max - self.motors[*motor].min;
+                // Only what is off the axis moves: `|p x axis|` is the distance from the line through the joint's origin.
                 let arm = self.rigid_reach(j, &extent, |p| p.cross(axis).norm());
                 bound[*motor] += (max - min) / range * arm;
             }
@@ -208,6 +233,7 @@ impl Robot {
     /// For each joint that can move, a bound on the distance of any solid point moved by it from the joint's origin.
     fn extents(&self) -> Vec<f64> {
         let mut extent = vec![0.0; self.nodes.len()];
+        // Backwards, so that a joint finds the extents of those behind it ready.
         for n in (0..self.nodes.len()).rev() {
             if self.can_move(n) {
                 extent[n] = self.rigid_reach(n, &extent, |p| p.norm());
@@ -241,17 +267,5 @@ impl Robot {
             at[n] = Some(frame);
         }
         reach
-    }
-}
-
-impl crate::Shape {
-    /// The radius of the smallest ball around the shape's origin that holds it, metres.
-    pub fn bounding_radius(&self) -> f64 {
-        match *self {
-            Self::Sphere { radius } => radius,
-            Self::Cylinder { radius, height } => radius.hypot(height / 2.0),
-            Self::Box { size } => size.norm() / 2.0,
-            Self::Capsule { radius, height } => radius + height / 2.0,
-        }
     }
 }

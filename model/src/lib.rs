@@ -10,34 +10,38 @@
 //! world.xml ──world─> Object ┴─> Scene ──(poses)──> transforms, contacts, clearance
 //! ```
 //!
+//! Collision has one door, [`Engine`]: what is behind it is chosen in one place ([`DefaultEngine`]), and the types that ask it
+//! ([`Scene`], [`Watch`], [`Field`]) take another engine as a type parameter.
+//!
 //! Units: radians, metres. A motor's position is its encoder value in degrees (as the files write it) times pi/180.
 //! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
 
-mod collision;
-mod distance;
+mod engine;
 mod error;
 mod field;
 pub mod file;
 mod kinematics;
 mod law;
-mod line;
 mod printable;
 mod robot;
 mod scene;
+mod shape;
 mod urdf;
 mod watch;
 mod zrp;
 
-pub use collision::{Kind, Reported};
-pub use distance::{Proximity, distance};
+pub use engine::{
+    Collider, DefaultEngine, Engine, IndexPair, LineQuery, LineResult, Near, PairProximity, Proximity, ScalarEngine,
+    SweptPair, distance,
+};
 pub use error::{Excerpt, FileError, Loaded};
 pub use field::Field;
 pub use kinematics::MarkerPose;
-pub use law::{Drawn, ForceLaw, JointLaw};
-pub use line::LineVerdict;
-pub use printable::{hidden_in, is_hidden, printable, told};
+pub use law::{ForceLaw, Influences, JointLaw};
+pub use printable::{hidden_in, is_hidden, printable, readable};
 pub use robot::*;
 pub use scene::*;
+pub use shape::{BoundingCapsule, Primitive, Shape};
 pub use urdf::{UrdfOptions, load_urdf, parse_urdf};
-pub use watch::{Counters, Watch};
+pub use watch::{Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

@@ -1,4 +1,7 @@
 //! Text that a terminal, a log or a person takes for what it is.
+//!
+//! Names come from files and from the network, and end in terminals. One that moves the cursor could write over the message that
+//! warns of it; one that reverses the order of writing looks like another name.
 
 use std::borrow::Cow;
 use std::fmt::Write;
@@ -6,6 +9,8 @@ use std::fmt::Write;
 /// Whether a character moves, hides or reorders what stands around it rather than being shown: control characters, separators
 /// of lines, and those that change the direction of writing.
 pub fn is_hidden(c: char) -> bool {
+    // Beyond controls: joiners and marks of no width, separators of lines, and whatever reverses the order of writing, so that
+    // a name could look like another.
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
@@ -30,8 +35,8 @@ pub fn printable(text: &str) -> Cow<'_, str> {
 /// Longer messages are cut, characters: what is quoted in them may be of any length.
 const LONGEST: usize = 4000;
 
-/// A message as people are told it: printable, and not too long to be read.
-pub fn told(message: &str) -> String {
+/// A message for people: printable, and not too long to be read.
+pub fn readable(message: &str) -> String {
     match message.char_indices().nth(LONGEST) {
         None => printable(message).into_owned(),
         Some((end, _)) => printable(&message[..end]).into_owned() + "…",

@@ -1,9 +1,13 @@
 //! A robot as its file describes it: parts, motors, a tree of nodes, shapes, markers and constraints.
 
-use nalgebra::{Isometry3, Unit, Vector3};
+use crate::shape::Primitive;
+use nalgebra::{Unit, Vector3};
 use std::ops::Range;
 
 /// A robot model. Built by the loaders, never changed afterwards.
+///
+/// Everything refers to everything else by its number: a pose, a node table and a pair table are plain vectors, and a robot can
+/// be copied, compared and sent anywhere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
     /// The file's `robotName`.
@@ -33,7 +37,8 @@ pub struct Part {
     pub clauses: Vec<Clause>,
 }
 
-/// A disjunction of half-spaces: satisfied if the value of any member is above zero.
+/// A disjunction of half-spaces: satisfied if the value of any member is above zero. Clauses together make any region of joint
+/// space, not only convex ones: "the arm is down *or* the torso is turned away".
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clause(pub Vec<HalfSpace>);
 
@@ -46,7 +51,8 @@ pub struct HalfSpace {
     pub b: f64,
 }
 
-/// A motor: one encoder, one or several joints.
+/// A motor: one encoder, one or several joints. The joints turn linearly with it, each over its own range: three finger joints
+/// may hang on one tendon.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motor {
     /// Its name, unique within the robot.
@@ -65,7 +71,9 @@ pub struct Motor {
     pub is_part_root: bool,
 }
 
-/// A node of the kinematic tree.
+/// A node of the kinematic tree: a link, which moves the frame of its children, or a joint, which turns it.
+///
+/// Its own frame, in which its shapes and markers are, is the one *before* that motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
     /// The parent, an index into [`Robot::nodes`]; `None` for a root.
@@ -107,45 +115,7 @@ pub enum NodeKind {
     },
 }
 
-/// A shape and where it sits on its node (or object).
-#[derive(Clone, Debug, PartialEq)]
-pub struct Primitive {
-    /// The shape.
-    pub shape: Shape,
-    /// `node_from_shape` (or `object_from_shape`).
-    pub pose: Isometry3<f64>,
-}
-
-/// A convex shape, centred at its origin. Sizes in metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shape {
-    /// A ball.
-    Sphere {
-        /// Radius.
-        radius: f64,
-    },
-    /// A flat-ended cylinder along local y.
-    Cylinder {
-        /// Radius.
-        radius: f64,
-        /// Full height.
-        height: f64,
-    },
-    /// A box with full edge lengths along x, y, z.
-    Box {
-        /// Full edge lengths.
-        size: Vector3<f64>,
-    },
-    /// A capsule along local y (extension of the original format).
-    Capsule {
-        /// Radius.
-        radius: f64,
-        /// Distance between the centres of its two end balls.
-        height: f64,
-    },
-}
-
-/// A named point and direction on a node.
+/// A named point and direction on a node: what an agent reaches with.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marker {
     /// Its name.
@@ -160,7 +130,8 @@ pub struct Marker {
     pub tracer: u32,
 }
 
-/// Node pairs `(a, b)` with `a <= b`, sorted, that remain after the filters of the format.
+/// Node pairs `(a, b)` with `a <= b`, sorted, that remain after the filters of the format: neighbors in the tree always touch, and
+/// would keep the reflex busy for ever.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodePairs {
     /// A contact makes the reflex act.

@@ -4,16 +4,23 @@
 
 mod bodies;
 mod edit;
+mod line;
+mod queries;
+mod report;
 mod skeleton;
 mod travel;
 mod world;
 
-pub(crate) use bodies::{Bodies, Solid};
+pub(crate) use bodies::Bodies;
 pub use edit::{Edit, SceneError};
+pub use line::LineVerdict;
+pub use report::{ContactKind, ReportedContact};
 pub(crate) use skeleton::Skeleton;
 pub(crate) use world::World;
 
-use crate::robot::{Primitive, Robot};
+use crate::engine::{DefaultEngine, Engine};
+use crate::robot::Robot;
+use crate::shape::Primitive;
 use nalgebra::{Isometry3, Point3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -79,10 +86,10 @@ impl ShapeId {
     }
 }
 
-/// Two shapes, the smaller id first.
+/// Two shapes, the smaller id first: robots before objects, so that an object is always the second.
 pub type Pair = (ShapeId, ShapeId);
 
-/// Two shapes near or in each other.
+/// Two shapes near or in each other, as a query of a [`Scene`] found them at one pose.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Contact {
     /// Which two.
@@ -109,21 +116,65 @@ impl Contact {
 /// Made by [`Scene::new`], changed by [`Scene::edit`] into a new one; copying it is cheap. The queries are
 /// [`Scene::contacts`], [`Scene::clearance`], [`Scene::free`], [`Scene::line`] and [`Scene::report`]; all of them take one pose
 /// per robot, in the order of [`Scene::robots`].
+///
+/// `E` is the engine that answers; whoever does not care writes `Scene` and has the default.
+///
+/// # Example
+/// ```
+/// use mobee_model::{Edit, Object, ObjectClass, Primitive, Scene, Shape, load_robot};
+/// use nalgebra::Isometry3;
+/// use std::sync::Arc;
+///
+/// let robot = Arc::new(load_robot("../configs/robots/katana.xml")?.value);
+/// let scene = Scene::new(vec![(robot, Isometry3::identity())], Vec::new())?;
+/// let home = scene.home();
+/// assert!(scene.free(&home, 0.0));
+///
+/// // A ball of 5 cm about the origin of the last node: the gripper is in it.
+/// let gripper = scene.node_transforms(&home)[0].last().copied().unwrap_or_default();
+/// let shapes = vec![Primitive { shape: Shape::Sphere { radius: 0.05 }, pose: Isometry3::identity() }];
+/// let class = ObjectClass::Obstacle;
+/// let ball = Object { name: "ball".into(), class, persistent: false, pose: gripper, shapes, color: None };
+/// let crowded = scene.edit(&Edit::Add(ball))?;
+/// let deepest = crowded.clearance(&home, 0.0).expect("something touches");
+/// assert!(deepest.distance < 0.0 && crowded.shape_name(deepest.pair.1) == "ball#0");
+/// assert!(scene.free(&home, 0.0), "the old snapshot is as it was");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct Scene<E: Engine = DefaultEngine> {
+    /// Number of edits since [`Scene::new`].
     epoch: u64,
+    /// The id that the next object gets.
     next_object: u32,
+    /// With their ids, in order of insertion.
     objects: Vec<(u32, Arc<Object>)>,
+    /// Shared by all snapshots of one lineage: edits do not touch the robots.
     bodies: Arc<Bodies>,
-    world: Arc<World>,
+    /// Made anew by each edit.
+    world: Arc<World<E>>,
 }
 
 impl Scene {
-    /// Puts robots and objects into one world. Each robot stands at its `world_from_robot`.
+    /// Puts robots and objects into one world, with the house's engine.
+    ///
+    /// # Arguments
+    /// * `robots`: each with where it stands, `world_from_robot`. Their order is that of the poses in every query.
+    /// * `objects`: numbered in this order, from 0.
     ///
     /// # Errors
     /// If two robots or two objects have one name, a size or pose is not finite, or there are too many of anything.
     pub fn new(robots: Vec<(Arc<Robot>, Isometry3<f64>)>, objects: Vec<Object>) -> Result<Self, SceneError> {
+        Self::with_engine(robots, objects)
+    }
+}
+
+impl<E: Engine> Scene<E> {
+    /// As [`Scene::new`], for an engine of one's own: `Scene::<MyEngine>::with_engine(..)`.
+    ///
+    /// # Errors
+    /// As [`Scene::new`].
+    pub fn with_engine(robots: Vec<(Arc<Robot>, Isometry3<f64>)>, objects: Vec<Object>) -> Result<Self, SceneError> {
         let bodies = Arc::new(Bodies::new(robots)?);
         let world = Arc::new(World::new(&bodies, &[]));
         let empty = Scene { epoch: 0, next_object: 0, objects: Vec::new(), bodies, world };
@@ -132,7 +183,8 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Counts edits; equal epochs of one lineage mean equal scenes.
+    /// Counts edits; equal epochs of one lineage mean equal scenes. Who keeps a scene for long (a planner, a recording) compares it
+    /// to learn whether the world has changed meanwhile.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
@@ -152,7 +204,7 @@ impl Scene {
     pub fn object(&self, name: &str) -> Option<(u32, &Arc<Object>)> {
         self.objects().find(|(_, o)| o.name == name)
     }
-    /// All robots at home.
+    /// The poses of all robots at home, rad of encoder.
     pub fn home(&self) -> Vec<Arc<[f64]>> {
         self.robots().iter().map(|r| r.motors.iter().map(|m| m.home).collect()).collect()
     }
@@ -172,10 +224,12 @@ impl Scene {
             },
         }
     }
+    /// The robots, prepared.
     pub(crate) fn bodies(&self) -> &Bodies {
         &self.bodies
     }
-    pub(crate) fn world(&self) -> &World {
+    /// What collides, prepared.
+    pub(crate) fn world(&self) -> &World<E> {
         &self.world
     }
     /// Contacts that no motion can change: reflex pairs with no moving joint between them that touch. They are left out

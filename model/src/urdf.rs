@@ -27,7 +27,9 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// Files above this size are refused, bytes.
 const MAX_BYTES: u64 = 16 << 20;
+/// More warnings are dropped: nobody reads them.
 const MAX_WARNINGS: usize = 100;
 
 /// What to do with the parts of a URDF that ZRP has no word for.
@@ -43,7 +45,9 @@ pub struct UrdfOptions {
     pub fix_unsupported: bool,
 }
 
-/// Reads a robot from a URDF file. Meshes are also looked for in the folders above the file.
+/// Reads a robot from a URDF file.
+///
+/// Meshes are also looked for in the five folders above the file: a package's URDF usually lies some folders below its name.
 ///
 /// # Errors
 /// The first mistake in the file, or the first thing that cannot be converted, with its place and a remedy.
@@ -62,7 +66,9 @@ pub fn parse_urdf(name: &str, text: &str, options: &UrdfOptions) -> Result<Loade
     read(&Source::new(name, text), options)
 }
 
+/// From text to robot; each step refuses what the next could not bear.
 fn read(source: &Source, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
+    // Before `urdf-rs`, which knows no places and no bounds.
     let places = scan::scan(source)?;
     let urdf = urdf_rs::read_from_string(source.text()).map_err(|e| {
         let help = "compare the element with the description of URDF: a joint needs name, type, parent and child";
@@ -76,7 +82,8 @@ fn read(source: &Source, options: &UrdfOptions) -> Result<Loaded<Robot>, FileErr
     Ok(Loaded { value: robot, warnings })
 }
 
-/// Neighbors beyond the next often overlap in a URDF: such pairs would keep the reflex busy for ever.
+/// Neighbors beyond the next often overlap in a URDF: such pairs would keep the reflex busy for ever. Nobody but its owner
+/// knows whether the shapes are too large or the pair does not matter, so it is told and not mended.
 fn warn_of_contacts(
     source: &Source,
     places: &scan::Places,

@@ -1,26 +1,37 @@
 //! The contacts of a stream of poses, at little more than the cost of what changed.
 //!
-//! Each pair that was found apart stays so until the motors have moved far enough: pairs of the same two frames share a
-//! clock that runs in metres, the sum of `reach * way of motor` (see `scene/travel.rs`), and a pair is looked at again when its
-//! clock has run as far as the pair had room. A motor's way counts only beyond a small band about its last
-//! turning point, so that the noise of an encoder at rest does not run the clocks.
+//! Each pair that was found apart stays so until the motors have moved far enough. Pairs of the same two frames are a *group*
+//! and share a clock that runs in metres: the sum over the motors between the frames of `reach * way of motor` (see
+//! `scene/travel.rs`). No point of one shape moves farther against the other than their clock runs, so a pair with `d` metres of
+//! room is looked at again when the clock has run `d`. That never misses a contact, and at worst it looks
+//! too early.
+//!
+//! ```text
+//! room of a pair      distance - margin     |----------------------|
+//! clock of its group  way of its motors     |------->                  not due: nothing is placed, nothing measured
+//! ```
+//! A motor's way counts only beyond a small band about its last turning point ([`MotorTrack`]): an encoder at rest is noisy,
+//! and if every change of its last digit counted, the clocks would run in a robot that stands still.
 
-use crate::collision::{Placement, bound, measure};
+use crate::engine::{DefaultEngine, Engine, Near, PairProximity};
 use crate::scene::{Contact, Scene};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-/// How far a motor may stray, rad, before its way counts: above the noise of an encoder, below what matters.
-const BAND: f64 = 1e-3;
-/// Room that is worth measuring exactly, metres: a pair with more is left with its bound.
-const ROOM: f64 = 0.02;
-/// Subtracted from each room for rounding, metres.
-const HAIR: f64 = 1e-9;
+/// How far a motor may stray from its turning point, rad, before its way counts: above the noise of an encoder, below
+/// what matters (at an arm's length of half a metre it is half a millimetre).
+const NOISE_BAND: f64 = 1e-3;
+/// How far beyond the margin a pair is measured exactly, metres. A pair with more room is left with its cheap bound, which
+/// is looked at again sooner than need be; with less it would be looked at at every other pose, where exactness pays.
+const MEASURE_RANGE: f64 = 0.02;
+/// Taken off each pair's room, metres: far above the rounding of clocks that have run for days (1e6 m at 1e-16 is 1e-10),
+/// far below what costs a look.
+const ROUNDING: f64 = 1e-9;
 
 /// What a [`Watch`] has done so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
+pub struct WatchCounters {
     /// Poses it was given.
     pub updates: u64,
     /// Poses for which no shape had to be placed.
@@ -32,30 +43,77 @@ pub struct Counters {
 }
 
 /// Follows a scene's contacts through a stream of poses. [`Watch::update`] returns just what [`Scene::contacts`] would.
+///
+/// # Example
+/// ```
+/// use mobee_model::{Scene, Watch, load_robot};
+/// use nalgebra::Isometry3;
+/// use std::sync::Arc;
+///
+/// let robot = Arc::new(load_robot("../configs/robots/katana.xml")?.value);
+/// let scene = Arc::new(Scene::new(vec![(robot, Isometry3::identity())], Vec::new())?);
+/// let mut watch = Watch::new(scene, 0.01);
+/// let mut pose = watch.scene().home()[0].to_vec();
+/// for _ in 0..100 {
+///     // A tenth of a milliradian at a time the first motor goes on: nothing comes near.
+///     pose[0] += 1e-4;
+///     assert!(watch.update(&[&pose]).is_empty());
+/// }
+/// // Most of these poses cost no more than a comparison.
+/// assert!(watch.counters().idle > 50, "{:?}", watch.counters());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
-pub struct Watch {
-    scene: Arc<Scene>,
+pub struct Watch<E: Engine = DefaultEngine> {
+    /// Whose contacts are followed.
+    scene: Arc<Scene<E>>,
+    /// The margin, metres.
     within: f64,
-    /// Per motor: the last pose, its turning point, the way up to that, and how far it is from it.
-    last: Vec<f64>,
-    anchor: Vec<f64>,
-    way: Vec<f64>,
-    astray: Vec<f64>,
-    /// Per motor: the greatest reach in any group. Runs a clock that is never slower than a group's.
-    fastest: Vec<f64>,
-    /// When, on that clock, each group is due.
-    due: BinaryHeap<Reverse<(Clock, u32)>>,
+    /// Per motor of the scene: how far it has gone.
+    motors: Vec<MotorTrack>,
+    /// When, on the common clock, each group is due; a heap, so that a pose at which none is costs one comparison.
+    due: BinaryHeap<Reverse<Due>>,
+    /// In the order of the scene's groups.
     groups: Vec<Expiries>,
-    placement: Placement,
+    /// `world_from_frame` at the last pose at which a pair was looked at.
+    frames: Vec<nalgebra::Isometry3<f64>>,
+    /// The shapes at that pose, as far as they were looked at.
+    placement: E::Placement,
+    /// The contacts at the last pose, sorted by pair.
     found: Vec<Contact>,
-    counters: Counters,
+    counters: WatchCounters,
+}
+
+/// How far a motor has gone. Between two poses it has moved by no more than the later `travelled` less the earlier one, plus
+/// both `since_turn`: the triangle inequality through the turning points.
+#[derive(Clone, Copy, Debug)]
+struct MotorTrack {
+    /// The last position, rad of encoder; not a number before the first.
+    last_q: f64,
+    /// Where it last left the noise band, rad of encoder: the middle of the band it is in now.
+    turning_point: f64,
+    /// Its way up to the turning point, rad. Only grows.
+    travelled: f64,
+    /// How far it is from the turning point now, rad. Falls when the motor comes back.
+    since_turn: f64,
+    /// The greatest reach that it has in any group, metres per rad: what it adds to the common clock.
+    fastest: f64,
 }
 
 /// Per pair of a group: the time on the group's clock at which it must be looked at.
 #[derive(Clone, Debug, Default)]
 struct Expiries(Vec<f64>);
 
-/// A time on a clock, ordered; nothing is due before a time that is not a number.
+/// When a group is due. Ordered by time, then by group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Due {
+    /// On the common clock.
+    at: Clock,
+    /// Index of the group.
+    group: u32,
+}
+
+/// A time on a clock that runs in metres, ordered; nothing is due before a time that is not a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Clock(f64);
 
@@ -71,58 +129,86 @@ impl Ord for Clock {
     }
 }
 
-impl Watch {
-    /// Watches for reflex pairs nearer than `within` metres.
-    pub fn new(scene: Arc<Scene>, within: f64) -> Self {
+impl MotorTrack {
+    /// Follows the motor to `q`; false if it is where it was.
+    fn follow(&mut self, q: f64) -> bool {
+        if q == self.last_q {
+            return false;
+        }
+        self.last_q = q;
+        let astray = (q - self.turning_point).abs();
+        if astray > NOISE_BAND {
+            self.travelled += astray;
+            self.turning_point = q;
+            self.since_turn = 0.0;
+        } else {
+            self.since_turn = astray;
+        }
+        true
+    }
+}
+
+impl<E: Engine> Watch<E> {
+    /// Watches for reflex pairs nearer than a margin.
+    ///
+    /// # Arguments
+    /// * `scene`: whose robots the poses will be of.
+    /// * `within`: the margin, metres, as for [`Scene::contacts`].
+    pub fn new(scene: Arc<Scene<E>>, within: f64) -> Self {
         let mut watch = Watch {
             scene: scene.clone(),
             within,
-            last: Vec::new(),
-            anchor: Vec::new(),
-            way: Vec::new(),
-            astray: Vec::new(),
-            fastest: Vec::new(),
+            motors: Vec::new(),
             due: BinaryHeap::new(),
             groups: Vec::new(),
-            placement: Placement::default(),
+            frames: Vec::new(),
+            placement: E::Placement::default(),
             found: Vec::new(),
-            counters: Counters::default(),
+            counters: WatchCounters::default(),
         };
         watch.set_scene(scene);
         watch
     }
 
-    /// Goes on with another scene, such as one after an edit. The next update looks at every pair.
-    pub fn set_scene(&mut self, scene: Arc<Scene>) {
+    /// Goes on with another scene, such as one after an edit. The margin stays, as do the counters.
+    ///
+    /// # Performance
+    /// Nothing that was known of pairs is kept, as their numbers may mean others now: the next update looks at every pair.
+    pub fn set_scene(&mut self, scene: Arc<Scene<E>>) {
         let (motors, world) = (scene.bodies().motors, scene.world());
-        self.last = vec![f64::NAN; motors];
-        self.anchor = vec![0.0; motors];
-        self.way = vec![0.0; motors];
-        self.astray = vec![0.0; motors];
-        self.fastest = vec![0.0; motors];
-        for (m, reach) in world.groups.iter().flat_map(|g| &g.travel) {
-            let fastest = &mut self.fastest[*m as usize];
-            *fastest = fastest.max(*reach);
+        let unknown =
+            MotorTrack { last_q: f64::NAN, turning_point: 0.0, travelled: 0.0, since_turn: 0.0, fastest: 0.0 };
+        self.motors = vec![unknown; motors];
+        for term in world.groups.iter().flat_map(|g| &g.travel) {
+            let motor = &mut self.motors[term.motor as usize];
+            motor.fastest = motor.fastest.max(term.reach);
         }
-        self.groups = world.groups.iter().map(|g| Expiries(vec![f64::NEG_INFINITY; g.pairs.len()])).collect();
-        self.due = (0..world.groups.len()).map(|g| Reverse((Clock(f64::NEG_INFINITY), g as u32))).collect();
-        self.placement = Placement::default();
-        self.placement.solids_unplaced(&world.solids);
+        // Expired since ever: nothing is known of any pair.
+        let ever = f64::NEG_INFINITY;
+        self.groups = world.groups.iter().map(|g| Expiries(vec![ever; g.pairs.len()])).collect();
+        self.due = (0..world.groups.len() as u32).map(|group| Reverse(Due { at: Clock(ever), group })).collect();
+        self.placement = E::Placement::default();
         self.found.clear();
         self.scene = scene;
     }
 
     /// The scene.
-    pub fn scene(&self) -> &Arc<Scene> {
+    pub fn scene(&self) -> &Arc<Scene<E>> {
         &self.scene
     }
 
-    /// What it has done so far.
-    pub fn counters(&self) -> Counters {
+    /// What it has done so far: how much a stream of poses really costs.
+    pub fn counters(&self) -> WatchCounters {
         self.counters
     }
 
-    /// The contacts at these poses: the same as [`Scene::contacts`], sorted by pair.
+    /// The contacts at the next poses of the stream: the same as [`Scene::contacts`], sorted by pair.
+    ///
+    /// # Arguments
+    /// * `poses`: per robot its motors' positions, rad of encoder; a robot or motor without an entry is at home.
+    ///
+    /// # Performance
+    /// Nothing is placed or measured while no pair can have come nearer than the margin; a jump costs as much as a full query.
     pub fn update<P: AsRef<[f64]>>(&mut self, poses: &[P]) -> &[Contact] {
         self.counters.updates += 1;
         if !self.advance(poses) {
@@ -130,55 +216,63 @@ impl Watch {
             return &self.found;
         }
         self.found.clear();
-        let now: f64 = self.fastest.iter().zip(self.way.iter().zip(&self.astray)).map(|(r, (w, a))| r * (w + a)).sum();
-        let settled: f64 = self.fastest.iter().zip(&self.way).map(|(r, w)| r * w).sum();
+        // The common clock is never slower than any group's, so no group is due before the heap says so. `settled` leaves
+        // out what the motors are astray by: that falls again when they come back, and a due time must not rest on it.
+        let now: f64 = self.motors.iter().map(|m| m.fastest * (m.travelled + m.since_turn)).sum();
+        let settled: f64 = self.motors.iter().map(|m| m.fastest * m.travelled).sum();
         let scene = self.scene.clone();
         let (bodies, world) = (scene.bodies(), scene.world());
         let mut placed = false;
         let mut again = Vec::new();
-        while let Some(&Reverse((Clock(due), g))) = self.due.peek() {
+        while let Some(&Reverse(Due { at: Clock(due), group: g })) = self.due.peek() {
             if now < due {
                 break;
             }
             self.due.pop();
             let (group, expiries) = (&world.groups[g as usize], &mut self.groups[g as usize]);
             let (mut clock, mut stray) = (0.0, 0.0);
-            for (m, reach) in &group.travel {
-                clock += reach * self.way[*m as usize];
-                stray += reach * self.astray[*m as usize];
+            for term in &group.travel {
+                let motor = &self.motors[term.motor as usize];
+                clock += term.reach * motor.travelled;
+                stray += term.reach * motor.since_turn;
             }
             let mut first = f64::INFINITY;
-            for (expiry, &(i, j)) in expiries.0.iter_mut().zip(&group.pairs) {
+            for (expiry, &pair) in expiries.0.iter_mut().zip(&group.pairs) {
                 if clock + stray < *expiry {
                     first = first.min(*expiry);
                     continue;
                 }
+                // Kinematics only once a pair is really looked at: most poses of a moving robot need none.
                 if !placed {
-                    bodies.place(poses, &mut self.placement.frames);
+                    bodies.place(poses, &mut self.frames);
+                    world.engine.place_frames(&self.frames, &mut self.placement);
                     placed = true;
                 }
-                self.placement.solid(&world.solids, i);
-                self.placement.solid(&world.solids, j);
+                world.engine.place_pair(&mut self.placement, pair);
                 self.counters.looked += 1;
-                let enough = self.within + ROOM;
-                let mut distance = bound(&world.solids, &self.placement, i, j, enough);
-                if distance <= enough {
-                    self.counters.measured += 1;
-                    match measure(&world.solids, &self.placement, i, j, enough) {
-                        Some(contact) => {
-                            distance = contact.distance;
-                            if distance < self.within || distance <= 0.0 {
-                                self.found.push(contact);
-                            }
+                let enough = self.within + MEASURE_RANGE;
+                let distance = match world.engine.near(&self.placement, pair, enough) {
+                    Near::Within(proximity) => {
+                        self.counters.measured += 1;
+                        if proximity.distance < self.within || proximity.distance <= 0.0 {
+                            self.found.push(world.contact(PairProximity { pair, proximity }));
                         }
-                        None => distance = enough,
+                        proximity.distance
                     }
-                }
-                *expiry = clock + (distance - self.within) - stray - HAIR;
+                    Near::Beyond(distance) => {
+                        self.counters.measured += u64::from(distance <= enough);
+                        distance
+                    }
+                };
+                // Where the motors stand now they are astray from their turning points, so that they can get farther from
+                // here than their clocks will run, by `stray` at most: taken off. A contact has expired already, so that
+                // it is looked at again at every pose while it lasts.
+                *expiry = clock + (distance - self.within) - stray - ROUNDING;
                 first = first.min(*expiry);
             }
-            again.push(Reverse((Clock(settled + (first - clock)), g)));
+            again.push(Reverse(Due { at: Clock(settled + (first - clock)), group: g }));
         }
+        // Only now: a group with a contact is due again at once, and would be popped forever.
         self.due.extend(again);
         if !placed {
             self.counters.idle += 1;
@@ -189,28 +283,13 @@ impl Watch {
 
     /// Runs the motors' ways on; false if no motor has moved at all.
     fn advance<P: AsRef<[f64]>>(&mut self, poses: &[P]) -> bool {
-        let scene = self.scene.clone();
-        let mut moved = false;
-        let mut m = 0;
-        for (r, robot) in scene.robots().iter().enumerate() {
+        let robots = self.scene.robots().iter().enumerate();
+        let positions = robots.flat_map(|(r, robot)| {
             let pose = poses.get(r).map_or(&[][..], AsRef::as_ref);
-            for (k, motor) in robot.motors.iter().enumerate() {
-                let q = pose.get(k).copied().unwrap_or(motor.home);
-                if q != self.last[m] {
-                    moved = true;
-                    self.last[m] = q;
-                    let astray = (q - self.anchor[m]).abs();
-                    if astray > BAND {
-                        self.way[m] += astray;
-                        self.anchor[m] = q;
-                        self.astray[m] = 0.0;
-                    } else {
-                        self.astray[m] = astray;
-                    }
-                }
-                m += 1;
-            }
-        }
-        moved || scene.bodies().motors == 0
+            robot.motors.iter().enumerate().map(|(k, motor)| pose.get(k).copied().unwrap_or(motor.home))
+        });
+        let moved = self.motors.iter_mut().zip(positions).fold(false, |moved, (motor, q)| motor.follow(q) | moved);
+        // A scene whose robots have no motors has contacts all the same.
+        moved || self.motors.is_empty()
     }
 }

@@ -26,6 +26,9 @@ const MAX_BYTES: u64 = 16 << 20;
 
 /// Reads a robot from a ZRP XML file.
 ///
+/// # Returns
+/// The robot, and warnings with their places: what the format does not know is ignored, but not silently.
+///
 /// # Errors
 /// The first mistake in the file, with its place and a remedy. Nothing is half-loaded.
 pub fn load_robot(path: impl AsRef<Path>) -> Result<Loaded<Robot>, FileError> {
@@ -40,7 +43,7 @@ pub fn parse_robot(name: &str, text: &str) -> Result<Loaded<Robot>, FileError> {
     robot::read(&Source::new(name, text))
 }
 
-/// Reads the objects of a world file.
+/// Reads the objects of a world file, in the order of the file. Poses are `world_from_object`.
 ///
 /// # Errors
 /// As [`load_robot`].

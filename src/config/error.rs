@@ -1,7 +1,7 @@
 //! A complaint about something the user wrote: what, where, and what to do.
 
 use miette::{Diagnostic, LabeledSpan, SourceCode};
-use mobee_model::{Excerpt, printable, told};
+use mobee_model::{Excerpt, printable, readable};
 use std::fmt;
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ pub struct ConfigError {
 impl ConfigError {
     /// A complaint that has no place in a file.
     pub fn plain(message: impl Into<String>, help: impl Into<String>) -> ConfigError {
-        ConfigError { message: told(&message.into()), help: told(&help.into()), place: None }
+        ConfigError { message: readable(&message.into()), help: readable(&help.into()), place: None }
     }
 
     /// A complaint about a span of a file.
@@ -34,7 +34,7 @@ impl ConfigError {
     /// The same with another remedy.
     #[must_use]
     pub fn with_help(self, help: impl Into<String>) -> ConfigError {
-        ConfigError { help: told(&help.into()), ..self }
+        ConfigError { help: readable(&help.into()), ..self }
     }
 
     /// What is wrong, in one sentence.

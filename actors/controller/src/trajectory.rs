@@ -9,7 +9,7 @@
 
 use crate::{FieldRules, Rules};
 use mobee_contract::Pose;
-use mobee_model::{Drawn, ForceLaw};
+use mobee_model::{ForceLaw, Influences};
 use std::ops::Range;
 use std::time::Duration;
 
@@ -122,9 +122,10 @@ impl ReferenceTrajectory {
         let mut wanted = vec![0.0; self.q.len()];
         for (range, law) in &self.laws {
             let (q, v, to) = (degrees(&self.q, range), degrees(&self.v, range), degrees(&self.target, range));
-            let drawn = Drawn { to: &to, field: torques.get(range.clone()).unwrap_or_default(), outside: &[] };
+            let influences =
+                Influences { to: &to, field: torques.get(range.clone()).unwrap_or_default(), outside: &[] };
             // where the law rests, the last bit of the way is left
-            let velocities = law.velocities(&q, &v, drawn, secs);
+            let velocities = law.velocities(&q, &v, influences, secs);
             let velocities = velocities.unwrap_or_else(|| q.iter().zip(&to).map(|(q, x)| SETTLE * (x - q)).collect());
             for (slot, v) in wanted.iter_mut().skip(range.start).zip(velocities) {
                 *slot = if v.is_finite() { v.to_radians() } else { 0.0 };

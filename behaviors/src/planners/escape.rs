@@ -75,7 +75,7 @@ fn walk(
     limit: usize,
     budget: &mut usize,
 ) -> Option<Way> {
-    let was_lawful = view.scene.satisfies_constraints(view.robot, start);
+    let satisfied_constraints = view.scene.satisfies_constraints(view.robot, start);
     let narrowest = |d: &BTreeMap<Pair, f64>| d.values().copied().fold(view.clearance, f64::min);
     let before = narrowest(present);
     let mut widest = present.clone();
@@ -89,7 +89,7 @@ fn walk(
                 return way;
             }
         }
-        if *budget == 0 || (was_lawful && !view.scene.satisfies_constraints(view.robot, &q)) {
+        if *budget == 0 || (satisfied_constraints && !view.scene.satisfies_constraints(view.robot, &q)) {
             return way;
         }
         *budget -= 1;

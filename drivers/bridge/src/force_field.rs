@@ -13,7 +13,7 @@ pub use settings::ForceFieldSettings;
 pub use wish::Wish;
 
 use mobee_contract::Axis;
-use mobee_model::{Drawn, ForceLaw, Part, Robot};
+use mobee_model::{ForceLaw, Influences, Part, Robot};
 use nalgebra::Vector3;
 
 /// The pure core: one part's joints, its attractor and the force upon it.
@@ -83,8 +83,8 @@ impl ForceField {
             return None;
         }
         let speed: Vec<f64> = q.iter().zip(&last).map(|(q, p)| (q - p) / secs).collect();
-        let drawn = Drawn { to: &self.attractor, field: &[], outside: &self.force };
-        self.law.velocities(q, &speed, drawn, secs)
+        let influences = Influences { to: &self.attractor, field: &[], outside: &self.force };
+        self.law.velocities(q, &speed, influences, secs)
     }
 
     /// The joints that it moves, as indices within the part.

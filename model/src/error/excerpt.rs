@@ -11,18 +11,23 @@ const WIDEST: usize = 240;
 const BEFORE: usize = 80;
 /// A place of more lines is shown by its first ones.
 const MOST_LINES: usize = 8;
+/// Stands where a line was cut.
 const CUT: char = '…';
 
 /// A place in a file: its line and column, and the text around it.
 #[derive(Clone, Debug)]
 pub struct Excerpt {
+    /// The file, as messages call it.
     name: String,
+    /// A few lines, printable, cut to width.
     text: String,
     /// The place within `text`.
     place: Range<usize>,
     /// The number of the first line of `text`, from 0.
     first: usize,
+    /// Of the place in the file, from 1.
     line: usize,
+    /// Of the place in the file, characters, from 1.
     column: usize,
 }
 
@@ -42,6 +47,7 @@ impl Excerpt {
             line: line + 1,
             column: column + 1,
         };
+        // One line before, for people to find their way.
         if begin > 0 {
             out.push(text, line_start(text, begin - 1), None);
         }
@@ -152,6 +158,7 @@ fn floor(text: &str, at: usize) -> usize {
     text.floor_char_boundary(at)
 }
 
+/// Where the line begins that a byte is in.
 fn line_start(text: &str, at: usize) -> usize {
     text[..at].rfind('\n').map_or(0, |i| i + 1)
 }

@@ -1,11 +1,14 @@
 //! The robots of a scene, prepared: solid shapes on moving frames, and the pairs that count.
+//!
+//! Frames and motors are numbered through over all robots, so that everything after this is vectors and numbers, for one robot as
+//! for three.
 
 use super::edit::{check_count, check_pose, check_primitive};
 use super::travel::{Reach, Terms};
 use super::{SceneError, ShapeId, Skeleton};
-use crate::distance::Form;
+use crate::engine::{Collider, IndexPair};
 use crate::robot::Robot;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -15,14 +18,10 @@ const MAX_PAIRS: usize = 1 << 18;
 /// A shape of a robot or an object.
 #[derive(Clone, Debug)]
 pub(crate) struct Solid {
+    /// Who it is to everybody outside.
     pub id: ShapeId,
-    pub form: Form,
-    /// Index of its frame among all frames of the scene; objects share the last one, the world.
-    pub frame: usize,
-    /// `frame_from_shape`.
-    pub pose: Isometry3<f64>,
-    /// Half the axis of its outer capsule, in its frame.
-    pub axis: Vector3<f64>,
+    /// What the engine knows of it. Frames are numbered over all robots of the scene; objects share the last one, the world.
+    pub collider: Collider,
     /// Whether it takes part in no robot's motion.
     pub fixed: bool,
     /// Whether it belongs to a robot's base, which never meets the world.
@@ -32,7 +31,9 @@ pub(crate) struct Solid {
 /// Robots that stand in a world.
 #[derive(Debug)]
 pub(crate) struct Bodies {
+    /// In the order of poses.
     pub robots: Vec<Arc<Robot>>,
+    /// Per robot: its moving frames.
     pub skeletons: Vec<Skeleton>,
     /// How far each robot's shapes move.
     pub reach: Vec<Reach>,
@@ -47,12 +48,16 @@ pub(crate) struct Bodies {
     /// Solids of all robots in order of their ids.
     pub solids: Vec<Solid>,
     /// Reflex pairs of robots with themselves and each other that can move against each other; indices, sorted.
-    pub moving: Vec<(u32, u32)>,
+    pub moving: Vec<IndexPair>,
     /// The same that can't.
-    pub fixed: Vec<(u32, u32)>,
+    pub fixed: Vec<IndexPair>,
 }
 
 impl Bodies {
+    /// Lets robots stand where they are told to, each at its `world_from_robot`.
+    ///
+    /// # Errors
+    /// If two have one name, a number is not finite, or there is too much of anything.
     pub fn new(robots: Vec<(Arc<Robot>, Isometry3<f64>)>) -> Result<Self, SceneError> {
         check_count(robots.len(), || "robots of a scene".to_string())?;
         let mut names = BTreeSet::new();
@@ -80,6 +85,7 @@ impl Bodies {
         Ok(bodies)
     }
 
+    /// Adds one robot, and its pairs with itself and with those that stand here already.
     fn stand(&mut self, robot: Arc<Robot>, base: Isometry3<f64>) -> Result<(), SceneError> {
         let index = self.robots.len();
         let skeleton = Skeleton::new(&robot, base);
@@ -90,26 +96,24 @@ impl Bodies {
             let start = self.solids.len() as u32;
             for (s, primitive) in node.solids.iter().enumerate() {
                 let id = ShapeId::Robot { robot: index as u16, node: n as u16, shape: s as u16 };
-                let form = Form::new(&primitive.shape);
                 let pose = skeleton.in_frame[n] * primitive.pose;
                 self.solids.push(Solid {
                     id,
-                    form,
-                    frame: self.frames + skeleton.frame[n],
-                    pose,
-                    axis: pose.rotation * form.outer.0,
+                    collider: Collider { shape: primitive.shape, frame: self.frames + skeleton.frame[n], pose },
                     fixed: skeleton.frame[n] == 0,
                     near_root: node.near_root,
                 });
             }
             of_node.push(start..self.solids.len() as u32);
         }
+        // Counted before the pairs are made: they could be more than memory holds.
         let own: usize = robot.pairs.reflex.iter().map(|&(a, b)| of_node[a].len() * of_node[b].len()).sum();
         if own + first_solid * (self.solids.len() - first_solid) > MAX_PAIRS {
             let what = format!("pairs of shapes of robot `{}`, with itself and the robots before it", robot.name);
             return Err(SceneError::TooMany { what, most: MAX_PAIRS as u32 });
         }
         for &(a, b) in &robot.pairs.reflex {
+            // Shapes of one frame are rigidly connected: no motion changes their distance, so none has to watch it.
             let same = skeleton.frame[a] == skeleton.frame[b];
             let list = if same { &mut self.fixed } else { &mut self.moving };
             for i in of_node[a].clone() {
@@ -125,6 +129,7 @@ impl Bodies {
         for i in 0..first_solid {
             for j in first_solid..self.solids.len() {
                 let (a, b) = (&self.solids[i], &self.solids[j]);
+                // Bases stand where people put them, perhaps on one table; nothing that moves changes that.
                 if a.near_root && b.near_root {
                     continue;
                 }
@@ -132,7 +137,8 @@ impl Bodies {
                 list.push((i as u32, j as u32));
             }
         }
-        self.reach.push(Reach::new(&skeleton, self.frames, &self.solids[first_solid..]));
+        let colliders: Vec<Collider> = self.solids[first_solid..].iter().map(|s| s.collider).collect();
+        self.reach.push(Reach::new(&skeleton, self.frames, &colliders));
         self.first_motor.push(self.motors);
         self.motors += robot.motors.len();
         self.first_frame.push(self.frames);
@@ -154,6 +160,7 @@ impl Bodies {
             (Some((r, f)), Some((q, g))) if r == q => {
                 self.reach[r].between(&self.skeletons[r], self.first_motor[r], f, g)
             }
+            // Shapes of different robots, or of a robot and the world: each moves in its base, and the worst is both at once.
             (one, other) => one.into_iter().chain(other).flat_map(alone).collect(),
         }
     }
@@ -168,6 +175,8 @@ impl Bodies {
     }
 }
 
+/// # Errors
+/// If a number is not finite, a size is not above zero, or there are more nodes or shapes than ids.
 fn check(robot: &Robot, base: &Isometry3<f64>) -> Result<(), SceneError> {
     let what = format!("robot `{}`", robot.name);
     check_pose(base, &what)?;

@@ -1,7 +1,11 @@
 //! Edits of a scene: each makes a new snapshot with a higher epoch, or none.
+//!
+//! Skeletons, reach and the robots' own pairs are shared with the old snapshot; shapes are prepared and pairs grouped anew. That is
+//! cheap enough for some edits a second, as when a hand carries something.
 
 use super::{Object, ObjectClass, Scene, World};
-use crate::robot::{Primitive, Shape};
+use crate::engine::Engine;
+use crate::shape::{Primitive, Shape};
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
@@ -78,13 +82,13 @@ pub enum SceneError {
     },
 }
 
-impl Scene {
+impl<E: Engine> Scene<E> {
     /// The scene after an edit: a new snapshot with the epoch one higher. The old one stays valid.
     ///
     /// # Errors
     /// If the object does not exist (or, for `Add`, exists already), is persistent (for `Remove`), or has a number that
     /// is not finite.
-    pub fn edit(&self, edit: &Edit) -> Result<Scene, SceneError> {
+    pub fn edit(&self, edit: &Edit) -> Result<Self, SceneError> {
         self.with(|scene| match edit {
             Edit::Add(object) => scene.add(object.clone()),
             Edit::Remove { name } => {
@@ -104,7 +108,11 @@ impl Scene {
         })
     }
 
-    pub(super) fn with(&self, change: impl FnOnce(&mut Scene) -> Result<(), SceneError>) -> Result<Scene, SceneError> {
+    /// A copy with a change made to it, prepared anew; the epoch is one higher.
+    ///
+    /// # Errors
+    /// As the change. Nothing has happened then.
+    pub(super) fn with(&self, change: impl FnOnce(&mut Self) -> Result<(), SceneError>) -> Result<Self, SceneError> {
         let mut next = self.clone();
         change(&mut next)?;
         next.epoch += 1;
@@ -112,11 +120,13 @@ impl Scene {
         Ok(next)
     }
 
+    /// Adds an object under a new id.
     pub(super) fn add(&mut self, object: Object) -> Result<(), SceneError> {
         check(&object)?;
         if self.object(&object.name).is_some() {
             return Err(SceneError::Duplicate { kind: "object", name: object.name });
         }
+        // Never used again: a contact that is told of an object must not come to mean another.
         let id = self.next_object;
         let what = || "objects in the life of a scene".to_string();
         self.next_object = id.checked_add(1).ok_or_else(|| SceneError::TooMany { what: what(), most: u32::MAX })?;
@@ -124,6 +134,7 @@ impl Scene {
         Ok(())
     }
 
+    /// Where an object of that name is in the list; the error names those that there are.
     fn find(&self, name: &str) -> Result<usize, SceneError> {
         self.objects.iter().position(|(_, o)| o.name == name).ok_or_else(|| {
             let names: Vec<_> = self.objects.iter().map(|(_, o)| format!("`{}`", o.name)).collect();
@@ -132,6 +143,7 @@ impl Scene {
         })
     }
 
+    /// Changes an object and checks it again. Its id stays, so that contacts with it go on.
     fn replace(&mut self, name: &str, change: impl FnOnce(&mut Object)) -> Result<(), SceneError> {
         let at = self.find(name)?;
         if let Some((_, slot)) = self.objects.get_mut(at) {
@@ -144,6 +156,7 @@ impl Scene {
     }
 }
 
+/// Whether an object is one that can be collided with: finite, with sizes above zero, and not too many shapes.
 fn check(object: &Object) -> Result<(), SceneError> {
     let what = format!("object `{}`", object.name);
     check_pose(&object.pose, &what)?;
@@ -151,6 +164,7 @@ fn check(object: &Object) -> Result<(), SceneError> {
     object.shapes.iter().try_for_each(|p| check_primitive(p, &what))
 }
 
+/// Whether a shape is finite and has sizes above zero; `what` says whose it is.
 pub(super) fn check_primitive(primitive: &Primitive, what: &str) -> Result<(), SceneError> {
     check_pose(&primitive.pose, what)?;
     // A capsule without length is a ball, and a ball is fine.
@@ -167,11 +181,13 @@ pub(super) fn check_primitive(primitive: &Primitive, what: &str) -> Result<(), S
     }
 }
 
+/// Whether all of a pose's numbers are finite.
 pub(super) fn check_pose(pose: &Isometry3<f64>, what: &str) -> Result<(), SceneError> {
     let finite = pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite());
     if finite { Ok(()) } else { Err(SceneError::NotFinite { what: what.to_string(), quantity: "pose", positive: "" }) }
 }
 
+/// Whether so many can be numbered: ids of shapes have 16 bits for each number.
 pub(super) fn check_count(count: usize, what: impl FnOnce() -> String) -> Result<(), SceneError> {
     if u16::try_from(count).is_ok() {
         Ok(())

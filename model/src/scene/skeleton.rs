@@ -6,7 +6,9 @@
 use crate::robot::{NodeKind, Robot};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 
-/// The moving frames of one robot.
+/// The moving frames of one robot. Frame 0 is the base; the order of frames is that of their joints in the tree.
+///
+/// What is constant between two moving joints is multiplied once, here, and not at every pose.
 #[derive(Clone, Debug)]
 pub(crate) struct Skeleton {
     /// `world_from_robot`: frame 0.
@@ -41,6 +43,7 @@ pub(crate) struct Hinge {
 }
 
 impl Hinge {
+    /// Its angle at a pose of the robot, rad; positions beyond the limits count as the limit.
     fn angle(&self, pose: &[f64]) -> f64 {
         let q = pose.get(self.motor).copied().unwrap_or(self.home);
         self.min + (q.max(self.limits.0).min(self.limits.1) - self.limits.0) * self.gain
@@ -48,6 +51,7 @@ impl Hinge {
 }
 
 impl Skeleton {
+    /// Follows the tree once, folding all that does not move into the pose at which the next joint or shape sits.
     pub fn new(robot: &Robot, base: Isometry3<f64>) -> Self {
         let mut skeleton = Skeleton { base, joints: Vec::new(), frame: Vec::new(), in_frame: Vec::new() };
         // What the children of each node hang on: a frame and a place in it.
@@ -72,6 +76,7 @@ impl Skeleton {
                         });
                         (skeleton.joints.len(), Isometry3::identity())
                     }
+                    // A joint that can't move stands at its lower limit for ever: a fixed turn.
                     _ => (frame, here * UnitQuaternion::from_axis_angle(axis, *min)),
                 },
             });
@@ -91,6 +96,7 @@ impl Skeleton {
         for joint in &self.joints {
             let turn = UnitQuaternion::from_axis_angle(&joint.axis, joint.angle(pose));
             let parent = frames[first + joint.parent];
+            // The turn has no translation, so only the rotation is multiplied.
             let mut frame = parent * joint.at;
             frame.rotation *= turn;
             frames.push(frame);

@@ -3,34 +3,63 @@
 //! A point at most `r` from a joint's axis moves at most `r` times the angle turned. `r` is bounded over all poses of the
 //! joints between, so that between any two poses no point of a shape moves farther, relative to another shape, than the sum
 //! over the motors between the two of `coefficient * |change of motor|`. The signed distance of the two changes no more than that.
+//!
+//! ```text
+//! base --- hinge A --- hinge B --- shape        rho: farthest point of the shape from B's origin
+//!            |<- offset ->|                     A's coefficient: |offset across A's axis| + rho
+//!                         |<----- rho ---->|    B's: the farthest point from B's axis itself
+//! ```
+//! Only the last hinge knows where the shape is: seen from A, B may have turned it anywhere in a ball of radius rho. The bound
+//! holds at every pose, so it is made once per robot and never again; it is loose by what the arm is bent.
 
 use super::Skeleton;
-use super::bodies::Solid;
+use crate::engine::Collider;
 use std::collections::BTreeMap;
 
-/// Terms (motor index among all motors of the scene, metres per radian of encoder).
-pub(crate) type Terms = Vec<(u32, f64)>;
+/// What one motor adds to a bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Term {
+    /// Index among all motors of the scene.
+    pub motor: u32,
+    /// Metres per radian of encoder.
+    pub reach: f64,
+}
+
+/// A bound: the sum over its terms of `reach * |change of motor|`, metres.
+pub(crate) type Terms = Vec<Term>;
+
+/// A hinge that moves a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lever {
+    /// The frame that the hinge carries, within its robot.
+    pub frame: usize,
+    /// How far the moved frame's shapes go at most, metres per radian of the hinge's motor.
+    pub reach: f64,
+}
 
 /// Per frame of one robot: how far its shapes move in the robot's base, hinge by hinge from the frame up.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Reach {
-    /// Per frame: (frame of the hinge, metres per radian of its motor).
-    pub hinges: Vec<Vec<(usize, f64)>>,
+    /// Per frame: the hinges between it and the base.
+    pub levers: Vec<Vec<Lever>>,
 }
 
 impl Reach {
-    /// `solids` are those of this robot, whose frames are numbered from `first_frame`.
-    pub fn new(skeleton: &Skeleton, first_frame: usize, solids: &[Solid]) -> Self {
-        let hinges = (0..skeleton.frames())
+    /// `colliders` are those of this robot, whose frames are numbered from `first_frame`.
+    pub fn new(skeleton: &Skeleton, first_frame: usize, colliders: &[Collider]) -> Self {
+        let levers = (0..skeleton.frames())
             .map(|f| {
                 let Some(own) = f.checked_sub(1).and_then(|h| skeleton.joints.get(h)) else { return Vec::new() };
                 // Greatest distance of the frame's points from its hinge's axis, and from its origin.
                 let (mut off_axis, mut rho) = (0.0_f64, 0.0_f64);
                 let off = |v: &nalgebra::Vector3<f64>, axis: &nalgebra::Vector3<f64>| (v - axis * v.dot(axis)).norm();
-                for s in solids.iter().filter(|s| s.frame == first_frame + f) {
-                    let c = s.pose.translation.vector;
-                    let (ends, radius) = ([c + s.axis, c - s.axis], s.form.outer.1);
-                    let far = |v: f64, w: f64, ball: f64| (v.max(w) + radius).min(ball + s.form.ball);
+                for collider in colliders.iter().filter(|c| c.frame == first_frame + f) {
+                    let c = collider.pose.translation.vector;
+                    let (capsule, ball_radius) = (collider.shape.bounding_capsule(), collider.shape.bounding_radius());
+                    let axis = collider.pose.rotation * capsule.half_axis;
+                    let ends = [c + axis, c - axis];
+                    // Capsule and ball both hold the shape, so the smaller of the two bounds is one, too.
+                    let far = |v: f64, w: f64, ball: f64| (v.max(w) + capsule.radius).min(ball + ball_radius);
                     off_axis =
                         off_axis.max(far(off(&ends[0], &own.axis), off(&ends[1], &own.axis), off(&c, &own.axis)));
                     rho = rho.max(far(ends[0].norm(), ends[1].norm(), c.norm()));
@@ -39,7 +68,7 @@ impl Reach {
                     off_axis = off_axis.max(off(&at.translation.vector, &own.axis));
                     rho = rho.max(at.translation.vector.norm());
                 }
-                let mut list = vec![(f, off_axis * own.gain.abs())];
+                let mut list = vec![Lever { frame: f, reach: off_axis * own.gain.abs() }];
                 let mut at = f;
                 loop {
                     let below = &skeleton.joints[at - 1];
@@ -48,25 +77,34 @@ impl Reach {
                         break list;
                     }
                     let (hinge, offset) = (&skeleton.joints[parent - 1], below.at.translation.vector);
-                    list.push((parent, (off(&offset, &hinge.axis) + rho) * hinge.gain.abs()));
+                    // How the hinges between turn is not known: whatever hangs there is a ball about its origin.
+                    let reach = (off(&offset, &hinge.axis) + rho) * hinge.gain.abs();
+                    list.push(Lever { frame: parent, reach });
                     rho += offset.norm();
                     at = parent;
                 }
             })
             .collect();
-        Reach { hinges }
+        Reach { levers }
     }
 
-    /// How far the shapes of frame `a` move against those of frame `b` of the same robot; `b = 0` is the base.
+    /// How far the shapes of frame `a` can move against those of frame `b` of the same robot; `b = 0` is the base.
+    ///
+    /// # Arguments
+    /// * `first_motor`: where the robot's motors begin among all of the scene.
+    ///
+    /// # Returns
+    /// One term per motor between the two frames, in order of motors; none for one and the same frame.
     pub fn between(&self, skeleton: &Skeleton, first_motor: usize, a: usize, b: usize) -> Terms {
         let mut sums = BTreeMap::<u32, f64>::new();
         for (one, other) in [(a, b), (b, a)] {
-            let shared: Vec<usize> = self.hinges[other].iter().map(|(f, _)| *f).collect();
-            for (frame, metres) in self.hinges[one].iter().filter(|(f, _)| !shared.contains(f)) {
-                let motor = first_motor + skeleton.joints[frame - 1].motor;
-                *sums.entry(motor as u32).or_default() += metres;
+            // A hinge below both frames moves both alike.
+            let shared: Vec<usize> = self.levers[other].iter().map(|l| l.frame).collect();
+            for lever in self.levers[one].iter().filter(|l| !shared.contains(&l.frame)) {
+                let motor = first_motor + skeleton.joints[lever.frame - 1].motor;
+                *sums.entry(motor as u32).or_default() += lever.reach;
             }
         }
-        sums.into_iter().collect()
+        sums.into_iter().map(|(motor, reach)| Term { motor, reach }).collect()
     }
 }

@@ -3,18 +3,19 @@
 use super::bodies::{Bodies, Solid};
 use super::travel::Terms;
 use super::{Contact, Object, ObjectClass, ShapeId};
-use crate::collision::{Placement, exact};
-use crate::distance::Form;
+use crate::engine::{Collider, Engine, IndexPair, PairProximity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// All solids of a scene and the pairs of them that the reflex watches.
 #[derive(Debug)]
-pub(crate) struct World {
+pub(crate) struct World<E> {
     /// Those of the robots, then those of the obstacles, in order of their ids.
     pub solids: Vec<Solid>,
+    /// The same, prepared.
+    pub engine: E,
     /// Reflex pairs that can move against each other: indices, smaller first, sorted.
-    pub pairs: Vec<(u32, u32)>,
+    pub pairs: Vec<IndexPair>,
     /// The same pairs by the frames they join.
     pub groups: Vec<Group>,
     /// Of those that can't, the ones that touch.
@@ -27,24 +28,22 @@ pub(crate) struct Group {
     /// How far they move against each other.
     pub travel: Terms,
     /// The pairs.
-    pub pairs: Vec<(u32, u32)>,
+    pub pairs: Vec<IndexPair>,
 }
 
-impl World {
+impl<E: Engine> World<E> {
+    /// Prepares the robots together with the obstacles among the objects: targets and ghosts never collide.
     pub fn new(bodies: &Bodies, objects: &[(u32, Arc<Object>)]) -> Self {
         let mut solids = bodies.solids.clone();
         let mut sorted: Vec<_> = objects.iter().filter(|(_, o)| o.class == ObjectClass::Obstacle).collect();
+        // In order of ids, so that pairs of indices sort as pairs of ids do, and contacts come out sorted.
         sorted.sort_unstable_by_key(|(id, _)| *id);
         for (id, object) in sorted {
             for (s, primitive) in object.shapes.iter().enumerate() {
-                let form = Form::new(&primitive.shape);
                 let pose = object.pose * primitive.pose;
                 solids.push(Solid {
                     id: ShapeId::Object { object: *id, shape: s as u16 },
-                    form,
-                    frame: bodies.frames,
-                    pose,
-                    axis: pose.rotation * form.outer.0,
+                    collider: Collider { shape: primitive.shape, frame: bodies.frames, pose },
                     fixed: true,
                     near_root: false,
                 });
@@ -53,23 +52,35 @@ impl World {
         let own = bodies.solids.len();
         let mut pairs = bodies.moving.clone();
         let mut fixed = bodies.fixed.clone();
+        // A base is never tested against the world: it stands on it.
         for (i, solid) in bodies.solids.iter().enumerate().filter(|(_, s)| !s.near_root) {
             let list = if solid.fixed { &mut fixed } else { &mut pairs };
             list.extend((own..solids.len()).map(|j| (i as u32, j as u32)));
         }
         pairs.sort_unstable();
-        let mut by_frames = BTreeMap::<(usize, usize), Vec<(u32, u32)>>::new();
+        // One bound on motion serves all pairs of two frames, and a group that is not due is skipped as a whole.
+        let mut by_frames = BTreeMap::<(usize, usize), Vec<IndexPair>>::new();
         for &(i, j) in &pairs {
-            let (f, g) = (solids[i as usize].frame, solids[j as usize].frame);
+            let (f, g) = (solids[i as usize].collider.frame, solids[j as usize].collider.frame);
             by_frames.entry((f.min(g), f.max(g))).or_default().push((i, j));
         }
         let groups =
             by_frames.into_iter().map(|((f, g), pairs)| Group { travel: bodies.travel(f, g), pairs }).collect();
-        let mut world = World { solids, pairs, groups, fixed_contacts: Vec::new() };
-        let mut placement = Placement::default();
-        bodies.place::<&[f64]>(&[], &mut placement.frames);
-        placement.solids(&world.solids);
-        world.fixed_contacts = fixed.iter().filter_map(|&(i, j)| exact(&world.solids, &placement, i, j, 0.0)).collect();
+        let engine = E::prepare(&solids.iter().map(|s| s.collider).collect::<Vec<_>>());
+        let mut world = World { solids, engine, pairs, groups, fixed_contacts: Vec::new() };
+        // No pose changes these, so any will do: all robots at home.
+        let (mut frames, mut placement) = (Vec::new(), E::Placement::default());
+        bodies.place::<&[f64]>(&[], &mut frames);
+        world.engine.place(&frames, &mut placement);
+        let touching = world.engine.contacts(&placement, &fixed, 0.0);
+        world.fixed_contacts = touching.into_iter().map(|near| world.contact(near)).collect();
         world
+    }
+
+    /// A pair as an engine names it, as everybody else does.
+    pub fn contact(&self, near: PairProximity) -> Contact {
+        let (i, j) = near.pair;
+        let pair = (self.solids[i as usize].id, self.solids[j as usize].id);
+        Contact { pair, distance: near.proximity.distance, points: near.proximity.points }
     }
 }

@@ -1,4 +1,9 @@
 //! Bodies at the zero position, written as ZRP nodes.
+//!
+//! ```text
+//! joint ── link of the body (all of its shapes) ──┬── links to where the next joints are ── joint ── next body
+//!                                                 └── links to where its frames are (markers)
+//! ```
 
 use super::scan::Places;
 use super::tree::{Drive, Tree};
@@ -14,28 +19,43 @@ use urdf_rs::{Geometry, Pose};
 const SAME_POINT: f64 = 1e-11;
 /// Length of links whose end matters to nobody, metres.
 const STUB: f64 = 0.01;
+/// More nodes are refused: the pair tables grow with the square.
 const MAX_NODES: usize = 2048;
 /// More shapes of all links together are refused.
 const MAX_SHAPES: usize = 4096;
 
 /// Links held together by fixed joints, with their frames at the zero position.
 struct Body {
+    /// Index of each link, and `root_from_link` at zero.
     links: Vec<(usize, Isometry3<f64>)>,
     /// The moving joints that leave it: joint, and the child link's frame at zero.
     joints: Vec<(usize, Isometry3<f64>)>,
 }
 
+/// The robot as far as it is written, and what it is written from.
+///
+/// Everything is placed in the root frame with all joints at zero: there ZRP's translations and rotations about axes need no
+/// fixed rotation between them.
 struct Builder<'a> {
+    /// The file, for messages.
     source: &'a Source,
+    /// Where its links and joints stand.
     places: &'a Places,
+    /// What it says.
     urdf: &'a urdf_rs::Robot,
+    /// How its links hang on each other.
     tree: &'a Tree,
+    /// What to do with what ZRP has no word for.
     options: &'a UrdfOptions,
+    /// What was left out or mended.
     warnings: &'a mut Vec<FileError>,
+    /// What is written so far: one part, nodes in the order of the tree.
     robot: Robot,
     /// Per joint of the URDF: its motor.
     motors: Vec<Option<usize>>,
+    /// Per node: the name of the link that it was written for, for messages.
     link_of_node: Vec<String>,
+    /// The bodies in the order in which they were written.
     bodies: Vec<neighbors::Written>,
     /// Collision shapes so far.
     shapes: usize,
@@ -80,12 +100,14 @@ pub(super) fn build(
         shapes: 0,
         meshes: mesh::MAX_TOGETHER,
     };
+    // Motors first: a mimic joint may come before its source in the tree.
     b.create_motors();
     let mut todo = vec![(tree.root, Isometry3::identity(), None, None)];
     while let Some((link, frame, parent, before)) = todo.pop() {
         let body = b.body(link, frame)?;
         todo.extend(b.emit(&body, parent, before)?.into_iter().rev());
     }
+    // The balls on joints take part in the adjacency filter, so pairs are made after them.
     neighbors::mark_joints(&mut b.robot, &b.bodies);
     let near_root = pairs::near_root(&b.robot.nodes);
     b.robot.nodes.iter_mut().zip(near_root).for_each(|(n, near)| n.near_root = near);
@@ -117,6 +139,10 @@ impl Builder<'_> {
         self.robot.parts[0].motors = 0..self.robot.motors.len();
     }
 
+    /// Collects what fixed joints hold together with a link. `frame` is `root_from_link` at zero.
+    ///
+    /// # Errors
+    /// If an origin or axis is not finite, or an axis has no direction.
     fn body(&self, link: usize, frame: Isometry3<f64>) -> Result<Body, FileError> {
         let mut body = Body { links: Vec::new(), joints: Vec::new() };
         let mut todo = vec![(link, frame)];
@@ -132,6 +158,7 @@ impl Builder<'_> {
                 let at_joint = frame * pose(&what.origin).ok_or_else(bad)?;
                 match self.tree.drives[joint] {
                     Drive::Fixed(0.0) => todo.push((self.tree.child[joint], at_joint)),
+                    // A joint without range turns once and for all; its child hangs there like on a fixed one.
                     Drive::Fixed(angle) => {
                         let turn = UnitQuaternion::from_axis_angle(&axis(&what.axis.xyz.0).ok_or_else(bad)?, angle);
                         todo.push((self.tree.child[joint], at_joint * turn));
@@ -152,6 +179,8 @@ impl Builder<'_> {
         let start = frame.translation.vector;
         // The body's own link ends at the first point that something needs.
         let points = body.joints.iter().chain(&body.links).map(|(_, f)| f.translation.vector - start);
+        // A link of no length is refused by the format. It may end anywhere, so it ends where a joint or marker begins, which
+        // saves that one a link of its own.
         let offset = points.into_iter().find(|v| v.norm() > SAME_POINT).unwrap_or(Vector3::new(0.0, 0.0, STUB));
         let node = self.node(first, parent, NodeKind::Link { offset })?;
         for (link, link_frame) in &body.links {
@@ -189,6 +218,7 @@ impl Builder<'_> {
                 tracer: 5,
             });
         }
+        // Joints after markers: a marker belongs to this body, and all that follows a joint turns with it.
         let mut next = Vec::new();
         for (joint, child_frame) in &body.joints {
             let at_point = self.connect(first, node, child_frame.translation.vector - end)?;
@@ -203,10 +233,13 @@ impl Builder<'_> {
         if offset.norm() <= SAME_POINT { Ok(from) } else { self.node(link, Some(from), NodeKind::Link { offset }) }
     }
 
+    /// Writes a moving joint under the node `parent`; `frame` is `root_from_joint` at zero. Returns its node, or the parent if nothing
+    /// can move it.
     fn joint(&mut self, link: usize, joint: usize, frame: &Isometry3<f64>, parent: usize) -> Result<usize, FileError> {
         let mut direction = frame.rotation * axis(&self.urdf.joints[joint].axis.xyz.0).unwrap_or(Vector3::z_axis());
         let Drive::Turns { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
         let (Some(motor), Some((lo, hi))) = (self.motors[source], self.tree.limits[source]) else { return Ok(parent) };
+        // The angles at the motor's limits, which a mimic joint may have in reverse.
         let (mut min, mut max) = (factor * lo + offset, factor * hi + offset);
         if min > max {
             // The format wants limits in order: turn the axis round.
@@ -217,6 +250,10 @@ impl Builder<'_> {
         Ok(node)
     }
 
+    /// Adds a node that was made for a link.
+    ///
+    /// # Errors
+    /// If there are too many; the link is pointed at.
     fn node(&mut self, link: usize, parent: Option<usize>, kind: NodeKind) -> Result<usize, FileError> {
         let index = self.robot.nodes.len();
         let name = self.urdf.links[link].name.trim();
@@ -280,6 +317,7 @@ impl Builder<'_> {
     }
 }
 
+/// A joint's axis in its own frame, if it has a direction.
 fn axis(xyz: &[f64; 3]) -> Option<Unit<Vector3<f64>>> {
     let v = Vector3::from(*xyz);
     v.iter().all(|c| c.is_finite()).then(|| Unit::try_new(v, 1e-9)).flatten()

@@ -1,4 +1,6 @@
 //! The smallest of a few simple shapes around a cloud of points.
+//!
+//! Always around and never within: a shape that is too large costs free space, one that is too small costs a robot.
 
 use crate::{Primitive, Shape};
 use nalgebra::{Isometry3, Matrix3, Rotation3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
@@ -16,9 +18,12 @@ pub(super) fn fit(points: impl Iterator<Item = Vector3<f64>>) -> Result<Primitiv
         return Err("has coordinates that are not finite or beyond 10 km".to_owned());
     }
     let count = points.len().max(1) as f64;
+    // The principal axes of the vertices find long and flat parts however the mesh lies in its file. Vertices are dense
+    // where a mesh is detailed and not where it is large, so its own axes are tried as well, and the smaller shape wins.
     let mean = points.iter().sum::<Vector3<f64>>() / count;
     let spread: Matrix3<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix3<f64>>() / count;
     let mut principal = SymmetricEigen::new(spread).eigenvectors;
+    // Eigenvectors come with any sign; a reflection is no rotation.
     if principal.determinant() < 0.0 {
         principal.column_mut(0).neg_mut();
     }
@@ -48,9 +53,11 @@ fn candidates(points: &[Vector3<f64>], turn: &UnitQuaternion<f64>) -> Vec<(f64, 
             d.norm()
         };
         let radius = local.iter().map(across).fold(THIN / 2.0, f64::max);
+        // How far the axis must reach so that the end balls still hold each point: less far for points off the axis.
         let half =
             local.iter().map(|p| (p[axis] - center[axis]).abs() - (radius.powi(2) - across(p).powi(2)).max(0.0).sqrt());
         let height = 2.0 * half.fold(THIN / 2.0, f64::max);
+        // Capsules lie along local y.
         let spin = match axis {
             0 => UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -PI / 2.0),
             1 => identity,

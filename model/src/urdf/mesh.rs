@@ -1,4 +1,5 @@
-//! Points of a mesh file: STL (binary and text) and OBJ.
+//! Points of a mesh file: STL (binary and text) and OBJ. Its triangles do not matter: what is fitted around the points is convex,
+//! and so is around all between them.
 
 use crate::file::{self, MIB};
 use nalgebra::Vector3;
@@ -18,6 +19,7 @@ pub(super) fn points(name: &str, folders: &[PathBuf], left: &mut u64) -> Result<
         .ok_or_else(|| format!("is too much: all meshes together have more than {} MiB", MAX_TOGETHER / MIB))?;
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let points = match extension.as_str() {
+        // Text files begin with `solid`, but so do many binary ones: the length decides, not the first word.
         "stl" => binary_stl(&bytes).or_else(|| text_vertices(&bytes, "vertex")),
         "obj" => text_vertices(&bytes, "v"),
         other => return Err(format!("is of type `{other}`; STL and OBJ can be read")),
@@ -39,6 +41,7 @@ fn find(name: &str, folders: &[PathBuf]) -> Option<PathBuf> {
 fn binary_stl(bytes: &[u8]) -> Option<Vec<Vector3<f64>>> {
     let count = u32::from_le_bytes(bytes.get(80..84)?.try_into().ok()?) as usize;
     let triangles = bytes.get(84..)?;
+    // Text read as binary shows some count, too, but not one that fits its length to the byte.
     if triangles.len() != count.checked_mul(50)? {
         return None;
     }

@@ -16,8 +16,11 @@ const SAMPLES: u32 = 13;
 
 /// A body as written: its node, where that starts at zero (root frame), and the joint it hangs on.
 pub(super) struct Written {
+    /// Its first node, which carries its shapes.
     pub node: usize,
+    /// Where that node starts, root frame, metres.
     pub start: Vector3<f64>,
+    /// The node of the joint that it hangs on; `None` for the root body.
     pub joint: Option<usize>,
     /// Index of the body before it.
     pub before: Option<usize>,
@@ -42,11 +45,13 @@ pub(super) fn mark_joints(robot: &mut Robot, bodies: &[Written]) {
                 let turns = other.joint.map_or(Vec::new(), |j| turns(robot, j));
                 near.extend(swept(robot, other.node, turns.iter().map(|t| there * t)));
             }
+            // So small that nothing but the filter ever notices it.
             let ball = Shape::Sphere { radius: RADIUS };
             let clear = |place: &Vector3<f64>| {
                 let at = Isometry3::from_parts((*place).into(), UnitQuaternion::identity());
                 near.iter().map(|p| distance(&ball, &at, &p.shape, &p.pose).distance).fold(f64::INFINITY, f64::min)
             };
+            // The place that is farthest from all neighbors at any turn.
             let best = places.iter().map(|p| (clear(p), p)).max_by(|a, b| a.0.total_cmp(&b.0));
             if let Some((_, place)) = best.filter(|(clear, _)| *clear > CLEAR) {
                 let pose = Isometry3::from(Translation3::from(place + body.start - child.start));
@@ -66,6 +71,7 @@ fn turns(robot: &Robot, joint: usize) -> Vec<UnitQuaternion<f64>> {
     }
 }
 
+/// The solids of a node at several places.
 fn swept(robot: &Robot, node: usize, places: impl Iterator<Item = Isometry3<f64>>) -> Vec<Primitive> {
     let solids = &robot.nodes[node].solids;
     places.flat_map(|at| solids.iter().map(move |s| Primitive { shape: s.shape, pose: at * s.pose })).collect()
@@ -78,6 +84,7 @@ fn inner_points(solid: &Primitive) -> Vec<Vector3<f64>> {
         Shape::Cylinder { radius, height } => Vector3::new(radius, height / 2.0, radius),
         Shape::Capsule { radius, height } => Vector3::new(radius, height / 2.0 + radius, radius),
         Shape::Box { size } => size / 2.0,
+        // Just within the surface: on it, rounding would decide whether the ball sticks out.
     } * 0.98;
     let ends = (0..3).flat_map(|i| [1.0, -1.0].map(|sign| Vector3::ith(i, sign * reach[i])));
     std::iter::once(Vector3::zeros()).chain(ends).map(|p| (solid.pose * nalgebra::Point3::from(p)).coords).collect()

@@ -1,4 +1,6 @@
 //! A first pass over the text: where each link and joint stands, and whether the XML is sane at all.
+//!
+//! The crate that reads URDF knows no places and sets no bounds. Both are had here, at the price of reading the text twice.
 
 use crate::error::{FileError, Source};
 use crate::printable::hidden_in;
@@ -19,6 +21,7 @@ pub(super) const MAX_LINKS: usize = 1000;
 pub(super) struct Places {
     /// The outermost tag.
     pub robot: Range<usize>,
+    /// Start tags by kind (`link` or `joint`) and name.
     elements: BTreeMap<(String, String), Range<usize>>,
 }
 
@@ -29,6 +32,10 @@ impl Places {
     }
 }
 
+/// Walks over the text once, before anybody builds anything from it.
+///
+/// # Errors
+/// If the XML is not well-formed or not a URDF, is too deep or too long, declares a document type, or holds hidden characters.
 pub(super) fn scan(source: &Source) -> Result<Places, FileError> {
     let mut reader = Reader::from_str(source.text());
     reader.config_mut().expand_empty_elements = true;
@@ -45,6 +52,7 @@ pub(super) fn scan(source: &Source) -> Result<Places, FileError> {
         let at = before..reader.buffer_position() as usize;
         match event {
             Event::Eof => break,
+            // Entities are declared there, and a few lines of them can stand for gigabytes.
             Event::DocType(_) => {
                 return Err(source.error(at, "a URDF has no document type", "remove the <!DOCTYPE ...>"));
             }
@@ -56,6 +64,7 @@ pub(super) fn scan(source: &Source) -> Result<Places, FileError> {
                     return Err(source.error(at, message, "leave out what does not collide, or merge links"));
                 }
                 let name = tag.name().into_inner().to_owned();
+                // Names go to terminals, logs and file names later on: what hides in them is refused here, once.
                 let values =
                     tag.attributes().flatten().filter_map(|a| a.normalized_value(XmlVersion::Implicit1_0).ok());
                 if let Some(what) = values.map(Cow::into_owned).find_map(|value| hidden_in(&value)) {

@@ -1,4 +1,7 @@
 //! The tree of links, and what drives each joint.
+//!
+//! A URDF lists links and joints in any order and names them by strings. Here the names are resolved once, with a complaint at the
+//! joint that is wrong, so that building the robot deals with numbers that are right.
 
 use super::UrdfOptions;
 use super::scan::{MAX_LINKS, Places};
@@ -19,18 +22,25 @@ pub(super) enum Drive {
     Turns { source: usize, factor: f64, offset: f64 },
 }
 
+/// How links hang on each other, and what moves each joint. Links and joints are indices into the URDF's lists.
 pub(super) struct Tree {
+    /// The link that no joint leads to.
     pub root: usize,
     /// Per link: the joints that leave it, in file order.
     pub leaving: Vec<Vec<usize>>,
     /// Per joint: the link it leads to.
     pub child: Vec<usize>,
+    /// Per joint: what it does.
     pub drives: Vec<Drive>,
     /// Per joint: its limits, if it is a motor.
     pub limits: Vec<Option<(f64, f64)>>,
 }
 
 impl Tree {
+    /// Checks that links and joints are one tree of moderate depth, and resolves limits and mimics.
+    ///
+    /// # Errors
+    /// At the first joint or link that is not part of one tree, or can't be converted.
     pub fn new(
         source: &Source,
         places: &Places,
@@ -74,6 +84,7 @@ impl Tree {
             };
             return Err(source.error(places.robot.clone(), message, "join them to one tree with one root, by joints"));
         };
+        // Every link but the root has one parent, so what the root does not reach must hang on a circle.
         let mut reached = 0;
         let mut todo = vec![(root, 0)];
         while let Some((link, depth)) = todo.pop() {
@@ -154,7 +165,9 @@ fn drive(
     if limits[start].is_none() {
         return Ok(Drive::Fixed(0.0));
     }
+    // Along the chain `q_i = m * q_next + o` is put in again and again: the whole chain is one line, `factor * q + offset`.
     let (mut at, mut factor, mut offset) = (start, 1.0, 0.0);
+    // A chain without a circle is no longer than there are joints.
     for _ in 0..=urdf.joints.len() {
         let joint = &urdf.joints[at];
         let Some(mimic) = &joint.mimic else {

@@ -1,4 +1,8 @@
-//! Half-spaces over the motors of a part.
+//! Half-spaces over the motors of a part: `sum(a_i * q_i) + b > 0`, with q in degrees of encoder.
+//!
+//! ```text
+//! <constraint a="1 -1" q="0 2" b="30"/>          q0 - q2 + 30 > 0: motor 2 is at most 30 degrees ahead of motor 0
+//! ```
 
 use super::element::Element;
 use crate::HalfSpace;
@@ -7,12 +11,16 @@ use std::ops::Range;
 
 /// A half-space over motor indices of its part, and the element to blame: motors may follow later in the file.
 pub(super) struct Member {
+    /// Pairs of (motor index within the part, coefficient).
     terms: Vec<(usize, f64)>,
+    /// The constant, degrees of encoder.
     b: f64,
+    /// Kept for errors that only the end of the file shows.
     element: Element,
 }
 
 impl Member {
+    /// The attributes of a `constraint`: coefficients, motor indices, constant.
     pub(super) const ATTRIBUTES: &[&str] = &["a", "q", "b"];
 
     /// Reads a `constraint` element.

@@ -18,6 +18,7 @@ const MAX_WARNINGS: usize = 100;
 pub(super) struct Warnings(pub(super) Vec<FileError>);
 
 impl Warnings {
+    /// Makes the warning and keeps it, unless there are too many already.
     pub(super) fn add(&mut self, warning: impl FnOnce() -> FileError) {
         if self.0.len() < MAX_WARNINGS {
             self.0.push(warning());
@@ -25,28 +26,39 @@ impl Warnings {
     }
 }
 
+/// An attribute, with the places of its name and its value in the file.
 pub(super) struct Attr {
+    /// Its name, as written: case counts.
     pub(super) name: String,
+    /// Its value, unescaped.
     pub(super) value: String,
+    /// Where the name stands, bytes.
     pub(super) name_at: Range<usize>,
+    /// Where the value stands, bytes.
     pub(super) at: Range<usize>,
 }
 
+/// An element with its attributes; asked for a value, it answers with a default, the value, or an error at the value.
 pub(super) struct Element {
+    /// The file, for errors.
     source: Source,
     /// As written.
     pub(super) written: String,
     /// In lower case: element names are compared so.
     pub(super) name: String,
+    /// Where its name stands, bytes.
     pub(super) at: Range<usize>,
+    /// Its attributes in order; no two of one name.
     pub(super) attrs: Vec<Attr>,
 }
 
 impl Element {
+    /// An element that has no attributes yet.
     pub(super) fn new(source: Source, written: &str, at: Range<usize>) -> Self {
         Self { source, written: written.to_owned(), name: written.to_ascii_lowercase(), at, attrs: Vec::new() }
     }
 
+    /// The attribute of this very name.
     pub(super) fn get(&self, name: &str) -> Option<&Attr> {
         self.attrs.iter().find(|a| a.name == name)
     }
@@ -71,6 +83,7 @@ impl Element {
     /// Warns of attributes that are not in `known`.
     pub(super) fn warn_unknown(&self, known: &[&[&str]], warnings: &mut Warnings) {
         for a in &self.attrs {
+            // Namespaces and schema hints are none of ours, and nobody mistypes a name into one.
             if !known.iter().any(|k| k.contains(&a.name.as_str())) && !a.name.starts_with("xml") {
                 let list = known.concat().join(", ");
                 let message = format!("<{}> has no attribute `{}`; it is ignored", self.written, a.name);
@@ -93,6 +106,7 @@ impl Element {
         let Some(attr) = self.get(name) else { return Ok(None) };
         let help = || format!("write a plain number with a decimal point, such as {name}=\"0.05\"");
         match attr.value.trim().parse::<f64>() {
+            // "inf" and "nan" parse as numbers; what compares with nothing must not get into a pose.
             Ok(v) if v.is_nan() || v.abs() > MAX_NUMBER => {
                 let message = format!("`{name}` is {}, beyond {MAX_NUMBER:e}", attr.value.trim());
                 Err(self.error_at(name, message, "lengths are in meters, angles in degrees"))

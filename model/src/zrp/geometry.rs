@@ -1,4 +1,7 @@
 //! Shapes and their orientation, as the format writes them.
+//!
+//! A pose is a position, a *heading* (where the shape's own y axis points) and a turn about that heading. Two numbers of a heading
+//! leave the roll open, and the original's way to choose it is part of the format: boxes would lie otherwise.
 
 use super::element::Element;
 use crate::error::FileError;
@@ -8,6 +11,7 @@ use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 /// Shorter directions count as zero.
 pub(super) const ZERO: f64 = 1e-12;
 
+/// The attributes of a pose: position in metres, heading without unit, angle in degrees.
 pub(super) const POSE: &[&str] = &["px", "py", "pz", "hx", "hy", "hz", "angle"];
 
 /// The rotation that takes local y to heading `h`, with the roll of the original format, then `angle` (rad) about `h`.

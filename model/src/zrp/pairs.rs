@@ -1,10 +1,22 @@
 //! Which pairs of nodes may touch: the filters of the original format.
+//!
+//! Shapes of neighbors overlap by construction: a link's cylinder begins within that of the link before it. So a pair is tested only
+//! if enough lies between the two in the tree, and *enough* is, in the original: a link below a joint and a joint below a link, both
+//! solid.
+//!
+//! ```text
+//! link ── joint ── link ── joint ── link
+//!   a       .        b       .        c       a-b and b-c are left out; a-c is tested if b and the joint before it have shapes
+//! ```
+//! Within one part that is all; nodes of different parts count as neighbors only if one carries the other or both hang on the same
+//! node. A `noSelfCollision` subtree (a hand, whose fingers touch each other all day) is tested against everything but itself.
 
 use crate::{Node, NodeKind, NodePairs};
 
 /// Whether each node belongs to the base: walking up from it reaches a root before a link below a joint and a joint
 /// below a link have both been passed, to stand at a node of the other type.
 pub(crate) fn near_root(nodes: &[Node]) -> Vec<bool> {
+    // Literally the walk of the original, whose rule is not what one would guess: pairs must come out as there.
     let is_link = |n: usize| matches!(nodes[n].kind, NodeKind::Link { .. });
     let near = |start: usize| {
         let (mut link, mut joint) = (false, false);
@@ -33,6 +45,7 @@ pub(crate) fn node_pairs(nodes: &[Node]) -> NodePairs {
     let mut pairs = NodePairs::default();
     for (a, x) in nodes.iter().enumerate() {
         for (b, y) in nodes.iter().enumerate().skip(a + 1) {
+            // Quiet only against each other: a finger of a `noSelfCollision` hand still must not touch the trunk.
             let both_quiet = quiet[a].is_some() && quiet[a] == quiet[b];
             if !x.solids.is_empty() && !y.solids.is_empty() && !filtered.solid[a * nodes.len() + b] {
                 let list = if both_quiet { &mut pairs.visual_only } else { &mut pairs.reflex };
@@ -58,12 +71,16 @@ fn quiet_subtrees(nodes: &[Node]) -> Vec<Option<usize>> {
 
 /// Square tables over nodes (both triangles filled) of the pairs that the adjacency filter takes out.
 struct Filtered {
+    /// For shapes that collide.
     solid: Vec<bool>,
+    /// For shapes of the force field: the filter spares more of them, whatever their part.
     field: Vec<bool>,
 }
 
 impl Filtered {
+    /// Walks from every node through the subtrees of its siblings, itself among them, as the original does.
     fn new(nodes: &[Node]) -> Self {
+        // Dense tables: at 2048 nodes four million flags each, looked up for every pair, built once per robot.
         let n = nodes.len();
         let mut children: Vec<Vec<usize>> = vec![Vec::new(); n];
         let mut roots = Vec::new();
@@ -75,6 +92,7 @@ impl Filtered {
         let mut stack = Vec::new();
         for (base, base_node) in nodes.iter().enumerate() {
             let siblings = base_node.parent.map_or(&roots, |p| &children[p]);
+            // A subtree is walked by a stack: files nest a thousand deep, and recursion would end the program there.
             stack.extend(siblings.iter().map(|s| (*s, false, false)));
             // Walk down every sibling's subtree. The flags tell that a link below a joint and a joint below a link,
             // both solid, have been passed: from there on the two are no longer neighbours.

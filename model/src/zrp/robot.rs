@@ -1,4 +1,7 @@
 //! Tokens to a robot: the tree, its parts and motors, constraints and markers.
+//!
+//! Reading is one pass without look-ahead. What refers forward (a constraint to motors that follow, a motor to its place in the
+//! part) is kept as written and resolved at the end of the file, where all is known.
 
 use super::constraint::Member;
 use super::element::{Element, Warnings};
@@ -18,9 +21,15 @@ const MAX_NAMES: usize = 4096;
 /// Motor slots per part.
 const MAX_SLOTS: i64 = 4096;
 
+/// The name of the outermost element, as the format writes it; compared without case.
 const ROOT: &str = "ZeroPositionKinematicTree";
+/// What `link` and `joint` have in common: direction, length, the radii of their own shapes, and flags.
 const NODE: &[&str] = &["x", "y", "z", "length", "radius", "field", "noSelfCollision", "capsule"];
 
+/// Reads a robot.
+///
+/// # Errors
+/// The first mistake, with its place and a remedy.
 pub(super) fn read(source: &Source) -> Result<Loaded<Robot>, FileError> {
     let mut tokens = Tokens::new(source);
     let mut reader = RobotReader::default();
@@ -33,12 +42,18 @@ pub(super) fn read(source: &Source) -> Result<Loaded<Robot>, FileError> {
     reader.finish(source)
 }
 
+/// A part as far as it is read. The same name may come up again anywhere in the file and goes on with the same part.
 struct PartBuilder {
+    /// What the file calls it; parts of one name are one part.
     name: String,
+    /// By motor index within the part; `None` where a higher index was given before this one.
     /// Indices into the reader's motors.
     slots: Vec<Option<usize>>,
+    /// The motor that was created first, whatever its index: Jacobian chains of the part end there.
     first_motor: Option<usize>,
+    /// Its first link or joint.
     root_node: Option<usize>,
+    /// Its constraints, still in motor indices of the part: the motors may follow later in the file.
     clauses: Vec<Vec<Member>>,
     /// The part that was current when this one was created; current again at its end.
     around: Option<usize>,
@@ -53,25 +68,41 @@ enum Open {
     Other,
 }
 
+/// The state of reading, element by element: what is read so far, and what is open.
+///
+/// The format is stateful. A joint turns with the motor that is open around it and belongs to the part that is *current*, which
+/// is not always the part around it: where a part ends, the part around its *first* mention goes on. So these
+/// are three fields that elements set and restore, and not the nesting of the file.
 #[derive(Default)]
 struct RobotReader {
+    /// The robot's name, once the outermost element has been read.
     name: Option<String>,
+    /// In order of first appearance.
     parts: Vec<PartBuilder>,
+    /// In order of creation; [`RobotReader::finish`] puts them in pose order.
     motors: Vec<Motor>,
+    /// In order of their start tags.
     nodes: Vec<Node>,
+    /// In order of appearance.
     markers: Vec<Marker>,
+    /// What the open elements change back at their ends, the innermost last.
     open: Vec<Open>,
+    /// The current part, an index into `parts`.
     part: Option<usize>,
+    /// The current motor, an index into `motors` (in order of creation, which is not pose order).
     motor: Option<usize>,
+    /// The node that the next one hangs on.
     node: Option<usize>,
     /// The clause of the open `constraintList`.
     clause: Option<Vec<Member>>,
+    /// What was odd so far.
     warnings: Warnings,
     /// Shapes of all nodes.
     shapes: usize,
 }
 
 impl RobotReader {
+    /// An element begins. Unknown ones are told of and skipped, their contents are read all the same.
     fn start(&mut self, e: Element) -> Result<(), FileError> {
         if self.open.is_empty() {
             self.root(&e)?;
@@ -100,6 +131,7 @@ impl RobotReader {
         Ok(())
     }
 
+    /// The innermost element ends: what it set is restored, and what can only be judged as a whole is judged.
     fn end(&mut self) -> Result<(), FileError> {
         match self.open.pop() {
             Some(Open::Part { part, element }) => {
@@ -130,6 +162,7 @@ impl RobotReader {
         Ok(())
     }
 
+    /// The outermost element: another one means that this is another kind of file, and the help says which.
     fn root(&mut self, e: &Element) -> Result<(), FileError> {
         if !e.name.eq_ignore_ascii_case(ROOT) {
             let help = match e.name.as_str() {
@@ -152,6 +185,7 @@ impl RobotReader {
         Ok(())
     }
 
+    /// Makes a part current, a new one or one that is known by its name.
     fn bodypart(&mut self, element: Element) -> Result<Open, FileError> {
         element.warn_unknown(&[&["name"]], &mut self.warnings);
         let name = element.name_attr()?;
@@ -174,6 +208,7 @@ impl RobotReader {
         Ok(Open::Part { part, element })
     }
 
+    /// The current part, or an error at an element that needs one.
     fn current_part(&self, e: &Element) -> Result<usize, FileError> {
         self.part.ok_or_else(|| {
             e.error(
@@ -183,6 +218,9 @@ impl RobotReader {
         })
     }
 
+    /// Makes a motor current, a new one or one that is known by its name. Only its first mention has limits that count.
+    ///
+    /// Its limits are encoder degrees in the file and rad from here on; without any it goes from -1 to 1 degree.
     fn motor(&mut self, e: &Element) -> Result<Open, FileError> {
         e.warn_unknown(&[&["name", "idx", "minPos", "maxPos", "home"]], &mut self.warnings);
         let part = self.current_part(e)?;
@@ -201,6 +239,8 @@ impl RobotReader {
         }
         let index = self.motors.len();
         let builder = &mut self.parts[part];
+        // The index is the motor's place in its part, not in the file: motors may be written in any order, and a board that
+        // is asked for motor 3 must mean the same joint whoever wrote the file.
         let slot = e.integer("idx")?.unwrap_or(-1);
         if slot < -1 {
             let message = format!("motor index {slot} is below 0");
@@ -230,6 +270,7 @@ impl RobotReader {
                 }
             }
         }
+        // The first in the file, not the one of index 0: chains of the Jacobian end at it, as in the original.
         let is_part_root = builder.first_motor.is_none();
         builder.first_motor.get_or_insert(index);
         self.motors.push(Motor {
@@ -245,6 +286,7 @@ impl RobotReader {
         Ok(Open::Motor { before })
     }
 
+    /// A link or a joint: a node below the current one, with the shapes that its `radius` and `field` stand for.
     fn tree_node(&mut self, e: &Element) -> Result<Open, FileError> {
         let is_joint = e.name == "joint";
         let own: &[&str] = if is_joint { &["type", "minPos", "maxPos"] } else { &[] };
@@ -262,6 +304,8 @@ impl RobotReader {
                 "give at least one of x, y, z; leave the node out if it does nothing",
             ));
         };
+        // `length` overrules the direction's own, and a negative one turns the direction round. One that is zero is as good
+        // as none, or the node would have no axis.
         let length = e.number("length")?.filter(|h| h.abs() > geometry::ZERO);
         let height = length.map_or(direction.norm(), f64::abs);
         let axis: Vector3<f64> = length.map_or(direction, |h| *unit * h);
@@ -270,6 +314,7 @@ impl RobotReader {
         } else {
             NodeKind::Link { offset: axis }
         };
+        // The own cylinder of a link reaches from its start to its end; that of a joint lies about its origin.
         let center = if is_joint { Vector3::zeros() } else { axis / 2.0 };
         let capsule = e.flag("capsule", &mut self.warnings);
         let automatic = |radius: f64| geometry::automatic(radius, height, &axis, center, capsule);
@@ -287,6 +332,8 @@ impl RobotReader {
         Ok(Open::Node { before })
     }
 
+    /// What a joint turns about and how far: `axis` in its own frame, limits in degrees, which are angles at the motor's limits and
+    /// not limits of their own.
     fn joint(&mut self, e: &Element, axis: Unit<Vector3<f64>>, length: f64) -> Result<NodeKind, FileError> {
         if let Some(kind) = e.get("type").filter(|t| !["", "revolute"].contains(&t.value.trim())) {
             let message = format!("joints of type \"{}\" are not supported", kind.value);
@@ -301,6 +348,7 @@ impl RobotReader {
         Ok(NodeKind::Joint { axis, motor, min, max, length })
     }
 
+    /// A shape on the current node: solid, or part of the force field.
     fn shape(&mut self, e: &Element, sizes: &'static [&'static str]) -> Result<Open, FileError> {
         e.warn_unknown(&[sizes, geometry::POSE, &["field"]], &mut self.warnings);
         let Some(node) = self.node else {
@@ -320,6 +368,7 @@ impl RobotReader {
         Ok(Open::Other)
     }
 
+    /// A marker at the origin of the current node. It belongs to the current part, which need not be the node's.
     fn marker(&mut self, e: &Element) -> Result<Open, FileError> {
         e.warn_unknown(&[&["name", "nx", "ny", "nz", "tracer"]], &mut self.warnings);
         let part = self.current_part(e)?;
@@ -339,6 +388,7 @@ impl RobotReader {
         Ok(Open::Other)
     }
 
+    /// A `constraintList` opens: a disjunction, whose members follow.
     fn clause(&mut self, element: Element) -> Open {
         if self.part.is_none() {
             let message = "<constraintList> is outside any body part; it is ignored";
@@ -348,6 +398,7 @@ impl RobotReader {
         Open::Clause { element }
     }
 
+    /// One half-space of the open clause.
     fn constraint(&mut self, e: Element) -> Result<Open, FileError> {
         e.warn_unknown(&[Member::ATTRIBUTES], &mut self.warnings);
         let Some(clause) = &mut self.clause else {
@@ -359,6 +410,7 @@ impl RobotReader {
 
     /// Puts the motors in pose order, resolves the constraints and makes the pair tables.
     fn finish(mut self, source: &Source) -> Result<Loaded<Robot>, FileError> {
+        // Pose order is part by part and by index, whatever the order of creation: `order[new] = old`.
         let mut order = Vec::with_capacity(self.motors.len());
         let mut parts = Vec::with_capacity(self.parts.len());
         for part in &self.parts {
@@ -393,6 +445,8 @@ impl RobotReader {
     }
 }
 
+/// Both limits in degrees, as written.
+///
 /// `minPos` and `maxPos`, each with its default.
 fn limits(e: &Element, what: &str, min: f64, max: f64) -> Result<(f64, f64), FileError> {
     let min = e.number("minPos")?.unwrap_or(min);
@@ -408,6 +462,7 @@ fn limits(e: &Element, what: &str, min: f64, max: f64) -> Result<(f64, f64), Fil
     Ok((min, max))
 }
 
+/// Refuses one more than fits: a file of many gigabytes must not become as many names.
 fn room_for_one(e: &Element, present: usize) -> Result<(), FileError> {
     if present < MAX_NAMES {
         return Ok(());

@@ -1,4 +1,6 @@
 //! Tokens to the objects of a world.
+//!
+//! An object is a name, a class, a pose and any number of shapes on it; worlds are flat, nothing hangs on anything.
 
 use super::element::{Element, Warnings};
 use super::geometry;
@@ -7,12 +9,17 @@ use crate::error::{FileError, Loaded, Source};
 use crate::{Object, ObjectClass};
 use std::collections::BTreeSet;
 
+/// The name of the outermost element, compared without case.
 const ROOT: &str = "WorldList";
 /// More objects are refused: no robot could watch them all.
 const MAX_OBJECTS: usize = 10_000;
 /// More shapes of all objects together are refused.
 const MAX_SHAPES: usize = 20_000;
 
+/// Reads the objects of a world.
+///
+/// # Errors
+/// The first mistake, with its place and a remedy.
 pub(super) fn read(source: &Source) -> Result<Loaded<Vec<Object>>, FileError> {
     let mut tokens = Tokens::new(source);
     let mut reader = WorldReader::default();
@@ -38,19 +45,25 @@ pub(super) fn read(source: &Source) -> Result<Loaded<Vec<Object>>, FileError> {
     Ok(Loaded { value: reader.objects, warnings: reader.warnings.0 })
 }
 
+/// The state of reading: the objects so far, and which of them is open.
 #[derive(Default)]
 struct WorldReader {
+    /// In the order of the file; the last one may still be open.
     objects: Vec<Object>,
+    /// The names of all objects: two of one name could not be told apart by an edit.
     names: BTreeSet<String>,
+    /// How many names were made up for objects that have none.
     unnamed: usize,
     /// Shapes of all objects.
     shapes: usize,
     /// The depth of the open `object`, the last of `objects`.
     open_at: Option<usize>,
+    /// What was odd so far.
     warnings: Warnings,
 }
 
 impl WorldReader {
+    /// The outermost element: another one means another kind of file.
     fn root(&mut self, e: &Element) -> Result<(), FileError> {
         if !e.name.eq_ignore_ascii_case(ROOT) {
             let help = match e.name.as_str() {
@@ -69,6 +82,7 @@ impl WorldReader {
         Ok(())
     }
 
+    /// An object, or a shape of the open one. `depth` is how many elements are open around it.
     fn element(&mut self, e: &Element, depth: usize) -> Result<(), FileError> {
         if e.name == "object" {
             if self.open_at.is_some() {
@@ -104,6 +118,7 @@ impl WorldReader {
         }
     }
 
+    /// The attributes of an object. Without a type it is an obstacle: what is not known to be harmless is not touched.
     fn object(&mut self, e: &Element) -> Result<Object, FileError> {
         let own: &[&str] = &["name", "type", "persistent", "r", "g", "b"];
         e.warn_unknown(&[own, geometry::POSE], &mut self.warnings);
@@ -117,6 +132,7 @@ impl WorldReader {
             }
         };
         let name = match e.get("name").map_or("", |n| n.value.trim()) {
+            // A made-up name may be the one that somebody wrote further up.
             "" => loop {
                 self.unnamed += 1;
                 let name = format!("object{}", self.unnamed);
@@ -135,6 +151,7 @@ impl WorldReader {
     }
 }
 
+/// `r`, `g` and `b` of 0 to 255; a channel that is left out is 0, a color that is left out altogether is the viewer's.
 fn color(e: &Element) -> Result<Option<[u8; 3]>, FileError> {
     let mut rgb = [0; 3];
     let mut given = false;

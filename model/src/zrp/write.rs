@@ -15,7 +15,21 @@ use std::fmt::Write;
 
 /// Writes a robot as a ZRP XML file. Numbers have the fewest digits that read back to the same value; a shape's
 /// orientation, written as heading and angle, comes back within rounding.
+///
+/// # Example
+/// ```
+/// use mobee_model::{parse_robot, write_robot};
+///
+/// let text = r#"<ZeroPositionKinematicTree robotName="bar"><bodypart name="arm">
+///     <motor name="elbow" minPos="-90" maxPos="90"><joint z="1" minPos="-90" maxPos="90">
+///     <link x="0.4" radius="0.02"/></joint></motor></bodypart></ZeroPositionKinematicTree>"#;
+/// let robot = parse_robot("bar.xml", text)?.value;
+/// assert_eq!(parse_robot("again.xml", &write_robot(&robot))?.value, robot);
+/// # Ok::<(), mobee_model::FileError>(())
+/// ```
 pub fn write_robot(robot: &Robot) -> String {
+    // Nodes and markers are numbered by their place in the file. To read back with the same numbers, a subtree must be
+    // written where its lowest number is due, markers among the nodes.
     let mut children = vec![Vec::new(); robot.nodes.len()];
     let mut roots = Vec::new();
     for (i, node) in robot.nodes.iter().enumerate() {
@@ -37,14 +51,19 @@ pub fn write_robot(robot: &Robot) -> String {
     writer.out
 }
 
+/// What is written so far, and what the reader will believe at this point of the file.
 struct Writer<'a> {
+    /// What is written.
     robot: &'a Robot,
+    /// Per node its children, in the order of their numbers: the order in which the reader will number them.
     children: Vec<Vec<usize>>,
     /// Markers by node, in order.
     markers: BTreeMap<usize, Vec<usize>>,
     /// The first marker in each node's subtree.
     first_marker: Vec<usize>,
+    /// The text so far.
     out: String,
+    /// How far lines are indented, in steps of two blanks.
     depth: usize,
     /// The part that the reader takes as current here.
     current: Option<usize>,
@@ -59,6 +78,7 @@ enum Todo {
 }
 
 impl Writer<'_> {
+    /// The whole file.
     fn document(&mut self, roots: &[usize]) {
         self.out.push_str("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
         let name = escape(&self.robot.name);
@@ -82,6 +102,7 @@ impl Writer<'_> {
     fn part(&mut self, index: usize) {
         let part = &self.robot.parts[index];
         self.open(&format!("bodypart name=\"{}\"", escape(&part.name)));
+        // The reader takes the first motor of a part for its root motor; `idx` keeps the order of poses.
         let mut motors: Vec<usize> = part.motors.clone().collect();
         motors.sort_by_key(|m| !self.robot.motors[*m].is_part_root);
         for m in motors {
@@ -107,6 +128,8 @@ impl Writer<'_> {
         self.close("bodypart");
     }
 
+    /// Opens a node, writes its shapes and puts its contents and its end onto the stack. A joint brings its motor around it, a node of
+    /// another part that part.
     fn node(&mut self, index: usize, todo: &mut Vec<Todo>) {
         let robot = self.robot;
         let node = &robot.nodes[index];
@@ -123,6 +146,7 @@ impl Writer<'_> {
         };
         self.open(&format!("{tag}{}", node_attributes(node)));
         todo.push(Todo::Close(tag));
+        // What `radius` and `field` in the tag stand for must not be written a second time.
         let automatic = automatic_shapes(node);
         for p in &node.solids[usize::from(automatic.solid)..] {
             self.line(&primitive(p, false));
@@ -142,6 +166,7 @@ impl Writer<'_> {
         todo.extend(content.into_iter().rev());
     }
 
+    /// A marker, within its own part if that is not the current one.
     fn marker(&mut self, index: usize) {
         let Marker { name, normal, tracer, part, .. } = &self.robot.markers[index];
         let entered = self.enter(*part);
@@ -162,29 +187,34 @@ impl Writer<'_> {
         enters
     }
 
+    /// Ends a part that was entered again.
     fn close_part(&mut self) {
         self.close("bodypart");
         // The reader goes on with what surrounded the part's first mention: nothing, for the list at the top.
         self.current = None;
     }
 
+    /// A start tag on a line of its own; what follows is indented.
     fn open(&mut self, tag: &str) {
         self.indent();
         let _ = writeln!(self.out, "<{tag}>");
         self.depth += 1;
     }
 
+    /// The end tag.
     fn close(&mut self, name: &str) {
         self.depth -= 1;
         self.indent();
         let _ = writeln!(self.out, "</{name}>");
     }
 
+    /// An element without contents.
     fn line(&mut self, tag: &str) {
         self.indent();
         let _ = writeln!(self.out, "<{tag}/>");
     }
 
+    /// The blanks at the start of a line.
     fn indent(&mut self) {
         self.out.extend(std::iter::repeat_n("  ", self.depth));
     }
@@ -196,6 +226,8 @@ struct Automatic {
     field: bool,
 }
 
+/// Finds out whether the reader would make a node's first shapes from its attributes alone: cylinders along the node's own axis. If
+/// so they can be written the short way, as people write them.
 fn automatic_shapes(node: &Node) -> Automatic {
     let (axis, center) = match &node.kind {
         NodeKind::Link { offset } => (*offset, offset / 2.0),
@@ -204,6 +236,7 @@ fn automatic_shapes(node: &Node) -> Automatic {
     let is = |p: Option<&Primitive>| match p.map(|p| (p, p.shape)) {
         Some((p, Shape::Cylinder { radius, height })) => {
             let expected = geometry::automatic(radius, height, &axis, center, false);
+            // The reader computes the height from the vector; a last digit of rounding is no other shape.
             (height - axis.norm()).abs() < 1e-14 && close(&p.pose, &expected.pose)
         }
         _ => false,
@@ -211,10 +244,12 @@ fn automatic_shapes(node: &Node) -> Automatic {
     Automatic { solid: is(node.solids.first()), field: is(node.fields.first()) }
 }
 
+/// Whether two poses are one but for rounding, metres and rad.
 fn close(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
     (a.translation.vector - b.translation.vector).norm() < 1e-14 && a.rotation.angle_to(&b.rotation) < 1e-14
 }
 
+/// The attributes of a link or joint: its axis or offset in metres, its limits in degrees, its own shapes.
 fn node_attributes(node: &Node) -> String {
     let mut out = match &node.kind {
         NodeKind::Link { offset } => vector(offset, ["x", "y", "z"]),
@@ -240,6 +275,7 @@ fn node_attributes(node: &Node) -> String {
     out
 }
 
+/// The tag of a shape: sizes in metres, its pose on the node as position, heading and angle in degrees.
 fn primitive(p: &Primitive, field: bool) -> String {
     let mut out = match p.shape {
         Shape::Sphere { radius } => format!("sphere radius=\"{radius}\""),
@@ -272,6 +308,7 @@ fn heading(rotation: &UnitQuaternion<f64>) -> (Vector3<f64>, f64) {
         }
         h = Vector3::y();
     }
+    // What the heading alone would give still lacks a turn about local y: that is the angle.
     let roll = geometry::orientation(&h, 0.0).inverse() * rotation;
     let mut angle = 2.0 * roll.j.atan2(roll.w);
     if angle > std::f64::consts::PI {
@@ -293,6 +330,8 @@ fn vector(v: &Vector3<f64>, names: [&str; 3]) -> String {
 
 /// An angle in degrees with the fewest digits that read back to the same radians.
 fn degrees(radians: f64) -> String {
+    // 30 degrees read back as 30.000000000000004 would not be the same radians again, and a file of such numbers can't be
+    // edited by hand: the shortest that reads back is looked for.
     let exact = radians.to_degrees();
     for digits in 0..17 {
         let short: f64 = format!("{exact:.digits$e}").parse().unwrap_or(exact);
@@ -300,10 +339,12 @@ fn degrees(radians: f64) -> String {
             return short.to_string();
         }
     }
+    // Rounding in the conversion may have stepped over the one that reads back: it is a neighbor then.
     let near = [exact.next_down(), exact.next_up()];
     near.into_iter().find(|d| d.to_radians() == radians).unwrap_or(exact).to_string()
 }
 
+/// Text as it may stand in an attribute.
 fn escape(text: &str) -> String {
     quick_xml::escape::escape(text).into_owned()
 }

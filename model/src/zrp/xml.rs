@@ -15,23 +15,31 @@ const MAX_ATTRIBUTES: usize = 64;
 /// A longer value is refused, bytes.
 const MAX_VALUE: usize = 4096;
 
+/// What the readers of robots and worlds see of a file.
 pub(super) enum Token {
+    /// An element begins, with all of its attributes.
     Start(Element),
     /// The end of the innermost open element.
     End,
 }
 
+/// The tokens of a file, one by one, each with its place: an error anywhere in reading can point at the text.
 pub(super) struct Tokens<'a> {
+    /// The text, for places.
     source: &'a Source,
+    /// What knows XML; it borrows from the text, so that slices of it know their places.
     reader: Reader<&'a [u8]>,
     /// Names of the open elements and where they began.
     open: Vec<Range<usize>>,
+    /// Whether the outermost element has begun: there is one, and only one.
     root_seen: bool,
 }
 
 impl<'a> Tokens<'a> {
+    /// The tokens of a text, from its start.
     pub(super) fn new(source: &'a Source) -> Self {
         let mut reader = Reader::from_str(source.text());
+        // `<a/>` becomes a start and an end: whoever reads has one case less.
         reader.config_mut().expand_empty_elements = true;
         Self { source, reader, open: Vec::new(), root_seen: false }
     }
@@ -67,6 +75,7 @@ impl<'a> Tokens<'a> {
         }
     }
 
+    /// The end of the file: wrong while an element is open, and if there was none.
     fn end(&self) -> Result<Option<Token>, FileError> {
         let end = self.source.text().len();
         if let Some(at) = self.open.last() {
@@ -84,6 +93,7 @@ impl<'a> Tokens<'a> {
         Ok(None)
     }
 
+    /// A start tag to an element, whose values are unescaped, bounded in length and free of hidden characters.
     fn start(&mut self, tag: &BytesStart<'_>) -> Result<Element, FileError> {
         let name = tag.name().into_inner();
         let at = self.place(name).unwrap_or(0..0);
@@ -102,6 +112,7 @@ impl<'a> Tokens<'a> {
                 let message = format!("<{name}> has more than {MAX_ATTRIBUTES} attributes");
                 return Err(self.source.error(at, message, "remove those that the format does not know"));
             }
+            // As read, before unescaping, a value is a slice of the text and so knows its place.
             let value_at = self.place(&attr.value).unwrap_or_else(|| at.clone());
             let value = attr.normalized_value(XmlVersion::Implicit1_0).map_err(|e| {
                 let help = "write & as &amp;, < as &lt;, and define no entities of your own";
@@ -129,6 +140,7 @@ impl<'a> Tokens<'a> {
         (start + part.len() <= text.len()).then(|| start..start + part.len())
     }
 
+    /// What is wrong with an attribute that is no attribute, in words and with a remedy.
     fn bad_attribute(&self, tag: &Range<usize>, e: &AttrError) -> FileError {
         let (offset, message, help) = match *e {
             AttrError::ExpectedEq(p) => (p, "an attribute has no value", "write it as name=\"value\""),
@@ -141,6 +153,7 @@ impl<'a> Tokens<'a> {
         self.source.error(at..at, message, help)
     }
 
+    /// What is wrong with text that is no XML; the mistakes that people make are told in their own words.
     fn syntax(&self, before: usize, e: &quick_xml::Error) -> FileError {
         use quick_xml::errors::{Error, IllFormedError as Ill};
         let at = match self.reader.error_position() as usize {

@@ -4,10 +4,17 @@
 //! too small), and the slab between them along their difference holds no point of either shape (so it is not too large).
 //! *Overlapping*: no direction among many, refined, parts the shapes by a shorter way than the depth.
 
-use mobee_model::{Shape, distance};
+use crate::engines::{UnderTest, for_every_engine};
+use mobee_model::Shape;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+for_every_engine!(
+    every_pair_apart_is_bracketed_from_both_sides,
+    no_direction_parts_an_overlapping_pair_by_a_shorter_way,
+    distances_do_not_depend_on_the_order_or_on_where_the_world_is,
+);
 
 type Placed = (Shape, Isometry3<f64>);
 
@@ -111,8 +118,7 @@ fn name(kind: usize) -> &'static str {
     ["sphere", "capsule", "cylinder", "box", "plate", "post", "coin"][kind]
 }
 
-#[test]
-fn every_pair_apart_is_bracketed_from_both_sides() {
+fn every_pair_apart_is_bracketed_from_both_sides<E: UnderTest>() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for ka in 0..7 {
         for kb in 0..7 {
@@ -120,7 +126,7 @@ fn every_pair_apart_is_bracketed_from_both_sides() {
             for _ in 0..1500 {
                 let a = (any_shape(ka, &mut rng), any_pose(0.3, &mut rng));
                 let b = (any_shape(kb, &mut rng), any_pose(0.3, &mut rng));
-                let near = distance(&a.0, &a.1, &b.0, &b.1);
+                let near = E::distance(&a.0, &a.1, &b.0, &b.1);
                 if near.distance <= 0.0 {
                     continue;
                 }
@@ -130,7 +136,7 @@ fn every_pair_apart_is_bracketed_from_both_sides() {
                 let off = outside(&a, &p).max(outside(&b, &q)).max((length - near.distance).abs());
                 let slack = if length > 1e-7 { near.distance - parted(&a, &b, &((q - p) / length)) } else { 0.0 };
                 let error = off.max(slack);
-                assert!(error < 1e-6, "{} / {}: {error:e} of {near:?}\n{a:?}\n{b:?}", name(ka), name(kb));
+                assert!(error < E::APART, "{} / {}: {error:e} of {near:?}\n{a:?}\n{b:?}", name(ka), name(kb));
                 worst = worst.max(error);
             }
             println!("{:8} {:8} apart {apart:5}  worst error {worst:.1e} m", name(ka), name(kb));
@@ -138,8 +144,7 @@ fn every_pair_apart_is_bracketed_from_both_sides() {
     }
 }
 
-#[test]
-fn no_direction_parts_an_overlapping_pair_by_a_shorter_way() {
+fn no_direction_parts_an_overlapping_pair_by_a_shorter_way<E: UnderTest>() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     for ka in 0..7 {
         for kb in ka..7 {
@@ -147,7 +152,7 @@ fn no_direction_parts_an_overlapping_pair_by_a_shorter_way() {
             for _ in 0..2000 {
                 let a = (any_shape(ka, &mut rng), any_pose(0.1, &mut rng));
                 let b = (any_shape(kb, &mut rng), any_pose(0.1, &mut rng));
-                let near = distance(&a.0, &a.1, &b.0, &b.1);
+                let near = E::distance(&a.0, &a.1, &b.0, &b.1);
                 let touch = |d: f64| d > 0.0;
                 if touch(near.distance) || inside > 60 {
                     continue;
@@ -157,12 +162,17 @@ fn no_direction_parts_an_overlapping_pair_by_a_shorter_way() {
                 // The search finds a lower bound of the signed distance; the library's answer must not lie below it.
                 let too_deep = reference - near.distance;
                 let too_shallow = near.distance - reference;
-                assert!(too_deep < 1e-5, "{} / {}: {too_deep:e} too deep: {near:?}\n{a:?}\n{b:?}", name(ka), name(kb));
+                assert!(
+                    too_deep < E::DEPTH,
+                    "{} / {}: {too_deep:e} too deep: {near:?}\n{a:?}\n{b:?}",
+                    name(ka),
+                    name(kb)
+                );
                 worst = worst.max(too_deep);
                 over = over.max(too_shallow);
                 let [p, q] = near.points;
                 let points = (q - p).norm() + near.distance;
-                assert!(points.abs() < 1e-5, "{} / {}: points {points:e} off", name(ka), name(kb));
+                assert!(points.abs() < E::DEPTH, "{} / {}: points {points:e} off", name(ka), name(kb));
             }
             println!(
                 "{:8} {:8} overlapping {inside:3}  too deep by {worst:.1e} m, beyond the search by {over:.1e} m",
@@ -173,19 +183,18 @@ fn no_direction_parts_an_overlapping_pair_by_a_shorter_way() {
     }
 }
 
-#[test]
-fn distances_do_not_depend_on_the_order_or_on_where_the_world_is() {
+fn distances_do_not_depend_on_the_order_or_on_where_the_world_is<E: UnderTest>() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for _ in 0..2000 {
         let (ka, kb) = (rng.random_range(0..7), rng.random_range(0..7));
         let a = (any_shape(ka, &mut rng), any_pose(0.2, &mut rng));
         let b = (any_shape(kb, &mut rng), any_pose(0.2, &mut rng));
         let there = any_pose(2.0, &mut rng);
-        let straight = distance(&a.0, &a.1, &b.0, &b.1).distance;
-        let swapped = distance(&b.0, &b.1, &a.0, &a.1).distance;
-        let moved = distance(&a.0, &(there * a.1), &b.0, &(there * b.1)).distance;
+        let straight = E::distance(&a.0, &a.1, &b.0, &b.1).distance;
+        let swapped = E::distance(&b.0, &b.1, &a.0, &a.1).distance;
+        let moved = E::distance(&a.0, &(there * a.1), &b.0, &(there * b.1)).distance;
         // Depth of a cylinder is found by expansion, which stops within 1e-5 of the best.
-        assert!((straight - swapped).abs() < 1e-5, "{} / {}: {straight} {swapped}", name(ka), name(kb));
-        assert!((straight - moved).abs() < 1e-5, "{} / {}: {straight} {moved}", name(ka), name(kb));
+        assert!((straight - swapped).abs() < E::DEPTH, "{} / {}: {straight} {swapped}", name(ka), name(kb));
+        assert!((straight - moved).abs() < E::DEPTH, "{} / {}: {straight} {moved}", name(ka), name(kb));
     }
 }

@@ -1,12 +1,19 @@
 //! Promises: the fields' torques are the slope of how deep shapes are in each other's fields, on both robots of a pair; a
 //! robot's own field shapes replace its solids; at a motion's target nothing pushes.
 
+use crate::engines::for_every_engine;
 use crate::oracle;
-use mobee_model::{Field, Object, ObjectClass, Primitive, Robot, Scene, Shape, load_robot, parse_robot};
+use mobee_model::{Engine, Field, Object, ObjectClass, Primitive, Robot, Scene, Shape, load_robot, parse_robot};
 use nalgebra::Isometry3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
+
+for_every_engine!(
+    torques_are_the_slope_of_the_depth,
+    at_the_target_nothing_pushes,
+    a_robots_own_field_shapes_are_its_fields,
+);
 
 fn ball(name: &str, at: [f64; 3], radius: f64) -> Object {
     let shapes = vec![Primitive { shape: Shape::Sphere { radius }, pose: Isometry3::identity() }];
@@ -14,7 +21,7 @@ fn ball(name: &str, at: [f64; 3], radius: f64) -> Object {
     Object { name: name.into(), class: ObjectClass::Obstacle, persistent: false, pose, shapes, color: None }
 }
 
-fn scenes() -> Vec<Arc<Scene>> {
+fn scenes<E: Engine>() -> Vec<Arc<Scene<E>>> {
     let mut edge = load_robot(oracle::own_data("edge").join("edge_a.xml")).expect("the robot loads").value;
     edge.nodes.iter_mut().for_each(|n| n.fields.clear());
     let other = Arc::new(Robot { name: "other".into(), ..edge.clone() });
@@ -23,11 +30,11 @@ fn scenes() -> Vec<Arc<Scene>> {
     let own = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/robots/icub.xml");
     let icub = Arc::new(load_robot(own).expect("the robot loads").value);
     let near = vec![ball("ball", [-0.3, 0.2, 0.1], 0.05)];
-    let scene = |robots, objects| Arc::new(Scene::new(robots, objects).expect("a scene"));
+    let scene = |robots, objects| Arc::new(Scene::<E>::with_engine(robots, objects).expect("a scene"));
     vec![scene(two, balls), scene(vec![(icub, Isometry3::identity())], near)]
 }
 
-fn random_poses(scene: &Scene, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+fn random_poses(scene: &Scene<impl Engine>, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let any = |r: &Arc<Robot>, rng: &mut ChaCha8Rng| -> Vec<f64> {
         r.motors.iter().map(|m| m.min + (m.max - m.min) * rng.random_range(0.01..0.99)).collect()
     };
@@ -35,16 +42,15 @@ fn random_poses(scene: &Scene, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
 }
 
 /// Half the sum of the squared depths: what the torques are the downward slope of.
-fn potential(scene: &Scene, poses: &[Vec<f64>], width: f64) -> f64 {
+fn potential(scene: &Scene<impl Engine>, poses: &[Vec<f64>], width: f64) -> f64 {
     scene.contacts(poses, width).iter().map(|c| 0.5 * (width - c.distance).powi(2)).sum()
 }
 
-#[test]
-fn torques_are_the_slope_of_the_depth() {
+fn torques_are_the_slope_of_the_depth<E: Engine>() {
     let (width, step) = (0.05, 1e-4);
     let mut rng = ChaCha8Rng::seed_from_u64(7);
-    for scene in scenes() {
-        let mut fields: Vec<Field> = (0..scene.robots().len()).map(|r| Field::new(&scene, r, width)).collect();
+    for scene in scenes::<E>() {
+        let mut fields: Vec<Field<E>> = (0..scene.robots().len()).map(|r| Field::new(&scene, r, width)).collect();
         let (mut judged, mut pushed) = (0, 0);
         for _ in 0..40 {
             let poses = random_poses(&scene, &mut rng);
@@ -73,11 +79,10 @@ fn torques_are_the_slope_of_the_depth() {
     }
 }
 
-#[test]
-fn at_the_target_nothing_pushes() {
+fn at_the_target_nothing_pushes<E: Engine>() {
     let width = 0.05;
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    for scene in scenes() {
+    for scene in scenes::<E>() {
         let mut field = Field::new(&scene, 0, width);
         for _ in 0..20 {
             let poses = random_poses(&scene, &mut rng);
@@ -92,8 +97,7 @@ fn at_the_target_nothing_pushes() {
 }
 
 /// A bar with a wide field about its end, and a ball beside it.
-#[test]
-fn a_robots_own_field_shapes_are_its_fields() {
+fn a_robots_own_field_shapes_are_its_fields<E: Engine>() {
     let text = r#"<ZeroPositionKinematicTree robotName="bar"><bodypart name="p"><link z="0.1">
 <motor name="base" minPos="-1" maxPos="1"><joint z="1" minPos="-1" maxPos="1"><link x="0.1"><motor name="m" minPos="-90" maxPos="90"><joint z="1" minPos="-90" maxPos="90">
 <link x="0.3" radius="0.02"><link x="0.001"><sphere radius="0.15" field="true"/></link></link>
@@ -101,7 +105,7 @@ fn a_robots_own_field_shapes_are_its_fields() {
     let robot = Arc::new(parse_robot("bar.xml", text).expect("the robot loads").value);
     let scene = |at| {
         let robots = vec![(robot.clone(), Isometry3::identity())];
-        Arc::new(Scene::new(robots, vec![ball("ball", at, 0.05)]).expect("a scene"))
+        Arc::new(Scene::<E>::with_engine(robots, vec![ball("ball", at, 0.05)]).expect("a scene"))
     };
     // to the left of its end (y > 0): it is pushed to the right
     let mut field = Field::new(&scene([0.4, 0.12, 0.1]), 0, 0.5);

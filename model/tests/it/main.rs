@@ -1,6 +1,7 @@
 //! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
 
 mod distance_pairs;
+mod engines;
 mod fields;
 mod oracle;
 mod oracle_load;

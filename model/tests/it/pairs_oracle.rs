@@ -1,11 +1,14 @@
 //! Promise: the colliding pairs of shapes (reflex, visual only and field; self and world) are those of the original
 //! program, pair for pair, but for pairs within 1e-5 m of contact.
 
+use crate::engines::for_every_engine;
 use crate::oracle;
-use mobee_model::{Contact, Kind, Scene, ShapeId, distance, load_robot, load_world};
+use mobee_model::{Contact, ContactKind, Engine, Scene, ShapeId, load_robot, load_world};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
+
+for_every_engine!(edge_robot_self_pairs, original_robots_self_pairs, original_robots_world_pairs,);
 
 /// A pair as the files write it: pose, kind, four columns.
 type Row = (usize, String, [String; 4]);
@@ -13,15 +16,15 @@ type Row = (usize, String, [String; 4]);
 /// Nearer to contact than this, metres, either answer is right.
 const BORDERLINE: f64 = 1e-5;
 
-fn kind(kind: Kind) -> &'static str {
+fn kind(kind: ContactKind) -> &'static str {
     match kind {
-        Kind::Reflex => "reflex",
-        Kind::VisualOnly => "visual_only",
-        Kind::Field => "field",
+        ContactKind::Reflex => "reflex",
+        ContactKind::VisualOnly => "visual_only",
+        ContactKind::Field => "field",
     }
 }
 
-fn columns(scene: &Scene, contact: &Contact) -> [String; 4] {
+fn columns(scene: &Scene<impl Engine>, contact: &Contact) -> [String; 4] {
     let of = |id: ShapeId| match id {
         ShapeId::Robot { node, shape, .. } => [node.to_string(), shape.to_string()],
         ShapeId::Object { object, shape } => {
@@ -34,7 +37,7 @@ fn columns(scene: &Scene, contact: &Contact) -> [String; 4] {
 }
 
 /// The signed distance of a pair that the oracle names.
-fn distance_of(scene: &Scene, q: &[f64], row: &Row, world: bool) -> f64 {
+fn distance_of<E: Engine>(scene: &Scene<E>, q: &[f64], row: &Row, world: bool) -> f64 {
     let robot = &scene.robots()[0];
     let mut frames = Vec::new();
     robot.forward(q, &mut frames);
@@ -53,13 +56,14 @@ fn distance_of(scene: &Scene, q: &[f64], row: &Row, world: bool) -> f64 {
     } else {
         on_node(&row.2[2], &row.2[3], fields)
     };
-    distance(&a.0, &a.1, &b.0, &b.1).distance
+    E::distance(&a.0, &a.1, &b.0, &b.1).distance
 }
 
-fn compare(set: &Path, robot: &Path, world: Option<&Path>, pairs: &str) {
+fn compare<E: Engine>(set: &Path, robot: &Path, world: Option<&Path>, pairs: &str) {
     let robot = Arc::new(load_robot(robot).expect("the robot loads").value);
     let objects = world.map(|w| load_world(w).expect("the world loads").value).unwrap_or_default();
-    let scene = Scene::new(vec![(robot.clone(), nalgebra::Isometry3::identity())], objects).expect("a scene");
+    let scene =
+        Scene::<E>::with_engine(vec![(robot.clone(), nalgebra::Isometry3::identity())], objects).expect("a scene");
     let poses = oracle::poses(&robot, &set.join("poses.csv"));
     let expected: BTreeSet<Row> = oracle::table(&set.join(pairs))
         .into_iter()
@@ -95,29 +99,26 @@ fn compare(set: &Path, robot: &Path, world: Option<&Path>, pairs: &str) {
     );
 }
 
-#[test]
-fn edge_robot_self_pairs() {
+fn edge_robot_self_pairs<E: Engine>() {
     let data = oracle::own_data("edge");
-    compare(&data, &data.join("edge_a.xml"), None, "self_pairs.csv");
+    compare::<E>(&data, &data.join("edge_a.xml"), None, "self_pairs.csv");
 }
 
-#[test]
-fn original_robots_self_pairs() {
+fn original_robots_self_pairs<E: Engine>() {
     let Some(shared) = oracle::shared() else { return };
     for name in ["icub", "icub_big_hands"] {
         let robot = shared.join("reference/mobee-original-data").join(format!("{name}.xml"));
-        compare(&shared.join("reference/mobee-oracle").join(name), &robot, None, "self_pairs.csv");
+        compare::<E>(&shared.join("reference/mobee-oracle").join(name), &robot, None, "self_pairs.csv");
     }
 }
 
-#[test]
-fn original_robots_world_pairs() {
+fn original_robots_world_pairs<E: Engine>() {
     let Some(shared) = oracle::shared() else { return };
     let (data, sets) = (shared.join("reference/mobee-original-data"), shared.join("reference/mobee-oracle"));
     let world = data.join("world.xml");
     for name in ["icub", "icub_big_hands"] {
-        compare(&sets.join(name), &data.join(format!("{name}.xml")), Some(&world), "world_pairs.csv");
+        compare::<E>(&sets.join(name), &data.join(format!("{name}.xml")), Some(&world), "world_pairs.csv");
     }
     let icub = sets.join("icub");
-    compare(&icub, &data.join("icub.xml"), Some(&icub.join("world20.xml")), "world20_pairs.csv");
+    compare::<E>(&icub, &data.join("icub.xml"), Some(&icub.join("world20.xml")), "world20_pairs.csv");
 }

@@ -1,14 +1,25 @@
 //! Promises: the watch returns just what a full check would, with noise, jumps and edits; lines are judged as their
 //! samples are; the prepared frames are the robot's kinematics.
 
+use crate::engines::{UnderTest, for_every_engine};
 use crate::oracle;
 use mobee_model::{
-    Contact, Edit, Object, ObjectClass, Primitive, Robot, Scene, Shape, ShapeId, Watch, load_robot, load_world,
+    Contact, Edit, Engine, Object, ObjectClass, Primitive, Robot, Scene, Shape, ShapeId, Watch, load_robot, load_world,
 };
 use nalgebra::{Isometry3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
+
+for_every_engine!(
+    the_watch_returns_what_a_full_check_would,
+    the_watch_follows_edits_and_looks_at_nothing_while_nothing_moves,
+    a_line_is_judged_as_its_samples_are,
+    no_point_moves_farther_in_a_step_than_asked,
+    prepared_frames_are_the_robots_kinematics,
+    edits_make_new_snapshots_or_nothing,
+    targets_and_ghosts_never_collide,
+);
 
 fn edge() -> Arc<Robot> {
     Arc::new(load_robot(oracle::own_data("edge").join("edge_a.xml")).expect("the robot loads").value)
@@ -21,26 +32,26 @@ fn ball(name: &str, at: [f64; 3], radius: f64) -> Object {
 }
 
 /// The edge robot among balls, alone and in a pair, our iCub, and where it is here the original iCub in its busy world.
-fn scenes() -> Vec<Scene> {
+fn scenes<E: Engine>() -> Vec<Scene<E>> {
     let balls = vec![ball("one", [0.15, 0.1, 0.2], 0.06), ball("two", [-0.1, 0.25, 0.1], 0.08)];
-    let mut all = vec![Scene::new(vec![(edge(), Isometry3::identity())], balls.clone()).expect("a scene")];
+    let mut all = vec![Scene::<E>::with_engine(vec![(edge(), Isometry3::identity())], balls.clone()).expect("a scene")];
     let mut other = Robot::clone(&edge());
     other.name = "other".into();
     let two = vec![(edge(), Isometry3::identity()), (Arc::new(other), Isometry3::translation(0.25, 0.0, 0.0))];
-    all.push(Scene::new(two, balls).expect("a scene"));
+    all.push(Scene::<E>::with_engine(two, balls).expect("a scene"));
     let own = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/robots/icub.xml");
     let icub = Arc::new(load_robot(own).expect("the robot loads").value);
     let far = vec![ball("ball", [-0.3, 0.2, 0.1], 0.05)];
-    all.push(Scene::new(vec![(icub, Isometry3::identity())], far).expect("a scene"));
+    all.push(Scene::<E>::with_engine(vec![(icub, Isometry3::identity())], far).expect("a scene"));
     if let Some(shared) = oracle::shared() {
         let icub = load_robot(shared.join("reference/mobee-original-data/icub.xml")).expect("the robot loads").value;
         let world = load_world(shared.join("reference/mobee-oracle/icub/world20.xml")).expect("the world loads").value;
-        all.push(Scene::new(vec![(Arc::new(icub), Isometry3::identity())], world).expect("a scene"));
+        all.push(Scene::<E>::with_engine(vec![(Arc::new(icub), Isometry3::identity())], world).expect("a scene"));
     }
     all
 }
 
-fn within_limits(scene: &Scene, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+fn within_limits(scene: &Scene<impl Engine>, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let any = |r: &Arc<Robot>, rng: &mut ChaCha8Rng| -> Vec<f64> {
         r.motors.iter().map(|m| m.min + (m.max - m.min) * rng.random::<f64>()).collect()
     };
@@ -56,15 +67,14 @@ fn same(watched: &[Contact], full: &[Contact]) {
     }
 }
 
-#[test]
-fn the_watch_returns_what_a_full_check_would() {
+fn the_watch_returns_what_a_full_check_would<E: UnderTest>() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
-    for scene in scenes() {
+    for scene in scenes::<E>() {
         let mut watch = Watch::new(Arc::new(scene.clone()), 0.012);
         let mut at = scene.home().iter().map(|q| q.to_vec()).collect::<Vec<_>>();
         let mut goal = at.clone();
         let mut contacts = 0;
-        for tick in 0..3000 {
+        for tick in 0..E::POSES {
             // Straight moves of changing speed, rests with encoder noise, and now and then a jump.
             if tick % 150 == 0 {
                 goal = within_limits(&scene, &mut rng);
@@ -87,9 +97,8 @@ fn the_watch_returns_what_a_full_check_would() {
     }
 }
 
-#[test]
-fn the_watch_follows_edits_and_looks_at_nothing_while_nothing_moves() {
-    for scene in scenes() {
+fn the_watch_follows_edits_and_looks_at_nothing_while_nothing_moves<E: Engine>() {
+    for scene in scenes::<E>() {
         let mut watch = Watch::new(Arc::new(scene.clone()), 0.012);
         let home = scene.home();
         same(watch.update(&home), &scene.contacts(&home, 0.012));
@@ -113,11 +122,10 @@ fn the_watch_follows_edits_and_looks_at_nothing_while_nothing_moves() {
     }
 }
 
-#[test]
-fn a_line_is_judged_as_its_samples_are() {
+fn a_line_is_judged_as_its_samples_are<E: Engine>() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let (mut free, mut hit) = (0, 0);
-    for scene in scenes() {
+    for scene in scenes::<E>() {
         for k in 0..12 {
             // From home a little way, and now and then far.
             let share = if k % 3 == 0 { 1.0 } else { 0.06 };
@@ -158,10 +166,9 @@ fn a_line_is_judged_as_its_samples_are() {
     assert!(free > 0 && hit > 0);
 }
 
-#[test]
-fn no_point_moves_farther_in_a_step_than_asked() {
+fn no_point_moves_farther_in_a_step_than_asked<E: Engine>() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
-    for scene in scenes() {
+    for scene in scenes::<E>() {
         let (from, to) = (within_limits(&scene, &mut rng), within_limits(&scene, &mut rng));
         let steps = scene.line(0, &from, &from[0], &to[0], 0.01, 0.0).steps;
         let place = |k: u32| {
@@ -179,10 +186,9 @@ fn no_point_moves_farther_in_a_step_than_asked() {
     }
 }
 
-#[test]
-fn prepared_frames_are_the_robots_kinematics() {
+fn prepared_frames_are_the_robots_kinematics<E: Engine>() {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
-    for scene in scenes() {
+    for scene in scenes::<E>() {
         for _ in 0..50 {
             let q = within_limits(&scene, &mut rng);
             for (r, nodes) in scene.node_transforms(&q).iter().enumerate() {
@@ -196,10 +202,9 @@ fn prepared_frames_are_the_robots_kinematics() {
     }
 }
 
-#[test]
-fn edits_make_new_snapshots_or_nothing() {
-    let scene =
-        Scene::new(vec![(edge(), Isometry3::identity())], vec![ball("one", [1.0, 0.0, 0.0], 0.1)]).expect("a scene");
+fn edits_make_new_snapshots_or_nothing<E: Engine>() {
+    let scene = Scene::<E>::with_engine(vec![(edge(), Isometry3::identity())], vec![ball("one", [1.0, 0.0, 0.0], 0.1)])
+        .expect("a scene");
     let moved =
         scene.edit(&Edit::Move { name: "one".into(), pose: Isometry3::translation(2.0, 0.0, 0.0) }).expect("an edit");
     assert_eq!((scene.epoch(), moved.epoch()), (0, 1));
@@ -221,15 +226,17 @@ fn edits_make_new_snapshots_or_nothing() {
     let both = back.edit(&Edit::Add(fast)).expect("an edit");
     assert!(both.edit(&Edit::Remove { name: "fast".into() }).is_err());
     assert_eq!(both.edit(&Edit::Clear).expect("an edit").objects().count(), 1);
-    assert!(Scene::new(vec![(edge(), Isometry3::identity()), (edge(), Isometry3::identity())], Vec::new()).is_err());
+    assert!(
+        Scene::<E>::with_engine(vec![(edge(), Isometry3::identity()), (edge(), Isometry3::identity())], Vec::new())
+            .is_err()
+    );
 }
 
-#[test]
-fn targets_and_ghosts_never_collide() {
+fn targets_and_ghosts_never_collide<E: Engine>() {
     let at_robot = ball("thing", [0.0, 0.2, 0.1], 0.5);
-    let scene = Scene::new(vec![(edge(), Isometry3::identity())], vec![at_robot]).expect("a scene");
+    let scene = Scene::<E>::with_engine(vec![(edge(), Isometry3::identity())], vec![at_robot]).expect("a scene");
     let home = scene.home();
-    let with_object = |s: &Scene| s.contacts(&home, 0.1).iter().any(|c| matches!(c.pair.1, ShapeId::Object { .. }));
+    let with_object = |s: &Scene<E>| s.contacts(&home, 0.1).iter().any(|c| matches!(c.pair.1, ShapeId::Object { .. }));
     assert!(with_object(&scene));
     for class in [ObjectClass::Target, ObjectClass::Ghost] {
         let next = scene.edit(&Edit::Class { name: "thing".into(), class }).expect("an edit");

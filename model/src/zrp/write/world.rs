@@ -1,4 +1,4 @@
-//! Objects of a world to XML that reads back to the same objects.
+//! Objects of a world to XML that reads back to the same objects: what a running world looks like now, as a file to start from.
 
 use super::{degrees, escape, heading, primitive, vector};
 use crate::{Object, ObjectClass, Primitive};

@@ -1,18 +1,32 @@
 //! Closed forms: segments, and a point against a box or a cylinder.
 
-use super::{Separation, across};
-use nalgebra::{Isometry3, Point3, Vector3};
+use super::exact::Separation;
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-/// A segment as its middle and half its axis.
-pub(crate) type HalfAxis = (Point3<f64>, Vector3<f64>);
+/// A segment by its middle, so that a point is one of no length and a capsule's axis needs no ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Segment {
+    /// In the frame of whoever asks: the world, or the other shape.
+    pub middle: Point3<f64>,
+    /// From the middle to one end, metres.
+    pub half_axis: Vector3<f64>,
+}
+
+impl Segment {
+    /// The point at a parameter in [-1, 1].
+    pub fn at(&self, parameter: f64) -> Point3<f64> {
+        self.middle + self.half_axis * parameter
+    }
+}
 
 /// Parameters in [-1, 1] of the nearest points of two segments.
 ///
 /// After Ericson, *Real-Time Collision Detection*, 5.1.9, with centred parameters.
-pub(crate) fn nearest_parameters(a: &HalfAxis, b: &HalfAxis) -> (f64, f64) {
-    let r = a.0 - b.0;
-    let (aa, bb) = (a.1.norm_squared(), b.1.norm_squared());
-    let (ar, br) = (a.1.dot(&r), b.1.dot(&r));
+pub(super) fn nearest_parameters(a: &Segment, b: &Segment) -> (f64, f64) {
+    let r = a.middle - b.middle;
+    let (aa, bb) = (a.half_axis.norm_squared(), b.half_axis.norm_squared());
+    let (ar, br) = (a.half_axis.dot(&r), b.half_axis.dot(&r));
+    /// Squared length, m^2, below which a half axis is none: a picometre.
     const TINY: f64 = 1e-24;
     if aa <= TINY && bb <= TINY {
         return (0.0, 0.0);
@@ -23,7 +37,7 @@ pub(crate) fn nearest_parameters(a: &HalfAxis, b: &HalfAxis) -> (f64, f64) {
     if bb <= TINY {
         return ((-ar / aa).clamp(-1.0, 1.0), 0.0);
     }
-    let ab = a.1.dot(&b.1);
+    let ab = a.half_axis.dot(&b.half_axis);
     let det = aa * bb - ab * ab;
     // Nearly parallel: any starting point on the first segment will do, its middle is the most stable.
     let s = if det > 1e-12 * aa * bb { ((ab * br - bb * ar) / det).clamp(-1.0, 1.0) } else { 0.0 };
@@ -38,22 +52,23 @@ pub(crate) fn nearest_parameters(a: &HalfAxis, b: &HalfAxis) -> (f64, f64) {
 }
 
 /// Squared distance of two segments.
-pub(crate) fn segments_squared(a: &HalfAxis, b: &HalfAxis) -> f64 {
+pub(super) fn segments_squared(a: &Segment, b: &Segment) -> f64 {
     let (s, t) = nearest_parameters(a, b);
-    ((a.0 + a.1 * s) - (b.0 + b.1 * t)).norm_squared()
+    (a.at(s) - b.at(t)).norm_squared()
 }
 
 /// Two segments, or points where a half axis is zero. Where they cross, the normal is across both.
-pub(super) fn segments(a: HalfAxis, b: HalfAxis) -> Separation {
+pub(super) fn segments(a: Segment, b: Segment) -> Separation {
     let (s, t) = nearest_parameters(&a, &b);
-    let points = [a.0 + a.1 * s, b.0 + b.1 * t];
+    let points = [a.at(s), b.at(t)];
     let apart = points[1] - points[0];
     let distance = apart.norm();
+    // Nearer, the direction between the points is rounding.
     if distance > 1e-12 {
         return Separation { distance, normal: apart / distance, points };
     }
-    let both = a.1.cross(&b.1);
-    let long = if a.1.norm_squared() > b.1.norm_squared() { a.1 } else { b.1 };
+    let both = a.half_axis.cross(&b.half_axis);
+    let long = if a.half_axis.norm_squared() > b.half_axis.norm_squared() { a.half_axis } else { b.half_axis };
     let normal = match both.try_normalize(1e-12 * long.norm_squared().max(1e-300)) {
         Some(n) => n,
         None => across(&long),
@@ -100,7 +115,16 @@ pub(super) fn point_cylinder(
     place(point, -outward, distance, world_from_cylinder)
 }
 
+/// From the frame of the second core to the world.
 fn place(point: Point3<f64>, local_normal: Vector3<f64>, distance: f64, world: &Isometry3<f64>) -> Separation {
     let normal = world.rotation * local_normal;
     Separation { distance, normal, points: [point, point + normal * distance] }
+}
+
+/// Any unit vector across `axis`.
+fn across(axis: &Vector3<f64>) -> Vector3<f64> {
+    let least = axis.iamin();
+    let mut e = Vector3::zeros();
+    e[least] = 1.0;
+    Unit::try_new(axis.cross(&e), 1e-300).map_or(Vector3::x(), Unit::into_inner)
 }

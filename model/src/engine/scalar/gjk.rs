@@ -1,55 +1,27 @@
-//! Cores by their support points: parry's GJK where they are apart, separating axes or EPA where they overlap, each
+//! Cores with no closed form: parry's GJK where they are apart, separating axes or EPA where they overlap, each
 //! answer checked from the other side.
+//!
+//! ```text
+//! GJK ── farther than the cap ──> None
+//!     ── apart ──> nearest points, projected to and fro until the slab between them is empty
+//!     ── overlapping ──> boxes and segments: separating axes (exact)
+//!                        round ones: EPA's direction and our own, the best of all by the lower bound
+//! ```
+//! Neither iteration is trusted: GJK may stop early where sides are nearly parallel, EPA where its first simplex is flat. Nearest
+//! points bound the distance from above and any direction bounds it from below, so that an answer whose two bounds meet is right
+//! whoever found it.
 
-use super::{Core, Separation, overlap};
+use super::exact::Separation;
+use super::form::Core;
+use super::overlap;
+use super::support::{Placed, along, farthest_near, project, support_point};
 use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query::epa::EPA;
 use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
-use parry3d_f64::shape::SupportMap;
 
 /// Nearer than this, metres, the direction between two points is noise.
 const TOUCHING: f64 = 1e-10;
-
-/// A core and where it is.
-#[derive(Clone, Copy)]
-pub(super) struct Placed {
-    pub core: Core,
-    pub pose: Isometry3<f64>,
-}
-
-impl Placed {
-    pub fn center(&self) -> Point3<f64> {
-        self.pose.translation.vector.into()
-    }
-}
-
-impl SupportMap for Core {
-    fn local_support_point(&self, dir: Vector) -> Vector {
-        match *self {
-            Core::Point => Vector::ZERO,
-            Core::Segment { half } => Vector::new(0.0, half.copysign(dir.y), 0.0),
-            Core::Box { half } => Vector::new(half.x.copysign(dir.x), half.y.copysign(dir.y), half.z.copysign(dir.z)),
-            Core::Cylinder { half, radius } => {
-                let rho = (dir.x * dir.x + dir.z * dir.z).sqrt();
-                let k = if rho > 0.0 { radius / rho } else { 0.0 };
-                Vector::new(dir.x * k, half.copysign(dir.y), dir.z * k)
-            }
-        }
-    }
-}
-
-/// The point of a placed core that lies farthest along `direction`, world frame.
-pub(super) fn support_point(placed: &Placed, direction: &Vector3<f64>) -> Point3<f64> {
-    let local = placed.pose.rotation.inverse_transform_vector(direction);
-    let p = placed.core.local_support_point(Vector::new(local.x, local.y, local.z));
-    placed.pose * Point3::new(p.x, p.y, p.z)
-}
-
-/// How far the cores are apart along unit `n`: never more than their signed distance.
-pub(super) fn along(a: &Placed, b: &Placed, n: &Vector3<f64>) -> f64 {
-    (support_point(b, &-n) - support_point(a, n)).dot(n)
-}
 
 /// The signed separation of two cores, or `None` once they are surely farther apart than `cap`.
 pub(super) fn separation(
@@ -59,11 +31,13 @@ pub(super) fn separation(
     world_from_b: &Isometry3<f64>,
     cap: f64,
 ) -> Option<Separation> {
+    // In the frame of the first shape: far from the world's origin GJK would lose digits, and so would the checks.
     let a_from_b = world_from_a.inv_mul(world_from_b);
     let here = Pose::from_parts(a_from_b.translation.vector.into(), a_from_b.rotation.into());
     let mut simplex = VoronoiSimplex::new();
     let start = Vector::from(-a_from_b.translation.vector);
     let start = if start.length_squared() > 1e-24 { start.normalize() } else { Vector::X };
+    // GJK begins with the direction between the centres, which is right for balls; where the centres coincide any will do.
     simplex.reset(CsoPoint::from_shapes(&here, a, b, start));
     let local_placed = || (Placed { core: *a, pose: Isometry3::identity() }, Placed { core: *b, pose: a_from_b });
     let world = |s: Separation| Separation {
@@ -95,7 +69,9 @@ pub(super) fn separation(
 /// GJK's nearest points, projected to and fro until the slab between them is empty: where a rounded and a nearly parallel
 /// side meet, GJK may stop some micrometres early. `None` if they turn out to touch.
 fn polished(a: &Placed, b: &Placed, mut p: Point3<f64>, mut q: Point3<f64>) -> Option<Separation> {
+    /// An empty slab within this, metres, is empty: far below what anybody asks of a distance, far above rounding.
     const GOOD: f64 = 1e-8;
+    /// Projecting to and fro converges slowly where sides are nearly parallel; the points are then good to a micrometre.
     const ROUNDS: usize = 50;
     let mut rounds = 0;
     loop {
@@ -114,25 +90,10 @@ fn polished(a: &Placed, b: &Placed, mut p: Point3<f64>, mut q: Point3<f64>) -> O
     }
 }
 
-/// The point of a placed core nearest to a point.
-fn project(placed: &Placed, point: &Point3<f64>) -> Point3<f64> {
-    let p = placed.pose.inverse_transform_point(point);
-    placed.pose
-        * match placed.core {
-            Core::Point => Point3::origin(),
-            Core::Segment { half } => Point3::new(0.0, p.y.clamp(-half, half), 0.0),
-            Core::Box { half } => {
-                Point3::new(p.x.clamp(-half.x, half.x), p.y.clamp(-half.y, half.y), p.z.clamp(-half.z, half.z))
-            }
-            Core::Cylinder { half, radius } => {
-                let k = (radius / p.x.hypot(p.z)).min(1.0);
-                Point3::new(p.x * k, p.y.clamp(-half, half), p.z * k)
-            }
-        }
-}
-
-/// The depth of overlapping cores.
+/// The depth of overlapping cores: the best of what EPA finds and a few directions of our own. `here` is `a_from_b`, `simplex`
+/// what GJK ended with.
 fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Separation {
+    // Separating axes are exact for them and need no iteration; EPA is for round sides only.
     let flat = |c: &Core| matches!(c, Core::Box { .. } | Core::Segment { .. });
     if flat(&a.core) && flat(&b.core) {
         return overlap::by_axes(a, b);
@@ -150,6 +111,8 @@ fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Sep
         let n = Vector3::new(n.x, n.y, n.z);
         n.try_normalize(1e-12).into_iter().for_each(&mut consider);
     }
+    // EPA expands a polytope and stops near the best face, or at a wrong one in a degenerate simplex. Each candidate costs two
+    // support points and can only make the answer better, since every direction is a lower bound.
     candidates(a, b).iter().filter_map(|n| n.try_normalize(1e-9)).for_each(&mut consider);
     match best {
         Some((distance, normal)) => Separation { distance, normal, points: pressed(a, b, &normal, distance) },
@@ -160,7 +123,9 @@ fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Sep
 /// Where two cores touch once they have been parted by `-distance` along `n`, as points of both. The farthest points of a face,
 /// an edge or a mantle line are many: those are meant where the other core presses on it.
 fn pressed(a: &Placed, b: &Placed, n: &Vector3<f64>, distance: f64) -> [Point3<f64>; 2] {
+    /// Points that move less than this in a round, metres, have arrived.
     const GOOD: f64 = 1e-10;
+    /// Where a round side presses on a flat one the points creep; after so many rounds they are good to a micrometre.
     const ROUNDS: usize = 100;
     let way = n * distance;
     let mut p = support_point(a, n);
@@ -173,31 +138,6 @@ fn pressed(a: &Placed, b: &Placed, n: &Vector3<f64>, distance: f64) -> [Point3<f
         }
     }
     [p, p + way]
-}
-
-/// Of the points of a placed core that lie farthest along unit `n`, the one nearest to `point`.
-fn farthest_near(placed: &Placed, n: &Vector3<f64>, point: &Point3<f64>) -> Point3<f64> {
-    /// How far a side may be from square to `n` and still count as a whole, rad.
-    const SQUARE: f64 = 1e-6;
-    let n = placed.pose.rotation.inverse_transform_vector(n);
-    let p = placed.pose.inverse_transform_point(point);
-    let end = |n: f64, half: f64, p: f64| if n.abs() > SQUARE { half.copysign(n) } else { p.clamp(-half, half) };
-    placed.pose
-        * match placed.core {
-            Core::Point => Point3::origin(),
-            Core::Segment { half } => Point3::new(0.0, end(n.y, half, p.y), 0.0),
-            Core::Box { half } => Point3::new(end(n.x, half.x, p.x), end(n.y, half.y, p.y), end(n.z, half.z, p.z)),
-            Core::Cylinder { half, radius } => {
-                let slant = n.x.hypot(n.z);
-                let (x, z) = if slant > SQUARE {
-                    (n.x * radius / slant, n.z * radius / slant)
-                } else {
-                    let k = (radius / p.x.hypot(p.z)).min(1.0);
-                    (p.x * k, p.z * k)
-                };
-                Point3::new(x, end(n.y, half, p.y), z)
-            }
-        }
 }
 
 /// Directions in which two overlapping shapes often part most easily.

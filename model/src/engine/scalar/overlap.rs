@@ -1,10 +1,13 @@
 //! How deep two boxes, or a segment and a box, lie in each other: separating axes.
 //!
 //! Their Minkowski difference is a zonotope; its faces' normals are the boxes' axes and the cross products of one edge
-//! of each, so that trying these is exact.
+//! of each, so that trying these is exact: 3 + 3 + 9 directions for two boxes, 3 + 3 for a box and a segment. The one that parts
+//! the two by the shortest way is the answer.
 
+use super::closed::{self, Segment};
+use super::exact::Separation;
+use super::form::Core;
 use super::support::{Placed, support_point};
-use super::{Core, Separation, closed};
 use nalgebra::{Point3, Vector3};
 
 /// The signed separation along the best separating axis: exact if the cores overlap, else a lower bound.
@@ -52,17 +55,18 @@ pub(super) fn by_axes(a: &Placed, b: &Placed) -> Separation {
                     .iter()
                     .filter(|e| (**e - edge).norm_squared() > 0.0)
                     .fold(placed.center(), |p, e| if e.dot(&n) < 0.0 { p - e } else { p + e });
-                (middle, edge)
+                Segment { middle, half_axis: edge }
             };
             let (a, b) = (edge(a, ea, normal), edge(b, eb, -normal));
             let (s, t) = closed::nearest_parameters(&a, &b);
-            let p: Point3<f64> = nalgebra::center(&(a.0 + a.1 * s), &(b.0 + b.1 * t));
+            let p: Point3<f64> = nalgebra::center(&a.at(s), &b.at(t));
             [p - normal * (distance / 2.0), p + normal * (distance / 2.0)]
         }
     };
     Separation { distance, normal, points }
 }
 
+/// Which features an axis comes from: that tells where the witness points are.
 #[derive(Clone, Copy)]
 enum Kind {
     FaceOfA,
@@ -82,6 +86,7 @@ fn edges(placed: &Placed) -> [Vector3<f64>; 3] {
     }
 }
 
+/// How far a core with these half edges reaches from its centre along unit `n`, metres.
 fn reach(edges: &[Vector3<f64>; 3], n: &Vector3<f64>) -> f64 {
     edges.iter().map(|e| e.dot(n).abs()).sum()
 }

@@ -1,0 +1,81 @@
+//! Shapes prepared for queries.
+
+use super::closed::Segment;
+use crate::shape::{BoundingCapsule, Shape};
+use nalgebra::Vector3;
+
+/// A convex set without its radius, centred at the origin. Metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Core {
+    /// The origin.
+    Point,
+    /// From -half to +half along y.
+    Segment { half: f64 },
+    /// Half edge lengths.
+    Box { half: Vector3<f64> },
+    /// A flat-ended cylinder along y.
+    Cylinder { half: f64, radius: f64 },
+}
+
+/// A shape prepared for queries: its core, and simpler shapes that hold it or that it holds. Metres, in the shape's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Form {
+    /// What is left of the shape without its radius.
+    pub core: Core,
+    /// What the core is blown up by.
+    pub radius: f64,
+    /// Radius of the ball about the origin that holds the shape.
+    pub ball: f64,
+    /// A capsule that holds the shape.
+    pub outer: BoundingCapsule,
+    /// A capsule inside the shape.
+    pub inner: InnerCapsule,
+}
+
+/// A capsule inside a shape, along the axis of its outer capsule.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct InnerCapsule {
+    /// Which fraction of the outer capsule's axis is its own, 0 to 1.
+    pub share: f64,
+    /// Radius, metres.
+    pub radius: f64,
+}
+
+impl Form {
+    /// Prepares a shape: everything that no pose changes.
+    pub fn new(shape: &Shape) -> Self {
+        let (core, radius, inner) = match *shape {
+            Shape::Sphere { radius } => (Core::Point, radius, InnerCapsule { share: 0.0, radius }),
+            Shape::Capsule { radius, height } => {
+                (Core::Segment { half: height / 2.0 }, radius, InnerCapsule { share: 1.0, radius })
+            }
+            Shape::Cylinder { radius, height } => {
+                let half = height / 2.0;
+                // A post holds a capsule as wide as itself; a coin only the ball between its two faces.
+                let inner = if half > radius {
+                    InnerCapsule { share: (half - radius) / half, radius }
+                } else {
+                    InnerCapsule { share: 0.0, radius: half }
+                };
+                (Core::Cylinder { half, radius }, 0.0, inner)
+            }
+            Shape::Box { size } => {
+                let half = size / 2.0;
+                let (long, thin) = (half.max(), half.min());
+                let share = if long > 0.0 { (long - thin) / long } else { 0.0 };
+                (Core::Box { half }, 0.0, InnerCapsule { share, radius: thin })
+            }
+        };
+        Form { core, radius, ball: shape.bounding_radius(), outer: shape.bounding_capsule(), inner }
+    }
+
+    /// Whether the outer capsule is the shape itself.
+    pub fn is_capsule(&self) -> bool {
+        matches!(self.core, Core::Point | Core::Segment { .. })
+    }
+
+    /// The axis of the inner capsule, given that of the outer one.
+    pub fn inner(&self, outer: &Segment) -> Segment {
+        Segment { middle: outer.middle, half_axis: outer.half_axis * self.inner.share }
+    }
+}

@@ -1,0 +1,96 @@
+//! Cores by their support points: what GJK, EPA and the checks of both know a core by.
+//!
+//! The support point in a direction is the point of a convex set that lies farthest along it. Two of them bound the distance of
+//! two sets from below in that direction ([`along`]), whoever proposed the direction; that is how answers are checked here.
+
+use super::form::Core;
+use nalgebra::{Isometry3, Point3, Vector3};
+use parry3d_f64::math::Vector;
+use parry3d_f64::shape::SupportMap;
+
+/// A core and where it is: `world_from_core`, or whatever frame both of a pair are in.
+#[derive(Clone, Copy)]
+pub(super) struct Placed {
+    /// What.
+    pub core: Core,
+    /// Where.
+    pub pose: Isometry3<f64>,
+}
+
+impl Placed {
+    /// Its origin, world frame.
+    pub fn center(&self) -> Point3<f64> {
+        self.pose.translation.vector.into()
+    }
+}
+
+impl SupportMap for Core {
+    /// The farthest point along `dir`, in the core's frame. `copysign` and not a comparison: a zero has a sign, too, and so two
+    /// equal directions always have one and the same corner.
+    fn local_support_point(&self, dir: Vector) -> Vector {
+        match *self {
+            Core::Point => Vector::ZERO,
+            Core::Segment { half } => Vector::new(0.0, half.copysign(dir.y), 0.0),
+            Core::Box { half } => Vector::new(half.x.copysign(dir.x), half.y.copysign(dir.y), half.z.copysign(dir.z)),
+            Core::Cylinder { half, radius } => {
+                let rho = (dir.x * dir.x + dir.z * dir.z).sqrt();
+                let k = if rho > 0.0 { radius / rho } else { 0.0 };
+                Vector::new(dir.x * k, half.copysign(dir.y), dir.z * k)
+            }
+        }
+    }
+}
+
+/// The point of a placed core that lies farthest along `direction`, world frame.
+pub(super) fn support_point(placed: &Placed, direction: &Vector3<f64>) -> Point3<f64> {
+    let local = placed.pose.rotation.inverse_transform_vector(direction);
+    let p = placed.core.local_support_point(Vector::new(local.x, local.y, local.z));
+    placed.pose * Point3::new(p.x, p.y, p.z)
+}
+
+/// How far the cores are apart along unit `n`: never more than their signed distance.
+pub(super) fn along(a: &Placed, b: &Placed, n: &Vector3<f64>) -> f64 {
+    (support_point(b, &-n) - support_point(a, n)).dot(n)
+}
+
+/// The point of a placed core nearest to a point.
+pub(super) fn project(placed: &Placed, point: &Point3<f64>) -> Point3<f64> {
+    let p = placed.pose.inverse_transform_point(point);
+    placed.pose
+        * match placed.core {
+            Core::Point => Point3::origin(),
+            Core::Segment { half } => Point3::new(0.0, p.y.clamp(-half, half), 0.0),
+            Core::Box { half } => {
+                Point3::new(p.x.clamp(-half.x, half.x), p.y.clamp(-half.y, half.y), p.z.clamp(-half.z, half.z))
+            }
+            Core::Cylinder { half, radius } => {
+                let k = (radius / p.x.hypot(p.z)).min(1.0);
+                Point3::new(p.x * k, p.y.clamp(-half, half), p.z * k)
+            }
+        }
+}
+
+/// Of the points of a placed core that lie farthest along unit `n`, the one nearest to `point`.
+pub(super) fn farthest_near(placed: &Placed, n: &Vector3<f64>, point: &Point3<f64>) -> Point3<f64> {
+    /// How far a side may be from square to `n` and still count as a whole, rad.
+    const SQUARE: f64 = 1e-6;
+    let n = placed.pose.rotation.inverse_transform_vector(n);
+    let p = placed.pose.inverse_transform_point(point);
+    let end = |n: f64, half: f64, p: f64| if n.abs() > SQUARE { half.copysign(n) } else { p.clamp(-half, half) };
+    placed.pose
+        * match placed.core {
+            Core::Point => Point3::origin(),
+            Core::Segment { half } => Point3::new(0.0, end(n.y, half, p.y), 0.0),
+            Core::Box { half } => Point3::new(end(n.x, half.x, p.x), end(n.y, half.y, p.y), end(n.z, half.z, p.z)),
+            Core::Cylinder { half, radius } => {
+                let slant = n.x.hypot(n.z);
+                let (x, z) = if slant > SQUARE {
+                    (n.x * radius / slant, n.z * radius / slant)
+                } else {
+                    let k = (radius / p.x.hypot(p.z)).min(1.0);
+                    (p.x * k, p.z * k)
+                };
+                Point3::new(x, end(n.y, half, p.y), z)
+            }
+        }
+}

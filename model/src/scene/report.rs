@@ -1,0 +1,172 @@
+//! Everything that touches, of every kind: what `model eval` writes.
+
+use super::{Contact, ObjectClass, Scene, ShapeId};
+use crate::engine::{Collider, Engine, IndexPair, Near};
+use crate::shape::Primitive;
+use nalgebra::Isometry3;
+
+/// What a contact means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ContactKind {
+    /// Makes the reflex act.
+    Reflex,
+    /// Shown, but does not count: inside a `noSelfCollision` subtree.
+    VisualOnly,
+    /// Force-field shapes in each other, or in an obstacle.
+    Field,
+}
+
+/// A contact with its kind. For fields the shape numbers in the pair count a node's fields, not its solids.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReportedContact {
+    /// What it means.
+    pub kind: ContactKind,
+    /// Who, how deep, where.
+    pub contact: Contact,
+}
+
+/// A shape of any kind as an engine knows it, and whose it is.
+type Listed = (ShapeId, u32);
+
+/// All shapes of a scene, fields included, each node and each object with a frame of its own.
+#[derive(Default)]
+struct Inventory {
+    /// All shapes, in the order in which they were taken in.
+    colliders: Vec<Collider>,
+    /// `world_from_node` and `world_from_object`.
+    frames: Vec<Isometry3<f64>>,
+}
+
+impl Inventory {
+    /// Takes in the shapes that are fixed to one frame.
+    fn add<'a>(
+        &mut self,
+        frame: &Isometry3<f64>,
+        shapes: impl IntoIterator<Item = &'a Primitive>,
+        id: impl Fn(u16) -> ShapeId,
+    ) -> Vec<Listed> {
+        self.frames.push(*frame);
+        let frame = self.frames.len() - 1;
+        let mut listed = Vec::new();
+        for (s, primitive) in shapes.into_iter().enumerate() {
+            listed.push((id(s as u16), self.colliders.len() as u32));
+            self.colliders.push(Collider { shape: primitive.shape, frame, pose: primitive.pose });
+        }
+        listed
+    }
+}
+
+/// A node's shapes.
+struct NodeShapes {
+    /// What collides.
+    solids: Vec<Listed>,
+    /// What repels.
+    fields: Vec<Listed>,
+}
+
+/// The pairs to test, with what a contact of each would mean.
+#[derive(Default)]
+struct Tests(Vec<(ContactKind, (ShapeId, ShapeId), IndexPair)>);
+
+impl Tests {
+    /// Notes a pair, whichever of the two is named first.
+    fn add(&mut self, kind: ContactKind, a: &Listed, b: &Listed) {
+        // Ids in order, as everywhere; the engine measures them in that order, too.
+        let (a, b) = if a.0 <= b.0 { (a, b) } else { (b, a) };
+        self.0.push((kind, (a.0, b.0), (a.1, b.1)));
+    }
+}
+
+impl<E: Engine> Scene<E> {
+    /// Everything that touches (distance zero or less): robots with themselves, with each other and with obstacles, of all
+    /// kinds, constant pairs included.
+    ///
+    /// # Returns
+    /// The contacts sorted by kind and pair; distances in metres, points in the world frame.
+    ///
+    /// # Performance
+    /// Prepares all shapes anew at each call. Not meant for the control loop: ask [`Scene::contacts`] there.
+    pub fn report<P: AsRef<[f64]>>(&self, poses: &[P]) -> Vec<ReportedContact> {
+        let transforms = self.node_transforms(poses);
+        let mut inventory = Inventory::default();
+        let mut robots: Vec<Vec<NodeShapes>> = Vec::new();
+        for (r, (robot, world_from_node)) in self.robots().iter().zip(&transforms).enumerate() {
+            let nodes = robot.nodes.iter().zip(world_from_node).enumerate().map(|(n, (node, frame))| {
+                let id = |s: u16| ShapeId::Robot { robot: r as u16, node: n as u16, shape: s };
+                let solids = inventory.add(frame, &node.solids, id);
+                NodeShapes { solids, fields: inventory.add(frame, &node.fields, id) }
+            });
+            robots.push(nodes.collect());
+        }
+        let obstacles = self.objects().filter(|(_, o)| o.class == ObjectClass::Obstacle);
+        let obstacles: Vec<Listed> = obstacles
+            .flat_map(|(id, o)| inventory.add(&o.pose, &o.shapes, |s| ShapeId::Object { object: id, shape: s }))
+            .collect();
+
+        let mut tests = Tests::default();
+        for (robot, shapes) in self.robots().iter().zip(&robots) {
+            let tables = [
+                (ContactKind::Reflex, &robot.pairs.reflex),
+                (ContactKind::VisualOnly, &robot.pairs.visual_only),
+                (ContactKind::Field, &robot.pairs.field),
+            ];
+            for (kind, pairs) in tables {
+                let of = |n: usize| if kind == ContactKind::Field { &shapes[n].fields } else { &shapes[n].solids };
+                for &(n, m) in pairs {
+                    for a in of(n) {
+                        of(m).iter().filter(|b| n != m || a.0 < b.0).for_each(|b| tests.add(kind, a, b));
+                    }
+                }
+            }
+            // A base stands on the table it is bolted to: it never meets the world.
+            for (_, node) in robot.nodes.iter().zip(shapes).filter(|(node, _)| !node.near_root) {
+                for b in &obstacles {
+                    node.solids.iter().for_each(|a| tests.add(ContactKind::Reflex, a, b));
+                    node.fields.iter().for_each(|a| tests.add(ContactKind::Field, a, b));
+                }
+            }
+        }
+        for (r, one) in robots.iter().enumerate() {
+            for (q, other) in robots.iter().enumerate().skip(r + 1) {
+                let near_root = |robot: usize, node: usize| self.robots()[robot].nodes[node].near_root;
+                for (n, a) in one.iter().enumerate() {
+                    for (m, b) in other.iter().enumerate() {
+                        if near_root(r, n) && near_root(q, m) {
+                            continue;
+                        }
+                        for a in &a.solids {
+                            b.solids.iter().for_each(|b| tests.add(ContactKind::Reflex, a, b));
+                        }
+                    }
+                }
+            }
+        }
+
+        let engine = E::prepare(&inventory.colliders);
+        let mut placement = E::Placement::default();
+        engine.place(&inventory.frames, &mut placement);
+        let touching = tests.0.into_iter().filter_map(|(kind, pair, indices)| {
+            let Near::Within(near) = engine.near(&placement, indices, 0.0) else { return None };
+            let contact = Contact { pair, distance: near.distance, points: near.points };
+            Some(ReportedContact { kind, contact })
+        });
+        let mut found: Vec<ReportedContact> = touching.collect();
+        found.sort_by_key(|r| (r.kind, r.contact.pair));
+        found
+    }
+
+    /// Forward kinematics of all robots: `world_from_node` of every node, robot by robot, each from where it stands.
+    ///
+    /// # Arguments
+    /// * `poses`: as for [`Scene::contacts`].
+    pub fn node_transforms<P: AsRef<[f64]>>(&self, poses: &[P]) -> Vec<Vec<Isometry3<f64>>> {
+        let bodies = self.bodies();
+        let mut frames = Vec::new();
+        bodies.place(poses, &mut frames);
+        let of_robot = bodies.skeletons.iter().zip(&bodies.first_frame);
+        of_robot
+            .map(|(s, first)| s.frame.iter().zip(&s.in_frame).map(|(f, x)| frames[first + f] * x).collect())
+            .collect()
+    }
+}

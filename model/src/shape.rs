@@ -1,0 +1,82 @@
+//! Convex shapes, and the simplest shapes that hold them.
+
+use nalgebra::{Isometry3, Vector3};
+
+/// A convex shape, centred at its origin. Sizes in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A ball.
+    Sphere {
+        /// Radius.
+        radius: f64,
+    },
+    /// A flat-ended cylinder along local y.
+    Cylinder {
+        /// Radius.
+        radius: f64,
+        /// Full height.
+        height: f64,
+    },
+    /// A box with full edge lengths along x, y, z.
+    Box {
+        /// Full edge lengths.
+        size: Vector3<f64>,
+    },
+    /// A capsule along local y (extension of the original format).
+    Capsule {
+        /// Radius.
+        radius: f64,
+        /// Distance between the centres of its two end balls.
+        height: f64,
+    },
+}
+
+/// A shape and where it sits on its node (or object).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Primitive {
+    /// The shape.
+    pub shape: Shape,
+    /// `node_from_shape` (or `object_from_shape`).
+    pub pose: Isometry3<f64>,
+}
+
+/// A capsule that holds a shape, in the shape's frame and centred at its origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundingCapsule {
+    /// From the origin to the centre of one end ball, metres; zero for a ball.
+    pub half_axis: Vector3<f64>,
+    /// Radius, metres.
+    pub radius: f64,
+}
+
+impl Shape {
+    /// The radius of the smallest ball around the shape's origin that holds it, metres.
+    pub fn bounding_radius(&self) -> f64 {
+        match *self {
+            Self::Sphere { radius } => radius,
+            Self::Cylinder { radius, height } => radius.hypot(height / 2.0),
+            Self::Box { size } => size.norm() / 2.0,
+            Self::Capsule { radius, height } => radius + height / 2.0,
+        }
+    }
+
+    /// A capsule around the shape's origin that holds it: exact for balls and capsules, along the longest edge of a box, and
+    /// for a cylinder longer by its radius at each end.
+    pub fn bounding_capsule(&self) -> BoundingCapsule {
+        match *self {
+            Self::Sphere { radius } => BoundingCapsule { half_axis: Vector3::zeros(), radius },
+            Self::Cylinder { radius, height } | Self::Capsule { radius, height } => {
+                BoundingCapsule { half_axis: Vector3::y() * (height / 2.0), radius }
+            }
+            Self::Box { size } => {
+                let half = size / 2.0;
+                // Along the longest edge the capsule's radius has only the two shorter ones to cover, so it is thinnest.
+                let long = half.imax();
+                let (mut half_axis, mut across) = (Vector3::zeros(), half);
+                half_axis[long] = half[long];
+                across[long] = 0.0;
+                BoundingCapsule { half_axis, radius: across.norm() }
+            }
+        }
+    }
+}
