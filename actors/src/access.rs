@@ -3,8 +3,8 @@
 use crate::shell::{ModelMsg, SuperviseMsg};
 use crate::wiring::{Cell, Hub, Wires};
 use mobee_contract::{
-    Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Hold, Latest, MotionEnd, Refusal, Running,
-    Setpoints, Status, Time, Told, Verdict,
+    Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Hold, Latest, MotionEnd, NativeMessage, NativeState,
+    Refusal, Running, Setpoints, Status, Time, Verdict,
 };
 use mobee_model::{Edit, Robot, Scene};
 use ractor::RpcReplyPort;
@@ -185,13 +185,13 @@ impl Filtered for Filter {
         Err(format!("there is no retreat to try again: the robot holds ({why}); {opens}"))
     }
 
-    fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
+    fn passthrough(&self, part: &str, request: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>> {
         let plug = self.wires.parts.lock().plug.clone();
-        plug.0.ask(part, words)
+        plug.0.passthrough(part, request)
     }
 
-    fn told(&self, part: &str) -> Option<Told> {
+    fn native_state(&self, part: &str) -> Option<NativeState> {
         let plug = self.wires.parts.lock().plug.clone();
-        plug.0.told(part)
+        plug.0.native_state(part)
     }
 }

@@ -50,7 +50,8 @@ use cell::{Cell, Trouble};
 use driver::Reach;
 use layout::Layout;
 use mobee_contract::{
-    Answer, AsFound, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known, Paces, Told,
+    Answer, AsFound, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known, NativeMessage, NativeState,
+    Paces,
 };
 use mobee_model::Robot;
 use mobee_yarp::config::{self, Env};
@@ -231,14 +232,15 @@ impl Hardware for YarpHardware {
         self.layout.patches.iter().zip(&inner.boards).map(of).collect()
     }
 
-    fn told(&self, part: &str) -> Option<Told> {
+    fn native_state(&self, part: &str) -> Option<NativeState> {
         let board = self.layout.patches.iter().position(|p| p.part == part)?;
         let state = self.started().as_ref()?.reach.cell.lock().boards.get(board)?.told.clone()?;
         let stamp = state.stamp.map(|stamp| (stamp.count, stamp.time));
-        Some(Told { seq: state.seq, stamp, words: state.joints.encode(Dialect::V3) })
+        let message = NativeMessage(state.joints.encode(Dialect::V3));
+        Some(NativeState { seq: state.seq, stamp, message })
     }
 
-    fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
+    fn passthrough(&self, part: &str, request: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>> {
         let refused = |why: &str| {
             let fault = DriverFault::Refused(why.to_owned());
             Some(Box::pin(std::future::ready(Err(fault))) as Answer<_>)
@@ -246,14 +248,14 @@ impl Hardware for YarpHardware {
         let Some(board) = self.layout.patches.iter().position(|p| p.part == part) else {
             return refused("there is no such part");
         };
-        if !Bottle::decode(&words, Dialect::V3).is_ok_and(|asked| may_pass(&asked)) {
+        if !Bottle::decode(&request.0, Dialect::V3).is_ok_and(|asked| may_pass(&asked)) {
             return refused("only questions are passed on");
         }
         let started = self.started();
         let Some(questions) = started.as_ref().and_then(|s| s.questions.get(board)) else {
             return refused("the boards have not been reached yet");
         };
-        questions.pass(words).or_else(|| refused("too many questions wait for the board"))
+        questions.pass(request).or_else(|| refused("too many questions wait for the board"))
     }
 }
 

@@ -93,7 +93,7 @@ impl Desk {
             ["stop", "now"] => self.tell(Control::Abort).await.map(|()| vec!["the run ends now".into()]),
             ["world", words @ ..] => {
                 let request = Bottle::parse(words.join(" "), Dialect::V3).map_err(|e| e.to_string())?;
-                let reply = self.world.answer(request).await;
+                let reply = mobee_bridge::yarp::world::answer(&self.world, &request).await;
                 Ok(match reply.0.as_slice() {
                     // a line per element, as YARP's own programs show it
                     [Value::Vocab(many), lines @ ..] if *many == Vocab::new("many") => lines.iter().map(word).collect(),

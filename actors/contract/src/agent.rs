@@ -90,7 +90,7 @@ pub struct Requirements {
 pub enum Intent {
     /// Move there; in mid-motion: change the open motion's target.
     MoveTo(Target),
-    /// The same, each of the target's motors at its own speed, rad/s, as a YARP board drives them: they arrive one after the other.
+    /// The same, each of the target's motors at its own speed, rad/s, as control boards drive them: they arrive one after the other.
     MoveEach(Target, Vec<f64>),
     /// Follow set-points. The first opens a motion, each of the next continues it, and when they go quiet the robot
     /// brakes and the motion ends where it then rests. Refused while the robot holds: escapes are moves.
@@ -209,7 +209,7 @@ pub struct Commit {
     pub agent: Arc<str>,
     /// Where to.
     pub target: Target,
-    /// Speeds of the target's motors, rad/s, each going at its own as a YARP board's do; `None`: all arrive together.
+    /// Speeds of the target's motors, rad/s, each going at its own as a control board's do; `None`: all arrive together.
     pub speeds: Option<Vec<f64>>,
 }
 

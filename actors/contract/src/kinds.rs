@@ -137,29 +137,34 @@ pub trait Hardware: Send + Sync {
         Vec::new()
     }
 
-    /// Passes a request to a part's board in the board's own words (a YARP bottle in binary form), and its answer back,
-    /// so that a proxy can be transparent. `None`: the board has no words of its own. Questions only: whatever changes
-    /// how the board moves is the driver's alone.
-    fn ask(&self, _part: &str, _words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
+    /// Passes a request through to a part's board, and its answer back, both in the board's own protocol, so that a proxy
+    /// can be transparent. `None`: the board has no protocol of its own. Questions only: whatever changes how the board
+    /// moves is the driver's alone.
+    fn passthrough(&self, _part: &str, _request: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>> {
         None
     }
 
-    /// The newest state of a part's board in the board's own words, with all that it carries, so that a proxy can be
-    /// transparent. `None`: the board has no words of its own, or has said nothing yet.
-    fn told(&self, _part: &str) -> Option<Told> {
+    /// The newest state of a part's board in the board's own protocol, with all that it carries, so that a proxy can be
+    /// transparent. `None`: the board has no protocol of its own, or has said nothing yet.
+    fn native_state(&self, _part: &str) -> Option<NativeState> {
         None
     }
 }
 
+/// A message in the protocol of a board, byte for byte. Opaque to all but the driver of that board and a bridge that speaks the same
+/// protocol.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NativeMessage(pub Vec<u8>);
+
 /// A state as a board told it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Told {
+pub struct NativeState {
     /// Grows with every state.
     pub seq: u64,
     /// The board's own stamp, if it gives any: its number, and its time by the board's clock, s.
     pub stamp: Option<(u32, f64)>,
-    /// The state (a YARP `stateExt:o` in binary form).
-    pub words: Vec<u8>,
+    /// The state.
+    pub message: NativeMessage,
 }
 
 /// A kind of driver.

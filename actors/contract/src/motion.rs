@@ -71,9 +71,9 @@ pub struct Setpoints {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Values {
-    /// Positions to be at, rad (YARP's position direct).
+    /// Positions to be at, rad, followed as they come ([`crate::ControlMode::PositionDirect`]).
     Position(Vec<f64>),
-    /// Velocities to go at, rad/s (YARP's velocity move).
+    /// Velocities to go at, rad/s ([`crate::ControlMode::Velocity`]).
     Velocity(Vec<f64>),
 }
 

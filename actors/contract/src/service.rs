@@ -1,8 +1,11 @@
-//! What programs outside the safety chain may do with a running system: YARP's port filter, the world's RPC, a panel.
+//! What programs outside the safety chain may do with a running system: a port filter, the world's RPC, a panel.
 //!
 //! A service sees robots only through their filtered interface (paper, fig. 3): it commits, as any agent does.
 
-use crate::{Board, Commit, CommitId, Event, MotionEnd, Pose, Refusal, Setpoints, Status, Time, Verdict};
+use crate::{
+    Board, Commit, CommitId, DriverFault, Event, MotionEnd, NativeMessage, NativeState, Pose, Refusal, Setpoints,
+    Status, Time, Verdict,
+};
 use mobee_model::{Contact, Edit, Robot, Scene};
 use std::collections::BTreeSet;
 use std::future::Future;
@@ -61,10 +64,10 @@ pub trait Filtered: Send + Sync {
     /// # Errors
     /// There is none; a sentence says why the robot holds, if it does, and what opens its filter.
     fn recover(&self) -> Result<(), String>;
-    /// Passes a question to a part's board in its own words; see [`crate::Hardware::ask`].
-    fn ask(&self, part: &str, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, crate::DriverFault>>>;
-    /// The newest state of a part's board in its own words; see [`crate::Hardware::told`].
-    fn told(&self, part: &str) -> Option<crate::Told>;
+    /// Passes a question through to a part's board; see [`crate::Hardware::passthrough`].
+    fn passthrough(&self, part: &str, request: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>>;
+    /// The newest state of a part's board in its own protocol; see [`crate::Hardware::native_state`].
+    fn native_state(&self, part: &str) -> Option<NativeState>;
 }
 
 /// Robots and world of a running system.

@@ -1,42 +1,39 @@
-//! The port filter: a part's control board that any YARP program commands as if it were the robot's own, and safely.
+//! The port filter: a part's control board that any program commands as if it were the robot's own, and safely.
 //!
-//! The core is pure: it decides what becomes of a request, and is told what came of it.
+//! The core is pure: it decides what becomes of a request, and is told what came of it. It knows requests and replies as types
+//! ([`BoardRequest`], [`BoardReply`]); how they are written is a bridge's matter, YARP's is the module `yarp::board`.
 //!
 //! A robot that is only starting is waited for, at most two seconds. Then:
 //!
 //! | Request | While open | While closed |
 //! |---|---|---|
-//! | `[get] X ...` of the list in `reads.rs` | to the board, the reply byte for byte; a simulated robot's from its state | `[fail]` |
-//! | `[set]` `pos* rel*` | a commit: absolute, finite, within limits, at the joint's reference speed; a joint that stands beyond a limit may stay there | `[fail]` |
-//! | `[set] [vmos]`, `command:i` with `vmo* dpo*` | a stream, which ends when it goes quiet | `[fail]`, dropped |
-//! | `[set]` `sto*` | brakes; of some moving joints only: holds these where they are | `[fail]` |
-//! | `[set]` `vel* acc*` | kept and shown; this part's moves go by them, up to the greatest speed allowed | `[fail]` |
-//! | `[set] [icmd]` with `pos posd vel mix`, `[set] [intm]` with `stif` | kept and shown; the driver sets the real ones | `[fail]` |
-//! | fewer than two words | `[nak]` | `[fail]` |
-//! | all else: limits, encoders, torque, PWM, PID, calibration, amplifiers, other modes, the unknown | `[fail]` | `[fail]` |
+//! | question that is known to change nothing | to the board, the reply byte for byte; a simulated robot's from its state | refused |
+//! | move | a commit: absolute, finite, within limits, at the joint's reference speed; a joint that stands beyond a limit may stay there | refused |
+//! | velocities, direct positions | a stream, which ends when it goes quiet | refused, dropped |
+//! | stop | brakes; of some moving joints only: holds these where they are | refused |
+//! | reference speeds and accelerations | kept and shown; this part's moves go by them, up to the greatest speed allowed | refused |
+//! | control modes, to be stiff | kept and shown; the driver sets the real ones | refused |
+//! | less than a request | malformed | refused |
+//! | all else: limits, encoders, torque, PWM, PID, calibration, amplifiers, other modes, the unknown | refused | refused |
 //!
-//! A reply is the board's own but where the filter knows better: `[don]` is 0 while a motion's outcome is open (a client whose joints
-//! have arrived waits for no other client's in the same transaction: gaze may stream all day), and modes
-//! and references are the client's where it has set them. A connection whose motion failed gets `[fail]` once, whatever
-//! it asks, so that a slow one can't take a rolled-back motion for a finished one; a `[fail]` that it got while the filter
+//! A reply is the board's own but where the filter knows better: joints are not done while a motion's outcome is open (a client whose
+//! joints have arrived waits for no other client's in the same transaction: gaze may stream all day), and modes
+//! and references are the client's where it has set them. A connection whose motion failed is refused once, whatever
+//! it asks, so that a slow one can't take a rolled-back motion for a finished one; a refusal that it got while the filter
 //! was closed counts. A stream has no replies: one that failed is not heard until it was silent for half a second, or its
-//! client's RPC connection has got the `[fail]`; one none of whose motors had a part in the contact goes on as the filter opens.
+//! client's RPC connection has got the refusal; one none of whose motors had a part in the contact goes on as the filter opens.
 
-mod device;
 mod lines;
 mod motions;
-mod patch;
-mod reads;
+mod request;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
-pub(crate) use device::Boards;
+pub use request::{BoardAxis, BoardReply, BoardRequest, ClientMode, ClientSet, KnownBetter, Question};
 
 use lines::Lines;
 use mobee_contract::{Board, Commit, CommitId, Hold, MotionEnd, Setpoints, Status, Time, Verdict};
 use mobee_model::Robot;
-use mobee_yarp::board::{Ask, Get, Joints, Set, Shadow, ShadowAxis, Streamed, mode, reply};
-use mobee_yarp::{Bottle, Field, JointData, Stamp, Vocab};
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
@@ -48,8 +45,6 @@ const ARRIVED: f64 = 0.5;
 pub struct Seen<'a> {
     /// The time.
     pub now: Time,
-    /// The time of day, seconds since 1970: what stamps tell.
-    pub time_of_day: f64,
     /// The filter's state.
     pub status: Status,
     /// The robot's whole pose, rad.
@@ -76,15 +71,15 @@ pub fn closed(status: Status) -> bool {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
     /// This is the reply.
-    Reply(Bottle),
-    /// The request is a question, and goes to the board as it is; its reply to [`FilterCore::asked`], or if it has no words of its own,
-    /// [`FilterCore::answer`] does.
-    Ask,
+    Reply(BoardReply),
+    /// The request is a question, and goes to the board as it is, or if the board has no protocol of its own, is answered from
+    /// [`FilterCore::board`]; but for what [`FilterCore::knows_better`].
+    Question(Question),
     /// To be committed; the verdict to [`FilterCore::accepted`].
     Commit(Commit),
     /// To be streamed; the verdict to [`FilterCore::accepted`].
     Stream(Setpoints),
-    /// Brake, then reply `[ok]`.
+    /// Brake, then reply [`BoardReply::Accepted`].
     Stop,
 }
 
@@ -104,10 +99,7 @@ pub struct Client<'a> {
 /// One part's board as the filter keeps it.
 struct PartBoard {
     motors: Range<usize>,
-    shadow: Shadow,
-    /// Whether the client has set mode, reference speed, reference acceleration of each joint.
-    set: Vec<[bool; 3]>,
-    answers: Stamp,
+    axes: Vec<BoardAxis>,
 }
 
 /// The core of one robot's filter.
@@ -124,20 +116,11 @@ impl FilterCore {
     /// A filter for all parts of a robot, standing at `q` (rad), whose clients may use this share of each motor's greatest
     /// speed.
     pub fn new(name: &str, robot: &Robot, board: &Board, q: &[f64], speed: f64) -> FilterCore {
-        let axis = |(i, axis): (usize, &mobee_contract::Axis)| {
-            let q = q.get(i).copied().unwrap_or_default().to_degrees();
-            let (min, max) = (axis.min.to_degrees(), axis.max.to_degrees());
-            ShadowAxis::at_rest(axis.name.clone(), min, max, axis.max_speed.to_degrees(), q)
-        };
-        let axes: Vec<ShadowAxis> = board.axes.iter().enumerate().map(axis).collect();
-        let part = |part: &mobee_model::Part| {
-            let own = axes.get(part.motors.clone()).unwrap_or_default().to_vec();
-            PartBoard {
-                motors: part.motors.clone(),
-                set: vec![[false; 3]; own.len()],
-                shadow: Shadow { axes: own },
-                answers: Stamp::default(),
-            }
+        let axis = |(i, axis)| BoardAxis::at_rest(axis, q.get(i).copied().unwrap_or_default());
+        let axes: Vec<BoardAxis> = board.axes.iter().enumerate().map(axis).collect();
+        let part = |part: &mobee_model::Part| PartBoard {
+            motors: part.motors.clone(),
+            axes: axes.get(part.motors.clone()).unwrap_or_default().to_vec(),
         };
         FilterCore {
             agent: format!("{name}/filter").into(),
@@ -156,75 +139,71 @@ impl FilterCore {
     /// The reference speeds and accelerations that a real board has (deg/s, deg/s^2), read once at the start.
     pub fn learn(&mut self, part: usize, speeds: &[f64], accelerations: &[f64]) {
         let Some(part) = self.parts.get_mut(part) else { return };
-        for (axis, speed) in part.shadow.axes.iter_mut().zip(speeds) {
+        for (axis, speed) in part.axes.iter_mut().zip(speeds) {
             axis.ref_speed = *speed;
         }
-        for (axis, acceleration) in part.shadow.axes.iter_mut().zip(accelerations) {
+        for (axis, acceleration) in part.axes.iter_mut().zip(accelerations) {
             axis.ref_acc = *acceleration;
         }
     }
 
     /// A request came.
-    pub fn request(&mut self, client: &Client, request: &Bottle, seen: &Seen) -> Step {
+    pub fn request(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Step {
         self.lines.hear(client, seen);
         if closed(seen.status) || self.lines.failed(client) {
             return Step::Reply(self.fail(client));
         }
-        let Some(axes) = self.parts.get(client.part).map(|p| p.shadow.axes.len()) else {
-            return Step::Reply(reply::fail());
-        };
-        if request.0.len() < 2 {
-            return Step::Reply(reply::nak());
-        }
-        if reads::allowed(request) {
-            return Step::Ask;
-        }
-        match Ask::parse(request).filter(|ask| ask.fits(axes)) {
-            Some(Ask::Set(set)) => self.set(client, &set, seen).unwrap_or_else(|| Step::Reply(reply::fail())),
-            _ => Step::Reply(reply::fail()),
+        match request {
+            BoardRequest::Incomplete => Step::Reply(BoardReply::Malformed),
+            BoardRequest::Question(question) => Step::Question(question.clone()),
+            order => self.order(client, order, seen).unwrap_or(Step::Reply(BoardReply::Refused)),
         }
     }
 
-    /// A command of `command:i` came; `None`: nothing is to be done.
-    pub fn streamed(&mut self, client: &Client, head: &Bottle, body: &[f64], seen: &Seen) -> Option<Step> {
+    /// A streamed command came; `None`: nothing is to be done.
+    pub fn streamed(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
         self.lines.hear(client, seen);
         // it is heard while the filter is closed, too: who never paused has not been silent
         let deaf = self.lines.deaf(client, seen.now);
         if deaf || closed(seen.status) {
             return None;
         }
-        let axes = self.parts.get(client.part)?.shadow.axes.len();
-        match Streamed::parse(head, body, axes)? {
-            Streamed::Velocity(joints, values) => self.velocities(client, &joints, &values),
-            Streamed::Direct(joints, values) => self.directs(client, &joints, &values),
-            Streamed::Move(values) => self.moves(client, &Joints::All, &values, seen),
+        match request {
+            BoardRequest::Move { .. } | BoardRequest::Velocity { .. } | BoardRequest::Direct { .. } => {
+                self.order(client, request, seen)
+            }
+            _ => None,
         }
     }
 
-    fn set(&mut self, client: &Client, set: &Set, seen: &Seen) -> Option<Step> {
-        match set {
-            Set::Move { joints, values, relative } => {
+    /// What becomes of an order; `None`: it is refused.
+    fn order(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
+        let part = self.parts.get(client.part).filter(|part| request.fits(part.axes.len()))?;
+        match request {
+            BoardRequest::Move { joints, values, relative } => {
                 let mut values = values.clone();
                 if *relative {
-                    let part = self.parts.get(client.part)?;
-                    for (value, joint) in values.iter_mut().zip(joints.on(part.shadow.axes.len())?) {
+                    for (value, joint) in values.iter_mut().zip(joints) {
                         *value += seen.q.get(part.motors.start + joint)?.to_degrees();
                     }
                 }
-                self.moves(client, joints, &values, seen)
+                self.moves(client, joints, &values)
             }
-            Set::Velocity(values) => self.velocities(client, &Joints::All, values),
-            Set::Stop(joints) => self.stop(client, joints, seen),
+            BoardRequest::Velocity { joints, values } => self.velocities(client, joints, values),
+            BoardRequest::Direct { joints, values } => self.directs(client, joints, values),
+            BoardRequest::Stop(joints) => self.stop(client, joints, seen),
             // never passed on: the board would go by them in whatever motion it is told next
-            Set::Speed(joints, values) => self.refer(client.part, joints, 1, values, |axis| &mut axis.ref_speed),
-            Set::Acceleration(joints, values) => self.refer(client.part, joints, 2, values, |axis| &mut axis.ref_acc),
-            Set::Mode(joints, modes) => {
-                let known = [mode::POSITION, mode::DIRECT, mode::VELOCITY, mode::MIXED];
-                modes.iter().all(|m| known.contains(m)).then_some(())?;
-                self.keep(client.part, joints, 0, modes, |axis, mode: &Vocab| axis.mode = *mode)
-            }
-            Set::Interaction(_, modes) => modes.iter().all(|m| *m == mode::STIFF).then(|| Step::Reply(reply::ok())),
-            Set::Limits(..) | Set::SpeedLimits(..) | Set::ResetEncoders(_) | Set::Encoders(..) => None,
+            BoardRequest::Speed { joints, values } => self.refer(client.part, joints, values, |axis, speed| {
+                (axis.ref_speed, axis.set.speed) = (speed, true);
+            }),
+            BoardRequest::Acceleration { joints, values } => self.refer(client.part, joints, values, |axis, acc| {
+                (axis.ref_acc, axis.set.acceleration) = (acc, true);
+            }),
+            BoardRequest::Mode { joints, modes } => self.keep(client.part, joints, modes, |axis, mode| {
+                (axis.mode, axis.set.mode) = (*mode, true);
+            }),
+            BoardRequest::BeStiff => Some(Step::Reply(BoardReply::Accepted)),
+            BoardRequest::Question(_) | BoardRequest::Incomplete | BoardRequest::Unknown => None,
         }
     }
 
@@ -232,34 +211,25 @@ impl FilterCore {
     fn keep<T>(
         &mut self,
         part: usize,
-        joints: &Joints,
-        which: usize,
+        joints: &[usize],
         values: &[T],
-        put: impl Fn(&mut ShadowAxis, &T),
+        put: impl Fn(&mut BoardAxis, &T),
     ) -> Option<Step> {
         let part = self.parts.get_mut(part)?;
-        for (joint, value) in joints.on(part.shadow.axes.len())?.into_iter().zip(values) {
-            put(part.shadow.axes.get_mut(joint)?, value);
-            *part.set.get_mut(joint)?.get_mut(which)? = true;
+        for (joint, value) in joints.iter().zip(values) {
+            put(part.axes.get_mut(*joint)?, value);
         }
-        Some(Step::Reply(reply::ok()))
+        Some(Step::Reply(BoardReply::Accepted))
     }
 
     /// Keeps references. Boards take the amount: a negative one means the same.
-    fn refer(
-        &mut self,
-        part: usize,
-        joints: &Joints,
-        which: usize,
-        values: &[f64],
-        slot: fn(&mut ShadowAxis) -> &mut f64,
-    ) -> Option<Step> {
+    fn refer(&mut self, part: usize, joints: &[usize], values: &[f64], put: fn(&mut BoardAxis, f64)) -> Option<Step> {
         values.iter().all(|v| v.is_finite()).then_some(())?;
-        self.keep(part, joints, which, values, |axis, v| *slot(axis) = v.abs())
+        self.keep(part, joints, values, |axis, v| put(axis, v.abs()))
     }
 
     /// The verdict on a commit or a stream: the reply.
-    pub fn accepted(&mut self, client: &Client, step: &Step, verdict: &Verdict, seen: &Seen) -> Bottle {
+    pub fn accepted(&mut self, client: &Client, step: &Step, verdict: &Verdict, seen: &Seen) -> BoardReply {
         if let Ok(id) = verdict {
             let motors = match step {
                 Step::Commit(commit) => commit.target.motors.as_slice(),
@@ -272,41 +242,47 @@ impl FilterCore {
         if closed(seen.status) {
             return self.fail(client);
         }
-        if verdict.is_ok() { reply::ok() } else { reply::fail() }
+        if verdict.is_ok() { BoardReply::Accepted } else { BoardReply::Refused }
     }
 
-    /// A board with words of its own replied: what the client gets. `None`: the reply as it came.
-    pub fn asked(
+    /// What the filter knows better than whatever answers a question, once it is answered.
+    ///
+    /// # Errors
+    /// The reply instead of any answer.
+    pub fn knows_better(
         &mut self,
         client: &Client,
-        request: &Bottle,
-        replied: Option<&Bottle>,
+        question: &Question,
         seen: &Seen,
-    ) -> Option<Bottle> {
+    ) -> Result<KnownBetter, BoardReply> {
         self.lines.hear(client, seen);
         if closed(seen.status) || self.lines.failed(client) {
-            return Some(self.fail(client));
+            return Err(self.fail(client));
         }
-        let Some(replied) = replied else { return Some(reply::fail()) };
-        let part = self.parts.get(client.part)?;
-        let Some(Ask::Get(get)) = Ask::parse(request) else { return None };
-        patch::patched(&get, replied, part, &self.under_way(seen))
+        let Some(part) = self.parts.get(client.part) else { return Err(BoardReply::Refused) };
+        let axes = |joints: &[usize]| joints.iter().map(|j| part.axes.get(*j)).collect::<Vec<_>>();
+        let references = |joints: &[usize], of: fn(&BoardAxis) -> Option<f64>| {
+            KnownBetter::References(axes(joints).into_iter().map(|axis| axis.and_then(of)).collect())
+        };
+        Ok(match question {
+            Question::Done(joints) => {
+                let moving = self.under_way(seen);
+                let open = joints.iter().any(|j| moving.contains(&(part.motors.start + j)));
+                if open { KnownBetter::NotDone } else { KnownBetter::Nothing }
+            }
+            Question::Modes(joints) => {
+                let mode = |axis: Option<&BoardAxis>| axis.filter(|axis| axis.set.mode).map(|axis| axis.mode);
+                KnownBetter::Modes(axes(joints).into_iter().map(mode).collect())
+            }
+            Question::Speeds(joints) => references(joints, |axis| axis.set.speed.then_some(axis.ref_speed)),
+            Question::Accelerations(joints) => references(joints, |axis| axis.set.acceleration.then_some(axis.ref_acc)),
+            Question::Other => KnownBetter::Nothing,
+        })
     }
 
-    /// The answer to what would be asked of the board, from what is known, for a robot whose board has no words.
-    pub fn answer(&mut self, client: &Client, request: &Bottle, seen: &Seen) -> Bottle {
-        self.lines.hear(client, seen);
-        if closed(seen.status) || self.lines.failed(client) {
-            return self.fail(client);
-        }
-        let moving = self.under_way(seen);
-        let Some(part) = self.parts.get_mut(client.part) else { return reply::fail() };
-        part.answers = part.answers.next(seen.time_of_day);
-        let Some(answer) = part.shadow.answer(request, part.answers) else { return reply::fail() };
-        match Ask::parse(request) {
-            Some(Ask::Get(get @ Get::Done(_))) => patch::patched(&get, &answer, part, &moving).unwrap_or(answer),
-            _ => answer,
-        }
+    /// A part's joints as they are kept and shown.
+    pub fn board(&self, part: usize) -> &[BoardAxis] {
+        self.parts.get(part).map(|part| part.axes.as_slice()).unwrap_or_default()
     }
 
     /// The motors that are not done yet, whatever the board thinks: the outcome of their motion is open. A client whose motors have
@@ -314,7 +290,7 @@ impl FilterCore {
     fn under_way(&self, seen: &Seen) -> BTreeSet<usize> {
         self.lines.under_way(seen, |motor| {
             let part = self.parts.iter().find(|part| part.motors.contains(&motor));
-            let axis = part.and_then(|part| part.shadow.axes.get(motor - part.motors.start));
+            let axis = part.and_then(|part| part.axes.get(motor - part.motors.start));
             axis.zip(seen.q.get(motor)).is_some_and(|(axis, q)| (q.to_degrees() - axis.target).abs() <= ARRIVED)
         })
     }
@@ -325,7 +301,7 @@ impl FilterCore {
         self.sensed = Some(at);
         let under_way = !matches!(status, Status::Rest | Status::Holding(_) | Status::Starting);
         for part in &mut self.parts {
-            for (axis, q) in part.shadow.axes.iter_mut().zip(q.get(part.motors.clone()).unwrap_or_default()) {
+            for (axis, q) in part.axes.iter_mut().zip(q.get(part.motors.clone()).unwrap_or_default()) {
                 let q = q.to_degrees();
                 let speed = match secs {
                     Some(secs) if secs > 1e-4 => (q - axis.q) / secs,
@@ -337,28 +313,16 @@ impl FilterCore {
         }
     }
 
-    /// A part's state as it is shown: as its board told it, with all that it carries, or for a simulated robot what is known;
-    /// with the modes that the client has set.
-    pub fn state(&self, part: usize, told: Option<JointData>) -> Option<JointData> {
-        let part = self.parts.get(part)?;
-        // readings tell positions; velocities are their differences, and no more can be had of them
-        let acceleration = Field::unknown(part.shadow.axes.len());
-        let own = JointData { acceleration, ..part.shadow.joint_data() };
-        let Some(mut told) = told else { return Some(own) };
-        patch::shown(part, own, &mut told);
-        Some(told)
-    }
-
     /// A connection ended.
     pub fn gone(&mut self, connection: u64) {
         self.lines.gone(connection);
     }
 
-    /// `[fail]`, of which the client learns if it listens.
-    fn fail(&mut self, client: &Client) -> Bottle {
+    /// A refusal, of which the client learns if it listens.
+    fn fail(&mut self, client: &Client) -> BoardReply {
         if client.listens {
             self.lines.told(client);
         }
-        reply::fail()
+        BoardReply::Refused
     }
 }

@@ -1,72 +1,61 @@
-//! What a robot's collision and observation ports tell: its present contacts, in the original's form, and its state.
-//!
-//! Shapes are numbered as the original numbered them: robot by robot and node by node, a node after its children, solids
-//! before fields, then the objects of the world.
+//! What a robot touches, with its shapes numbered as the original numbered them: robot by robot and node by node, a node after its
+//! children, solids before fields, then the objects of the world.
 
-use crate::words::string;
-use mobee_contract::Latest;
 use mobee_model::{Contact, ObjectClass, Robot, Scene, ShapeId};
-use mobee_yarp::{Bottle, Value};
 use nalgebra::Point3;
 
-/// The contacts of a robot: `((i x y z) (j x y z))` with itself, `(i x y z "ROBOT")` (or `"OBSTACLE"`, `"TARGET"`) with
-/// others; a single 0 if there is none. i is the shape's number, x y z its point of contact, world frame.
-pub fn collisions(robot: usize, contacts: &[Contact], scene: &Scene) -> Bottle {
+/// A contact of a robot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Collision {
+    /// With itself.
+    Own(Touch, Touch),
+    /// With something else: where, on the robot's side.
+    With(Touch, Touched),
+}
+
+/// One end of a contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touch {
+    /// The shape's number in the model, from 1.
+    pub shape: usize,
+    /// Its point of contact, m, world frame.
+    pub at: Point3<f64>,
+}
+
+/// What a robot touches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Touched {
+    /// Another robot.
+    Robot,
+    /// An object to stay away from.
+    Obstacle,
+    /// An object to reach for.
+    Target,
+}
+
+/// The contacts of a robot, an index into the scene's.
+pub fn collisions(robot: usize, contacts: &[Contact], scene: &Scene) -> Vec<Collision> {
     let own = |id: &ShapeId| matches!(id, ShapeId::Robot { robot: r, .. } if usize::from(*r) == robot);
-    let mut all = Vec::new();
-    for contact in contacts {
+    let touch = |(id, at): &(ShapeId, Point3<f64>)| Touch { shape: number(id, scene), at: *at };
+    let collision = |contact: &Contact| {
         let ends = [(contact.pair.0, contact.points[0]), (contact.pair.1, contact.points[1])];
         let (mine, others): (Vec<_>, Vec<_>) = ends.into_iter().partition(|(id, _)| own(id));
         match (mine.as_slice(), others.as_slice()) {
-            ([a, b], []) => all.push(Value::List(Bottle(vec![
-                Value::List(Bottle(touch(a, scene))),
-                Value::List(Bottle(touch(b, scene))),
-            ]))),
-            ([a], [b]) => {
-                let mut list = touch(a, scene);
-                list.push(string(kind(&b.0, scene)));
-                all.push(Value::List(Bottle(list)));
-            }
-            _ => {}
+            ([a, b], []) => Some(Collision::Own(touch(a), touch(b))),
+            ([a], [b]) => Some(Collision::With(touch(a), touched(&b.0, scene))),
+            _ => None,
         }
-    }
-    if all.is_empty() {
-        all.push(Value::Int32(0));
-    }
-    Bottle(all)
+    };
+    contacts.iter().filter_map(collision).collect()
 }
 
-/// A robot's state: `(time SECONDS) (state WORD) (contacts N) (part NAME (q ...)) ...` with positions in degrees.
-pub fn observation(robot: &Robot, latest: &Latest) -> Bottle {
-    let entry = |key: &str, value: Value| Value::List(Bottle(vec![string(key), value]));
-    let count = i32::try_from(latest.contacts.len()).unwrap_or(i32::MAX);
-    let mut all = vec![
-        entry("time", Value::Float64(latest.at.secs())),
-        entry("state", string(latest.status.word())),
-        entry("contacts", Value::Int32(count)),
-    ];
-    for part in &robot.parts {
-        let q = latest.q.get(part.motors.clone()).unwrap_or_default();
-        let q = Value::List(Bottle(q.iter().map(|q| Value::Float64(q.to_degrees())).collect()));
-        all.push(Value::List(Bottle(vec![string("part"), string(&part.name), q])));
-    }
-    Bottle(all)
-}
-
-fn touch((id, at): &(ShapeId, Point3<f64>), scene: &Scene) -> Vec<Value> {
-    let number = i32::try_from(number(id, scene)).unwrap_or(i32::MAX);
-    let mut list = vec![Value::Int32(number)];
-    list.extend(at.coords.iter().map(|x| Value::Float64(*x)));
-    list
-}
-
-fn kind(id: &ShapeId, scene: &Scene) -> &'static str {
+fn touched(id: &ShapeId, scene: &Scene) -> Touched {
     match id {
-        ShapeId::Robot { .. } => "ROBOT",
+        ShapeId::Robot { .. } => Touched::Robot,
         ShapeId::Object { object, .. } => {
             let target =
                 |(i, o): (u32, &std::sync::Arc<mobee_model::Object>)| i == *object && o.class == ObjectClass::Target;
-            if scene.objects().any(target) { "TARGET" } else { "OBSTACLE" }
+            if scene.objects().any(target) { Touched::Target } else { Touched::Obstacle }
         }
     }
 }
@@ -124,7 +113,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn contacts_are_told_in_the_originals_form() {
+    fn contacts_are_told_with_the_originals_numbers() {
         let icub = concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/robots/icub.xml");
         let robot = Arc::new(load_robot(icub).unwrap().value);
         let world = "<WorldList><object name='ball'><sphere radius='0.1'/></object></WorldList>";
@@ -137,13 +126,13 @@ mod tests {
         let ball = ShapeId::Object { object: 0, shape: 0 };
         let points = [Point3::new(1.0, 2.0, 3.0), Point3::new(4.0, 5.0, 6.0)];
         let contact = |a, b| Contact { pair: (a, b), distance: 0.0, points };
-        assert_eq!(collisions(0, &[], &scene).to_string(), "0");
+        assert_eq!(collisions(0, &[], &scene), []);
         let all: usize = robot.nodes.iter().map(|n| n.solids.len() + n.fields.len()).sum();
         let told = collisions(0, &[contact(solid(0), ball), contact(solid(0), solid(1))], &scene);
         let first = number(&solid(0), &scene);
         let second = number(&solid(1), &scene);
-        let expected = format!("({first} 1.0 2.0 3.0 OBSTACLE) (({first} 1.0 2.0 3.0) ({second} 4.0 5.0 6.0))");
-        assert_eq!(told.to_string(), expected);
+        let (one, other) = (Touch { shape: first, at: points[0] }, Touch { shape: second, at: points[1] });
+        assert_eq!(told, [Collision::With(one, Touched::Obstacle), Collision::Own(one, other)]);
         assert_eq!(number(&ball, &scene), all + 1);
         let mut numbers: Vec<usize> = Vec::new();
         for (n, node) in robot.nodes.iter().enumerate() {

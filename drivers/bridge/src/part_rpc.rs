@@ -1,15 +1,7 @@
-//! A part's own RPC (`/MoBeE/<part>/rpc`): markers, frames and standstill, with the original's words and replies.
-//!
-//! ```text
-//! list          the part's markers                     stpd [limit]  1 if nothing is commanded to go faster (deg/s), else 0
-//! get MARKER    position and normal, world frame       tolo x y z    a point in the frame of the part's root
-//! getn          the number of joints                   togl x y z    and back
-//! clrt MARKER   taken for the original's sake: there is no trail to clear
-//! ```
+//! The RPC of a robot's part: what a person wants to know of its joints and markers. How requests are written is a bridge's matter,
+//! YARP's is the module `yarp::part`.
 
-use crate::words::{self, line, string};
-use mobee_model::Robot;
-use mobee_yarp::{Bottle, Value};
+use mobee_model::{Marker, Robot};
 use nalgebra::{Isometry3, Point3};
 
 /// What is known of a part when it is asked.
@@ -26,46 +18,101 @@ pub struct PartView<'a> {
     pub commanded: &'a [f64],
 }
 
-/// Answers a request; whatever is wrong is said in the reply.
-pub fn answer(request: &Bottle, view: &PartView) -> Bottle {
-    let rest = request.0.get(1..).unwrap_or_default();
-    let verb = words::name(request.0.first());
-    let trouble = || line("Handler encountered a problem :-(");
-    match verb.as_deref() {
-        Some("list") => Bottle(markers(view).map(string).collect()),
-        Some("get") => marker(rest, view).unwrap_or_else(trouble),
-        Some("getn") => {
-            let joints = view.robot.parts.get(view.part).map_or(0, |p| p.motors.len());
-            Bottle(vec![Value::Int32(i32::try_from(joints).unwrap_or(i32::MAX))])
-        }
-        Some("stpd") => {
-            let most = words::number(rest.first()).unwrap_or_default();
-            let still = view.commanded.iter().all(|v| v.abs() <= most);
-            Bottle(vec![Value::Int32(i32::from(still))])
-        }
-        Some("tolo") => point(rest, view, |root, p| root.inverse_transform_point(&p)).unwrap_or_else(trouble),
-        Some("togl") => point(rest, view, |root, p| root.transform_point(&p)).unwrap_or_else(trouble),
-        Some("clrt") => match words::name(rest.first()) {
-            Some(name) if markers(view).any(|m| *m == name) => Bottle(vec![]),
-            _ => trouble(),
-        },
-        _ => Bottle(vec![string("Unknown RPC command: "), string(request.to_string())]),
-    }
+/// A question to a part.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PartRequest {
+    /// The names of its markers.
+    Markers,
+    /// Where a marker of this name is.
+    Marker(String),
+    /// The number of its joints.
+    Joints,
+    /// Whether no joint is commanded to go faster than this, deg/s.
+    IsStill(f64),
+    /// This point of the world, m, in the frame of the part's root.
+    ToLocal([f64; 3]),
+    /// This point of the frame of the part's root, m, in the world.
+    ToGlobal([f64; 3]),
+    /// Forget the trail of this marker; taken for the original's sake, as there is no trail.
+    ClearTrail(String),
 }
 
-/// The positions of a part's joints as shares of their ranges: what its `state:o` sends.
-pub fn shares(view: &PartView) -> Bottle {
+/// A part's answer.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PartReply {
+    /// Names of markers.
+    Markers(Vec<String>),
+    /// A marker, world frame.
+    Marker {
+        /// Where it is, m.
+        position: [f64; 3],
+        /// Its normal, of length 1.
+        normal: [f64; 3],
+    },
+    /// A number of joints.
+    Joints(usize),
+    /// Whether the part is still.
+    IsStill(bool),
+    /// A point, m.
+    Point([f64; 3]),
+    /// There was no trail.
+    Cleared,
+}
+
+/// Why a part gives no answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PartRefusal {
+    /// There is no such request.
+    Unknown,
+    /// What the request needs besides its verb is missing, or is something else.
+    Malformed,
+    /// The part has no marker of this name.
+    NoMarker,
+    /// The part has no root whose frame could be meant.
+    NoRoot,
+}
+
+/// Answers a question.
+///
+/// # Errors
+/// Why there is no answer.
+pub fn answer(request: &PartRequest, view: &PartView) -> Result<PartReply, PartRefusal> {
+    Ok(match request {
+        PartRequest::Markers => PartReply::Markers(markers(view).map(|m| m.name.clone()).collect()),
+        PartRequest::Marker(name) => {
+            let marker = marker(name, view)?;
+            let frame = *frames(view).get(marker.node).ok_or(PartRefusal::NoMarker)?;
+            let normal = frame.rotation * *marker.normal;
+            PartReply::Marker { position: frame.translation.vector.into(), normal: normal.into() }
+        }
+        PartRequest::Joints => PartReply::Joints(view.robot.parts.get(view.part).map_or(0, |p| p.motors.len())),
+        PartRequest::IsStill(most) => PartReply::IsStill(view.commanded.iter().all(|v| v.abs() <= *most)),
+        PartRequest::ToLocal(at) => PartReply::Point(root(view)?.inverse_transform_point(&Point3::from(*at)).into()),
+        PartRequest::ToGlobal(at) => PartReply::Point(root(view)?.transform_point(&Point3::from(*at)).into()),
+        PartRequest::ClearTrail(name) => {
+            marker(name, view)?;
+            PartReply::Cleared
+        }
+    })
+}
+
+/// The positions of a part's joints as shares of their ranges: what its state port tells.
+pub fn shares(view: &PartView) -> Vec<f64> {
     let motors = view.robot.parts.get(view.part).map(|p| p.motors.clone()).unwrap_or_default();
     let share = |i: usize| {
         let (motor, q) = (view.robot.motors.get(i)?, view.q.get(i)?);
         let range = motor.max - motor.min;
-        Some(Value::Float64(if range > 0.0 { (q - motor.min) / range } else { 0.0 }))
+        Some(if range > 0.0 { (q - motor.min) / range } else { 0.0 })
     };
-    Bottle(motors.filter_map(share).collect())
+    motors.filter_map(share).collect()
 }
 
-fn markers<'a>(view: &'a PartView) -> impl Iterator<Item = &'a String> {
-    view.robot.markers.iter().filter(|m| m.part == view.part).map(|m| &m.name)
+fn markers<'a>(view: &'a PartView) -> impl Iterator<Item = &'a Marker> {
+    view.robot.markers.iter().filter(|m| m.part == view.part)
+}
+
+fn marker<'a>(name: &str, view: &'a PartView) -> Result<&'a Marker, PartRefusal> {
+    markers(view).find(|m| m.name == name).ok_or(PartRefusal::NoMarker)
 }
 
 fn frames(view: &PartView) -> Vec<Isometry3<f64>> {
@@ -74,82 +121,8 @@ fn frames(view: &PartView) -> Vec<Isometry3<f64>> {
     frames
 }
 
-fn floats(values: impl IntoIterator<Item = f64>) -> Bottle {
-    Bottle(values.into_iter().map(Value::Float64).collect())
-}
-
-fn marker(rest: &[Value], view: &PartView) -> Option<Bottle> {
-    let name = words::name(rest.first())?;
-    let marker = view.robot.markers.iter().find(|m| m.part == view.part && m.name == name)?;
-    let frame = *frames(view).get(marker.node)?;
-    let normal = frame.rotation * *marker.normal;
-    Some(floats(frame.translation.vector.iter().chain(normal.iter()).copied()))
-}
-
-fn point(
-    rest: &[Value],
-    view: &PartView,
-    turn: impl FnOnce(&Isometry3<f64>, Point3<f64>) -> Point3<f64>,
-) -> Option<Bottle> {
-    let [x, y, z] = words::exactly(rest)?;
-    let root = view.robot.parts.get(view.part)?.root_node?;
-    let turned = turn(frames(view).get(root)?, Point3::new(x, y, z));
-    Some(floats(turned.coords.iter().copied()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use mobee_model::load_robot;
-    use proptest::prelude::*;
-
-    fn icub() -> Robot {
-        load_robot(concat!(env!("CARGO_MANIFEST_DIR"), "/../../configs/robots/icub.xml")).unwrap().value
-    }
-
-    fn ask(robot: &Robot, part: usize, text: &str) -> Bottle {
-        let q = robot.home();
-        let base = Isometry3::translation(0.0, 0.0, 1.0);
-        let view = PartView { robot, part, base, q: &q, commanded: &[0.5, -2.0] };
-        answer(&Bottle::parse(text, Default::default()).unwrap(), &view)
-    }
-
-    #[test]
-    fn markers_are_listed_and_found() {
-        let robot = icub();
-        let marker = robot.markers.first().unwrap();
-        assert!(ask(&robot, marker.part, "list").to_string().contains(&marker.name));
-        let at = robot.markers_at(&robot.home())[0].clone();
-        let numbers = ask(&robot, marker.part, &format!("get {}", marker.name)).numbers().unwrap();
-        assert_eq!(numbers.len(), 6);
-        assert!((numbers[2] - at.position().z - 1.0).abs() < 1e-12, "in the world's frame");
-        let other = (marker.part + 1) % robot.parts.len();
-        let trouble = line("Handler encountered a problem :-(");
-        assert_eq!(ask(&robot, other, &format!("get {}", marker.name)), trouble);
-        assert_eq!(ask(&robot, marker.part, &format!("clrt {}", marker.name)), Bottle::new());
-    }
-
-    #[test]
-    fn joints_standstill_and_frames_are_told() {
-        let robot = icub();
-        let part = robot.parts.iter().position(|p| p.name == "right_arm").unwrap();
-        assert_eq!(ask(&robot, part, "getn").to_string(), robot.parts[part].motors.len().to_string());
-        assert_eq!(ask(&robot, part, "stpd").to_string(), "0");
-        assert_eq!(ask(&robot, part, "stpd 2.0").to_string(), "1");
-        let local = ask(&robot, part, "tolo 0.1 0.2 0.3");
-        let back = ask(&robot, part, &format!("togl {local}")).numbers().unwrap();
-        assert!(back.iter().zip([0.1, 0.2, 0.3]).all(|(a, b)| (a - b).abs() < 1e-9));
-        assert_eq!(ask(&robot, part, "jump high").to_string(), "\"Unknown RPC command: \" \"jump high\"");
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
-
-        /// Any text is answered.
-        #[test]
-        fn no_request_harms(part in 0..9_usize, text in "(list|get|getn|stpd|tolo|togl|clrt|[a-z]{1,5})( (-?[0-9]{1,3}|nan|[a-z]+|\\(1 2\\)))*") {
-            let robot = icub();
-            ask(&robot, part, &text);
-        }
-    }
+/// `world_from_root` of the part.
+fn root(view: &PartView) -> Result<Isometry3<f64>, PartRefusal> {
+    let root = view.robot.parts.get(view.part).and_then(|p| p.root_node).ok_or(PartRefusal::NoRoot)?;
+    frames(view).get(root).copied().ok_or(PartRefusal::NoRoot)
 }

@@ -1,36 +1,50 @@
-//! A robot's own RPC (`/MoBeE/<robot>/rpc`): what a person at it may want of its controller.
-//!
-//! ```text
-//! status        the filter's state in one word, and the reason of a hold
-//! agent on|off  lets the built-in agent make motions, or makes it pause (at the end of its present one) for another
-//! recover       tries a failed retreat again
-//! ```
+//! A robot's own RPC: what a person at it may want of its controller. How requests are written is a bridge's matter, YARP's is the
+//! module `yarp::robot`.
 
-use crate::words::{self, line, string};
-use mobee_contract::{Filtered, Status};
-use mobee_yarp::{Bottle, Value, Vocab};
+use mobee_contract::{Filtered, Refusal, Status};
 
-/// Answers a request; `[ok]`, or a sentence.
-pub fn answer(request: &Bottle, robot: &dyn Filtered) -> Bottle {
-    let ok = || Bottle(vec![Value::Vocab(Vocab::new("ok"))]);
-    let word = |i: usize| words::name(request.0.get(i)).unwrap_or_default();
-    match word(0).as_str() {
-        "status" => {
-            let status = robot.latest().status;
-            let mut reply = line(status.word());
-            if let Status::Holding(reason) = status {
-                reply.0.push(string(reason.to_string()));
-            }
-            reply
-        }
-        "agent" => match word(1).as_str() {
-            act @ ("on" | "off") => match robot.let_agent_act(act == "on") {
-                Ok(()) => ok(),
-                Err(refusal) => line(format!("{refusal}; {}", refusal.remedy())),
-            },
-            _ => line("Say `agent on` or `agent off`."),
-        },
-        "recover" => robot.recover().map_or_else(line, |()| ok()),
-        _ => line("Commands: status, agent on|off, recover."),
+/// A request to a robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RobotRequest {
+    /// The filter's state.
+    Status,
+    /// Let the built-in agent make motions, or make it pause (at the end of its present one) for another.
+    LetAgentAct(bool),
+    /// Try a failed retreat again.
+    Recover,
+}
+
+/// A robot's answer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum RobotReply {
+    /// The filter's state.
+    Status(Status),
+    /// It is done.
+    Done,
+}
+
+/// Why a robot does not do what it was asked.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum RobotRefusal {
+    /// There is no such request.
+    Unknown,
+    /// The agent can be let act, or not: the request says neither.
+    OnOrOff,
+    /// The filtered interface refused.
+    Refused(Refusal),
+    /// There is no retreat to try again: what would help.
+    NotRecovered(String),
+}
+
+/// Answers a request.
+///
+/// # Errors
+/// Why it is not done.
+pub(crate) fn answer(request: RobotRequest, robot: &dyn Filtered) -> Result<RobotReply, RobotRefusal> {
+    match request {
+        RobotRequest::Status => return Ok(RobotReply::Status(robot.latest().status)),
+        RobotRequest::LetAgentAct(act) => robot.let_agent_act(act).map_err(RobotRefusal::Refused)?,
+        RobotRequest::Recover => robot.recover().map_err(RobotRefusal::NotRecovered)?,
     }
+    Ok(RobotReply::Done)
 }

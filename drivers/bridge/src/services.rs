@@ -7,6 +7,7 @@
 //! /MoBeE/<robot>/{rpc,collisions:o,observation:o}              state, pausing the built-in agent, contacts
 //! ```
 
+mod boards;
 mod network;
 mod parts;
 mod settings;
@@ -16,7 +17,7 @@ mod world;
 pub use settings::{RobotPorts, YarpSettings};
 pub use world::WorldService;
 
-use crate::filter::Boards;
+use boards::Boards;
 use mobee_contract::{Answer, KindError, Running, Service};
 use mobee_yarp::{NameServer, Network, RpcServer};
 use std::collections::BTreeSet;

@@ -2,32 +2,26 @@
 //!
 //! The core is pure: a request and a view of the world give a reply and the edits to make. Where the original had a
 //! mistake the right thing is done instead: `grab` holds until it is released, a wrong shape of request is answered with
-//! a sentence, names in use are skipped, and an object that stays says so.
-//!
-//! ```text
-//! OBJ = sph1 | sph 1
-//! mk (s)sph r px py pz          set OBJ x y z           grab OBJ robot marker    save FILE
-//! mk (s)cyl r h px py pz        rot OBJ rx ry rz        sim OBJ px py pz rx ry rz load FILE
-//! mk (s)box sx sy sz px py pz   rot OBJ m00 .. m22      srun s, sstp, sync       undo
-//! ls, clr, help                 get OBJ, rm OBJ         def OBJ obs|tgt|gho
-//! ```
+//! a sentence, names in use are skipped, and an object that stays says so. It knows requests and replies as types
+//! ([`WorldRequest`], [`WorldReply`]); how they are written is a bridge's matter, YARP's is [`crate::yarp::world`].
 
 mod file;
 mod grab;
 mod make;
 mod place;
+mod request;
 #[cfg(test)]
-mod tests;
-
-use crate::words::{self, line, string};
-use grab::Grabs;
-use mobee_contract::Pose;
-use mobee_model::{Edit, Object, ObjectClass, Scene};
-use mobee_yarp::{Bottle, Value, Vocab};
-use std::collections::VecDeque;
-use std::sync::Arc;
+pub(crate) mod tests;
 
 pub use file::Errand;
+pub(crate) use make::is_series;
+pub use request::{Change, Geometry, ObjectReply, ObjectRequest, Size, WorldRefusal, WorldReply, WorldRequest};
+
+use grab::Grabs;
+use mobee_contract::Pose;
+use mobee_model::{Edit, Object, Scene};
+use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Objects that may be made over the network, those of the files included.
 const MOST_OBJECTS: usize = 1000;
@@ -42,26 +36,29 @@ pub struct WorldView<'a> {
     pub poses: &'a [Pose],
 }
 
-/// What a request leads to.
-#[derive(Debug, Default)]
-pub struct Answered {
-    /// The reply, if there is no errand.
-    pub reply: Bottle,
-    /// To be made in this order; they fit the scene that was seen.
-    pub edits: Vec<Edit>,
+/// What a request leads to, if it is not refused.
+#[derive(Debug)]
+pub enum Answered {
+    /// This is the reply.
+    Reply(WorldReply),
+    /// Edits are to be made first.
+    Changed(Changed),
     /// A file to be read or written first; its end gives the reply.
-    pub errand: Option<Errand>,
+    Errand(Errand),
 }
 
-impl Answered {
-    fn says(reply: Bottle) -> Answered {
-        Answered { reply, ..Answered::default() }
-    }
+/// Edits, to be made in this order, and what is then replied. They fit the scene that was seen.
+#[derive(Debug)]
+pub struct Changed {
+    /// The edits.
+    pub edits: Vec<Edit>,
+    /// The reply.
+    pub reply: WorldReply,
 }
 
 /// A change that can be taken back.
 struct Step {
-    what: String,
+    change: Change,
     back: Vec<Edit>,
 }
 
@@ -74,39 +71,39 @@ pub struct WorldRpc {
 }
 
 impl WorldRpc {
-    /// Answers one request. Never fails: whatever is wrong is said in the reply.
-    pub fn on(&mut self, request: &Bottle, view: &WorldView) -> Answered {
-        let arguments = request.0.get(1..).unwrap_or_default();
-        let Some(verb) = words::name(request.0.first()) else { return unknown() };
-        match verb.as_str() {
-            "help" => Answered::says(help()),
-            "ls" => Answered::says(Bottle(view.scene.objects().map(|(_, o)| string(&o.name)).collect())),
-            "mk" => self.make(arguments, view),
-            "set" => self.on_object(arguments, view, WorldRpc::set),
-            "rot" => self.on_object(arguments, view, WorldRpc::rot),
-            "get" => self.on_object(arguments, view, |_, object, _, _| (place::column_major(&object.pose), vec![])),
-            "def" => self.on_object(arguments, view, WorldRpc::def),
-            "rm" => self.on_object(arguments, view, WorldRpc::rm),
-            "grab" => self.on_object(arguments, view, WorldRpc::grab),
-            "sim" => self.on_object(arguments, view, WorldRpc::sim),
-            "clr" => self.clear(view),
-            "srun" => Answered::says(line(match words::exactly::<1>(arguments) {
-                Some(_) => "ok",
-                None => "Please provide the refresh period for the synchronization thread in seconds",
-            })),
-            "sstp" | "sync" => Answered::says(line("ok")),
-            "undo" => self.undo(view),
-            "save" => file::save(arguments, view),
-            "load" => file::load(arguments),
-            _ => unknown(),
-        }
+    /// Answers one request.
+    ///
+    /// # Errors
+    /// Why it is not done; nothing has changed then.
+    pub fn on(&mut self, request: &WorldRequest, view: &WorldView) -> Result<Answered, WorldRefusal> {
+        let reply = match request {
+            WorldRequest::Help => WorldReply::Help,
+            WorldRequest::List => WorldReply::Names(view.scene.objects().map(|(_, o)| o.name.clone()).collect()),
+            WorldRequest::Synchronize => WorldReply::Synchronized,
+            WorldRequest::Make { geometry, fixed, at } => {
+                return self.make(*geometry, *fixed, *at, view).map(Answered::Changed);
+            }
+            WorldRequest::Object { name, ask } => return self.on_object(name, ask, view),
+            WorldRequest::Clear => return self.clear(view).map(Answered::Changed),
+            WorldRequest::Undo => return self.undo(view).map(Answered::Changed),
+            WorldRequest::Save(name) => return file::save(name, view).map(Answered::Errand),
+            WorldRequest::Load(name) => return file::load(name).map(Answered::Errand),
+            WorldRequest::Malformed { object: None, why } => return Err(why.clone()),
+            WorldRequest::Malformed { object: Some(name), why } => {
+                found(name, view)?;
+                WorldReply::Found { name: name.clone(), outcome: Err(why.clone()) }
+            }
+        };
+        Ok(Answered::Reply(reply))
     }
 
     /// The world's part of a file that an [`Errand::Load`] asked for.
-    pub fn loaded(&mut self, file: &str, objects: Vec<Object>, view: &WorldView) -> Answered {
-        let count = objects.len();
-        let edits = file::replace(objects, view.scene);
-        self.change(format!("load {file}"), edits, view, vec![string(format!("Loaded {count} objects from {file}."))])
+    ///
+    /// # Errors
+    /// Why the scene does not take it.
+    pub fn loaded(&mut self, file: &str, objects: Vec<Object>, view: &WorldView) -> Result<Changed, WorldRefusal> {
+        let reply = WorldReply::Loaded { file: file.to_owned(), objects: objects.len() };
+        self.change(Change::Loaded(file.to_owned()), file::replace(objects, view.scene), view, reply)
     }
 
     /// The edits that keep what is grabbed with its marker; to be asked for while the robots move.
@@ -119,125 +116,92 @@ impl WorldRpc {
         !self.grabs.is_empty()
     }
 
-    /// A command about one object: finds it and says so, then does the rest.
-    fn on_object(
+    /// A request about one object: finds it and says so, then does the rest.
+    fn on_object(&mut self, name: &str, ask: &ObjectRequest, view: &WorldView) -> Result<Answered, WorldRefusal> {
+        let object = found(name, view)?;
+        let found = |outcome| WorldReply::Found { name: name.to_owned(), outcome };
+        let (reply, edit) = match self.ask(object, ask, view) {
+            Ok((reply, Some(edit))) => (reply, edit),
+            Ok((reply, None)) => return Ok(Answered::Reply(found(Ok(reply)))),
+            Err(why) => return Ok(Answered::Reply(found(Err(why)))),
+        };
+        match self.change(Change::Changed(name.to_owned()), vec![edit], view, found(Ok(reply))) {
+            Ok(changed) => {
+                self.grabs.regrip(&changed.edits, view);
+                Ok(Answered::Changed(changed))
+            }
+            Err(why) => Ok(Answered::Reply(found(Err(why)))),
+        }
+    }
+
+    /// What is said to a request about an object, and the edit that it takes.
+    fn ask(
         &mut self,
-        arguments: &[Value],
+        object: &Arc<Object>,
+        ask: &ObjectRequest,
         view: &WorldView,
-        act: impl FnOnce(&mut WorldRpc, &Arc<Object>, &[Value], &WorldView) -> (Vec<Value>, Vec<Edit>),
-    ) -> Answered {
-        let (name, rest) = object_name(arguments);
-        let Some((_, object)) = view.scene.object(&name) else {
-            return Answered::says(line(format!("Object {name} not found.")));
-        };
-        let mut reply = vec![string(format!("Object {name} found."))];
-        let (more, edits) = act(self, object, rest, view);
-        if edits.is_empty() {
-            reply.extend(more);
-            return Answered::says(Bottle(reply));
-        }
-        let found = reply.clone();
-        reply.extend(more);
-        let mut answered = self.change(format!("changing {name}"), edits, view, reply);
-        if answered.edits.is_empty() {
-            // refused by the model: what it says, after the found-string
-            answered.reply.0.splice(0..0, found);
-        } else {
-            self.grabs.regrip(&answered.edits, view);
-        }
-        answered
+    ) -> Result<(ObjectReply, Option<Edit>), WorldRefusal> {
+        let name = || object.name.clone();
+        let moved = |pose| Some(Edit::Move { name: name(), pose });
+        Ok(match ask {
+            ObjectRequest::Get => (ObjectReply::Pose(object.pose), None),
+            ObjectRequest::Put(at) => (ObjectReply::Put, moved(place::at(&object.pose, *at))),
+            ObjectRequest::Turn(degrees) => (ObjectReply::Turned, moved(place::turned(&object.pose, *degrees))),
+            ObjectRequest::TurnTo(rows) => {
+                let pose = place::with_matrix(&object.pose, *rows).ok_or(WorldRefusal::Rotation)?;
+                (ObjectReply::TurnedTo, moved(pose))
+            }
+            ObjectRequest::FromSimulator(numbers) => {
+                (ObjectReply::AsSimulated, moved(place::from_simulator(&object.name, *numbers)))
+            }
+            ObjectRequest::Class(class) => {
+                (ObjectReply::Class(*class), Some(Edit::Class { name: name(), class: *class }))
+            }
+            ObjectRequest::Remove if object.persistent => return Err(WorldRefusal::Persistent),
+            ObjectRequest::Remove => {
+                self.grabs.release(&object.name);
+                (ObjectReply::Removed, Some(Edit::Remove { name: name() }))
+            }
+            ObjectRequest::Grab { robot, marker } => (self.grabs.grab(object, robot, marker, view)?, None),
+        })
     }
 
-    fn set(&mut self, object: &Arc<Object>, rest: &[Value], _: &WorldView) -> (Vec<Value>, Vec<Edit>) {
-        match words::exactly(rest) {
-            Some(at) => moved(object, place::at(&object.pose, at), "Set Cartesian position of object."),
-            None => said("SET ERROR: give x y z in metres."),
-        }
-    }
-
-    fn rot(&mut self, object: &Arc<Object>, rest: &[Value], _: &WorldView) -> (Vec<Value>, Vec<Edit>) {
-        if let Some(degrees) = words::exactly(rest) {
-            return moved(object, place::turned(&object.pose, degrees), "Set rotation (about x,y,z in degrees).");
-        }
-        match words::exactly(rest).and_then(|rows| place::with_matrix(&object.pose, rows)) {
-            Some(pose) => moved(object, pose, "Set full rotation matrix."),
-            None => said("ROT ERROR: give 3 angles in degrees, or the 9 numbers of a rotation matrix row by row."),
-        }
-    }
-
-    fn sim(&mut self, object: &Arc<Object>, rest: &[Value], _: &WorldView) -> (Vec<Value>, Vec<Edit>) {
-        let Some(numbers) = words::exactly(rest) else {
-            return said("parseSimRTBottle: invalid number of arguments supplied");
-        };
-        let pose = place::from_simulator(&object.name, numbers);
-        (vec![], vec![Edit::Move { name: object.name.clone(), pose }])
-    }
-
-    fn def(&mut self, object: &Arc<Object>, rest: &[Value], _: &WorldView) -> (Vec<Value>, Vec<Edit>) {
-        let (class, word) = match words::name(rest.first()).as_deref() {
-            Some("obs") => (ObjectClass::Obstacle, "obstacle"),
-            Some("tgt") => (ObjectClass::Target, "target"),
-            Some("gho") => (ObjectClass::Ghost, "ghost"),
-            _ => return said("Unknown definition, use 'obs' or 'tgt'."),
-        };
-        let edit = Edit::Class { name: object.name.clone(), class };
-        (vec![string(format!("Changed object type to '{word}'."))], vec![edit])
-    }
-
-    fn rm(&mut self, object: &Arc<Object>, _: &[Value], _: &WorldView) -> (Vec<Value>, Vec<Edit>) {
-        if object.persistent {
-            return said("Object is persistent and stays.");
-        }
-        self.grabs.release(&object.name);
-        (vec![string("Removed object")], vec![Edit::Remove { name: object.name.clone() }])
-    }
-
-    fn grab(&mut self, object: &Arc<Object>, rest: &[Value], view: &WorldView) -> (Vec<Value>, Vec<Edit>) {
-        (self.grabs.grab(object, rest, view), vec![])
-    }
-
-    fn clear(&mut self, view: &WorldView) -> Answered {
+    fn clear(&mut self, view: &WorldView) -> Result<Changed, WorldRefusal> {
         self.counters = make::Counters::default();
         self.grabs = Grabs::default();
-        self.change("clr".into(), vec![Edit::Clear], view, vec![string("Removed all world objects")])
+        self.change(Change::Cleared, vec![Edit::Clear], view, WorldReply::Cleared)
     }
 
-    fn undo(&mut self, view: &WorldView) -> Answered {
-        let Some(Step { what, back }) = self.steps.pop_back() else {
-            return Answered::says(line("Nothing to undo."));
-        };
-        match rehearse(&back, view.scene) {
-            Ok(_) => {
-                self.grabs.regrip(&back, view);
-                Answered { reply: line(format!("Undone: {what}.")), edits: back, errand: None }
-            }
-            Err(sentence) => Answered::says(line(format!("Not undone: {sentence}"))),
-        }
+    fn undo(&mut self, view: &WorldView) -> Result<Changed, WorldRefusal> {
+        let Step { change, back } = self.steps.pop_back().ok_or(WorldRefusal::NothingToUndo)?;
+        rehearse(&back, view.scene).map_err(|why| WorldRefusal::NotUndone(Box::new(why)))?;
+        self.grabs.regrip(&back, view);
+        Ok(Changed { edits: back, reply: WorldReply::Undone(change) })
     }
 
     /// Makes a change that the scene would take, keeping what takes it back; else says why not.
-    fn change(&mut self, what: String, edits: Vec<Edit>, view: &WorldView, reply: Vec<Value>) -> Answered {
-        match rehearse(&edits, view.scene) {
-            Err(sentence) => Answered::says(line(sentence)),
-            Ok(back) => {
-                if self.steps.len() >= MOST_STEPS {
-                    self.steps.pop_front();
-                }
-                self.steps.push_back(Step { what, back });
-                Answered { reply: Bottle(reply), edits, errand: None }
-            }
+    fn change(
+        &mut self,
+        change: Change,
+        edits: Vec<Edit>,
+        view: &WorldView,
+        reply: WorldReply,
+    ) -> Result<Changed, WorldRefusal> {
+        let back = rehearse(&edits, view.scene)?;
+        if self.steps.len() >= MOST_STEPS {
+            self.steps.pop_front();
         }
+        self.steps.push_back(Step { change, back });
+        Ok(Changed { edits, reply })
     }
 }
 
-/// Whether a request may change something, the world or a file.
-pub fn is_change(request: &Bottle) -> bool {
-    const CHANGES: [&str; 10] = ["mk", "set", "rot", "def", "rm", "sim", "clr", "undo", "save", "load"];
-    words::name(request.0.first()).is_some_and(|verb| CHANGES.contains(&verb.as_str()))
+fn found<'a>(name: &str, view: &'a WorldView) -> Result<&'a Arc<Object>, WorldRefusal> {
+    view.scene.object(name).map(|(_, object)| object).ok_or_else(|| WorldRefusal::NoObject(name.to_owned()))
 }
 
 /// Makes edits on a copy of the scene: what would take them back, in order, or why they can't be made.
-fn rehearse(edits: &[Edit], scene: &Scene) -> Result<Vec<Edit>, String> {
+fn rehearse(edits: &[Edit], scene: &Scene) -> Result<Vec<Edit>, WorldRefusal> {
     let mut scene = scene.clone();
     let mut back: Vec<Edit> = Vec::new();
     for edit in edits {
@@ -257,58 +221,10 @@ fn rehearse(edits: &[Edit], scene: &Scene) -> Result<Vec<Edit>, String> {
             }
         };
         back.splice(0..0, inverse);
-        scene = scene.edit(edit).map_err(|e| e.to_string())?;
+        scene = scene.edit(edit).map_err(WorldRefusal::Scene)?;
         if scene.objects().count() > MOST_OBJECTS {
-            return Err(format!("There are {MOST_OBJECTS} objects already; remove some first."));
+            return Err(WorldRefusal::Full { most: MOST_OBJECTS });
         }
     }
     Ok(back)
-}
-
-fn moved(object: &Object, pose: nalgebra::Isometry3<f64>, reply: &str) -> (Vec<Value>, Vec<Edit>) {
-    (vec![string(reply)], vec![Edit::Move { name: object.name.clone(), pose }])
-}
-
-fn said(sentence: &str) -> (Vec<Value>, Vec<Edit>) {
-    (vec![string(sentence)], vec![])
-}
-
-fn unknown() -> Answered {
-    Answered::says(line("Unknown RPC command"))
-}
-
-/// The object's name in one of its two forms, and what follows it.
-fn object_name(arguments: &[Value]) -> (String, &[Value]) {
-    let first = words::name(arguments.first()).unwrap_or_default();
-    if make::is_geometry(&first)
-        && let Some(number) = words::integer(arguments.get(1))
-    {
-        return (format!("{first}{number}"), arguments.get(2..).unwrap_or_default());
-    }
-    (first, arguments.get(1..).unwrap_or_default())
-}
-
-fn help() -> Bottle {
-    let lines = [
-        "OBJ is the name of an object, in one word (sph1) or two (sph 1). Lengths in metres.",
-        "ls - names of all objects",
-        "mk sph|ssph radius x y z - make a sphere",
-        "mk cyl|scyl radius height x y z - make a cylinder along y",
-        "mk box|sbox size_x size_y size_z x y z - make a box",
-        "set OBJ x y z - put an object elsewhere",
-        "rot OBJ rx ry rz - turn an object to these angles about x, y, z, degrees",
-        "rot OBJ r00 r01 r02 r10 r11 r12 r20 r21 r22 - turn an object to this rotation matrix",
-        "get OBJ - pose of an object: its 4x4 matrix, column by column",
-        "def OBJ obs|tgt|gho - make it an obstacle, a target or a ghost",
-        "rm OBJ - remove an object that is not persistent",
-        "clr - remove all objects that are not persistent",
-        "grab OBJ robot marker - let an object follow a marker; with any other word than a marker: release it",
-        "sim OBJ px py pz rx ry rz - set the pose as the iCub simulator gives it, degrees",
-        "srun period | sstp | sync - taken for the original's sake; there is no simulator to keep in step with",
-        "save FILE | load FILE - write or replace the world, in the folder that the configuration names",
-        "undo - take back the last change",
-    ];
-    let mut reply = vec![Value::Vocab(Vocab::new("many"))];
-    reply.extend(lines.iter().map(string));
-    Bottle(reply)
 }

@@ -1,6 +1,6 @@
 //! Questions of others, passed on to a board on a line of their own: they never keep an order waiting.
 
-use mobee_contract::{Answer, DriverFault};
+use mobee_contract::{Answer, DriverFault, NativeMessage};
 use mobee_yarp::{Carrier, Network, RpcClient};
 use std::sync::Arc;
 use tokio::sync::{Mutex, Semaphore};
@@ -22,12 +22,12 @@ impl Questions {
     }
 
     /// Passes on the bytes of a bottle, and the board's own answer back. `None`: too many wait already.
-    pub fn pass(&self, words: Vec<u8>) -> Option<Answer<Result<Vec<u8>, DriverFault>>> {
+    pub fn pass(&self, question: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>> {
         let (line, place) = (self.line.clone(), self.room.clone().try_acquire_owned().ok()?);
         Some(Box::pin(async move {
-            let answer = line.lock().await.call_raw(&words).await;
+            let answer = line.lock().await.call_raw(&question.0).await;
             drop(place);
-            answer.map_err(|error| {
+            answer.map(NativeMessage).map_err(|error| {
                 tracing::debug!(error = error.to_string(), "a question was not answered");
                 DriverFault::Lost
             })

@@ -73,13 +73,15 @@ fn two_programs_under_one_name_are_not_both_let_to_write() {
 
 #[test]
 fn questions_of_others_are_passed_on_and_nothing_else_is() {
+    use mobee_contract::NativeMessage;
     use mobee_yarp::{Bottle, Dialect};
     let robot = Rig::new();
     robot.hardware.connect().unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let ask = |part: &str, words: &str| {
         let words = Bottle::parse(words, Dialect::V3).unwrap().encode(Dialect::V3);
-        runtime.block_on(robot.hardware.ask(part, words).unwrap())
+        let answer = robot.hardware.passthrough(part, NativeMessage(words)).unwrap();
+        runtime.block_on(answer).map(|answer| answer.0)
     };
     let axes = Bottle::decode(&ask("arm", "[get] [axes]").unwrap(), Dialect::V3).unwrap();
     assert!(axes.to_string().starts_with("[is] [axes] 3 [tsta]"), "{axes}");

@@ -20,7 +20,7 @@ struct Line {
     heard: Option<Time>,
 }
 
-/// What connections of one YARP client have in common: `/local/rpc:o` and `/local/command:o` belong to `/local`.
+/// What connections of one client have in common: those that call themselves `/local/rpc:o` and `/local/command:o` belong to `/local`.
 fn family(from: &str) -> Option<String> {
     let (head, tail) = from.rsplit_once('/')?;
     (matches!(tail, "rpc:o" | "command:o") && !head.is_empty()).then(|| head.to_owned())
@@ -60,7 +60,7 @@ impl Lines {
         line.failed
     }
 
-    /// The client got a `[fail]`: it knows, on this connection and on those that get no replies.
+    /// The client was refused: it knows, on this connection and on those that get no replies.
     pub(super) fn told(&mut self, client: &Client) {
         let Some(line) = self.0.get_mut(&client.connection) else { return };
         (line.open, line.failed) = (None, false);

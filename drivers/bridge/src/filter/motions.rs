@@ -1,8 +1,7 @@
 //! Motion commands as commits and streams.
 
-use super::{Client, FilterCore, Seen, Step};
+use super::{BoardAxis, BoardReply, Client, FilterCore, Seen, Step};
 use mobee_contract::{Commit, Setpoints, Target, Values};
-use mobee_yarp::board::{Joints, ShadowAxis, reply};
 
 /// A target this near beyond a limit is taken for the limit, deg.
 const ROUNDING: f64 = 1e-3;
@@ -27,7 +26,7 @@ impl Goal {
     /// Of a joint that is asked for `value`, deg. One that stands beyond a limit, by a sag or its encoder's offset, need not
     /// keep its part from moving: what repeats its place is taken, and what is beyond the limit on that side means the limit, as
     /// on boards.
-    fn of(axis: &ShadowAxis, value: f64) -> Goal {
+    fn of(axis: &BoardAxis, value: f64) -> Goal {
         let within = value.clamp(axis.min, axis.max);
         let (beyond, stands) = (value - within, axis.q - axis.q.clamp(axis.min, axis.max));
         if beyond.abs() <= ROUNDING {
@@ -42,11 +41,11 @@ impl Goal {
 }
 
 impl FilterCore {
-    pub(super) fn moves(&mut self, client: &Client, joints: &Joints, values: &[f64], _: &Seen) -> Option<Step> {
+    pub(super) fn moves(&mut self, client: &Client, joints: &[usize], values: &[f64]) -> Option<Step> {
         let part = self.parts.get(client.part)?;
         let (mut motors, mut q, mut speeds) = (Vec::new(), Vec::new(), Vec::new());
-        for (joint, value) in joints.on(part.shadow.axes.len())?.into_iter().zip(values) {
-            let axis = part.shadow.axes.get(joint)?;
+        for (joint, value) in joints.iter().zip(values) {
+            let axis = part.axes.get(*joint)?;
             let to = match Goal::of(axis, *value) {
                 Goal::To(to) => to,
                 Goal::Stay => continue,
@@ -61,13 +60,13 @@ impl FilterCore {
             speeds.push(speed.to_radians());
         }
         if motors.is_empty() {
-            return Some(Step::Reply(reply::ok()));
+            return Some(Step::Reply(BoardReply::Accepted));
         }
         let target = Target { motors, q, speed: 1.0 };
         Some(Step::Commit(Commit { agent: self.agent(), target, speeds: Some(speeds) }))
     }
 
-    pub(super) fn velocities(&mut self, client: &Client, joints: &Joints, values: &[f64]) -> Option<Step> {
+    pub(super) fn velocities(&mut self, client: &Client, joints: &[usize], values: &[f64]) -> Option<Step> {
         self.setpoints(client, joints, values, |axis, value| {
             let most = self.speed * axis.max_speed;
             if value.is_finite() { Goal::To(value.clamp(-most, most)) } else { Goal::Beyond }
@@ -75,7 +74,7 @@ impl FilterCore {
         .map(|(motors, values)| Step::Stream(Setpoints { motors, values: Values::Velocity(values) }))
     }
 
-    pub(super) fn directs(&mut self, client: &Client, joints: &Joints, values: &[f64]) -> Option<Step> {
+    pub(super) fn directs(&mut self, client: &Client, joints: &[usize], values: &[f64]) -> Option<Step> {
         self.setpoints(client, joints, values, Goal::of)
             .map(|(motors, values)| Step::Stream(Setpoints { motors, values: Values::Position(values) }))
     }
@@ -83,14 +82,14 @@ impl FilterCore {
     fn setpoints(
         &self,
         client: &Client,
-        joints: &Joints,
+        joints: &[usize],
         values: &[f64],
-        goal: impl Fn(&ShadowAxis, f64) -> Goal,
+        goal: impl Fn(&BoardAxis, f64) -> Goal,
     ) -> Option<(Vec<usize>, Vec<f64>)> {
         let part = self.parts.get(client.part)?;
         let (mut motors, mut all) = (Vec::new(), Vec::new());
-        for (joint, value) in joints.on(part.shadow.axes.len())?.into_iter().zip(values) {
-            match goal(part.shadow.axes.get(joint)?, *value) {
+        for (joint, value) in joints.iter().zip(values) {
+            match goal(part.axes.get(*joint)?, *value) {
                 Goal::To(value) => {
                     motors.push(part.motors.start + joint);
                     all.push(value.to_radians());
@@ -103,19 +102,19 @@ impl FilterCore {
     }
 
     /// Stops some joints. When no other joint moves the motion is given up; else these joints hold where they are.
-    pub(super) fn stop(&mut self, client: &Client, joints: &Joints, seen: &Seen) -> Option<Step> {
+    pub(super) fn stop(&mut self, client: &Client, joints: &[usize], seen: &Seen) -> Option<Step> {
         let part = self.parts.get(client.part)?;
-        let asked: Vec<usize> = joints.on(part.shadow.axes.len())?.into_iter().map(|j| part.motors.start + j).collect();
+        let asked: Vec<usize> = joints.iter().map(|j| part.motors.start + j).collect();
         let moving = self.lines.moving(seen);
         if moving.iter().all(|m| !asked.contains(m)) {
-            return Some(Step::Reply(reply::ok()));
+            return Some(Step::Reply(BoardReply::Accepted));
         }
         if moving.iter().all(|m| asked.contains(m)) {
             self.lines.stopped(seen);
             return Some(Step::Stop);
         }
         let motors: Vec<usize> = asked.into_iter().filter(|m| moving.contains(m)).collect();
-        let axis = |m: &usize| part.shadow.axes.get(m - part.motors.start);
+        let axis = |m: &usize| part.axes.get(m - part.motors.start);
         let q: Option<Vec<f64>> = motors
             .iter()
             .map(|m| Some(seen.q.get(*m)?.clamp(axis(m)?.min.to_radians(), axis(m)?.max.to_radians())))
@@ -129,9 +128,9 @@ impl FilterCore {
     pub(super) fn show(&mut self, part: usize, step: &Step) {
         let Some(part) = self.parts.get_mut(part) else { return };
         let start = part.motors.start;
-        let mut each = |motors: &[usize], values: &[f64], put: fn(&mut ShadowAxis, f64)| {
+        let mut each = |motors: &[usize], values: &[f64], put: fn(&mut BoardAxis, f64)| {
             for (motor, value) in motors.iter().zip(values) {
-                if let Some(axis) = motor.checked_sub(start).and_then(|j| part.shadow.axes.get_mut(j)) {
+                if let Some(axis) = motor.checked_sub(start).and_then(|j| part.axes.get_mut(j)) {
                     put(axis, value.to_degrees());
                 }
             }
@@ -139,10 +138,10 @@ impl FilterCore {
         match step {
             Step::Commit(c) => each(&c.target.motors, &c.target.q, |axis, v| axis.target = v),
             Step::Stream(Setpoints { motors, values: Values::Velocity(v) }) => {
-                each(motors, v, |axis, v| axis.vel_ref = v);
+                each(motors, v, |axis, v| axis.velocity = v);
             }
             Step::Stream(Setpoints { motors, values: Values::Position(v) }) => {
-                each(motors, v, |axis, v| axis.direct_ref = v);
+                each(motors, v, |axis, v| axis.direct = v);
             }
             _ => {}
         }

@@ -1,7 +1,5 @@
 use super::*;
-use crate::words::string;
 use mobee_model::{Clause, HalfSpace};
-use mobee_yarp::{Bottle, Value};
 use proptest::prelude::*;
 
 fn settings(n: usize) -> ForceFieldSettings {
@@ -100,25 +98,6 @@ fn a_force_at_a_marker_does_the_work_of_its_joints() {
             let way = robot.markers_at(&moved)[i].position() - robot.markers_at(&q)[i].position();
             assert!((way.dot(&force) / step - forces[k]).abs() < 1e-5, "{} {}", marker.name, robot.motors[m].name);
         }
-    }
-}
-
-#[test]
-fn messages_are_read_and_nonsense_is_not() {
-    let list = |v: &[f64]| Value::List(Bottle(v.iter().map(|x| Value::Float64(*x)).collect()));
-    let att = Bottle(vec![string("qatt"), list(&[0.1, 0.2])]);
-    assert_eq!(Wish::parse(&att), Some(Wish::Attractor(vec![0.1, 0.2])));
-    let wrench = Bottle(vec![string("opsp"), string("hand"), list(&[1.0])]);
-    let expected = Wish::Wrench { marker: "hand".into(), force: [1.0, 0.0, 0.0], torque: [0.0; 3] };
-    assert_eq!(Wish::parse(&wrench), Some(expected));
-    for nonsense in [
-        Bottle(vec![]),
-        Bottle(vec![string("qatt"), Value::Int32(1)]),
-        Bottle(vec![string("qfor"), list(&[f64::NAN])]),
-        Bottle(vec![string("opsp"), list(&[1.0])]),
-        Bottle(vec![list(&[1.0])]),
-    ] {
-        assert_eq!(Wish::parse(&nonsense), None);
     }
 }
 

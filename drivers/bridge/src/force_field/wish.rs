@@ -1,18 +1,16 @@
-//! What a part's `cmd:i` is told, and forces at a marker as forces of joints.
+//! What a force field can be told, and forces at a marker as forces of joints.
 
-use crate::words;
 use mobee_model::{NodeKind, Robot};
-use mobee_yarp::{Bottle, Value};
 use nalgebra::Vector3;
 
-/// A message of a part's `cmd:i`.
+/// What a part's force field is told.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Wish {
-    /// `qatt (n0 n1 ...)`: be drawn there; shares of each joint's range. What is missing keeps its value.
+    /// Be drawn there: shares of each joint's range, 0 to 1. What is missing keeps its value.
     Attractor(Vec<f64>),
-    /// `qfor (f0 f1 ...)`: a force per joint, until it is replaced.
+    /// A force per joint, until it is replaced.
     Force(Vec<f64>),
-    /// `opsp MARKER (Fx Fy Fz Tx Ty Tz)`: a force and a torque at a marker, world frame. What is missing is 0.
+    /// A force and a torque at a marker, world frame.
     Wrench {
         /// The marker's name.
         marker: String,
@@ -21,27 +19,6 @@ pub enum Wish {
         /// The torque.
         torque: [f64; 3],
     },
-}
-
-impl Wish {
-    /// Reads a message; `None` if it is none of these or has a number that is none.
-    pub fn parse(message: &Bottle) -> Option<Wish> {
-        let list = |value: Option<&Value>| match value {
-            Some(Value::List(list)) => words::numbers(&list.0),
-            _ => None,
-        };
-        match words::name(message.0.first())?.as_str() {
-            "qatt" => list(message.0.get(1)).map(Wish::Attractor),
-            "qfor" => list(message.0.get(1)).map(Wish::Force),
-            "opsp" => {
-                let wrench = list(message.0.get(2))?;
-                let at = |i: usize| wrench.get(i).copied().unwrap_or_default();
-                let marker = words::name(message.0.get(1))?;
-                Some(Wish::Wrench { marker, force: [at(0), at(1), at(2)], torque: [at(3), at(4), at(5)] })
-            }
-            _ => None,
-        }
-    }
 }
 
 /// The transposed Jacobian at a marker times a force and a torque: a force for each motor of the part (`q`: the robot's

@@ -8,12 +8,10 @@ use super::steering::Steering;
 use crate::force_field::ForceField;
 use crate::observation;
 use crate::part_rpc::{self, PartView};
-use crate::robot_rpc;
+use crate::yarp;
 use mobee_contract::{Filtered, Latest, Running};
 use mobee_model::Robot;
-use mobee_yarp::{
-    Bottle, Delivery, Handler, Message, Network, Payload, PortError, Queue, Reader, RpcServer, Stamp, Writer,
-};
+use mobee_yarp::{Delivery, Handler, Message, Network, Payload, PortError, Queue, Reader, RpcServer, Stamp, Writer};
 use std::collections::BTreeSet;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -103,15 +101,16 @@ impl RobotPorts {
         let heard = |writer: &Writer| !writer.peers().is_empty();
         let envelope = || Some(envelope.to_owned());
         for ports in self.parts.iter().filter(|p| heard(&p.state)) {
-            ports.state.write(self.robot.view(ports.part, &latest.q, &[], part_rpc::shares), envelope());
+            let shares = self.robot.view(ports.part, &latest.q, &[], part_rpc::shares);
+            ports.state.write(yarp::part::floats(&shares), envelope());
         }
         if heard(&self.collisions) {
             let scene = self.robot.running.scene();
             let contacts = observation::collisions(self.robot.filtered.index(), &latest.contacts, &scene);
-            self.collisions.write(contacts, envelope());
+            self.collisions.write(yarp::observation::collisions(&contacts), envelope());
         }
         if heard(&self.observation) {
-            self.observation.write(observation::observation(&self.robot.model, latest), envelope());
+            self.observation.write(yarp::observation::observation(&self.robot.model, latest), envelope());
         }
     }
 
@@ -159,10 +158,10 @@ impl Handler for Asked {
         let request = request.payload.bottle(robot.network.dialect()).unwrap_or_default();
         let latest = robot.filtered.latest();
         let reply = match self.1 {
-            Whom::Robot => robot_rpc::answer(&request, robot.filtered.as_ref()),
+            Whom::Robot => yarp::robot::answer(&request, robot.filtered.as_ref()),
             Whom::Part(part) => {
                 let commanded = robot.commanded.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                robot.view(part, &latest.q, &commanded, |view| part_rpc::answer(&request, view))
+                robot.view(part, &latest.q, &commanded, |view| yarp::part::answer(&request, view))
             }
         };
         Box::pin(std::future::ready(Some(reply.into())))
@@ -170,7 +169,7 @@ impl Handler for Asked {
 }
 
 impl Known {
-    fn view(&self, part: usize, q: &[f64], commanded: &[f64], f: impl FnOnce(&PartView) -> Bottle) -> Bottle {
+    fn view<T>(&self, part: usize, q: &[f64], commanded: &[f64], f: impl FnOnce(&PartView) -> T) -> T {
         let motors = self.model.parts.get(part).map(|p| p.motors.clone()).unwrap_or_default();
         let base = self.running.scene().base(self.filtered.index());
         let commanded = commanded.get(motors).unwrap_or_default();

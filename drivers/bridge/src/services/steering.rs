@@ -1,7 +1,7 @@
 //! The force fields of a robot's parts as one agent that streams velocities.
 
 use super::parts::{Known, PartPorts, degrees};
-use crate::force_field::Wish;
+use crate::yarp;
 use mobee_contract::{CommitId, MotionEnd, Refusal, Setpoints, Time, Values};
 use std::sync::{Arc, PoisonError};
 
@@ -39,7 +39,7 @@ impl Steering {
                 field.settle(&q);
             }
             while let Some(message) = commands.try_recv() {
-                let wish = message.payload.bottle(robot.network.dialect()).ok().and_then(|b| Wish::parse(&b));
+                let wish = message.payload.bottle(robot.network.dialect()).ok().and_then(|b| yarp::wish::parse(&b));
                 let done = match wish {
                     Some(wish) => field.wish(&wish, &robot.model, ports.part, &latest.q),
                     None => Err("it is none of qatt, qfor, opsp".into()),

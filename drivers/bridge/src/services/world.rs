@@ -1,10 +1,10 @@
 //! The shell of the world's RPC: one request at a time, edits made before the reply.
 
-use crate::words::line;
-use crate::world_rpc::{Answered, Errand, WorldRpc, WorldView, is_change};
+use crate::world_rpc::{Answered, Changed, Errand, WorldRefusal, WorldReply, WorldRequest, WorldRpc, WorldView};
+use crate::yarp;
 use mobee_contract::{Credit, Event, Pose, Running, Time};
-use mobee_model::{Object, load_world};
-use mobee_yarp::{Bottle, Dialect, Handler, Message, Network, Payload, PortError, RpcServer};
+use mobee_model::{Edit, Object, load_world};
+use mobee_yarp::{Dialect, Handler, Message, Network, Payload, PortError, RpcServer};
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -107,47 +107,50 @@ impl WorldService {
     }
 
     /// Answers one request; edits are made before the reply.
-    pub async fn answer(&self, request: Bottle) -> Bottle {
+    ///
+    /// # Errors
+    /// Why it was not done.
+    pub async fn answer(&self, request: WorldRequest) -> Result<WorldReply, WorldRefusal> {
         let core = &mut *self.core.lock().await;
-        if is_change(&request) && !core.credit.take(self.running.now()) {
+        if request.is_change() && !core.credit.take(self.running.now()) {
             core.refused.0 += 1;
-            return line(format!("Busy: the world takes {PER_SECOND} changes a second; send fewer."));
+            return Err(WorldRefusal::Busy { per_second: PER_SECOND });
         }
-        let answered = self.view(|view| core.rpc.on(&request, view));
-        let answered = match answered.errand {
-            None => answered,
-            Some(errand) => match self.run(errand).await {
-                Ok(Done::Saved(file)) => return line(format!("Saved {file}.")),
-                Ok(Done::Loaded(file, objects)) => self.view(|view| core.rpc.loaded(&file, objects, view)),
-                Err(sentence) => return line(sentence),
+        let Changed { edits, reply } = match self.view(|view| core.rpc.on(&request, view))? {
+            Answered::Reply(reply) => return Ok(reply),
+            Answered::Changed(changed) => changed,
+            Answered::Errand(errand) => match self.run(errand).await? {
+                Done::Saved(file) => return Ok(WorldReply::Saved(file)),
+                Done::Loaded(file, objects) => self.view(|view| core.rpc.loaded(&file, objects, view))?,
             },
         };
-        core.credit.owe(answered.edits.len().saturating_sub(1));
-        self.make(answered).await
+        core.credit.owe(edits.len().saturating_sub(1));
+        self.make(edits).await.map(|()| reply)
     }
 
-    async fn make(&self, answered: Answered) -> Bottle {
-        for edit in answered.edits {
+    async fn make(&self, edits: Vec<Edit>) -> Result<(), WorldRefusal> {
+        for edit in edits {
             match tokio::time::timeout(PATIENCE, self.running.edit(edit)).await {
-                Ok(Ok(())) => {}
-                Ok(Err(sentence)) => return line(sentence),
-                Err(_) => return line("The model does not answer; the world may have changed in part."),
+                Ok(done) => done.map_err(WorldRefusal::Model)?,
+                Err(_) => return Err(WorldRefusal::ModelSilent),
             }
         }
-        answered.reply
+        Ok(())
     }
 
-    async fn run(&self, errand: Errand) -> Result<Done, String> {
-        let off = "Saving and loading are off; set save_folder in the table [yarp] of the configuration.";
-        let folder = self.folder.clone().ok_or(off)?;
+    async fn run(&self, errand: Errand) -> Result<Done, WorldRefusal> {
+        let folder = self.folder.clone().ok_or(WorldRefusal::FilesOff)?;
         let run = move || match errand {
-            Errand::Save { file, text } => save(&folder, &file, &text).map(|()| Done::Saved(file)),
+            Errand::Save { file, text } => {
+                save(&folder, &file, &text).map_err(|e| WorldRefusal::NotSaved(e.to_string()))?;
+                Ok(Done::Saved(file))
+            }
             Errand::Load { file } => {
-                let world = load_world(folder.join(&file)).map_err(|e| format!("Not loaded: {e}"))?;
+                let world = load_world(folder.join(&file)).map_err(|e| WorldRefusal::NotLoaded(e.to_string()))?;
                 Ok(Done::Loaded(file, world.value))
             }
         };
-        tokio::task::spawn_blocking(run).await.map_err(|e| format!("Not done: {e}"))?
+        tokio::task::spawn_blocking(run).await.map_err(|e| WorldRefusal::NotDone(e.to_string()))?
     }
 }
 
@@ -157,12 +160,11 @@ enum Done {
 }
 
 /// Writes a file whole or not at all.
-fn save(folder: &Path, file: &str, text: &str) -> Result<(), String> {
-    let wrong = |e: std::io::Error| format!("Not saved: {e}");
-    std::fs::create_dir_all(folder).map_err(wrong)?;
+fn save(folder: &Path, file: &str, text: &str) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
     let new = folder.join(format!(".{file}.new"));
-    std::fs::write(&new, text).map_err(wrong)?;
-    std::fs::rename(&new, folder.join(file)).map_err(wrong)
+    std::fs::write(&new, text)?;
+    std::fs::rename(&new, folder.join(file))
 }
 
 /// What the port calls.
@@ -174,7 +176,7 @@ impl Handler for Port {
         Box::pin(async move {
             // what is no bottle is answered as what is unknown
             let request = request.payload.bottle(dialect).unwrap_or_default();
-            Some(world.answer(request).await.into())
+            Some(yarp::world::answer(&world, &request).await.into())
         })
     }
 }
@@ -183,7 +185,8 @@ impl Handler for Port {
 mod tests {
     use super::*;
     use mobee_contract::{Answer, Filtered};
-    use mobee_model::{Edit, Robot, Scene};
+    use mobee_model::{Robot, Scene};
+    use mobee_yarp::Bottle;
     use std::sync::{Mutex as Cell, PoisonError};
 
     /// A world without robots in which a second passes when it is said.
@@ -224,7 +227,7 @@ mod tests {
     }
 
     async fn say(world: &WorldService, words: &str) -> String {
-        world.answer(Bottle::parse(words, Dialect::V3).unwrap()).await.to_string()
+        yarp::world::answer(world, &Bottle::parse(words, Dialect::V3).unwrap()).await.to_string()
     }
 
     #[tokio::test(start_paused = true)]

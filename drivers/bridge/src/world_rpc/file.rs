@@ -1,9 +1,7 @@
 //! `save` and `load`: worlds in files of one folder, never outside it.
 
-use super::{Answered, WorldView};
-use crate::words::{self, line};
+use super::{WorldRefusal, WorldView};
 use mobee_model::{Edit, Object, Scene, write_world};
-use mobee_yarp::Value;
 use std::collections::BTreeSet;
 
 /// A file to be written or read. Names are bare: letters, digits, `_`, `-` and `.`, not beginning with a dot, at most 100.
@@ -23,29 +21,23 @@ pub enum Errand {
     },
 }
 
-pub(super) fn save(arguments: &[Value], view: &WorldView) -> Answered {
-    with_file(arguments, |file| {
-        let text = write_world(view.scene.objects().map(|(_, o)| o.as_ref()));
-        Errand::Save { file, text }
-    })
+pub(super) fn save(name: &str, view: &WorldView) -> Result<Errand, WorldRefusal> {
+    let file = bare(name)?;
+    Ok(Errand::Save { file, text: write_world(view.scene.objects().map(|(_, o)| o.as_ref())) })
 }
 
-pub(super) fn load(arguments: &[Value]) -> Answered {
-    with_file(arguments, |file| Errand::Load { file })
-}
-
-fn with_file(arguments: &[Value], errand: impl FnOnce(String) -> Errand) -> Answered {
-    match words::name(arguments.first()).as_deref().and_then(bare) {
-        Some(file) => Answered { errand: Some(errand(file)), ..Answered::default() },
-        None => Answered::says(line("Give the bare name of a file: letters, digits, '_', '-' and '.', no folders.")),
-    }
+pub(super) fn load(name: &str) -> Result<Errand, WorldRefusal> {
+    bare(name).map(|file| Errand::Load { file })
 }
 
 /// A name without a way out of its folder; `.xml` is added where it is missing.
-fn bare(name: &str) -> Option<String> {
+fn bare(name: &str) -> Result<String, WorldRefusal> {
     let fine = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
     let good = !name.is_empty() && name.len() <= 100 && !name.starts_with('.') && name.chars().all(fine);
-    good.then(|| if name.ends_with(".xml") { name.to_owned() } else { format!("{name}.xml") })
+    if !good {
+        return Err(WorldRefusal::FileName);
+    }
+    Ok(if name.ends_with(".xml") { name.to_owned() } else { format!("{name}.xml") })
 }
 
 /// The edits that make a world of these objects: all others go, but persistent ones stay where they are, unless the file

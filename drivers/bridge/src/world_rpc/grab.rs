@@ -2,10 +2,8 @@
 //!
 //! An obstacle in the hand touches the hand: make it a target or a ghost (`def`) before it is grabbed, or the reflex acts.
 
-use super::WorldView;
-use crate::words::{self, string};
+use super::{ObjectReply, WorldRefusal, WorldView};
 use mobee_model::{Edit, Object};
-use mobee_yarp::Value;
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 
@@ -31,26 +29,27 @@ impl Grabs {
         self.0.remove(object);
     }
 
-    pub(super) fn grab(&mut self, object: &Object, rest: &[Value], view: &WorldView) -> Vec<Value> {
-        let robot_name = words::name(rest.first()).unwrap_or_default();
-        let Some(robot) = view.scene.robots().iter().position(|r| r.name == robot_name) else {
-            return vec![string("Robot not found.")];
-        };
-        let marker = words::name(rest.get(1)).unwrap_or_default();
-        let node = view.scene.robots().get(robot).and_then(|r| r.marker(&marker)).map(|m| m.node);
+    pub(super) fn grab(
+        &mut self,
+        object: &Object,
+        robot: &str,
+        marker: &str,
+        view: &WorldView,
+    ) -> Result<ObjectReply, WorldRefusal> {
+        let robot = view.scene.robots().iter().position(|r| r.name == robot).ok_or(WorldRefusal::NoRobot)?;
+        let node = view.scene.robots().get(robot).and_then(|r| r.marker(marker)).map(|m| m.node);
         let frame = node.and_then(|node| Some((node, world_from_node(robot, node, view)?)));
-        let sentence = match frame {
+        match frame {
             Some((node, frame)) => {
                 let grab = Grab { robot, node, node_from_object: frame.inverse() * object.pose };
                 self.0.insert(object.name.clone(), grab);
-                "Marker found, grabbing object."
+                Ok(ObjectReply::Grabbed)
             }
             None => {
                 self.0.remove(&object.name);
-                "Marker not found, releasing object."
+                Ok(ObjectReply::Released)
             }
-        };
-        vec![string("Robot found."), string(sentence)]
+        }
     }
 
     /// Grabbed objects that were put elsewhere follow from there.

@@ -1,6 +1,5 @@
 //! Poses as the RPC's numbers say them.
 
-use mobee_yarp::Value;
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// The pose moved to a position, its rotation kept.
@@ -26,11 +25,6 @@ pub(super) fn with_matrix(pose: &Isometry3<f64>, rows: [f64; 9]) -> Option<Isome
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&matrix));
         Isometry3::from_parts(pose.translation, rotation)
     })
-}
-
-/// The pose as 16 doubles, column by column, as the original gave it.
-pub(super) fn column_major(pose: &Isometry3<f64>) -> Vec<Value> {
-    pose.to_homogeneous().iter().map(|x| Value::Float64(*x)).collect()
 }
 
 /// A pose from the iCub simulator's numbers: position in its frame, and angles in degrees about fixed axes. The

@@ -7,7 +7,7 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 /// A robot of two parts (2 and 1 motors) behind a filter, with motions whose end the test decides.
-pub struct Bench {
+pub(crate) struct Bench {
     pub core: FilterCore,
     pub status: Status,
     pub now: Time,
@@ -15,8 +15,6 @@ pub struct Bench {
     pub ends: RefCell<BTreeMap<u64, MotionEnd>>,
     pub blamed: Option<BTreeSet<usize>>,
     pub next: u64,
-    /// Requests that reached the board.
-    pub asked: Vec<Bottle>,
     pub stopped: usize,
 }
 
@@ -50,7 +48,6 @@ impl Bench {
             ends: RefCell::default(),
             blamed: None,
             next: 1,
-            asked: vec![],
             stopped: 0,
         }
     }
@@ -59,51 +56,42 @@ impl Bench {
         let ends = self.ends.borrow();
         let end_of = |id: CommitId| ends.get(&id.0).copied();
         let blamed = self.blamed.clone();
-        let seen = Seen {
-            now: self.now,
-            time_of_day: self.now.secs(),
-            status: self.status,
-            q: &self.q,
-            end_of: &end_of,
-            to_blame: &|_| blamed.clone(),
-        };
+        let seen =
+            Seen { now: self.now, status: self.status, q: &self.q, end_of: &end_of, to_blame: &|_| blamed.clone() };
         f(&mut self.core, &seen)
     }
 
-    /// What the shell does with a request on a connection.
-    pub fn rpc(&mut self, connection: u64, request: &Bottle) -> Bottle {
+    /// What the shell does with a request on a connection; a question counts as answered.
+    pub fn ask(&mut self, connection: u64, request: &BoardRequest) -> Result<KnownBetter, BoardReply> {
         let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
         let step = self.seen(|core, seen| core.request(&client, request, seen));
         match &step {
-            Step::Reply(reply) => reply.clone(),
-            Step::Ask => {
-                self.asked.push(request.clone());
-                self.seen(|core, seen| core.answer(&client, request, seen))
-            }
+            Step::Question(question) => self.seen(|core, seen| core.knows_better(&client, question, seen)),
+            step => Err(self.act(&client, step)),
+        }
+    }
+
+    /// What the shell does with a step that is no question.
+    pub fn act(&mut self, client: &Client, step: &Step) -> BoardReply {
+        match step {
+            Step::Reply(reply) => *reply,
+            Step::Question(_) => BoardReply::Refused,
             Step::Stop => {
                 self.stopped += 1;
-                reply::ok()
+                BoardReply::Accepted
             }
             Step::Commit(_) | Step::Stream(_) => {
                 let verdict = Ok(CommitId(self.next));
                 self.status = Status::Moving;
-                self.seen(|core, seen| core.accepted(&client, &step, &verdict, seen))
+                self.seen(|core, seen| core.accepted(client, step, &verdict, seen))
             }
         }
     }
 
-    pub fn say(&mut self, connection: u64, text: &str) -> String {
-        self.rpc(connection, &bottle(text)).to_string()
-    }
-
-    pub fn step(&mut self, text: &str) -> Step {
-        let client = Client { part: 0, connection: 99, from: "anon", listens: true };
-        self.seen(|core, seen| core.request(&client, &bottle(text), seen))
-    }
-
-    pub fn stream(&mut self, connection: u64, head: &str, body: &[f64]) -> Option<Step> {
+    /// A command of a connection that gets no replies; what became of it is done.
+    pub fn stream(&mut self, connection: u64, request: &BoardRequest) -> Option<Step> {
         let client = Client { part: 0, connection, from: "/me/command:o", listens: false };
-        let step = self.seen(|core, seen| core.streamed(&client, &bottle(head), body, seen));
+        let step = self.seen(|core, seen| core.streamed(&client, request, seen));
         if let Some(step) = &step {
             let verdict = Ok(CommitId(self.next));
             self.status = Status::Moving;
@@ -117,8 +105,4 @@ impl Bench {
         self.next += 1;
         self.status = Status::Rest;
     }
-}
-
-pub fn bottle(text: &str) -> Bottle {
-    Bottle::parse(text, Default::default()).unwrap()
 }

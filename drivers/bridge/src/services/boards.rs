@@ -1,10 +1,11 @@
 //! The filter's shell: a control board in front of each part of a robot.
 
-use super::{Client, FilterCore, Seen, Step};
-use crate::services::YarpSettings;
-use mobee_contract::{CommitId, Filtered, Refusal, Running, Status, Verdict};
+use super::YarpSettings;
+use crate::filter::{BoardReply, Client, FilterCore, Question, Seen, Step, closed};
+use crate::yarp;
+use mobee_contract::{CommitId, Filtered, NativeMessage, Refusal, Running, Status, Verdict};
 use mobee_model::Robot;
-use mobee_yarp::board::{BoardServer, Device, Reply, reply};
+use mobee_yarp::board::{BoardServer, Device, Reply};
 use mobee_yarp::{Bottle, Dialect, JointData, Message, Network, Payload, PortError, Stamp, Value};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -49,7 +50,9 @@ impl Boards {
         for ((index, part), prefix) in model.parts.iter().enumerate().zip(prefixes) {
             let Some(prefix) = prefix else { continue };
             let (jobs, waiting) = mpsc::channel(WAITING);
-            let part = Arc::new(PartFilter { robot: robot.clone(), index, name: part.name.clone() });
+            let axes = robot.with(|core, _| core.board(index).len());
+            let (robot, name) = (robot.clone(), part.name.clone());
+            let part = Arc::new(PartFilter { robot, index, name, axes, answers: Mutex::default() });
             let device = Arc::new(PartDevice { part: part.clone(), jobs, published: Mutex::default() });
             match BoardServer::open(network, prefix, device, period).await {
                 Ok(server) => boards.servers.push(server),
@@ -90,8 +93,7 @@ impl RobotFilter {
         let end_of = |id: CommitId| self.filtered.end_of(id);
         let to_blame = |id: CommitId| self.filtered.to_blame(id);
         let now = self.running.now();
-        let time_of_day = self.running.time_of_day(now);
-        let seen = Seen { now, time_of_day, status: latest.status, q: &latest.q, end_of: &end_of, to_blame: &to_blame };
+        let seen = Seen { now, status: latest.status, q: &latest.q, end_of: &end_of, to_blame: &to_blame };
         let mut core = self.core.lock().unwrap_or_else(PoisonError::into_inner);
         core.sense(latest.at, &latest.q, latest.status);
         f(&mut core, &seen)
@@ -103,6 +105,10 @@ struct PartFilter {
     robot: Arc<RobotFilter>,
     index: usize,
     name: String,
+    /// How many joints it has.
+    axes: usize,
+    /// The stamp of the last answer that was given in the board's place.
+    answers: Mutex<Stamp>,
 }
 
 impl PartFilter {
@@ -117,11 +123,12 @@ impl PartFilter {
         };
         // what is no bottle is answered as what is unknown
         let request = message.payload.bottle(dialect).unwrap_or_else(|_| Bottle::of(["", ""]));
-        let step = self.robot.with(|core, seen| core.request(&client, &request, seen));
+        let asked = yarp::board::parse(&request, self.axes);
+        let step = self.robot.with(|core, seen| core.request(&client, &asked, seen));
         match &step {
-            Step::Reply(reply) => reply.into(),
-            Step::Ask => self.ask(&client, &message, &request).await,
-            Step::Commit(_) | Step::Stream(_) | Step::Stop => self.act(&client, &step).await.into(),
+            Step::Reply(reply) => yarp::board::reply(*reply).into(),
+            Step::Question(question) => self.ask(&client, question, &message, &request).await,
+            Step::Commit(_) | Step::Stream(_) | Step::Stop => yarp::board::reply(self.act(&client, &step).await).into(),
         }
     }
 
@@ -136,25 +143,41 @@ impl PartFilter {
     }
 
     /// Passes a question on, and its answer back.
-    async fn ask(&self, client: &Client<'_>, message: &Message, request: &Bottle) -> Payload {
+    async fn ask(&self, client: &Client<'_>, question: &Question, message: &Message, request: &Bottle) -> Payload {
         let dialect = self.robot.network.dialect();
         let words = message.payload.binary(dialect).map(|b| b.to_vec()).unwrap_or_default();
-        let Some(answer) = self.robot.filtered.ask(&self.name, words) else {
-            return self.robot.with(|core, seen| core.answer(client, request, seen)).into();
+        let Some(answer) = self.robot.filtered.passthrough(&self.name, NativeMessage(words)) else {
+            return self.answer(client, question, request).into();
         };
         let replied = tokio::time::timeout(self.robot.network.timeout(), answer).await;
-        let bytes = replied.ok().and_then(Result::ok);
-        let bottle = bytes.as_ref().and_then(|b| Bottle::decode(b, dialect).ok());
-        let known_better = self.robot.with(|core, seen| core.asked(client, request, bottle.as_ref(), seen));
-        match (known_better, bytes) {
-            (Some(reply), _) => reply.into(),
-            (None, Some(bytes)) => bytes.into(),
-            (None, None) => reply::fail().into(),
+        let known = match self.robot.with(|core, seen| core.knows_better(client, question, seen)) {
+            Ok(known) => known,
+            Err(reply) => return yarp::board::reply(reply).into(),
+        };
+        // what is no bottle is no answer
+        let answer = replied.ok().and_then(Result::ok).map(|answer| answer.0);
+        match answer.and_then(|bytes| Some((Bottle::decode(&bytes, dialect).ok()?, bytes))) {
+            Some((bottle, bytes)) => {
+                yarp::board::corrected(&known, &bottle).map_or_else(|| bytes.into(), |corrected| corrected.into())
+            }
+            None => yarp::board::reply(BoardReply::Refused).into(),
         }
     }
 
+    /// Answers a question in the place of a board that has no protocol of its own.
+    fn answer(&self, client: &Client<'_>, question: &Question, request: &Bottle) -> Bottle {
+        self.robot.with(|core, seen| match core.knows_better(client, question, seen) {
+            Ok(known) => {
+                let mut stamp = self.answers.lock().unwrap_or_else(PoisonError::into_inner);
+                *stamp = stamp.next(self.robot.running.time_of_day(seen.now));
+                yarp::board::answer(core.board(self.index), &known, request, *stamp)
+            }
+            Err(reply) => yarp::board::reply(reply),
+        })
+    }
+
     /// Moves or stops the robot: the reply.
-    async fn act(&self, client: &Client<'_>, step: &Step) -> Bottle {
+    async fn act(&self, client: &Client<'_>, step: &Step) -> BoardReply {
         let filtered = &self.robot.filtered;
         let agent = self.robot.with(|core, _| core.agent());
         let verdict: Verdict = match step {
@@ -162,9 +185,9 @@ impl PartFilter {
             Step::Stream(setpoints) => self.patiently(|| filtered.stream(agent.clone(), setpoints.clone())).await,
             Step::Stop => {
                 filtered.stop(agent);
-                return reply::ok();
+                return BoardReply::Accepted;
             }
-            Step::Reply(_) | Step::Ask => return reply::fail(),
+            Step::Reply(_) | Step::Question(_) => return BoardReply::Refused,
         };
         if let Err(refusal) = &verdict {
             tracing::debug!(part = self.name, from = client.from, %refusal, "a motion was refused");
@@ -177,7 +200,7 @@ impl PartFilter {
         let mut verdict = attempt().await;
         for _ in 0..PATIENCE.0 {
             let soon = matches!(verdict, Err(Refusal::NotReady { .. }));
-            if !soon || super::closed(self.robot.filtered.latest().status) {
+            if !soon || closed(self.robot.filtered.latest().status) {
                 break;
             }
             tokio::time::sleep(PATIENCE.1).await;
@@ -199,7 +222,7 @@ impl PartFilter {
         let dialect = self.robot.network.dialect();
         let read = |code: &'static str| {
             let words = Bottle::of([mobee_yarp::Vocab::new("get"), mobee_yarp::Vocab::new(code)]).encode(dialect);
-            self.robot.filtered.ask(&self.name, words)
+            self.robot.filtered.passthrough(&self.name, NativeMessage(words))
         };
         loop {
             let (Some(speeds), Some(accelerations)) = (read("vels"), read("accs")) else { return };
@@ -208,7 +231,7 @@ impl PartFilter {
                     let reply = Bottle::decode(bytes, dialect).ok()?;
                     reply.get(2).and_then(Value::as_list).and_then(Bottle::numbers)
                 };
-                let (speeds, accelerations) = (values(&speeds), values(&accelerations));
+                let (speeds, accelerations) = (values(&speeds.0), values(&accelerations.0));
                 self.robot.with(|core, _| {
                     core.learn(self.index, &speeds.unwrap_or_default(), &accelerations.unwrap_or_default());
                 });
@@ -240,7 +263,8 @@ impl Device for PartDevice {
 
     fn command(&self, from: &str, connection: u64, head: Bottle, body: Vec<f64>) {
         let client = Client { part: self.part.index, connection, from, listens: false };
-        let step = self.part.robot.with(|core, seen| core.streamed(&client, &head, &body, seen));
+        let asked = yarp::board::streamed(&head, &body, self.part.axes);
+        let step = self.part.robot.with(|core, seen| core.streamed(&client, &asked, seen));
         if let Some(step) = step
             && self.jobs.try_send(Job { connection, from: from.to_owned(), step }).is_err()
         {
@@ -250,7 +274,7 @@ impl Device for PartDevice {
 
     fn state(&self) -> Option<(Stamp, JointData)> {
         let (robot, index) = (&self.part.robot, self.part.index);
-        let told = robot.filtered.told(&self.part.name);
+        let told = robot.filtered.native_state(&self.part.name);
         let at = robot.filtered.latest().at;
         let seq = told.as_ref().map_or(at.0, |told| told.seq);
         let mut published = self.published.lock().unwrap_or_else(PoisonError::into_inner);
@@ -262,8 +286,8 @@ impl Device for PartDevice {
             Some((count, time)) => Stamp { count, time },
             None => published.0.next(robot.running.time_of_day(at)),
         };
-        let told = told.and_then(|told| JointData::decode(&told.words, Dialect::V3).ok());
-        let state = robot.with(|core, _| core.state(index, told))?;
+        let told = told.and_then(|told| JointData::decode(&told.message.0, Dialect::V3).ok());
+        let state = robot.with(|core, _| yarp::board::state(core.board(index), told));
         Some((published.0, state))
     }
 

@@ -1,0 +1,19 @@
+//! YARP's spelling of what the cores take and give: the one place where a bottle becomes a request, and a reply a bottle.
+//!
+//! ```text
+//! Bottle ──world::parse──> WorldRequest ──WorldRpc──> WorldReply, WorldRefusal ──world::reply──> Bottle
+//! Bottle ──part::parse──>  PartRequest  ──part_rpc──> PartReply, PartRefusal   ──part::reply──>  Bottle
+//! Bottle ──robot::parse──> RobotRequest ──robot_rpc──> RobotReply, RobotRefusal ──robot::reply──> Bottle
+//! Bottle ──board::parse──> BoardRequest ──FilterCore──> BoardReply             ──board::reply──> Bottle
+//! ```
+//!
+//! * Owns: verbs, the order of arguments, the sentences of replies and their bytes, all as the original and real boards have them.
+//! * Promises: any bottle becomes a request, if only one that is refused.
+
+pub(crate) mod board;
+pub(crate) mod observation;
+pub(crate) mod part;
+pub(crate) mod robot;
+pub(crate) mod wish;
+pub(crate) mod words;
+pub mod world;

@@ -1,0 +1,145 @@
+//! A part's board as YARP programs know it: the words of its ports to the filter's requests, and back.
+//!
+//! | words | request |
+//! |---|---|
+//! | `[get] X ...` of the list in `reads.rs` | question |
+//! | `[set]` `pos* rel*`, `command:i` with `poss` | move |
+//! | `[set] [vmos]`, `command:i` with `vmo*`; with `dpo*` | velocities; direct positions |
+//! | `[set]` `sto*` | stop |
+//! | `[set]` `vel*`; `acc*` | reference speeds; accelerations |
+//! | `[set] [icmd]` with `pos posd vel mix`; `[set] [intm]` with `stif` | control modes; to be stiff |
+//! | fewer than two words | less than a request |
+//! | all else | unknown |
+//!
+//! Accepted is `[ok]`, refused `[fail]`, malformed `[nak]`; joints that are not done are `[don]` 0.
+
+mod patch;
+mod reads;
+#[cfg(test)]
+mod tests;
+
+use crate::filter::{BoardAxis, BoardReply, BoardRequest, ClientMode, KnownBetter, Question};
+use mobee_yarp::board::{Ask, Get, Joints, Reading, Set, Shadow, ShadowAxis, Streamed, mode, reply as words};
+use mobee_yarp::{Bottle, Field, JointData, Stamp, Vocab};
+
+/// The request that a bottle of a board's `rpc:i` is, for a board of so many joints.
+pub(crate) fn parse(request: &Bottle, axes: usize) -> BoardRequest {
+    if request.0.len() < 2 {
+        return BoardRequest::Incomplete;
+    }
+    let asked = Ask::parse(request).filter(|asked| asked.fits(axes));
+    if reads::allowed(request) {
+        let question = match asked {
+            Some(Ask::Get(get)) => question(&get, axes),
+            _ => None,
+        };
+        return BoardRequest::Question(question.unwrap_or(Question::Other));
+    }
+    let order = match asked {
+        Some(Ask::Set(set)) => order(set, axes),
+        _ => None,
+    };
+    order.unwrap_or(BoardRequest::Unknown)
+}
+
+fn question(get: &Get, axes: usize) -> Option<Question> {
+    match get {
+        Get::Done(joints) => joints.on(axes).map(Question::Done),
+        Get::Modes(joints) => joints.on(axes).map(Question::Modes),
+        Get::Values(Reading::ReferenceSpeed, joints) => joints.on(axes).map(Question::Speeds),
+        Get::Values(Reading::ReferenceAcceleration, joints) => joints.on(axes).map(Question::Accelerations),
+        _ => None,
+    }
+}
+
+fn order(set: Set, axes: usize) -> Option<BoardRequest> {
+    Some(match set {
+        Set::Move { joints, values, relative } => BoardRequest::Move { joints: joints.on(axes)?, values, relative },
+        Set::Velocity(values) => BoardRequest::Velocity { joints: Joints::All.on(axes)?, values },
+        Set::Stop(joints) => BoardRequest::Stop(joints.on(axes)?),
+        Set::Speed(joints, values) => BoardRequest::Speed { joints: joints.on(axes)?, values },
+        Set::Acceleration(joints, values) => BoardRequest::Acceleration { joints: joints.on(axes)?, values },
+        Set::Mode(joints, modes) => {
+            let modes: Option<_> = modes.into_iter().map(client_mode).collect();
+            BoardRequest::Mode { joints: joints.on(axes)?, modes: modes? }
+        }
+        Set::Interaction(_, modes) if modes.iter().all(|m| *m == mode::STIFF) => BoardRequest::BeStiff,
+        Set::Interaction(..) | Set::Limits(..) | Set::SpeedLimits(..) | Set::ResetEncoders(_) | Set::Encoders(..) => {
+            return None;
+        }
+    })
+}
+
+/// The request that a message of a board's `command:i` is.
+pub(crate) fn streamed(head: &Bottle, body: &[f64], axes: usize) -> BoardRequest {
+    let request = Streamed::parse(head, body, axes).and_then(|streamed| {
+        Some(match streamed {
+            Streamed::Velocity(joints, values) => BoardRequest::Velocity { joints: joints.on(axes)?, values },
+            Streamed::Direct(joints, values) => BoardRequest::Direct { joints: joints.on(axes)?, values },
+            Streamed::Move(values) => BoardRequest::Move { joints: Joints::All.on(axes)?, values, relative: false },
+        })
+    });
+    request.unwrap_or(BoardRequest::Unknown)
+}
+
+/// The bottle of a short reply.
+pub(crate) fn reply(reply: BoardReply) -> Bottle {
+    match reply {
+        BoardReply::Accepted => words::ok(),
+        BoardReply::Refused => words::fail(),
+        BoardReply::Malformed => words::nak(),
+    }
+}
+
+/// The answer of a board that has no protocol of its own to a question, from what is known of its joints.
+pub(crate) fn answer(axes: &[BoardAxis], known: &KnownBetter, request: &Bottle, stamp: Stamp) -> Bottle {
+    let Some(answer) = shadow(axes).answer(request, stamp) else { return words::fail() };
+    corrected(known, &answer).unwrap_or(answer)
+}
+
+/// A board's own answer with what the filter knows better; `None` if it is right as it is.
+pub(crate) fn corrected(known: &KnownBetter, answer: &Bottle) -> Option<Bottle> {
+    patch::corrected(known, answer)
+}
+
+/// A state as a part's board publishes it: as the board behind told it, with all that it carries, or for a simulated robot what is
+/// known; with the modes that clients have set.
+pub(crate) fn state(axes: &[BoardAxis], told: Option<JointData>) -> JointData {
+    // readings tell positions; velocities are their differences, and no more can be had of them
+    let own = JointData { acceleration: Field::unknown(axes.len()), ..shadow(axes).joint_data() };
+    match told {
+        None => own,
+        Some(told) => patch::shown(axes, own, told),
+    }
+}
+
+fn shadow(axes: &[BoardAxis]) -> Shadow {
+    let axis = |axis: &BoardAxis| ShadowAxis {
+        speed: axis.speed,
+        target: axis.target,
+        ref_speed: axis.ref_speed,
+        ref_acc: axis.ref_acc,
+        mode: vocab(axis.mode),
+        done: axis.done,
+        vel_ref: axis.velocity,
+        direct_ref: axis.direct,
+        ..ShadowAxis::at_rest(axis.name.clone(), axis.min, axis.max, axis.max_speed, axis.q)
+    };
+    Shadow { axes: axes.iter().map(axis).collect() }
+}
+
+const MODES: [(ClientMode, Vocab); 4] = [
+    (ClientMode::Position, mode::POSITION),
+    (ClientMode::PositionDirect, mode::DIRECT),
+    (ClientMode::Velocity, mode::VELOCITY),
+    (ClientMode::Mixed, mode::MIXED),
+];
+
+/// The mode of a word; `None`: clients may not set it.
+fn client_mode(word: Vocab) -> Option<ClientMode> {
+    MODES.iter().find(|(_, vocab)| *vocab == word).map(|(mode, _)| *mode)
+}
+
+fn vocab(mode: ClientMode) -> Vocab {
+    MODES.iter().find(|(m, _)| *m == mode).map_or(mode::UNKNOWN, |(_, vocab)| *vocab)
+}
