@@ -6,7 +6,7 @@ mod script;
 use crate::config::{Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
 use mobee_bridge::YarpServices;
-use mobee_contract::{Context, Hardware, KindError, Requirements, Service, agent_kinds, driver_kinds};
+use mobee_contract::{Agent, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
 use mobee_controller::ControllerSettings;
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -207,8 +207,10 @@ fn world(config: &Config, source: &Source, warnings: &mut Vec<String>) -> Result
     Ok(loaded.value)
 }
 
-/// A kind's name and its settings without it.
-fn kind(source: &Source, at: &str, value: &Value, known: &[&'static str]) -> Result<(String, Value), ConfigError> {
+/// A kind of a role as a table names it, and its settings without the name.
+fn kind<R: Role + ?Sized>(source: &Source, at: &str, value: &Value) -> Result<(&'static Kind<R>, Value), ConfigError> {
+    let kinds = kinds::<R>();
+    let known: Vec<&str> = kinds.iter().map(|k| k.name).collect();
     let Value::Object(map) = value else {
         return Err(source.error(at, "this is no table", "write a table with `kind` and its settings"));
     };
@@ -216,13 +218,13 @@ fn kind(source: &Source, at: &str, value: &Value, known: &[&'static str]) -> Res
         let help = format!("add kind = \"...\"; known: {}", known.join(", "));
         return Err(source.error(at, "there is no `kind` here", help));
     };
-    if !known.contains(&name) {
+    let Some(found) = kinds.iter().copied().find(|k| k.name == name) else {
         let what = format!("there is no kind `{name}`");
-        return Err(source.error(&format!("{at}.kind"), what, suggestion(name, "kind", known)));
-    }
+        return Err(source.error(&format!("{at}.kind"), what, suggestion(name, "kind", &known)));
+    };
     let mut settings = map.clone();
     settings.remove("kind");
-    Ok((name.to_owned(), Value::Object(settings)))
+    Ok((found, Value::Object(settings)))
 }
 
 /// The complaints about a kind's table that stands at `at`.
@@ -237,14 +239,12 @@ fn placed(source: &Source, at: &str, e: KindError) -> Complaints {
 }
 
 /// The kind of a driver and its settings.
-pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(String, Value), ConfigError> {
-    let names: Vec<&'static str> = driver_kinds().iter().map(|k| k.name).collect();
-    kind(source, at, value, &names)
+pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(&'static str, Value), ConfigError> {
+    kind::<dyn Hardware>(source, at, value).map(|(kind, settings)| (kind.name, settings))
 }
 
 fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result<Arc<dyn Hardware>, Complaints> {
-    let (name, mut settings) = driver_of(source, at, value)?;
-    let kinds = driver_kinds();
+    let (kind, mut settings) = kind::<dyn Hardware>(source, at, value)?;
     // a table that was sent, for as long as the kind reads it
     let mut scratch = None;
     if let Some(Value::String(file)) = settings.get_mut("file") {
@@ -261,8 +261,7 @@ fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result
         }
         *file = path.to_string_lossy().into_owned();
     }
-    let found = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds");
-    let built = (found.build)(&settings, context).map_err(|e| placed(source, at, e));
+    let built = (kind.build)(&settings, context).map_err(|e| placed(source, at, e));
     drop(scratch);
     built
 }
@@ -275,10 +274,8 @@ fn services(config: &Config, source: &Source) -> Result<Vec<Box<dyn Service>>, C
 }
 
 fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Requirements), Complaints> {
-    let kinds = agent_kinds();
-    let names: Vec<&'static str> = kinds.iter().map(|k| k.name).collect();
-    let (name, settings) = kind(source, at, value, &names)?;
-    let build = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds").build;
+    let (kind, settings) = kind::<dyn Agent>(source, at, value)?;
+    let build = kind.build;
     let means = build(&settings, &context).map_err(|e| placed(source, at, e))?.requirements();
     Ok((Arc::new(move || build(&settings, &context).map_err(|e| e.to_string())), means))
 }

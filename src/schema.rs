@@ -3,7 +3,8 @@
 
 use crate::config::Config;
 use crate::kinds::{Entry, entries};
-use mobee_controller::DEFAULT_KIND;
+use mobee_contract::Role;
+use mobee_controller::{DEFAULT_KIND, Drive};
 use serde_json::{Map, Value, json};
 use std::sync::OnceLock;
 
@@ -29,7 +30,7 @@ fn make() -> Value {
         }
         let mut schema = relinked(schema, &id);
         schema["properties"]["kind"] = json!({ "const": name, "description": doc });
-        let needed = (role != "controller" || name != DEFAULT_KIND).then(|| json!("kind"));
+        let needed = (role != Drive::NAME || name != DEFAULT_KIND).then(|| json!("kind"));
         let required = schema["required"].as_array().cloned().unwrap_or_default();
         schema["required"] = required.into_iter().chain(needed).collect();
         schema["description"] = doc.into();

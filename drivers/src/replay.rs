@@ -7,7 +7,8 @@ pub use table::Table;
 use crate::SimSettings;
 use mobee_contract as contract;
 use mobee_contract::{
-    Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample, SetPose, Time,
+    Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, Kind, KindError, Known, Registered,
+    Sample, SetPose, Time,
 };
 use mobee_model::file::{MIB, read_text};
 use schemars::JsonSchema;
@@ -21,14 +22,14 @@ use std::time::Duration;
 const LONGEST: u64 = 64 * MIB;
 
 inventory::submit! {
-    contract::DriverKind {
+    Registered(&Kind::<dyn Hardware> {
         name: "replay",
         doc: "Plays recorded poses as a robot: what would the model, the reflex and a sensor have seen? The table comes from `mobee inspect RUN --poses FILE`, or \
               from any log of encoders. The robot moves by itself and takes no commands: it answers them as a board does, and does not obey. Use it without an agent.",
         schema: || schemars::schema_for!(ReplaySettings),
         example: |_| Err("it needs the table of a recorded run"),
         build: |settings, context| Ok(Arc::new(ReplayHardware::build(settings, context)?)),
-    }
+    })
 }
 
 /// Settings of the driver kind `replay`.
