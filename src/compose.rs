@@ -28,7 +28,7 @@ pub struct Composition {
     /// What happens to the world.
     pub script: Vec<ScriptStep>,
     /// What runs beside the safety chain.
-    pub services: Vec<Box<dyn Service>>,
+    pub services: Vec<Arc<dyn Service>>,
     /// What deserves attention but does not forbid to run.
     pub warnings: Vec<String>,
 }
@@ -266,11 +266,11 @@ fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result
     built
 }
 
-fn services(config: &Config, source: &Source) -> Result<Vec<Box<dyn Service>>, Complaints> {
+fn services(config: &Config, source: &Source) -> Result<Vec<Arc<dyn Service>>, Complaints> {
     let Some(mut yarp) = config.yarp.clone() else { return Ok(Vec::new()) };
     yarp.save_folder = yarp.save_folder.map(|folder| Config::beside(source, &folder));
     let ports = YarpServices::new(yarp).map_err(|e| placed(source, "yarp", e))?;
-    Ok(vec![Box::new(ports)])
+    Ok(vec![Arc::new(ports)])
 }
 
 fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Requirements), Complaints> {

@@ -5,6 +5,7 @@ mod driver;
 mod history;
 mod model;
 mod reflex;
+mod service;
 mod supervise;
 
 pub use agent::{AgentActor, AgentMsg, Maker, Offer, Slot};
@@ -12,4 +13,5 @@ pub use driver::{DriverActor, DriverMsg};
 pub use history::{HistoryActor, HistoryMsg};
 pub use model::{ModelActor, ModelMsg};
 pub use reflex::{ReflexActor, ReflexMsg};
+pub use service::{GRACE, Post, ServiceActor, ServiceMsg};
 pub use supervise::{SuperviseActor, SuperviseMsg};

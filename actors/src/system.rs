@@ -8,7 +8,6 @@ mod overload;
 mod past;
 mod report;
 mod run;
-mod services;
 mod tree;
 mod trouble;
 
@@ -20,6 +19,7 @@ pub use overload::{Late, overload};
 pub use past::{Past, PastRobot};
 pub use report::{Report, RobotReport};
 pub use run::{run, run_under};
+pub(crate) use tree::is_of_service;
 pub use trouble::{Blow, Troubles};
 
 use crate::record::tap::Taps;
@@ -50,9 +50,9 @@ pub struct Setup {
     pub config: serde_json::Value,
     /// Edits of the world that wait for their moment.
     pub script: Vec<ScriptStep>,
-    /// What runs beside the safety chain, on a thread of its own and in real time only. While one of them keeps the run
-    /// ([`Service::keeps_run`]), it does not end because all agents are done.
-    pub services: Vec<Box<dyn Service>>,
+    /// What runs beside the safety chain; in virtual time only those that can ([`Service::runs_in_virtual_time`]). While one of them keeps
+    /// the run ([`Service::keeps_run`]), it does not end because all agents are done.
+    pub services: Vec<Arc<dyn Service>>,
     /// What an earlier process of this run left, if it is resumed.
     pub past: Option<Past>,
 }
@@ -191,9 +191,9 @@ pub enum RunError {
         /// Why.
         fault: String,
     },
-    /// Services talk to the world outside, which has no virtual time.
-    #[error("{0} services can't run in virtual time; set clock = \"real\", or run without them")]
-    VirtualServices(usize),
+    /// A service talks to the world outside, which has no virtual time.
+    #[error("the service {0} can't run in virtual time; set clock = \"real\", or run without it")]
+    VirtualService(String),
     /// The system gives no thread, timer or poller, or an actor could not be started.
     #[error("the system could not be started: {0}")]
     Start(String),

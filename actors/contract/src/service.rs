@@ -77,6 +77,8 @@ pub trait Running: Send + Sync {
     fn robots(&self) -> &[Arc<dyn Filtered>];
     /// The robots' models, in the same order.
     fn models(&self) -> Vec<Arc<Robot>>;
+    /// Waits, by the run's clock, until it shows this; not at all if that is past.
+    fn sleep_until(&self, at: Time) -> Answer<()>;
     /// Robots and world now.
     fn scene(&self) -> Arc<Scene>;
     /// Changes the world; answered when the change is in force.
@@ -85,18 +87,27 @@ pub trait Running: Send + Sync {
     fn tell(&self, event: Event);
 }
 
-/// Something that runs beside the safety chain, on a thread of its own, until the run ends.
-pub trait Service: Send {
-    /// Its name, for warnings.
+/// Something that runs beside the safety chain until the run ends: on a thread of its own by a real clock, supervised in any case.
+///
+/// This is what each of its lives begins from. A life that ends by an error or a panic, or blocks its thread for long, is over: what it has
+/// under way is taken back, and it is served anew.
+pub trait Service: Send + Sync {
+    /// Its name, for supervision and warnings.
     fn name(&self) -> String;
-    /// Whether the run goes on for it although all agents are done: somebody may still want to move the robots through it.
+    /// Whether the run goes on for it although all agents are done, until it ends in order: somebody may still want to move the robots
+    /// through it.
     fn keeps_run(&self) -> bool {
         true
     }
+    /// Whether it may run in virtual time: it knows no time but that of [`Running`], and nothing outside of the run.
+    fn runs_in_virtual_time(&self) -> bool {
+        false
+    }
 
-    /// Serves until `until` is ready, then leaves in order. Called within a tokio runtime with network and timers.
+    /// One life: serves until `until` is ready, then leaves in order. Called within a tokio runtime with network and timers. Who has no more
+    /// to do may leave before, and is not served again.
     ///
     /// # Errors
-    /// Why it can't serve, as a sentence with its remedy.
-    fn serve(self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>>;
+    /// Why it can't serve, as a sentence with its remedy. It is then tried again, a few times.
+    fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>>;
 }

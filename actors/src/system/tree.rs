@@ -6,6 +6,8 @@
 //! └── <robot>                   rest-for-one: driver, history, supervise, reflex
 //! agents                        one-for-one, each with its own budget
 //! └── <robot>/agents/agent
+//! services                      one-for-one, each with its own budget; beside the safety chain
+//! └── <service>/services/service
 //! taps                          one-for-one: what watches over the threads of journal and recorder
 //! ├── journal
 //! └── recorder
@@ -14,8 +16,12 @@
 use super::trouble::Troubled;
 use crate::record::tap::TapActor;
 use crate::runtime::supervision::{Child, Group, Intensity, Restart, Strategy};
-use crate::shell::{AgentActor, DriverActor, HistoryActor, ModelActor, ReflexActor, SuperviseActor, SuperviseMsg};
+use crate::shell::{
+    AgentActor, DriverActor, GRACE, HistoryActor, ModelActor, Post, ReflexActor, ServiceActor, SuperviseActor,
+    SuperviseMsg,
+};
 use crate::wiring::{Hub, Wires};
+use mobee_contract::Event;
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;
 use std::time::Duration;
@@ -117,4 +123,35 @@ pub fn agents(hub: &Arc<Hub>) -> Group {
         root = root.child(Child::group(own).restart(Restart::Temporary));
     }
     root
+}
+
+/// The services: whatever becomes of one, the run goes on.
+pub fn services(hub: &Arc<Hub>, posts: &[Arc<Post>]) -> Group {
+    posts.iter().fold(group("services", Strategy::OneForOne, hub), |root, post| {
+        let (vacated, given_up, gone) = (post.clone(), post.clone(), hub.clone());
+        let arguments = {
+            let (hub, post) = (hub.clone(), post.clone());
+            move || (hub.clone(), post.clone())
+        };
+        let served = child(hub, format!("{}/{SERVICE}", post.name()), || ServiceActor, arguments);
+        let own = group(&format!("{}/{SERVICE}s", post.name()), Strategy::OneForOne, hub)
+            .on_death(move |_, reason| vacated.vacate(reason))
+            .on_give_up(move || given_up.give_up(&gone))
+            .child(served.restart(Restart::Transient).grace(Some(GRACE)));
+        root.child(Child::group(own).restart(Restart::Temporary))
+    })
+}
+
+/// How the actors of services are called after what they serve.
+const SERVICE: &str = "service";
+
+/// Whether an event tells of the life of a service: it happens beside the safety chain, and excuses nobody there.
+pub fn is_of_service(event: &Event) -> bool {
+    let named =
+        |name: &str| name.rsplit_once('/').is_some_and(|(_, last)| last.strip_suffix('s').unwrap_or(last) == SERVICE);
+    match event {
+        Event::Died { actor, .. } | Event::Restarted { actor, .. } => named(actor),
+        Event::GaveUp { group } => named(group),
+        _ => false,
+    }
 }

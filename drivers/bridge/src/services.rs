@@ -50,7 +50,7 @@ impl Service for YarpServices {
         "yarp".into()
     }
 
-    fn serve(self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
+    fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
             let (network, server) = network::open(&self.settings).await?;
             let mut open = Open::new(server);

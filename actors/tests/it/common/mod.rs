@@ -172,7 +172,7 @@ impl Trial {
     pub fn run_all(
         self,
         prepare: impl FnOnce(&SimFaults),
-        services: impl FnOnce(Sender<Control>) -> Vec<Box<dyn Service>>,
+        services: impl FnOnce(Sender<Control>) -> Vec<Arc<dyn Service>>,
     ) -> Ran {
         let prepare = |hardware: &SimHardware| {
             prepare(&hardware.faults());
@@ -189,7 +189,7 @@ impl Trial {
     fn run_whole(
         self,
         prepare: impl FnOnce(&SimHardware) -> Vec<(Duration, Control)>,
-        services: impl FnOnce(Sender<Control>) -> Vec<Box<dyn Service>>,
+        services: impl FnOnce(Sender<Control>) -> Vec<Arc<dyn Service>>,
     ) -> Ran {
         let (tell, controls) = tokio::sync::mpsc::channel(4);
         let robot = arm();
