@@ -3,10 +3,9 @@
 mod checks;
 mod script;
 
-use crate::config::{Complaints, Config, ConfigError, Source, suggestion};
+use crate::config::{Clock, Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
-use mobee_bridge::YarpServices;
-use mobee_contract::{Agent, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
+use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
 use mobee_controller::ControllerSettings;
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -97,7 +96,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
         }));
     }
     let objects = wrong.keep(world(&config, source, &mut warnings));
-    let services = wrong.keep(services(&config, source));
+    let bridges = bridges(&config, source, &mut wrong);
     let whole: Option<Vec<Built>> = built.into_iter().collect();
     let (Some(built), Some(objects)) = (whole, objects) else { return Err(wrong.of_something()) };
 
@@ -116,6 +115,9 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
         }
     };
     checks::all(&config, source, &scene, &built, begin, &mut wrong, &mut warnings);
+    for (at, bridge) in &bridges {
+        wrong.keep(bridge.check(scene.robots()).map_err(|e| placed(source, at, e)));
+    }
     let script = script::steps(&config, source, &scene, &mut wrong);
 
     let mut robots = Vec::new();
@@ -129,7 +131,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
                 let what = "its controller has no reflex; contacts are recorded and stop nothing";
                 warnings.push(format!("{}: {what}", r.name));
             }
-            let foreign = config.yarp.as_ref().filter(|y| y.filter).map(|y| y.speed);
+            let foreign = bridges.iter().filter_map(|(_, b)| b.speed()).reduce(f64::max);
             warnings.extend(margin_warning(r, &model, hardware.as_ref(), &controller, foreign));
             robots.push(RobotSetup {
                 name: r.name.clone(),
@@ -139,7 +141,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             });
         }
     }
-    let services = services.unwrap_or_default();
+    let services = bridges.into_iter().map(|(_, bridge)| bridge as Arc<dyn Service>).collect();
     let file = source.path.clone();
     wrong.none_or(Composition { config, file, scene, robots, script, services, warnings })
 }
@@ -266,11 +268,22 @@ fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result
     built
 }
 
-fn services(config: &Config, source: &Source) -> Result<Vec<Arc<dyn Service>>, Complaints> {
-    let Some(mut yarp) = config.yarp.clone() else { return Ok(Vec::new()) };
-    yarp.save_folder = yarp.save_folder.map(|folder| Config::beside(source, &folder));
-    let ports = YarpServices::new(yarp).map_err(|e| placed(source, "yarp", e))?;
-    Ok(vec![Arc::new(ports)])
+/// What programs outside move robots through, each with the place of its table.
+fn bridges(config: &Config, source: &Source, wrong: &mut Complaints) -> Vec<(String, Arc<dyn Bridge>)> {
+    let folder = Config::beside(source, Path::new(""));
+    let mut all = Vec::new();
+    for (at, table) in config.bridges() {
+        let built = kind::<dyn Bridge>(source, &at, &table).map_err(Complaints::from);
+        let built = built.and_then(|(kind, set)| (kind.build)(&set, &folder).map_err(|e| placed(source, &at, e)));
+        let Some(bridge) = wrong.keep(built) else { continue };
+        // the table [yarp] was judged with the clock already
+        if config.clock == Clock::Virtual && !bridge.runs_in_virtual_time() && at != "yarp" {
+            let what = "this bridge runs by the wall clock, and this behavior's clock is virtual";
+            wrong.push(source.error(&at, what, "set clock = \"real\""));
+        }
+        all.push((at, bridge));
+    }
+    all
 }
 
 fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Requirements), Complaints> {

@@ -42,8 +42,16 @@ fn make() -> Value {
         }
     }
     for (role, links) in roles {
-        let property = &mut definitions["Robot"]["properties"][role];
-        *property = json!({ "description": property["description"], "default": property["default"], "oneOf": links });
+        // a role stands in each robot's table, or in tables of its own; kinds of one that a file can't name yet are listed only
+        let property = match definitions["Robot"]["properties"].get_mut(role) {
+            Some(property) => property,
+            None => match root["properties"].get_mut(role) {
+                Some(tables) => &mut tables["items"],
+                None => continue,
+            },
+        };
+        let text = |key: &str| property.get(key).cloned();
+        *property = json!({ "description": text("description"), "default": text("default"), "oneOf": links });
         if let Value::Object(map) = property {
             map.retain(|_, v| !v.is_null());
         }

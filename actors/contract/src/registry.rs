@@ -7,11 +7,12 @@
 //! registered()                                                                    whoever lists all: names, docs, settings
 //! ```
 
-use crate::{Agent, Context, Hardware, KindError};
+use crate::{Agent, Bridge, Context, Hardware, KindError};
 use mobee_model::Robot;
 use schemars::Schema;
 use serde_json::Value;
 use std::any::Any;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A part of the system that comes in kinds. A new role needs an implementation of this, beside what it builds, and nothing here.
@@ -34,6 +35,13 @@ impl Role for dyn Hardware {
     const NAME: &'static str = "driver";
     type Context = Context;
     type Built = Arc<dyn Hardware>;
+}
+
+impl Role for dyn Bridge {
+    const NAME: &'static str = "bridge";
+    /// The folder that paths in its settings are relative to.
+    type Context = PathBuf;
+    type Built = Arc<dyn Bridge>;
 }
 
 /// One kind of a role.

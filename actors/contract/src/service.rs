@@ -2,7 +2,7 @@
 //!
 //! A service sees robots only through their filtered interface (paper, fig. 3): it commits, as any agent does.
 
-use crate::{Board, Commit, CommitId, Event, MotionEnd, Pose, Refusal, Setpoints, Status, Time, Verdict};
+use crate::{Board, Commit, CommitId, Event, KindError, MotionEnd, Pose, Refusal, Setpoints, Status, Time, Verdict};
 use mobee_model::{Contact, Edit, Robot, Scene};
 use std::collections::BTreeSet;
 use std::future::Future;
@@ -110,4 +110,20 @@ pub trait Service: Send + Sync {
     /// # Errors
     /// Why it can't serve, as a sentence with its remedy. It is then tried again, a few times.
     fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>>;
+}
+
+/// A service that a configuration file names, by its kind: a bridge to programs outside, which commit through it as agents do.
+pub trait Bridge: Service {
+    /// Checks the robots, parts and motors that its settings name against those there are.
+    ///
+    /// # Errors
+    /// Every name that is none; paths are those of the settings.
+    fn check(&self, _robots: &[Arc<Robot>]) -> Result<(), KindError> {
+        Ok(())
+    }
+    /// The share of each motor's greatest speed at which programs may move robots through it, so that the margin can be judged by it.
+    /// `None`: nobody moves anything through it, or it is not known how fast.
+    fn speed(&self) -> Option<f64> {
+        None
+    }
 }
