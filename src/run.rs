@@ -243,6 +243,7 @@ pub(crate) fn run_with(
         config: told.unwrap_or(values),
         script,
         services,
+        sensors: Vec::new(),
         past,
     };
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares the run's clock with the wall's")]

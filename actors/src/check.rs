@@ -222,7 +222,7 @@ impl Checker {
     /// Takes the next line.
     pub fn on(&mut self, line: &Line) {
         self.last = (line.line, line.at);
-        if crate::system::is_of_service(&line.event) {
+        if crate::system::is_beside(&line.event) {
             return;
         }
         for (name, invariant) in &mut self.invariants {

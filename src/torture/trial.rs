@@ -232,6 +232,7 @@ impl Trial {
             config: Value::Null,
             script: composed.script,
             services: Vec::new(),
+            sensors: Vec::new(),
             past: None,
         };
         let (tell, controls) = mpsc::channel(1);

@@ -6,7 +6,7 @@ use super::{Control, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, Tr
 use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::stream::Stream;
 use crate::runtime::supervision::{Group, GroupMsg};
-use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Post, Slot, SuperviseMsg};
+use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Post, Sensor, Slot, SuperviseMsg};
 use crate::wiring::{Cell, HardwareHandle, Hub, Line, Parts, Wires};
 use mobee_contract::{Board, Event, Latest, Status, Time};
 use mobee_controller::gate::Gate;
@@ -121,6 +121,8 @@ async fn conduct(
     let is_kept = || posts.iter().any(|p| p.keeps_run());
     let somebody = acting > 0 || is_kept();
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
+    let sensors = std::mem::take(&mut setup.sensors).into_iter();
+    let sensors: Vec<Arc<Sensor>> = sensors.map(|s| Arc::new(Sensor::from(s))).collect();
     let hub = wire(setup, &boards, clock.clone(), troubles);
     let controller = begin(tree::controller(&hub), safety.as_ref()).await?;
     let agents = begin(tree::agents(&hub), None).await?;
@@ -130,7 +132,11 @@ async fn conduct(
         false => Some(begin(tree::services(&hub, &posts), None).await?),
     };
 
-    let groups: Vec<_> = [&controller, &agents].into_iter().chain(&services).cloned().collect();
+    let seen = match sensors.is_empty() {
+        true => None,
+        false => Some(begin(tree::sensors(&hub, &sensors), None).await?),
+    };
+    let groups: Vec<_> = [&controller, &agents].into_iter().chain(&services).chain(&seen).cloned().collect();
     let mut exchanges = Exchanges::new(&hub, &controller);
     let limit = limit.map(|l| Time::ZERO + l);
     let mut told = Time::ZERO;
@@ -194,6 +200,9 @@ async fn conduct(
         () = in_order => {}
         () = told_to_abort(&mut controls) => abandon(&hub).await,
     }
+    if let Some(seen) = &seen {
+        let _ = ractor::call!(seen, GroupMsg::Stop);
+    }
     let _ = ractor::call!(agents, GroupMsg::Stop);
     let _ = ractor::call!(controller, GroupMsg::Stop);
     let _ = ractor::call!(taps, GroupMsg::Stop);
@@ -202,6 +211,7 @@ async fn conduct(
         [&wires.to_history, &wires.to_reflex, &wires.to_supervise].into_iter().for_each(|s| hub.tell(s.link()));
     }
     hub.tell(hub.to_model.link());
+    sensors.iter().for_each(|s| hub.tell(s.frames.link()));
     let counts = hub.counts.lock().clone();
     progress(&Progress { at: clock.now(), counts: counts.clone() });
     let snapshots = hub.robots.iter().filter_map(|w| Some((w.name.clone(), w.snapshot.lock().clone()?)));
