@@ -6,7 +6,7 @@
 //! `cargo run --release --example 07_write_your_own_agent`
 
 use mobee_contract::{
-    Agent, AgentKind, Intent, KindError, MotionEnd, Refusal, Snapshot, Summary, Target, View, settings,
+    Agent, Intent, Kind, KindError, MotionEnd, Refusal, Registered, Snapshot, Summary, Target, View, settings,
 };
 
 /// Its settings, as written in a configuration file. `mobee kinds` shows the doc comments.
@@ -61,11 +61,11 @@ impl Agent for Wave {
 
 // Registering the kind makes `agent = { kind = "wave", ... }` work in configuration files.
 inventory::submit! {
-    AgentKind {
+    Registered(&Kind::<dyn Agent> {
         name: "wave",
         doc: "Waves with one motor.",
         schema: || schemars::schema_for!(WaveSettings),
-        example: |robot| serde_json::json!({ "motor": robot.motors[0].name, "swing_deg": 5.0, "times": 2 }),
+        example: |robot| Ok(serde_json::json!({ "motor": robot.motors[0].name, "swing_deg": 5.0, "times": 2 })),
         build: |value, context| {
             let s: WaveSettings = settings(value)?;
             let motor = context.robot.motor_index(&s.motor).ok_or_else(|| {
@@ -75,7 +75,7 @@ inventory::submit! {
             let swing = s.swing_deg.to_radians().min(m.home - m.min).min(m.max - m.home);
             Ok(Box::new(Wave { motor, middle: m.home, swing, left: s.times, failed: 0 }))
         },
-    }
+    })
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -77,6 +77,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         config: serde_json::Value::Null,
         script: Vec::new(),
         services: Vec::new(),
+        sensors: Vec::new(),
         past: None,
     };
     let (_keep, stop) = tokio::sync::mpsc::channel(1);

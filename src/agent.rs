@@ -96,7 +96,7 @@ pub fn command(args: AgentArgs) -> Result<ExitCode, Report> {
             r.driver = json!({ "kind": "sim" });
         }
     }
-    let network = match config.yarp.as_ref().and_then(|y| y.name_server) {
+    let network = match config.yarp_ports().find_map(|(_, ports)| ports.name_server) {
         Some(server) => Network::at(server),
         None => config::network_or_default(&Env::real()).map_err(|e| {
             ConfigError::plain(e.to_string(), "give the address as name_server in the table [yarp] of the file")

@@ -3,10 +3,9 @@
 mod checks;
 mod script;
 
-use crate::config::{Complaints, Config, ConfigError, Source, suggestion};
+use crate::config::{Clock, Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
-use mobee_bridge::YarpServices;
-use mobee_contract::{Context, Hardware, KindError, Requirements, Service, agent_kinds, driver_kinds};
+use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
 use mobee_controller::ControllerSettings;
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -28,7 +27,7 @@ pub struct Composition {
     /// What happens to the world.
     pub script: Vec<ScriptStep>,
     /// What runs beside the safety chain.
-    pub services: Vec<Box<dyn Service>>,
+    pub services: Vec<Arc<dyn Service>>,
     /// What deserves attention but does not forbid to run.
     pub warnings: Vec<String>,
 }
@@ -97,7 +96,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
         }));
     }
     let objects = wrong.keep(world(&config, source, &mut warnings));
-    let services = wrong.keep(services(&config, source));
+    let bridges = bridges(&config, source, &mut wrong);
     let whole: Option<Vec<Built>> = built.into_iter().collect();
     let (Some(built), Some(objects)) = (whole, objects) else { return Err(wrong.of_something()) };
 
@@ -116,6 +115,9 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
         }
     };
     checks::all(&config, source, &scene, &built, begin, &mut wrong, &mut warnings);
+    for (at, bridge) in &bridges {
+        wrong.keep(bridge.check(scene.robots()).map_err(|e| placed(source, at, e)));
+    }
     let script = script::steps(&config, source, &scene, &mut wrong);
 
     let mut robots = Vec::new();
@@ -129,7 +131,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
                 let what = "its controller has no reflex; contacts are recorded and stop nothing";
                 warnings.push(format!("{}: {what}", r.name));
             }
-            let foreign = config.yarp.as_ref().filter(|y| y.filter).map(|y| y.speed);
+            let foreign = bridges.iter().filter_map(|(_, b)| b.speed()).reduce(f64::max);
             warnings.extend(margin_warning(r, &model, hardware.as_ref(), &controller, foreign));
             robots.push(RobotSetup {
                 name: r.name.clone(),
@@ -139,7 +141,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             });
         }
     }
-    let services = services.unwrap_or_default();
+    let services = bridges.into_iter().map(|(_, bridge)| bridge as Arc<dyn Service>).collect();
     let file = source.path.clone();
     wrong.none_or(Composition { config, file, scene, robots, script, services, warnings })
 }
@@ -207,8 +209,10 @@ fn world(config: &Config, source: &Source, warnings: &mut Vec<String>) -> Result
     Ok(loaded.value)
 }
 
-/// A kind's name and its settings without it.
-fn kind(source: &Source, at: &str, value: &Value, known: &[&'static str]) -> Result<(String, Value), ConfigError> {
+/// A kind of a role as a table names it, and its settings without the name.
+fn kind<R: Role + ?Sized>(source: &Source, at: &str, value: &Value) -> Result<(&'static Kind<R>, Value), ConfigError> {
+    let kinds = kinds::<R>();
+    let known: Vec<&str> = kinds.iter().map(|k| k.name).collect();
     let Value::Object(map) = value else {
         return Err(source.error(at, "this is no table", "write a table with `kind` and its settings"));
     };
@@ -216,13 +220,13 @@ fn kind(source: &Source, at: &str, value: &Value, known: &[&'static str]) -> Res
         let help = format!("add kind = \"...\"; known: {}", known.join(", "));
         return Err(source.error(at, "there is no `kind` here", help));
     };
-    if !known.contains(&name) {
+    let Some(found) = kinds.iter().copied().find(|k| k.name == name) else {
         let what = format!("there is no kind `{name}`");
-        return Err(source.error(&format!("{at}.kind"), what, suggestion(name, "kind", known)));
-    }
+        return Err(source.error(&format!("{at}.kind"), what, suggestion(name, "kind", &known)));
+    };
     let mut settings = map.clone();
     settings.remove("kind");
-    Ok((name.to_owned(), Value::Object(settings)))
+    Ok((found, Value::Object(settings)))
 }
 
 /// The complaints about a kind's table that stands at `at`.
@@ -237,14 +241,12 @@ fn placed(source: &Source, at: &str, e: KindError) -> Complaints {
 }
 
 /// The kind of a driver and its settings.
-pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(String, Value), ConfigError> {
-    let names: Vec<&'static str> = driver_kinds().iter().map(|k| k.name).collect();
-    kind(source, at, value, &names)
+pub(crate) fn driver_of(source: &Source, at: &str, value: &Value) -> Result<(&'static str, Value), ConfigError> {
+    kind::<dyn Hardware>(source, at, value).map(|(kind, settings)| (kind.name, settings))
 }
 
 fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result<Arc<dyn Hardware>, Complaints> {
-    let (name, mut settings) = driver_of(source, at, value)?;
-    let kinds = driver_kinds();
+    let (kind, mut settings) = kind::<dyn Hardware>(source, at, value)?;
     // a table that was sent, for as long as the kind reads it
     let mut scratch = None;
     if let Some(Value::String(file)) = settings.get_mut("file") {
@@ -261,24 +263,32 @@ fn driver(source: &Source, at: &str, value: &Value, context: &Context) -> Result
         }
         *file = path.to_string_lossy().into_owned();
     }
-    let found = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds");
-    let built = (found.build)(&settings, context).map_err(|e| placed(source, at, e));
+    let built = (kind.build)(&settings, context).map_err(|e| placed(source, at, e));
     drop(scratch);
     built
 }
 
-fn services(config: &Config, source: &Source) -> Result<Vec<Box<dyn Service>>, Complaints> {
-    let Some(mut yarp) = config.yarp.clone() else { return Ok(Vec::new()) };
-    yarp.save_folder = yarp.save_folder.map(|folder| Config::beside(source, &folder));
-    let ports = YarpServices::new(yarp).map_err(|e| placed(source, "yarp", e))?;
-    Ok(vec![Box::new(ports)])
+/// What programs outside move robots through, each with the place of its table.
+fn bridges(config: &Config, source: &Source, wrong: &mut Complaints) -> Vec<(String, Arc<dyn Bridge>)> {
+    let folder = Config::beside(source, Path::new(""));
+    let mut all = Vec::new();
+    for (at, table) in config.bridges() {
+        let built = kind::<dyn Bridge>(source, &at, &table).map_err(Complaints::from);
+        let built = built.and_then(|(kind, set)| (kind.build)(&set, &folder).map_err(|e| placed(source, &at, e)));
+        let Some(bridge) = wrong.keep(built) else { continue };
+        // the table [yarp] was judged with the clock already
+        if config.clock == Clock::Virtual && !bridge.runs_in_virtual_time() && at != "yarp" {
+            let what = "this bridge runs by the wall clock, and this behavior's clock is virtual";
+            wrong.push(source.error(&at, what, "set clock = \"real\""));
+        }
+        all.push((at, bridge));
+    }
+    all
 }
 
 fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Requirements), Complaints> {
-    let kinds = agent_kinds();
-    let names: Vec<&'static str> = kinds.iter().map(|k| k.name).collect();
-    let (name, settings) = kind(source, at, value, &names)?;
-    let build = kinds.iter().find(|k| k.name == name).expect("the name was looked up in these kinds").build;
+    let (kind, settings) = kind::<dyn Agent>(source, at, value)?;
+    let build = kind.build;
     let means = build(&settings, &context).map_err(|e| placed(source, at, e))?.requirements();
     Ok((Arc::new(move || build(&settings, &context).map_err(|e| e.to_string())), means))
 }

@@ -27,6 +27,7 @@ pub use source::Source;
 pub use spelling::did_you_mean;
 
 use mobee_actors::runtime::clock::ClockKind;
+use mobee_bridge::{YarpServices, YarpSettings};
 use mobee_model::file::{MIB, read_text};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -69,7 +70,10 @@ pub struct Config {
     pub record: Record,
     /// MoBeE's own YARP ports: the port filter, the world RPC. Absent: none are opened.
     #[serde(default)]
-    pub yarp: Option<mobee_bridge::YarpSettings>,
+    pub yarp: Option<YarpSettings>,
+    /// What programs outside move robots through: `kind` and settings of each; see `mobee kinds`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bridge: Vec<Value>,
     /// What `mobee torture` demands of this behavior beside the invariants.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torture: Option<Torture>,
@@ -302,6 +306,24 @@ impl Config {
     /// The clock, in the actors' words.
     pub fn clock_kind(&self) -> ClockKind {
         if self.clock == Clock::Real { ClockKind::Real } else { ClockKind::Virtual }
+    }
+
+    /// The tables of all bridges, each with the place where it stands. The table `[yarp]` is one of the kind of its name.
+    pub fn bridges(&self) -> impl Iterator<Item = (String, Value)> {
+        let yarp = self.yarp.iter().filter_map(|yarp| {
+            let mut table = serde_json::to_value(yarp).ok()?;
+            table["kind"] = YarpServices::KIND.into();
+            Some(("yarp".to_owned(), table))
+        });
+        yarp.chain(self.bridge.iter().enumerate().map(|(i, table)| (format!("bridge[{i}]"), table.clone())))
+    }
+
+    /// The settings of all YARP ports, in whichever table they stand, each with its place.
+    pub fn yarp_ports(&self) -> impl Iterator<Item = (String, YarpSettings)> {
+        self.bridges().filter_map(|(at, mut table)| {
+            let kind = table.as_object_mut()?.remove("kind")?;
+            if kind == YarpServices::KIND { Some((at, mobee_contract::settings(&table).ok()?)) } else { None }
+        })
     }
 
     /// A path of the configuration, seen from where the file stands.

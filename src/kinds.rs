@@ -1,8 +1,8 @@
 //! `mobee kinds`: what a configuration file can name, with docs and settings, as registered where it is defined.
 
 use crate::config::{ConfigError, controller_schema, nearest};
-use mobee_contract::{agent_kinds, driver_kinds};
-use mobee_controller::controller_kinds;
+use mobee_contract::{AnyKind, Role, registered};
+use mobee_controller::Drive;
 use serde_json::Value;
 use std::fmt::Write;
 
@@ -18,16 +18,15 @@ pub(crate) struct Entry {
     pub schema: Value,
 }
 
-/// All registered kinds.
+/// All registered kinds, by role and name.
 pub(crate) fn entries() -> Vec<Entry> {
-    let agents = agent_kinds().into_iter().map(|k| ("agent", k.name, k.doc, (k.schema)().to_value()));
-    let drivers = driver_kinds().into_iter().map(|k| ("driver", k.name, k.doc, (k.schema)().to_value()));
-    let controllers = controller_kinds().into_iter().map(|k| ("controller", k.name, k.doc, controller_schema(k)));
-    agents
-        .chain(controllers)
-        .chain(drivers)
-        .map(|(role, name, doc, schema)| Entry { role, name, doc, schema })
-        .collect()
+    let schema = |k: &dyn AnyKind| match k.role() {
+        // a controller's table has what all controllers have beside what is its kind's own
+        Drive::NAME => controller_schema(k),
+        _ => k.schema().to_value(),
+    };
+    let entry = |k: &dyn AnyKind| Entry { role: k.role(), name: k.name(), doc: k.doc(), schema: schema(k) };
+    registered().into_iter().map(entry).collect()
 }
 
 /// The defaults of a kind's settings.
@@ -49,9 +48,9 @@ pub fn listing(name: Option<&str>) -> Result<String, ConfigError> {
     let all = entries();
     let mut out = String::new();
     let Some(name) = name else {
-        for role in ["agent", "controller", "driver"] {
-            let _ = writeln!(out, "{role}s");
-            for e in all.iter().filter(|e| e.role == role) {
+        for of_role in all.chunk_by(|a, b| a.role == b.role) {
+            let _ = writeln!(out, "{}s", of_role.first().map_or("", |e| e.role));
+            for e in of_role {
                 let _ = writeln!(out, "  {:10} {}", e.name, first_sentence(e.doc));
             }
         }
@@ -59,15 +58,20 @@ pub fn listing(name: Option<&str>) -> Result<String, ConfigError> {
         return Ok(out);
     };
     let names: Vec<&str> = all.iter().map(|e| e.name).collect();
-    let Some(e) = all.iter().find(|e| e.name == name) else {
+    let found: Vec<&Entry> = all.iter().filter(|e| e.name == name).collect();
+    if found.is_empty() {
         let near = nearest(name, &names).map_or(String::new(), |n| format!("did you mean `{n}`? "));
         return Err(ConfigError::plain(
             format!("there is no kind `{name}`"),
             format!("{near}the kinds are: {}", names.join(", ")),
         ));
-    };
-    let _ = writeln!(out, "{} ({})\n\n{}\n\nsettings", e.name, e.role, e.doc.trim());
-    rows(&mut out, &e.schema, &e.schema, 2);
+    }
+    // kinds of different roles may share a name
+    for (i, e) in found.into_iter().enumerate() {
+        let gap = if i > 0 { "\n" } else { "" };
+        let _ = writeln!(out, "{gap}{} ({})\n\n{}\n\nsettings", e.name, e.role, e.doc.trim());
+        rows(&mut out, &e.schema, &e.schema, 2);
+    }
     Ok(out)
 }
 

@@ -72,7 +72,7 @@ pub fn command(
     let (controls, receiver) = mpsc::channel(16);
     if watch {
         let service = WatchService::new(source, &composition.config, set, controls.clone());
-        composition.services.push(Box::new(service));
+        composition.services.push(Arc::new(service));
     }
     conduct(composition, &folder, Extras::default(), json, ctl, (controls, receiver))
 }
@@ -131,7 +131,7 @@ pub(crate) fn show(
         CtlAt::Address(address) => Some(Some(address)),
     };
     if let Some(address) = address.filter(|_| composition.config.clock_kind() == ClockKind::Real) {
-        composition.services.push(Box::new(CtlService::new(folder, address, controls, recording.clone())));
+        composition.services.push(Arc::new(CtlService::new(folder, address, controls, recording.clone())));
     }
     extras.recording = Some(recording);
     extras.bar = Some(bar.clone());
@@ -243,6 +243,7 @@ pub(crate) fn run_with(
         config: told.unwrap_or(values),
         script,
         services,
+        sensors: Vec::new(),
         past,
     };
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares the run's clock with the wall's")]

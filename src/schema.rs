@@ -3,7 +3,8 @@
 
 use crate::config::Config;
 use crate::kinds::{Entry, entries};
-use mobee_controller::DEFAULT_KIND;
+use mobee_contract::Role;
+use mobee_controller::{DEFAULT_KIND, Drive};
 use serde_json::{Map, Value, json};
 use std::sync::OnceLock;
 
@@ -29,7 +30,7 @@ fn make() -> Value {
         }
         let mut schema = relinked(schema, &id);
         schema["properties"]["kind"] = json!({ "const": name, "description": doc });
-        let needed = (role != "controller" || name != DEFAULT_KIND).then(|| json!("kind"));
+        let needed = (role != Drive::NAME || name != DEFAULT_KIND).then(|| json!("kind"));
         let required = schema["required"].as_array().cloned().unwrap_or_default();
         schema["required"] = required.into_iter().chain(needed).collect();
         schema["description"] = doc.into();
@@ -41,8 +42,16 @@ fn make() -> Value {
         }
     }
     for (role, links) in roles {
-        let property = &mut definitions["Robot"]["properties"][role];
-        *property = json!({ "description": property["description"], "default": property["default"], "oneOf": links });
+        // a role stands in each robot's table, or in tables of its own; kinds of one that a file can't name yet are listed only
+        let property = match definitions["Robot"]["properties"].get_mut(role) {
+            Some(property) => property,
+            None => match root["properties"].get_mut(role) {
+                Some(tables) => &mut tables["items"],
+                None => continue,
+            },
+        };
+        let text = |key: &str| property.get(key).cloned();
+        *property = json!({ "description": text("description"), "default": text("default"), "oneOf": links });
         if let Value::Object(map) = property {
             map.retain(|_, v| !v.is_null());
         }

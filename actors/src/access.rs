@@ -10,13 +10,14 @@ use mobee_model::{Edit, Robot, Scene};
 use ractor::RpcReplyPort;
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How many names of agents are remembered per robot and service, for the service's death.
 const NAMES: usize = 64;
 
-/// One service's access to everything.
+/// What one life of a service may do with everything, until it is revoked.
 pub struct Access {
+    revoked: Arc<AtomicBool>,
     hub: Arc<Hub>,
     filters: Vec<Arc<Filter>>,
     robots: Vec<Arc<dyn Filtered>>,
@@ -25,11 +26,13 @@ pub struct Access {
 impl Access {
     /// Access to all robots of the hub; which have an agent is told in the robots' order.
     pub fn new(hub: &Arc<Hub>, has_agent: &[bool]) -> Access {
+        let revoked = Arc::new(AtomicBool::new(false));
         let robots = hub.robots.iter().zip(has_agent);
         let filters: Vec<Arc<Filter>> = robots
             .map(|(wires, has_agent)| {
                 Arc::new(Filter {
                     hub: hub.clone(),
+                    revoked: revoked.clone(),
                     wires: wires.clone(),
                     board: wires.parts.lock().board.clone(),
                     has_agent: *has_agent,
@@ -38,13 +41,16 @@ impl Access {
             })
             .collect();
         let robots = filters.iter().map(|f| f.clone() as Arc<dyn Filtered>).collect();
-        Access { hub: hub.clone(), filters, robots }
+        Access { revoked, hub: hub.clone(), filters, robots }
     }
 
-    /// The service has gone: what its agents have under way is stopped as after an agent's death (I18).
-    pub fn orphan(&self) {
+    /// The service has gone: what its agents have under way is stopped as after an agent's death (I18), and whatever of it still runs
+    /// begins nothing more.
+    pub fn revoke(&self) {
+        self.revoked.store(true, Ordering::SeqCst);
         for filter in &self.filters {
-            for name in filter.names.lock().drain(..) {
+            let mut names = filter.names.lock();
+            for name in names.drain(..) {
                 filter.wires.supervise.send(SuperviseMsg::AgentDied(name));
             }
         }
@@ -72,7 +78,15 @@ impl Running for Access {
         self.hub.scene.lock().clone()
     }
 
+    fn sleep_until(&self, at: Time) -> Answer<()> {
+        let clock = self.hub.clock.clone();
+        Box::pin(async move { clock.sleep_until(at).await })
+    }
+
     fn edit(&self, edit: Edit) -> Answer<Result<(), String>> {
+        if self.revoked.load(Ordering::SeqCst) {
+            return Box::pin(async { Err("the service that asks has ended".into()) });
+        }
         let (reply, done) = ractor::concurrency::oneshot();
         self.hub.model.send(ModelMsg::Edit(edit, Some(reply.into())));
         Box::pin(async move { done.await.unwrap_or_else(|_| Err("the model is being restarted; try again".into())) })
@@ -87,6 +101,7 @@ impl Running for Access {
 #[derive(Debug)]
 struct Filter {
     hub: Arc<Hub>,
+    revoked: Arc<AtomicBool>,
     wires: Arc<Wires>,
     board: Board,
     has_agent: bool,
@@ -101,8 +116,15 @@ impl Filter {
             let what = format!("{agent} is the name of the robot's own agent");
             return Box::pin(async { Err(Refusal::Malformed { what }) });
         }
+        let (reply, verdict) = ractor::concurrency::oneshot();
         {
+            // held until it is sent: whatever was sent before the access is revoked is taken back then
             let mut names = self.names.lock();
+            if self.revoked.load(Ordering::SeqCst) {
+                return Box::pin(async {
+                    Err(Refusal::NotReady { missing: "the service that asks, which has ended".into() })
+                });
+            }
             if names.back() != Some(agent) {
                 names.retain(|n| n != agent);
                 if names.len() >= NAMES {
@@ -110,9 +132,8 @@ impl Filter {
                 }
                 names.push_back(agent.clone());
             }
+            self.wires.supervise.send(message(reply.into()));
         }
-        let (reply, verdict) = ractor::concurrency::oneshot();
-        self.wires.supervise.send(message(reply.into()));
         let missing = || Refusal::NotReady { missing: "a part of the controller that is being restarted".into() };
         Box::pin(async move { verdict.await.unwrap_or_else(|_| Err(missing())) })
     }
@@ -168,6 +189,9 @@ impl Filtered for Filter {
     }
 
     fn recover(&self) -> Result<(), String> {
+        if self.revoked.load(Ordering::SeqCst) {
+            return Err("the service that asks has ended".into());
+        }
         if self.wires.can_recover.load(Ordering::SeqCst) {
             self.wires.supervise.send(SuperviseMsg::Recover);
             return Ok(());

@@ -222,6 +222,9 @@ impl Checker {
     /// Takes the next line.
     pub fn on(&mut self, line: &Line) {
         self.last = (line.line, line.at);
+        if crate::system::is_beside(&line.event) {
+            return;
+        }
         for (name, invariant) in &mut self.invariants {
             let violations = &mut self.violations;
             invariant.on(line, &mut Found { invariant: name, line: line.line, at: line.at, violations });

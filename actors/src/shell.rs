@@ -5,6 +5,8 @@ mod driver;
 mod history;
 mod model;
 mod reflex;
+mod sensor;
+mod service;
 mod supervise;
 
 pub use agent::{AgentActor, AgentMsg, Maker, Offer, Slot};
@@ -12,4 +14,6 @@ pub use driver::{DriverActor, DriverMsg};
 pub use history::{HistoryActor, HistoryMsg};
 pub use model::{ModelActor, ModelMsg};
 pub use reflex::{ReflexActor, ReflexMsg};
+pub use sensor::{CameraActor, DetectorActor, PartMaker, Sensor};
+pub use service::{GRACE, Post, ServiceActor, ServiceMsg};
 pub use supervise::{SuperviseActor, SuperviseMsg};

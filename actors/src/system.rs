@@ -8,7 +8,6 @@ mod overload;
 mod past;
 mod report;
 mod run;
-mod services;
 mod tree;
 mod trouble;
 
@@ -20,12 +19,13 @@ pub use overload::{Late, overload};
 pub use past::{Past, PastRobot};
 pub use report::{Report, RobotReport};
 pub use run::{run, run_under};
+pub(crate) use tree::is_beside;
 pub use trouble::{Blow, Troubles};
 
 use crate::record::tap::Taps;
 use crate::runtime::clock::ClockKind;
-use crate::shell::Offer;
-use mobee_contract::{Agent, Hardware, Service, Snapshot, Time};
+use crate::shell::{Offer, PartMaker};
+use mobee_contract::{Agent, Camera, Detector, Hardware, Service, Snapshot, Time};
 use mobee_controller::ControllerSettings;
 use mobee_model::{Edit, Scene};
 use std::fmt;
@@ -50,9 +50,11 @@ pub struct Setup {
     pub config: serde_json::Value,
     /// Edits of the world that wait for their moment.
     pub script: Vec<ScriptStep>,
-    /// What runs beside the safety chain, on a thread of its own and in real time only. While one of them keeps the run
-    /// ([`Service::keeps_run`]), it does not end because all agents are done.
-    pub services: Vec<Box<dyn Service>>,
+    /// What runs beside the safety chain; in virtual time only those that can ([`Service::runs_in_virtual_time`]). While one of them keeps
+    /// the run ([`Service::keeps_run`]), it does not end because all agents are done.
+    pub services: Vec<Arc<dyn Service>>,
+    /// What looks at the world, beside the safety chain.
+    pub sensors: Vec<SensorSetup>,
     /// What an earlier process of this run left, if it is resumed.
     pub past: Option<Past>,
 }
@@ -67,6 +69,16 @@ pub struct RobotSetup {
     pub controller: ControllerSettings,
     /// Its agent, if it has one.
     pub agent: Option<AgentMaker>,
+}
+
+/// A camera, and the detector behind it.
+pub struct SensorSetup {
+    /// Its name: unique in the setup, and no robot's.
+    pub name: String,
+    /// Makes the camera, at the start and after each of its deaths.
+    pub camera: PartMaker<dyn Camera>,
+    /// Makes the detector, at the start and after each of its deaths.
+    pub detector: PartMaker<dyn Detector>,
 }
 
 /// What a running system can be told.
@@ -191,9 +203,9 @@ pub enum RunError {
         /// Why.
         fault: String,
     },
-    /// Services talk to the world outside, which has no virtual time.
-    #[error("{0} services can't run in virtual time; set clock = \"real\", or run without them")]
-    VirtualServices(usize),
+    /// A service talks to the world outside, which has no virtual time.
+    #[error("the service {0} can't run in virtual time; set clock = \"real\", or run without it")]
+    VirtualService(String),
     /// The system gives no thread, timer or poller, or an actor could not be started.
     #[error("the system could not be started: {0}")]
     Start(String),

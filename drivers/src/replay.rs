@@ -7,7 +7,8 @@ pub use table::Table;
 use crate::SimSettings;
 use mobee_contract as contract;
 use mobee_contract::{
-    Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample, SetPose, Time,
+    Axis, Board, Command, Context, ControlMode, Driver, DriverFault, Hardware, Kind, KindError, Known, Registered,
+    Sample, SetPose, Time,
 };
 use mobee_model::file::{MIB, read_text};
 use schemars::JsonSchema;
@@ -21,14 +22,14 @@ use std::time::Duration;
 const LONGEST: u64 = 64 * MIB;
 
 inventory::submit! {
-    contract::DriverKind {
+    Registered(&Kind::<dyn Hardware> {
         name: "replay",
         doc: "Plays recorded poses as a robot, to show what the model, the reflex or a sensor would have seen. The table comes from `mobee inspect RUN --poses FILE`, \
               or from any encoder log. The robot moves on its own: it answers commands like a board, but does not obey them. Use it without an agent.",
         schema: || schemars::schema_for!(ReplaySettings),
         example: |_| Err("it needs the table of a recorded run"),
         build: |settings, context| Ok(Arc::new(ReplayHardware::build(settings, context)?)),
-    }
+    })
 }
 
 /// Settings of the driver kind `replay`.

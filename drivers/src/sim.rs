@@ -19,14 +19,15 @@ use encoders::Encoders;
 use faults::Active;
 use mobee_contract as contract;
 use mobee_contract::{
-    Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Known, Sample, SetPose, Time,
+    Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, Kind, KindError, Known, Registered, Sample,
+    SetPose, Time,
 };
 use serde_json::Value;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 inventory::submit! {
-    contract::DriverKind {
+    Registered(&Kind::<dyn Hardware> {
         name: "sim",
         doc: "A simulated robot inside the program. It behaves like a YARP control board: position moves of one, some or all motors with \
               reference speeds and accelerations, relative moves, stop, motion-done, limits, control modes and position-direct set-points. Motions keep to \
@@ -35,7 +36,7 @@ inventory::submit! {
         schema: || schemars::schema_for!(SimSettings),
         example: |_| Ok(serde_json::json!({})),
         build: |settings, context| Ok(Arc::new(SimHardware::build(settings, context)?)),
-    }
+    })
 }
 
 /// What all drivers of one simulated robot share: the hardware itself.

@@ -50,8 +50,8 @@ use cell::{Cell, Trouble};
 use driver::Reach;
 use layout::Layout;
 use mobee_contract::{
-    Answer, AsFound, Context, Driver, DriverFault, DriverKind, Hardware, KindError, Known, NativeMessage, NativeState,
-    Paces,
+    Answer, AsFound, Context, Driver, DriverFault, Hardware, Kind, KindError, Known, NativeMessage, NativeState, Paces,
+    Registered,
 };
 use mobee_model::Robot;
 use mobee_yarp::config::{self, Env};
@@ -64,7 +64,7 @@ use std::time::Duration;
 use thread::Place;
 
 inventory::submit! {
-    DriverKind {
+    Registered(&Kind::<dyn Hardware> {
         name: "yarp",
         doc: "A real robot, or a simulator in another process, behind YARP control boards: one board per part, over any YARP network, in real time. \
               Motions are position moves with an individual speed per joint; the retreat streams position-direct set-points. States come from \
@@ -72,7 +72,7 @@ inventory::submit! {
         schema: || schemars::schema_for!(YarpDriverSettings),
         example: |_| Err("it needs a robot, or its simulator, behind YARP"),
         build: |settings, context| Ok(Arc::new(YarpHardware::build(settings, context)?)),
-    }
+    })
 }
 
 /// A robot behind YARP. Its threads begin with the first connection and live as long as this does, whatever happens to drivers.

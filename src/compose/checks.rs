@@ -1,6 +1,6 @@
 //! Whether parts that are each fine go together: robots and world, poses and obstacles, agents and boards, ports and names.
 
-use super::{Begin, Built, placed};
+use super::{Begin, Built};
 use crate::config::{Complaints, Config, Source};
 use mobee_contract::SetPose;
 use mobee_model::{Contact, Scene, ShapeId};
@@ -27,9 +27,6 @@ pub(super) fn all(
     }
     readings(config, source, built, wrong);
     boards(config, source, built, wrong);
-    if let Some(yarp) = &config.yarp {
-        wrong.keep(yarp.check_robots(scene.robots()).map_err(|e| placed(source, "yarp", e)));
-    }
 }
 
 struct Poses<'a> {
@@ -177,11 +174,13 @@ fn boards(config: &Config, source: &Source, built: &[Built], wrong: &mut Complai
                 let what = format!("robot {other} is driven by the board {name} already");
                 wrong.push(source.error(&at, what, "give every robot boards of its own"));
             }
-            let prefix = config.yarp.as_ref().filter(|y| y.filter).map(|y| y.robot_prefix(&r.name));
-            if prefix.is_some_and(|prefix| name.strip_prefix(&prefix).is_some_and(|rest| rest.starts_with('/'))) {
-                let what = format!("{name} would be the robot's own board and MoBeE's filtered one");
-                let help = format!("give the filter another prefix: yarp.robots.{}.prefix", r.name);
-                wrong.push(source.error(&at, what, help));
+            for (table, ports) in config.yarp_ports().filter(|(_, ports)| ports.filter) {
+                let prefix = ports.robot_prefix(&r.name);
+                if name.strip_prefix(&prefix).is_some_and(|rest| rest.starts_with('/')) {
+                    let what = format!("{name} would be the robot's own board and MoBeE's filtered one");
+                    let help = format!("give the filter another prefix: {table}.robots.{}.prefix", r.name);
+                    wrong.push(source.error(&at, what, help));
+                }
             }
             taken.push((name, &r.name));
         }

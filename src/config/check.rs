@@ -1,6 +1,7 @@
 //! What the types of a configuration can't say, before any file that it names is read.
 
 use super::{Clock, Complaints, Config, Source, When, did_you_mean, suggestion};
+use mobee_bridge::YarpSettings;
 
 /// The farthest from the world's origin that anything may stand, metres: what is farther was meant in millimetres.
 const FARTHEST_M: f64 = 50.0;
@@ -143,7 +144,8 @@ impl Config {
                 }
                 When::AfterOutcomes { robot, .. } => {
                     let planless = self.robot.iter().any(|r| r.name == *robot && r.agent.is_none());
-                    if planless && !self.yarp.as_ref().is_some_and(|y| y.filter || y.parts) {
+                    let ports = |y: &YarpSettings| y.filter || y.parts;
+                    if planless && self.bridge.is_empty() && !self.yarp.as_ref().is_some_and(ports) {
                         let at = format!("script[{i}].when.after_outcomes.robot");
                         let what = format!("this never happens: nobody moves {robot}");
                         c.say(&at, what, "give the robot an agent, or use at_s");

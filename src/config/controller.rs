@@ -1,7 +1,7 @@
 //! A robot's controller in the configuration: what all kinds share, and the settings of its kind beside it in one table.
 
-use mobee_contract::KindError;
-use mobee_controller::{ControllerKind, ControllerSettings, DEFAULT_KIND, Drive, FRESH_PERIODS, controller_kinds};
+use mobee_contract::{AnyKind, Kind, KindError, kinds};
+use mobee_controller::{ControllerSettings, DEFAULT_KIND, Drive, FRESH_PERIODS};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -49,13 +49,13 @@ fn tolerance() -> f64 {
     0.1
 }
 
-fn find(name: &str) -> Option<&'static ControllerKind> {
-    controller_kinds().into_iter().find(|k| k.name == name)
+fn find(name: &str) -> Option<&'static Kind<Drive>> {
+    kinds::<Drive>().into_iter().find(|k| k.name == name)
 }
 
 /// The settings of a kind and of all controllers, as one schema.
-pub fn schema(kind: &ControllerKind) -> Value {
-    let mut own = (kind.schema)().to_value();
+pub fn schema(kind: &dyn AnyKind) -> Value {
+    let mut own = kind.schema().to_value();
     let mut all = schemars::schema_for!(Controller).to_value();
     if let (Some(Value::Object(all)), Some(own)) = (all.get_mut("properties"), own["properties"].as_object_mut()) {
         all.remove("kind");
@@ -83,7 +83,7 @@ impl Controller {
     /// The first of its settings that can't be used; its path starts at the controller's table.
     pub fn drive(&self) -> Result<Drive, KindError> {
         let unknown = || KindError::new("kind", format!("there is no kind `{}`", self.kind), "see `mobee kinds`");
-        let drive = (find(&self.kind).ok_or_else(unknown)?.build)(&Value::Object(self.own.clone()))?;
+        let drive = (find(&self.kind).ok_or_else(unknown)?.build)(&Value::Object(self.own.clone()), &())?;
         // forces that act seldom make a motion swing instead of driving it
         if drive != Drive::Straight && self.period_ms > LONGEST_MS {
             let what = format!("{} ms is too long a period for forces", self.period_ms);

@@ -56,10 +56,10 @@ impl Service for CtlService {
         false
     }
 
-    fn serve(self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
+    fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
             let door = Door::open(&self.folder, self.address).await?;
-            let desk = Desk::new(running, self.controls, self.recording);
+            let desk = Desk::new(running, self.controls.clone(), self.recording.clone());
             let (mut guests, ending) = (JoinSet::new(), watch::Sender::new(false));
             tokio::select! {
                 () = until => {}

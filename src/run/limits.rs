@@ -2,7 +2,6 @@
 
 use super::CtlAt;
 use crate::config::{Config, ConfigError};
-use mobee_bridge::YarpSettings;
 use std::net::TcpListener;
 
 /// Files and sockets that a run has open: threads' runtimes, journal, recording, the control port; with room to spare.
@@ -15,7 +14,7 @@ const FILES_OF_YARP: u64 = 256;
 /// # Errors
 /// What is lacking, and how to get it.
 pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
-    let yarp = config.yarp.is_some() || config.robot.iter().any(|r| r.driver["kind"] == "yarp");
+    let yarp = config.yarp_ports().next().is_some() || config.robot.iter().any(|r| r.driver["kind"] == "yarp");
     let needed = if yarp { FILES_OF_YARP } else { FILES };
     if let Some(most) = most_files(&std::fs::read_to_string("/proc/self/limits").unwrap_or_default())
         && most < needed
@@ -23,7 +22,7 @@ pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
         let what = format!("at most {most} files can be open here, and this run may need {needed}");
         return Err(ConfigError::plain(what, format!("raise the limit: ulimit -n {}", 4 * FILES_OF_YARP)));
     }
-    if config.yarp.as_ref().is_some_and(YarpSettings::is_unguarded) {
+    if config.yarp_ports().any(|(_, ports)| ports.is_unguarded()) {
         return Err(ConfigError::plain(
             "with yarp.allow_open_network everybody on the network could move the robots: there is no key in YARP's auth.conf",
             "write a key into auth.conf on all computers of the network ([AUTH], key = ...), or set without_auth = true in the \
@@ -31,7 +30,7 @@ pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
         ));
     }
     if let CtlAt::Address(address) = ctl {
-        let open = config.yarp.as_ref().is_some_and(|y| y.allow_open_network);
+        let open = config.yarp_ports().any(|(_, ports)| ports.allow_open_network);
         if !address.ip().is_loopback() && !open {
             return Err(ConfigError::plain(
                 format!("--ctl {address} lets other computers reach the control port"),

@@ -24,6 +24,7 @@ const LOOK: Duration = Duration::from_millis(200);
 const STILL: Duration = Duration::from_millis(300);
 
 /// Watches over the files of a running configuration.
+#[derive(Clone)]
 pub struct WatchService {
     set: Vec<String>,
     source: Source,
@@ -125,16 +126,18 @@ impl Service for WatchService {
         false
     }
 
-    fn serve(mut self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
+    fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
-            let mut debounce = Debounce::new(print_of(&self.files()));
+            // what is in force changes with every edit that is taken over
+            let mut own = (*self).clone();
+            let mut debounce = Debounce::new(print_of(&own.files()));
             let watch = async {
                 loop {
                     tokio::time::sleep(LOOK).await;
-                    if !debounce.look(running.now(), print_of(&self.files())) {
+                    if !debounce.look(running.now(), print_of(&own.files())) {
                         continue;
                     }
-                    let text = match self.reload(&running).await {
+                    let text = match own.reload(&running).await {
                         Ok(done) if done.is_empty() => continue,
                         Ok(done) => format!("the edited configuration is in force: {}", done.join(", ")),
                         Err(why) => format!("the edited configuration was not taken over: {why}"),

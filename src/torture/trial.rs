@@ -165,6 +165,7 @@ impl Trial {
     pub fn load(file: &Path, set: &[String], secs: f64, mild: bool) -> Result<Trial, Report> {
         let (mut config, source) = Config::load(file, set)?;
         (config.clock, config.yarp, config.for_s) = (Clock::Virtual, None, None);
+        config.bridge.clear();
         let driven = Driven::all(&mut config, &source)?;
         let wires = driven.iter().map(Driven::wires).collect();
         let scene = compose(config.clone(), &source)?.scene;
@@ -231,6 +232,7 @@ impl Trial {
             config: Value::Null,
             script: composed.script,
             services: Vec::new(),
+            sensors: Vec::new(),
             past: None,
         };
         let (tell, controls) = mpsc::channel(1);

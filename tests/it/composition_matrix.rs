@@ -4,8 +4,8 @@
 use mobee::run::{Folder, run};
 use mobee_actors::check::check;
 use mobee_actors::system::Counts;
-use mobee_contract::{agent_kinds, driver_kinds};
-use mobee_controller::controller_kinds;
+use mobee_contract::{Agent, Hardware, kinds};
+use mobee_controller::Drive;
 use mobee_model::load_robot;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ fn controllers() -> Vec<(String, Value)> {
             (format!("{kind}, {name}"), controller)
         })
     };
-    controller_kinds().into_iter().flat_map(|k| of_kind(k.name)).collect()
+    kinds::<Drive>().into_iter().flat_map(|k| of_kind(k.name)).collect()
 }
 
 /// One cell of the matrix.
@@ -52,7 +52,7 @@ fn cells(robots: &[PathBuf]) -> Vec<Cell> {
     let mut cells = Vec::new();
     for path in robots {
         let robot = load_robot(path).expect("a robot").value;
-        for driver in driver_kinds() {
+        for driver in kinds::<dyn Hardware>() {
             let mut hardware = match (driver.example)(&robot) {
                 Ok(settings) => settings,
                 Err(why) => {
@@ -61,8 +61,8 @@ fn cells(robots: &[PathBuf]) -> Vec<Cell> {
                 }
             };
             hardware["kind"] = driver.name.into();
-            for agent in agent_kinds() {
-                let mut planner = (agent.example)(&robot);
+            for agent in kinds::<dyn Agent>() {
+                let mut planner = (agent.example)(&robot).expect("an agent's settings for any robot");
                 planner["kind"] = agent.name.into();
                 for (name, controller) in controllers() {
                     cells.push(Cell {
@@ -126,7 +126,9 @@ fn every_composition_starts_runs_and_holds_the_invariants() {
     println!("{} compositions, {commits} motions, {back} rolled back", cells.len());
     let wrong: Vec<String> = done.into_iter().flat_map(|(wrong, ..)| wrong).collect();
     assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), cells.len(), wrong.join("\n"));
-    let drivers =
-        driver_kinds().iter().filter(|k| (k.example)(&load_robot(&robots[1]).expect("a robot").value).is_ok()).count();
-    assert_eq!(cells.len(), robots.len() * drivers * agent_kinds().len() * controllers().len());
+    let drivers = kinds::<dyn Hardware>()
+        .iter()
+        .filter(|k| (k.example)(&load_robot(&robots[1]).expect("a robot").value).is_ok())
+        .count();
+    assert_eq!(cells.len(), robots.len() * drivers * kinds::<dyn Agent>().len() * controllers().len());
 }

@@ -1,7 +1,7 @@
 //! The schema that editors get is the one that files are checked by: every shipped file fits it, mistakes of its sort do not.
 
 use mobee::config::{Source, misfits};
-use mobee_contract::{agent_kinds, driver_kinds};
+use mobee_contract::registered;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -62,8 +62,7 @@ fn the_schema_is_whole_and_names_every_kind() {
     let mut unknown = BTreeSet::new();
     walk(schema, schema, &mut unknown);
     assert!(unknown.is_empty(), "keywords that files are not checked by: {unknown:?}");
-    let kinds = agent_kinds().iter().map(|k| ("agent", k.name)).collect::<Vec<_>>();
-    for (role, name) in kinds.into_iter().chain(driver_kinds().iter().map(|k| ("driver", k.name))) {
+    for (role, name) in registered().iter().map(|k| (k.role(), k.name())) {
         assert_eq!(schema["definitions"][format!("{role}_{name}")]["properties"]["kind"]["const"], name);
     }
 }

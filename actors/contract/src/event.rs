@@ -1,8 +1,8 @@
 //! The events that a run records.
 
 use crate::{
-    Cause, CommandKind, CommitId, Hold, IntentKind, MotionEnd, Note, Outcome, Pose, Refusal, Status, Summary, SwapPart,
-    SwapStep, Time,
+    Cause, CommandKind, CommitId, Hold, IntentKind, MotionEnd, Note, Outcome, Pose, Refusal, Region, Status, Summary,
+    SwapPart, SwapStep, Time,
 };
 use mobee_model::Contact;
 use serde::{Deserialize, Serialize};
@@ -394,6 +394,15 @@ pub enum Event {
         intent: IntentKind,
         /// Targets per motor index, rad, if it is a move.
         q: Vec<(usize, f64)>,
+    },
+    /// A detector has looked at a frame.
+    Sighted {
+        /// The sensor.
+        sensor: String,
+        /// When the frame was exposed.
+        exposed: Time,
+        /// What it shows.
+        regions: Vec<Region>,
     },
     /// An actor died.
     Died {

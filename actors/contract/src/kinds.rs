@@ -1,8 +1,7 @@
-//! Kinds: agents and drivers registered by name where they are defined, so that a config file can name them.
+//! What kinds are built from, and what may be wrong with it; and hardware, which a kind of driver builds. The registry: `registry.rs`.
 
-use crate::{Agent, Answer, Driver, DriverFault};
+use crate::{Answer, Driver, DriverFault};
 use mobee_model::Robot;
-use schemars::Schema;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::sync::Arc;
@@ -94,24 +93,6 @@ pub struct Known {
     pub motors: Option<Vec<usize>>,
 }
 
-/// Builds an agent or the hardware of a robot from a kind's settings.
-pub type Build<T> = fn(&Value, &Context) -> Result<T, KindError>;
-
-/// A kind of agent.
-pub struct AgentKind {
-    /// Its name in config files.
-    pub name: &'static str,
-    /// One paragraph for its users.
-    pub doc: &'static str,
-    /// Its settings with their docs and defaults.
-    pub schema: fn() -> Schema,
-    /// Settings that work for a robot: what `mobee new` writes, and what the composition tests run.
-    pub example: fn(&Robot) -> Value,
-    /// Builds one from its settings.
-    pub build: Build<Box<dyn Agent>>,
-}
-inventory::collect!(AgentKind);
-
 /// Hardware that outlives its drivers: asked for a new driver at the start and after every restart of the driver actor.
 pub trait Hardware: Send + Sync {
     /// A new driver for the same board.
@@ -165,35 +146,6 @@ pub struct NativeState {
     pub stamp: Option<(u32, f64)>,
     /// The state.
     pub message: NativeMessage,
-}
-
-/// A kind of driver.
-pub struct DriverKind {
-    /// Its name in config files.
-    pub name: &'static str,
-    /// One paragraph for its users.
-    pub doc: &'static str,
-    /// Its settings with their docs and defaults.
-    pub schema: fn() -> Schema,
-    /// Settings that work for a robot without any hardware; or why there are none.
-    pub example: fn(&Robot) -> Result<Value, &'static str>,
-    /// Finds or builds the hardware from its settings.
-    pub build: Build<Arc<dyn Hardware>>,
-}
-inventory::collect!(DriverKind);
-
-/// All registered kinds of agents, by name.
-pub fn agent_kinds() -> Vec<&'static AgentKind> {
-    let mut kinds: Vec<_> = inventory::iter::<AgentKind>.into_iter().collect();
-    kinds.sort_by_key(|k| k.name);
-    kinds
-}
-
-/// All registered kinds of drivers, by name.
-pub fn driver_kinds() -> Vec<&'static DriverKind> {
-    let mut kinds: Vec<_> = inventory::iter::<DriverKind>.into_iter().collect();
-    kinds.sort_by_key(|k| k.name);
-    kinds
 }
 
 /// Reads a kind's typed settings, with the path of the first one that does not fit.

@@ -3,8 +3,8 @@
 //! A service sees robots only through their filtered interface (paper, fig. 3): it commits, as any agent does.
 
 use crate::{
-    Board, Commit, CommitId, DriverFault, Event, MotionEnd, NativeMessage, NativeState, Pose, Refusal, Setpoints,
-    Status, Time, Verdict,
+    Board, Commit, CommitId, DriverFault, Event, KindError, MotionEnd, NativeMessage, NativeState, Pose, Refusal,
+    Setpoints, Status, Time, Verdict,
 };
 use mobee_model::{Contact, Edit, Robot, Scene};
 use std::collections::BTreeSet;
@@ -80,6 +80,8 @@ pub trait Running: Send + Sync {
     fn robots(&self) -> &[Arc<dyn Filtered>];
     /// The robots' models, in the same order.
     fn models(&self) -> Vec<Arc<Robot>>;
+    /// Waits, by the run's clock, until it shows this; not at all if that is past.
+    fn sleep_until(&self, at: Time) -> Answer<()>;
     /// Robots and world now.
     fn scene(&self) -> Arc<Scene>;
     /// Changes the world; answered when the change is in force.
@@ -88,18 +90,43 @@ pub trait Running: Send + Sync {
     fn tell(&self, event: Event);
 }
 
-/// Something that runs beside the safety chain, on a thread of its own, until the run ends.
-pub trait Service: Send {
-    /// Its name, for warnings.
+/// Something that runs beside the safety chain until the run ends: on a thread of its own by a real clock, supervised in any case.
+///
+/// This is what each of its lives begins from. A life that ends by an error or a panic, or blocks its thread for long, is over: what it has
+/// under way is taken back, and it is served anew.
+pub trait Service: Send + Sync {
+    /// Its name, for supervision and warnings.
     fn name(&self) -> String;
-    /// Whether the run goes on for it although all agents are done: somebody may still want to move the robots through it.
+    /// Whether the run goes on for it although all agents are done, until it ends in order: somebody may still want to move the robots
+    /// through it.
     fn keeps_run(&self) -> bool {
         true
     }
+    /// Whether it may run in virtual time: it knows no time but that of [`Running`], and nothing outside of the run.
+    fn runs_in_virtual_time(&self) -> bool {
+        false
+    }
 
-    /// Serves until `until` is ready, then leaves in order. Called within a tokio runtime with network and timers.
+    /// One life: serves until `until` is ready, then leaves in order. Called within a tokio runtime with network and timers. Who has no more
+    /// to do may leave before, and is not served again.
     ///
     /// # Errors
-    /// Why it can't serve, as a sentence with its remedy.
-    fn serve(self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>>;
+    /// Why it can't serve, as a sentence with its remedy. It is then tried again, a few times.
+    fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>>;
+}
+
+/// A service that a configuration file names, by its kind: a bridge to programs outside, which commit through it as agents do.
+pub trait Bridge: Service {
+    /// Checks the robots, parts and motors that its settings name against those there are.
+    ///
+    /// # Errors
+    /// Every name that is none; paths are those of the settings.
+    fn check(&self, _robots: &[Arc<Robot>]) -> Result<(), KindError> {
+        Ok(())
+    }
+    /// The share of each motor's greatest speed at which programs may move robots through it, so that the margin can be judged by it.
+    /// `None`: nobody moves anything through it, or it is not known how fast.
+    fn speed(&self) -> Option<f64> {
+        None
+    }
 }

@@ -1,7 +1,7 @@
 //! The kind `fields`: the force-field controller of the later MoBeE.
 
-use crate::{ControllerKind, Drive, Rules};
-use mobee_contract::{KindError, settings};
+use crate::{Drive, Rules};
+use mobee_contract::{Kind, KindError, Registered, settings};
 use mobee_model::{ForceLaw, JointLaw, Robot};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 inventory::submit! {
-    ControllerKind {
+    Registered(&Kind::<Drive> {
         name: "fields",
         doc: "The force-field controller of later versions of MoBeE. A motion is streamed: its target attracts; joint limits, constraints and the fields around \
               the shapes push; the result is damped, kept within limits, speeds and accelerations, and written once a period. So the robot goes \
@@ -17,12 +17,13 @@ inventory::submit! {
               as missed, and the motion is rolled back. The reflex is the last resort, unless `reflex = false`: then contacts are recorded \
               and counted, but stop nothing.",
         schema: || schemars::schema_for!(FieldsSettings),
-        build: |value| {
+        example: |_| Ok(serde_json::json!({})),
+        build: |value, ()| {
             let fields: FieldsSettings = settings(value)?;
             fields.check()?;
             Ok(Drive::Fields(fields))
         },
-    }
+    })
 }
 
 /// Settings of the kind `fields`. Forces are accelerations, as in the original; all motors have the same.

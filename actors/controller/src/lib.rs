@@ -25,7 +25,7 @@ pub mod supervise;
 pub mod trajectory;
 
 pub use fields::{FieldRules, FieldsSettings};
-pub use kinds::{ControllerKind, DEFAULT_KIND, RollbackSettings, controller_kinds};
+pub use kinds::{DEFAULT_KIND, RollbackSettings};
 pub use rules::{DEEPER, FRESH_PERIODS, RELEASE, Rules, clamped, distance, within};
 pub use settings::{ControllerSettings, Drive};
 pub use shared::Shared;

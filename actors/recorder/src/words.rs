@@ -104,7 +104,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
             };
             (robot, level, format!("swap of the {part}: {step}"))
         }
-        Event::Shadow { .. } => return None,
+        Event::Shadow { .. } | Event::Sighted { .. } => return None,
         Event::Died { actor, reason } => ("system", Error, format!("{actor} died: {reason}")),
         Event::Restarted { actor, restarts } => ("system", Warn, format!("{actor} restarted ({restarts})")),
         Event::GaveUp { group } => ("system", Error, format!("{group} stays down: restarted too often")),

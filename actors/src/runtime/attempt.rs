@@ -35,7 +35,7 @@ pub(crate) async fn attempt<T: Send + 'static>(
         return if given.cost > budget { Err(slow()) } else { Ok(given.value) };
     }
     let (done, answer) = tokio::sync::oneshot::channel();
-    let thread = std::thread::Builder::new().name("probation".into()).spawn(move || {
+    let thread = std::thread::Builder::new().name("attempt".into()).spawn(move || {
         // nobody may be waiting any more
         let _ = done.send(caught());
     });

@@ -2,13 +2,11 @@
 
 use super::exchange::Exchanges;
 use super::inject::inject;
-use super::services::Services;
 use super::{Control, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, Troubles, tree};
-use crate::access::Access;
 use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::stream::Stream;
 use crate::runtime::supervision::{Group, GroupMsg};
-use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Slot, SuperviseMsg};
+use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Post, Sensor, Slot, SuperviseMsg};
 use crate::wiring::{Cell, HardwareHandle, Hub, Line, Parts, Wires};
 use mobee_contract::{Board, Event, Latest, Status, Time};
 use mobee_controller::gate::Gate;
@@ -72,8 +70,10 @@ pub fn run_under(
         return Err(RunError::Robots { scene: in_scene, setup: in_setup });
     }
     let kind = setup.clock;
-    if kind == ClockKind::Virtual && !setup.services.is_empty() {
-        return Err(RunError::VirtualServices(setup.services.len()));
+    if kind == ClockKind::Virtual
+        && let Some(service) = setup.services.iter().find(|s| !s.runs_in_virtual_time())
+    {
+        return Err(RunError::VirtualService(service.name()));
     }
     let main = runtime(kind).map_err(start)?;
     if kind == ClockKind::Virtual {
@@ -113,19 +113,30 @@ async fn conduct(
     mut progress: impl FnMut(&Progress),
 ) -> Result<RunEnd, RunError> {
     let clock = Clock::from(setup.clock, setup.past.as_ref().map_or(Time::ZERO, |p| p.at));
-    let has_agent: Vec<bool> = setup.robots.iter().map(|r| r.agent.is_some()).collect();
+    let has_agent: Arc<[bool]> = setup.robots.iter().map(|r| r.agent.is_some()).collect();
     let acting = has_agent.iter().filter(|has| **has).count();
     let mut faults: VecDeque<(Time, Control)> = faults.into();
-    let services = std::mem::take(&mut setup.services);
-    let is_kept = services.iter().any(|s| s.keeps_run());
+    let services = std::mem::take(&mut setup.services).into_iter();
+    let posts: Vec<Arc<Post>> = services.map(|service| Arc::new(Post::new(service, has_agent.clone()))).collect();
+    let is_kept = || posts.iter().any(|p| p.keeps_run());
+    let somebody = acting > 0 || is_kept();
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
+    let sensors = std::mem::take(&mut setup.sensors).into_iter();
+    let sensors: Vec<Arc<Sensor>> = sensors.map(|s| Arc::new(Sensor::from(s))).collect();
     let hub = wire(setup, &boards, clock.clone(), troubles);
     let controller = begin(tree::controller(&hub), safety.as_ref()).await?;
     let agents = begin(tree::agents(&hub), None).await?;
     let taps = begin(tree::taps(&hub), None).await?;
-    let access = || Access::new(&hub, &has_agent);
-    let mut services = Services::start(services, &hub, access).map_err(|e| RunError::Start(e.to_string()))?;
+    let services = match posts.is_empty() {
+        true => None,
+        false => Some(begin(tree::services(&hub, &posts), None).await?),
+    };
 
+    let seen = match sensors.is_empty() {
+        true => None,
+        false => Some(begin(tree::sensors(&hub, &sensors), None).await?),
+    };
+    let groups: Vec<_> = [&controller, &agents].into_iter().chain(&services).chain(&seen).cloned().collect();
     let mut exchanges = Exchanges::new(&hub, &controller);
     let limit = limit.map(|l| Time::ZERO + l);
     let mut told = Time::ZERO;
@@ -151,7 +162,7 @@ async fn conduct(
             }
             Some(Control::SwapAgent { robot, offer, reply }) => swap_agent(&hub, &robot, offer, reply),
             Some(Control::SwapPart { robot, offer, reply }) => exchanges.begin(&robot, offer, reply),
-            Some(other) => obey(other, &hub, &controller, &agents).await,
+            Some(other) => obey(other, &hub, &groups).await,
             None => {}
         }
         let now = clock.now();
@@ -170,7 +181,7 @@ async fn conduct(
         if counts.gave_up > 0 {
             break Reason::GaveUp;
         }
-        if !is_kept && acting > 0 && counts.done.len() >= acting && hub.robots.iter().all(|w| w.latest.lock().ready) {
+        if somebody && !is_kept() && counts.done.len() >= acting && hub.robots.iter().all(|w| w.latest.lock().ready) {
             break Reason::Done;
         }
         if limit.is_some_and(|l| now >= l) {
@@ -178,8 +189,8 @@ async fn conduct(
         }
     };
     let in_order = async {
-        if let Some(services) = services.take() {
-            services.leave(&hub).await;
+        if let Some(services) = &services {
+            let _ = ractor::call!(services, GroupMsg::Stop);
         }
         exchanges.end().await;
         come_to_rest(&hub).await;
@@ -189,6 +200,9 @@ async fn conduct(
         () = in_order => {}
         () = told_to_abort(&mut controls) => abandon(&hub).await,
     }
+    if let Some(seen) = &seen {
+        let _ = ractor::call!(seen, GroupMsg::Stop);
+    }
     let _ = ractor::call!(agents, GroupMsg::Stop);
     let _ = ractor::call!(controller, GroupMsg::Stop);
     let _ = ractor::call!(taps, GroupMsg::Stop);
@@ -197,6 +211,7 @@ async fn conduct(
         [&wires.to_history, &wires.to_reflex, &wires.to_supervise].into_iter().for_each(|s| hub.tell(s.link()));
     }
     hub.tell(hub.to_model.link());
+    sensors.iter().for_each(|s| hub.tell(s.frames.link()));
     let counts = hub.counts.lock().clone();
     progress(&Progress { at: clock.now(), counts: counts.clone() });
     let snapshots = hub.robots.iter().filter_map(|w| Some((w.name.clone(), w.snapshot.lock().clone()?)));
@@ -275,15 +290,18 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     hub
 }
 
-async fn obey(control: Control, hub: &Hub, controller: &ActorRef<GroupMsg>, agents: &ActorRef<GroupMsg>) {
+async fn obey(control: Control, hub: &Hub, groups: &[ActorRef<GroupMsg>]) {
     match control {
         Control::Edit(edit) => {
             hub.model.send(ModelMsg::Edit(edit, None));
         }
         Control::Kill(name) => {
             hub.tell(Event::Injected { fault: format!("kill {name}") });
-            let found = ractor::call!(controller, GroupMsg::Kill, name.clone()).unwrap_or(false);
-            if !found && !ractor::call!(agents, GroupMsg::Kill, name.clone()).unwrap_or(false) {
+            let mut found = false;
+            for group in groups {
+                found = found || ractor::call!(group, GroupMsg::Kill, name.clone()).unwrap_or(false);
+            }
+            if !found {
                 hub.tell(Event::Warning { text: format!("there is no actor {name} to kill") });
             }
         }
@@ -295,7 +313,7 @@ async fn obey(control: Control, hub: &Hub, controller: &ActorRef<GroupMsg>, agen
         }
         Control::Status(reply) => {
             let mut all = Vec::new();
-            for group in [controller, agents] {
+            for group in groups {
                 all.extend(ractor::call!(group, GroupMsg::Status));
             }
             let _ = reply.send(Report::of(hub, all));

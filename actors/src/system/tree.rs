@@ -6,6 +6,10 @@
 //! └── <robot>                   rest-for-one: driver, history, supervise, reflex
 //! agents                        one-for-one, each with its own budget
 //! └── <robot>/agents/agent
+//! services                      one-for-one, each with its own budget; beside the safety chain
+//! └── <service>/services/service
+//! sensors                       one-for-one, each with its own budget; beside the safety chain
+//! └── <sensor>/sensor           one-for-one: camera, detector
 //! taps                          one-for-one: what watches over the threads of journal and recorder
 //! ├── journal
 //! └── recorder
@@ -14,8 +18,12 @@
 use super::trouble::Troubled;
 use crate::record::tap::TapActor;
 use crate::runtime::supervision::{Child, Group, Intensity, Restart, Strategy};
-use crate::shell::{AgentActor, DriverActor, HistoryActor, ModelActor, ReflexActor, SuperviseActor, SuperviseMsg};
+use crate::shell::{
+    AgentActor, CameraActor, DetectorActor, DriverActor, GRACE, HistoryActor, ModelActor, Post, ReflexActor, Sensor,
+    ServiceActor, SuperviseActor, SuperviseMsg,
+};
 use crate::wiring::{Hub, Wires};
+use mobee_contract::Event;
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;
 use std::time::Duration;
@@ -117,4 +125,57 @@ pub fn agents(hub: &Arc<Hub>) -> Group {
         root = root.child(Child::group(own).restart(Restart::Temporary));
     }
     root
+}
+
+/// The services: whatever becomes of one, the run goes on.
+pub fn services(hub: &Arc<Hub>, posts: &[Arc<Post>]) -> Group {
+    posts.iter().fold(group("services", Strategy::OneForOne, hub), |root, post| {
+        let (vacated, given_up, gone) = (post.clone(), post.clone(), hub.clone());
+        let arguments = {
+            let (hub, post) = (hub.clone(), post.clone());
+            move || (hub.clone(), post.clone())
+        };
+        let served = child(hub, format!("{}/{SERVICE}", post.name()), || ServiceActor, arguments);
+        let own = group(&format!("{}/{SERVICES}", post.name()), Strategy::OneForOne, hub)
+            .on_death(move |_, reason| vacated.vacate(reason))
+            .on_give_up(move || given_up.give_up(&gone))
+            .child(served.restart(Restart::Transient).grace(Some(GRACE)));
+        root.child(Child::group(own).restart(Restart::Temporary))
+    })
+}
+
+/// The sensors: their deaths only make objects stale.
+pub fn sensors(hub: &Arc<Hub>, sensors: &[Arc<Sensor>]) -> Group {
+    sensors.iter().fold(group("sensors", Strategy::OneForOne, hub), |root, sensor| {
+        let both = || {
+            let (hub, sensor) = (hub.clone(), sensor.clone());
+            move || (hub.clone(), sensor.clone())
+        };
+        let name = |part: &str| format!("{}/{part}", sensor.name);
+        let (gone, blind) = (hub.clone(), sensor.name.clone());
+        let own = group(&name(SENSOR), Strategy::OneForOne, hub)
+            .on_give_up(move || {
+                gone.tell(Event::Warning { text: format!("sensor {blind} is gone until the next run") })
+            })
+            .child(child(hub, name(CAMERA), || CameraActor, both()))
+            .child(child(hub, name(DETECTOR), || DetectorActor, both()));
+        root.child(Child::group(own).restart(Restart::Temporary))
+    })
+}
+
+/// How what runs beside the safety chain is called, after its name.
+const SERVICE: &str = "service";
+const SERVICES: &str = "services";
+const SENSOR: &str = "sensor";
+const CAMERA: &str = "camera";
+const DETECTOR: &str = "detector";
+
+/// Whether an event tells of the life of what runs beside the safety chain: it excuses nobody there.
+pub fn is_beside(event: &Event) -> bool {
+    let (Event::Died { actor: name, .. } | Event::Restarted { actor: name, .. } | Event::GaveUp { group: name }) =
+        event
+    else {
+        return false;
+    };
+    name.rsplit_once('/').is_some_and(|(_, last)| [SERVICE, SERVICES, SENSOR, CAMERA, DETECTOR].contains(&last))
 }

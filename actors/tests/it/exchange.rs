@@ -4,21 +4,12 @@ use crate::common::{Ran, Trial};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{Control, Reason};
 use mobee_contract::*;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::mpsc::Sender;
 
-/// A service made of one function.
-struct Does<F>(F, EndsRun);
-
-/// The run ends when the service has done what it does, or has panicked.
-struct EndsRun(Sender<Control>);
-
-impl Drop for EndsRun {
-    fn drop(&mut self) {
-        let _ = self.0.try_send(Control::Stop);
-    }
-}
+/// A service made of one function, done in its first life. Then, or in its next life if it did not survive that, it ends the run.
+struct Does<F>(Mutex<Option<F>>, Sender<Control>);
 
 impl<F> Service for Does<F>
 where
@@ -27,11 +18,13 @@ where
     fn name(&self) -> String {
         "foreign".into()
     }
-    fn serve(self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
+    fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
-            let Does(does, ends) = *self;
-            does(running).await?;
-            drop(ends);
+            let does = self.0.lock().unwrap().take();
+            if let Some(does) = does {
+                does(running).await?;
+            }
+            let _ = self.1.try_send(Control::Stop);
             until.await;
             Ok(())
         })
@@ -78,7 +71,7 @@ fn run(does: impl FnOnce(Arc<dyn Running>) -> Answer<Result<(), String>> + Send 
         period_s: 0.1,
         ..Trial::default()
     };
-    trial.run_all(|_| (), |stop| vec![Box::new(Does(does, EndsRun(stop)))])
+    trial.run_all(|_| (), |stop| vec![Arc::new(Does(Mutex::new(Some(does)), stop))])
 }
 
 fn commits_of(ran: &Ran) -> Vec<String> {
@@ -169,7 +162,14 @@ fn the_motion_of_a_service_that_panics_is_taken_back() {
         })
     });
     let events = ran.events();
-    warned(&ran, Some("service foreign is gone until the next run: it panicked"));
+    warned(&ran, None);
+    let lives = |e: &(Time, Arc<Event>)| match &*e.1 {
+        Event::Died { actor, reason } => Some(format!("{actor} died: {reason}")),
+        Event::Restarted { actor, .. } => Some(format!("{actor} is back")),
+        _ => None,
+    };
+    let told: Vec<String> = events.iter().filter_map(lives).collect();
+    assert_eq!(told, ["foreign/service died: it panicked", "foreign/service is back"], "{}", ran.lines());
     let rolled = |e: &(Time, Arc<Event>)| {
         matches!(&*e.1, Event::Outcome { outcome: Outcome::RolledBack, cause: Some(Cause::AgentDied), .. })
     };
@@ -184,7 +184,7 @@ impl Service for Stays {
     fn name(&self) -> String {
         "stays".into()
     }
-    fn serve(self: Box<Self>, _: Arc<dyn Running>, _: Answer<()>) -> Answer<Result<(), String>> {
+    fn serve(self: Arc<Self>, _: Arc<dyn Running>, _: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(std::future::pending())
     }
 }
@@ -193,13 +193,14 @@ impl Service for Stays {
 fn a_service_that_does_not_leave_is_left_behind() {
     let limit = Duration::from_millis(300);
     let trial = Trial { clock: ClockKind::Real, period_s: 0.1, limit, ..Trial::default() };
-    let ran = trial.run_all(|_| (), |_| vec![Box::new(Stays)]);
+    let ran = trial.run_all(|_| (), |_| vec![Arc::new(Stays)]);
     assert_eq!(ran.end.reason, Reason::Time);
+    warned(&ran, Some("service stays did not leave in time; the run ends without it"));
     assert_eq!(ran.violations(), vec![]);
 }
 
 #[test]
-#[should_panic(expected = "VirtualServices(1)")]
-fn services_are_refused_in_virtual_time() {
-    Trial::default().run_all(|_| (), |_| vec![Box::new(Stays)]);
+#[should_panic(expected = "VirtualService(\"stays\")")]
+fn a_service_that_can_t_run_in_virtual_time_is_refused_there() {
+    Trial::default().run_all(|_| (), |_| vec![Arc::new(Stays)]);
 }

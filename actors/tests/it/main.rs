@@ -17,6 +17,8 @@ mod real_clock;
 mod restart_does_not_move;
 mod retreat_is_watched;
 mod same_seed_same_run;
+mod sensing;
+mod services;
 mod stream_bounds;
 mod streams;
 mod supervision_actors;

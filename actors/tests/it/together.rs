@@ -64,6 +64,7 @@ fn collide(history: usize, left: &[(f64, f64, f64)], right: &[(f64, f64, f64)]) 
         config: serde_json::Value::Null,
         script: Vec::new(),
         services: Vec::new(),
+        sensors: Vec::new(),
         past: None,
     };
     let (_tell, controls) = tokio::sync::mpsc::channel(1);

@@ -339,7 +339,7 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 }
 
 inventory::submit! {
-    AgentKind {
+    Registered(&Kind::<dyn Agent> {
         name: "explorer",
         doc: "Builds a roadmap of random free poses, joins each to its nearest ones by unchecked edges, and drives these \
               until every reachable edge is known to be feasible or not. An edge that fails is removed; its opposite \
@@ -347,8 +347,8 @@ inventory::submit! {
         schema: || schemars::schema_for!(ExplorerSettings),
         example: |robot| {
             let motors = [group::example_part(robot).map(|p| &p.name)];
-            json!({ "motors": motors, "vertices": 12, "neighbors": 4, "speed": 0.1 })
+            Ok(json!({ "motors": motors, "vertices": 12, "neighbors": 4, "speed": 0.1 }))
         },
         build,
-    }
+    })
 }

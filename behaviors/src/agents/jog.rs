@@ -274,15 +274,15 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 }
 
 inventory::submit! {
-    AgentKind {
+    Registered(&Kind::<dyn Agent> {
         name: "jog",
         doc: "Moves a few motors at a time, each at its own speed, and leaves the others alone: by streams of velocities or \
               positions that go quiet after some seconds, or by moves. It does not check for obstacles.",
         schema: || schemars::schema_for!(JogSettings),
         example: |robot| {
             let part = group::example_part(robot).map(|p| &p.name);
-            json!({ "motors": [part], "by": ["velocity", "position", "move"], "count": 0, "speed": 0.2 })
+            Ok(json!({ "motors": [part], "by": ["velocity", "position", "move"], "count": 0, "speed": 0.2 }))
         },
         build,
-    }
+    })
 }

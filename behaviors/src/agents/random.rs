@@ -131,12 +131,15 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 }
 
 inventory::submit! {
-    AgentKind {
+    Registered(&Kind::<dyn Agent> {
         name: "random",
         doc: "Goes to random poses within the limits of a group of motors, a given number of times or forever; if asked to, \
               only to poses that are free in the scene. It leaves collisions on the way to the reflex.",
         schema: || schemars::schema_for!(RandomSettings),
-        example: |robot| json!({ "motors": [group::example_part(robot).map(|p| &p.name)], "count": 0, "speed": 0.1 }),
+        example: |robot| {
+            let motors = [group::example_part(robot).map(|p| &p.name)];
+            Ok(json!({ "motors": motors, "count": 0, "speed": 0.1 }))
+        },
         build,
-    }
+    })
 }

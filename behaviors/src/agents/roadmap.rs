@@ -336,19 +336,19 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 }
 
 inventory::submit! {
-    AgentKind {
+    Registered(&Kind::<dyn Agent> {
         name: "roadmap",
         doc: "Tours goals over a roadmap of given poses. It assumes that every edge is feasible until it fails; then \
               that edge is removed, the robot is back where the edge began, and the next best path is planned.",
         schema: || schemars::schema_for!(RoadmapSettings),
         example: |robot| {
             let pose = |name, share| json!({ "name": name, "q_deg": group::example_pose(robot, share) });
-            json!({
+            Ok(json!({
                 "poses": [pose("rest", 0.0), pose("half_way", 0.1), pose("out", 0.2)],
                 "edges": [["rest", "half_way"], ["half_way", "out"]],
                 "goals": ["out", "rest"], "wait_s": 0.5, "repeat": 0, "speed": 0.1,
-            })
+            }))
         },
         build,
-    }
+    })
 }

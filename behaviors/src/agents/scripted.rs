@@ -137,15 +137,15 @@ fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> 
 }
 
 inventory::submit! {
-    AgentKind {
+    Registered(&Kind::<dyn Agent> {
         name: "scripted",
         doc: "Visits a list of poses with waits between them, once, several times or forever. A motion that \
               fails is counted, and the next pose is tried.",
         schema: || schemars::schema_for!(ScriptedSettings),
         example: |robot| {
             let pose = |share| json!({ "q_deg": group::example_pose(robot, share), "wait_s": 0.5 });
-            json!({ "poses": [pose(0.2), pose(0.0)], "speed": 0.1, "repeat": 0 })
+            Ok(json!({ "poses": [pose(0.2), pose(0.0)], "speed": 0.1, "repeat": 0 }))
         },
         build,
-    }
+    })
 }

@@ -148,7 +148,7 @@ fn jog_lets_go_and_hands_over() {
 #[test]
 fn every_kind_has_a_paragraph_and_documents_every_setting() {
     use mobee_behaviors as _;
-    let kinds = agent_kinds();
+    let kinds = kinds::<dyn Agent>();
     let names: Vec<_> = kinds.iter().map(|k| k.name).collect();
     assert_eq!(names, ["explorer", "jog", "random", "roadmap", "scripted"]);
     for kind in kinds {

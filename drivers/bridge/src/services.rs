@@ -18,12 +18,28 @@ pub use settings::{RobotPorts, YarpSettings};
 pub use world::WorldService;
 
 use boards::Boards;
-use mobee_contract::{Answer, KindError, Running, Service};
+use mobee_contract::{Answer, Bridge, Kind, KindError, Registered, Running, Service};
+use mobee_model::Robot;
 use mobee_yarp::{NameServer, Network, RpcServer};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
+
+inventory::submit! {
+    Registered(&Kind::<dyn Bridge> {
+        name: YarpServices::KIND,
+        doc: "MoBeE's own YARP ports: a filtered control board for each part, at which any YARP program moves the robot by transactions, the world's RPC, \
+              and the ports of the parts with their force-field controllers. The table [yarp] is short for one of these.",
+        schema: || schemars::schema_for!(YarpSettings),
+        example: |_| Ok(serde_json::json!({})),
+        build: |value, folder| {
+            let mut settings: YarpSettings = mobee_contract::settings(value)?;
+            settings.save_folder = settings.save_folder.map(|save| folder.join(save));
+            Ok(Arc::new(YarpServices::new(settings)?))
+        },
+    })
+}
 
 /// MoBeE's YARP ports, to be served beside the safety chain of a run.
 pub struct YarpServices {
@@ -31,6 +47,9 @@ pub struct YarpServices {
 }
 
 impl YarpServices {
+    /// What configuration files call them.
+    pub const KIND: &str = "yarp";
+
     /// The ports that these settings ask for; nothing is opened yet.
     ///
     /// # Errors
@@ -51,7 +70,7 @@ impl Service for YarpServices {
         "yarp".into()
     }
 
-    fn serve(self: Box<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
+    fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
             let (network, server) = network::open(&self.settings).await?;
             let mut open = Open::new(server);
@@ -62,6 +81,16 @@ impl Service for YarpServices {
             open.close().await;
             result
         })
+    }
+}
+
+impl Bridge for YarpServices {
+    fn check(&self, robots: &[Arc<Robot>]) -> Result<(), KindError> {
+        self.settings.check_robots(robots)
+    }
+
+    fn speed(&self) -> Option<f64> {
+        self.settings.filter.then_some(self.settings.speed)
     }
 }
 

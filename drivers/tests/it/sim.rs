@@ -1,8 +1,7 @@
 //! The simulated robot as hardware: settings, faults, determinism, and outliving its drivers.
 
 use mobee_contract::{
-    Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Target, Time,
-    driver_kinds,
+    Axis, Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Target, Time, kinds,
 };
 use mobee_drivers::{Fault, SimHardware, SimSettings};
 use serde_json::{Value, json};
@@ -48,7 +47,7 @@ fn positions(samples: Vec<Result<Sample, DriverFault>>) -> Vec<Vec<f64>> {
 
 #[test]
 fn the_kind_builds_from_an_empty_table() {
-    let kind = driver_kinds().into_iter().find(|k| k.name == "sim").unwrap();
+    let kind = kinds::<dyn Hardware>().into_iter().find(|k| k.name == "sim").unwrap();
     let context = context();
     let mut driver = (kind.build)(&json!({}), &context).unwrap().connect().unwrap();
     let sample = driver.sample(Time::ZERO).unwrap().unwrap();

@@ -3,7 +3,7 @@
 use mobee_actors::check::{Violation, check_events};
 use mobee_actors::record::tap::{Collected, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
-use mobee_actors::system::{AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, Setup, run_under};
+use mobee_actors::system::{AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, SensorSetup, Setup, run_under};
 use mobee_contract::*;
 use mobee_controller::{ControllerSettings, Drive};
 use mobee_drivers::{SimFaults, SimHardware, SimSettings};
@@ -103,6 +103,7 @@ pub struct Trial {
     pub agent: Option<AgentMaker>,
     /// Who is told behind queues, beside what the test sees.
     pub sinks: Vec<SinkSpec>,
+    pub sensors: Vec<SensorSetup>,
 }
 
 impl Default for Trial {
@@ -122,6 +123,7 @@ impl Default for Trial {
             clock: ClockKind::Virtual,
             agent: None,
             sinks: Vec::new(),
+            sensors: Vec::new(),
         }
     }
 }
@@ -172,7 +174,7 @@ impl Trial {
     pub fn run_all(
         self,
         prepare: impl FnOnce(&SimFaults),
-        services: impl FnOnce(Sender<Control>) -> Vec<Box<dyn Service>>,
+        services: impl FnOnce(Sender<Control>) -> Vec<Arc<dyn Service>>,
     ) -> Ran {
         let prepare = |hardware: &SimHardware| {
             prepare(&hardware.faults());
@@ -189,7 +191,7 @@ impl Trial {
     fn run_whole(
         self,
         prepare: impl FnOnce(&SimHardware) -> Vec<(Duration, Control)>,
-        services: impl FnOnce(Sender<Control>) -> Vec<Box<dyn Service>>,
+        services: impl FnOnce(Sender<Control>) -> Vec<Arc<dyn Service>>,
     ) -> Ran {
         let (tell, controls) = tokio::sync::mpsc::channel(4);
         let robot = arm();
@@ -224,6 +226,7 @@ impl Trial {
             config: serde_json::Value::Null,
             script: self.script,
             services: services(tell.clone()),
+            sensors: self.sensors,
             past: None,
         };
         let faults = self.controls.into_iter().chain(further).map(|(at, c)| (Time::ZERO + at, c)).collect();

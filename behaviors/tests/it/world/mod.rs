@@ -101,7 +101,7 @@ pub fn try_kind(
     settings: serde_json::Value,
 ) -> Result<Box<dyn Agent>, KindError> {
     use mobee_behaviors as _;
-    let kind = agent_kinds().into_iter().find(|k| k.name == name).expect("a registered kind");
+    let kind = kinds::<dyn Agent>().into_iter().find(|k| k.name == name).expect("a registered kind");
     (kind.build)(&settings, &context(robot, seed))
 }
 

@@ -213,6 +213,9 @@ mod tests {
         fn models(&self) -> Vec<Arc<Robot>> {
             Vec::new()
         }
+        fn sleep_until(&self, _: Time) -> Answer<()> {
+            Box::pin(std::future::ready(()))
+        }
         fn scene(&self) -> Arc<Scene> {
             of(&self.scene)
         }
