@@ -38,7 +38,7 @@ fn a_commit_is_taken_at_rest_by_a_fresh_reading_only() {
     ];
     for (name, before, expected) in cases {
         let mut cell = rests();
-        cell.now = cell.supervise.newest.as_ref().map(|newest| newest.at).unwrap();
+        cell.now = cell.supervise.newest.as_ref().map(|newest| newest.sampled_at).unwrap();
         before(&mut cell);
         let commit =
             Commit { agent: "a".into(), target: Target { motors: vec![0], q: vec![1.0], speed: 0.5 }, speeds: None };

@@ -7,7 +7,7 @@ use super::*;
 fn readings_that_stay_away_close_the_filter_in_time() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
-    let newest = cell.supervise.newest.as_ref().map(|newest| newest.at).unwrap();
+    let newest = cell.supervise.newest.as_ref().map(|newest| newest.sampled_at).unwrap();
     let last = newest + cell.rules.fresh;
     cell.on(SuperviseIn::Tick, last);
     assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Rest, true));
