@@ -236,6 +236,8 @@ mod tests {
         assert_eq!((broken(&floors, 1, 3.1), broken(&floors, 1, 2.9)), (None, hit(1)));
         assert_eq!((broken(&floors, 2, 9.1), broken(&floors, 2, 8.9)), (None, hit(2)), "it was free");
         assert_eq!((broken(&floors, 3, 9.1), broken(&floors, 3, 8.9)), (None, hit(3)), "it was not near");
+        let granted = Contact { distance: MARGIN - DEEPER, ..near(3, 0.0) };
+        assert_eq!(floors.broken(&[granted]), None, "all of the millimetre");
         floors.note(&[near(1, 2.0), near(2, 16.0), near(3, 5.0)]);
         floors.note(&[near(1, 6.0)]);
         assert_eq!((broken(&floors, 1, 1.1), broken(&floors, 1, 0.9)), (None, hit(1)), "the deepest counts");
