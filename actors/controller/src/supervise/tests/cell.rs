@@ -129,7 +129,8 @@ impl Cell {
         Cell::with(Kind::Straight, Duration::from_millis(40), true, 32)
     }
 
-    fn with(kind: Kind, step: Duration, exact: bool, history: usize) -> Cell {
+    /// With readings so far apart, of exact speeds or estimated ones, and a history of this length.
+    pub fn with(kind: Kind, step: Duration, exact: bool, history: usize) -> Cell {
         let (rules, gate, mut book) = (rules(kind), Gate::default(), Book::new(history));
         let joint_retreat = JointRetreat::default();
         let shared = &mut Shared { rules: &rules, gate: &gate, book: &mut book, joint_retreat: &joint_retreat };
