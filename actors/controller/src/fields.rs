@@ -1,4 +1,7 @@
 //! The kind `fields`: the force-field controller of the later MoBeE.
+//!
+//! Settings in the original's names and units (degrees, seconds), so that its configurations can be taken over; the law
+//! itself is the model's ([`mobee_model::ForceLaw`]), one for this kind and for the command port.
 
 use crate::{Drive, Rules};
 use mobee_contract::{Kind, KindError, Registered, settings};
@@ -30,9 +33,11 @@ inventory::submit! {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FieldsSettings {
-    /// Whether the reflex stops and takes back what comes nearer than the margin. `false`: the forces alone keep the robot off.
+    /// Whether the reflex stops and takes back what comes nearer than the margin. `false`: the forces alone keep the
+    /// robot off.
     pub reflex: bool,
-    /// How far the field about each shape reaches, millimetres; for robots whose files have no field shapes of their own.
+    /// How far the field about each shape reaches, millimetres; for robots whose files have no field shapes of their
+    /// own.
     pub field_mm: f64,
     /// Stiffness of the attractor near the target, 1/s^2.
     pub spring_const: f64,
@@ -76,6 +81,11 @@ impl Default for FieldsSettings {
 }
 
 impl FieldsSettings {
+    /// Whether each is a number in its range: outside of it the law would not settle within a period, or not move at
+    /// all.
+    ///
+    /// # Errors
+    /// The first that is not, with its range.
     fn check(&self) -> Result<(), KindError> {
         let ranges = [
             ("field_mm", self.field_mm, 0.0, 500.0),
@@ -113,6 +123,7 @@ pub struct FieldRules {
 impl FieldRules {
     /// The settings for a robot under these rules.
     pub fn new(settings: &FieldsSettings, robot: &Robot, rules: &Rules) -> FieldRules {
+        // what friction leaves of a velocity after one period
         let weight = (-settings.friction * rules.period.as_secs_f64()).exp();
         let joint = |axis: &mobee_contract::Axis| JointLaw {
             weight,

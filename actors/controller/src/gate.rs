@@ -1,8 +1,8 @@
 //! The gate of a robot's filter: a fencing token that only grows, odd while open and even while closed.
 //!
-//! Every command to a driver carries the token it was written under; the driver throws away what carries another than the
-//! present one. So closing takes effect at once and under any interleaving: a command that was sent before and arrives
-//! after finds its token outdated (I1).
+//! Every command to a driver carries the token it was written under; the driver throws away what carries another than
+//! the present one. So closing takes effect at once and under any interleaving: a command that was sent before and
+//! arrives after finds its token outdated (I1).
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -33,14 +33,18 @@ impl Gate {
 
     /// Closes, or closes anew: whatever was written before is void. Returns the new token.
     pub fn close(&self) -> u64 {
+        // the next even number, from an odd one as from an even one: closing a closed gate voids what was written under
+        // it, too
         let next = |t: u64| t + 2 - t % 2;
         match self.0.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |t| Some(next(t))) {
             Ok(before) | Err(before) => next(before),
         }
     }
 
-    /// Opens, if the gate is still as closed by the token `seen`; `None` if somebody closed it anew since, or it is open.
+    /// Opens, if the gate is still as closed by the token `seen`; `None` if somebody closed it anew since, or it is
+    /// open.
     pub fn open(&self, seen: u64) -> Option<u64> {
+        // compared and exchanged in one step: between looking and opening the reflex might close
         let free =
             !Gate::opens(seen) && self.0.compare_exchange(seen, seen + 1, Ordering::SeqCst, Ordering::SeqCst).is_ok();
         free.then_some(seen + 1)

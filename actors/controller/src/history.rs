@@ -1,4 +1,10 @@
 //! History (Algorithm 4): a ring buffer of poses and the period between them.
+//!
+//! What the retreat goes back along. The paper needs the poses and their period; here the ring also says where it must
+//! *not* be used (gaps, where nobody knows how the robot came from one pose to the next), and how fast the robot moves,
+//! by which everybody judges rest.
+//!
+//! Times are those at which readings were taken, never when they came here.
 
 use crate::distance;
 use crate::pulse::Pulse;
@@ -6,17 +12,20 @@ use mobee_contract::{Pose, Sample, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How many readings the speed is estimated from: the means of two halves, so that encoder noise hardly counts.
+/// How many readings the speed is estimated from: the means of two halves, so that encoder noise hardly counts. At the
+/// usual rate they span 70 ms: a longer window would tell of rest too late, a shorter one would take noise for motion.
 const WINDOW: usize = 8;
-/// Of a board that tells more than one in so many seconds, so many times as many: noise counts by the time that it is divided by.
+/// Of a board that tells more than one in so many seconds, so many times as many: noise counts by the time that it is
+/// divided by.
 const USUAL: f64 = 0.01;
-/// At most so many times as many.
+/// At most so many times as many: beyond a rate of 1600 a second noise counts more again.
 const FASTEST: f64 = 16.0;
-/// So many readings may be missing, as they are when a thread comes late.
+/// So many readings may be missing, as they are when a thread comes late, without a gap: a robot can't go far
+/// meanwhile.
 const FEW: u64 = 8;
 
-/// How far (rad, every motor) a robot may have gone on while nobody recorded it, for the path to have no gap there: the way
-/// back between two poses so near each other is watched like any other.
+/// How far (rad, every motor) a robot may have gone on while nobody recorded it, for the path to have no gap there: the
+/// way back between two poses so near each other is watched like any other.
 const BRIDGE: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
 /// A recorded pose.
@@ -47,10 +56,15 @@ pub struct HistoryTooShort {
 /// The ring buffer. Lives in the ledger, so that it outlives its actor.
 #[derive(Clone, Debug)]
 pub struct HistoryCore {
+    /// The poses, oldest first.
     ring: VecDeque<Recorded>,
+    /// How many it holds.
     length: usize,
+    /// The estimated period between readings, s; zero before there is one.
     period: f64,
+    /// The number of the newest reading: what is missing between two shows in it, and not in their times.
     seq: u64,
+    /// When the first was taken of the newest readings that are equal bit for bit.
     unchanged: Time,
     /// Set if readings are missing after the newest pose, whatever the next one is.
     cut: bool,
@@ -75,8 +89,8 @@ impl HistoryCore {
 
     /// Records a pulse's pose and tells it the speed. Readings that are not newer than the last are passed over.
     ///
-    /// There is a gap before it if it comes so late that the reading before was stale, or if more than a few readings are
-    /// missing and the robot has gone on meanwhile.
+    /// There is a gap before it if it comes so late that the reading before was stale, or if more than a few readings
+    /// are missing and the robot has gone on meanwhile.
     pub fn push(&mut self, pulse: &mut Pulse, stale: Duration) {
         let (at, q) = (pulse.sample.at, pulse.sample.q.clone());
         let (mut after_gap, mut after_pause) = (true, true);
@@ -87,6 +101,7 @@ impl HistoryCore {
             let pause = at.since(last.at).as_secs_f64();
             let near = |q: &Pose| distance(q, &last.q) <= BRIDGE;
             let bridged = std::mem::take(&mut self.restored) && near(&q);
+            // a driver that was restarted counts anew: then nobody knows what is missing
             let steps = pulse.sample.seq.checked_sub(self.seq).filter(|n| *n > 0);
             let few = FEW * self.crowd() as u64;
             let late = self.period > 0.0 && pause > few as f64 * self.period;
@@ -95,7 +110,8 @@ impl HistoryCore {
             let cut = std::mem::take(&mut self.cut);
             after_gap = !bridged && (cut || !follows || q.len() != last.q.len());
             if let Some(steps) = steps.filter(|n| !after_gap && *n <= few) {
-                // the estimated period: a running mean, as the robot's own clock has jitter; after a bunch of readings it grows again
+                // the estimated period: a running mean, as the robot's own clock has jitter; after a bunch of readings
+                // it grows again
                 let pause = pause / steps as f64;
                 self.period = if self.period > 0.0 { self.period + 0.05 * (pause - self.period) } else { pause };
             }
@@ -123,8 +139,8 @@ impl HistoryCore {
         self.ring.drain(..self.ring.len().saturating_sub(self.length));
     }
 
-    /// Takes up what an earlier process recorded, oldest first. The next reading continues the path if it is near its end:
-    /// a robot brakes when its program dies.
+    /// Takes up what an earlier process recorded, oldest first. The next reading continues the path if it is near its
+    /// end: a robot brakes when its program dies.
     pub fn restore(&mut self, poses: &[(Time, Pose)]) {
         for (k, (at, q)) in (1..).zip(poses) {
             let sample = Sample { seq: k, at: *at, q: q.clone(), done: vec![true; q.len()] };
@@ -139,12 +155,12 @@ impl HistoryCore {
         about.min_by(|a, b| distance(&a.q, q).total_cmp(&distance(&b.q, q)))
     }
 
-    /// Marks that readings are missing here, as after a restart or a pause.
+    /// Marks that readings are missing here, as after a restart or a pause: nothing leads back across it.
     pub fn mark_gap(&mut self) {
         self.cut = true;
     }
 
-    /// The estimated period between poses, seconds; zero while there is none.
+    /// The estimated period between poses, seconds (Algorithm 4); zero while there is none.
     pub fn period(&self) -> f64 {
         self.period
     }
@@ -160,6 +176,7 @@ impl HistoryCore {
     /// If that has fallen out of the ring, or there is a gap since then.
     pub fn past(&self, since: Time) -> Result<(Vec<Recorded>, usize), HistoryTooShort> {
         let start = self.ring.partition_point(|r| r.at < since);
+        // a gap is before the pose that is marked: that pose itself can be gone back to
         let usable = self.ring.iter().rposition(|r| r.after_gap).unwrap_or(0);
         let oldest = self.ring.get(usable).map_or(Time::ZERO, |r| r.at);
         match (self.ring.get(start), start.checked_sub(usable)) {
@@ -168,15 +185,16 @@ impl HistoryCore {
         }
     }
 
-    /// If the pose at `since` is about to fall out of the full ring: one that will stay for a while, a tenth of the ring
-    /// after the oldest.
+    /// If the pose at `since` is about to fall out of the full ring: one that will stay for a while, a tenth of the
+    /// ring after the oldest. About to: it is asked at each reading, of which some may be missing.
     pub fn later_start(&self, since: Time) -> Option<&Recorded> {
         let brink = self.ring.get(self.length / 50 + 1)?;
         (self.ring.len() == self.length && since <= brink.at).then(|| self.ring.get(self.length / 10 + 2)).flatten()
     }
 
-    /// Greatest motor speed over the window, rad/s: between the means of its halves, and, so that a motor that turns round
-    /// is not at rest, between those of each half's own halves; these are three times as noisy, and count a third.
+    /// Greatest motor speed over the window, rad/s: between the means of its halves, and, so that a motor that turns
+    /// round is not at rest, between those of each half's own halves; these are three times as noisy, and count a
+    /// third.
     fn speed(&self) -> f64 {
         let window = WINDOW * self.crowd();
         let half = window / 2;
@@ -189,7 +207,8 @@ impl HistoryCore {
         let sum = |range: std::ops::Range<usize>, motor: usize| -> f64 {
             self.ring.range(range).filter_map(|r| r.q.get(motor)).sum()
         };
-        if first.q == last.q && self.unchanged <= first.at {
+        // nothing has moved in the whole window, as in most of them: no sums are needed
+        if self.unchanged <= first.at {
             return 0.0;
         }
         let way = |from: usize, n: usize, m: usize| {
@@ -200,12 +219,13 @@ impl HistoryCore {
         motors.map(|m| way(start, half, m).max(turn(m) * 2.0 / 3.0)).fold(0.0, f64::max) / secs
     }
 
-    /// How many readings there are in the time of a usual one.
+    /// How many readings there are in the time of a usual one: a board that tells a thousand a second has ten times as
+    /// many in its window, or the speed would be nothing but noise.
     fn crowd(&self) -> usize {
         if self.period > 0.0 { (USUAL / self.period).round().clamp(1.0, FASTEST) as usize } else { 1 }
     }
 
-    /// How long the ring reaches back.
+    /// How long the ring reaches back, gaps or not.
     pub fn span(&self) -> Duration {
         match (self.ring.front(), self.ring.back()) {
             (Some(a), Some(b)) => b.at.since(a.at),

@@ -1,12 +1,16 @@
 //! Robots that are taken back together follow their common past on one clock (I14).
 //!
-//! What was recorded of several robots at the same instants was free of contact between them. Each by itself, they would be
-//! elsewhere on their ways than they were, and might touch. So a reflex whose robot rests asks here; those that are about to
-//! rest are waited for; then one [`Plan`] gives each its way. While they drive, none is ahead of what another has written: a
-//! robot that is late makes the others wait.
+//! What was recorded of several robots at the same instants was free of contact between them. Each by itself, they
+//! would be elsewhere on their ways than they were, and might touch. So a reflex whose robot rests asks here; those
+//! that are about to rest are waited for; then one [`Plan`] gives each its way. While they drive, none is ahead of what
+//! another has written: a robot that is late makes the others wait.
 //!
-//! One party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes after it. A robot of which nothing
-//! was heard for a second is counted out, so that nobody has to tell of a death; the others stop then, and go on one by one.
+//! On one clock they are, at each instant, where they were at one instant of the past: there the poses of all were free
+//! of each other, whatever each one's own path looks like (I14).
+//!
+//! One party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes after it. A robot of which
+//! nothing was heard for a second is counted out, so that nobody has to tell of a death; the others stop then, and go
+//! on one by one.
 
 mod plan;
 
@@ -20,11 +24,13 @@ use mobee_model::Scene;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// A robot of which nothing was heard for so long does not come along.
+/// A robot of which nothing was heard for so long does not come along: many periods, so that a thread that comes late
+/// is not left behind, and short beside [`PATIENCE`], so that one that died costs the others little.
 const LOST: Duration = Duration::from_secs(1);
-/// How long others are waited for.
+/// How long others are waited for to come to rest: as long as the reflex gives a robot for that.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// How many poses are checked per question: well below a control period's work.
+/// How many poses are checked per question: well below a control period's work, since the reflex that asks watches its
+/// robot, too.
 const SLICE: usize = 32;
 /// By how many of its periods a robot may be behind the clock: it makes up for them in one step.
 const BEHIND: f64 = 1.5;
@@ -80,9 +86,12 @@ impl Asked {
 #[derive(Debug, Default)]
 pub struct JointRetreat(Mutex<State>);
 
+/// What is behind the lock.
 #[derive(Clone, Debug, Default)]
 struct State {
+    /// By the robots' index in the scene.
     presences: Vec<Presence>,
+    /// Those that are on their way together, if any are.
     party: Option<Party>,
 }
 
@@ -98,32 +107,42 @@ enum Presence {
     Ready { since: Time, heard: Time, who: Participant },
 }
 
+/// Robots that go back together.
 #[derive(Clone, Debug)]
 struct Party {
     /// While it is being checked.
     plan: Option<Plan>,
+    /// Those who go.
     members: Vec<Member>,
     /// Seconds on the way, of all.
     clock: f64,
-    /// When it was last advanced.
+    /// When it was last advanced; in the future until the first set-point is due.
     last: Time,
 }
 
+/// One of them.
 #[derive(Clone, Debug)]
 struct Member {
+    /// Its index in the scene.
     robot: usize,
+    /// Its control period, s.
     period: f64,
+    /// How long its board takes to show the effect of a command.
     reaction: Duration,
+    /// When it last asked or wrote.
     heard: Time,
     /// Until it has been taken.
     way: Option<Way>,
     /// How far it is: seconds, or way-points; and how far it has to go.
     at: f64,
+    /// See `at`; without end before its way is known.
     end: f64,
+    /// Whether it is back, or goes no further.
     left: bool,
 }
 
 impl Member {
+    /// At the beginning of its way.
     fn new(who: &Participant, now: Time) -> Member {
         Member {
             robot: who.robot,
@@ -137,21 +156,26 @@ impl Member {
         }
     }
 
+    /// Whether it has taken its way and written all of it.
     fn is_through(&self) -> bool {
         self.way.is_none() && self.at >= self.end
     }
 
+    /// Whether the others must not count on it any more: one that is through may fall silent.
     fn is_lost(&self, now: Time) -> bool {
         !self.is_through() && (self.left || now > self.heard + LOST)
     }
 }
 
 impl JointRetreat {
+    /// What is behind the lock. A panic of somebody who held it leaves it usable: at worst somebody is counted out who
+    /// is alive.
     fn state(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The robot was stopped, to be taken back once it rests.
+    /// The robot was stopped, to be taken back once it rests: whoever asks meanwhile waits for it. Said at each
+    /// reading, so that one that died is not waited for.
     pub fn coming(&self, robot: usize, now: Time) {
         let mut state = self.state();
         if let Some(presence) = state.presence(robot) {
@@ -164,7 +188,7 @@ impl JointRetreat {
         self.state().ask(robot, now)
     }
 
-    /// What [`Answer::Bring`] asked for.
+    /// What [`Answer::Bring`] asked for. From now on the robot is waited for no longer than its [`PATIENCE`].
     pub fn enroll(&self, who: Participant, now: Time) {
         let mut state = self.state();
         if let Some(presence) = state.presence(who.robot) {
@@ -172,13 +196,14 @@ impl JointRetreat {
         }
     }
 
-    /// The robot writes a set-point: it is `most` seconds on its way at most. Returns how far all are; nothing once somebody
-    /// who is on the way with it was lost.
+    /// The robot writes a set-point: it is `most` seconds on its way at most. Returns how far all are; nothing once
+    /// somebody who is on the way with it was lost.
     pub fn step(&self, robot: usize, most: f64, now: Time) -> Option<f64> {
         let mut state = self.state();
         let party = state.party.as_mut()?;
         party.hear(robot, now)?;
         let elapsed = now.since(party.last).as_secs_f64();
+        // no further than a step ahead of the slowest: who is late makes the others wait
         let reach = party.members.iter().map(|m| m.at + BEHIND * m.period).fold(f64::INFINITY, f64::min);
         party.clock = (party.clock + elapsed).min(reach).max(party.clock);
         party.last = party.last.max(now);
@@ -188,7 +213,8 @@ impl JointRetreat {
         Some(member.at)
     }
 
-    /// The robot has reached so many way-points. Returns whether all have; nothing once somebody was lost.
+    /// The robot has reached so many way-points: those who move from point to point meet at each. Returns whether all
+    /// have; nothing once somebody was lost.
     pub fn reached(&self, robot: usize, points: usize, now: Time) -> Option<bool> {
         let mut state = self.state();
         let party = state.party.as_mut()?;
@@ -198,7 +224,8 @@ impl JointRetreat {
         Some(party.members.iter().all(|m| m.at >= points as f64))
     }
 
-    /// The robot is back, or goes no further.
+    /// The robot is back, or goes no further. Of those who are still on their way, each hears of it at its next step,
+    /// and stops; when nobody is left the party is over.
     pub fn leave(&self, robot: usize) {
         let mut state = self.state();
         if let Some(presence) = state.presence(robot) {
@@ -219,6 +246,7 @@ impl JointRetreat {
 }
 
 impl State {
+    /// What is known of this robot; a robot that was never heard of is away.
     fn presence(&mut self, robot: usize) -> Option<&mut Presence> {
         if self.presences.len() <= robot {
             self.presences.resize_with(robot + 1, Presence::default);
@@ -226,6 +254,7 @@ impl State {
         self.presences.get_mut(robot)
     }
 
+    /// See [`JointRetreat::ask`]: the last of those who are ready to ask gathers the party.
     fn ask(&mut self, robot: usize, now: Time) -> Answer {
         self.party = self.party.take().filter(|party| !party.members.iter().all(|m| m.is_through() || m.is_lost(now)));
         if let Some(party) = &mut self.party
@@ -236,6 +265,7 @@ impl State {
         }
         let Some(Presence::Ready { since, heard, who }) = self.presence(robot) else { return Answer::Bring };
         *heard = now;
+        // another try goes alone: the way that failed was a joint one, or something stood in it
         let (patient, alone) = (now < *since + PATIENCE, who.again);
         let coming = |presence: &Presence| matches!(presence, Presence::Coming(heard) if now <= *heard + LOST);
         if self.party.is_some() || (!alone && patient && self.presences.iter().any(coming)) {
@@ -258,6 +288,7 @@ impl State {
 }
 
 impl Party {
+    /// This robot, if it goes along and has not left.
     fn member(&mut self, robot: usize) -> Option<&mut Member> {
         self.members.iter_mut().find(|m| m.robot == robot && !m.left)
     }

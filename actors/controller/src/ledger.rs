@@ -1,4 +1,8 @@
 //! The ledger: what must survive the death of any actor of a robot's controller.
+//!
+//! The rule is that an outcome is owed for what was accepted (I2): so the open transaction is written here before the
+//! driver hears of it, and whoever comes after a death finds it. All else that cores hold may be lost, and is found
+//! again by measuring.
 
 use crate::distance;
 use crate::history::HistoryCore;
@@ -8,7 +12,8 @@ use mobee_model::Contact;
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// How an open transaction is driven, and when it must have ended.
+/// How an open transaction is driven, and when it must have ended, by the clock: a motion without an end would keep its
+/// agent waiting, and the filter busy, for ever (I15).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     /// By moves of the board's own, of all its motors, or of some beside a stream of set-points for others.
@@ -59,7 +64,8 @@ pub struct Open {
     pub agent: Arc<str>,
     /// The whole target pose, rad. Of motors that it does not name: where they were.
     pub target: Pose,
-    /// The motors that it has named, by its commit, its amendments and its set-points, in order. No other is written to.
+    /// The motors that it has named, by its commit, its amendments and its set-points, in order. No other is written
+    /// to.
     pub named: Arc<[usize]>,
     /// The safe pose and when it was read; an escape has none.
     pub safe: Option<(Time, Pose)>,
@@ -82,8 +88,8 @@ impl Open {
         }
     }
 
-    /// Which outcome it shows that the robot rests at `q` (I2): what was being taken back has not reached its target, not even where
-    /// that lies beside the safe pose.
+    /// Which outcome it shows that the robot rests at `q` (I2): what was being taken back has not reached its target,
+    /// not even where that lies beside the safe pose.
     pub fn shown_at(&self, q: &[f64], tolerance: f64) -> Outcome {
         let near = |pose: &Pose| distance(q, pose) <= tolerance;
         if !self.retreated && near(&self.target) {
@@ -125,12 +131,12 @@ pub struct Ended {
 }
 
 impl Ended {
-    /// What its agent is told.
+    /// What its agent is told: whether it has arrived. Where it rests otherwise is the journal's matter.
     pub fn end(&self) -> MotionEnd {
         if self.outcome == Outcome::Committed { MotionEnd::Reached } else { MotionEnd::Failed }
     }
 
-    /// What the journal tells.
+    /// What the journal tells: the cause only of what failed.
     pub fn event(self, robot: String) -> Event {
         let Ended { open: Open { id, safe, cause, .. }, outcome, q } = self;
         let (safe, cause) = (safe.map(|(_, pose)| pose), cause.filter(|_| outcome != Outcome::Committed));
@@ -138,17 +144,18 @@ impl Ended {
     }
 }
 
-/// Where each motor was last sent, rad; nothing for one that never was. What rests is kept there, and not where its encoder
-/// happens to read.
+/// Where each motor was last sent, rad; nothing for one that never was. What rests is kept there, and not where its
+/// encoder happens to read.
 pub type Places = Arc<[Option<f64>]>;
 
-/// Where a motor is to rest that was recorded at `q`: at its place, if it counts as being there, so that retreats to one
-/// rest do not drift with the noise of its encoder. Half of the tolerance is left for that noise.
+/// Where a motor is to rest that was recorded at `q`: at its place, if it counts as being there, so that retreats to
+/// one rest do not drift with the noise of its encoder. Half of the tolerance is left for that noise.
 pub fn home(place: Option<f64>, q: f64, tolerance: f64) -> f64 {
     place.filter(|place| (place - q).abs() <= 0.5 * tolerance).unwrap_or(q)
 }
 
-/// How many ends of motions are remembered.
+/// How many ends of motions are remembered: for agents that ask late. A bound, since a ledger lives as long as its
+/// robot's controller, for days.
 const ENDS: usize = 100;
 
 /// The state that outlives the actors.
@@ -156,7 +163,7 @@ const ENDS: usize = 100;
 pub struct Book {
     /// The open transaction.
     pub open: Option<Open>,
-    /// The number of the last accepted commit.
+    /// The number of the last accepted commit; they count up over restarts, so that none stands for two.
     pub last_id: u64,
     /// The filter's state.
     pub status: Status,
@@ -171,7 +178,18 @@ pub struct Book {
     /// The safe pose last taken: kept while the robot counts as being there, so that rollbacks do not drift.
     pub safe: Option<Pose>,
     /// How the newest motions ended, oldest first.
-    ends: VecDeque<(CommitId, MotionEnd, Option<Cause>)>,
+    ends: VecDeque<PastEnd>,
+}
+
+/// How a motion ended.
+#[derive(Clone, Debug)]
+struct PastEnd {
+    /// Which.
+    id: CommitId,
+    /// What its agent was told.
+    end: MotionEnd,
+    /// Why it failed, if it is known; what came into contact, for one.
+    cause: Option<Cause>,
 }
 
 impl Book {
@@ -208,8 +226,8 @@ impl Book {
         self.places = self.places.iter().enumerate().map(rests).collect();
     }
 
-    /// Gives the open transaction its one outcome (I2), with the robot at rest at `q`: as told, or as the pose shows. Its end and the
-    /// motors' places are remembered in the same step, so that nobody sees it neither open nor ended.
+    /// Gives the open transaction its one outcome (I2), with the robot at rest at `q`: as told, or as the pose shows.
+    /// Its end and the motors' places are remembered in the same step, so that nobody sees it neither open nor ended.
     pub fn settle(&mut self, told: Option<Outcome>, q: Pose, tolerance: f64) -> Option<Ended> {
         let open = self.open.take()?;
         let outcome = told.unwrap_or_else(|| open.shown_at(&q, tolerance));
@@ -218,7 +236,7 @@ impl Book {
         if self.ends.len() >= ENDS {
             self.ends.pop_front();
         }
-        self.ends.push_back((ended.open.id, ended.end(), ended.open.cause.clone()));
+        self.ends.push_back(PastEnd { id: ended.open.id, end: ended.end(), cause: ended.open.cause.clone() });
         Some(ended)
     }
 
@@ -228,19 +246,20 @@ impl Book {
         recorded.or_else(|| self.open.as_ref().map(|open| open.target.clone()))
     }
 
-    /// How a motion ended; `None` while it is under way. Those too old to be remembered, and any that never was, failed.
+    /// How a motion ended; `None` while it is under way. Those too old to be remembered, and any that never was,
+    /// failed.
     pub fn end_of(&self, id: CommitId) -> Option<MotionEnd> {
         if self.open.as_ref().is_some_and(|open| open.id == id) {
             return None;
         }
-        let ended = self.ends.iter().rev().find(|(i, ..)| *i == id);
-        Some(ended.map_or(MotionEnd::Failed, |(_, end, _)| *end))
+        let ended = self.ends.iter().rev().find(|ended| ended.id == id);
+        Some(ended.map_or(MotionEnd::Failed, |ended| ended.end))
     }
 
     /// What came into contact in a motion that failed by that, if it is remembered.
     pub fn contacts_of(&self, id: CommitId) -> Option<&[Contact]> {
-        match self.ends.iter().rev().find(|(i, ..)| *i == id) {
-            Some((_, MotionEnd::Failed, Some(Cause::Contact(contacts)))) => Some(contacts),
+        match self.ends.iter().rev().find(|ended| ended.id == id) {
+            Some(PastEnd { end: MotionEnd::Failed, cause: Some(Cause::Contact(contacts)), .. }) => Some(contacts),
             _ => None,
         }
     }
@@ -310,6 +329,39 @@ mod tests {
         assert_eq!(book.settle(Some(Outcome::Faulted), q, 0.01).unwrap().end(), MotionEnd::Failed);
     }
 
+    /// The journal is told why a motion failed, and never why one did not that nevertheless reached its target.
+    #[test]
+    fn a_cause_is_told_of_what_failed() {
+        for outcome in [Outcome::Committed, Outcome::RolledBack, Outcome::Faulted] {
+            let open = Open { cause: Some(Cause::Asked), ..open(false) };
+            let event = Ended { open, outcome, q: vec![0.0; 3].into() }.event("r".into());
+            let Event::Outcome { robot, cause, .. } = event else { panic!("{event:?}") };
+            assert_eq!((robot.as_str(), cause.is_some()), ("r", outcome != Outcome::Committed), "{outcome:?}");
+        }
+    }
+
+    /// An agent may ask what its motion ran into: of that motion alone, and only of one that failed by it.
+    #[test]
+    fn what_a_motion_ran_into_is_remembered() {
+        use mobee_model::ShapeId;
+        let contact = |object| {
+            let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object, shape: 0 });
+            Contact { pair, distance: 0.005, points: Default::default() }
+        };
+        let ledger = Ledger::new(1);
+        let mut book = ledger.book();
+        let mut end = |id: u64, cause: Cause, outcome| {
+            book.open = Some(Open { id: CommitId(id), cause: Some(cause), ..open(false) });
+            book.settle(Some(outcome), vec![0.0; 3].into(), 0.01);
+        };
+        end(1, Cause::Contact(vec![contact(1)]), Outcome::RolledBack);
+        end(2, Cause::Contact(vec![contact(2), contact(3)]), Outcome::Faulted);
+        end(3, Cause::Contact(vec![contact(4)]), Outcome::Committed);
+        end(4, Cause::TargetMissed, Outcome::RolledBack);
+        let met = [1, 2, 3, 4, 5].map(|id| book.contacts_of(CommitId(id)).map(<[Contact]>::to_vec));
+        assert_eq!(met, [Some(vec![contact(1)]), Some(vec![contact(2), contact(3)]), None, None, None]);
+    }
+
     #[test]
     fn where_the_robot_is_and_what_is_under_way_is_known() {
         let ledger = Ledger::new(1);
@@ -326,7 +378,8 @@ mod tests {
         assert_eq!(book.last_known(), Some(vec![0.0, 0.4, 0.0].into()));
     }
 
-    /// A retreat that succeeds after its outcome was given leaves the named motors at their places, or where they were safe.
+    /// A retreat that succeeds after its outcome was given leaves the named motors at their places, or where they were
+    /// safe.
     #[test]
     fn a_late_retreat_leaves_the_motors_at_home() {
         let ledger = Ledger::new(1);

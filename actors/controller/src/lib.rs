@@ -1,7 +1,25 @@
-//! The paper's ControllerSettings, pure: History, Supervise and Reflex (Algorithms 4 to 6) as state machines, and what they share.
+//! The paper's Controller, pure: History, Supervise and Reflex (Algorithms 4 to 6) as state machines, and what they
+//! share.
 //!
-//! Nothing here knows an actor library, a clock, a file or a socket, nor any agent: cores take inputs and the time, and give what
-//! they want done. `mobee-actors` gives each a mailbox.
+//! Nothing here knows an actor library, a clock, a file or a socket, nor any agent: cores take inputs and the time, and
+//! give what they want done. `mobee-actors` gives each a mailbox.
+//!
+//! | | paper | |
+//! |---|---|---|
+//! | [`history`] | Algorithm 4 | records poses, tells speed and gaps |
+//! | [`supervise`] | Algorithm 5 | takes commits, keeps transactions, opens the filter |
+//! | [`reflex`] | Algorithm 6 | closes the filter, stops the robot, takes it back |
+//! | [`joint_retreat`] | | leads several robots back on one clock |
+//! | [`gate`], [`command_guard`] | | the filter itself: a fencing token, and who asks for it |
+//! | [`ledger`] | | what survives the death of all of these |
+//!
+//! Units are those of the SI, angles in radians, unless a name says otherwise (`tolerance_deg`); poses are one number
+//! per motor of the board, in its order. Two clocks meet here: `sampled_at` is when a reading was taken, and judges
+//! what it shows; `now` is when a core is stepped, and spaces what is written. A reading may be held up between the
+//! two.
+//!
+//! The tests are in the crate: each states a promise, and `tools/mutants` asks whether a change of any operator would
+//! break one.
 
 #![cfg_attr(
     not(test),

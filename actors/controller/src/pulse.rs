@@ -5,8 +5,9 @@
 //!   q         speed      contacts       free
 //! ```
 //!
-//! A sample that reaches supervise proves that all five live; supervise then renews the driver's lease. A death anywhere
-//! breaks the chain, the lease runs out, and the robot brakes without anybody being told.
+//! A sample that reaches supervise proves that all five live; supervise then renews the driver's lease. A death
+//! anywhere breaks the chain, the lease runs out, and the robot brakes without anybody being told. A watchdog of its
+//! own would have to be trusted as much as what it watches.
 
 use mobee_contract::{AnswerTime, Sample, Time};
 use mobee_model::Contact;
@@ -31,7 +32,8 @@ pub struct Pulse {
     pub depth: f64,
     /// Counts the edits of the scene in which the contacts were looked for (model).
     pub epoch: u64,
-    /// What the fields about the robot's shapes do to its motors, if it moves under forces and they do anything (model).
+    /// What the fields about the robot's shapes do to its motors, if it moves under forces and they do anything
+    /// (model).
     pub push: Option<Arc<[f64]>>,
     /// Whether nothing touches the robot and no constraint is violated (reflex).
     pub free: bool,

@@ -1,6 +1,8 @@
 //! Reflex (Algorithm 6): on contact close the filter, stop, take the robot back along its recorded path, and watch it.
 //!
-//! It is stepped by pulses alone: without fresh readings there are no set-points, so it never moves blindly.
+//! It is stepped by pulses alone: without fresh readings there are no set-points, so it never moves blindly. It closes
+//! the gate itself, before anybody is told: between the reading and the stop no mailbox is waited for. Only supervise
+//! opens it again, so that there is one who decides that all is well.
 //!
 //! ```text
 //! Watching ──touch, constraint, `RollBack`──> Stopping ──at rest──> Retreating ──last pose──> Settling ──at rest──> Watching
@@ -26,12 +28,15 @@ use retreat::Retreat;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Readings equal bit for bit for so long, while set-points moved on by [`FROZEN_WAY`], are no readings.
+/// Readings equal bit for bit for so long, while set-points moved on by [`FROZEN_WAY`], are no readings (I26). Encoders
+/// are noisy: equal for half a second, they were not read. Shorter, a board that answers slowly would be taken for one
+/// that froze.
 pub const FROZEN: Duration = Duration::from_millis(500);
-/// By how much deeper a constraint may be violated on the way of an escape that set out violating one, in the units of its clause
-/// (degrees): the encoders' noise.
+/// By how much deeper a constraint may be violated on the way of an escape that set out violating one, in the units of
+/// its clause (degrees): the encoders' noise.
 const NOISE: f64 = 0.1;
-/// One degree.
+/// How far set-points must have moved meanwhile, rad: one degree, so that a robot
+/// that creeps or stands is not suspected.
 pub const FROZEN_WAY: f64 = std::f64::consts::PI / 180.0;
 
 /// What is under way, as the ledger has it.
@@ -68,7 +73,8 @@ pub enum ReflexIn<'a> {
         /// Whether this is another try after a failed one.
         again: bool,
     },
-    /// The path that was asked for is with the joint retreat, or there is none.
+    /// The path that was asked for is with the joint retreat, or there is none: asked for and answered by messages,
+    /// since the history is the ledger's, and copying it out takes longer than a step may.
     Brought(Result<(), HistoryTooShort>),
 }
 
@@ -109,32 +115,68 @@ pub enum ReflexReport {
     GaveUp(Hold),
 }
 
+/// What the reflex is about. All but the first hold the token under which the filter was closed: under another one it
+/// is somebody else who acts, and this one is back to watching.
 #[derive(Clone, Debug)]
 enum Phase {
+    /// The filter is open, or closed by somebody who needs no retreat.
     Watching,
+    /// The robot was stopped at `since`, and is waited for to rest.
     Stopping { token: u64, since: Time, then: Then },
-    Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, mark: (Time, Vec<f64>, Time) },
+    /// It is being taken back. `violated`: whether a constraint was as it began.
+    Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, still: Still },
+    /// The last pose was written; it should be reached at `since`.
     Settling { token: u64, since: Time, retreat: Retreat, violated: bool },
 }
 
+/// What is due once the robot rests.
 #[derive(Debug, Clone)]
 enum Then {
+    /// It is taken back.
     Retreat(Back),
+    /// It stays, and supervise is told why.
     Say(ReflexReport),
+}
+
+/// How long the readings of a retreat have been the same, and where it was sent when that began: what tells frozen
+/// encoders.
+#[derive(Debug, Clone)]
+struct Still {
+    /// Since when they are equal bit for bit, as the history tells it.
+    unchanged: Time,
+    /// The set-points at the first of them that came in the retreat, rad.
+    written: Vec<f64>,
+    /// When that reading was taken.
+    sampled_at: Time,
+}
+
+/// An escape under way, and what it must not make worse (I24).
+#[derive(Debug, Clone)]
+struct Escape {
+    /// Its commit.
+    id: CommitId,
+    /// How near pairs may come.
+    floors: Floors,
+    /// How deeply a constraint was violated as it set out, if one was, in the units of its clause.
+    depth: Option<f64>,
 }
 
 /// A motion that is taken back: to where, and whether it is another try.
 #[derive(Debug, Clone)]
 struct Back {
+    /// The motion.
     motion: Underway,
+    /// Its safe pose, rad, and when that was read: the retreat's end.
     safe: (Time, Pose),
+    /// Whether it is another try: such a one goes by itself, and leaves out detours.
     again: bool,
 }
 
 /// The two shapes of a pair in words.
 type Names<'a> = dyn Fn(Pair) -> (String, String) + 'a;
 
-/// One step of the reflex: what it shares with the other actors of its robot and with other reflexes, the time, and what it wants done.
+/// One step of the reflex: what it shares with the other actors of its robot and with other reflexes, the time, and
+/// what it wants done.
 struct Step<'a> {
     rules: &'a Rules,
     gate: &'a Gate,
@@ -145,10 +187,12 @@ struct Step<'a> {
 }
 
 impl Step<'_> {
+    /// Tells the taps.
     fn emit(&mut self, event: Event) {
         self.out.push(ReflexOut::Event(event));
     }
 
+    /// Stops all motors: which of them move is not asked, since that would be a matter of belief.
     fn stop(&mut self, token: u64) {
         self.out.push(ReflexOut::Command(token, Command::Stop { motors: Vec::new() }));
     }
@@ -161,26 +205,33 @@ impl Step<'_> {
 /// The state machine.
 #[derive(Clone, Debug)]
 pub struct ReflexCore {
+    /// Its robot's index in the scene.
     robot: usize,
+    /// What it is about.
     phase: Phase,
+    /// The present contacts.
     contacts: Contacts,
+    /// The pairs near the robot in the newest reading.
     near: Arc<[Contact]>,
     /// How near pairs came since the robot was stopped to be taken back, and may come on the way.
     floors: Floors,
+    /// Whether a constraint was violated in the newest reading.
     violated: bool,
     /// The last stop that it told, or was told of.
     stop: Stop,
     /// The motors of the motion that it has stopped: they are put back into the mode of position moves.
     stopped: Arc<[usize]>,
-    /// The escape under way, how near it may come, and how deeply a constraint was violated as it set out, if one was.
-    escape: Option<(CommitId, Floors, Option<f64>)>,
-    /// The last motion, and the contacts that began in it.
+    /// The last escape.
+    escape: Option<Escape>,
+    /// The last motion.
     motion: Option<CommitId>,
+    /// The contacts that began in it: what its agent learns from, though the retreat has ended them since.
     met: Vec<Contact>,
 }
 
 impl ReflexCore {
-    /// A reflex that watches the robot of this index.
+    /// A reflex that watches the robot of this index. A predecessor that died may have been on its way with others: it
+    /// leaves them, and they stop, since nobody writes its set-points any more.
     pub fn new(robot: usize, shared: &Shared) -> ReflexCore {
         shared.joint_retreat.leave(robot);
         let contacts = Contacts::new(shared.rules.margin);
@@ -215,7 +266,8 @@ impl ReflexCore {
         }
     }
 
-    /// One step.
+    /// One step: what is to be done about this input at the time `now`, in the order in which it is to be done. `names`
+    /// gives the words for a pair of shapes.
     pub fn on(
         &mut self,
         input: ReflexIn,
@@ -248,14 +300,16 @@ impl ReflexCore {
         std::mem::take(&mut step.out)
     }
 
+    /// A reading: contacts are told, then either watched for a reason to close, or acted upon. Completes the pulse by
+    /// whether the robot is free.
     fn pulse(&mut self, pulse: &mut Pulse, motion: Option<&Underway>, status: Status, step: &mut Step) {
-        let newly_violated = pulse.violated.is_some() && !self.violated;
         self.violated = pulse.violated.is_some();
         self.near = pulse.contacts.clone();
         if let Some(m) = motion.filter(|m| self.motion != Some(m.id)) {
             self.motion = Some(m.id);
             self.met.clear();
         }
+        // what touches a robot at rest was moved there by somebody else
         let moving = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
         let back = matches!(self.phase, Phase::Retreating { .. } | Phase::Settling { .. });
         let changes = self.contacts.update(&pulse.contacts, back, moving, pulse.epoch);
@@ -276,6 +330,7 @@ impl ReflexCore {
         }
         pulse.free = self.is_free(step);
 
+        // as it is now, not as this step began: whoever closed the filter since then is in charge
         let token = step.gate.token();
         let outdated = match &self.phase {
             Phase::Watching => false,
@@ -289,10 +344,11 @@ impl ReflexCore {
         }
         if matches!(self.phase, Phase::Watching) {
             if Gate::opens(token) {
-                self.watch(pulse, motion, status, newly_violated, step);
+                self.watch(pulse, motion, status, step);
             }
         } else {
             self.act(pulse, step);
+            // a retreat that ended in this very reading has ended contacts
             pulse.free = self.is_free(step);
         }
     }
@@ -303,16 +359,19 @@ impl ReflexCore {
     }
 
     /// The filter is open: is there a reason to close it?
-    fn watch(&mut self, pulse: &Pulse, motion: Option<&Underway>, status: Status, newly: bool, step: &mut Step) {
+    fn watch(&mut self, pulse: &Pulse, motion: Option<&Underway>, status: Status, step: &mut Step) {
         let escape = motion.filter(|m| m.is_escape() && status == Status::Escaping);
         let cause = if let Some(m) = escape {
-            if self.escape.as_ref().is_none_or(|(id, ..)| *id != m.id) {
-                let violated = pulse.violated.map(|_| pulse.depth);
-                self.escape = Some((m.id, Floors::new(step.rules.margin, &pulse.contacts), violated));
+            // it begins in contact by its nature: only what gets worse than it was as it set out stops it
+            if self.escape.as_ref().is_none_or(|escape| escape.id != m.id) {
+                let (floors, depth) =
+                    (Floors::new(step.rules.margin, &pulse.contacts), pulse.violated.map(|_| pulse.depth));
+                self.escape = Some(Escape { id: m.id, floors, depth });
             }
             let (floors, depth) =
-                self.escape.as_ref().map_or((None, None), |(_, floors, depth)| (Some(floors), *depth));
-            let deeper = depth.map_or(newly, |depth| pulse.depth > depth + NOISE);
+                self.escape.as_ref().map_or((None, None), |escape| (Some(&escape.floors), escape.depth));
+            // one that set out violating nothing may violate nothing
+            let deeper = depth.is_none_or(|depth| pulse.depth > depth + NOISE);
             match floors.and_then(|f| f.broken(&pulse.contacts)) {
                 Some(c) => Some(Cause::Contact(vec![*c])),
                 None if deeper => pulse.violated.map(|v| constraint(v, step.rules)),
@@ -326,10 +385,12 @@ impl ReflexCore {
             pulse.violated.map(|v| constraint(v, step.rules))
         };
         let Some(cause) = cause else { return };
+        // closed first: from here on nothing that an agent wrote can pass, whatever is in flight (I1)
         let token = step.gate.close();
         step.emit(Event::Disabled { robot: step.robot(), token, cause: cause.clone() });
         step.stop(token);
         step.out.push(ReflexOut::Closed { token, cause });
+        // at rest there is nothing to be taken back: supervise holds, and an escape is the way out
         let Some(motion) = motion else { return };
         self.stopped = motion.named.clone();
         let back = |safe| Then::Retreat(Back { motion: motion.clone(), safe, again: false });
@@ -341,6 +402,7 @@ impl ReflexCore {
 
     /// The next phase, and what it means for those who might go back with this robot.
     fn turn(&mut self, phase: Phase, step: &Step) {
+        // whoever turned to this phase has just told it
         if let Phase::Stopping { .. } = phase {
             self.stop = Stop::told(step.now);
         }
@@ -353,6 +415,7 @@ impl ReflexCore {
     }
 }
 
+/// The cause that a violated constraint is: the part by name, so that the journal needs no model to be read.
 fn constraint((part, clause): (usize, usize), rules: &Rules) -> Cause {
     Cause::Constraint { part: rules.parts.get(part).cloned().unwrap_or_default(), clause }
 }

@@ -1,4 +1,7 @@
 //! What a controller's settings mean for a given board: what the cores go by.
+//!
+//! Settings are what people write (degrees, seconds as numbers, nothing where the default will do); rules are what the
+//! cores compare with (radians, durations, all of them known). The translation is here, once.
 
 use crate::fields::FieldRules;
 use crate::settings::{ControllerSettings, Drive};
@@ -7,11 +10,14 @@ use mobee_model::{Clause, Robot};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What a contact must exceed beyond the margin to end, metres.
+/// What a contact must exceed beyond the margin to end, metres: so that the noise of encoders can't end it and begin it
+/// by turns.
 pub const RELEASE: f64 = 0.002;
-/// What counts as deeper, metres.
+/// What counts as deeper, metres: what touches gives a little as the robot starts on its way out, and its encoders are
+/// noisy.
 pub const DEEPER: f64 = 0.001;
-/// How many control periods a reading stays fresh, and a lease lasts, unless the settings say otherwise.
+/// How many control periods a reading stays fresh, and a lease lasts, unless the settings say otherwise. Fewer, and a
+/// thread that comes late closes the filter; more, and a robot goes on for longer when nobody watches it any more.
 pub const FRESH_PERIODS: u32 = 5;
 
 /// Settings and board in the units of the inside: what the cores go by.
@@ -27,7 +33,8 @@ pub struct Rules {
     pub period: Duration,
     /// Greatest age of a reading that is still fresh, and the length of a lease.
     pub fresh: Duration,
-    /// Greatest delay from a command to its effect.
+    /// Greatest delay from a command to its effect, as the board tells it: that of the board and of the way to it,
+    /// without the readings'.
     pub latency: Duration,
     /// Whether the board follows set-points directly.
     pub position_direct: bool,
@@ -105,13 +112,15 @@ impl Rules {
         [robot, Event::Controller { robot: name, kind, reflex: self.reflex }]
     }
 
-    /// How long after a command its effect is surely in the readings.
+    /// How long after a command its effect is surely in the readings: the board's latency, a period until the next
+    /// reading is taken, and another in which that is on its way.
     pub fn reaction(&self) -> Duration {
         self.latency + self.period * 2
     }
 }
 
-/// The greatest difference of any motor between two poses, rad. Infinite if they don't belong to one robot.
+/// The greatest difference of any motor between two poses, rad. Infinite if they don't belong to one robot: whatever is
+/// compared with it is too far, and nothing counts as reached by mistake.
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     if a.len() != b.len() {
         return f64::INFINITY;
@@ -124,7 +133,7 @@ pub fn clamped(q: &[f64], rules: &Rules) -> Pose {
     q.iter().zip(rules.axes.iter()).map(|(q, axis)| within(*q, axis)).collect()
 }
 
-/// The same of one motor.
+/// The same of one motor. A board whose limits are the wrong way round has them all the same: a clamp must not panic.
 pub fn within(q: f64, axis: &Axis) -> f64 {
     q.clamp(axis.min.min(axis.max), axis.max.max(axis.min))
 }

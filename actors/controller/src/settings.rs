@@ -1,4 +1,5 @@
-//! A controller's settings, as its config file has them.
+//! A controller's settings, as its config file has them: the names, units and defaults that a user sees. Changed here,
+//! they change the schema, and `docs/configuration.md` with it.
 
 use crate::fields::FieldsSettings;
 use crate::kinds::DEFAULT_KIND;
@@ -64,6 +65,7 @@ impl Drive {
     }
 }
 
+/// A centimetre: the hysteresis of contacts (2 mm) and what counts as deeper (1 mm) are small beside it.
 fn margin() -> f64 {
     0.010
 }

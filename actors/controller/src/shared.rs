@@ -1,5 +1,5 @@
-//! What the cores of one robot's controller share. Each step is handed it, so that nothing hides in a core: what a core will do
-//! follows from its own value, its input, the time, and this.
+//! What the cores of one robot's controller share. Each step is handed it, so that nothing hides in a core: what a core
+//! will do follows from its own value, its input, the time, and this.
 
 use crate::Rules;
 use crate::gate::Gate;

@@ -1,4 +1,9 @@
-//! A stop that was told, and whether the readings show its effect: one that was lost, or that the board did not heed, is said again.
+//! A stop that was told, and whether the readings show its effect: one that was lost, or that the board did not heed,
+//! is said again.
+//!
+//! A message to a board may be lost without anybody hearing of it, and a stop is the one that must not be (I17). Saying
+//! it again is safe at any time, saying it at every reading would bury the board in stops; so it is judged by its
+//! effect.
 
 use crate::Rules;
 use crate::pulse::Pulse;
@@ -7,12 +12,13 @@ use std::time::Duration;
 
 /// How long a stop may take to show beyond a command's own time: the speed is estimated from several readings.
 const SHOWS: Duration = Duration::from_millis(200);
-/// The greatest share of its speed that a robot may still have then.
+/// The greatest share of its speed that a robot may still have then: a tenth less is more than the estimate's noise.
 const LESS: f64 = 0.9;
 
 /// A stop that was told.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
+    /// When, by the clock.
     told: Time,
     /// How fast the robot was in the first reading after it, rad/s.
     speed: Option<f64>,
@@ -26,12 +32,14 @@ impl Stop {
 
     /// Whether this reading shows a robot that has not become slower since: then the stop counts as told again.
     pub fn is_ignored(&mut self, pulse: &Pulse, rules: &Rules, now: Time) -> bool {
-        let at = pulse.sample.at;
-        if at <= self.told {
+        let sampled_at = pulse.sample.at;
+        if sampled_at <= self.told {
             return false;
         }
+        // one that brakes slowly, or down a long way, has lost a share of its speed; at rest there is nothing left to
+        // lose
         let before = *self.speed.get_or_insert(pulse.speed);
-        if pulse.speed < rules.rest_speed || at < self.told + rules.reaction() + SHOWS {
+        if pulse.speed < rules.rest_speed || sampled_at < self.told + rules.reaction() + SHOWS {
             return false;
         }
         *self = Stop { told: now, speed: Some(pulse.speed) };

@@ -13,6 +13,10 @@
 //! Whatever else happens (stale encoders, a death, a stop): close, stop, wait for fresh readings at rest, and give the
 //! open transaction the outcome that the measured pose shows. Then, if nothing touches the robot, open again: a robot
 //! should not need a person to free it.
+//!
+//! The paper's Algorithm 5 passes a command on while the filter is open and notes the pose as safe. What is added here
+//! is the transaction: each accepted commit ends exactly once (I2), by a measured pose and not by what was commanded,
+//! whoever dies meanwhile.
 
 mod back;
 mod check;
@@ -39,7 +43,8 @@ use mobee_contract::{
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// What becomes of a motion that is under way.
+/// What becomes of a motion that is under way. Apart from a commit: it must not begin a motion anew that is over by the
+/// time it arrives.
 #[derive(Debug)]
 pub enum Revision {
     /// It goes to another target.
@@ -48,7 +53,8 @@ pub enum Revision {
     Stream(Arc<str>, Setpoints),
 }
 
-/// What supervise hears.
+/// What supervise hears. One enum for all of it, so that a run is a list of these with their times, which tests can
+/// make up.
 #[derive(Debug)]
 pub enum SuperviseIn<'a> {
     /// An agent commits. Answered by [`SuperviseOut::Verdict`].
@@ -73,7 +79,8 @@ pub enum SuperviseIn<'a> {
     ReflexReport(ReflexReport),
     /// Somebody asks to try the failed retreat again.
     Recover,
-    /// A part of the controller is to be exchanged: close at the next boundary, and say so by [`SuperviseOut::Yielded`].
+    /// A part of the controller is to be exchanged: close at the next boundary, and say so by
+    /// [`SuperviseOut::Yielded`].
     Yield,
     /// It is not exchanged after all: open again.
     Resume,
@@ -112,10 +119,13 @@ pub enum SuperviseOut {
 /// What supervise keeps of a reading.
 #[derive(Clone, Debug)]
 struct Reading {
-    at: Time,
+    /// When it was taken: what it is judged by, and what its lease is counted from. When it was heard is `Step::now`.
+    sampled_at: Time,
+    /// Where the motors were, rad.
     q: Pose,
     /// The greatest speed of a motor, rad/s.
     speed: f64,
+    /// Whether that counts as rest, by the rules of when it was heard.
     at_rest: bool,
     /// Whether nothing is there that the reflex would act upon.
     free: bool,
@@ -134,8 +144,8 @@ enum Closing {
     Yielded,
 }
 
-/// What supervise knows of the open transaction's motion beside the ledger. Dropped as a whole when the filter closes, and begun
-/// anew with each transaction.
+/// What supervise knows of the open transaction's motion beside the ledger. Dropped as a whole when the filter closes,
+/// and begun anew with each transaction.
 #[derive(Clone, Debug, Default)]
 struct MotionState {
     /// The start of the board's own moves in it.
@@ -148,9 +158,10 @@ struct MotionState {
     done_since: Option<Time>,
 }
 
-/// A commit as it was accepted, or last amended.
+/// A commit as it was accepted, or last amended: what its readings should show by now.
 #[derive(Clone, Copy, Debug)]
 struct Started {
+    /// When, by the clock: the command was written then.
     at: Time,
     /// Of the motor with the longest way, rad.
     distance_to_go: f64,
@@ -161,11 +172,13 @@ struct Started {
 impl Started {
     /// Of the motor with the longest way, rad/s.
     fn mean_speed(self) -> f64 {
+        // a commit to where the robot is takes no time at all
         self.distance_to_go / self.expected.max(1e-3)
     }
 }
 
-/// One step of supervise: what it shares with the other actors of its robot, the time, and what it wants done.
+/// One step of supervise: it is built for each input and dropped with it, so that nothing is carried over by accident.
+/// What it shares with the other actors of its robot, the time, and what it wants done.
 struct Step<'a> {
     rules: &'a Rules,
     gate: &'a Gate,
@@ -175,20 +188,23 @@ struct Step<'a> {
 }
 
 impl<'a> Step<'a> {
+    /// At this time, with nothing to be done yet.
     fn new(shared: &'a mut Shared, now: Time) -> Step<'a> {
         Step { rules: shared.rules, gate: shared.gate, book: shared.book, now, out: Vec::new() }
     }
 
+    /// Tells the taps: the journal, and whoever looks on.
     fn emit(&mut self, event: Event) {
         self.out.push(SuperviseOut::Event(event));
     }
 
+    /// Tells the driver, under this token: as an agent's word, or supervise's own.
     fn command(&mut self, token: u64, writer: Writer, command: Command) {
         self.out.push(SuperviseOut::Command(token, writer, command));
     }
 
-    /// The safe pose for a robot that rests at `q`: the last one if the robot counts as being there, so that many rollbacks
-    /// to one vertex do not drift with the encoders' noise.
+    /// The safe pose for a robot that rests at `q`: the last one if the robot counts as being there, so that many
+    /// rollbacks to one vertex do not drift with the encoders' noise.
     fn safe_pose(&mut self, q: &Pose) -> Pose {
         let kept = self.book.safe.clone().filter(|safe| distance(safe, q) <= self.rules.tolerance);
         let safe = kept.unwrap_or_else(|| q.clone());
@@ -201,7 +217,8 @@ impl<'a> Step<'a> {
         self.book.open.as_ref().map(|open| open.agent.clone())
     }
 
-    /// The cause that was there first stays.
+    /// Why the open transaction fails. The cause that was there first stays: what comes later is often but its
+    /// consequence, as a board's fault after a collision.
     fn give_cause(&mut self, cause: Cause) {
         if let Some(open) = &mut self.book.open {
             open.cause.get_or_insert(cause);
@@ -216,9 +233,12 @@ impl<'a> Step<'a> {
 /// The state machine. Its transactions live in the ledger's book, which each step is handed.
 #[derive(Clone, Debug)]
 pub struct SuperviseCore {
-    /// The token as far as supervise knows.
+    /// The token as far as supervise knows: another one at the gate means that the reflex, or the death of an actor,
+    /// has closed it.
     token: u64,
+    /// The filter's state, as the ledger shows it to others.
     status: Status,
+    /// What is awaited before the filter may open.
     closing: Closing,
     /// The last stop that was told.
     stop: Stop,
@@ -236,6 +256,7 @@ pub struct SuperviseCore {
     modes: BTreeSet<usize>,
     /// Whether to close at the next boundary.
     yields: bool,
+    /// Whether the run ends: nothing is accepted any more.
     shutdown: bool,
     /// How much of a flood is heard.
     credits: Credits,
@@ -283,9 +304,11 @@ impl SuperviseCore {
         self.closing == Closing::No && matches!(self.status, Status::Rest | Status::Holding(_))
     }
 
-    /// One step.
+    /// One step: what is to be done about this input at the time `now`, in the order in which it is to be done; a
+    /// verdict comes first.
     pub fn on(&mut self, input: SuperviseIn, now: Time, shared: &mut Shared) -> Vec<SuperviseOut> {
         let step = &mut Step::new(shared, now);
+        // before anything is decided: a commit that comes after a death is judged with the filter closed
         self.note_death(step);
         match input {
             SuperviseIn::Commit(commit) => self.motion_asked(Revision::Commit(commit), true, step),
@@ -309,13 +332,15 @@ impl SuperviseCore {
             SuperviseIn::Pulse(pulse) => self.pulse(pulse, step),
             SuperviseIn::Tick => {
                 self.sum_up(step);
-                let stale = self.newest.as_ref().is_none_or(|newest| now > newest.at + step.rules.fresh);
+                // only a tick can notice this: what stays away does not step anybody
+                let stale = self.newest.as_ref().is_none_or(|newest| now > newest.sampled_at + step.rules.fresh);
                 let known = matches!(self.status, Status::Starting | Status::Holding(Hold::Stale));
                 if stale && !known && !matches!(self.closing, Closing::Settle(_)) {
                     self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
                 }
             }
             SuperviseIn::Fault(what) => {
+                // a board that is faulty says so at each question: once is enough
                 if self.status != Status::Holding(Hold::BoardFault) {
                     self.interrupt(Cause::BoardFault(what), Status::Holding(Hold::BoardFault), step);
                 }
@@ -326,6 +351,7 @@ impl SuperviseCore {
             SuperviseIn::Yield => self.yields = true,
             SuperviseIn::Resume => {
                 self.yields = false;
+                // not open at once: the part that was tried may have moved something
                 if self.closing == Closing::Yielded {
                     self.closing = Closing::Settle(now);
                 }
@@ -341,6 +367,7 @@ impl SuperviseCore {
                 self.shutdown = true;
                 if self.closing != Closing::No || self.is_moving() {
                     self.interrupt(Cause::Asked, Status::Holding(Hold::ShuttingDown), step);
+                    // nobody waits for rest any more: the outcome is what the newest reading shows
                     self.end(None, step);
                     self.closing = Closing::No;
                 }
@@ -356,8 +383,8 @@ impl SuperviseCore {
         std::mem::take(&mut step.out)
     }
 
-    /// Whether the robot rests with every outcome given, and nothing is left to be tried. One that no reading comes from any
-    /// more was at rest when it was last seen.
+    /// Whether the robot rests with every outcome given, and nothing is left to be tried. One that no reading comes
+    /// from any more was at rest when it was last seen.
     fn is_at_boundary(&self, step: &Step) -> bool {
         let lost = matches!(self.status, Status::Holding(Hold::Stale | Hold::BoardFault))
             && matches!(self.closing, Closing::Settle(_));
@@ -366,6 +393,7 @@ impl SuperviseCore {
         (self.is_settled() || lost) && rests && tells && step.book.open.is_none()
     }
 
+    /// Whether an agent's motion is under way, with the filter open as far as supervise knows.
     fn is_moving(&self) -> bool {
         matches!(self.status, Status::Moving | Status::Escaping)
     }
@@ -385,6 +413,7 @@ impl SuperviseCore {
         }
     }
 
+    /// The filter's next state, told once; that it starts is told each time, since each is another start.
     fn enter(&mut self, status: Status, step: &mut Step) {
         step.book.status = status;
         if std::mem::replace(&mut self.status, status) != status || status == Status::Starting {
@@ -392,7 +421,8 @@ impl SuperviseCore {
         }
     }
 
-    /// Closes the filter and stops the robot.
+    /// Closes the filter and stops the robot: all motors, whatever mode they are in. In this order: what an agent wrote
+    /// before the stop can't pass after it (I1).
     fn close(&mut self, cause: Cause, step: &mut Step) {
         self.motion = MotionState::default();
         self.token = step.gate.close();
@@ -401,7 +431,8 @@ impl SuperviseCore {
         step.command(token, Writer::Supervise, Command::Stop { motors: Vec::new() });
     }
 
-    /// Something ends the motion that is no matter for the reflex: close, stop, then measure.
+    /// Something ends the motion that is no matter for the reflex: close, stop, then measure. A reading shows the
+    /// stop's effect no earlier than a reaction later; before, a robot that is about to move on may look at rest.
     fn interrupt(&mut self, cause: Cause, status: Status, step: &mut Step) {
         self.close(cause.clone(), step);
         step.give_cause(cause);
@@ -414,6 +445,7 @@ impl SuperviseCore {
     fn note_death(&mut self, step: &mut Step) {
         let died = step.book.died.take();
         let Some(actor) = died else { return };
+        // a robot that never began to be supervised starts, it is not restarted
         let status = if self.status == Status::Starting { Status::Starting } else { Status::Holding(Hold::Restarted) };
         self.interrupt(Cause::ActorDied(actor), status, step);
     }

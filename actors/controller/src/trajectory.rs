@@ -1,11 +1,12 @@
-//! A motion under forces, as the controller kind `fields` streams it: the target attracts, limits, constraints and fields push.
+//! A motion under forces, as the controller kind `fields` streams it: the target attracts, limits, constraints and
+//! fields push.
 //!
 //! ```text
 //! torques of the fields ─┐
 //! target ────────────────┴─> law of each part ─> velocities ─> share of speed, acceleration ─> positions within limits
 //! ```
-//! The law acts upon a reference that the robot follows, not upon its readings, so that noise and latency of the board do
-//! not make it tremble; the reference never runs far ahead of the robot.
+//! The law acts upon a reference that the robot follows, not upon its readings, so that noise and latency of the board
+//! do not make it tremble; the reference never runs far ahead of the robot.
 
 use crate::{FieldRules, Rules};
 use mobee_contract::Pose;
@@ -13,7 +14,8 @@ use mobee_model::{ForceLaw, Influences};
 use std::ops::Range;
 use std::time::Duration;
 
-/// How far the reference may be ahead of the robot, in time at its greatest speed.
+/// How far the reference may be ahead of the robot, in time at its greatest speed. Farther, a robot that
+/// was held up would be let go with a jump.
 const AHEAD: Duration = Duration::from_millis(150);
 /// Share of the tolerance within which a slow reference goes straight to its target.
 const ARRIVED: f64 = 0.5;
@@ -27,12 +29,17 @@ const DRAW: f64 = 4.0;
 /// The state of a motion.
 #[derive(Clone, Debug)]
 pub struct ReferenceTrajectory {
+    /// The motors of each body part, and their law, aimed.
     laws: Vec<(Range<usize>, ForceLaw)>,
+    /// Where it is to come to, rad.
     target: Pose,
+    /// Whether each motor is to go there; the others stay.
     moves: Vec<bool>,
     /// Greatest speed of each motor in this motion, rad/s.
     caps: Vec<f64>,
+    /// Where the reference is, rad.
     q: Vec<f64>,
+    /// How fast it moves, rad/s.
     v: Vec<f64>,
 }
 
@@ -50,8 +57,8 @@ impl ReferenceTrajectory {
         }
     }
 
-    /// Gives it its target: these motors are to go there, none faster than its cap (rad/s). Motors that were moving before go on
-    /// to theirs in `target`.
+    /// Gives it its target: these motors are to go there, none faster than its cap (rad/s). Motors that were moving
+    /// before go on to theirs in `target`.
     pub fn aim(&mut self, fields: &FieldRules, target: &Pose, motors: &[(usize, f64)]) {
         for (m, cap) in motors {
             if let (Some(moves), Some(slot)) = (self.moves.get_mut(*m), self.caps.get_mut(*m)) {
@@ -67,7 +74,7 @@ impl ReferenceTrajectory {
         self.laws = fields.laws.iter().map(aimed).collect();
     }
 
-    /// Where it leads now.
+    /// Where it leads now, rad.
     pub fn q(&self) -> &[f64] {
         &self.q
     }
@@ -88,8 +95,8 @@ impl ReferenceTrajectory {
         moving.map(|(((q, v), here), moves)| if *moves { v + DRAW * (q - here) } else { 0.0 }).collect()
     }
 
-    /// One period of `secs` seconds: the forces act, and the reference moves on. `here` is the robot's newest reading, `torques`
-    /// what the fields do to its motors.
+    /// One period of `secs` seconds: the forces act, and the reference moves on. `here` is the robot's newest reading,
+    /// `torques` what the fields do to its motors.
     pub fn step(&mut self, here: &[f64], torques: &[f64], rules: &Rules, secs: f64) {
         if self.is_there() || here.len() != self.q.len() || secs <= 0.0 {
             self.v.fill(0.0);
@@ -134,7 +141,8 @@ impl ReferenceTrajectory {
         wanted
     }
 
-    /// Near its target and slow, the reference goes straight there: springs would take for ever.
+    /// Called at the end of a step. Near its target and slow, the reference goes straight there: springs would take for
+    /// ever.
     fn arrive(&mut self, rules: &Rules, secs: f64) {
         let near = ARRIVED * rules.tolerance;
         let mut ways = self.q.iter().zip(self.target.iter()).zip(&self.v).zip(&self.moves).filter(|(_, moves)| **moves);

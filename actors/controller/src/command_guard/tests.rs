@@ -187,6 +187,7 @@ fn a_reading_far_beyond_the_limits_is_named() {
         |q: f64| guard().is_beyond(&Sample { seq: 1, at: Time(0), q: vec![0.0, q].into(), done: vec![true; 2] });
     let (min, max) = (guard().rules.axes[1].min, guard().rules.axes[1].max);
     assert_eq!([min - 0.34, max + 0.34].map(beyond), [None, None]);
+    assert_eq!([min - BEYOND, max + BEYOND].map(beyond), [None, None], "the very bound is within it");
     for q in [min - 0.36, max + 0.36] {
         let what = beyond(q).unwrap();
         assert!(
@@ -237,6 +238,19 @@ fn what_was_written_is_told() {
         assert_eq!((kind.word(), &motors[..], q.len()), (name, &[1][..], 0));
         assert_eq!(&speed[..], if name == "reference" { &[(1, 0.3)][..] } else { &[] });
     }
+}
+
+/// A driver that makes moves of set-points leads moves, and nothing else; another one leads nothing.
+#[test]
+fn a_move_that_is_made_of_set_points_is_told_as_led() {
+    let led = |leads: bool, command: &Command| {
+        let mut guard = CommandGuard { leads, ..guard() };
+        let told = guard.took(0, Writer::Agent, command, Time(0));
+        let [Event::Command { led, .. }] = &told[..] else { panic!("{told:?}") };
+        *led
+    };
+    let (to, stop) = (Command::Move(target(&[0], &[0.1])), Command::Stop { motors: vec![0] });
+    assert_eq!([led(true, &to), led(true, &stop), led(false, &to), led(false, &stop)], [true, false, false, false]);
 }
 
 /// What waits is gone on with at most at the greatest speed of the motors, not before most of a period is over, and by no more than a

@@ -62,6 +62,18 @@ fn a_few_readings_that_a_late_thread_missed_are_no_gap() {
     assert!((history.period() - 0.01).abs() < 1e-12, "the period is that of the robot");
 }
 
+/// Before the period is known readings count as a usual board's: twenty that are missing are a gap.
+#[test]
+fn a_gap_is_known_before_the_period_is() {
+    let late = |missing: u64| {
+        let mut history = HistoryCore::new(100);
+        history.push(&mut pulse(0, 0, 0.0), Duration::from_secs(1));
+        history.push(&mut pulse(missing, 10 * missing, 0.2), Duration::from_secs(1));
+        path(&history, Time(0)).is_err()
+    };
+    assert_eq!([late(FEW), late(FEW + 1), late(20)], [false, true, true]);
+}
+
 /// A bunch of readings as from an encoder's clock that stood still: what is seen of the period then does not last.
 #[test]
 fn after_a_bunch_of_readings_the_speed_is_told_again() {

@@ -1,9 +1,12 @@
 //! Where each robot's retreat ends, and how all get there on one clock.
 //!
-//! Each ends at its own safe pose, if those that go on pass it there. What was recorded does: until the younger safe pose all
-//! move as they did, and while a robot rested where it now rests, the others passed it once already. The rest is checked,
-//! before anything is driven: where it is not free, the robot that would stand in the way goes back to its previous recorded
-//! rest, too; if there is none, the one that can't pass stops where the common past ends.
+//! Each ends at its own safe pose, if those that go on pass it there. What was recorded does: until the younger safe
+//! pose all move as they did, and while a robot rested where it now rests, the others passed it once already. The rest
+//! is checked, before anything is driven: where it is not free, the robot that would stand in the way goes back to its
+//! previous recorded rest, too; if there is none, the one that can't pass stops where the common past ends.
+//!
+//! Times here are those of the recorded past, running backwards; a way's own seconds run forwards from its beginning.
+//! Poses are in rad, distances between robots in metres.
 
 mod ease;
 
@@ -14,9 +17,10 @@ use mobee_contract::{Axis, Pose, Time};
 use mobee_model::{Scene, ShapeId, Watch};
 use std::sync::Arc;
 
-/// Share of a motor's greatest speed that a set-point may ask for.
+/// Share of a motor's greatest speed that a set-point may ask for: what is left is for catching up.
 const SHARE: f64 = 0.95;
-/// How far thinned way-points may be off the recorded path, rad.
+/// How far thinned way-points may be off the recorded path, rad: at an arm's length of a metre 4 mm, less than half of
+/// the usual margin.
 const THIN: f64 = 0.004;
 
 /// A robot that is to be taken back.
@@ -43,7 +47,9 @@ pub struct Participant {
 }
 
 impl Participant {
-    /// Cuts off a detour: what was recorded after the robot first was about where it is now, at a reading or between two.
+    /// Cuts off a detour: what was recorded after the robot first was about where it is now, at a reading or between
+    /// two. A retreat that failed has been recorded, too: gone back whole, the next try would lead into what stopped it
+    /// before it leads back out.
     pub fn without_detour(&mut self) {
         let near = 2.0 * self.rules.tolerance;
         let Some(here) = self.past.last().map(|r| r.q.clone()) else { return };
@@ -105,32 +111,42 @@ impl Way {
     }
 }
 
-/// A plan for robots that go together.
+/// A plan for robots that go together. Checked in slices by whoever asks, since all reflexes wait for it and none may
+/// be held up.
 #[derive(Clone, Debug)]
 pub struct Plan {
+    /// One for each robot.
     legs: Vec<Leg>,
     /// All times at which one of them was recorded, newest first.
     times: Vec<Time>,
     /// Which of these is to be checked next.
     next: usize,
+    /// What is where.
     scene: Arc<Scene>,
+    /// Looks for contacts from pose to pose, while there is something to be checked.
     watch: Option<Watch>,
 }
 
+/// One robot's part of a plan.
 #[derive(Clone, Debug)]
 struct Leg {
+    /// The robot.
     who: Participant,
-    /// Which recorded pose it ends at, and since when the robot had rested there.
+    /// Which recorded pose it ends at.
     end: usize,
+    /// Since when the robot had rested there, as it was recorded: until then the others passed it where it will rest.
     rested: Time,
+    /// Whether it ends too early, since another stands in its way.
     blocked: bool,
 }
 
 impl Leg {
+    /// When the pose was recorded that it ends at.
     fn ends_at(&self) -> Time {
         self.who.past.get(self.end).map_or(Time::ZERO, |r| r.at)
     }
 
+    /// Whether the robot was at rest in this recorded pose.
     fn rests(&self, index: usize) -> bool {
         self.who.past.get(index).is_some_and(|r| r.speed < self.who.rules.rest_speed)
     }
@@ -140,13 +156,15 @@ impl Leg {
         (0..=self.end).rev().take_while(|i| *i == self.end || self.rests(*i)).last().unwrap_or(self.end)
     }
 
+    /// Ends at this recorded pose.
     fn end_at(&mut self, index: usize) {
         self.end = index;
         let began = self.rest_began();
         self.rested = self.who.past.get(began).map_or(Time::ZERO, |r| r.at);
     }
 
-    /// Goes back to the rest before the one it ends in, if one was recorded.
+    /// Goes back to the rest before the one it ends in, if one was recorded: whether it does. Only to a rest, which is
+    /// a pose that somebody meant.
     fn go_farther(&mut self) -> bool {
         let earlier = (0..self.rest_began()).rev().find(|i| self.rests(*i));
         let found = earlier.filter(|_| !self.blocked);
@@ -154,7 +172,7 @@ impl Leg {
         found.is_some()
     }
 
-    /// Stops at that time, on its way.
+    /// Stops at that time, on its way: not at its safe pose, so that its retreat fails, and holds.
     fn stop_at(&mut self, time: Time) {
         self.end = self.who.past.partition_point(|r| r.at < time).min(self.who.past.len().saturating_sub(1));
         (self.rested, self.blocked) = (self.ends_at(), true);
@@ -173,7 +191,8 @@ impl Leg {
         self.recorded().iter().enumerate().map(sent).collect()
     }
 
-    /// The motors that it writes to: those of its motion; and, if it goes farther, those that were sent elsewhere since then.
+    /// The motors that it writes to: those of its motion; and, if it goes farther, those that were sent elsewhere since
+    /// then.
     fn motors(&self) -> Arc<[usize]> {
         if self.end >= self.who.start {
             return self.who.named.clone();
@@ -222,7 +241,8 @@ impl Plan {
         Some(Plan { legs, times, next: 0, scene, watch: None })
     }
 
-    /// Checks so many poses more; whether all is checked now.
+    /// Checks so many poses more; whether all is checked now. Whoever gives way changes what the others pass: then all
+    /// is checked from the beginning. That ends, since each gives way only towards its past, or once for good.
     pub fn check(&mut self, poses: usize) -> bool {
         let mut left = poses;
         while let Some(time) = self.times.get(self.next).copied() {
@@ -252,6 +272,7 @@ impl Plan {
         for leg in &self.legs {
             *poses.get_mut(leg.who.robot)? = leg.at(time).0;
         }
+        // the widest of them: who keeps more distance is not to be brought nearer by who keeps less
         let margin = self.legs.iter().map(|l| l.who.rules.margin).fold(0.0, f64::max);
         let watch = self.watch.get_or_insert_with(|| Watch::new(self.scene.clone(), margin + RELEASE));
         let leg_of = |shape: ShapeId| self.legs.iter().position(|l| Some(l.who.robot) == shape.robot());
@@ -259,8 +280,8 @@ impl Plan {
         found.into_iter().find(|(a, b)| a != b)
     }
 
-    /// One of two that would meet ends elsewhere: the one that would have rested longer goes farther, else the other stops where
-    /// all still move as they did. Whether that changed anything.
+    /// One of two that would meet ends elsewhere: the one that would have rested longer goes farther, else the other
+    /// stops where all still move as they did. Whether that changed anything.
     fn give_way(&mut self, a: usize, b: usize) -> bool {
         let common = self.legs.iter().map(Leg::ends_at).max().unwrap_or_default();
         let time = |leg: usize| self.legs.get(leg).map_or(Time::ZERO, Leg::ends_at);
@@ -277,8 +298,9 @@ impl Plan {
         }
     }
 
-    /// The ways, in the participants' order: the past backwards at the recorded rate (Algorithm 6), but for when all of them
-    /// rested, and no faster than the motors can; set-points gain and lose speed so that a robot that lags can do so with them.
+    /// The ways, in the participants' order: the past backwards at the recorded rate (Algorithm 6), but for when all of
+    /// them rested, and no faster than the motors can; set-points gain and lose speed so that a robot that lags can do
+    /// so with them.
     pub fn ways(&self) -> Vec<Way> {
         let last = self.legs.iter().map(Leg::ends_at).min().unwrap_or_default();
         let mut points: Vec<(f64, Pose)> = Vec::new();
@@ -293,6 +315,7 @@ impl Plan {
                 }
                 dwelt = !moved;
                 let recorded = if moved { later.since(*time).as_secs_f64() } else { 0.0 };
+                // a rest of all takes no time, a motion as long as it did, and neither less than the motors need
                 let (then, least) = points.last().map_or((0.0, 0.0), |(then, q)| (*then, self.least(q, &all)));
                 points.push((then + recorded.max(least), all));
             } else {
@@ -318,7 +341,8 @@ impl Plan {
         self.legs.iter().map(way).collect()
     }
 
-    /// How long the motors need at least from one pose of all robots to another, seconds.
+    /// How long the motors need at least from one pose of all robots to another, seconds: a motion of a second may have
+    /// been recorded as two readings with a rest between them, and must not be gone back as one.
     fn least(&self, from: &[f64], to: &[f64]) -> f64 {
         let axes = self.legs.iter().flat_map(|l| l.who.rules.axes.iter());
         let secs = |(axis, (a, b)): (&Axis, (&f64, &f64))| (a - b).abs() / (axis.max_speed * SHARE);
@@ -331,7 +355,7 @@ impl Plan {
     }
 }
 
-/// The points at which the path turns by more than [`THIN`].
+/// The points at which the path turns by more than [`THIN`]: a board plans between few moves, and stops at each.
 fn thin(points: Vec<(f64, Pose)>) -> Vec<(f64, Pose)> {
     let mut kept: Vec<(f64, Pose)> = Vec::new();
     let mut from = 0;
@@ -340,7 +364,7 @@ fn thin(points: Vec<(f64, Pose)>) -> Vec<(f64, Pose)> {
             kept.push(point.clone());
             continue;
         };
-        let straight = points.iter().enumerate().take(i).skip(from + 1).all(|(k, (_, p))| {
+        let straight = points.iter().enumerate().take(i).skip(from).all(|(k, (_, p))| {
             let part = (k - from) as f64 / (i - from) as f64;
             let on_line: Vec<f64> = a.iter().zip(point.1.iter()).map(|(a, b)| a + (b - a) * part).collect();
             distance(&on_line, p) <= THIN

@@ -1,7 +1,16 @@
-//! The retreat: what the reflex does while the filter is closed, from the stop to the word that all is well, or that it gave up.
+//! The retreat: what the reflex does while the filter is closed, from the stop to the word that all is well, or that it
+//! gave up.
+//!
+//! The part of Algorithm 6 between "stop" and "open". The paper drives the recorded poses backwards and opens; a robot
+//! whose readings may be late, frozen or wrong needs more: each phase has a time after which it gives up, what comes
+//! nearer than it was stops it, and no word is said before the readings show rest (I9, I17).
+//!
+//! Two clocks: `sampled_at` is when a reading was taken, and judges what it shows; `now` is when it is heard, and
+//! spaces what is written. Readings that were held up come in a bunch: judged by `now` they would prove a rest from
+//! before the stop, and set-points spaced by `sampled_at` would be written all at once.
 
 use super::retreat::{Parted, Retreat};
-use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Then};
+use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Still, Then};
 use crate::distance;
 use crate::joint_retreat::{Answer, Asked};
 use crate::pulse::Pulse;
@@ -9,11 +18,15 @@ use mobee_contract::{Command, ControlMode, Event, Hold, Time};
 use mobee_model::Contact;
 use std::time::Duration;
 
-/// How long the robot may take to come to rest before it is stopped once more, to follow on its way, or to settle at its end.
+/// How long the robot may take to come to rest before it is stopped once more, to follow on its way, or to settle at
+/// its end. Long beside braking, so that only what does not obey is given up.
 const PATIENCE: Duration = Duration::from_secs(3);
 
 impl ReflexCore {
-    /// The filter is closed by us or for us.
+    /// A reading while the filter is closed by us or for us.
+    ///
+    /// In each phase what forbids going on is asked before what would end it: a robot that has arrived in contact has
+    /// not arrived.
     pub(super) fn act(&mut self, pulse: &Pulse, step: &mut Step) {
         let (rules, names) = (step.rules, step.names);
         // what a reading shows is judged by when it was read, what is written is spaced by the clock
@@ -23,10 +36,12 @@ impl ReflexCore {
             Phase::Watching => {}
             Phase::Stopping { token, since, then } => {
                 let token = *token;
+                // while it brakes it goes on into what it touched: the way back leads through there once more, and may
                 self.floors.note(&pulse.contacts);
                 if self.stop.is_ignored(pulse, rules, now) {
                     step.stop(token);
                 }
+                // an earlier reading at rest may be from before the stop had its effect
                 if sampled_at >= *since + rules.reaction() && at_rest {
                     match then.clone() {
                         Then::Retreat(_) => self.ask(step),
@@ -39,13 +54,17 @@ impl ReflexCore {
                     step.joint_retreat.coming(self.robot, now);
                 }
             }
-            Phase::Retreating { token, retreat, back, violated, mark } => {
+            Phase::Retreating { token, retreat, back, violated, still } => {
                 let token = *token;
-                if mark.0 != pulse.unchanged {
-                    *mark = (pulse.unchanged, retreat.written().to_vec(), sampled_at);
+                if still.unchanged != pulse.unchanged {
+                    let (unchanged, written) = (pulse.unchanged, retreat.written().to_vec());
+                    *still = Still { unchanged, written, sampled_at };
                 }
-                let frozen = sampled_at.since(mark.2) >= FROZEN && distance(retreat.written(), &mark.1) > FROZEN_WAY;
+                // by the way of the set-points, too: at a recorded rest readings may well be equal for long
+                let long = sampled_at.since(still.sampled_at) >= FROZEN;
+                let frozen = long && distance(retreat.written(), &still.written) > FROZEN_WAY;
                 let broken = self.floors.broken(&pulse.contacts).copied();
+                // one that was violated as the retreat began is what it leads out of
                 let newly_violated = pulse.violated.is_some() && !*violated;
                 if frozen {
                     self.give_up(
@@ -65,6 +84,8 @@ impl ReflexCore {
                     match retreat.step(step.joint_retreat, &pulse.sample, now, rules) {
                         Ok(command) => step.out.extend(command.map(|c| ReflexOut::Command(token, c))),
                         Err(Parted) => {
+                            // the plan was for all of them: without the lost one it proves nothing, so each goes by
+                            // itself
                             let then = Then::Retreat(Back { again: true, ..back.clone() });
                             step.stop(token);
                             step.joint_retreat.leave(self.robot);
@@ -74,6 +95,7 @@ impl ReflexCore {
                     }
                     if retreat.is_over() {
                         let (retreat, violated) = (retreat.clone(), *violated);
+                        // no `turn`: it stays where it is on the common clock, for those that are still under way
                         let since = retreat.arrival(now);
                         self.phase = Phase::Settling { token, since, retreat, violated };
                         step.out.push(ReflexOut::ReflexReport(ReflexReport::Settling));
@@ -90,11 +112,13 @@ impl ReflexCore {
                     && at_rest
                     && distance(&pulse.sample.q, &way.end.1) <= rules.tolerance
                 {
+                    // it came as far as it was sent, but that is not its safe pose
                     if way.blocked {
                         let what = "another robot, which stands in the way, can't go back farther".into();
                         self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);
                         return;
                     }
+                    // at the safe pose it was free: a distance within the hysteresis is no contact there
                     for pair in self.contacts.settle() {
                         step.emit(Event::ContactEnded { robot: step.robot(), names: names(pair) });
                     }
@@ -108,6 +132,7 @@ impl ReflexCore {
                         step,
                     );
                 } else if at_rest {
+                    // beside its end: the last set-point may have been lost as the lease ran out
                     step.out.extend(retreat.again(&pulse.sample, now, rules).map(|c| ReflexOut::Command(token, c)));
                 }
             }
@@ -115,6 +140,9 @@ impl ReflexCore {
     }
 
     /// The robot rests: ask for the retreat, and begin it once it is known.
+    ///
+    /// Asked at each reading until there is an answer: others that are coming to rest are waited for, and the plan is
+    /// checked in slices.
     pub(super) fn ask(&mut self, step: &mut Step) {
         let Phase::Stopping { token, then: Then::Retreat(back), .. } = &self.phase else { return };
         let (token, mut back) = (*token, back.clone());
@@ -127,6 +155,7 @@ impl ReflexCore {
                 step.out.push(ReflexOut::Bring(Asked { robot: self.robot, safe, again, named, places }));
             }
             Answer::Go(way) => {
+                // another robot has to pass where this one would rest: an earlier rest is its safe pose from now on
                 if way.farther {
                     back.safe = way.end.clone();
                 }
@@ -139,21 +168,24 @@ impl ReflexCore {
                 step.out.push(ReflexOut::Command(token, retreat.begin()));
                 step.out.push(ReflexOut::ReflexReport(ReflexReport::Retreating));
                 step.out.extend(farther.map(ReflexOut::ReflexReport));
-                let mark = (Time::ZERO, retreat.written().to_vec(), step.now);
+                let written = retreat.written().to_vec();
+                let still = Still { unchanged: Time::ZERO, written, sampled_at: step.now };
                 let violated = self.violated;
-                self.phase = Phase::Retreating { token, retreat, back, violated, mark };
+                self.phase = Phase::Retreating { token, retreat, back, violated, still };
             }
         }
     }
 
+    /// The retreat ends where it is: stop, tell the journal why, and say so to supervise once the robot rests. `seen`
+    /// is when the reading was taken that shows the reason.
     fn give_up(&mut self, token: u64, reason: Hold, what: String, seen: Time, step: &mut Step) {
         step.stop(token);
         step.emit(Event::RetreatStopped { robot: step.robot(), reason, what, seen });
         self.turn(Phase::Stopping { token, since: step.now, then: Then::Say(ReflexReport::GaveUp(reason)) }, step);
     }
 
-    /// The robot does not come to rest, or its readings don't: stop it once more, and say nothing before it rests (I17). A
-    /// path that it may have left long ago is not driven back.
+    /// The robot does not come to rest, or its readings don't: stop it once more, and say nothing before it rests
+    /// (I17). A path that it may have left long ago is not driven back.
     fn stop_again(&mut self, token: u64, then: Then, seen: Time, step: &mut Step) {
         if let Then::Say(_) = then {
             step.stop(token);
@@ -164,7 +196,8 @@ impl ReflexCore {
         }
     }
 
-    /// The robot rests: restore the control modes and tell.
+    /// The robot rests: restore the control modes and tell. The modes first: supervise may open the filter by the very
+    /// next reading, and an agent's move in the mode of set-points would be a jump.
     pub(super) fn say(&mut self, token: u64, word: ReflexReport, step: &mut Step) {
         let motors = self.stopped.to_vec();
         if !motors.is_empty() {
@@ -175,6 +208,7 @@ impl ReflexCore {
     }
 }
 
+/// Why a retreat is blocked, in words: by this contact, or, without one, by a constraint.
 fn blocked(contact: Option<Contact>, names: &Names) -> String {
     let Some(c) = contact else { return "a constraint would be violated".into() };
     let (a, b) = names(c.pair);

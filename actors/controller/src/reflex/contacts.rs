@@ -1,4 +1,8 @@
 //! Contacts with hysteresis: one begins below the margin and ends above margin + 2 mm.
+//!
+//! Distances are signed, metres, and move with the encoders' noise: with one threshold a robot that rests at the margin
+//! would be in contact and free by turns, and the filter would open and close with it (I27). A contact is a *pair* of
+//! shapes: which of its points is nearest may change as the robot slides along.
 
 use crate::{DEEPER, RELEASE};
 use mobee_model::{Contact, Pair};
@@ -7,6 +11,7 @@ use std::sync::Arc;
 /// A present contact.
 #[derive(Clone, Debug)]
 struct Touch {
+    /// As the newest reading has it.
     contact: Contact,
     /// Whether distance zero was told, or is not the robot's doing.
     hard: bool,
@@ -26,25 +31,30 @@ pub struct Changes {
 /// The contacts of one robot.
 #[derive(Clone, Debug)]
 pub struct Contacts {
+    /// Below this distance a contact begins, metres.
     margin: f64,
+    /// The scene's count of edits in the reading before.
     epoch: u64,
+    /// Those that began and have not ended, oldest first.
     present: Vec<Touch>,
+    /// The same for others to keep: cloned with each pulse, made anew only when something changed.
     shown: Arc<[Contact]>,
 }
 
 impl Contacts {
-    /// None yet.
+    /// None yet; contacts begin below `margin`, metres.
     pub fn new(margin: f64) -> Contacts {
         Contacts { margin, epoch: 0, present: Vec::new(), shown: Vec::new().into() }
     }
 
-    /// Takes in all pairs nearer than margin + 2 mm. `back`: whether the robot is being taken back, which is not followed to the
-    /// hair: what it passed just beyond the margin touches only once it stops the retreat. `moving`: whether the robot may be
-    /// the one who caused them; `epoch`: the scene they were found in, since what an edit puts onto the robot is not the
-    /// robot's doing either.
+    /// Takes in all pairs nearer than margin + 2 mm. `back`: whether the robot is being taken back, which is not
+    /// followed to the hair: what it passed just beyond the margin touches only once it stops the retreat. `moving`:
+    /// whether the robot may be the one who caused them; `epoch`: the scene they were found in, since what an edit puts
+    /// onto the robot is not the robot's doing either.
     pub fn update(&mut self, near: &[Contact], back: bool, moving: bool, epoch: u64) -> Changes {
         let mut changes = Changes::default();
         let edited = std::mem::replace(&mut self.epoch, epoch) != epoch;
+        // the usual case, a hundred times a second: nothing is made anew
         if near.is_empty() && self.present.is_empty() {
             return changes;
         }
@@ -66,6 +76,7 @@ impl Contacts {
                 changes.began.push(*c);
             }
         }
+        // once per contact, however long it presses; one that an edit put there is never told
         for touch in self.present.iter_mut().filter(|t| t.contact.distance <= 0.0 && !t.hard) {
             touch.hard = true;
             if moving && !edited {
@@ -91,6 +102,7 @@ impl Contacts {
         ended
     }
 
+    /// What is present is what others are shown.
     fn show(&mut self) {
         self.shown = self.present.iter().map(|t| t.contact).collect();
     }
@@ -102,8 +114,12 @@ impl Contacts {
 }
 
 /// How near pairs may come while the robot backs out of contact: none begins, none gets deeper than it has been.
+///
+/// The margin alone can't tell: a retreat begins in contact, so a watch that stops at the margin would stop every
+/// retreat at once, and one that is off would push through whatever came into the way since (I9, I24).
 #[derive(Clone, Debug, Default)]
 pub struct Floors {
+    /// What a pair may come to that has not been nearer, metres.
     margin: f64,
     /// The least distances that were read so far.
     least: Vec<Contact>,
@@ -115,7 +131,8 @@ impl Floors {
         Floors { margin, least: near.to_vec() }
     }
 
-    /// The pairs near it in another reading, before it is taken back: the way leads through there again.
+    /// The pairs near it in another reading, before it is taken back: the way leads through there again. The nearest of
+    /// each pair counts.
     pub fn note(&mut self, near: &[Contact]) {
         for c in near {
             match self.least.iter_mut().find(|l| l.pair == c.pair) {
@@ -126,12 +143,13 @@ impl Floors {
         }
     }
 
-    /// The pairs that touched, each where it was nearest.
+    /// The pairs that touched, each where it was nearest: what the journal tells a retreat to be from.
     pub fn touched(&self) -> Vec<Contact> {
         self.least.iter().filter(|c| c.distance < self.margin).copied().collect()
     }
 
-    /// The first pair that is nearer than it may be.
+    /// The first pair that is nearer than it may be, by more than [`DEEPER`]: what presses against something gives a
+    /// little as it starts.
     pub fn broken<'a>(&self, near: &'a [Contact]) -> Option<&'a Contact> {
         near.iter().find(|c| {
             let start = self.least.iter().find(|l| l.pair == c.pair).map_or(self.margin, |l| l.distance);
@@ -208,7 +226,8 @@ mod tests {
         assert_eq!(contacts.present()[..], [near(2, 9.5)]);
     }
 
-    /// On its way out of contact the robot may come as near as it has been, and to the margin elsewhere; a millimetre is granted.
+    /// On its way out of contact the robot may come as near as it has been, and to the margin elsewhere; a millimetre
+    /// is granted.
     #[test]
     fn nothing_comes_nearer_than_it_has_been() {
         let mut floors = Floors::new(MARGIN, &[near(1, 4.0), near(2, 15.0)]);
@@ -217,6 +236,8 @@ mod tests {
         assert_eq!((broken(&floors, 1, 3.1), broken(&floors, 1, 2.9)), (None, hit(1)));
         assert_eq!((broken(&floors, 2, 9.1), broken(&floors, 2, 8.9)), (None, hit(2)), "it was free");
         assert_eq!((broken(&floors, 3, 9.1), broken(&floors, 3, 8.9)), (None, hit(3)), "it was not near");
+        let granted = Contact { distance: MARGIN - DEEPER, ..near(3, 0.0) };
+        assert_eq!(floors.broken(&[granted]), None, "all of the millimetre");
         floors.note(&[near(1, 2.0), near(2, 16.0), near(3, 5.0)]);
         floors.note(&[near(1, 6.0)]);
         assert_eq!((broken(&floors, 1, 1.1), broken(&floors, 1, 0.9)), (None, hit(1)), "the deepest counts");

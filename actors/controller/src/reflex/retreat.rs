@@ -1,4 +1,10 @@
-//! The retreat: the recorded poses backwards at the recorded rate (Algorithm 6), on the clock of all that go back together.
+//! The retreat: the recorded poses backwards at the recorded rate (Algorithm 6), on the clock of all that go back
+//! together.
+//!
+//! Two ways to drive one, by what the board can do. Streamed (`direct`): a set-point per period, where the clock says
+//! the robot is on its way; the clock stops for a robot that does not follow. By way-points: few moves, each sent when
+//! the one before has been reached; the board plans between them, within [`crate::joint_retreat`]'s tolerance of the
+//! recorded path.
 
 use super::FROZEN_WAY;
 use crate::joint_retreat::{JointRetreat, Way};
@@ -11,9 +17,13 @@ use std::time::Duration;
 pub struct Retreat {
     /// Its robot, by index.
     robot: usize,
+    /// Where it leads.
     way: Way,
+    /// How far on its way the robot is sent, seconds.
     clock: f64,
+    /// The first of the way's points that has not been passed, or moved to, yet.
     next: usize,
+    /// When the last set-point was written; of a way-point, when the reading was taken that it was written at.
     last: Time,
     /// What was last written to the way's motors.
     written: Vec<f64>,
@@ -26,7 +36,8 @@ pub struct Retreat {
 pub struct Parted;
 
 impl Retreat {
-    /// Of a robot, on this way.
+    /// Of a robot, on this way. The first command after [`Retreat::begin`] waits for a reaction: the board ignores
+    /// set-points before it is in their mode.
     pub fn new(robot: usize, way: Way, rules: &Rules, now: Time) -> Retreat {
         let written = way.points.first().map(|(_, q)| way.of(q)).unwrap_or_default();
         Retreat { robot, way, clock: 0.0, next: 1, last: now + rules.reaction(), written, behind: None }
@@ -53,7 +64,7 @@ impl Retreat {
         &self.written
     }
 
-    /// How long the robot has not followed.
+    /// How long the robot has not followed, by the clock: zero for one that does.
     pub fn waits(&self, now: Time) -> Duration {
         self.behind.map_or(Duration::ZERO, |since| now.since(since))
     }
@@ -63,7 +74,7 @@ impl Retreat {
         self.next >= self.way.points.len()
     }
 
-    /// The time of the point before this one, seconds on the way.
+    /// The time of the point before this one, seconds on the way; zero for the first.
     fn secs(&self, next: usize) -> f64 {
         next.checked_sub(1).and_then(|i| self.way.points.get(i)).map_or(0.0, |(t, _)| *t)
     }
@@ -97,6 +108,7 @@ impl Retreat {
         }
     }
 
+    /// The streamed way: where the clock is now.
     fn set_point(
         &mut self,
         joint_retreat: &JointRetreat,
@@ -110,6 +122,7 @@ impl Retreat {
         if elapsed < 0.75 * period {
             return Ok(None);
         }
+        // a robot behind its set-points would cut the corner to them, off the path that is known to be free
         let follows = self.is_followed(sample, now, rules);
         self.behind = if follows { None } else { self.behind.or(Some(now)) };
         let most = if follows { self.clock + elapsed } else { self.clock };
@@ -120,9 +133,11 @@ impl Retreat {
         Ok(Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() }))
     }
 
-    /// The last set-point once more, if the robot rests beside it: it may have come as the lease was over, or never.
+    /// The last set-point once more, if the robot rests beside it: it may have come as the lease was over, or never. A
+    /// reaction apart, so that the one before may show first.
     pub fn again(&mut self, sample: &Sample, now: Time, rules: &Rules) -> Option<Command> {
         let apart = distance(&self.way.of(&sample.q), &self.written);
+        // farther than a degree it is not late but elsewhere: to send it straight from there is nobody's recorded path
         let beside = apart > rules.tolerance && apart <= FROZEN_WAY;
         if !(self.way.direct && beside && now >= self.last + rules.reaction()) {
             return None;
@@ -131,9 +146,11 @@ impl Retreat {
         Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() })
     }
 
-    /// Whether each motor is where it was sent within its reaction, to a degree. A board without a lease, or one that is held up,
-    /// is not: to go on without the robot would lead it straight to where the clock is then, beside its recorded path.
+    /// Whether each motor is where it was sent within its reaction, to a degree. A board without a lease, or one that
+    /// is held up, is not: to go on without the robot would lead it straight to where the clock is then, beside its
+    /// recorded path.
     fn is_followed(&self, sample: &Sample, now: Time, rules: &Rules) -> bool {
+        // what it was sent to since then may still be on its way to the board, or the reading on its way from it
         let since = self.clock - (rules.reaction() + now.since(sample.at)).as_secs_f64();
         let first = self.way.points.partition_point(|(t, _)| *t <= since).saturating_sub(1);
         let sent = |m: usize| {
@@ -146,7 +163,7 @@ impl Retreat {
         })
     }
 
-    /// Where its motors are at the clock's time.
+    /// Where its motors are at the clock's time: on the line between the two points about it, rad.
     fn positions(&self) -> Vec<f64> {
         let before = self.next.checked_sub(1).and_then(|i| self.way.points.get(i));
         match (before, self.way.points.get(self.next)) {
@@ -158,7 +175,8 @@ impl Retreat {
         }
     }
 
-    /// Within the limits of its motors.
+    /// Within the limits of its motors: readings beside a limit may lie beyond it by the encoders' noise, commands
+    /// never do (I5).
     fn limited(&self, mut q: Vec<f64>, rules: &Rules) -> Vec<f64> {
         for (m, q) in self.way.motors.iter().zip(&mut q) {
             *q = rules.axes.get(*m).map_or(*q, |axis| within(*q, axis));
@@ -166,6 +184,7 @@ impl Retreat {
         q
     }
 
+    /// The way by moves: the next one, once all that go along have reached the one before.
     fn way_point(
         &mut self,
         joint_retreat: &JointRetreat,
@@ -173,8 +192,10 @@ impl Retreat {
         now: Time,
         rules: &Rules,
     ) -> Result<Option<Command>, Parted> {
+        // "done" in a reading from before the board heard of the move is the end of the move before it
         let reacted = sample.at >= self.last + rules.reaction();
         let here = self.way.of(&sample.q);
+        // a board may say "done" a little early
         let near = distance(&here, &self.written) <= 3.0 * rules.tolerance;
         let there = reacted && near && sample.done.iter().all(|d| *d);
         let reached = if there { self.next } else { self.next.saturating_sub(1) };
@@ -185,6 +206,7 @@ impl Retreat {
         let pace =
             |(axis, (a, b)): (&mobee_contract::Axis, (&f64, f64))| (a - b).abs() / (axis.max_speed * secs.max(1e-3));
         let axes = self.way.motors.iter().filter_map(|m| rules.axes.get(*m));
+        // as fast as it came, but never so slowly that a noisy pair of readings stops the way
         let speed = axes.zip(q.iter().zip(here)).map(pace).fold(0.01, f64::max).min(1.0);
         self.written = q;
         self.next += 1;

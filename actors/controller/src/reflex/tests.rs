@@ -326,6 +326,41 @@ fn a_constraint_that_is_violated_at_rest_closes_the_filter() {
     assert_eq!(closed(2, true), (true, false));
 }
 
+/// The distances of a reading are told as contacts of this robot; distance zero as one that it drove into, unless it rested.
+#[test]
+fn what_touches_is_told_with_the_robot_that_it_touches() {
+    for (status, driven) in [(Status::Moving, true), (Status::Rest, false), (Status::Holding(Hold::Stale), false)] {
+        let mut reflex = Alone::new(rules(true));
+        let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
+        let near = Contact { pair, distance: -0.001, points: Default::default() };
+        let sample = Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false] };
+        let (at, mut pulse) = (sample.at, Pulse::new(sample, &vec![near].into()));
+        let out = reflex.read(&mut pulse, None, status, at);
+        let began = |o: &ReflexOut| matches!(o, ReflexOut::Event(Event::ContactBegan { robot, .. }) if robot == "arm");
+        let hard = |o: &ReflexOut| matches!(o, ReflexOut::Event(Event::HardContact { robot, .. }) if robot == "arm");
+        assert_eq!((out.iter().any(began), out.iter().any(hard)), (true, driven), "{status:?}: {out:?}");
+    }
+}
+
+/// What supervise does not call an escape is none, and what has a safe pose is none either: a contact closes at once.
+#[test]
+fn only_an_escape_may_be_in_contact() {
+    let closes = |status: Status, safe: Option<f64>| {
+        let mut reflex = Alone::new(rules(true));
+        reflex.gate.open(reflex.gate.token()).unwrap();
+        let safe = safe.map(|q: f64| (Time::ZERO, vec![q].into()));
+        let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+        let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
+        let near = Contact { pair, distance: 0.005, points: Default::default() };
+        let sample = Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false] };
+        let (at, mut pulse) = (sample.at, Pulse::new(sample, &vec![near].into()));
+        reflex.read(&mut pulse, Some(&motion), status, at);
+        !reflex.gate.is_open()
+    };
+    assert!(!closes(Status::Escaping, None), "it sets out in contact");
+    assert!(closes(Status::Moving, None) && closes(Status::Escaping, Some(0.0)) && closes(Status::Moving, Some(0.0)));
+}
+
 /// A robot that becomes slower all the time, and does not come to rest, is stopped again every three seconds.
 #[test]
 fn who_does_not_come_to_rest_is_stopped_again() {

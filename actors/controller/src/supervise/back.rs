@@ -1,4 +1,8 @@
-//! The retreat as supervise sees it: it asks the reflex for one, hears how it goes, and may have one that failed tried again.
+//! The retreat as supervise sees it: it asks the reflex for one, hears how it goes, and may have one that failed tried
+//! again.
+//!
+//! The reflex drives, supervise keeps the books: only it gives outcomes and opens the filter. What passes between them
+//! are messages, which may come late or after somebody has closed anew; each is judged by the token that it belongs to.
 
 use super::{Closing, MotionState, Step, SuperviseCore, SuperviseOut};
 use crate::reflex::ReflexReport;
@@ -21,7 +25,9 @@ impl SuperviseCore {
         }
     }
 
-    /// The reflex closed the filter; the motors that had a part in it, if that is known.
+    /// The reflex closed the filter; the motors that had a part in it, if that is known. In mid-motion the reflex takes
+    /// the robot back by itself; at rest there is nothing to be taken back, and the way out of the contact is an
+    /// escape.
     pub(super) fn closed(&mut self, token: u64, (cause, blamed): (Cause, Option<BTreeSet<usize>>), step: &mut Step) {
         if token != step.gate.token() {
             return; // somebody closed it anew since
@@ -39,7 +45,8 @@ impl SuperviseCore {
         }
     }
 
-    /// How the retreat goes.
+    /// How the retreat goes. A word counts only while a retreat is awaited, and under the present token: it may be the
+    /// last of one that has been overtaken by a stop.
     pub(super) fn word(&mut self, word: ReflexReport, step: &mut Step) {
         if self.closing != Closing::Reflex || self.token != step.gate.token() {
             return;
@@ -47,6 +54,7 @@ impl SuperviseCore {
         if let (Some(again), ReflexReport::Back | ReflexReport::Stopped | ReflexReport::GaveUp(_)) =
             (&self.retry, &word)
         {
+            // a retreat that is tried again moves motors of a motion that has its outcome, and is no longer open
             self.resting.commanded(&again.named);
         }
         match word {
@@ -56,6 +64,7 @@ impl SuperviseCore {
             }
             ReflexReport::Settling => self.enter(Status::Settling, step),
             ReflexReport::Farther((at, q), motors) => {
+                // from now on the earlier rest is where it must end, to be rolled back and not faulted
                 if let Some(open) = &mut step.book.open {
                     open.name(&motors);
                     open.safe = Some((at, q.clone()));
@@ -73,6 +82,7 @@ impl SuperviseCore {
             }
             ReflexReport::GaveUp(hold) => {
                 self.modes.clear();
+                // kept for `recover`: what stood in the way may be taken away
                 self.retry = self.retry.take().or(step.book.motion()).filter(|m| !m.is_escape());
                 self.end(Some(Outcome::Faulted), step);
                 self.closing = if hold == Hold::Stale { Closing::Settle(step.now) } else { Closing::No };
@@ -87,7 +97,7 @@ impl SuperviseCore {
         holds && (self.retry.is_some() || self.status == Status::Holding(Hold::AfterCrash))
     }
 
-    /// Tries the failed retreat again.
+    /// Tries the failed retreat again, as a person asked for it: nothing else moves a robot that holds after one.
     pub(super) fn recover(&mut self, step: &mut Step) {
         if !self.can_recover() {
             return;

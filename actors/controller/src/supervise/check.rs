@@ -1,4 +1,7 @@
 //! What a commit must satisfy before anything else is asked (I5).
+//!
+//! First of all, so that what an agent got wrong is said to it whatever state the robot is in. The command guard asks
+//! the same again before the driver: there it is a defect of ours, here an answer to a stranger.
 
 use crate::Rules;
 use mobee_contract::{Commit, Refusal, Setpoints, Target, Values};
@@ -8,6 +11,7 @@ use mobee_contract::{Commit, Refusal, Setpoints, Target, Values};
 /// # Errors
 /// The first thing that does not.
 pub fn check(target: &Target, rules: &Rules) -> Result<(), Refusal> {
+    // so, and not `<= 0.0 ||`: it is false for what is no number
     if !(target.speed > 0.0 && target.speed <= 1.0) {
         return Err(Refusal::Speed { speed: target.speed.to_string() });
     }
@@ -32,7 +36,7 @@ pub fn check_setpoints(setpoints: &Setpoints, rules: &Rules) -> Result<(), Refus
     }
 }
 
-/// Each motor once, with one finite number.
+/// Each motor once, with one finite number: a motor that is named twice would be asked for two things at once.
 fn shape(motors: &[usize], values: &[f64], rules: &Rules) -> Result<(), Refusal> {
     let malformed = |what: String| Err(Refusal::Malformed { what });
     if motors.is_empty() {
@@ -56,6 +60,10 @@ fn shape(motors: &[usize], values: &[f64], rules: &Rules) -> Result<(), Refusal>
     Ok(())
 }
 
+/// Each position within its motor's limits, which are inclusive, rad; the refusal tells degrees, as people give them.
+///
+/// # Errors
+/// The first that is not.
 fn limits(motors: &[usize], q: &[f64], rules: &Rules) -> Result<(), Refusal> {
     for (motor, q) in motors.iter().zip(q) {
         let Some(axis) = rules.axes.get(*motor) else { continue };

@@ -1,4 +1,8 @@
 //! Algorithm 5: a command arrives, and is refused, accepted as a new transaction, or joins the open one.
+//!
+//! The paper passes a command on if the filter is open. Here it is asked, too, whether the newest reading is fresh, at
+//! rest and free: its pose becomes the safe pose, and the promise that it is one is worth as much as that reading (I4,
+//! I8).
 
 use super::check::{check, check_speeds};
 use super::{Closing, MotionState, Reading, Started, Step, SuperviseCore, SuperviseOut};
@@ -10,26 +14,31 @@ use mobee_contract::{
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How many times longer than the straight way a motion under forces may take.
+/// How many times longer than the straight way a motion under forces may take: it goes round what is near, and slows
+/// down beside it.
 const DETOUR_FACTOR: u32 = 3;
-/// Greatest share of a motor's speed that a motion under forces uses: what is streamed must be followed.
+/// Greatest share of a motor's speed that a motion under forces uses: what is streamed must be followed, which takes a
+/// little more speed than the reference has.
 const FASTEST: f64 = 0.9;
 
 impl SuperviseCore {
     /// Algorithm 5: a command arrives.
     pub(super) fn commit(&mut self, commit: Commit, step: &mut Step) -> Verdict {
+        // what can never be is said before what can't be now: its agent should mend it, not try again
         check(&commit.target, step.rules)?;
         check_speeds(&commit, step.rules)?;
         if !self.credits.commits.take(step.now) {
             return Err(Refusal::Busy);
         }
+        // after the checks and before anything is told: refusals have credit of their own
         match self.admit(step)? {
             Way::Join { here } => self.amend(commit, &here, step),
-            Way::Begin { here, at, speed } => {
-                let safe = self.take_safe(at, &here, speed, step);
+            Way::Begin { here, sampled_at, speed } => {
+                let safe = self.take_safe(sampled_at, &here, speed, step);
                 self.accept(commit, Some(safe), here, step)
             }
             Way::Escape { here, .. } => {
+                // opened for this commit alone: the reflex lets it creep, and closes at anything that gets worse
                 let Some(token) = step.gate.open(self.token) else { return Err(Refusal::Closed) };
                 self.token = token;
                 step.emit(Event::Enabled { robot: step.robot(), token });
@@ -47,36 +56,41 @@ impl SuperviseCore {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
         }
         let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
-        let Some(Reading { at, q: here, speed, at_rest, free }) = self.newest.clone() else {
+        let Some(Reading { sampled_at, q: here, speed, at_rest, free }) = self.newest.clone() else {
             return not_ready("a first reading of the encoders");
         };
-        if step.now > at + step.rules.fresh {
+        if step.now > sampled_at + step.rules.fresh {
             return not_ready("fresh readings of the encoders");
         }
+        // by the state, and within it by the newest reading; the token last, since the reflex may have closed at this
+        // very reading
         match self.status {
             Status::Starting => not_ready("the robot to come to rest"),
             Status::Stopping | Status::Retreating | Status::Settling => Err(Refusal::Closed),
             Status::Holding(reason) if self.closing != Closing::No => Err(Refusal::Holding { reason }),
             Status::Rest | Status::Moving | Status::Escaping if step.gate.token() != self.token => Err(Refusal::Closed),
             Status::Moving | Status::Escaping => Ok(Way::Join { here }),
-            // the filter may have opened by a reading before the contact began: the reflex will close it at the next one
+            // the filter may have opened by a reading before the contact began: the reflex will close it at the next
+            // one
             Status::Rest if !free => Err(Refusal::Holding { reason: Hold::InContact }),
             Status::Holding(reason @ (Hold::AfterCrash | Hold::SlowBoard)) => Err(Refusal::Holding { reason }),
             // something moves it, though it was at rest: no pose to come back to (I4)
             Status::Rest | Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
-            Status::Rest => Ok(Way::Begin { here, at, speed }),
+            Status::Rest => Ok(Way::Begin { here, sampled_at, speed }),
             Status::Holding(reason) => Ok(Way::Escape { here, reason }),
         }
     }
 
-    /// Takes the safe pose of a new transaction from a reading at rest.
-    pub(super) fn take_safe(&self, at: Time, q: &Pose, speed: f64, step: &mut Step) -> (Time, Pose) {
+    /// Takes the safe pose of a new transaction from a reading at rest (I4): the pose, rad, and when it was read, by
+    /// which the history finds the path back to it.
+    pub(super) fn take_safe(&self, sampled_at: Time, q: &Pose, speed: f64, step: &mut Step) -> (Time, Pose) {
         let safe = step.safe_pose(q);
-        let (robot, age) = (step.robot(), step.now.since(at).as_secs_f64());
+        let (robot, age) = (step.robot(), step.now.since(sampled_at).as_secs_f64());
         step.emit(Event::SafePose { robot, q: safe.clone(), age, speed, free: step.rules.reflex });
-        (at, safe)
+        (sampled_at, safe)
     }
 
+    /// A commit begins a transaction: with a safe pose, or as an escape without one.
     fn accept(&mut self, commit: Commit, safe: Option<(Time, Pose)>, here: Pose, step: &mut Step) -> Verdict {
         let escape = safe.is_none();
         let course = course(&commit, &here, escape, step.rules);
@@ -103,7 +117,8 @@ impl SuperviseCore {
         Ok(id)
     }
 
-    /// Enters a transaction into the ledger: its target, and the motors that it names.
+    /// Enters a transaction into the ledger: its target, and the motors that it names. From here on it is owed an
+    /// outcome, whoever dies.
     pub(super) fn open(
         &mut self,
         agent: Arc<str>,
@@ -114,7 +129,7 @@ impl SuperviseCore {
         self.retry = None;
         self.motion = MotionState::default();
         // the reading that opened the filter may have been the newest: it lets the robot move as the next will
-        step.out.extend(self.newest.as_ref().map(|newest| SuperviseOut::Lease(newest.at + step.rules.fresh)));
+        step.out.extend(self.newest.as_ref().map(|newest| SuperviseOut::Lease(newest.sampled_at + step.rules.fresh)));
         step.book.last_id += 1;
         let id = CommitId(step.book.last_id);
         let (named, since) = (Vec::new().into(), step.now);
@@ -133,6 +148,7 @@ impl SuperviseCore {
             Some(_) if self.motion.forces.is_some() => {}
             Some(_) => self.leave_stream(&commit.target.motors),
         }
+        // what joins an escape creeps as it does, and has no safe pose either
         let escape = self.status == Status::Escaping;
         let course = course(&commit, here, escape, step.rules);
         let (id, target) = {
@@ -149,6 +165,7 @@ impl SuperviseCore {
             open.motion = open.motion.until(open.motion.due().filter(|_| !all).map_or(due, |before| before.max(due)));
             (open.id, open.target.clone())
         };
+        // "done" of the target before says nothing of this one
         self.motion.done_since = None;
         self.motion.started = Some(course.started(distance(&target, here), step.now));
         let (robot, motors) = (step.robot(), allowed(&commit, escape, step.rules));
@@ -163,8 +180,8 @@ impl SuperviseCore {
     }
 }
 
-/// The motors of a commit, each with the greatest speed that it may have, rad/s: its own, or its share of the axis'. An escape
-/// creeps, and what is streamed under forces must be followed.
+/// The motors of a commit, each with the greatest speed that it may have, rad/s: its own, or its share of the axis'. An
+/// escape creeps, and what is streamed under forces must be followed.
 fn allowed(commit: &Commit, escape: bool, rules: &Rules) -> Vec<(usize, f64)> {
     let most = match &rules.fields {
         _ if escape => rules.escape_speed,
@@ -180,7 +197,9 @@ fn allowed(commit: &Commit, escape: bool, rules: &Rules) -> Vec<(usize, f64)> {
     commit.target.motors.iter().enumerate().map(cap).collect()
 }
 
-/// How a commit is driven from `here`: in step, or each motor at its own speed, never above what its axis can do.
+/// How a commit is driven from `here`, rad: in step, or each motor at its own speed, never above what its axis can do.
+/// In step by default, since then the way is the straight line between the poses, which is what planners check for
+/// collisions.
 fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedMove {
     let share = if escape { rules.escape_speed.min(commit.target.speed) } else { commit.target.speed };
     let target = Target { speed: share, ..commit.target.clone() };
@@ -191,6 +210,7 @@ fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedM
         let (Some(axis), Some(here)) = (rules.axes.get(*m), here.get(*m)) else { continue };
         let speed = own.as_ref().and_then(|v| v.get(i)).copied().unwrap_or(share * axis.max_speed);
         let way = (q - here).abs();
+        // a profile of constant acceleration needs sqrt(way / a) to gain speed, and as long to lose it
         let push = (way / axis.max_acceleration.max(1e-6)).sqrt();
         // at a mean speed of half the greatest
         secs = f64::max(secs, 2.0 * way / speed.max(1e-6) + 2.0 * push);
@@ -207,7 +227,8 @@ fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedM
     PlannedMove { command, secs }
 }
 
-/// What a command that fits would be.
+/// What a command that fits would be. Made from one reading, which is handed on: a newer one might come to another
+/// answer.
 pub(super) enum Way {
     /// It joins the open transaction.
     Join {
@@ -219,7 +240,7 @@ pub(super) enum Way {
         /// The newest reading.
         here: Pose,
         /// When it was read.
-        at: Time,
+        sampled_at: Time,
         /// How fast the robot was.
         speed: f64,
     },
@@ -234,7 +255,9 @@ pub(super) enum Way {
 
 /// How a commit is driven, and how long that should take.
 struct PlannedMove {
+    /// What the board is told.
     command: Move,
+    /// How long it should take, s: an upper estimate, as boards have profiles of their own.
     secs: f64,
 }
 
@@ -244,7 +267,8 @@ impl PlannedMove {
         Started { at: now, distance_to_go, expected: self.secs }
     }
 
-    /// After which time it must have ended.
+    /// After which time it must have ended: twice what it should take, and a second for a short one whose board is slow
+    /// to begin.
     fn patience(&self) -> Duration {
         Duration::from_secs_f64((2.0 * self.secs + 1.0).min(1e6))
     }

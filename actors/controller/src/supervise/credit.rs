@@ -1,4 +1,7 @@
 //! Credit: how much of a flood is heard. What is beyond it costs a refusal, and no line in the journal.
+//!
+//! A token bucket: an agent that commits in an endless loop must neither starve the readings nor fill the disk (I7),
+//! and a burst of a program that moves each motor by itself must pass.
 
 use super::{Step, SuperviseCore, SuperviseOut};
 use mobee_contract::{Credit, Event, SILENCE, Time, Verdict};
@@ -7,7 +10,7 @@ use std::time::Duration;
 
 /// What comes back in a second: more commands than any program needs that moves its motors one by one.
 const PER_SECOND: f64 = 250.0;
-/// The most that may be used at once.
+/// The most that may be used at once: two seconds' worth, for a program that was held up and catches up.
 const MOST: f64 = 500.0;
 /// How often those refusals are summed up that were not told one by one.
 const SUM_UP: Duration = Duration::from_secs(1);
@@ -19,30 +22,43 @@ pub(super) struct Credits {
     pub(super) commits: Credit,
     /// Refusals that may be told one by one.
     telling: Credit,
-    /// Refusals that were not told, and when they were last summed up.
-    untold: (u64, Time),
+    /// Refusals that were not told.
+    untold: Untold,
     /// The set-points that are being refused.
     bursts: Vec<Burst>,
+}
+
+/// How many refusals were not told, and since when.
+#[derive(Clone, Copy, Debug)]
+struct Untold {
+    /// How many.
+    count: u64,
+    /// When they were last summed up.
+    since: Time,
 }
 
 /// Set-points of one agent that are refused for one reason, without a silence between them.
 #[derive(Clone, Debug)]
 struct Burst {
+    /// Who streams.
     agent: Arc<str>,
+    /// Why it is refused, as [`mobee_contract::Refusal::code`] has it.
     code: &'static str,
+    /// When the last of them came.
     last: Time,
 }
 
 impl Credits {
-    /// All of it.
+    /// All of it: nobody has used any yet.
     pub(super) fn full(now: Time) -> Credits {
         let all = Credit::full(now, PER_SECOND, MOST);
-        Credits { commits: all, telling: all, untold: (0, now), bursts: Vec::new() }
+        Credits { commits: all, telling: all, untold: Untold { count: 0, since: now }, bursts: Vec::new() }
     }
 }
 
 impl SuperviseCore {
-    /// Puts the verdict on a commit first, and tells of a refusal.
+    /// Puts the verdict on a commit first, and tells of a refusal. First, since the agent waits for it: what follows
+    /// from the commit is for others.
     pub(super) fn answer(&mut self, agent: &str, verdict: Verdict, step: &mut Step) {
         self.tell(agent, &verdict, step);
         step.out.insert(0, SuperviseOut::Verdict(verdict));
@@ -65,22 +81,23 @@ impl SuperviseCore {
         step.out.insert(0, SuperviseOut::Verdict(verdict));
     }
 
+    /// A line in the journal for a refusal, while there is credit for lines; else it is counted.
     fn tell(&mut self, agent: &str, verdict: &Verdict, step: &mut Step) {
         if let Err(refusal) = verdict {
             if self.credits.telling.take(step.now) {
                 let (robot, agent, refusal) = (step.robot(), agent.to_string(), refusal.clone());
                 step.emit(Event::Refused { robot, agent, refusal });
             } else {
-                self.credits.untold.0 += 1;
+                self.credits.untold.count += 1;
             }
         }
     }
 
     /// Tells how many refusals there were besides those that were told.
     pub(super) fn sum_up(&mut self, step: &mut Step) {
-        let (count, last) = self.credits.untold;
-        if count > 0 && step.now >= last + SUM_UP {
-            self.credits.untold = (0, step.now);
+        let Untold { count, since } = self.credits.untold;
+        if count > 0 && step.now >= since + SUM_UP {
+            self.credits.untold = Untold { count: 0, since: step.now };
             let text = format!("{}: {count} more commands were refused; they come too quickly", step.rules.robot);
             step.emit(Event::Warning { text });
         }

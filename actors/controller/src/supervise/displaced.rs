@@ -1,24 +1,30 @@
-//! A motor that nobody commands stays where it is. One that sags, or that somebody else moves, is told of. Beyond the tolerance the filter
-//! closes until the robot rests again, and a motion that is under way is taken back: agents plan from where they believe the robot to be.
+//! A motor that nobody commands stays where it is (I21, I31). One that sags, or that somebody else moves, is told of.
+//! Beyond the tolerance the filter closes until the robot rests again, and a motion that is under way is taken back:
+//! agents plan from where they believe the robot to be.
 
 use super::{Closing, Step, SuperviseCore};
 use crate::gate::Gate;
 use crate::pulse::Pulse;
 use mobee_contract::{Cause, Event, Hold, Status};
 
-/// So many readings in a row must show it: noise shows it in one.
+/// So many readings in a row must show it: noise shows it in one. Three take 30 ms at the usual rate, in which a motor
+/// that was let go of has not yet gone far.
 const READINGS: u32 = 3;
 
-/// Where the motors rest: each at its first reading at rest after the last motion that named it, so that none walks from rest to rest.
+/// Where the motors rest: each at its first reading at rest after the last motion that named it, so that none walks
+/// from rest to rest.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Resting {
+    /// By motor; none for one that is commanded, or was and has not rested since.
     places: Vec<Option<Place>>,
-    /// How many readings in a row have shown a motor beyond half of the tolerance, and beyond all of it.
+    /// How many readings in a row have shown a motor beyond half of the tolerance, which is told of, and beyond all of
+    /// it, which closes.
     beyond: [u32; 2],
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Place {
+    /// Where, rad.
     q: f64,
     /// Whether it was told that the motor has left it.
     told: bool,
@@ -49,6 +55,7 @@ impl SuperviseCore {
         if self.status == Status::Starting {
             return false;
         }
+        // during another try of a failed retreat its motors move, though their motion is no longer open
         let motion = step.book.motion().or_else(|| self.retry.clone().filter(|_| self.closing == Closing::Reflex));
         let commanded = motion.as_ref().map_or(&[][..], |motion| &motion.named);
         let Some((motor, by)) = self.resting.farthest(&pulse.sample.q, commanded) else { return false };
@@ -62,6 +69,7 @@ impl SuperviseCore {
         let place = self.resting.places.get_mut(motor).and_then(Option::as_mut);
         let is_news = tells && place.is_some_and(|place| !std::mem::replace(&mut place.told, true));
         let motor = step.rules.axes.get(motor).map_or_else(String::new, |axis| axis.name.clone());
+        // where it is from now on is its place: told once, and the filter can open again
         if is_far {
             self.resting = Resting::default();
         }

@@ -1,4 +1,8 @@
 //! How motions end: what each reading decides.
+//!
+//! A board's "done" is a hint and no proof: it may come early, late, or from the motion before. What counts is the
+//! measured pose, at rest, within the tolerance of the target (I2, I17). All is judged by `sampled_at`, when the
+//! reading was taken; `now` only tells whether it is still worth anything.
 
 use super::{Closing, Reading, Step, SuperviseCore, SuperviseOut};
 use crate::gate::Gate;
@@ -9,21 +13,24 @@ use crate::{Rules, distance};
 use mobee_contract::{Cause, Command, Event, Hold, Outcome, Status, Time, Writer};
 use std::time::Duration;
 
-/// How long the board may say "done" away from the target.
+/// How long the board may say "done" away from the target, by the readings' time. Some say it for a reading or two
+/// between a command and its start; waiting for the motion's due time instead would leave an agent standing for seconds
+/// at a target that it will not reach.
 const MISSED: Duration = Duration::from_millis(200);
 
 impl SuperviseCore {
-    /// A reading came through the whole chain: all live. Renew the lease, and see whether something has ended.
+    /// A reading came through the whole chain: all live. Renew the lease, and see whether something has ended. The
+    /// lease is counted from when the reading was taken: a chain that is late has used up a part of it.
     pub(super) fn pulse(&mut self, pulse: &Pulse, step: &mut Step) {
-        let at = pulse.sample.at;
+        let sampled_at = pulse.sample.at;
         let at_rest = pulse.speed < step.rules.rest_speed;
-        if self.newest.as_ref().is_some_and(|newest| at <= newest.at) {
+        if self.newest.as_ref().is_some_and(|newest| sampled_at <= newest.sampled_at) {
             return;
         }
         let (q, speed, free) = (pulse.sample.q.clone(), pulse.speed, pulse.free);
-        self.newest = Some(Reading { at, q, speed, at_rest, free });
+        self.newest = Some(Reading { sampled_at, q, speed, at_rest, free });
         // what was held up on its way is no ground for a decision (I8)
-        if step.now > at + step.rules.fresh {
+        if step.now > sampled_at + step.rules.fresh {
             return;
         }
         if self.watch_idle(pulse, step) || step.gate.token() != self.token {
@@ -35,14 +42,15 @@ impl SuperviseCore {
                     step.command(self.token, Writer::Supervise, Command::Stop { motors: Vec::new() });
                 }
                 // what is written at a reading must be with the driver before the filter may open at the next
-                if at_rest && at >= after && !self.restore_modes(Writer::Supervise, step) {
+                if at_rest && sampled_at >= after && !self.restore_modes(Writer::Supervise, step) {
                     self.settle(pulse, step);
                 }
             }
+            // without a lease nothing can move, whatever the part that is being tried writes
             Closing::Yielded => {}
-            Closing::Reflex => step.out.push(SuperviseOut::Lease(at + step.rules.fresh)),
+            Closing::Reflex => step.out.push(SuperviseOut::Lease(sampled_at + step.rules.fresh)),
             Closing::No => {
-                step.out.push(SuperviseOut::Lease(at + step.rules.fresh));
+                step.out.push(SuperviseOut::Lease(sampled_at + step.rules.fresh));
                 match self.status {
                     Status::Moving | Status::Escaping => self.moving(pulse, at_rest, step),
                     Status::Holding(Hold::InContact | Hold::SlowBoard) if at_rest && pulse.free => {
@@ -55,6 +63,9 @@ impl SuperviseCore {
     }
 
     /// The robot rests: the open transaction, if any, gets the outcome that the pose shows; then open, or hold.
+    ///
+    /// In this order: a motion that can still be taken back has no outcome yet; one that was left by a crash must not
+    /// open the filter by itself; then all others are measured.
     fn settle(&mut self, pulse: &Pulse, step: &mut Step) {
         if self.take_back(step) {
             return;
@@ -75,8 +86,8 @@ impl SuperviseCore {
         }
     }
 
-    /// A part of the controller was restarted in mid-motion, and is well again: if the path has been recorded without a gap, the
-    /// motion is taken back after all, by a fresh reading and watched as always. Whether it is.
+    /// A part of the controller was restarted in mid-motion, and is well again: if the path has been recorded without a
+    /// gap, the motion is taken back after all, by a fresh reading and watched as always. Whether it is.
     fn take_back(&mut self, step: &mut Step) -> bool {
         let restarted = self.status == Status::Holding(Hold::Restarted) && !self.shutdown;
         let (Some(open), Some(Reading { q: here, .. }), true) = (&step.book.open, &self.newest, restarted) else {
@@ -84,6 +95,7 @@ impl SuperviseCore {
         };
         let Some((since, safe)) = &open.safe else { return false };
         let away = |pose: &[f64]| distance(here, pose) > step.rules.tolerance;
+        // after a crash nothing moves before a person asks for it (I10)
         let crashed = open.cause == Some(Cause::Crashed);
         if crashed || !away(safe) || !away(&open.target) || step.book.history.past(*since).is_err() {
             return false;
@@ -95,7 +107,8 @@ impl SuperviseCore {
         true
     }
 
-    /// All is well: open the filter, unless the board answers too slowly for what is reckoned with its latency.
+    /// All is well: open the filter, unless the board answers too slowly for what is reckoned with its latency. The
+    /// margin was chosen for that latency: a robot that stops later than believed stops in contact.
     fn open_or_hold(&mut self, pulse: &Pulse, step: &mut Step) {
         let Some(answers) = pulse.answers.filter(|answers| answers.most > step.rules.latency) else {
             return self.reopen(step);
@@ -110,8 +123,8 @@ impl SuperviseCore {
         self.enter(Status::Holding(Hold::SlowBoard), step);
     }
 
-    /// What an earlier process left open gets the outcome that the pose shows. Whether that is neither of its two ends: then
-    /// nothing moves before somebody asks for it, and the retreat can be tried.
+    /// What an earlier process left open gets the outcome that the pose shows. Whether that is neither of its two ends:
+    /// then nothing moves before somebody asks for it, and the retreat can be tried.
     fn end_after_crash(&mut self, step: &mut Step) -> bool {
         let crashed = step.book.open.as_ref().is_some_and(|o| o.cause == Some(Cause::Crashed));
         if !crashed {
@@ -123,18 +136,21 @@ impl SuperviseCore {
         lost
     }
 
+    /// Opens the filter, if nobody closed it anew since; a retreat that failed before is no longer asked for.
     fn reopen(&mut self, step: &mut Step) {
         self.retry = None;
         if !Gate::opens(self.token) {
             let Some(token) = step.gate.open(self.token) else { return };
             self.token = token;
             step.emit(Event::Enabled { robot: step.robot(), token });
-            self.begin_silence(self.newest.as_ref().map_or(Time::ZERO, |newest| newest.at));
+            self.begin_silence(self.newest.as_ref().map_or(Time::ZERO, |newest| newest.sampled_at));
         }
         self.enter(Status::Rest, step);
     }
 
-    /// Gives the open transaction its one outcome (I2): as told, or as the newest reading shows.
+    /// Gives the open transaction its one outcome (I2): as told, or as the newest reading shows. The only place that
+    /// does; the ledger takes the transaction and keeps its end in one step, so that a death in between loses nothing.
+    /// Nothing if none is open.
     pub(super) fn end(&mut self, told: Option<Outcome>, step: &mut Step) -> Option<Outcome> {
         let newest = self.newest.as_ref().map(|newest| newest.q.clone());
         let q = newest.or_else(|| step.book.last_known())?;
@@ -152,7 +168,8 @@ impl SuperviseCore {
         Some(outcome)
     }
 
-    /// A motion is under way: has it ended, or gone wrong?
+    /// A motion is under way: has it ended, or gone wrong? Asked in the order of certainty: at rest at its target; done
+    /// elsewhere for a while, or overdue; behind encoders that tell the same for ever. Else it goes on.
     fn moving(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) {
         if self.motion.forces.is_some() {
             return self.under_forces(pulse, at_rest, step);
@@ -160,30 +177,34 @@ impl SuperviseCore {
         if self.motion.stream.is_some() && !self.streaming(pulse, at_rest, step) {
             return;
         }
-        let at = pulse.sample.at;
+        let sampled_at = pulse.sample.at;
         let q = &pulse.sample.q;
         let Some(Open { target, since, motion, .. }) = &step.book.open else { return };
         let (since, due) = (*since, motion.due());
         let done = pulse.sample.done.iter().all(|d| *d);
         let away = distance(q, target);
-        if done && at_rest && at > since && away <= step.rules.tolerance {
+        // later than the commit: a reading from before it shows the end of the motion before
+        if done && at_rest && sampled_at > since && away <= step.rules.tolerance {
             self.done(pulse, step);
             return;
         }
-        let reacted = at >= since + step.rules.reaction();
+        // until then "done" may still be said of the motion before
+        let reacted = sampled_at >= since + step.rules.reaction();
         // there, but not yet known to rest, as after a gap in the readings, is not missed
         let elsewhere = done && reacted && away > step.rules.tolerance;
-        self.motion.done_since = self.motion.done_since.filter(|_| elsewhere).or(elsewhere.then_some(at));
-        if self.motion.done_since.is_some_and(|t| at >= t + MISSED) || due.is_some_and(|due| at > due) {
+        self.motion.done_since = self.motion.done_since.filter(|_| elsewhere).or(elsewhere.then_some(sampled_at));
+        if self.motion.done_since.is_some_and(|t| sampled_at >= t + MISSED) || due.is_some_and(|due| sampled_at > due) {
             self.roll_back(Cause::TargetMissed, step);
-        } else if away > FROZEN_WAY && self.is_frozen(at, pulse.unchanged, step.rules) {
+        // a robot that has nearly arrived stands still rightly
+        } else if away > FROZEN_WAY && self.is_frozen(sampled_at, pulse.unchanged, step.rules) {
             self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
         } else {
             self.keep_in_history(step);
         }
     }
 
-    /// The robot rests at its target.
+    /// The robot rests at its target. An escape may have led to a pose that still touches: then the filter closes in
+    /// the same step, and not by the reflex one reading later, so that no commit slips in between.
     pub(super) fn done(&mut self, pulse: &Pulse, step: &mut Step) {
         let escaped = self.status == Status::Escaping;
         self.restore_modes(Writer::Agent, step);
@@ -197,15 +218,16 @@ impl SuperviseCore {
     }
 
     /// Whether the readings have been equal bit for bit while the farthest motor should have gone on, at the motion's
-    /// mean speed.
-    fn is_frozen(&self, at: Time, unchanged: Time, rules: &Rules) -> bool {
+    /// mean speed (I26). By how far it should have gone, and not by time alone: a slow motion may rightly show the same
+    /// for long.
+    fn is_frozen(&self, sampled_at: Time, unchanged: Time, rules: &Rules) -> bool {
         let Some(started) = self.motion.started else { return false };
-        let still = at.since(unchanged.max(started.at + rules.reaction()));
+        let still = sampled_at.since(unchanged.max(started.at + rules.reaction()));
         still >= FROZEN && started.mean_speed() * still.as_secs_f64() > FROZEN_WAY
     }
 
-    /// A motion that outlasts the history takes its safe pose along: all that was recorded in it was free, else the
-    /// reflex would have ended it.
+    /// A motion that outlasts the history takes its safe pose along, or there would be no recorded way back to it: all
+    /// that was recorded in it was free, else the reflex would have ended it.
     pub(super) fn keep_in_history(&self, step: &mut Step) {
         let Book { open: Some(open), history, .. } = &mut *step.book else { return };
         let later = open.safe.as_ref().and_then(|(at, _)| history.later_start(*at));

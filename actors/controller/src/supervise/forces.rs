@@ -1,4 +1,8 @@
-//! Motions under forces (controllers of kind `fields`): each reading moves the reference on, which is written as a stream.
+//! Motions under forces (controllers of kind `fields`): each reading moves the reference on, which is written as a
+//! stream.
+//!
+//! The force-field controller of the later MoBeE drives the robot; transactions, reflex and retreat stay as they are.
+//! So a field that is too weak costs a rollback, and not a collision.
 //!
 //! ```text
 //! Rest ──Commit──> Moving ──reference and robot rest at the target──> Rest        Committed
@@ -16,14 +20,15 @@ use mobee_contract::{Cause, ControlMode, Hold, Pose, Status, Time};
 /// A motion under way.
 #[derive(Clone, Debug)]
 pub(super) struct Forces {
+    /// Where they lead.
     course: ReferenceTrajectory,
-    /// When it was given its target.
+    /// When it was given its target, by the clock.
     aimed: Time,
-    /// When the reference last moved on.
+    /// When the reference last moved on, by the clock.
     stepped: Time,
-    /// Since when the reference is at the target.
+    /// Since when the reference is at the target, by the readings' time.
     there: Option<Time>,
-    /// Since when the robot rests.
+    /// Since when the robot rests, by the readings' time.
     still: Option<Time>,
 }
 
@@ -48,7 +53,7 @@ impl SuperviseCore {
         self.begin_stream(stream, &moving, here, step);
     }
 
-    /// The target changed in mid-motion.
+    /// The target changed in mid-motion: the reference goes on from where it is, at the speed that it has.
     pub(super) fn aim_forces(&mut self, target: &Pose, motors: &[(usize, f64)], step: &mut Step) {
         let (rules, now) = (step.rules, step.now);
         let Some(fields) = rules.fields.as_deref() else { return };
@@ -61,9 +66,10 @@ impl SuperviseCore {
         self.switch_modes(&new, step);
     }
 
-    /// A reading during a motion under forces.
+    /// A reading during a motion under forces. Done when the reference has arrived, time enough has passed for the
+    /// robot to follow it, and the robot rests at the target: the reference alone proves nothing.
     pub(super) fn under_forces(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) {
-        let (rules, now, at, q) = (step.rules, step.now, pulse.sample.at, &pulse.sample.q);
+        let (rules, now, sampled_at, q) = (step.rules, step.now, pulse.sample.at, &pulse.sample.q);
         let (Some(open), Some(fields)) = (&step.book.open, rules.fields.as_ref()) else { return };
         let (target, due) = (open.target.clone(), open.motion.due());
         if self.is_stream_frozen(pulse) {
@@ -71,6 +77,7 @@ impl SuperviseCore {
         }
         let (Some(forces), Some(stream)) = (&mut self.motion.forces, &mut self.motion.stream) else { return };
         let (elapsed, period) = (now.since(forces.stepped).as_secs_f64(), rules.period.as_secs_f64());
+        // readings may come more often than the period, or in a bunch: the reference moves by the clock
         if elapsed >= 0.75 * period {
             forces.stepped = now;
             let push = pulse.push.as_deref().unwrap_or_default();
@@ -83,16 +90,19 @@ impl SuperviseCore {
             };
             stream.ask(&moving, mode(rules), &next, (q, now), rules);
         }
-        forces.there = if forces.course.is_there() { forces.there.or(Some(at)) } else { None };
-        forces.still = if at_rest { forces.still.or(Some(at)) } else { None };
-        let arrived = forces.there.is_some_and(|since| at >= since + rules.reaction());
+        forces.there = if forces.course.is_there() { forces.there.or(Some(sampled_at)) } else { None };
+        forces.still = if at_rest { forces.still.or(Some(sampled_at)) } else { None };
+        // the robot follows the reference, a reaction behind it
+        let arrived = forces.there.is_some_and(|since| sampled_at >= since + rules.reaction());
         let set_out = forces.aimed + rules.reaction();
-        let still = forces.still.is_some_and(|since| at >= since.max(set_out) + fields.patience);
+        // forces that balance elsewhere will go on doing so: its agent learns it after `patience`, not when the motion
+        // is due
+        let still = forces.still.is_some_and(|since| sampled_at >= since.max(set_out) + fields.patience);
         self.write_stream(q, step);
-        if arrived && at_rest && at >= set_out && distance(q, &target) <= rules.tolerance {
+        if arrived && at_rest && sampled_at >= set_out && distance(q, &target) <= rules.tolerance {
             self.motion = MotionState::default();
             self.done(pulse, step);
-        } else if still || due.is_some_and(|due| at > due) {
+        } else if still || due.is_some_and(|due| sampled_at > due) {
             self.roll_back(Cause::TargetMissed, step);
         } else {
             self.keep_in_history(step);
@@ -100,7 +110,8 @@ impl SuperviseCore {
     }
 }
 
-/// The mode in which motors are driven under forces.
+/// The mode in which motors are driven under forces: positions if the board takes them, since their errors do not add
+/// up.
 fn mode(rules: &Rules) -> ControlMode {
     if rules.position_direct { ControlMode::PositionDirect } else { ControlMode::Velocity }
 }

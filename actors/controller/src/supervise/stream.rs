@@ -5,12 +5,13 @@
 //!                            └^ each next amends                 └── contact at any time: rolled back as any motion
 //! ```
 //!
-//! Several programs may share one transaction: some stream positions, some velocities, some move; each motor does what was said of it last.
-//! Streams are refused while the robot holds: an escape is a commit. What is written of them is a matter of [`Streaming`].
+//! Several programs may share one transaction: some stream positions, some velocities, some move; each motor does what
+//! was said of it last. Streams are refused while the robot holds: an escape is a commit. What is written of them is a
+//! matter of [`Streaming`].
 
 use super::check::check_setpoints;
 use super::commit::Way;
-use super::streaming::{Streaming, mode_of};
+use super::streaming::{Still, Streaming, mode_of};
 use super::{Step, SuperviseCore};
 use crate::Rules;
 use crate::ledger::{Motion, home};
@@ -22,11 +23,13 @@ use mobee_contract::{
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long the robot may take to come to rest after the last set-point.
+/// How long the robot may take to come to rest after the last set-point: long beside braking. Whoever still moves then
+/// is moved by something else, and its stream is rolled back.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 impl SuperviseCore {
-    /// Set-points arrive: they open a transaction, or amend the open stream.
+    /// Set-points arrive: they open a transaction, or amend the open stream. Checked in the order in which a program
+    /// can mend what is wrong: what it sent, that it pushes on, the state of the filter.
     pub(super) fn stream(&mut self, agent: &Arc<str>, setpoints: Setpoints, step: &mut Step) -> Verdict {
         let (rules, now) = (step.rules, step.now);
         check_setpoints(&setpoints, rules)?;
@@ -35,10 +38,10 @@ impl SuperviseCore {
             Way::Escape { reason, .. } => Err(Refusal::Holding { reason }),
             Way::Join { .. } if self.status == Status::Escaping => Err(Refusal::Holding { reason: Hold::InContact }),
             Way::Join { here } => self.join_stream(agent, &setpoints, &here, step),
-            Way::Begin { here, at, speed } => {
+            Way::Begin { here, sampled_at, speed } => {
                 let mut stream = Streaming::new(rules, now);
                 stream.take(&setpoints, (&here, now), rules)?;
-                let safe = self.take_safe(at, &here, speed, step);
+                let safe = self.take_safe(sampled_at, &here, speed, step);
                 let target = stream.asked(&here);
                 let motors = setpoints.motors.as_slice();
                 let id = self.open(agent.clone(), (target.clone(), motors), (Some(safe), Motion::Stream), step);
@@ -53,13 +56,14 @@ impl SuperviseCore {
         }
     }
 
-    /// The stream begins, or goes on, with these motors new to it.
+    /// The stream begins, or goes on, with these motors new to it; `here` is the newest reading, rad.
     pub(super) fn begin_stream(&mut self, stream: Streaming, new: &[usize], here: &Pose, step: &mut Step) {
         self.motion.stream = Some(stream);
         self.switch_modes(new, step);
         self.write_stream(here, step);
     }
 
+    /// Set-points for a motion under way: of its owner only, and not while it brakes. What is refused changes nothing.
     fn join_stream(&mut self, agent: &Arc<str>, setpoints: &Setpoints, here: &Pose, step: &mut Step) -> Verdict {
         let not_ready = |missing: &str| Err(Refusal::NotReady { missing: missing.into() });
         let Some(open) = &mut step.book.open else { return not_ready("the outcome of the last motion") };
@@ -69,6 +73,7 @@ impl SuperviseCore {
         if self.motion.forces.is_some() {
             return not_ready("the end of the move under way");
         }
+        // a copy, put back when all of it was taken
         let (rules, now, mode) = (step.rules, step.now, mode_of(&setpoints.values));
         let mut stream = self.motion.stream.clone().unwrap_or_else(|| Streaming::new(rules, now));
         if stream.braking.is_some() {
@@ -87,6 +92,7 @@ impl SuperviseCore {
         Ok(id)
     }
 
+    /// Writes what is due of the stream, of a robot that is at `here`, rad.
     pub(super) fn write_stream(&mut self, here: &[f64], step: &mut Step) {
         let Some(stream) = &mut self.motion.stream else { return };
         for command in stream.write(here, step.rules, step.now) {
@@ -94,7 +100,7 @@ impl SuperviseCore {
         }
     }
 
-    /// A commit takes some motors over from the stream, which goes on with the others.
+    /// A commit takes some motors over from the stream, which goes on with the others; without any left it is over.
     pub(super) fn leave_stream(&mut self, motors: &[usize]) {
         if let Some(stream) = &mut self.motion.stream {
             stream.leave(motors);
@@ -106,16 +112,16 @@ impl SuperviseCore {
     /// the motion is to be judged as any other.
     pub(super) fn streaming(&mut self, pulse: &Pulse, at_rest: bool, step: &mut Step) -> bool {
         let rules = step.rules;
-        let (at, q) = (pulse.sample.at, &pulse.sample.q);
+        let (sampled_at, q) = (pulse.sample.at, &pulse.sample.q);
         if self.is_stream_frozen(pulse) {
             self.interrupt(Cause::Stale, Status::Holding(Hold::Stale), step);
             return false;
         }
         let Some(stream) = &mut self.motion.stream else { return true };
         match stream.braking {
-            None if at >= stream.heard + rules.stream_quiet => {
+            None if sampled_at >= stream.heard + rules.stream_quiet => {
                 // positions end at the last of them, where the board holds by itself
-                let motors = stream.brake(at);
+                let motors = stream.brake(sampled_at);
                 if !motors.is_empty() {
                     step.command(self.token, Writer::Agent, Command::Stop { motors });
                 }
@@ -129,11 +135,11 @@ impl SuperviseCore {
                 };
                 // motors that a commit moves may well go on
                 let (done, others_move) = (all_done(true), !all_done(false));
-                if at >= since + rules.reaction() && done && (at_rest || others_move) {
-                    self.end_stream(q, since, at, step);
+                if sampled_at >= since + rules.reaction() && done && (at_rest || others_move) {
+                    self.end_stream(q, since, sampled_at, step);
                     return true;
                 }
-                if at >= since + PATIENCE {
+                if sampled_at >= since + PATIENCE {
                     self.roll_back(Cause::TargetMissed, step);
                     return false;
                 }
@@ -143,21 +149,24 @@ impl SuperviseCore {
         false
     }
 
-    /// Whether the readings have been equal bit for bit while the set-points moved on.
+    /// Whether the readings have been equal bit for bit while the set-points moved on (I26). Velocities move the
+    /// set-points by their time, positions by their steps.
     pub(super) fn is_stream_frozen(&mut self, pulse: &Pulse) -> bool {
         let Some(stream) = &mut self.motion.stream else { return false };
-        let at = pulse.sample.at;
-        if stream.mark.0 != pulse.unchanged {
-            stream.mark = (pulse.unchanged, 0.0);
+        let sampled_at = pulse.sample.at;
+        if stream.still.since != pulse.unchanged {
+            stream.still = Still { since: pulse.unchanged, moved: 0.0 };
         } else {
-            stream.mark.1 += stream.fastest() * at.since(stream.seen).as_secs_f64();
+            stream.still.moved += stream.fastest() * sampled_at.since(stream.seen).as_secs_f64();
         }
-        stream.seen = at;
-        at.since(stream.mark.0) >= FROZEN && stream.mark.1 > FROZEN_WAY
+        stream.seen = sampled_at;
+        sampled_at.since(stream.still.since) >= FROZEN && stream.still.moved > FROZEN_WAY
     }
 
-    /// The robot rests: where it does is the stream's target, or the last set-point if it counts as being there.
-    fn end_stream(&mut self, q: &Pose, since: Time, at: Time, step: &mut Step) {
+    /// The robot rests: where it does is the stream's target, or the last set-point if it counts as being there. A
+    /// stream has no target before it ends: its outcome is `Committed` wherever it was led, unless something stopped
+    /// it.
+    fn end_stream(&mut self, q: &Pose, since: Time, sampled_at: Time, step: &mut Step) {
         let Some(stream) = self.motion.stream.take() else { return };
         if let Some(open) = &mut step.book.open {
             let rest = |(m, q): (usize, &f64)| home(stream.sent(m), *q, step.rules.tolerance);
@@ -168,14 +177,16 @@ impl SuperviseCore {
                 self.motion.started = None;
             }
             // motors that a commit moves may still be on their way
-            open.motion = Motion::Move { due: open.motion.due().max(Some(at + PATIENCE)).unwrap_or(at) };
+            open.motion =
+                Motion::Move { due: open.motion.due().max(Some(sampled_at + PATIENCE)).unwrap_or(sampled_at) };
             let (id, target) = (open.id, open.target.clone());
             step.emit(Event::Amended { robot: step.robot(), id, target, motors: Vec::new() });
         }
         self.restore_modes(Writer::Agent, step);
     }
 
-    /// Motors that join the stream take its set-points from now on.
+    /// Motors that join the stream take its set-points from now on. The mode goes before the first set-point, or the
+    /// board drops that.
     pub(super) fn switch_modes(&mut self, motors: &[usize], step: &mut Step) {
         let Some(stream) = &self.motion.stream else { return };
         self.modes.extend(motors);
@@ -188,6 +199,8 @@ impl SuperviseCore {
     }
 
     /// Motors that a stream has taken out of the mode of position moves are put back; whether there were any.
+    /// Remembered for the whole life of this core, and not by the stream: an interrupted one is gone before its motors
+    /// are at rest.
     pub(super) fn restore_modes(&mut self, writer: Writer, step: &mut Step) -> bool {
         let motors: Vec<usize> = std::mem::take(&mut self.modes).into_iter().collect();
         let any = !motors.is_empty();

@@ -1,30 +1,35 @@
 //! How a recorded path is gone backwards by set-points that a robot that lags can follow.
 //!
-//! The path begins with what was a stop, and ends with what was a start, both at the motors' greatest acceleration. At the recorded rate
-//! a motor that is a little late catches up faster than it came, and where the set-points brake as hard as it can, it can't lose that
-//! speed before their end: it overshoots.
+//! The path begins with what was a stop, and ends with what was a start, both at the motors' greatest acceleration. At
+//! the recorded rate a motor that is a little late catches up faster than it came, and where the set-points brake as
+//! hard as it can, it can't lose that speed before their end: it overshoots.
 //!
-//! At the rate `r`, a share of the recorded one, a motor on the path `q(s)` accelerates by `q'' r^2 + q' r r'`. The first term bounds
-//! `r^2`, the second its slope: time-optimal path parametrization (Bobrow, Dubowsky and Gibson, 1985), with each term bounded by itself.
+//! At the rate `r`, a share of the recorded one, a motor on the path `q(s)` accelerates by `q'' r^2 + q' r r'`. The
+//! first term bounds `r^2`, the second its slope: time-optimal path parametrization (Bobrow, Dubowsky and Gibson,
+//! 1985), with each term bounded by itself.
 
 use mobee_contract::Pose;
 
-/// Share of the greatest acceleration that the path may ask for.
+/// Share of the greatest acceleration that the path may ask for by its own bends.
 const BEND: f64 = 0.7;
 /// And beside it, changes of the rate: what is left is for catching up.
 const CHANGE: f64 = 0.1;
-/// Over how long before and after an instant speeds are taken, s: encoders are noisy.
+/// Over how long before and after an instant speeds are taken, s: encoders are noisy, and a difference of differences
+/// over 10 ms would be nothing but that noise.
 const SPAN: f64 = 0.05;
-/// The square of the slowest rate: an encoder that jumps asks for no pause.
+/// The square of the slowest rate, which is 0.63: an encoder that jumps asks for no pause, and no path takes 1.6 times
+/// as long.
 const SLOWEST: f64 = 0.4;
 
-/// The points of a path, seconds and radians, at times at which its motors can gain and lose speed as it does, with these greatest
-/// accelerations, rad/s^2.
+/// The points of a path, seconds and radians, at times at which its motors can gain and lose speed as it does, with
+/// these greatest accelerations, rad/s^2.
 pub fn eased(points: &[(f64, Pose)], accelerations: &[f64]) -> Vec<(f64, Pose)> {
     let bounds = |(t, _): &(f64, Pose)| bounds(points, *t, accelerations);
     let (mut squares, slopes): (Vec<f64>, Vec<f64>) = points.iter().map(bounds).unzip();
     let secs: Vec<f64> = points.iter().zip(points.iter().skip(1)).map(|(a, b)| b.0 - a.0).collect();
     let steps: Vec<f64> = secs.iter().zip(&slopes).map(|(secs, slope)| secs * slope).collect();
+    // there and back again, as in every time-optimal parametrization: what can be reached from before, and braked to
+    // from behind
     for (i, step) in steps.iter().enumerate() {
         reach(&mut squares, i, i + 1, *step);
     }
@@ -76,7 +81,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// What a motor goes that gains speed with `acceleration` up to `speed`, goes on for `cruise` seconds, and brakes: readings each 10 ms.
+    /// What a motor goes that gains speed with `acceleration` up to `speed`, goes on for `cruise` seconds, and brakes:
+    /// readings each 10 ms.
     fn motion(acceleration: f64, speed: f64, cruise: f64) -> Vec<(f64, Pose)> {
         let ramp = speed / acceleration;
         let at = |t: f64| {
@@ -98,8 +104,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whoever follows has a tenth of its acceleration left, wherever a path that asks for all of it gains or loses speed.
-        /// That takes a fifth of the time at most; and none for a path that asks for half.
+        /// Whoever follows has a tenth of its acceleration left, wherever a path that asks for all of it gains or loses
+        /// speed. That takes a fifth of the time at most; and none for a path that asks for half.
         #[test]
         fn an_eased_path_leaves_room_to_brake(acceleration in 0.5..10.0_f64, ramp in 0.15..1.0_f64, cruise in 0.0..2.0_f64) {
             let path = motion(acceleration, ramp * acceleration, cruise);

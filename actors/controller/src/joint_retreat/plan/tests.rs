@@ -3,6 +3,7 @@
 use super::*;
 use crate::joint_retreat::SLICE;
 use crate::joint_retreat::tests::{A, recorded, rules, scene};
+use mobee_model::Robot;
 use std::time::Duration;
 
 /// A robot that rested at the first of these angles (radians), moved, and rests at the second; its way ends at the first rest.
@@ -23,6 +24,9 @@ fn who_goes_farther_takes_along_what_was_sent_since_then() {
         let motors = farther(then, safe, Some(safe)).motors();
         assert_eq!(motors.to_vec(), vec![0; usize::from(along)], "from {then} to {safe}");
     }
+    let mut half = farther(0.0, 0.2, Some(0.2));
+    half.who.safe = vec![0.5 * tolerance].into();
+    assert!(half.motors().is_empty(), "half of the tolerance is where it counts as being");
     assert!(farther(0.2, -0.2, None).motors().is_empty(), "nobody knows where that was sent");
 }
 
@@ -34,6 +38,10 @@ fn between_two_readings_a_robot_moved_evenly() {
         let (pose, moved) = leg.at(Time(ms * 1_000_000));
         assert!((pose[0] - q).abs() < 1e-9 && moved, "{pose:?} at {ms} ms, not {q}");
     }
+    // one that stops in mid-motion was moving there
+    let mut stopped = leg.clone();
+    stopped.stop_at(Time(1_500_000_000));
+    assert_eq!(stopped.at(Time(1_500_000_000)), (vec![0.25].into(), true));
     let before_its_end = leg.at(Time(400_000_000));
     assert_eq!(before_its_end, (vec![0.0].into(), false));
 }
@@ -63,6 +71,64 @@ fn two_meet_until_they_are_released() {
         (0..300).any(|k| plan.meet(Time(k * 10_000_000)).is_some())
     };
     assert!(meet(near) && !meet(far + 0.1), "{near} {far}");
+}
+
+/// Who is as fast as counts as rest just no more, does not rest: a plan judges by the same speed as everybody.
+#[test]
+fn a_rest_is_slower_than_the_speed_of_rest() {
+    let mut leg = farther(0.0, 0.5, None);
+    let most = leg.who.rules.rest_speed;
+    let rests = [0.99 * most, most, 1.01 * most].map(|speed| {
+        leg.who.past[20].speed = speed;
+        leg.rests(20)
+    });
+    assert_eq!(rests, [true, false, false]);
+}
+
+/// The same two arms, and one far off from both that comes first.
+fn three() -> Arc<Scene> {
+    let scene = scene();
+    let mut arms: Vec<_> = (0..2).map(|robot| (scene.robots()[robot].clone(), scene.base(robot))).collect();
+    let mut far = arms[0].clone();
+    far.0 = Arc::new(Robot { name: "far".into(), ..(*far.0).clone() });
+    far.1.translation.vector.x += 50.0;
+    arms.insert(0, far);
+    Arc::new(Scene::new(arms, Vec::new()).unwrap())
+}
+
+/// Of three robots the two that come near each other meet, whoever else goes along.
+#[test]
+fn two_of_three_meet() {
+    let of = |robot, turns: &[(f64, f64)]| Participant { scene: three(), ..recorded(robot, true, turns, 0.0) };
+    let turns = [(0.0, -90.0), (3.0, 90.0)];
+    let still = [(0.0, 0.0), (3.0, 0.0)];
+    let mut plan = Plan::new(vec![of(0, &turns), of(1, &still), of(2, &turns)]).unwrap();
+    let met: std::collections::BTreeSet<_> = (0..300).filter_map(|k| plan.meet(Time(k * 10_000_000))).collect();
+    assert_eq!(met.into_iter().collect::<Vec<_>>(), [(1, 2)]);
+}
+
+/// Two that came to touch as they came to rest do so again, and stand there as they stood: that is no reason to stop either of them.
+#[test]
+fn nobody_is_blocked_by_what_was_recorded_so() {
+    let of = |robot, turns: &[(f64, f64)], safe| Participant { scene: three(), ..recorded(robot, true, turns, safe) };
+    let ([left, right], first) = ([[(0.0, 90.0), (3.0, 0.0), (5.0, 0.0)]; 2], [(0.0, 0.0), (1.0, 0.0), (5.0, 90.0)]);
+    let mut plan = Plan::new(vec![of(0, &first, 0.5), of(1, &left, 4.0), of(2, &right, 4.0)]).unwrap();
+    assert!(plan.meet(Time(2_000_000_000)).is_some(), "where both end they touch");
+    while !plan.check(SLICE) {}
+    let ways = plan.ways();
+    assert!(ways.iter().all(|way| !way.blocked && !way.farther));
+}
+
+/// A way that is stopped in mid-motion has its last pose once.
+#[test]
+fn a_way_goes_on_with_each_of_its_points() {
+    let mut plan =
+        Plan::new(vec![recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (2.5, 30.0)], 0.5)]).unwrap();
+    plan.legs[0].stop_at(Time(1_500_000_000));
+    let way = plan.ways().remove(0);
+    assert!(way.blocked && (way.points.last().unwrap().1[0].to_degrees() - 15.0).abs() < 1e-6);
+    let tail = &way.points[way.points.len() - 10..];
+    assert!(tail.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 != w[1].1), "{tail:?}");
 }
 
 /// Checking goes on in slices, each of no more than so many poses, and comes to the same end.
@@ -198,6 +264,10 @@ fn a_detour_is_cut_off() {
     fast.without_detour();
     let end = fast.past.last().unwrap();
     assert!((end.q[0].to_degrees() - 74.25).abs() < 0.3 && (end.at.secs() - 1.495).abs() < 0.003, "{end:?}");
+    // it came back to where it set out from: nothing is left of the way
+    let mut back = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (2.0, 30.0), (3.0, 0.0), (4.0, 0.0)], 0.5);
+    back.without_detour();
+    assert_eq!(back.past.len(), back.start + 1);
     for kept in [&who.past, &short.past, &fast.past] {
         let steps: Vec<Duration> = kept.windows(2).map(|w| w[1].at.since(w[0].at)).collect();
         assert!(

@@ -60,12 +60,18 @@ fn way(direct: bool, points: &[(f64, f64)]) -> (JointRetreat, Retreat, Arc<Rules
 
 /// What is written at a reading, so long after the way began, of a motor that is at so many degrees: where to, in degrees, and how fast,
 /// in degrees per second.
-fn written(
+fn written(back: &mut (JointRetreat, Retreat, Arc<Rules>), reading: (f64, f64, bool)) -> Option<(f64, Option<f64>)> {
+    written_late(back, reading, Duration::ZERO)
+}
+
+/// The same at a reading that is heard so late.
+fn written_late(
     (joint_retreat, retreat, rules): &mut (JointRetreat, Retreat, Arc<Rules>),
     (secs, deg, done): (f64, f64, bool),
+    late: Duration,
 ) -> Option<(f64, Option<f64>)> {
     let at = Time::from_secs(5.0) + rules.reaction() + Duration::from_secs_f64(secs);
-    let sample = Sample { seq: 1, at, q: vec![deg.to_radians()].into(), done: vec![done] };
+    let sample = Sample { seq: 1, at: at - late, q: vec![deg.to_radians()].into(), done: vec![done] };
     let round = |rad: f64| (rad.to_degrees() * 1e6).round() / 1e6;
     match retreat.step(joint_retreat, &sample, at, rules).unwrap_or_else(|_| panic!("nobody was lost")) {
         Some(Command::Direct { q, .. }) => Some((round(q[0]), None)),
@@ -100,7 +106,7 @@ fn set_points_are_those_of_the_clock() {
 #[test]
 fn the_clock_waits_for_who_does_not_follow() {
     // it rests for 0.2 s, and then goes at 20 deg/s
-    let sent = |off: f64| {
+    let sent_late = |off: f64, late: f64| {
         let points: Vec<(f64, f64)> =
             (0..=120).map(|k| 0.01 * f64::from(k)).map(|t| (t, 90.0 - 20.0 * (t - 0.2).clamp(0.0, 0.5))).collect();
         let mut back = way(true, &points);
@@ -110,14 +116,43 @@ fn the_clock_waits_for_who_does_not_follow() {
         for k in 1..=40 {
             let t = 0.01 * f64::from(k);
             let from = if k < 30 { 0.0 } else { off };
-            last = written(&mut back, (t, here(t) + from, false)).map_or(last, |(q, _)| q);
+            let reading = (t, here(t - late) + from, false);
+            last = written_late(&mut back, reading, Duration::from_secs_f64(late)).map_or(last, |(q, _)| q);
         }
         last
     };
+    let sent = |off: f64| sent_late(off, 0.0);
     assert_eq!(sent(0.0), 86.0);
     assert_eq!([sent(0.9), sent(-0.9)], [86.0; 2]);
+    assert_eq!(sent_late(0.0, 0.1), 86.0, "a tenth of a second ago it was two degrees behind, and rightly so");
     assert!(sent(1.5) > 86.3, "behind: {}", sent(1.5));
     assert!(sent(-3.5) > 86.3, "far ahead: {}", sent(-3.5));
+}
+
+/// The last set-point is said once more to a robot that rests beside it: not where it counts as being there, nor farther off than a
+/// degree, and no oftener than it may take to show. A board that moves by itself needs none.
+#[test]
+fn the_last_set_point_is_said_again_to_who_rests_beside_it() {
+    let tolerance = rules(true).tolerance;
+    let again = |direct: bool, off: f64, early: u64| {
+        let (_, mut retreat, rules) = way(direct, &[(0.0, 90.0), (1.0, 60.0)]);
+        let now = Time::from_secs(5.0) + rules.reaction() * 2 - Duration::from_nanos(early);
+        let sample = Sample { seq: 1, at: now, q: vec![90_f64.to_radians() + off].into(), done: vec![true] };
+        let mut said = |now: Time| match retreat.again(&sample, now, &rules) {
+            Some(Command::Direct { motors, q }) => motors == [0] && q == [90_f64.to_radians()],
+            None => false,
+            other => panic!("{other:?}"),
+        };
+        (said(now), said(now + rules.reaction() - Duration::from_nanos(1)), said(now + rules.reaction()))
+    };
+    for off in [1.1 * tolerance, -1.1 * tolerance, 0.99 * FROZEN_WAY, -0.99 * FROZEN_WAY] {
+        assert_eq!(again(true, off, 0), (true, false, true), "{off} rad off");
+        assert!(!again(true, off, 1).0, "too soon");
+        assert_eq!(again(false, off, 0), (false, false, false), "it moves by itself");
+    }
+    for off in [0.0, 0.9 * tolerance, -0.9 * tolerance, 1.01 * FROZEN_WAY, -1.01 * FROZEN_WAY] {
+        assert_eq!(again(true, off, 0), (false, false, false), "{off} rad off");
+    }
 }
 
 /// The next way-point is moved to once the last one was reached: the board says so, and the motor is there; and as fast as it was passed.

@@ -53,11 +53,11 @@ fn positions_are_gone_to_at_the_axis_speed_and_not_oftener_than_the_period() {
     assert_eq!(written(&mut stream, [0.0, 0.5], 8), Some((vec![1], vec![0.5342])));
     assert_eq!(written(&mut stream, [0.0, 0.5], 38), Some((vec![1], vec![0.55])));
     assert_eq!(written(&mut stream, [0.0, 0.5], 60), None, "it was written to its end");
-    assert!((stream.mark.1 - 0.05).abs() < 1e-9, "how far the set-points went: {}", stream.mark.1);
+    assert!((stream.still.moved - 0.05).abs() < 1e-9, "how far the set-points went: {}", stream.still.moved);
     // after a pause no more than a period and a half is made up for, and back as well as forth
     stream.take(&positions(&[0, 1], &[-0.1, 0.5]), (&HERE, ms(100)), &rules()).unwrap();
     assert_eq!(written(&mut stream, [0.0, 0.5], 100), Some((vec![0, 1], vec![-0.01425, 0.5215])));
-    assert!((stream.mark.1 - 0.0785).abs() < 1e-9, "by the motor with the longest way: {}", stream.mark.1);
+    assert!((stream.still.moved - 0.0785).abs() < 1e-9, "by the motor with the longest way: {}", stream.still.moved);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! What is not taken, and why: state by state.
 
 use super::*;
+use crate::ledger::Motion;
 
 /// A robot at rest.
 fn rests() -> Cell {
@@ -38,7 +39,7 @@ fn a_commit_is_taken_at_rest_by_a_fresh_reading_only() {
     ];
     for (name, before, expected) in cases {
         let mut cell = rests();
-        cell.now = cell.supervise.newest.as_ref().map(|newest| newest.at).unwrap();
+        cell.now = cell.supervise.newest.as_ref().map(|newest| newest.sampled_at).unwrap();
         before(&mut cell);
         let commit =
             Commit { agent: "a".into(), target: Target { motors: vec![0], q: vec![1.0], speed: 0.5 }, speeds: None };
@@ -63,6 +64,36 @@ fn a_motion_that_is_amended_is_due_anew() {
     let slow = due(&cell);
     cell.on(commit(0.5), cell.now);
     assert!(due(&cell).secs() - cell.now.secs() < 10.0 && slow.secs() - cell.now.secs() > 100.0);
+}
+
+/// Twice as long as a motion should take, its board's latency included, it may take.
+#[test]
+fn a_motion_of_a_board_that_is_late_is_due_later() {
+    let due = |latency: Duration| {
+        let mut cell = rests();
+        cell.rules = Arc::new(Rules { latency, ..(*cell.rules).clone() });
+        cell.commit(1.0, true).unwrap();
+        cell.book.open.as_ref().and_then(|open| open.motion.due()).unwrap()
+    };
+    let later = due(Duration::from_millis(300)).since(due(Duration::ZERO));
+    assert!(later.abs_diff(Duration::from_millis(600)) < Duration::from_micros(1), "{later:?}");
+}
+
+/// The ledger says how a transaction is driven, so that whoever comes after a death knows it.
+#[test]
+fn a_transaction_says_how_it_is_driven() {
+    let motion = |cell: &Cell| cell.book.open.as_ref().map(|open| open.motion).unwrap();
+    let mut cell = rests();
+    assert!(cell.commit(1.0, true).is_ok() && matches!(motion(&cell), Motion::Move { .. }));
+    let mut cell = rests();
+    assert!(cell.stream(true, Values::Velocity(vec![0.1])).is_ok() && matches!(motion(&cell), Motion::Stream));
+    let mut cell = Cell::of(Kind::Fields);
+    cell.apply(Op::Samples(30));
+    assert!(cell.commit(1.0, true).is_ok() && matches!(motion(&cell), Motion::Forces { .. }));
+    let mut cell = rests();
+    cell.apply(Op::Wall(Some(0.03)));
+    cell.apply(Op::Samples(30));
+    assert!(cell.commit(-0.5, true).is_ok() && matches!(motion(&cell), Motion::Escape { .. }));
 }
 
 /// Silence counts from when the filter opens: the retreat is no pause of the one who pushed.

@@ -129,7 +129,8 @@ impl Cell {
         Cell::with(Kind::Straight, Duration::from_millis(40), true, 32)
     }
 
-    fn with(kind: Kind, step: Duration, exact: bool, history: usize) -> Cell {
+    /// With readings so far apart, of exact speeds or estimated ones, and a history of this length.
+    pub fn with(kind: Kind, step: Duration, exact: bool, history: usize) -> Cell {
         let (rules, gate, mut book) = (rules(kind), Gate::default(), Book::new(history));
         let joint_retreat = JointRetreat::default();
         let shared = &mut Shared { rules: &rules, gate: &gate, book: &mut book, joint_retreat: &joint_retreat };
@@ -272,7 +273,7 @@ impl Cell {
 
     /// Nothing is heard any more after this velocity was written: the motor goes on until its lease is over, then it brakes.
     fn abandoned_at(&self, speed: f64) {
-        let lease = self.supervise.newest.as_ref().map_or(self.now, |newest| newest.at + self.rules.fresh);
+        let lease = self.supervise.newest.as_ref().map_or(self.now, |newest| newest.sampled_at + self.rules.fresh);
         let most = self.rules.axes[0].max_acceleration;
         let rest = self.q + speed * (lease.since(self.now).as_secs_f64() + speed.abs() / (2.0 * most));
         assert!(rest.abs() <= 3.0, "I5: abandoned at {speed} rad/s, the motor rests past the limit, at {rest}");
@@ -403,6 +404,7 @@ impl Cell {
 
     /// Time goes on to the next reading, which waits for the reflex.
     pub fn sample(&mut self) {
+        assert!(self.seq < 100_000, "whatever is waited for does not come");
         self.now = self.now + self.step.0;
         let secs = self.step.0.as_secs_f64();
         if let Some((v, until)) = self.running {

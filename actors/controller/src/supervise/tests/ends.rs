@@ -282,6 +282,68 @@ fn a_contact_at_rest_is_settled_when_a_stop_would_have_had_its_effect() {
     assert_eq!(cell.supervise.status(), Status::Holding(Hold::InContact));
 }
 
+/// A retreat that is tried again and succeeds leaves the motors at home, though their motion has had its outcome; while it is under way, or
+/// readings are missing, there is nothing to be tried.
+#[test]
+fn a_retreat_that_succeeds_at_last_leaves_the_motors_at_home() {
+    let given_up = |hold: Hold| {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        cell.apply(Op::Commit(1.0, true));
+        cell.apply(Op::Samples(20));
+        cell.on(SuperviseIn::AgentDied("a".into()), cell.now);
+        cell.on(SuperviseIn::ReflexReport(ReflexReport::GaveUp(hold)), cell.now);
+        assert_eq!(cell.book.places[..], [Some(cell.q)], "where it stands, for now");
+        cell
+    };
+    assert!(!given_up(Hold::Stale).supervise.can_recover());
+    let mut cell = given_up(Hold::RetreatMissed);
+    assert!(cell.q > 0.1 && cell.supervise.can_recover());
+    let out = cell.on(SuperviseIn::Recover, cell.now);
+    assert!(out.iter().any(|o| matches!(o, SuperviseOut::RollBack { again: true, .. })), "{out:?}");
+    assert!(!cell.supervise.can_recover(), "it is being tried");
+    cell.on(SuperviseIn::ReflexReport(ReflexReport::Back), cell.now);
+    assert_eq!(cell.book.places[..], [Some(0.0)]);
+}
+
+/// A motion can be revised while it is under way, and no longer: what comes too late begins no other one.
+#[test]
+fn what_is_revised_is_under_way() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let id = cell.commit(1.0, true).unwrap();
+    let revise = |cell: &mut Cell, id| {
+        let target = Target { motors: vec![0], q: vec![0.5], speed: 0.5 };
+        let commit = Commit { agent: "a".into(), target, speeds: None };
+        match cell.on(SuperviseIn::Revise(id, Revision::Commit(commit)), cell.now).first() {
+            Some(SuperviseOut::Verdict(verdict)) => verdict.clone(),
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(revise(&mut cell, CommitId(7)), Err(Refusal::Over));
+    assert_eq!(cell.book.open.as_ref().map(|open| open.target[0]), Some(1.0));
+    assert_eq!(revise(&mut cell, id), Ok(id));
+    assert_eq!(cell.book.open.as_ref().map(|open| open.target[0]), Some(0.5));
+    cell.heal();
+    assert_eq!((cell.supervise.status(), revise(&mut cell, id)), (Status::Rest, Err(Refusal::Over)));
+}
+
+/// The journal of several robots is one: each line says whose it is.
+#[test]
+fn what_is_told_says_of_whom() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let robots: Vec<String> = cell
+        .on(SuperviseIn::Shutdown, cell.now)
+        .into_iter()
+        .filter_map(|o| match o {
+            SuperviseOut::Event(Event::Disabled { robot, .. } | Event::State { robot, .. }) => Some(robot),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(robots, ["r", "r"]);
+}
+
 /// There is no retreat to be tried again where none failed.
 #[test]
 fn to_recover_does_nothing_where_no_retreat_failed() {

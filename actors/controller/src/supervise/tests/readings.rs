@@ -7,7 +7,7 @@ use super::*;
 fn readings_that_stay_away_close_the_filter_in_time() {
     let mut cell = Cell::new();
     cell.apply(Op::Samples(30));
-    let newest = cell.supervise.newest.as_ref().map(|newest| newest.at).unwrap();
+    let newest = cell.supervise.newest.as_ref().map(|newest| newest.sampled_at).unwrap();
     let last = newest + cell.rules.fresh;
     cell.on(SuperviseIn::Tick, last);
     assert_eq!((cell.supervise.status(), cell.gate.is_open()), (Status::Rest, true));
@@ -93,6 +93,12 @@ fn a_lease_is_as_long_as_a_reading_is_fresh() {
     let leases = |out: &[SuperviseOut]| -> Vec<Time> {
         out.iter().filter_map(|o| if let SuperviseOut::Lease(until) = o { Some(*until) } else { None }).collect()
     };
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let until = cell.supervise.newest.as_ref().map(|newest| newest.sampled_at).unwrap() + cell.rules.fresh;
+    let target = Target { motors: vec![0], q: vec![1.0], speed: 0.5 };
+    let out = cell.on(SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds: None }), cell.now);
+    assert_eq!(leases(&out), [until], "it may set out before the next reading");
     let (mut cell, mut read) = sets_out();
     let (fresh, begun) = (cell.rules.fresh, cell.now);
     assert_eq!(leases(&read(&mut cell, 0.5, fresh)), [begun + Duration::from_millis(100) + fresh]);
@@ -115,6 +121,153 @@ fn a_target_is_reached_to_the_tolerance() {
         });
         assert_eq!((ended.is_some(), cell.supervise.status()), (true, status), "{tolerances} tolerances away");
     }
+}
+
+/// One reading of a motor, by which supervise is stepped as it is taken.
+fn read_at(cell: &mut Cell, at: Time, (q, speed, done): (f64, f64, bool)) -> Vec<SuperviseOut> {
+    let sample = Sample { seq: at.0, at, q: vec![q].into(), done: vec![done] };
+    let mut pulse = crate::pulse::Pulse::new(sample, &Vec::new().into());
+    (pulse.speed, pulse.free, pulse.unchanged) = (speed, true, at);
+    cell.on(SuperviseIn::Pulse(&pulse), at)
+}
+
+fn commit_to(cell: &mut Cell, q: f64, at: Time) -> Vec<SuperviseOut> {
+    let target = Target { motors: vec![0], q: vec![q], speed: 0.5 };
+    cell.on(SuperviseIn::Commit(Commit { agent: "a".into(), target, speeds: None }), at)
+}
+
+/// Rest is below its speed, and a target's tolerance reaches to its very bound.
+#[test]
+fn rest_and_tolerance_are_judged_at_their_bounds() {
+    let ended = |rests: f64, tolerances: f64| {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        // a number that is exact, and so is its difference from one
+        cell.rules = Arc::new(Rules { tolerance: 1.0 / 128.0, ..(*cell.rules).clone() });
+        let (begun, speed) = (cell.now, rests * cell.rules.rest_speed);
+        commit_to(&mut cell, 1.0, begun);
+        for k in 1..=5 {
+            let at = begun + Duration::from_millis(100) * k;
+            read_at(&mut cell, at, (1.0 - tolerances / 128.0, speed, true));
+        }
+        cell.supervise.status()
+    };
+    assert_eq!([ended(0.99, 0.0), ended(0.99, 1.0)], [Status::Rest; 2]);
+    assert_eq!([ended(1.0, 0.0), ended(1.0, 1.0)], [Status::Moving; 2], "it is there, and may still move");
+    assert_eq!(ended(1.0, 1.01), Status::Stopping, "it is done elsewhere");
+}
+
+/// A reading that was taken in the instant of a commit shows nothing of it.
+#[test]
+fn a_motion_ends_by_a_reading_from_after_its_commit() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    let at = cell.now + Duration::from_millis(10);
+    commit_to(&mut cell, 0.0, at);
+    read_at(&mut cell, at, (0.0, 0.0, true));
+    assert_eq!(cell.supervise.status(), Status::Moving);
+    read_at(&mut cell, at + Duration::from_nanos(1), (0.0, 0.0, true));
+    assert_eq!(cell.supervise.status(), Status::Rest);
+}
+
+/// A motion may take as long as it is due, and no longer, straight or under forces.
+#[test]
+fn a_motion_is_overdue_when_it_is_past_due() {
+    for kind in [Kind::Straight, Kind::Fields] {
+        for (late, status) in [(0, Status::Moving), (1, Status::Stopping)] {
+            let mut cell = Cell::of(kind);
+            cell.apply(Op::Samples(30));
+            let begun = cell.now;
+            commit_to(&mut cell, 1.0, begun);
+            let due = cell.book.open.as_ref().and_then(|open| open.motion.due()).unwrap();
+            read_at(&mut cell, due + Duration::from_nanos(late), (0.5, 0.5, false));
+            assert_eq!(cell.supervise.status(), status, "{kind:?}, {late} ns late");
+        }
+    }
+}
+
+/// Where a motor was sent is its place from then on: nothing was displaced.
+#[test]
+fn a_motor_that_was_sent_elsewhere_is_not_displaced() {
+    let mut cell = Cell::new();
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Commit(0.5, true));
+    while cell.outcomes.is_empty() {
+        cell.apply(Op::Samples(1));
+    }
+    let token = cell.gate.token();
+    cell.apply(Op::Samples(30));
+    assert_eq!((cell.supervise.status(), cell.gate.token()), (Status::Rest, token));
+}
+
+/// A motion that outlasts the history takes its safe pose along: a recorded way leads back to it at any time.
+#[test]
+fn a_motion_that_outlasts_the_history_can_be_taken_back() {
+    let mut cell = Cell::with(Kind::Straight, Duration::from_millis(10), false, 60);
+    cell.apply(Op::Samples(30));
+    let begun = cell.now;
+    cell.apply(Op::Commit(2.0, true));
+    for _ in 0..150 {
+        cell.apply(Op::Samples(1));
+        let (since, _) = cell.book.open.as_ref().and_then(|open| open.safe.clone()).unwrap();
+        assert!(cell.book.history.past(since).is_ok(), "no way leads back to {since}");
+    }
+    assert!(cell.book.open.as_ref().and_then(|open| open.safe.clone()).is_some_and(|(since, _)| since > begun));
+}
+
+/// What was cut off at its target is told to have ended there, before its outcome; what ended by itself was told its target before.
+#[test]
+fn a_motion_that_was_cut_off_at_its_target_is_told() {
+    let amended = |fault: bool, q: f64| {
+        let mut cell = Cell::new();
+        cell.apply(Op::Samples(30));
+        let begun = cell.now;
+        commit_to(&mut cell, 1.0, begun);
+        if fault {
+            cell.on(SuperviseIn::Fault("hot".into()), begun);
+        }
+        let out = (1..=10).flat_map(|k| read_at(&mut cell, begun + Duration::from_millis(50) * k, (q, 0.0, true)));
+        let told = |o: SuperviseOut| match o {
+            SuperviseOut::Event(Event::Amended { .. }) => Some("amended"),
+            SuperviseOut::Event(Event::Outcome { .. }) => Some("outcome"),
+            _ => None,
+        };
+        out.filter_map(told).collect::<Vec<_>>()
+    };
+    assert_eq!(amended(true, 1.0), ["amended", "outcome"]);
+    assert_eq!((amended(false, 1.0), amended(true, 0.0)), (vec!["outcome"], vec!["outcome"]));
+}
+
+/// Under forces the reference moves once a period, by no more than a period and a half of time, however readings come; and a board that takes
+/// velocities stands still at first, wherever it is.
+#[test]
+fn a_reference_keeps_to_its_period() {
+    let mut cell = Cell::of(Kind::Fields);
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Commit(2.0, true));
+    let ahead = |cell: &Cell| cell.book.ahead.as_ref().map(|q| q[0]).unwrap();
+    let mut moved = 0;
+    for _ in 0..40 {
+        let before = ahead(&cell);
+        cell.apply(Op::Samples(1));
+        moved += u32::from(ahead(&cell) != before);
+    }
+    assert!((19..=21).contains(&moved), "40 readings in 20 periods: {moved} steps");
+    let (before, at, q) = (ahead(&cell), cell.now + Duration::from_millis(90), cell.q);
+    read_at(&mut cell, at, (q, 0.5, false));
+    let most = 1.5 * cell.rules.period.as_secs_f64() * cell.rules.axes[0].max_speed;
+    let step = ahead(&cell) - before;
+    assert!(step > 0.0 && step <= most, "{step} rad after a pause");
+    let mut cell = Cell::of(Kind::Velocities);
+    cell.apply(Op::Samples(30));
+    cell.apply(Op::Commit(0.5, true));
+    cell.heal();
+    let now = cell.now;
+    let first = commit_to(&mut cell, 1.0, now).into_iter().find_map(|o| match o {
+        SuperviseOut::Command(_, _, Command::Velocity { speed, .. }) => Some(speed),
+        _ => None,
+    });
+    assert_eq!(first, Some(vec![0.0]));
 }
 
 /// What ended a motion first is why it failed, whatever comes after.

@@ -188,6 +188,18 @@ fn a_motor_that_is_moved_in_mid_motion_takes_the_motion_back() {
     assert_eq!(two.supervise.status(), Status::Stopping);
 }
 
+/// Who ran into something by a move pushes no more: its program is heard as soon as the filter opens.
+#[test]
+fn who_moved_into_something_need_not_be_silent() {
+    let mut two = Two::new();
+    two.commit(0, 1.0);
+    let token = two.gate.close();
+    two.on(SuperviseIn::Closed(token, Cause::Contact(Vec::new()), None), two.now);
+    let setpoints = Setpoints { motors: vec![0], values: Values::Velocity(vec![0.1]) };
+    let out = two.on(SuperviseIn::Stream("a".into(), setpoints), two.now);
+    assert_eq!(out[0], SuperviseOut::Verdict(Err(Refusal::Closed)));
+}
+
 /// Of two programs that stream, one ran into something: the other can't have pushed, and is heard while it never pauses.
 #[test]
 fn set_points_of_motors_that_had_no_part_in_a_contact_are_heard() {
