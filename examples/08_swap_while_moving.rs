@@ -9,7 +9,7 @@ use mobee_actors::check::check_events;
 use mobee_actors::record::tap::Taps;
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::shell::{Maker, Offer};
+use mobee_actors::shell::{Maker, SwapRequest};
 use mobee_actors::system::{Control, NewPart, PartOffer, Setup, run_under};
 use mobee_contract::{Agent, Event, Intent, MotionEnd, Refusal, Snapshot, SwapStep, Time, View};
 use mobee_controller::ControllerSettings;
@@ -37,7 +37,7 @@ impl Agent for Broken {
 fn agent(what: &str, maker: Maker, shadow: u64) -> Control {
     let terms = SwapPolicy { shadow: Duration::from_secs(shadow), ..SwapPolicy::default() };
     let (reply, _) = tokio::sync::oneshot::channel();
-    let offer = Offer { maker, what: what.into(), fresh: false, terms };
+    let offer = SwapRequest { maker, what: what.into(), fresh: false, terms };
     Control::SwapAgent { robot: "icub".into(), offer, reply }
 }
 

@@ -4,7 +4,7 @@ use crate::compose::{Composition, compose};
 use crate::config::{Config, ConfigError};
 use crate::inspect::journal_error;
 use miette::{IntoDiagnostic, Report, WrapErr};
-use mobee_actors::check::{Poses, check, judged, wants_poses};
+use mobee_actors::check::{JudgedPoses, check, judged, wants_poses};
 use mobee_behaviors::roadmap::Roadmap;
 use mobee_behaviors::roadmap::verdict::judge;
 use mobee_controller::{Drive, RELEASE};
@@ -58,8 +58,8 @@ pub fn command(path: &Path, set: &[String], edges: bool) -> Result<ExitCode, Rep
 }
 
 /// What measured poses there were to judge by.
-fn say_poses(poses: &Poses) {
-    let Poses { readings, missing, wrong } = poses;
+fn say_poses(poses: &JudgedPoses) {
+    let JudgedPoses { readings, missing, wrong } = poses;
     if *readings > 0 {
         println!("{readings} measured poses");
     }

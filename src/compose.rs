@@ -3,7 +3,7 @@
 mod checks;
 mod script;
 
-use crate::config::{Clock, Complaints, Config, ConfigError, Source, suggestion};
+use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
 use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
 use mobee_controller::ControllerSettings;
@@ -100,7 +100,7 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
     let whole: Option<Vec<Built>> = built.into_iter().collect();
     let (Some(built), Some(objects)) = (whole, objects) else { return Err(wrong.of_something()) };
 
-    let base = |r: &crate::config::Robot| {
+    let base = |r: &crate::config::RobotConfig| {
         let [x, y, z] = r.base.position_m;
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), r.base.yaw_deg.to_radians());
         Isometry3::from_parts(Translation3::new(x, y, z), turn)
@@ -171,7 +171,7 @@ fn must_exist(source: &Source, at: &str, path: &Path, what: &str) -> Result<(), 
 }
 
 fn model(
-    r: &crate::config::Robot,
+    r: &crate::config::RobotConfig,
     at: &str,
     source: &Source,
     warnings: &mut Vec<String>,
@@ -277,7 +277,7 @@ fn bridges(config: &Config, source: &Source, wrong: &mut Complaints) -> Vec<(Str
         let built = built.and_then(|(kind, set)| (kind.build)(&set, &folder).map_err(|e| placed(source, &at, e)));
         let Some(bridge) = wrong.keep(built) else { continue };
         // the table [yarp] was judged with the clock already
-        if config.clock == Clock::Virtual && !bridge.runs_in_virtual_time() && at != "yarp" {
+        if config.clock == ClockMode::Virtual && !bridge.runs_in_virtual_time() && at != "yarp" {
             let what = "this bridge runs by the wall clock, and this behavior's clock is virtual";
             wrong.push(source.error(&at, what, "set clock = \"real\""));
         }
@@ -295,7 +295,7 @@ fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(
 
 /// Whether the robot can stop within its margin at the speed its agent uses, or foreign programs may.
 pub(crate) fn margin_warning(
-    r: &crate::config::Robot,
+    r: &crate::config::RobotConfig,
     robot: &Robot,
     hardware: &dyn Hardware,
     controller: &ControllerSettings,

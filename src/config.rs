@@ -53,7 +53,7 @@ pub struct Config {
     pub seed: u64,
     /// `virtual` (as fast as the machine allows) or `real`.
     #[serde(default)]
-    pub clock: Clock,
+    pub clock: ClockMode,
     /// Ends the run after this many seconds on the run's clock; default: when the agents are done.
     #[serde(default)]
     pub for_s: Option<f64>,
@@ -61,10 +61,10 @@ pub struct Config {
     #[serde(default)]
     pub world: World,
     /// The robots.
-    pub robot: Vec<Robot>,
+    pub robot: Vec<RobotConfig>,
     /// Changes to the world while the robots move.
     #[serde(default)]
-    pub script: Vec<Step>,
+    pub script: Vec<StepConfig>,
     /// The recording.
     #[serde(default)]
     pub record: Record,
@@ -91,7 +91,7 @@ pub struct Torture {
 /// How time passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Clock {
+pub enum ClockMode {
     /// As fast as the machine allows, and equal for equal seeds.
     #[default]
     Virtual,
@@ -111,7 +111,8 @@ pub struct World {
 /// One robot: its model, driver, controller and agent.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Robot {
+#[schemars(rename = "Robot")]
+pub struct RobotConfig {
     /// Its name in this run, unique.
     pub name: String,
     /// Robot XML, relative to this file.
@@ -142,9 +143,9 @@ pub struct Base {
 /// A change to the world.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Step {
+pub struct StepConfig {
     /// When.
-    pub when: When,
+    pub when: StepTrigger,
     /// What.
     pub edit: EditStep,
 }
@@ -152,7 +153,7 @@ pub struct Step {
 /// When a step happens.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub enum When {
+pub enum StepTrigger {
     /// At this many seconds of the run.
     AtS(f64),
     /// When this robot rests after this many outcomes.
@@ -305,7 +306,7 @@ impl Config {
 
     /// The clock, in the actors' words.
     pub fn clock_kind(&self) -> ClockKind {
-        if self.clock == Clock::Real { ClockKind::Real } else { ClockKind::Virtual }
+        if self.clock == ClockMode::Real { ClockKind::Real } else { ClockKind::Virtual }
     }
 
     /// The tables of all bridges, each with the place where it stands. The table `[yarp]` is one of the kind of its name.

@@ -8,7 +8,7 @@ mod moves;
 
 use crate::compose::{compose, driver_of};
 use crate::config::{Config, Source};
-use mobee_contract::{Limits, suggestion};
+use mobee_contract::{JointLimits, suggestion};
 use mobee_drivers::YarpDriverSettings;
 use mobee_yarp::Network;
 use mobee_yarp::config::{self, Env};
@@ -138,7 +138,7 @@ struct Remote {
     name: String,
     settings: YarpDriverSettings,
     /// The motors of each of its parts in the model: name and limits, rad.
-    motors: Vec<Vec<(String, Limits)>>,
+    motors: Vec<Vec<(String, JointLimits)>>,
 }
 
 /// Checks a file as `mobee check` does, and returns its robots behind YARP.

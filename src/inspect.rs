@@ -4,7 +4,7 @@ use crate::config::{Config, ConfigError};
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::check::summary;
 use mobee_actors::record::journal::JournalError;
-use mobee_recorder::Poses;
+use mobee_recorder::RecordedPoses;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -56,7 +56,7 @@ pub fn poses(run: &Path, robot: Option<&str>, file: &Path) -> Result<String, Rep
         }
     };
     let help = "the run must have been recorded; `mobee view` shows whether it was";
-    let poses = Poses::read(&run.join("recording.rrd"), robot).map_err(|e| ConfigError::plain(e, help))?;
+    let poses = RecordedPoses::read(&run.join("recording.rrd"), robot).map_err(|e| ConfigError::plain(e, help))?;
     let table = poses.table();
     let refused = |e: std::io::Error| {
         ConfigError::plain(

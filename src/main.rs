@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use miette::Report;
-use mobee::config::{Clock, ConfigError};
+use mobee::config::{ClockMode, ConfigError};
 use mobee::{
     agent, check, config, ctl, doctor, inspect, kinds, model_convert, model_eval, model_info, new, replay, run, schema,
     sim, terminal, torture, view, yarp,
@@ -109,7 +109,7 @@ struct RunArgs {
     seed: Option<u64>,
     /// `virtual` (as fast as the machine allows) or `real`.
     #[arg(long, value_parser = clock)]
-    clock: Option<Clock>,
+    clock: Option<ClockMode>,
     /// End after this many seconds on the run's clock.
     #[arg(long = "for", value_name = "SECONDS", allow_negative_numbers = true)]
     secs: Option<f64>,
@@ -182,10 +182,10 @@ fn ctl_at(text: &str) -> Result<run::CtlAt, String> {
     }
 }
 
-fn clock(text: &str) -> Result<Clock, String> {
+fn clock(text: &str) -> Result<ClockMode, String> {
     match text {
-        "virtual" => Ok(Clock::Virtual),
-        "real" => Ok(Clock::Real),
+        "virtual" => Ok(ClockMode::Virtual),
+        "real" => Ok(ClockMode::Real),
         _ => Err("the clocks are `virtual` and `real`".into()),
     }
 }
@@ -230,7 +230,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             let mut set = a.set;
             // named options are overrides like any other, applied last
             set.extend(a.seed.map(|s| format!("seed={s}")));
-            set.extend(a.clock.map(|c| format!("clock={}", if c == Clock::Real { "real" } else { "virtual" })));
+            set.extend(a.clock.map(|c| format!("clock={}", if c == ClockMode::Real { "real" } else { "virtual" })));
             set.extend(a.secs.map(|s| format!("for_s={s:?}")));
             if a.no_record {
                 set.push("record.enabled=false".into());

@@ -9,14 +9,14 @@ mod changes;
 mod compare;
 
 use crate::compose::{Composition, compose};
-use crate::config::{Clock, Config, ConfigError, Source};
+use crate::config::{ClockMode, Config, ConfigError, Source};
 use crate::inspect::journal_error;
 use crate::run::{CtlAt, Done, Extras, Folder, PATIENCE, QUEUE, recorder_settings, run_with, show};
 use changes::changes;
 use compare::{Compare, Verdict};
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::record::journal;
-use mobee_actors::record::tap::{Open, SinkSpec};
+use mobee_actors::record::tap::{OpenSink, SinkSpec};
 use mobee_actors::system::Control;
 use mobee_contract::{Event, Time};
 use mobee_recorder::Recording;
@@ -59,7 +59,7 @@ impl Recorded {
         let (config, source) = Config::load_resolved(&dir.join("config.json"))?;
         let refuse =
             |what: &str, help: &str| Report::from(ConfigError::plain(format!("{}: {what}", dir.display()), help));
-        if config.clock == Clock::Real {
+        if config.clock == ClockMode::Real {
             return Err(refuse(
                 "a run by the wall clock can't be replayed",
                 "play what it recorded as a robot: `mobee inspect RUN --poses FILE`, and a driver of kind `replay`",
@@ -168,7 +168,7 @@ pub fn command(args: &ReplayArgs) -> Result<ExitCode, Report> {
 }
 
 /// Opens a recorder of a recording that others draw into too.
-fn opener(recording: Recording, name: &'static str) -> Open {
+fn opener(recording: Recording, name: &'static str) -> OpenSink {
     Arc::new(move || recording.recorder(name).map(|r| Box::new(r) as _))
 }
 

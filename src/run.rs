@@ -21,13 +21,13 @@ pub use resume::command as resume;
 pub(crate) use sinks::{PATIENCE, QUEUE, recorder_settings};
 
 use crate::compose::{Composition, compose};
-use crate::config::{Clock, Config, ConfigError, Resolved, Source};
+use crate::config::{ClockMode, Config, ConfigError, Resolved, Source};
 use crate::ctl::CtlService;
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::record::journal::Journal;
-use mobee_actors::record::tap::{Open, SinkSpec, Taps};
+use mobee_actors::record::tap::{OpenSink, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
-use mobee_actors::system::{Control, Counts, Past, Progress, Reason, RunEnd, Setup};
+use mobee_actors::system::{Control, Past, Reason, RunCounts, RunEnd, RunProgress, Setup};
 use mobee_contract::{Event, Time};
 use serde_json::json;
 use std::net::SocketAddr;
@@ -59,7 +59,7 @@ pub fn command(
 ) -> Result<ExitCode, Report> {
     let source = Source::load(file, set)?;
     let mut composition = crate::compose::from_source(&source)?;
-    if watch && composition.config.clock == Clock::Virtual {
+    if watch && composition.config.clock == ClockMode::Virtual {
         let what = "--watch waits for edits, but with this file's virtual clock the run ends almost at once";
         return Err(ConfigError::plain(what, "add --clock real").into());
     }
@@ -87,7 +87,7 @@ pub(crate) struct Extras {
     /// Who else is told.
     pub(crate) sinks: Vec<SinkSpec>,
     /// A recorder in place of the run's own.
-    pub(crate) recorder: Option<Open>,
+    pub(crate) recorder: Option<OpenSink>,
     /// The configuration that the journal tells of, if it is not the composition's.
     pub(crate) told: Option<serde_json::Value>,
     /// What can be done about the recording while the run goes on.
@@ -176,7 +176,7 @@ pub fn in_order(end: &RunEnd) -> bool {
 
 /// [`mobee_actors::system::overload`], with what the run's own files lost: a viewer or terminal that can't keep up is its own
 /// concern.
-pub(crate) fn overload(counts: &Counts, dropped: impl IntoIterator<Item = (String, u64)>) -> Option<(String, bool)> {
+pub(crate) fn overload(counts: &RunCounts, dropped: impl IntoIterator<Item = (String, u64)>) -> Option<(String, bool)> {
     let own = |name: &str| ![sinks::VIEWER, sinks::TERMINAL].contains(&name);
     let dropped: Vec<_> = dropped.into_iter().filter(|(name, _)| own(name)).collect();
     mobee_actors::system::overload(counts, &dropped)
@@ -190,7 +190,7 @@ pub fn run(
     composition: Composition,
     folder: &Folder,
     controls: mpsc::Receiver<Control>,
-    progress: impl FnMut(&Progress),
+    progress: impl FnMut(&RunProgress),
 ) -> Result<Done, Report> {
     run_with(composition, folder, Extras::default(), controls, progress)
 }
@@ -204,7 +204,7 @@ pub(crate) fn run_with(
     folder: &Folder,
     extras: Extras,
     controls: mpsc::Receiver<Control>,
-    progress: impl FnMut(&Progress),
+    progress: impl FnMut(&RunProgress),
 ) -> Result<Done, Report> {
     let Extras { past, planned, sinks, recorder, told, recording, bar } = extras;
     let Composition { config, file, scene, robots, script, services, .. } = composition;

@@ -1,7 +1,7 @@
 //! `mobee sim`: simulated robots as YARP devices, for other programs and for our own driver in another process.
 
 use crate::compose::{derive_seed, driver_of};
-use crate::config::{Config, ConfigError, Robot};
+use crate::config::{Config, ConfigError, RobotConfig};
 use crate::signals::Interrupt;
 use miette::Report;
 use mobee_contract::Context;
@@ -71,7 +71,7 @@ fn boards(args: &SimArgs) -> Result<Vec<(String, SimBoard)>, Report> {
     Ok(all)
 }
 
-fn settings(robot: &Robot, at: &str, source: &crate::config::Source) -> Result<SimSettings, ConfigError> {
+fn settings(robot: &RobotConfig, at: &str, source: &crate::config::Source) -> Result<SimSettings, ConfigError> {
     let (kind, settings) = driver_of(source, at, &robot.driver)?;
     if kind != "sim" {
         let what = format!("robot {} has a driver of kind `{kind}`: there is nothing to simulate", robot.name);

@@ -25,7 +25,7 @@ use plan::{Planned, plan};
 use shrink::shrink;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use trial::{Ran, Trial};
+use trial::{Ran, TortureTrial};
 
 /// Runs up to so many seconds are made a second and a third time, for I13.
 const TWICE: f64 = 600.0;
@@ -83,7 +83,7 @@ pub fn command(args: &TortureArgs) -> Result<ExitCode, Report> {
 /// As for [`command`].
 pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, Report> {
     let kinds = chosen(&args.faults).map_err(Report::msg)?;
-    let trial = Trial::load(&args.file, &args.set, args.secs, args.faults == "mild")?;
+    let trial = TortureTrial::load(&args.file, &args.set, args.secs, args.faults == "mild")?;
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares simulated time with the wall's")]
     let started = std::time::Instant::now();
     // the bound is measured with the usual faults
@@ -118,7 +118,7 @@ pub fn torture(args: &TortureArgs, mut say: impl FnMut(&str)) -> Result<Tally, R
     Ok(tally)
 }
 
-fn one(trial: &Trial, seed: u64, planned: &[Planned], keep: Option<&Path>) -> Result<Ran, Report> {
+fn one(trial: &TortureTrial, seed: u64, planned: &[Planned], keep: Option<&Path>) -> Result<Ran, Report> {
     let Some(dir) = keep else { return trial.run(seed, planned, Vec::new()) };
     let folder = Folder::create("torture", Some(&dir.join(format!("seed-{seed}"))))?;
     let journal = Journal::create(folder.path(), &serde_json::json!({ "torture": seed })).map_err(Report::msg)?;
@@ -127,7 +127,7 @@ fn one(trial: &Trial, seed: u64, planned: &[Planned], keep: Option<&Path>) -> Re
 
 /// I13: the first seed again, with a journal and measured poses on the disk. Its hash is the same, the chain is intact, and a check of
 /// them finds what was found in the run.
-fn again(args: &TortureArgs, trial: &Trial, kinds: &[&'static str]) -> Result<Vec<String>, Report> {
+fn again(args: &TortureArgs, trial: &TortureTrial, kinds: &[&'static str]) -> Result<Vec<String>, Report> {
     let planned = plan(args.first, &trial.facts, kinds);
     let scratch = tempfile::tempdir().map_err(|e| Report::msg(e.to_string()))?;
     let journal = Journal::create(scratch.path(), &serde_json::Value::Null).map_err(Report::msg)?;
@@ -151,7 +151,13 @@ fn again(args: &TortureArgs, trial: &Trial, kinds: &[&'static str]) -> Result<Ve
 }
 
 /// What is said of a seed that fails: the shortest list of faults, and how to see it again.
-fn failure(args: &TortureArgs, trial: &Trial, seed: u64, planned: &[Planned], ran: &Ran) -> Result<String, Report> {
+fn failure(
+    args: &TortureArgs,
+    trial: &TortureTrial,
+    seed: u64,
+    planned: &[Planned],
+    ran: &Ran,
+) -> Result<String, Report> {
     let Some((invariant, what)) = ran.violations.first() else { return Ok(String::new()) };
     let numbered: Vec<(usize, Planned)> = match &args.only {
         Some(only) => only.iter().copied().zip(planned.iter().cloned()).collect(),

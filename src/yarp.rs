@@ -13,7 +13,7 @@ mod streams;
 use crate::signals::Interrupt;
 use clap::{Args, Subcommand};
 use mobee_yarp::config::Env;
-use mobee_yarp::{Carrier, ConfigError, Network, local_address};
+use mobee_yarp::{Carrier, Network, NetworkConfigError, local_address};
 use std::fmt::Display;
 use std::net::IpAddr;
 use std::process::ExitCode;
@@ -289,7 +289,7 @@ async fn network(args: &YarpArgs) -> Result<Network, Failure> {
             env.apply(Network::of(host, port)).map_err(because)?
         }
         None => Network::from_env().map_err(|e| match e {
-            ConfigError::Missing(_) => because(format!("{e}")),
+            NetworkConfigError::Missing(_) => because(format!("{e}")),
             e => because(e),
         })?,
     };

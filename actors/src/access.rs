@@ -1,7 +1,7 @@
 //! What a service may do with the running system: robots through their filtered interfaces, and the world.
 
 use crate::shell::{ModelMsg, SuperviseMsg};
-use crate::wiring::{Cell, Hub, Wires};
+use crate::wiring::{LatestCell, RobotContext, SharedContext};
 use mobee_contract::{
     Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Hold, Latest, MotionEnd, NativeMessage, NativeState,
     Refusal, Running, Setpoints, Status, Time, Verdict,
@@ -18,30 +18,30 @@ const NAMES: usize = 64;
 /// What one life of a service may do with everything, until it is revoked.
 pub struct Access {
     revoked: Arc<AtomicBool>,
-    hub: Arc<Hub>,
+    shared: Arc<SharedContext>,
     filters: Vec<Arc<Filter>>,
     robots: Vec<Arc<dyn Filtered>>,
 }
 
 impl Access {
-    /// Access to all robots of the hub; which have an agent is told in the robots' order.
-    pub fn new(hub: &Arc<Hub>, has_agent: &[bool]) -> Access {
+    /// Access to all robots of the run; which have an agent is told in the robots' order.
+    pub fn new(shared: &Arc<SharedContext>, has_agent: &[bool]) -> Access {
         let revoked = Arc::new(AtomicBool::new(false));
-        let robots = hub.robots.iter().zip(has_agent);
+        let robots = shared.robots.iter().zip(has_agent);
         let filters: Vec<Arc<Filter>> = robots
-            .map(|(wires, has_agent)| {
+            .map(|(context, has_agent)| {
                 Arc::new(Filter {
-                    hub: hub.clone(),
+                    shared: shared.clone(),
                     revoked: revoked.clone(),
-                    wires: wires.clone(),
-                    board: wires.parts.lock().board.clone(),
+                    context: context.clone(),
+                    board: context.parts.lock().board.clone(),
                     has_agent: *has_agent,
-                    names: Cell::default(),
+                    names: LatestCell::default(),
                 })
             })
             .collect();
         let robots = filters.iter().map(|f| f.clone() as Arc<dyn Filtered>).collect();
-        Access { revoked, hub: hub.clone(), filters, robots }
+        Access { revoked, shared: shared.clone(), filters, robots }
     }
 
     /// The service has gone: what its agents have under way is stopped as after an agent's death (I18), and whatever of it still runs
@@ -51,7 +51,7 @@ impl Access {
         for filter in &self.filters {
             let mut names = filter.names.lock();
             for name in names.drain(..) {
-                filter.wires.supervise.send(SuperviseMsg::AgentDied(name));
+                filter.context.supervise.send(SuperviseMsg::AgentDied(name));
             }
         }
     }
@@ -59,11 +59,11 @@ impl Access {
 
 impl Running for Access {
     fn now(&self) -> Time {
-        self.hub.clock.now()
+        self.shared.clock.now()
     }
 
     fn time_of_day(&self, at: Time) -> f64 {
-        self.hub.clock.time_of_day(at)
+        self.shared.clock.time_of_day(at)
     }
 
     fn robots(&self) -> &[Arc<dyn Filtered>] {
@@ -71,15 +71,15 @@ impl Running for Access {
     }
 
     fn models(&self) -> Vec<Arc<Robot>> {
-        self.hub.scene.lock().robots().to_vec()
+        self.shared.scene.lock().robots().to_vec()
     }
 
     fn scene(&self) -> Arc<Scene> {
-        self.hub.scene.lock().clone()
+        self.shared.scene.lock().clone()
     }
 
     fn sleep_until(&self, at: Time) -> Answer<()> {
-        let clock = self.hub.clock.clone();
+        let clock = self.shared.clock.clone();
         Box::pin(async move { clock.sleep_until(at).await })
     }
 
@@ -88,31 +88,31 @@ impl Running for Access {
             return Box::pin(async { Err("the service that asks has ended".into()) });
         }
         let (reply, done) = ractor::concurrency::oneshot();
-        self.hub.model.send(ModelMsg::Edit(edit, Some(reply.into())));
+        self.shared.model.send(ModelMsg::Edit(edit, Some(reply.into())));
         Box::pin(async move { done.await.unwrap_or_else(|_| Err("the model is being restarted; try again".into())) })
     }
 
     fn tell(&self, event: Event) {
-        self.hub.tell(event);
+        self.shared.tell(event);
     }
 }
 
 /// One robot's filtered interface, as one service uses it.
 #[derive(Debug)]
 struct Filter {
-    hub: Arc<Hub>,
+    shared: Arc<SharedContext>,
     revoked: Arc<AtomicBool>,
-    wires: Arc<Wires>,
+    context: Arc<RobotContext>,
     board: Board,
     has_agent: bool,
     /// The agents that the service commits for.
-    names: Cell<VecDeque<Arc<str>>>,
+    names: LatestCell<VecDeque<Arc<str>>>,
 }
 
 impl Filter {
     /// Sends what an agent of the service wants, and waits for the verdict.
     fn ask(&self, agent: &Arc<str>, message: impl FnOnce(RpcReplyPort<Verdict>) -> SuperviseMsg) -> Answer<Verdict> {
-        if *agent == self.wires.agent_name {
+        if *agent == self.context.agent_name {
             let what = format!("{agent} is the name of the robot's own agent");
             return Box::pin(async { Err(Refusal::Malformed { what }) });
         }
@@ -132,7 +132,7 @@ impl Filter {
                 }
                 names.push_back(agent.clone());
             }
-            self.wires.supervise.send(message(reply.into()));
+            self.context.supervise.send(message(reply.into()));
         }
         let missing = || Refusal::NotReady { missing: "a part of the controller that is being restarted".into() };
         Box::pin(async move { verdict.await.unwrap_or_else(|_| Err(missing())) })
@@ -141,11 +141,11 @@ impl Filter {
 
 impl Filtered for Filter {
     fn name(&self) -> &str {
-        &self.wires.name
+        &self.context.name
     }
 
     fn index(&self) -> usize {
-        self.wires.robot
+        self.context.robot
     }
 
     fn board(&self) -> &Board {
@@ -153,7 +153,7 @@ impl Filtered for Filter {
     }
 
     fn latest(&self) -> Latest {
-        self.wires.latest.lock().clone()
+        self.context.latest.lock().clone()
     }
 
     fn commit(&self, commit: Commit) -> Answer<Verdict> {
@@ -166,24 +166,24 @@ impl Filtered for Filter {
     }
 
     fn stop(&self, agent: Arc<str>) {
-        self.wires.supervise.send(SuperviseMsg::Stop(agent));
+        self.context.supervise.send(SuperviseMsg::Stop(agent));
     }
 
     fn end_of(&self, id: CommitId) -> Option<MotionEnd> {
-        self.wires.ledger.book().end_of(id)
+        self.context.ledger.book().end_of(id)
     }
 
     fn to_blame(&self, id: CommitId) -> Option<BTreeSet<usize>> {
-        let contacts = self.wires.ledger.book().contacts_of(id)?.to_vec();
-        Some(self.hub.movers(&contacts, self.wires.robot))
+        let contacts = self.context.ledger.book().contacts_of(id)?.to_vec();
+        Some(self.shared.movers(&contacts, self.context.robot))
     }
 
     fn let_agent_act(&self, act: bool) -> Result<(), Refusal> {
         if !self.has_agent {
             return Err(Refusal::NotReady { missing: "an agent of the robot's own".into() });
         }
-        if self.wires.agent_acts.swap(act, Ordering::SeqCst) != act {
-            self.hub.tell(Event::AgentActs { robot: self.wires.name.clone(), acts: act });
+        if self.context.agent_acts.swap(act, Ordering::SeqCst) != act {
+            self.shared.tell(Event::AgentActs { robot: self.context.name.clone(), acts: act });
         }
         Ok(())
     }
@@ -192,11 +192,11 @@ impl Filtered for Filter {
         if self.revoked.load(Ordering::SeqCst) {
             return Err("the service that asks has ended".into());
         }
-        if self.wires.can_recover.load(Ordering::SeqCst) {
-            self.wires.supervise.send(SuperviseMsg::Recover);
+        if self.context.can_recover.load(Ordering::SeqCst) {
+            self.context.supervise.send(SuperviseMsg::Recover);
             return Ok(());
         }
-        let Status::Holding(why) = self.wires.latest.lock().status else {
+        let Status::Holding(why) = self.context.latest.lock().status else {
             return Err("there is nothing to recover from: the robot does not hold".into());
         };
         let opens = match why {
@@ -210,12 +210,12 @@ impl Filtered for Filter {
     }
 
     fn passthrough(&self, part: &str, request: NativeMessage) -> Option<Answer<Result<NativeMessage, DriverFault>>> {
-        let plug = self.wires.parts.lock().plug.clone();
+        let plug = self.context.parts.lock().plug.clone();
         plug.0.passthrough(part, request)
     }
 
     fn native_state(&self, part: &str) -> Option<NativeState> {
-        let plug = self.wires.parts.lock().plug.clone();
+        let plug = self.context.parts.lock().plug.clone();
         plug.0.native_state(part)
     }
 }

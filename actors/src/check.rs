@@ -65,12 +65,12 @@ mod together;
 mod told_the_truth;
 mod watched_retreat;
 mod window;
-pub use all::{ALL, Promise, Wants, judged, wants_poses};
+pub use all::{ALL, InvariantEntry, Wants, judged, wants_poses};
 pub use liveness::HEALED;
-pub use poses::Poses;
+pub use poses::JudgedPoses;
 pub use summary::{RunSummary, summary};
 
-use crate::record::journal::{JournalError, Line, read};
+use crate::record::journal::{JournalError, JournalLine, read};
 use mobee_contract::{Event, Pose, Time};
 use poses::Merge;
 use serde::Serialize;
@@ -100,7 +100,7 @@ impl fmt::Display for Violation {
 
 /// What a check found.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Report {
+pub struct CheckReport {
     /// Events read; the chain is right up to the last of them.
     pub events: u64,
     /// The hash of the last, in hexadecimal.
@@ -110,7 +110,7 @@ pub struct Report {
     /// Set if the journal stops in mid-line, as after a crash.
     pub truncated: Option<JournalError>,
     /// The measured poses beside it.
-    pub poses: Poses,
+    pub poses: JudgedPoses,
     /// Broken invariants, by line.
     pub violations: Vec<Violation>,
 }
@@ -119,9 +119,9 @@ pub struct Report {
 ///
 /// # Errors
 /// If it can't be opened, or is not as it was written. A journal that merely stops in mid-line is reported on.
-pub fn check(path: &Path) -> Result<Report, JournalError> {
+pub fn check(path: &Path) -> Result<CheckReport, JournalError> {
     let (mut checker, mut merge) = (Checker::default(), Merge::default());
-    let mut report = Report::default();
+    let mut report = CheckReport::default();
     let dir = if path.is_dir() { path } else { path.parent().unwrap_or(path) };
     for line in read(path)? {
         match line {
@@ -148,7 +148,7 @@ pub fn check(path: &Path) -> Result<Report, JournalError> {
 pub fn check_events(events: impl IntoIterator<Item = (Time, Arc<Event>)>) -> Vec<Violation> {
     let mut checker = Checker::default();
     for (n, (at, event)) in (0..).zip(events) {
-        checker.on(&Line { line: n + 1, n, at, event: (*event).clone(), hash: String::new() });
+        checker.on(&JournalLine { line: n + 1, n, at, event: (*event).clone(), hash: String::new() });
     }
     checker.end().1
 }
@@ -156,7 +156,7 @@ pub fn check_events(events: impl IntoIterator<Item = (Time, Arc<Event>)>) -> Vec
 /// One invariant as a state machine.
 trait Invariant: Send {
     /// Takes the next line.
-    fn on(&mut self, line: &Line, found: &mut Found<'_>);
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>);
     /// Takes a reading of this robot's pose, where there are any: what it finds is put at the line before.
     fn pose(&mut self, _robot: &str, _at: Time, _q: &Pose, _found: &mut Found<'_>) {}
     /// The readings of this robot that come next are not known.
@@ -220,7 +220,7 @@ impl Default for Checker {
 
 impl Checker {
     /// Takes the next line.
-    pub fn on(&mut self, line: &Line) {
+    pub fn on(&mut self, line: &JournalLine) {
         self.last = (line.line, line.at);
         if crate::system::is_beside(&line.event) {
             return;

@@ -9,7 +9,7 @@ mod sensor;
 mod service;
 mod supervise;
 
-pub use agent::{AgentActor, AgentMsg, Maker, Offer, Slot};
+pub use agent::{AgentActor, AgentMsg, Maker, PlannerSlot, SwapRequest};
 pub use driver::{DriverActor, DriverMsg};
 pub use history::{HistoryActor, HistoryMsg};
 pub use model::{ModelActor, ModelMsg};

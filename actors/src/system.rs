@@ -11,20 +11,20 @@ mod run;
 mod tree;
 mod trouble;
 
-pub use counts::Counts;
-pub use cues::{Cues, ScriptStep, When};
+pub use counts::RunCounts;
+pub use cues::{CueTrigger, Cues, ScriptStep};
 pub use exchange::{NewPart, PartOffer};
 pub use inject::{Injection, Spot};
 pub use overload::{Late, overload};
 pub use past::{Past, PastRobot};
-pub use report::{Report, RobotReport};
+pub use report::{RobotReport, SystemReport};
 pub use run::{run, run_under};
 pub(crate) use tree::is_beside;
 pub use trouble::{Blow, Troubles};
 
 use crate::record::tap::Taps;
 use crate::runtime::clock::ClockKind;
-use crate::shell::{Offer, PartMaker};
+use crate::shell::{PartMaker, SwapRequest};
 use mobee_contract::{Agent, Camera, Detector, Hardware, Service, Snapshot, Time};
 use mobee_controller::ControllerSettings;
 use mobee_model::{Edit, Scene};
@@ -104,7 +104,7 @@ pub enum Control {
         /// Robot.
         robot: String,
         /// The new agent.
-        offer: Offer,
+        offer: SwapRequest,
         /// Whether it was taken.
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },
@@ -120,16 +120,16 @@ pub enum Control {
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },
     /// How all is.
-    Status(tokio::sync::oneshot::Sender<Report>),
+    Status(tokio::sync::oneshot::Sender<SystemReport>),
 }
 
 /// How far a run is.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Progress {
+pub struct RunProgress {
     /// Time of the run.
     pub at: Time,
     /// The counters.
-    pub counts: Counts,
+    pub counts: RunCounts,
 }
 
 /// Why a run ended.
@@ -167,7 +167,7 @@ pub struct RunEnd {
     /// When.
     pub ended_at: Time,
     /// The counters.
-    pub counts: Counts,
+    pub counts: RunCounts,
     /// The agents' last states, by robot.
     pub snapshots: Vec<(String, Snapshot)>,
     /// The world at the end.

@@ -3,8 +3,8 @@
 use crate::record::tap::Taps;
 use crate::runtime::clock::Clock;
 use crate::runtime::stream::Stream;
-use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, Slot, SuperviseMsg};
-use crate::system::{Counts, Cues, Troubles};
+use crate::shell::{AgentMsg, DriverMsg, ModelMsg, PlannerSlot, ReflexMsg, SuperviseMsg};
+use crate::system::{Cues, RunCounts, Troubles};
 use mobee_contract::{AnswerTime, Board, Event, Hardware, Latest, Note, Snapshot, SwapPart, SwapStep};
 use mobee_controller::gate::Gate;
 use mobee_controller::joint_retreat::JointRetreat;
@@ -19,12 +19,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A latest value. A panic of its writer leaves it readable.
 #[derive(Debug, Default)]
-pub struct Cell<T>(Mutex<T>);
+pub struct LatestCell<T>(Mutex<T>);
 
-impl<T> Cell<T> {
+impl<T> LatestCell<T> {
     /// With a first value.
-    pub fn new(value: T) -> Cell<T> {
-        Cell(Mutex::new(value))
+    pub fn new(value: T) -> LatestCell<T> {
+        LatestCell(Mutex::new(value))
     }
     /// The value, locked for a moment.
     pub fn lock(&self) -> MutexGuard<'_, T> {
@@ -34,15 +34,15 @@ impl<T> Cell<T> {
 
 /// A line to an actor: stays when the actor dies, and leads to its successor.
 #[derive(Debug)]
-pub struct Line<M: Message>(Cell<Option<ActorRef<M>>>);
+pub struct ActorLink<M: Message>(LatestCell<Option<ActorRef<M>>>);
 
-impl<M: Message> Default for Line<M> {
+impl<M: Message> Default for ActorLink<M> {
     fn default() -> Self {
-        Line(Cell::new(None))
+        ActorLink(LatestCell::new(None))
     }
 }
 
-impl<M: Message> Line<M> {
+impl<M: Message> ActorLink<M> {
     /// The actor is up.
     pub fn connect(&self, actor: ActorRef<M>) {
         *self.0.lock() = Some(actor);
@@ -54,19 +54,19 @@ impl<M: Message> Line<M> {
     }
 }
 
-/// One robot's wires.
+/// What the actors of one robot share.
 #[derive(Debug)]
-pub struct Wires {
+pub struct RobotContext {
     /// Its index in the scene.
     pub robot: usize,
     /// Its name.
     pub name: String,
     /// What its controller runs with.
-    pub parts: Cell<Parts>,
+    pub parts: LatestCell<Parts>,
     /// A new controller or driver on probation.
-    pub trial: Cell<Trial>,
+    pub trial: LatestCell<Probation>,
     /// The last step of the exchange of each part that was ever exchanged.
-    pub swaps: Cell<BTreeMap<SwapPart, SwapStep>>,
+    pub swaps: LatestCell<BTreeMap<SwapPart, SwapStep>>,
     /// Its gate.
     pub gate: Arc<Gate>,
     /// Its ledger.
@@ -74,27 +74,27 @@ pub struct Wires {
     /// Until when the driver may let the board move, as a time of the run, ns. Only supervise renews it.
     pub lease: AtomicU64,
     /// What its readers may know.
-    pub latest: Cell<Latest>,
+    pub latest: LatestCell<Latest>,
     /// How long its board took to answer of late.
-    pub answers: Cell<Option<AnswerTime>>,
-    /// The first three links of the pulse; the last is [`Hub::to_model`].
+    pub answers: LatestCell<Option<AnswerTime>>,
+    /// The first three links of the pulse; the last is [`SharedContext::to_model`].
     pub to_history: Stream<Pulse>,
     /// See above.
     pub to_reflex: Stream<Pulse>,
     /// See above.
     pub to_supervise: Stream<Pulse>,
     /// Lines to its actors.
-    pub driver: Line<DriverMsg>,
+    pub driver: ActorLink<DriverMsg>,
     /// See above.
-    pub reflex: Line<ReflexMsg>,
+    pub reflex: ActorLink<ReflexMsg>,
     /// See above.
-    pub supervise: Line<SuperviseMsg>,
+    pub supervise: ActorLink<SuperviseMsg>,
     /// See above.
-    pub agent: Line<AgentMsg>,
+    pub agent: ActorLink<AgentMsg>,
     /// The agent's newest state, for a successor.
-    pub snapshot: Cell<Option<Snapshot>>,
+    pub snapshot: LatestCell<Option<Snapshot>>,
     /// Who makes the agent, and how far its exchange is.
-    pub slot: Cell<Slot>,
+    pub slot: LatestCell<PlannerSlot>,
     /// The name of the agent's actor.
     pub agent_name: Arc<str>,
     /// Whether the agent may make motions, or makes way for another.
@@ -105,11 +105,11 @@ pub struct Wires {
     pub notes: Vec<Note>,
 }
 
-impl Wires {
+impl RobotContext {
     /// Hands a step of a core what the robot's actors share. The ledger is locked meanwhile, for no longer than the step takes.
-    pub fn share<T>(&self, rules: &Rules, hub: &Hub, step: impl FnOnce(&mut Shared) -> T) -> T {
+    pub fn share<T>(&self, rules: &Rules, shared: &SharedContext, step: impl FnOnce(&mut Shared) -> T) -> T {
         let book = &mut *self.ledger.book();
-        step(&mut Shared { rules, gate: &self.gate, book, joint_retreat: &hub.joint_retreat })
+        step(&mut Shared { rules, gate: &self.gate, book, joint_retreat: &shared.joint_retreat })
     }
 
     /// Its rules now: an exchange of controller or driver brings others.
@@ -161,7 +161,7 @@ impl Parts {
 
 /// The probation of a new controller or driver.
 #[derive(Debug, Default)]
-pub struct Trial {
+pub struct Probation {
     /// Whether one is being exchanged.
     pub busy: bool,
     /// What to return to, while the new part is on probation.
@@ -172,32 +172,32 @@ pub struct Trial {
 
 /// What all robots share.
 #[derive(Debug)]
-pub struct Hub {
-    /// The robots' wires, in the scene's order.
-    pub robots: Vec<Arc<Wires>>,
+pub struct SharedContext {
+    /// The robots' contexts, in the scene's order.
+    pub robots: Vec<Arc<RobotContext>>,
     /// The scene now.
-    pub scene: Cell<Arc<Scene>>,
+    pub scene: LatestCell<Arc<Scene>>,
     /// Robots that go back together.
     pub joint_retreat: Arc<JointRetreat>,
     /// The pulse of all robots into the model.
     pub to_model: Stream<(usize, Pulse)>,
     /// The line to the model.
-    pub model: Line<ModelMsg>,
+    pub model: ActorLink<ModelMsg>,
     /// The clock.
     pub clock: Clock,
     /// Who is told.
     pub taps: Taps,
     /// What is counted.
-    pub counts: Cell<Counts>,
+    pub counts: LatestCell<RunCounts>,
     /// Edits that wait for their moment.
-    pub cues: Cell<Cues>,
+    pub cues: LatestCell<Cues>,
     /// What is planned for its actors, in a simulation with faults.
     pub troubles: Option<Troubles>,
     /// An empty list of contacts, shared.
     pub none: Arc<[Contact]>,
 }
 
-impl Hub {
+impl SharedContext {
     /// The motors of a robot that brought together what touches.
     pub fn movers(&self, contacts: &[Contact], robot: usize) -> BTreeSet<usize> {
         let scene = self.scene.lock().clone();
@@ -217,30 +217,30 @@ impl Hub {
     }
 
     /// An actor of a robot's controller died: close the filter, and leave word for supervise.
-    pub fn fence(&self, wires: &Wires, actor: &str) {
-        let token = wires.gate.close();
-        wires.ledger.book().died = Some(actor.to_string());
-        let (robot, cause) = (wires.name.clone(), mobee_contract::Cause::ActorDied(actor.to_string()));
+    pub fn fence(&self, context: &RobotContext, actor: &str) {
+        let token = context.gate.close();
+        context.ledger.book().died = Some(actor.to_string());
+        let (robot, cause) = (context.name.clone(), mobee_contract::Cause::ActorDied(actor.to_string()));
         self.tell(Event::Disabled { robot, token, cause });
     }
 
     /// Tells a step of an exchange, and keeps it for whoever asks.
-    pub fn tell_swap(&self, wires: &Wires, part: SwapPart, step: SwapStep) {
-        let robot = wires.name.clone();
+    pub fn tell_swap(&self, context: &RobotContext, part: SwapPart, step: SwapStep) {
+        let robot = context.name.clone();
         match &step {
             SwapStep::Reverted { .. } => tracing::error!(robot, "swap of the {part}: {step}"),
             SwapStep::Refused { .. } => tracing::warn!(robot, "swap of the {part}: {step}"),
             _ => tracing::info!(robot, "swap of the {part}: {step}"),
         }
-        wires.swaps.lock().insert(part, step.clone());
+        context.swaps.lock().insert(part, step.clone());
         self.tell(Event::Swap { robot, part, step });
     }
 
     /// Puts other parts into a robot's controller, for the actors that are started from now on, and returns the ones before.
-    pub fn install(&self, wires: &Wires, parts: Parts) -> Parts {
-        wires.ledger.book().history.resize(parts.controller.history);
+    pub fn install(&self, context: &RobotContext, parts: Parts) -> Parts {
+        context.ledger.book().history.resize(parts.controller.history);
         let described = parts.rules.described(&parts.model);
-        let before = std::mem::replace(&mut *wires.parts.lock(), parts);
+        let before = std::mem::replace(&mut *context.parts.lock(), parts);
         described.into_iter().for_each(|event| self.tell(event));
         self.model.send(ModelMsg::Margins);
         before
@@ -248,11 +248,11 @@ impl Hub {
 
     /// A part of a robot's controller died: if a new one is on probation, that counts against it, and whoever is started
     /// from now on is started with the old parts.
-    pub fn count_against(&self, wires: &Wires, why: &str) {
-        let old = wires.trial.lock().old.take();
+    pub fn count_against(&self, context: &RobotContext, why: &str) {
+        let old = context.trial.lock().old.take();
         if let Some(old) = old {
-            let broken = self.install(wires, old);
-            wires.trial.lock().broke = Some((why.to_owned(), broken));
+            let broken = self.install(context, old);
+            context.trial.lock().broke = Some((why.to_owned(), broken));
         }
     }
 }

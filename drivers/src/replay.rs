@@ -2,7 +2,7 @@
 
 mod table;
 
-pub use table::Table;
+pub use table::PoseTable;
 
 use crate::SimSettings;
 use mobee_contract as contract;
@@ -51,7 +51,7 @@ fn rate() -> f64 {
 /// The recorded robot.
 #[derive(Clone, Debug)]
 pub struct ReplayHardware {
-    table: Arc<Table>,
+    table: Arc<PoseTable>,
     board: Board,
 }
 
@@ -72,13 +72,13 @@ impl ReplayHardware {
                 "make the table by `mobee inspect RUN --poses FILE`; its path is relative to the configuration file";
             KindError::new("file", format!("{name} can't be read: {e}"), help)
         })?;
-        let table = Table::parse(&text, &context.robot)
+        let table = PoseTable::parse(&text, &context.robot)
             .map_err(|(line, what, help)| KindError::new("file", format!("{name}:{line}: {what}"), help))?;
         Ok(ReplayHardware::new(table, SimSettings::default().axes(&context.robot), settings.encoder_hz))
     }
 
     /// A robot with these axes that does what the table says, read so many times a second.
-    pub fn new(table: Table, axes: Vec<Axis>, encoder_hz: f64) -> ReplayHardware {
+    pub fn new(table: PoseTable, axes: Vec<Axis>, encoder_hz: f64) -> ReplayHardware {
         let period = Duration::from_secs_f64(1.0 / encoder_hz.clamp(1.0, 1000.0));
         let board = Board { axes, period, latency: Duration::ZERO, position_direct: true };
         ReplayHardware { table: Arc::new(table), board }

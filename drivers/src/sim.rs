@@ -41,7 +41,7 @@ inventory::submit! {
 
 /// What all drivers of one simulated robot share: the hardware itself.
 #[derive(Debug)]
-pub struct Board {
+pub struct SharedPlant {
     plant: Plant,
     encoders: Encoders,
     latency: Duration,
@@ -54,14 +54,14 @@ pub struct Board {
 }
 
 /// Hardware does not break because a program crashed while it talked to it.
-pub fn lock(board: &Mutex<Board>) -> MutexGuard<'_, Board> {
+pub fn lock(board: &Mutex<SharedPlant>) -> MutexGuard<'_, SharedPlant> {
     board.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A simulated robot. It goes on living when its driver dies; see [`Hardware`].
 #[derive(Clone, Debug)]
 pub struct SimHardware {
-    board: Arc<Mutex<Board>>,
+    board: Arc<Mutex<SharedPlant>>,
     facts: contract::Board,
     start: Option<Vec<f64>>,
     imitates: Option<Imitated>,
@@ -96,7 +96,7 @@ impl SimHardware {
             latency: settings.latency(),
             position_direct: true,
         };
-        let board = Board {
+        let board = SharedPlant {
             plant: Plant::new(axes, start, settings.profile()),
             encoders: Encoders::new(settings, seed),
             latency: settings.latency(),
@@ -165,7 +165,7 @@ impl Hardware for SimHardware {
 /// A connection to a simulated robot.
 #[derive(Debug)]
 pub struct SimDriver {
-    board: Arc<Mutex<Board>>,
+    board: Arc<Mutex<SharedPlant>>,
     facts: contract::Board,
 }
 
@@ -219,7 +219,7 @@ impl Driver for SimDriver {
     }
 }
 
-impl Board {
+impl SharedPlant {
     /// Moves on to `now`, reading the encoders on the way.
     fn advance(&mut self, now: Time) {
         if let Some(mut sample) = self.encoders.read(&mut self.plant, now) {

@@ -46,7 +46,7 @@ pub use driver::YarpDriver;
 pub use settings::{Moves, PartSettings, YarpDriverSettings};
 pub use sim::{Who, WireFault, YarpSim};
 
-use cell::{Cell, Trouble};
+use cell::{SharedBoards, Trouble};
 use driver::Reach;
 use layout::Layout;
 use mobee_contract::{
@@ -92,7 +92,7 @@ pub struct YarpHardware {
 struct Started {
     reach: Reach,
     questions: Vec<Questions>,
-    thread: thread::Running,
+    thread: thread::Threads,
 }
 
 impl YarpHardware {
@@ -151,7 +151,7 @@ impl YarpHardware {
             Some(wire) => (wire.clone(), Place::Here),
             None => (Arc::new(self.network()?) as Arc<dyn Wire>, Place::Threads),
         };
-        let cell = Arc::new(Cell::new(&self.layout));
+        let cell = Arc::new(SharedBoards::new(&self.layout));
         cell.lock().inherit(&self.layout, &self.inherited.lock().unwrap_or_else(PoisonError::into_inner));
         thread::start((wire, place), &self.settings, &self.robot, self.layout.clone(), cell)
             .map_err(|e| DriverFault::Hardware(format!("no thread for the robot's network: {e}")))
@@ -224,7 +224,7 @@ impl Hardware for YarpHardware {
         let started = self.started();
         let Some(started) = started.as_ref() else { return Vec::new() };
         let inner = started.reach.cell.lock();
-        let of = |(patch, known): (&layout::Patch, &cell::Known)| Paces {
+        let of = |(patch, known): (&layout::Patch, &cell::BoardFacts)| Paces {
             board: patch.port.clone(),
             seen: known.gauge.seen().to_vec(),
             fair: !known.gauge.is_unfair(),

@@ -1,6 +1,6 @@
 //! What happens to the world: the steps of a configuration as edits of the scene, each tried on it first.
 
-use crate::config::{Complaints, Config, EditStep, Source, Step, When, suggestion};
+use crate::config::{Complaints, Config, EditStep, Source, StepConfig, StepTrigger, suggestion};
 use mobee_actors::system::ScriptStep;
 use mobee_contract::Time;
 use mobee_model::{Edit, Scene};
@@ -38,11 +38,11 @@ pub(super) fn steps(config: &Config, source: &Source, scene: &Scene, wrong: &mut
     steps
 }
 
-fn when(step: &Step) -> mobee_actors::system::When {
+fn when(step: &StepConfig) -> mobee_actors::system::CueTrigger {
     match &step.when {
-        When::AtS(t) => mobee_actors::system::When::At(Time::from_secs(*t)),
-        When::AfterOutcomes { robot, count } => {
-            mobee_actors::system::When::AfterOutcomes { robot: robot.clone(), n: *count }
+        StepTrigger::AtS(t) => mobee_actors::system::CueTrigger::At(Time::from_secs(*t)),
+        StepTrigger::AfterOutcomes { robot, count } => {
+            mobee_actors::system::CueTrigger::AfterOutcomes { robot: robot.clone(), n: *count }
         }
     }
 }

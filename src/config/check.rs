@@ -1,6 +1,6 @@
 //! What the types of a configuration can't say, before any file that it names is read.
 
-use super::{Clock, Complaints, Config, Source, When, did_you_mean, suggestion};
+use super::{ClockMode, Complaints, Config, Source, StepTrigger, did_you_mean, suggestion};
 use mobee_bridge::YarpSettings;
 
 /// The farthest from the world's origin that anything may stand, metres: what is farther was meant in millimetres.
@@ -66,7 +66,7 @@ impl Config {
     fn check_run(&self, c: &mut Checks<'_>) {
         let yarp_robot = self.robot.iter().position(|r| r.driver["kind"] == "yarp");
         let real_only = yarp_robot.map(|i| format!("robot[{i}].driver")).or(self.yarp.as_ref().map(|_| "yarp".into()));
-        if let Some(at) = real_only.filter(|_| self.clock == Clock::Virtual) {
+        if let Some(at) = real_only.filter(|_| self.clock == ClockMode::Virtual) {
             let what = "YARP runs by the wall clock, and this behavior's clock is virtual";
             c.say(&at, what, "set clock = \"real\"");
         }
@@ -83,7 +83,7 @@ impl Config {
             c.range("for_s", secs, 0.001, 1e7, "s");
         }
         c.range("record.poses_hz", self.record.poses_hz, 0.1, 1000.0, "Hz");
-        if self.record.live.is_some() && self.clock == Clock::Virtual {
+        if self.record.live.is_some() && self.clock == ClockMode::Virtual {
             let what = "a viewer can't follow a run in virtual time, which waits for nobody";
             c.say(
                 "record.live",
@@ -128,7 +128,7 @@ impl Config {
         let names: Vec<&str> = self.robot.iter().map(|r| r.name.as_str()).collect();
         for (i, s) in self.script.iter().enumerate() {
             match &s.when {
-                When::AtS(t) => {
+                StepTrigger::AtS(t) => {
                     let at = format!("script[{i}].when.at_s");
                     c.range(&at, *t, 0.0, 1e7, "s");
                     // who shortens one run by --for knows that it ends early
@@ -138,11 +138,11 @@ impl Config {
                         c.say(&at, what, "choose an earlier time, or a longer `for_s`");
                     }
                 }
-                When::AfterOutcomes { robot, .. } if !names.contains(&robot.as_str()) => {
+                StepTrigger::AfterOutcomes { robot, .. } if !names.contains(&robot.as_str()) => {
                     let at = format!("script[{i}].when.after_outcomes.robot");
                     c.say(&at, format!("there is no robot `{robot}`"), suggestion(robot, "robot", &names));
                 }
-                When::AfterOutcomes { robot, .. } => {
+                StepTrigger::AfterOutcomes { robot, .. } => {
                     let planless = self.robot.iter().any(|r| r.name == *robot && r.agent.is_none());
                     let ports = |y: &YarpSettings| y.filter || y.parts;
                     if planless && self.bridge.is_empty() && !self.yarp.as_ref().is_some_and(ports) {

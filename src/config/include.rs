@@ -1,6 +1,6 @@
 //! A configuration file with the files that it includes, as one tree of values: the file itself over what it includes.
 
-use super::layer::{Content, Node};
+use super::layer::{Content, LayerNode};
 use super::{Complaints, ConfigError};
 use mobee_model::file::{MIB, read_text};
 use serde_json::Value;
@@ -44,7 +44,7 @@ impl TextFile {
 }
 
 /// Reads a file and what it includes.
-pub struct Reader {
+pub struct IncludeReader {
     /// All files read so far.
     pub files: Vec<TextFile>,
     main_folder: PathBuf,
@@ -52,17 +52,21 @@ pub struct Reader {
     open: Vec<PathBuf>,
 }
 
-impl Reader {
+impl IncludeReader {
     /// A reader for the file at `path`.
-    pub fn new(path: &Path) -> Reader {
-        Reader { files: Vec::new(), main_folder: path.parent().unwrap_or(Path::new("")).to_owned(), open: Vec::new() }
+    pub fn new(path: &Path) -> IncludeReader {
+        IncludeReader {
+            files: Vec::new(),
+            main_folder: path.parent().unwrap_or(Path::new("")).to_owned(),
+            open: Vec::new(),
+        }
     }
 
     /// Reads a main file.
     ///
     /// # Errors
     /// What can't be read or is not TOML, here and in all included files.
-    pub fn main(&mut self, path: &Path) -> Result<Node, Complaints> {
+    pub fn main(&mut self, path: &Path) -> Result<LayerNode, Complaints> {
         let text = read_text(path, LONGEST).map_err(|e| {
             ConfigError::plain(
                 format!("can't read {}: {e}", path.display()),
@@ -76,8 +80,8 @@ impl Reader {
     /// Parses a text and reads what it includes.
     ///
     /// # Errors
-    /// As for [`Reader::main`].
-    pub fn parse(&mut self, name: String, folder: PathBuf, text: String) -> Result<Node, Complaints> {
+    /// As for [`IncludeReader::main`].
+    pub fn parse(&mut self, name: String, folder: PathBuf, text: String) -> Result<LayerNode, Complaints> {
         let number = self.files.len();
         self.files.push(TextFile { name, folder, text: text.clone() });
         let mut wrong = Complaints::default();
@@ -95,7 +99,7 @@ impl Reader {
             return Err(wrong);
         }
         let mut bad = Vec::new();
-        let mut own = Node::document(document.get_ref(), document.span(), number, &mut bad);
+        let mut own = LayerNode::document(document.get_ref(), document.span(), number, &mut bad);
         for (span, what) in bad {
             if wrong.is_full() {
                 break;
@@ -104,11 +108,11 @@ impl Reader {
             wrong.push(self.files[number].error(span, what, help));
         }
         let below = self.included(&mut own, number, &mut wrong);
-        wrong.none_or(below.into_iter().reduce(Node::under).map_or(own.clone(), |below| below.under(own)))
+        wrong.none_or(below.into_iter().reduce(LayerNode::under).map_or(own.clone(), |below| below.under(own)))
     }
 
     /// Takes the key `include` out of a file and reads the files that it names.
-    fn included(&mut self, own: &mut Node, number: usize, wrong: &mut Complaints) -> Vec<Node> {
+    fn included(&mut self, own: &mut LayerNode, number: usize, wrong: &mut Complaints) -> Vec<LayerNode> {
         let Content::Table(map) = &mut own.content else { return Vec::new() };
         let Some(list) = map.remove("include") else { return Vec::new() };
         let entries = match list.content {
@@ -134,7 +138,7 @@ impl Reader {
         layers
     }
 
-    fn include(&mut self, file: &Path, by: usize, span: Range<usize>) -> Result<Node, Complaints> {
+    fn include(&mut self, file: &Path, by: usize, span: Range<usize>) -> Result<LayerNode, Complaints> {
         let from_main = self.files[by].folder.join(file);
         let path = self.main_folder.join(&from_main);
         let wrong = |what: String, help: &str| Complaints::from(self.files[by].error(span.clone(), what, help));

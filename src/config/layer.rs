@@ -28,7 +28,7 @@ pub enum Origin {
 
 /// A value with its origin.
 #[derive(Clone, Debug)]
-pub struct Node {
+pub struct LayerNode {
     /// Where it was written.
     pub origin: Origin,
     /// The value.
@@ -41,29 +41,31 @@ pub enum Content {
     /// A value without parts.
     Leaf(Value),
     /// A table.
-    Table(BTreeMap<String, Node>),
+    Table(BTreeMap<String, LayerNode>),
     /// A list.
-    List(Vec<Node>),
+    List(Vec<LayerNode>),
 }
 
 /// A value that can't be used: its span and what is wrong.
 pub type Unusable = (Range<usize>, String);
 
-impl Node {
+impl LayerNode {
     /// A plain value, all of one origin.
-    pub fn plain(value: Value, origin: &Origin) -> Node {
+    pub fn plain(value: Value, origin: &Origin) -> LayerNode {
         let content = match value {
-            Value::Object(map) => Content::Table(map.into_iter().map(|(k, v)| (k, Node::plain(v, origin))).collect()),
-            Value::Array(list) => Content::List(list.into_iter().map(|v| Node::plain(v, origin)).collect()),
+            Value::Object(map) => {
+                Content::Table(map.into_iter().map(|(k, v)| (k, LayerNode::plain(v, origin))).collect())
+            }
+            Value::Array(list) => Content::List(list.into_iter().map(|v| LayerNode::plain(v, origin)).collect()),
             leaf => Content::Leaf(leaf),
         };
-        Node { origin: origin.clone(), content }
+        LayerNode { origin: origin.clone(), content }
     }
 
     /// A parsed TOML document; numbers and texts that can't be used are told in `bad` and left out.
-    pub fn document(table: &DeTable<'_>, span: Range<usize>, file: usize, bad: &mut Vec<Unusable>) -> Node {
+    pub fn document(table: &DeTable<'_>, span: Range<usize>, file: usize, bad: &mut Vec<Unusable>) -> LayerNode {
         let origin = Origin::File { file, key: None, value: span };
-        Node { origin, content: Content::Table(table_nodes(table, file, bad)) }
+        LayerNode { origin, content: Content::Table(table_nodes(table, file, bad)) }
     }
 
     /// The value without origins.
@@ -73,12 +75,12 @@ impl Node {
             Content::Table(map) => {
                 Value::Object(map.iter().map(|(k, n)| (k.clone(), n.value())).collect::<Map<_, _>>())
             }
-            Content::List(list) => Value::Array(list.iter().map(Node::value).collect()),
+            Content::List(list) => Value::Array(list.iter().map(LayerNode::value).collect()),
         }
     }
 
     /// The child of that key, or the element of that index.
-    pub fn child(&self, step: &str) -> Option<&Node> {
+    pub fn child(&self, step: &str) -> Option<&LayerNode> {
         match &self.content {
             Content::Leaf(_) => None,
             Content::Table(map) => map.get(step),
@@ -96,7 +98,7 @@ impl Node {
 
     /// This layer with a later one over it. Tables merge; a table that names another `kind` replaces the earlier one, whose
     /// settings were for the other kind. Lists of tables that all have a `name` merge by it; other lists are replaced.
-    pub fn under(self, later: Node) -> Node {
+    pub fn under(self, later: LayerNode) -> LayerNode {
         let other_kind = later.text("kind").is_some_and(|k| self.text("kind").is_some_and(|old| old != k));
         match (self.content, later.content) {
             (Content::Table(mut map), Content::Table(over)) if !other_kind => {
@@ -107,23 +109,23 @@ impl Node {
                     };
                     map.insert(key, merged);
                 }
-                Node { origin: later.origin, content: Content::Table(map) }
+                LayerNode { origin: later.origin, content: Content::Table(map) }
             }
             (Content::List(list), Content::List(over)) if named(&list) && named(&over) => {
-                Node { origin: later.origin, content: Content::List(by_name(list, over)) }
+                LayerNode { origin: later.origin, content: Content::List(by_name(list, over)) }
             }
-            (_, content) => Node { origin: later.origin, content },
+            (_, content) => LayerNode { origin: later.origin, content },
         }
     }
 }
 
 /// Whether all elements are tables with a name.
-fn named(list: &[Node]) -> bool {
+fn named(list: &[LayerNode]) -> bool {
     list.iter().all(|n| n.text("name").is_some())
 }
 
-fn by_name(list: Vec<Node>, over: Vec<Node>) -> Vec<Node> {
-    let mut merged: Vec<(Node, bool)> = list.into_iter().map(|n| (n, false)).collect();
+fn by_name(list: Vec<LayerNode>, over: Vec<LayerNode>) -> Vec<LayerNode> {
+    let mut merged: Vec<(LayerNode, bool)> = list.into_iter().map(|n| (n, false)).collect();
     for node in over {
         // an element that has met its later self is not met again: two of one name in one list stay two
         let old = merged.iter().position(|(old, met)| !met && old.text("name") == node.text("name"));
@@ -138,7 +140,7 @@ fn by_name(list: Vec<Node>, over: Vec<Node>) -> Vec<Node> {
     merged.into_iter().map(|(n, _)| n).collect()
 }
 
-fn table_nodes(table: &DeTable<'_>, file: usize, bad: &mut Vec<Unusable>) -> BTreeMap<String, Node> {
+fn table_nodes(table: &DeTable<'_>, file: usize, bad: &mut Vec<Unusable>) -> BTreeMap<String, LayerNode> {
     let mut map = BTreeMap::new();
     for (key, value) in table.iter() {
         if let Some(what) = hidden_in(key.get_ref()) {
@@ -147,7 +149,7 @@ fn table_nodes(table: &DeTable<'_>, file: usize, bad: &mut Vec<Unusable>) -> BTr
         }
         let origin = Origin::File { file, key: Some(key.span()), value: value.span() };
         if let Some(content) = content(value.get_ref(), value.span(), file, bad) {
-            map.insert(key.get_ref().to_string(), Node { origin, content });
+            map.insert(key.get_ref().to_string(), LayerNode { origin, content });
         }
     }
     map
@@ -159,7 +161,7 @@ fn content(value: &DeValue<'_>, span: Range<usize>, file: usize, bad: &mut Vec<U
         DeValue::Array(list) => {
             let element = |v: &toml::Spanned<DeValue<'_>>, bad: &mut Vec<Unusable>| {
                 let origin = Origin::File { file, key: None, value: v.span() };
-                content(v.get_ref(), v.span(), file, bad).map(|content| Node { origin, content })
+                content(v.get_ref(), v.span(), file, bad).map(|content| LayerNode { origin, content })
             };
             Content::List(list.iter().filter_map(|v| element(v, bad)).collect())
         }

@@ -1,6 +1,6 @@
 //! `mobee config show`: the resolved configuration as TOML, each value with its origin.
 
-use super::layer::Node;
+use super::layer::LayerNode;
 use super::{Complaints, Config, Source};
 use crate::kinds::defaults;
 use serde_json::{Map, Value};
@@ -36,7 +36,7 @@ struct Shown<'a> {
 }
 
 impl Shown<'_> {
-    fn table(&mut self, map: &Map<String, Value>, node: Option<&Node>, path: &[String]) {
+    fn table(&mut self, map: &Map<String, Value>, node: Option<&LayerNode>, path: &[String]) {
         let child = |key: &str| node.and_then(|n| n.child(key));
         // a key after a table's head would belong to that table: values first
         for (key, value) in map.iter().filter(|(_, v)| !is_section(v)) {
@@ -64,7 +64,7 @@ impl Shown<'_> {
         }
     }
 
-    fn line(&mut self, key: &str, value: &Value, node: Option<&Node>) {
+    fn line(&mut self, key: &str, value: &Value, node: Option<&LayerNode>) {
         let origin = node.map_or("default".into(), |n| self.source.describe(&n.origin));
         let _ = writeln!(self.out, "{} = {}  # {origin}", quoted(key), inline(value));
     }

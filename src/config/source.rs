@@ -5,8 +5,8 @@
 //! include = [a, b]  <  the file  <  MOBEE_SET__robot__icub__agent__vertices=30  <  --set robot.icub.agent.vertices=30
 //! ```
 
-use super::include::{Reader, TextFile};
-use super::layer::{Content, Node, Origin, plain};
+use super::include::{IncludeReader, TextFile};
+use super::layer::{Content, LayerNode, Origin, plain};
 use super::{Complaints, ConfigError};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ pub struct Source {
     pub path: PathBuf,
     /// The values after all layers.
     pub value: Value,
-    root: Node,
+    root: LayerNode,
     files: Vec<TextFile>,
     /// What stands in the files that it names, if it was sent along: then none of them is opened.
     texts: Option<BTreeMap<PathBuf, String>>,
@@ -51,7 +51,7 @@ impl Source {
         environment: &BTreeMap<String, String>,
         assignments: &[String],
     ) -> Result<Source, Complaints> {
-        let mut reader = Reader::new(path);
+        let mut reader = IncludeReader::new(path);
         let root = reader.main(path)?;
         let mut source = Source { path: path.to_owned(), value: root.value(), root, files: reader.files, texts: None };
         let mut wrong = Complaints::default();
@@ -69,7 +69,7 @@ impl Source {
 
     /// Values that were resolved before, for a file that stands at `path`. Complaints then have no place in a text.
     pub fn resolved(path: &Path, value: Value) -> Source {
-        let root = Node::plain(value.clone(), &Origin::Resolved);
+        let root = LayerNode::plain(value.clone(), &Origin::Resolved);
         Source { path: path.to_owned(), value, root, files: Vec::new(), texts: None }
     }
 
@@ -114,7 +114,7 @@ impl Source {
         // the way to the value as a layer of its own, merged as any other
         let mut at = &self.root;
         let mut elements: Vec<Option<usize>> = Vec::new();
-        let nothing = Node { origin: origin.clone(), content: Content::Table(BTreeMap::new()) };
+        let nothing = LayerNode { origin: origin.clone(), content: Content::Table(BTreeMap::new()) };
         for step in steps {
             elements.push(match &at.content {
                 Content::List(list) => Some(
@@ -129,7 +129,7 @@ impl Source {
             let index = elements.last().copied().flatten().map(|i| i.to_string());
             at = at.child(index.as_deref().unwrap_or(step)).unwrap_or(&nothing);
         }
-        put(&mut self.root, steps, &elements, Node::plain(value, &origin), &origin);
+        put(&mut self.root, steps, &elements, LayerNode::plain(value, &origin), &origin);
         Ok(())
     }
 
@@ -172,7 +172,7 @@ impl Source {
     }
 
     /// The node of these steps, or of as many of them as there are.
-    fn nearest(&self, steps: &[String]) -> &Node {
+    fn nearest(&self, steps: &[String]) -> &LayerNode {
         let mut at = &self.root;
         for step in steps {
             match at.child(step) {
@@ -194,7 +194,7 @@ impl Source {
     }
 
     /// The tree of values with their origins.
-    pub fn root(&self) -> &Node {
+    pub fn root(&self) -> &LayerNode {
         &self.root
     }
 
@@ -242,7 +242,7 @@ fn misassigned(origin: &Origin, what: String) -> ConfigError {
 }
 
 /// Puts a value where the steps lead; elements of lists by their index.
-fn put(at: &mut Node, steps: &[&str], elements: &[Option<usize>], value: Node, origin: &Origin) {
+fn put(at: &mut LayerNode, steps: &[&str], elements: &[Option<usize>], value: LayerNode, origin: &Origin) {
     let (Some((step, steps)), Some((element, elements))) = (steps.split_first(), elements.split_first()) else {
         return;
     };
@@ -257,7 +257,7 @@ fn put(at: &mut Node, steps: &[&str], elements: &[Option<usize>], value: Node, o
                 }
                 map.insert((*step).to_owned(), value);
             } else {
-                let empty = || Node { origin: origin.clone(), content: Content::Table(BTreeMap::new()) };
+                let empty = || LayerNode { origin: origin.clone(), content: Content::Table(BTreeMap::new()) };
                 put(map.entry((*step).to_owned()).or_insert_with(empty), steps, elements, value, origin);
             }
         }

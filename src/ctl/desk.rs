@@ -5,7 +5,7 @@ use super::wire::{Reply, Request, Sent};
 use super::{offer, show};
 use crate::run::Recording;
 use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::system::{Control, Report};
+use mobee_actors::system::{Control, SystemReport};
 use mobee_bridge::WorldService;
 use mobee_contract::{Running, SwapPart, SwapStep};
 use mobee_yarp::{Bottle, Dialect, Text, Value, Vocab};
@@ -27,7 +27,7 @@ pub(super) struct Desk {
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
     /// The last report that was asked for, for rates.
-    before: Mutex<Option<Report>>,
+    before: Mutex<Option<SystemReport>>,
 }
 
 const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
@@ -114,7 +114,7 @@ impl Desk {
         sent.map_err(|_| "the run does not answer".to_owned())?.map_err(|_| "the run is ending".to_owned())
     }
 
-    async fn report(&self) -> Result<Report, String> {
+    async fn report(&self) -> Result<SystemReport, String> {
         let (reply, report) = oneshot::channel();
         self.tell(Control::Status(reply)).await?;
         let report = tokio::time::timeout(PATIENCE, report).await;

@@ -4,7 +4,7 @@ use super::wire::Sent;
 use crate::compose::{compose, margin_warning};
 use crate::config::{Config, Source};
 use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::shell::{Maker, Offer};
+use mobee_actors::shell::{Maker, SwapRequest};
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::SwapPart;
 use mobee_model::Robot;
@@ -15,7 +15,7 @@ use tokio::sync::oneshot::Sender;
 
 /// A new part, ready to be offered.
 pub(crate) enum Offered {
-    Agent(Offer),
+    Agent(SwapRequest),
     Part(PartOffer),
 }
 
@@ -92,7 +92,7 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
         SwapPart::Agent => {
             let what = format!("{} from {file}", robot.agent.as_ref().map(kind).unwrap_or_default());
             let maker = setup.agent.ok_or("the robot of this file has no agent; add a table [robot.agent]")?;
-            Ok(Offered::Agent(Offer { maker: Maker(maker), what, fresh, terms }))
+            Ok(Offered::Agent(SwapRequest { maker: Maker(maker), what, fresh, terms }))
         }
         SwapPart::Controller => {
             let worse = margin_warning(&robot, model, setup.hardware.as_ref(), &setup.controller, None);

@@ -1,7 +1,7 @@
 //! A running system in words: one line per robot, then the tree and the links.
 
 use mobee_actors::runtime::supervision::Health;
-use mobee_actors::system::{Report, RobotReport};
+use mobee_actors::system::{RobotReport, SystemReport};
 use mobee_contract::{Hold, Status, SwapPart, SwapStep};
 use std::fmt::Write;
 
@@ -27,7 +27,7 @@ pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
 }
 
 /// The lines of `mobee ctl status`. Rates are taken between `before`, an earlier report, and `now`.
-pub(super) fn lines(now: &Report, before: Option<&Report>) -> Vec<String> {
+pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<String> {
     let mut lines = Vec::new();
     let wide = now.robots.iter().map(|r| r.name.len()).max().unwrap_or(0);
     for robot in &now.robots {
@@ -97,8 +97,8 @@ fn branch(health: &Health, depth: usize, lines: &mut Vec<String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mobee_actors::runtime::stream::Counters;
-    use mobee_actors::system::Counts;
+    use mobee_actors::runtime::stream::StreamCounters;
+    use mobee_actors::system::RunCounts;
     use mobee_contract::{AnswerTime, Time};
     use std::collections::BTreeMap;
     use std::time::Duration;
@@ -127,8 +127,8 @@ mod tests {
     fn a_status_shows_robots_tree_and_links() {
         let child = |name: &str, restarts, alive| Health { name: name.into(), alive, restarts, children: Vec::new() };
         let children = vec![child("model", 0, true), child("icub/driver", 2, false)];
-        let counters = |sent| Counters { sent, handled: sent - 3, queued: 1, dropped: 2 };
-        let report = |secs: u64, sent| Report {
+        let counters = |sent| StreamCounters { sent, handled: sent - 3, queued: 1, dropped: 2 };
+        let report = |secs: u64, sent| SystemReport {
             at: Time(secs * 1_000_000_000),
             robots: vec![RobotReport {
                 answers: Some(AnswerTime {
@@ -142,7 +142,7 @@ mod tests {
             }],
             tree: vec![Health { name: "controller".into(), alive: true, restarts: 0, children: children.clone() }],
             links: vec![("icub/driver>history".into(), counters(sent)), ("tap>recorder".into(), counters(sent))],
-            counts: Counts::default(),
+            counts: RunCounts::default(),
         };
         let lines = lines(&report(12, 700), Some(&report(10, 500)));
         let expected = "\

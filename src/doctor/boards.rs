@@ -1,8 +1,8 @@
 //! The network: the name server, and the control boards of a robot.
 
 use super::{Finding, PATIENCE, Remote};
-use mobee_contract::Limits;
-use mobee_yarp::board::{Ask, Get, Link, RemoteBoard, RemoteOptions};
+use mobee_contract::JointLimits;
+use mobee_yarp::board::{Ask, Get, LinkState, RemoteBoard, RemoteOptions};
 use mobee_yarp::config::{self, Env};
 use mobee_yarp::{Carrier, Network};
 use std::time::Duration;
@@ -53,7 +53,7 @@ async fn board(
     robot: &Remote,
     network: &Network,
     port: &str,
-    motors: &[(String, Limits)],
+    motors: &[(String, JointLimits)],
     what: String,
 ) -> Vec<Finding> {
     let options = RemoteOptions {
@@ -72,15 +72,15 @@ async fn looked_at(
     robot: &Remote,
     board: &RemoteBoard,
     port: &str,
-    motors: &[(String, Limits)],
+    motors: &[(String, JointLimits)],
     what: String,
 ) -> Vec<Finding> {
     let mut link = board.link();
-    let up = async { link.wait_for(|link| matches!(link, Link::Up(_))).await.is_ok() };
+    let up = async { link.wait_for(|link| matches!(link, LinkState::Up(_))).await.is_ok() };
     if !tokio::time::timeout(PATIENCE, up).await.unwrap_or(false) {
         let why = match &*board.link().borrow() {
-            Link::Down(why) | Link::Taken(why) => why.clone(),
-            Link::Up(_) => String::new(),
+            LinkState::Down(why) | LinkState::Taken(why) => why.clone(),
+            LinkState::Up(_) => String::new(),
         };
         let remedy = format!("start the robot\'s boards, and see `mobee yarp list {port}` for what is there");
         return vec![Finding::bad(format!("{what}: {why}"), remedy)];

@@ -3,7 +3,7 @@
 use crate::compose::Composition;
 use crate::config::{ConfigError, differences};
 use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::shell::{Maker, Offer};
+use mobee_actors::shell::{Maker, SwapRequest};
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_contract::Time;
 use mobee_model::{Edit, Object, Scene};
@@ -35,7 +35,7 @@ pub(super) fn changes(old: &Composition, new: &Composition, at: Time) -> Result<
             return Err(ConfigError::plain(what, "run the changed file from its beginning"));
         };
         let kind = |agent: &Option<Value>| agent.as_ref().and_then(|a| a.get("kind")).cloned();
-        let offer = Offer {
+        let offer = SwapRequest {
             maker: Maker(maker),
             what: what.into(),
             // another kind knows nothing of this one's state

@@ -1,7 +1,7 @@
 //! A sink that compares a run with the journal of another one, event by event.
 
 use crate::run::Done;
-use mobee_actors::record::journal::{Fingerprint, JournalError, Line, Lines, read};
+use mobee_actors::record::journal::{Fingerprint, JournalError, JournalLine, JournalLines, read};
 use mobee_actors::system::Control;
 use mobee_contract::{Entry, Event, Sink, Time};
 use std::path::Path;
@@ -17,7 +17,7 @@ struct Found {
     equal: u64,
     difference: Option<String>,
     /// The recorded event that should have come next, when the run ended.
-    missing: Option<Line>,
+    missing: Option<JournalLine>,
 }
 
 impl Verdict {
@@ -46,7 +46,7 @@ impl Verdict {
 pub(super) struct Compare(Arc<Mutex<Core>>);
 
 struct Core {
-    lines: Lines,
+    lines: JournalLines,
     hash: Fingerprint,
     n: u64,
     until: Option<Time>,
@@ -108,7 +108,7 @@ impl Sink for Compare {
     }
 }
 
-fn differ(n: u64, recorded: Option<&Line>, at: Time, now: Option<&Event>) -> String {
+fn differ(n: u64, recorded: Option<&JournalLine>, at: Time, now: Option<&Event>) -> String {
     let text = |at: Time, event: &Event| {
         let event = serde_json::to_string(event).unwrap_or_else(|e| e.to_string());
         format!("{:.6} s {event}", at.secs())

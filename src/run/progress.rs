@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use indicatif::{ProgressBar, ProgressStyle};
-use mobee_actors::system::Progress;
+use mobee_actors::system::RunProgress;
 use std::io::Write;
 
 /// A bar with counters. Clones are the same bar.
@@ -27,7 +27,7 @@ impl Bar {
     }
 
     /// Shows the newest counters.
-    pub fn show(&self, p: &Progress) {
+    pub fn show(&self, p: &RunProgress) {
         let c = &p.counts;
         self.0.set_position(p.at.secs() as u64);
         self.0.set_message(format!(

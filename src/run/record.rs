@@ -1,7 +1,7 @@
 //! What `mobee ctl record` acts on while a run goes on: the switch of the recording, and viewers that come later.
 
 use super::sinks::VIEWER;
-use mobee_actors::record::tap::{Open, Taps};
+use mobee_actors::record::tap::{OpenSink, Taps};
 use mobee_recorder::{Recorder, Settings};
 use std::net::{SocketAddr, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -56,7 +56,7 @@ impl Recording {
         let open = move || Recorder::new(&settings).map_err(|e| e.to_string());
         let viewer = open()?;
         viewer.reach(PATIENCE).map_err(|e| format!("the program at {address} is not a viewer: {e}; {help}"))?;
-        let again: Open = Arc::new(move || Ok(Box::new(open()?)));
+        let again: OpenSink = Arc::new(move || Ok(Box::new(open()?)));
         taps.attach(VIEWER, Box::new(viewer), again)
     }
 }

@@ -11,7 +11,7 @@ use crate::compose::{Composition, compose_again};
 use crate::config::{Config, ConfigError, Source};
 use crate::inspect::journal_error;
 use miette::Report;
-use mobee_actors::record::journal::{Journal, Line};
+use mobee_actors::record::journal::{Journal, JournalLine};
 use mobee_actors::record::{ring, track};
 use mobee_actors::system::{Past, RobotSetup};
 use mobee_model::Robot;
@@ -29,7 +29,7 @@ pub fn command(dir: &Path, set: &[String], json: bool, ctl: CtlAt) -> Result<Exi
     let ended = evidence::summed_up(dir)?;
     let mut reaches = ended.is_none();
     let mut past = Past::default();
-    let lines = |line: &Line| {
+    let lines = |line: &JournalLine| {
         reaches |= ended.as_ref() == Some(&line.hash);
         past.on(line);
     };

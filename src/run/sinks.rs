@@ -7,10 +7,10 @@ use super::progress::Bar;
 use super::said::Said;
 use super::space::Room;
 use super::switched::Switched;
-use crate::config::{Clock, Config};
+use crate::config::{ClockMode, Config};
 use mobee_actors::record::journal::Journal;
 use mobee_actors::record::ring::Rings;
-use mobee_actors::record::tap::{Open, SinkSpec};
+use mobee_actors::record::tap::{OpenSink, SinkSpec};
 use mobee_actors::record::track::Tracks;
 use mobee_recorder::Recorder;
 use std::sync::Arc;
@@ -47,7 +47,7 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
     let robots = config.robot.iter().zip(motors);
     let rings: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.history)).collect();
     let dir = folder.path().to_owned();
-    (config.clock == Clock::Real).then(|| SinkSpec {
+    (config.clock == ClockMode::Real).then(|| SinkSpec {
         name: "poses".into(),
         essential: false,
         poses: Some(Duration::ZERO),
@@ -99,7 +99,7 @@ pub(super) fn terminal(bar: Bar) -> SinkSpec {
 pub(super) fn recorder(
     config: &Config,
     folder: &Folder,
-    given: Option<Open>,
+    given: Option<OpenSink>,
     recording: Arc<AtomicBool>,
 ) -> Option<SinkSpec> {
     if !config.record.enabled {
@@ -134,11 +134,11 @@ pub(super) fn recorder(
 /// run in virtual time waits for nobody.
 pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
     let settings = recorder_settings(config, folder);
-    let open = config.record.live.map(|address| -> Open {
+    let open = config.record.live.map(|address| -> OpenSink {
         let settings = mobee_recorder::Settings { live: Some(address.to_string()), ..settings };
         Arc::new(move || Ok(Box::new(Recorder::new(&settings).map_err(|e| e.to_string())?)))
     });
-    (config.clock == Clock::Real).then(|| SinkSpec {
+    (config.clock == ClockMode::Real).then(|| SinkSpec {
         name: VIEWER.into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
@@ -157,6 +157,6 @@ pub(crate) fn recorder_settings(config: &Config, folder: &Folder) -> mobee_recor
         build: BUILD.to_owned(),
         live: None,
         // a real robot may run for days
-        index: config.clock == Clock::Virtual,
+        index: config.clock == ClockMode::Virtual,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::faults::What;
 use super::plan::Planned;
-use crate::config::{Config, ConfigError, Robot, Source};
+use crate::config::{Config, ConfigError, RobotConfig, Source};
 use mobee_contract::{Context, Hardware, KindError, Time};
 use mobee_drivers::{SimHardware, SimSettings, YarpDriverSettings, YarpSim};
 use serde_json::{Value, json};
@@ -27,7 +27,7 @@ impl Driven {
         config.robot.iter_mut().enumerate().map(|(i, robot)| Driven::of(i, robot, source)).collect()
     }
 
-    fn of(i: usize, robot: &mut Robot, source: &Source) -> Result<Driven, ConfigError> {
+    fn of(i: usize, robot: &mut RobotConfig, source: &Source) -> Result<Driven, ConfigError> {
         let wrong = |e: KindError| source.error(&format!("robot[{i}].driver.{}", e.path), e.what, e.help);
         let mut settings = robot.driver.clone();
         let kind = settings.as_object_mut().and_then(|map| map.remove("kind"));

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 /// A line of the fault list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Kind {
+pub struct FaultKind {
     /// `F1` to `F31`.
     pub name: &'static str,
     /// In words.
@@ -25,12 +25,12 @@ const FUZZ: Option<&str> = Some("is about files and bytes: see tests/it/wrong_in
 /// Faults of wires: of robots whose driver is `yarp`, beside all others.
 pub const WIRES: &str = "F30";
 
-const fn kind(name: &'static str, what: &'static str, elsewhere: Option<&'static str>) -> Kind {
-    Kind { name, what, elsewhere }
+const fn kind(name: &'static str, what: &'static str, elsewhere: Option<&'static str>) -> FaultKind {
+    FaultKind { name, what, elsewhere }
 }
 
 /// The whole list.
-pub const KINDS: [Kind; 31] = [
+pub const KINDS: [FaultKind; 31] = [
     kind("F1", "a panic in an actor, at any message", None),
     kind("F2", "an actor is killed", None),
     kind("F3", "an actor's handler stalls", None),
@@ -222,7 +222,7 @@ fn kinds(name: &str) -> Result<Vec<&'static str>, String> {
     let kind = KINDS.iter().find(|k| k.name.eq_ignore_ascii_case(name));
     match kind {
         None => Err(format!("there is no fault `{name}`; they are F1 to F31, `usual`, `mild`, `all` and `none`")),
-        Some(Kind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
+        Some(FaultKind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
         Some(kind) => Ok(vec![kind.name]),
     }
 }

@@ -6,14 +6,14 @@ use super::memory::Memory;
 use super::plan::{Facts, Planned};
 use super::witness::{Joint, Witness};
 use crate::compose::{compose, derive_seed};
-use crate::config::{Clock, Config, Source};
+use crate::config::{ClockMode, Config, Source};
 use miette::Report;
 use mobee_actors::check::Checker;
-use mobee_actors::record::journal::{Fingerprint, Line};
+use mobee_actors::record::journal::{Fingerprint, JournalLine};
 use mobee_actors::record::tap::Taps;
 use mobee_actors::record::track::Tracks;
 use mobee_actors::runtime::clock::ClockKind;
-use mobee_actors::system::{Control, Counts, Injection, Progress, Setup, run_under};
+use mobee_actors::system::{Control, Injection, RunCounts, RunProgress, Setup, run_under};
 use mobee_contract::{Cause, Commit, Context, Entry, Event, Hold, Outcome, Sink, Status, SwapStep, Time};
 use mobee_drivers::{Fault, SimHardware};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
@@ -39,7 +39,7 @@ pub(super) const END: &str = "end of run";
 const FLOODED: &str = "torture";
 
 /// A behavior that is to be tortured.
-pub struct Trial {
+pub struct TortureTrial {
     config: Config,
     source: Source,
     driven: Vec<Driven>,
@@ -55,7 +55,7 @@ pub struct Ran {
     /// How long it took by its own clock.
     pub simulated: Duration,
     /// The counters.
-    pub counts: Counts,
+    pub counts: RunCounts,
     /// Why commits ended as faulted.
     pub faulted: BTreeMap<&'static str, u64>,
     /// Why filters were closed.
@@ -131,7 +131,7 @@ impl Sink for Watch {
                     }
                 }
                 let event = (**event).clone();
-                self.checker.on(&Line { line: self.n + 1, n: self.n, at, event, hash: String::new() });
+                self.checker.on(&JournalLine { line: self.n + 1, n: self.n, at, event, hash: String::new() });
                 self.n += 1;
             }
             Entry::Pose { robot, q, .. } => {
@@ -151,7 +151,7 @@ impl Sink for Watch {
     }
 }
 
-impl Trial {
+impl TortureTrial {
     /// The greatest share of the commits that may end as faulted, percent, if the behavior bounds it.
     pub fn most_faulted(&self) -> Option<f64> {
         self.config.torture.as_ref().map(|torture| torture.faulted_percent)
@@ -162,16 +162,16 @@ impl Trial {
     ///
     /// # Errors
     /// Complaints about the configuration.
-    pub fn load(file: &Path, set: &[String], secs: f64, mild: bool) -> Result<Trial, Report> {
+    pub fn load(file: &Path, set: &[String], secs: f64, mild: bool) -> Result<TortureTrial, Report> {
         let (mut config, source) = Config::load(file, set)?;
-        (config.clock, config.yarp, config.for_s) = (Clock::Virtual, None, None);
+        (config.clock, config.yarp, config.for_s) = (ClockMode::Virtual, None, None);
         config.bridge.clear();
         let driven = Driven::all(&mut config, &source)?;
         let wires = driven.iter().map(Driven::wires).collect();
         let scene = compose(config.clone(), &source)?.scene;
         let limits = |r: &mobee_model::Robot| r.motors.iter().map(|m| (m.min, m.max)).collect();
         let robots = config.robot.iter().zip(scene.robots()).map(|(c, r)| (c.name.clone(), limits(r))).collect();
-        Ok(Trial { config, source, driven, facts: Facts { robots, wires, secs, mild } })
+        Ok(TortureTrial { config, source, driven, facts: Facts { robots, wires, secs, mild } })
     }
 
     /// What keeps the measured poses of a run in this folder.
@@ -237,7 +237,7 @@ impl Trial {
         };
         let (tell, controls) = mpsc::channel(1);
         let mut memory = Memory::default();
-        let enough = |p: &Progress| {
+        let enough = |p: &RunProgress| {
             memory.look(p.at);
             let mut watch = look();
             for (i, board) in boards.iter().enumerate() {

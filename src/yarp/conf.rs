@@ -2,7 +2,7 @@
 
 use super::{Failure, because, info};
 use mobee_yarp::config::Env;
-use mobee_yarp::{ConfigError, Network, local_address};
+use mobee_yarp::{Network, NetworkConfigError, local_address};
 use std::io;
 use std::path::Path;
 
@@ -96,7 +96,7 @@ pub(super) async fn detect(network: Option<Network>, write: bool) -> Result<(), 
         Some(given) => Some(given),
         None => match Network::from_env() {
             Ok(found) => Some(found),
-            Err(ConfigError::Missing(_)) => None,
+            Err(NetworkConfigError::Missing(_)) => None,
             Err(e) => return Err(because(e)),
         },
     };

@@ -4,8 +4,8 @@ use super::input::Lines;
 use super::{Failure, because, info};
 use crate::signals::Interrupt;
 use mobee_model::printable;
-use mobee_yarp::{Bottle, CallError, Carrier, Contact, Delivery, Message, Network, Queue, Reader, RpcClient};
-use mobee_yarp::{Value, Vocab, Writer, remote};
+use mobee_yarp::{Bottle, CallError, Carrier, Contact, Delivery, InputPort, Message, Network, Queue, RpcClient};
+use mobee_yarp::{OutputPort, Value, Vocab, remote};
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
@@ -52,7 +52,7 @@ pub(super) async fn read(network: &Network, port: &str, words: &[String], carrie
     if remote::exists(network, &name).await.map_err(because)? {
         return Err(because(format!("port {name} is open already: choose another name, or end its program")));
     }
-    let mut reader = Reader::open(network, &name, Queue::Bounded(WAITING)).await.map_err(because)?;
+    let mut reader = InputPort::open(network, &name, Queue::Bounded(WAITING)).await.map_err(because)?;
     info(format_args!("Port {} active at {}", reader.name(), reader.contact()));
     for source in sources {
         let carrier = carrier_of(source, carrier)?;
@@ -104,7 +104,7 @@ pub(super) async fn write(
 ) -> Result<(), Failure> {
     let verbatim = words.iter().any(|w| w == "verbatim");
     let mut interrupt = Interrupt::new();
-    let writer = Writer::open(network, &name(port), Delivery::Strict(WAITING)).await.map_err(because)?;
+    let writer = OutputPort::open(network, &name(port), Delivery::Strict(WAITING)).await.map_err(because)?;
     info(format_args!("Port {} active at {}", writer.name(), writer.contact()));
     let work = async {
         for target in words.iter().filter(|w| *w != "verbatim") {

@@ -4,7 +4,7 @@ use super::conf::{address_line, written};
 use super::{Failure, address_of, because, info};
 use crate::signals::Interrupt;
 use mobee_yarp::config::Env;
-use mobee_yarp::{ConfigError, NameServer, Network, ServerOptions};
+use mobee_yarp::{NameServer, Network, NetworkConfigError, ServerOptions};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::Path;
 
@@ -32,14 +32,14 @@ pub(super) async fn serve(args: ServerArgs, server: Option<String>, ip: Option<I
     let file = env.address_file(&namespace).map_err(because)?;
     let configured = match Network::from_env() {
         Ok(network) => Some(network.server()).map(|(host, port)| (host.to_string(), port)),
-        Err(ConfigError::Missing(_)) => None,
+        Err(NetworkConfigError::Missing(_)) => None,
         Err(_) if args.write || server.is_some() => None,
         Err(e) => return Err(because(e)),
     };
     let (host, port) = match (&server, &configured) {
         (Some(address), _) => address_of(address).map(|(host, port)| (host.to_string(), port))?,
         (None, Some(found)) if args.read => found.clone(),
-        (None, None) if args.read => return Err(because(ConfigError::Missing(file))),
+        (None, None) if args.read => return Err(because(NetworkConfigError::Missing(file))),
         _ => {
             let port = args.socket.map_or_else(|| env.default_port().map_err(because), Ok)?;
             (ip.unwrap_or(IpAddr::V4(Ipv4Addr::LOCALHOST)).to_string(), port)

@@ -4,7 +4,7 @@ use super::ports::{WAITING, carrier_of, printed};
 use super::{Failure, because, info, seconds};
 use crate::signals::Interrupt;
 use mobee_actors::runtime::clock::{Clock, ClockKind};
-use mobee_yarp::{Bottle, Carrier, Delivery, Message, Network, Payload, Queue, Reader, Relay, Stamp, Writer};
+use mobee_yarp::{Bottle, Carrier, Delivery, InputPort, Message, Network, OutputPort, Payload, Queue, Relay, Stamp};
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval};
 
@@ -98,12 +98,12 @@ fn shown(network: &Network, message: &Message) -> bool {
 pub(super) async fn merge(network: &Network, args: MergeArgs) -> Result<(), Failure> {
     let sources = if args.input.is_empty() { args.ports } else { args.input };
     let mut interrupt = Interrupt::new();
-    let output = Writer::open(network, &args.output, Delivery::Newest).await.map_err(because)?;
+    let output = OutputPort::open(network, &args.output, Delivery::Newest).await.map_err(because)?;
     let (come, mut newest) = mpsc::channel(WAITING);
     let mut readers = tokio::task::JoinSet::new();
     for (number, source) in sources.iter().enumerate() {
         let name = format!("{}{number}", args.worker);
-        let mut reader = Reader::open(network, &name, Queue::Newest).await.map_err(because)?;
+        let mut reader = InputPort::open(network, &name, Queue::Newest).await.map_err(because)?;
         reader.connect_from(source, carrier_of(source, args.carrier)?).await.map_err(because)?;
         let (come, dialect) = (come.clone(), network.dialect());
         readers.spawn(async move {

@@ -3,7 +3,7 @@
 
 use mobee::run::{Folder, run};
 use mobee_actors::check::check;
-use mobee_actors::system::Counts;
+use mobee_actors::system::RunCounts;
 use mobee_contract::{Agent, Hardware, kinds};
 use mobee_controller::Drive;
 use mobee_model::load_robot;
@@ -83,7 +83,7 @@ fn cells(robots: &[PathBuf]) -> Vec<Cell> {
 }
 
 /// What is wrong with a cell, if anything.
-fn judge(cell: &Cell) -> Result<Counts, String> {
+fn judge(cell: &Cell) -> Result<RunCounts, String> {
     let dir = tempfile::tempdir().map_err(|e| e.to_string())?;
     let file = dir.path().join("cell.toml");
     std::fs::write(&file, toml::to_string(&cell.config).map_err(|e| e.to_string())?).map_err(|e| e.to_string())?;

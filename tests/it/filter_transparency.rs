@@ -2,7 +2,7 @@
 //! but for the stamps. Prints what the filter adds to the time of a request (`MOBEE_ROUNDS` requests, default 300).
 
 use crate::common::{HOLD, Network, Run, network, sim};
-use mobee_yarp::{Bottle, Carrier, Dialect, JointData, Queue, Reader, RpcClient, Stamp, Value, Vocab};
+use mobee_yarp::{Bottle, Carrier, Dialect, InputPort, JointData, Queue, RpcClient, Stamp, Value, Vocab};
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -187,7 +187,7 @@ async fn latency(lines: &mut Lines) {
 
 /// What is read of the states that a port publishes: the first fifty, by their numbers.
 async fn read(network: &mobee_yarp::Network, own: &str, port: &str) -> BTreeMap<u32, (f64, JointData)> {
-    let mut reader = Reader::open(network, own, Queue::Bounded(64)).await.expect("a port");
+    let mut reader = InputPort::open(network, own, Queue::Bounded(64)).await.expect("a port");
     reader.connect_from(port, Carrier::FastTcp).await.expect("a connection");
     let mut all = BTreeMap::new();
     while all.len() < 50 {

@@ -109,10 +109,10 @@ pub fn plant(root: &Path, defects: &[Defect]) -> Result<BTreeMap<String, String>
         }
         planted.insert(file.to_string(), text);
     }
-    let hub = "model/src/lib.rs";
-    let own = || fs::read_to_string(root.join(hub)).map_err(|e| e.to_string());
-    let text = planted.remove(hub).map_or_else(own, Ok)?;
-    planted.insert(hub.into(), text + SWITCH);
+    let shared = "model/src/lib.rs";
+    let own = || fs::read_to_string(root.join(shared)).map_err(|e| e.to_string());
+    let text = planted.remove(shared).map_or_else(own, Ok)?;
+    planted.insert(shared.into(), text + SWITCH);
     if wrong.is_empty() { Ok(planted) } else { Err(wrong.join("\n")) }
 }
 

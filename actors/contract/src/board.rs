@@ -208,15 +208,15 @@ pub struct AsFound {
 }
 
 /// Position limits, rad: lower and upper.
-pub type Limits = (f64, f64);
+pub type JointLimits = (f64, f64);
 
 /// The motors for which a board's limits are narrower than the robot model's, in words: for each its name, the model's limits and the
 /// board's. `None` if there are none.
-pub fn narrowed<'a>(motors: impl Iterator<Item = (&'a str, Limits, Limits)>) -> Option<String> {
+pub fn narrowed<'a>(motors: impl Iterator<Item = (&'a str, JointLimits, JointLimits)>) -> Option<String> {
     // differences due to rounding to degrees are not reported
     let slack = 0.05_f64.to_radians();
-    let one = |(name, model, board): (&str, Limits, Limits)| {
-        let span = |(min, max): Limits| format!("{:.1}..{:.1}", min.to_degrees(), max.to_degrees());
+    let one = |(name, model, board): (&str, JointLimits, JointLimits)| {
+        let span = |(min, max): JointLimits| format!("{:.1}..{:.1}", min.to_degrees(), max.to_degrees());
         let is_less = board.0 > model.0 + slack || board.1 < model.1 - slack;
         is_less.then(|| format!("{name} {} of {}", span(board), span(model)))
     };
@@ -289,7 +289,7 @@ mod tests {
             ("roll", (-39.0, 39.0), (-39.04, 39.0)),
             ("yaw", (-59.0, 59.0), (-58.97, 70.0)),
         ];
-        let told = |motors: &[(&'static str, Limits, Limits)]| {
+        let told = |motors: &[(&'static str, JointLimits, JointLimits)]| {
             narrowed(motors.iter().map(|(name, model, board)| (*name, rad(*model), rad(*board))))
         };
         assert_eq!(

@@ -14,7 +14,7 @@
 
 mod plan;
 
-pub use plan::{Participant, Plan, Way};
+pub use plan::{Participant, Plan, RetreatPath};
 
 use crate::Rules;
 use crate::history::{HistoryCore, HistoryTooShort};
@@ -37,13 +37,13 @@ const BEHIND: f64 = 1.5;
 
 /// What a reflex is answered.
 #[derive(Clone, Debug)]
-pub enum Answer {
+pub enum RetreatReply {
     /// Ask again at the next reading.
     Wait,
     /// Bring what was recorded, by [`JointRetreat::enroll`], and ask again.
     Bring,
     /// This is the way.
-    Go(Way),
+    Go(RetreatPath),
 }
 
 /// A robot that asked for its retreat.
@@ -132,7 +132,7 @@ struct Member {
     /// When it last asked or wrote.
     heard: Time,
     /// Until it has been taken.
-    way: Option<Way>,
+    way: Option<RetreatPath>,
     /// How far it is: seconds, or way-points; and how far it has to go.
     at: f64,
     /// See `at`; without end before its way is known.
@@ -184,11 +184,11 @@ impl JointRetreat {
     }
 
     /// The robot rests, and asks for its retreat: at each reading, until it is answered.
-    pub fn ask(&self, robot: usize, now: Time) -> Answer {
+    pub fn ask(&self, robot: usize, now: Time) -> RetreatReply {
         self.state().ask(robot, now)
     }
 
-    /// What [`Answer::Bring`] asked for. From now on the robot is waited for no longer than its [`PATIENCE`].
+    /// What [`RetreatReply::Bring`] asked for. From now on the robot is waited for no longer than its [`PATIENCE`].
     pub fn enroll(&self, who: Participant, now: Time) {
         let mut state = self.state();
         if let Some(presence) = state.presence(who.robot) {
@@ -255,21 +255,21 @@ impl State {
     }
 
     /// See [`JointRetreat::ask`]: the last of those who are ready to ask gathers the party.
-    fn ask(&mut self, robot: usize, now: Time) -> Answer {
+    fn ask(&mut self, robot: usize, now: Time) -> RetreatReply {
         self.party = self.party.take().filter(|party| !party.members.iter().all(|m| m.is_through() || m.is_lost(now)));
         if let Some(party) = &mut self.party
             && let Some(member) = party.member(robot)
         {
             member.heard = now;
-            return party.proceed(robot, now).map_or(Answer::Wait, Answer::Go);
+            return party.proceed(robot, now).map_or(RetreatReply::Wait, RetreatReply::Go);
         }
-        let Some(Presence::Ready { since, heard, who }) = self.presence(robot) else { return Answer::Bring };
+        let Some(Presence::Ready { since, heard, who }) = self.presence(robot) else { return RetreatReply::Bring };
         *heard = now;
         // another try goes alone: the way that failed was a joint one, or something stood in it
         let (patient, alone) = (now < *since + PATIENCE, who.again);
         let coming = |presence: &Presence| matches!(presence, Presence::Coming(heard) if now <= *heard + LOST);
         if self.party.is_some() || (!alone && patient && self.presences.iter().any(coming)) {
-            return Answer::Wait;
+            return RetreatReply::Wait;
         }
         let mut participants = Vec::new();
         for presence in &mut self.presences {
@@ -283,7 +283,7 @@ impl State {
         let mut party = Party { plan: Plan::new(participants), members, clock: 0.0, last: now };
         let way = party.proceed(robot, now);
         self.party = Some(party);
-        way.map_or(Answer::Wait, Answer::Go)
+        way.map_or(RetreatReply::Wait, RetreatReply::Go)
     }
 }
 
@@ -300,7 +300,7 @@ impl Party {
     }
 
     /// Checks a little more; the robot's way once all has been checked.
-    fn proceed(&mut self, robot: usize, now: Time) -> Option<Way> {
+    fn proceed(&mut self, robot: usize, now: Time) -> Option<RetreatPath> {
         if let Some(plan) = &mut self.plan {
             if !plan.check(SLICE) {
                 return None;

@@ -160,7 +160,7 @@ const ENDS: usize = 100;
 
 /// The state that outlives the actors.
 #[derive(Clone, Debug)]
-pub struct Book {
+pub struct TransactionState {
     /// The open transaction.
     pub open: Option<Open>,
     /// The number of the last accepted commit; they count up over restarts, so that none stands for two.
@@ -192,10 +192,10 @@ struct PastEnd {
     cause: Option<Cause>,
 }
 
-impl Book {
+impl TransactionState {
     /// An empty one with a history of this length.
-    pub fn new(history: usize) -> Book {
-        Book {
+    pub fn new(history: usize) -> TransactionState {
+        TransactionState {
             open: None,
             last_id: 0,
             status: Status::Starting,
@@ -267,16 +267,16 @@ impl Book {
 
 /// A robot's ledger. Cheap to clone; all clones are one.
 #[derive(Clone, Debug)]
-pub struct Ledger(Arc<Mutex<Book>>);
+pub struct Ledger(Arc<Mutex<TransactionState>>);
 
 impl Ledger {
     /// An empty ledger with a history of this length.
     pub fn new(history: usize) -> Ledger {
-        Ledger(Arc::new(Mutex::new(Book::new(history))))
+        Ledger(Arc::new(Mutex::new(TransactionState::new(history))))
     }
 
     /// The book. A panic of somebody who held it leaves it readable: each entry is written in one step.
-    pub fn book(&self) -> MutexGuard<'_, Book> {
+    pub fn book(&self) -> MutexGuard<'_, TransactionState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -4,7 +4,7 @@
 use crate::Rules;
 use crate::gate::Gate;
 use crate::joint_retreat::JointRetreat;
-use crate::ledger::Book;
+use crate::ledger::TransactionState;
 
 /// What a step may read and write beside the core's own state.
 #[derive(Debug)]
@@ -14,7 +14,7 @@ pub struct Shared<'a> {
     /// The fencing token of its filter.
     pub gate: &'a Gate,
     /// Its transactions, safe pose and history.
-    pub book: &'a mut Book,
+    pub book: &'a mut TransactionState,
     /// The retreat that it may share with other robots.
     pub joint_retreat: &'a JointRetreat,
 }

@@ -30,7 +30,7 @@ mod stream;
 mod streaming;
 
 use crate::gate::Gate;
-use crate::ledger::Book;
+use crate::ledger::TransactionState;
 use crate::pulse::Pulse;
 use crate::reflex::{ReflexReport, Underway};
 use crate::shared::Shared;
@@ -182,7 +182,7 @@ impl Started {
 struct Step<'a> {
     rules: &'a Rules,
     gate: &'a Gate,
-    book: &'a mut Book,
+    book: &'a mut TransactionState,
     now: Time,
     out: Vec<SuperviseOut>,
 }

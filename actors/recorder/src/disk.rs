@@ -18,11 +18,11 @@ pub(crate) type Trouble = Arc<OnceLock<String>>;
 
 /// A file that is being written.
 pub(crate) struct Disk {
-    book: Mutex<Book>,
+    book: Mutex<TransactionState>,
     trouble: Trouble,
 }
 
-struct Book {
+struct TransactionState {
     /// `None` after an error.
     encoder: Option<Encoder<File>>,
     file: File,
@@ -45,11 +45,11 @@ impl Disk {
         }
         let good = file.metadata().map_err(|e| e.to_string())?.len();
         let trouble = Trouble::default();
-        let book = Mutex::new(Book { encoder: Some(encoder), file, good });
+        let book = Mutex::new(TransactionState { encoder: Some(encoder), file, good });
         Ok((Disk { book, trouble: trouble.clone() }, trouble))
     }
 
-    fn lock(&self) -> MutexGuard<'_, Book> {
+    fn lock(&self) -> MutexGuard<'_, TransactionState> {
         self.book.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

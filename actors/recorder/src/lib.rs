@@ -35,6 +35,6 @@ mod traces;
 mod words;
 
 pub use contents::Contents;
-pub use poses::Poses;
+pub use poses::RecordedPoses;
 pub use recorder::Recorder;
 pub use recording::{RecorderError, Recording, Settings};

@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// What a recording tells of a robot's motors: within 0.05 degrees and a second where nothing moves, see the plots.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Poses {
+pub struct RecordedPoses {
     /// Per part its motors' names, and its positions over time, degrees.
     parts: BTreeMap<String, Plot>,
 }
@@ -24,16 +24,16 @@ struct Plot {
     rows: BTreeMap<i64, Vec<f64>>,
 }
 
-impl Poses {
+impl RecordedPoses {
     /// Reads what a recording has of a robot.
     ///
     /// # Errors
     /// In words, if there is no such file, it is no recording, or it has nothing of the robot.
-    pub fn read(path: &Path, robot: &str) -> Result<Poses, String> {
+    pub fn read(path: &Path, robot: &str) -> Result<RecordedPoses, String> {
         let bad = |why: &dyn std::fmt::Display| format!("{} can't be read as a recording: {why}", path.display());
         let file = BufReader::new(mobee_model::file::open(path).map_err(|e| bad(&e))?);
         let below = format!("/joints/{}/", entity(robot));
-        let mut poses = Poses::default();
+        let mut poses = RecordedPoses::default();
         for message in DecoderApp::decode_eager(file).map_err(|e| bad(&e))?.map_while(Result::ok) {
             let LogMsg::ArrowMsg(store, rows) = message else { continue };
             if store.kind() != StoreKind::Recording {

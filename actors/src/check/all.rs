@@ -30,7 +30,7 @@ use super::watched_retreat::WatchedRetreat;
 
 /// An invariant that a journal is checked for.
 #[derive(Clone, Copy)]
-pub struct Promise {
+pub struct InvariantEntry {
     /// Its number, such as `I4`.
     pub name: &'static str,
     /// What it promises, in a few words: those of the documents' tables.
@@ -51,7 +51,7 @@ pub enum Wants {
     Healing,
 }
 
-impl Promise {
+impl InvariantEntry {
     pub(super) fn make(&self) -> Box<dyn Invariant> {
         (self.make)()
     }
@@ -61,12 +61,12 @@ fn boxed<I: Invariant + Default + 'static>() -> Box<dyn Invariant> {
     Box::new(I::default())
 }
 
-const fn of<I: Invariant + Default + 'static>(name: &'static str, what: &'static str, wants: Wants) -> Promise {
-    Promise { name, what, wants, make: boxed::<I> }
+const fn of<I: Invariant + Default + 'static>(name: &'static str, what: &'static str, wants: Wants) -> InvariantEntry {
+    InvariantEntry { name, what, wants, make: boxed::<I> }
 }
 
 /// All of them, by number.
-pub const ALL: &[Promise] = &[
+pub const ALL: &[InvariantEntry] = &[
     of::<ClosedMeansClosed>("I1", "closed means closed", Wants::Events),
     of::<OneOutcome>("I2", "one outcome", Wants::Events),
     of::<HomeIsAVertex>("I3", "home is a vertex", Wants::Events),
@@ -97,7 +97,7 @@ pub const ALL: &[Promise] = &[
 
 /// The names of those that a journal is judged by, with or without measured poses, as a sentence has them: `I1-I7, I9 and I10`.
 pub fn judged(poses: bool) -> String {
-    let is_judged = |p: &&Promise| p.wants == Wants::Events || poses && p.wants == Wants::Poses;
+    let is_judged = |p: &&InvariantEntry| p.wants == Wants::Events || poses && p.wants == Wants::Poses;
     spans(ALL.iter().filter(is_judged).filter_map(|p| p.name.strip_prefix('I')?.parse().ok()))
 }
 
@@ -143,7 +143,7 @@ mod tests {
         let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         for page in ["docs/journal.md", "docs/torture.md", "actors/src/check.rs"] {
             let text = std::fs::read_to_string(root.join(page)).unwrap();
-            for Promise { name, what, .. } in ALL {
+            for InvariantEntry { name, what, .. } in ALL {
                 let row = format!("| {name} | {what} |");
                 assert!(text.contains(&row), "{page} has no row `{row} ...`");
             }

@@ -6,7 +6,7 @@
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, Pose, Time, Writer};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -105,7 +105,7 @@ impl Robot {
 }
 
 impl Invariant for AsFastAsAllowed {
-    fn on(&mut self, line: &Line, _found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, motors, period, .. } => {
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|known| known.len() == motors.len());

@@ -6,7 +6,7 @@
 //! judged by when it was written. The driver itself only stops.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, Time, Writer};
 use std::collections::BTreeMap;
 
@@ -52,7 +52,7 @@ impl Filter {
 }
 
 impl Invariant for ClosedMeansClosed {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Enabled { robot, token } => {
                 self.robots.entry(robot.clone()).or_default().turn(*token, true, line.at, found);

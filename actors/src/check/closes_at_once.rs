@@ -4,7 +4,7 @@
 //! control mode, never where a stop was told.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, SwapPart, SwapStep, Time, Writer};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -70,7 +70,7 @@ impl Filter {
 }
 
 impl Invariant for ClosesAtOnce {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, fresh, .. } => {
                 self.robots.entry(robot.clone()).or_default().fresh =

@@ -5,7 +5,7 @@
 //! without a reflex promises nothing of this.
 
 use super::{Found, Invariant, PerRobot};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Clauses, Event, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -98,7 +98,7 @@ fn value(clause: &[(Vec<(usize, f64)>, f64)], q: &Pose) -> f64 {
 }
 
 impl Invariant for ConstraintsClose {
-    fn on(&mut self, line: &Line, _found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, period, constraints, .. } => {
                 let state = self.robots.entry(robot.clone()).or_default();

@@ -2,7 +2,7 @@
 //! excused: it sets out in contact. A controller without a reflex does not promise it.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -31,7 +31,7 @@ impl Filter {
 }
 
 impl Invariant for ContactCloses {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, period, .. } => {
                 let period = Duration::try_from_secs_f64(*period).unwrap_or_default();

@@ -3,7 +3,7 @@
 //! Whoever starts anew, as a reflex that died, or judges by another margin, finds contacts that were known before.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::Event;
 use mobee_model::Contact;
 use std::collections::BTreeMap;
@@ -23,7 +23,7 @@ struct Robot {
 }
 
 impl Invariant for ContactsHold {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, margin, .. } => {
                 self.robots.insert(robot.clone(), Robot { margin: *margin, present: Vec::new() });

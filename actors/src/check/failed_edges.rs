@@ -4,7 +4,7 @@
 //! was told nothing.
 
 use super::{Found, Invariant, near};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommitId, EdgeState, Event, Note, Outcome, SwapStep};
 use std::collections::BTreeMap;
 
@@ -57,7 +57,7 @@ impl Walk {
 }
 
 impl Invariant for FailedEdges {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let wrong = match &line.event {
             Event::Note { robot, note } => {
                 let walk = self.robots.entry(robot.clone()).or_default();

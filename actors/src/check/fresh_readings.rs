@@ -4,30 +4,30 @@
 //! end, is settled by the newest reading there is.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Hold, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 #[derive(Default)]
 pub(super) struct FreshReadings {
-    robots: BTreeMap<String, Reading>,
+    robots: BTreeMap<String, TrackReading>,
     gave_up: bool,
 }
 
 #[derive(Default)]
-struct Reading {
+struct TrackReading {
     fresh: Duration,
     newest: Option<Time>,
     ending: bool,
 }
 
 impl Invariant for FreshReadings {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let (robot, what) = match &line.event {
             Event::Robot { robot, fresh, .. } => {
                 let fresh = Duration::try_from_secs_f64(*fresh).unwrap_or_default();
-                self.robots.insert(robot.clone(), Reading { fresh, ..Reading::default() });
+                self.robots.insert(robot.clone(), TrackReading { fresh, ..TrackReading::default() });
                 return;
             }
             Event::State { robot, status } => {

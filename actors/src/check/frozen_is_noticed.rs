@@ -6,7 +6,7 @@
 //! the witness of a simulation, which knows where the motors really are.
 
 use super::{Found, Invariant, PerRobot, apart_deg};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, Pose, Status, Time, Writer};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -75,7 +75,7 @@ impl Robot {
 }
 
 impl Invariant for FrozenIsNoticed {
-    fn on(&mut self, line: &Line, _found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, .. } => drop(self.robots.entry(robot.clone()).or_default()),
             Event::Command { robot, writer: Writer::Agent, kind, q, speed, .. } => {

@@ -5,7 +5,7 @@
 //! vertex; it is off the map at the start, after any end elsewhere, and while the agent CONNECTs (Algorithm 1).
 
 use super::{Found, Invariant, apart_deg, near};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Note, Outcome, Pose};
 use std::collections::BTreeMap;
 
@@ -46,7 +46,7 @@ impl Home {
 }
 
 impl Invariant for HomeIsAVertex {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, tolerance, .. } => {
                 self.robots.entry(robot.clone()).or_default().tolerance = *tolerance;

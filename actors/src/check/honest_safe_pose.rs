@@ -6,7 +6,7 @@
 
 use super::measured::Measured;
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Outcome, Pose, Time};
 use std::collections::BTreeMap;
 
@@ -28,7 +28,7 @@ struct Rest {
 }
 
 impl Invariant for HonestSafePose {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, fresh, rest_speed, period, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();

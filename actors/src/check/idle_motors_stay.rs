@@ -7,7 +7,7 @@
 
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Cause, CommandKind, Event, Pose, Time};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -94,7 +94,7 @@ impl Robot {
 }
 
 impl Invariant for IdleMotorsStay {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, motors, period, tolerance, .. } => {
                 let window = Window::new(*period);

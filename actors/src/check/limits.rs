@@ -5,7 +5,7 @@
 //! and of velocities, are told at their end with the greatest share of a motor's speed that they asked for.
 
 use super::{Found, Invariant};
-use crate::record::journal::{Line, NOT_FINITE};
+use crate::record::journal::{JournalLine, NOT_FINITE};
 use mobee_contract::Event;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -51,7 +51,7 @@ impl Motors {
 }
 
 impl Invariant for Limits {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let robot = match &line.event {
             Event::Robot { robot, motors, min, max, max_speed, tolerance, .. } => {
                 let range = min.iter().copied().zip(max.iter().copied()).collect();

@@ -5,7 +5,7 @@
 //! group that used up its restarts is down for good.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Hold, Status, SwapPart, Time};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -56,7 +56,7 @@ impl Robot {
 }
 
 impl Invariant for Liveness {
-    fn on(&mut self, line: &Line, _found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
         let healed = self.healed.is_some();
         if !self.robots.values().any(|r| r.ending) {
             self.last = line.at;

@@ -4,7 +4,7 @@
 //! Wants the poses. The place of a rest is its first reading; a reading or two that jump are noise.
 
 use super::{Found, Invariant, PerRobot};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -54,7 +54,7 @@ impl Robot {
 }
 
 impl Invariant for MovedAtRest {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, motors, tolerance, .. } => {
                 let (names, tolerance) = (motors.clone(), *tolerance);

@@ -1,14 +1,14 @@
 //! I6: on every link, sent = handled + queued + dropped. The counters are told when a run ends in order.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::Event;
 
 #[derive(Default)]
 pub(super) struct NothingVanishes;
 
 impl Invariant for NothingVanishes {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         if let Event::Link { link, sent, handled, queued, dropped, .. } = &line.event {
             let known = [*handled, *queued, *dropped].into_iter().fold(0_u64, u64::saturating_add);
             if *sent != known {

@@ -3,7 +3,7 @@
 //! A commit that is open at the end breaks it only if the run ended in order.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommitId, Event};
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ pub(super) struct OneOutcome {
 }
 
 impl Invariant for OneOutcome {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Commit { robot, id, .. } => {
                 if let Some((last, open)) = self.robots.insert(robot.clone(), (*id, true)) {

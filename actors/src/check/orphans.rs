@@ -2,7 +2,7 @@
 //! neither amended nor ends as committed, unless the filter has closed in between, or was closed before.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommitId, Event, Outcome, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -26,7 +26,7 @@ struct Motion {
 }
 
 impl Invariant for Orphans {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let (robot, id, what) = match &line.event {
             Event::Robot { robot, period, .. } => {
                 let period = Duration::try_from_secs_f64(*period).unwrap_or_default();

@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// What measured poses a journal was judged by.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Poses {
+pub struct JudgedPoses {
     /// Readings, of all robots.
     pub readings: u64,
     /// Robots without any.
@@ -23,7 +23,7 @@ pub struct Poses {
 #[derive(Default)]
 pub(super) struct Merge {
     robots: Vec<OfRobot>,
-    found: Poses,
+    found: JudgedPoses,
 }
 
 struct OfRobot {
@@ -83,7 +83,7 @@ impl Merge {
     }
 
     /// What there was, once all was told.
-    pub fn end(self) -> Poses {
+    pub fn end(self) -> JudgedPoses {
         let Merge { robots, mut found } = self;
         let readings = robots.into_iter().filter_map(|robot| robot.readings);
         found.wrong.extend(readings.filter_map(|readings| readings.cut()));

@@ -1,7 +1,7 @@
 //! I11: an edge that was removed is in no later plan, until a note states it as optimistic or feasible again.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{EdgeState, Event, Note};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,7 +11,7 @@ pub(super) struct RemovedStaysRemoved {
 }
 
 impl Invariant for RemovedStaysRemoved {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let Event::Note { robot, note } = &line.event else { return };
         let removed = self.robots.entry(robot.clone()).or_default();
         match note {

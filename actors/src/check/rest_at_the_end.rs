@@ -6,7 +6,7 @@
 
 use super::measured::Measured;
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Event, Hold, Pose, Status, Time};
 use std::collections::BTreeMap;
 
@@ -23,7 +23,7 @@ struct Newest {
 }
 
 impl Invariant for RestAtTheEnd {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, rest_speed, period, .. } => {
                 let measured = Measured::new(*rest_speed, *period);

@@ -6,7 +6,7 @@
 //! references move nothing. Nor does a swap: a new part takes over with no transaction open.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, SwapStep, Time};
 use std::collections::BTreeMap;
 
@@ -35,7 +35,7 @@ impl RestartDoesNotMove {
 }
 
 impl Invariant for RestartDoesNotMove {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Commit { robot, .. } => drop(self.robots.insert(robot.clone(), None)),
             // told before anything of the retreat is written, and only with a transaction open (I2, I9)

@@ -6,7 +6,7 @@
 
 use super::retreat_pace::RetreatPace;
 use super::{Found, Invariant, apart_deg};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{Cause, CommandKind, Event, Hold, Outcome, Pose, Status, Time, Writer};
 use std::collections::BTreeMap;
 
@@ -96,7 +96,7 @@ impl Robot {
 }
 
 impl Invariant for TakenBack {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let wrong = match &line.event {
             Event::Robot { robot, period, tolerance, rest_speed, .. } => {
                 let robot = self.robots.entry(robot.clone()).or_default();

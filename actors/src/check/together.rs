@@ -3,7 +3,7 @@
 //! A pair that touched as they were stopped may part and touch again: the way leads past there once more, and is watched (I9).
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::Event;
 use mobee_model::{Contact, ShapeId};
 
@@ -32,7 +32,7 @@ impl Together {
 }
 
 impl Invariant for Together {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, .. } if self.robots.iter().all(|r| r.name != *robot) => {
                 self.robots.push(Robot { name: robot.clone(), back: None });

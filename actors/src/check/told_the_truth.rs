@@ -4,7 +4,7 @@
 //! An agent that died, or was taken back while its motion was under way, need not be told.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommitId, Event, MotionEnd, Outcome, Pose, SwapStep};
 use mobee_controller::distance;
 use std::collections::BTreeMap;
@@ -77,7 +77,7 @@ impl ToldTheTruth {
 }
 
 impl Invariant for ToldTheTruth {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let agent = |robot: &str| format!("{robot}/agent");
         let wrong = match &line.event {
             Event::Robot { robot, tolerance, .. } => {

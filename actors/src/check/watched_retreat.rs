@@ -7,7 +7,7 @@
 //! writes no move and no set-point until a new transaction.
 
 use super::{Found, Invariant};
-use crate::record::journal::Line;
+use crate::record::journal::JournalLine;
 use mobee_contract::{CommandKind, Event, Hold, Status, Time, Writer};
 use mobee_model::Contact;
 use std::collections::BTreeMap;
@@ -67,7 +67,7 @@ impl Way {
 }
 
 impl Invariant for WatchedRetreat {
-    fn on(&mut self, line: &Line, found: &mut Found<'_>) {
+    fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, period, margin, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();

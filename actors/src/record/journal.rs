@@ -16,7 +16,7 @@
 
 mod read;
 mod seal;
-pub use read::{JournalError, Line, Lines, read};
+pub use read::{JournalError, JournalLine, JournalLines, read};
 
 use mobee_contract::{Before, Entry, Event, Sink, Time, create_private};
 use seal::{Seal, Sealed};
@@ -53,11 +53,11 @@ impl Chain {
 #[derive(Clone, Debug)]
 pub struct Journal {
     path: PathBuf,
-    book: Arc<Mutex<Book>>,
+    book: Arc<Mutex<TransactionState>>,
 }
 
 #[derive(Debug)]
-struct Book {
+struct TransactionState {
     file: File,
     seal: Sealed,
     /// Bytes of the file that are whole lines.
@@ -83,9 +83,9 @@ impl Journal {
         })?;
         let mut gathered = serde_json::json!({ "aside": aside, "version": VERSION }).to_string().into_bytes();
         gathered.push(b'\n');
-        let begin = || -> std::io::Result<Book> {
+        let begin = || -> std::io::Result<TransactionState> {
             let seal = Sealed::open(&path)?;
-            let mut book = Book { file, seal, len: 0, gathered, n: 0, chain: Chain::default() };
+            let mut book = TransactionState { file, seal, len: 0, gathered, n: 0, chain: Chain::default() };
             book.spill(true)?;
             Ok(book)
         };
@@ -102,7 +102,7 @@ impl Journal {
     ///
     /// # Errors
     /// If it can't be read, is not as it was written, or can't be written on.
-    pub fn resume(dir: &Path, mut past: impl FnMut(&Line)) -> Result<Journal, JournalError> {
+    pub fn resume(dir: &Path, mut past: impl FnMut(&JournalLine)) -> Result<Journal, JournalError> {
         let path = dir.join(FILE);
         let mut lines = read(&path)?;
         let mut n = 0;
@@ -128,7 +128,7 @@ impl Journal {
         let file = OpenOptions::new().write(true).open(&path).map_err(refused)?;
         file.set_len(len).map_err(refused)?;
         let seal = Sealed::open(&path).map_err(refused)?;
-        let book = Book { file, seal, len, gathered: Vec::new(), n, chain };
+        let book = TransactionState { file, seal, len, gathered: Vec::new(), n, chain };
         Ok(Journal { path, book: Arc::new(Mutex::new(book)) })
     }
 
@@ -157,7 +157,7 @@ impl Journal {
         &self.path
     }
 
-    fn lock(&self) -> MutexGuard<'_, Book> {
+    fn lock(&self) -> MutexGuard<'_, TransactionState> {
         self.book.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -230,7 +230,7 @@ impl Sink for Journal {
     }
 }
 
-impl Book {
+impl TransactionState {
     fn append(&mut self, at: Time, event: &str) {
         let body = body(self.n, at, event);
         self.chain = self.chain.next(body.as_bytes());

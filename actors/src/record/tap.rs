@@ -17,7 +17,7 @@ pub use pipe::SinkReport;
 pub use watch::TapActor;
 
 use crate::runtime::clock::ClockKind;
-use crate::runtime::stream::Counters;
+use crate::runtime::stream::StreamCounters;
 use mobee_contract::{Entry, Event, Pose, Sink, Time};
 use mobee_model::{Contact, Scene};
 use pipe::Pipe;
@@ -26,7 +26,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Opens a sink, at the start and after a failure. An essential one continues where it failed.
-pub type Open = Arc<dyn Fn() -> Result<Box<dyn Sink>, String> + Send + Sync>;
+pub type OpenSink = Arc<dyn Fn() -> Result<Box<dyn Sink>, String> + Send + Sync>;
 
 /// A sink and how it is served.
 #[derive(Clone)]
@@ -43,7 +43,7 @@ pub struct SinkSpec {
     /// How long it may take for one entry at the end of the run, before it is left behind.
     pub patience: Duration,
     /// Opens it; none if nobody is there yet, see [`Taps::attach`].
-    pub open: Option<Open>,
+    pub open: Option<OpenSink>,
 }
 
 /// The handle that everybody tells. Cheap to clone.
@@ -115,7 +115,7 @@ impl Taps {
     ///
     /// # Errors
     /// If there is no such place, or no thread for it.
-    pub fn attach(&self, name: &str, sink: Box<dyn Sink>, open: Open) -> Result<(), String> {
+    pub fn attach(&self, name: &str, sink: Box<dyn Sink>, open: OpenSink) -> Result<(), String> {
         let pipe = self.0.pipes.iter().find(|p| p.name() == name);
         pipe.ok_or_else(|| format!("this run has no place for a {name}"))?.attach(sink, open)
     }
@@ -159,7 +159,7 @@ impl Taps {
     }
 
     /// What went to each sink so far.
-    pub fn counters(&self) -> impl Iterator<Item = (String, Counters)> {
+    pub fn counters(&self) -> impl Iterator<Item = (String, StreamCounters)> {
         self.0.pipes.iter().map(|pipe| (format!("tap>{}", pipe.name()), pipe.counters()))
     }
 

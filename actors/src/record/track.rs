@@ -11,7 +11,7 @@
 
 mod frame;
 mod read;
-pub use read::{Reading, Readings, read};
+pub use read::{Readings, TrackReading, read};
 
 use frame::{Frame, HEADER, header};
 use mobee_contract::{Before, Entry, Event, Pose, Sink, Status, Time, create_private};
@@ -132,7 +132,7 @@ struct Track {
     newest: Option<Time>,
     written: Option<(Time, Pose)>,
     /// The newest readings at rest.
-    before: VecDeque<Reading>,
+    before: VecDeque<TrackReading>,
 }
 
 impl Track {
@@ -203,7 +203,7 @@ impl Track {
         self.newest = Some(at);
         let left =
             self.written.as_ref().is_none_or(|(_, w)| w.iter().zip(q.iter()).any(|(w, q)| (w - q).abs() > self.place));
-        self.before.push_back(Reading { at, told: at.max(self.told), q: q.clone(), follows: true });
+        self.before.push_back(TrackReading { at, told: at.max(self.told), q: q.clone(), follows: true });
         if self.busy || self.open || left {
             self.put_before()?;
         } else if self.before.len() > BEFORE
@@ -215,7 +215,7 @@ impl Track {
         Ok(())
     }
 
-    fn put(&mut self, reading: &Reading) -> Result<(), String> {
+    fn put(&mut self, reading: &TrackReading) -> Result<(), String> {
         self.written = Some((reading.at, reading.q.clone()));
         self.frame.put(reading);
         if self.frame.len() >= LONG { self.spill() } else { Ok(()) }

@@ -19,7 +19,7 @@ pub type Doorbell = Box<dyn Fn() -> bool + Send + Sync>;
 
 /// How many items went through a stream: `sent = handled + queued + dropped`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
+pub struct StreamCounters {
     /// Pushed.
     pub sent: u64,
     /// Popped.
@@ -138,9 +138,14 @@ impl<T> Stream<T> {
     }
 
     /// The counters now.
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> StreamCounters {
         let ring = self.lock();
-        Counters { sent: ring.sent, handled: ring.handled, queued: ring.queue.len() as u64, dropped: ring.dropped }
+        StreamCounters {
+            sent: ring.sent,
+            handled: ring.handled,
+            queued: ring.queue.len() as u64,
+            dropped: ring.dropped,
+        }
     }
 
     /// Its name.
@@ -150,7 +155,7 @@ impl<T> Stream<T> {
 
     /// The counters as the event that a run ends with.
     pub fn link(&self) -> Event {
-        let Counters { sent, handled, queued, dropped } = self.counters();
+        let StreamCounters { sent, handled, queued, dropped } = self.counters();
         let (most, capacity) = (self.lock().most, self.0.capacity as u64);
         Event::Link { link: self.0.name.clone(), sent, handled, queued, dropped, most, capacity }
     }

@@ -8,7 +8,7 @@
 //! counts as a failure. State that must survive a restart lives outside of the child, in what its start closure holds.
 
 mod plan;
-pub use plan::{Input, Intensity, Plan, Restart, Step, Strategy};
+pub use plan::{Input, Intensity, Restart, RestartPlan, RestartStep, Strategy};
 
 use crate::record::tap::Taps;
 use crate::runtime::clock::Clock;
@@ -176,7 +176,7 @@ struct Supervisor;
 
 struct Running {
     group: Group,
-    plan: Plan,
+    plan: RestartPlan,
     cells: Vec<Option<ActorCell>>,
     restarts: Vec<u32>,
     begun: bool,
@@ -188,20 +188,20 @@ impl Running {
     /// # Errors
     /// If the group gave up.
     async fn run(&mut self, input: Input, me: &ActorCell) -> Result<(), ActorProcessingErr> {
-        let mut steps: VecDeque<Step> = self.plan.on(input, self.group.clock.now()).into();
+        let mut steps: VecDeque<RestartStep> = self.plan.on(input, self.group.clock.now()).into();
         while let Some(step) = steps.pop_front() {
             match step {
-                Step::Stop(child) => {
+                RestartStep::Stop(child) => {
                     self.stop(child).await;
                     self.plan.on(Input::Stopped(child), self.group.clock.now());
                 }
-                Step::Start(child) => {
+                RestartStep::Start(child) => {
                     if let Err(reason) = self.start(child, me).await {
                         self.tell_death(child, reason);
                         steps = self.plan.on(Input::Died { child, failed: true }, self.group.clock.now()).into();
                     }
                 }
-                Step::GiveUp => {
+                RestartStep::GiveUp => {
                     let group = self.group.name.to_string();
                     self.group.taps.event(self.group.clock.now(), Event::GaveUp { group });
                     (self.group.on_give_up)(());
@@ -316,7 +316,7 @@ impl Actor for Supervisor {
     async fn pre_start(&self, myself: ActorRef<GroupMsg>, group: Group) -> Result<Running, ActorProcessingErr> {
         let n = group.children.len();
         let policies = group.children.iter().map(|c| c.restart).collect();
-        let plan = Plan::new(group.strategy, group.intensity, policies);
+        let plan = RestartPlan::new(group.strategy, group.intensity, policies);
         let mut running = Running { group, plan, cells: vec![None; n], restarts: vec![0; n], begun: false };
         running.run(Input::Begin, &myself.get_cell()).await?;
         running.begun = true;

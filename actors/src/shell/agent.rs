@@ -1,18 +1,18 @@
 //! The agent's shell: asks a planner what it wants, commits it, and tells it how its motions ended.
 
-mod mind;
+mod planners;
 
-pub use mind::{Offer, Slot};
+pub use planners::{PlannerSlot, SwapRequest};
 
 use crate::runtime::swap::Phase;
 use crate::shell::SuperviseMsg;
-use crate::wiring::{Hub, Wires};
-use mind::{Last, Mind};
+use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{
     Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Target, Verdict, View,
 };
 use mobee_controller::RELEASE;
 use mobee_controller::supervise::Revision;
+use planners::{Last, PlannerHost};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -48,16 +48,16 @@ pub enum AgentMsg {
     /// Make no more motions: the run ends.
     Rest,
     /// Another planner is to take over.
-    Swap(Offer, RpcReplyPort<Result<(), String>>),
+    Swap(SwapRequest, RpcReplyPort<Result<(), String>>),
     /// See how far the swap is.
     Tick,
 }
 
 /// What it keeps.
 pub struct Planning {
-    hub: Arc<Hub>,
-    wires: Arc<Wires>,
-    mind: Mind,
+    shared: Arc<SharedContext>,
+    context: Arc<RobotContext>,
+    planners: PlannerHost,
     /// The motion under way.
     moving: Option<CommitId>,
     /// Whether the motion under way was one of a planner that broke: its end is told to nobody.
@@ -76,19 +76,19 @@ pub struct Planning {
 impl Actor for AgentActor {
     type Msg = AgentMsg;
     type State = Planning;
-    type Arguments = (Arc<Hub>, Arc<Wires>);
+    type Arguments = (Arc<SharedContext>, Arc<RobotContext>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<AgentMsg>,
-        (hub, wires): Self::Arguments,
+        (shared, context): Self::Arguments,
     ) -> Result<Planning, ActorProcessingErr> {
-        let mind = Mind::start(hub.clone(), wires.clone())?;
-        wires.agent.connect(myself.clone());
+        let planners = PlannerHost::start(shared.clone(), context.clone())?;
+        context.agent.connect(myself.clone());
         let planning = Planning {
-            hub,
-            wires,
-            mind,
+            shared,
+            context,
+            planners,
             moving: None,
             orphan: false,
             last: None,
@@ -124,14 +124,14 @@ impl Actor for AgentActor {
             AgentMsg::Revise if planning.moving.is_some() => planning.revise(&myself).await,
             AgentMsg::SetPoint(id) if planning.moving == Some(id) && !planning.done => {
                 // an agent that makes way, for now or for good, lets its stream go quiet
-                if planning.wires.agent_acts.load(Ordering::SeqCst) && !planning.mind.is_due() {
+                if planning.context.agent_acts.load(Ordering::SeqCst) && !planning.planners.is_due() {
                     planning.revise(&myself).await;
                 }
                 planning.set_point_after(&myself, id);
             }
             AgentMsg::Rest => (planning.done, planning.rests) = (true, true),
             AgentMsg::Swap(offer, reply) => {
-                let offered = planning.mind.offer(offer).await;
+                let offered = planning.planners.offer(offer).await;
                 if let Ok(terms) = &offered {
                     myself.send_after(terms.shadow, || AgentMsg::Tick);
                 }
@@ -146,14 +146,14 @@ impl Actor for AgentActor {
 
 impl Planning {
     fn view(&self) -> View {
-        let latest = self.wires.latest.lock().clone();
-        let rules = self.wires.rules();
+        let latest = self.context.latest.lock().clone();
+        let rules = self.context.rules();
         View {
             at: latest.at,
-            robot: self.wires.robot,
+            robot: self.context.robot,
             axes: rules.axes.clone(),
-            poses: self.hub.robots.iter().map(|w| w.latest.lock().q.clone()).collect(),
-            scene: self.hub.scene.lock().clone(),
+            poses: self.shared.robots.iter().map(|w| w.latest.lock().q.clone()).collect(),
+            scene: self.shared.scene.lock().clone(),
             contacts: latest.contacts,
             clearance: rules.margin + RELEASE,
         }
@@ -170,26 +170,26 @@ impl Planning {
 
     /// Time for a new planner to take over, if the old one does not come to a boundary by itself, or for its probation to end.
     async fn tick(&mut self, myself: &ActorRef<AgentMsg>) {
-        self.mind.tick();
-        if self.moving.is_some() || self.rests || !self.mind.is_due() {
+        self.planners.tick();
+        if self.moving.is_some() || self.rests || !self.planners.is_due() {
             return;
         }
         if self.boundary(myself).await {
             self.ask(myself).await;
-        } else if self.mind.is_due() {
+        } else if self.planners.is_due() {
             myself.send_after(PAUSE, || AgentMsg::Tick);
         }
     }
 
     /// No transaction is open, if the robot is ready: whether a new planner took over.
     async fn boundary(&mut self, myself: &ActorRef<AgentMsg>) -> bool {
-        if self.mind.phase() == Phase::Settled || !self.wires.latest.lock().ready {
+        if self.planners.phase() == Phase::Settled || !self.context.latest.lock().ready {
             return false;
         }
-        let took_over = self.mind.boundary(self.last, &self.view()).await;
+        let took_over = self.planners.boundary(self.last, &self.view()).await;
         if took_over {
             self.done = false;
-            let probation = self.wires.slot.lock().core.terms().probation;
+            let probation = self.context.slot.lock().core.terms().probation;
             myself.send_after(probation, || AgentMsg::Tick);
         }
         took_over
@@ -198,11 +198,11 @@ impl Planning {
     async fn ask(&mut self, myself: &ActorRef<AgentMsg>) {
         self.asked += 1;
         self.boundary(myself).await;
-        if !(self.wires.agent_acts.load(Ordering::SeqCst) && self.wires.latest.lock().ready) {
+        if !(self.context.agent_acts.load(Ordering::SeqCst) && self.context.latest.lock().ready) {
             return self.ask_after(myself, PAUSE);
         }
         let view = self.view();
-        let Some(intent) = self.mind.next(&mut self.last, &view).await else {
+        let Some(intent) = self.planners.next(&mut self.last, &view).await else {
             return self.ask_after(myself, Duration::ZERO);
         };
         match intent {
@@ -222,7 +222,7 @@ impl Planning {
             Intent::Wait(time) => self.ask_after(myself, time.max(Duration::from_millis(1))),
             Intent::Done(summary) => {
                 self.done = true;
-                self.hub.tell(Event::Done { robot: self.wires.name.clone(), summary });
+                self.shared.tell(Event::Done { robot: self.context.name.clone(), summary });
             }
         }
     }
@@ -244,10 +244,10 @@ impl Planning {
 
     async fn revise(&mut self, myself: &ActorRef<AgentMsg>) {
         let view = self.view();
-        let Ok(intent) = self.mind.revise(&view).await else {
+        let Ok(intent) = self.planners.revise(&view).await else {
             // nobody plans this motion any more: it is stopped and taken back, as after an agent's death (I18)
             self.orphan = true;
-            self.wires.supervise.send(SuperviseMsg::AgentDied(self.wires.agent_name.clone()));
+            self.context.supervise.send(SuperviseMsg::AgentDied(self.context.agent_name.clone()));
             return;
         };
         match intent {
@@ -258,14 +258,14 @@ impl Planning {
                 let _ = self.stream(setpoints, myself).await;
             }
             Some(Intent::Stop) => {
-                self.wires.supervise.send(SuperviseMsg::Stop(self.wires.agent_name.clone()));
+                self.context.supervise.send(SuperviseMsg::Stop(self.context.agent_name.clone()));
             }
             Some(Intent::Wait(_) | Intent::Done(_)) | None => {}
         }
     }
 
     async fn stream(&mut self, setpoints: Setpoints, myself: &ActorRef<AgentMsg>) -> Option<Verdict> {
-        let verdict = self.ask_for(Revision::Stream(self.wires.agent_name.clone(), setpoints)).await;
+        let verdict = self.ask_for(Revision::Stream(self.context.agent_name.clone(), setpoints)).await;
         if let (Some(Ok(id)), false) = (&verdict, self.streams) {
             self.streams = true;
             self.set_point_after(myself, *id);
@@ -275,11 +275,11 @@ impl Planning {
 
     /// Asks for the next set-point after a control period.
     fn set_point_after(&self, myself: &ActorRef<AgentMsg>, id: CommitId) {
-        myself.send_after(self.wires.rules().period, move || AgentMsg::SetPoint(id));
+        myself.send_after(self.context.rules().period, move || AgentMsg::SetPoint(id));
     }
 
     async fn commit(&mut self, target: Target, speeds: Option<Vec<f64>>) -> Option<Verdict> {
-        let agent = self.wires.agent_name.clone();
+        let agent = self.context.agent_name.clone();
         self.ask_for(Revision::Commit(Commit { agent, target, speeds })).await
     }
 
@@ -288,7 +288,7 @@ impl Planning {
     async fn ask_for(&mut self, revision: Revision) -> Option<Verdict> {
         let (reply, verdict) = ractor::concurrency::oneshot();
         let reply = reply.into();
-        self.wires.supervise.send(match (self.moving, revision) {
+        self.context.supervise.send(match (self.moving, revision) {
             (Some(id), revision) => SuperviseMsg::Revise(id, revision, reply),
             (None, Revision::Commit(commit)) => SuperviseMsg::Commit(commit, reply),
             (None, Revision::Stream(agent, setpoints)) => SuperviseMsg::Stream(agent, setpoints, reply),

@@ -2,7 +2,7 @@
 
 use crate::runtime::clock::ClockKind;
 use crate::shell::SuperviseMsg;
-use crate::wiring::{HardwareHandle, Hub, Wires};
+use crate::wiring::{HardwareHandle, RobotContext, SharedContext};
 use mobee_contract::{Command, Driver, DriverFault, Event, Sample, Time, Writer};
 use mobee_controller::command_guard::CommandGuard;
 use mobee_controller::pulse::Pulse;
@@ -28,8 +28,8 @@ const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::fro
 
 /// What it keeps.
 pub struct Driving {
-    hub: Arc<Hub>,
-    wires: Arc<Wires>,
+    shared: Arc<SharedContext>,
+    context: Arc<RobotContext>,
     plug: HardwareHandle,
     driver: Option<Box<dyn Driver>>,
     guard: CommandGuard,
@@ -45,18 +45,18 @@ pub struct Driving {
 impl Actor for DriverActor {
     type Msg = DriverMsg;
     type State = Driving;
-    type Arguments = (Arc<Hub>, Arc<Wires>);
+    type Arguments = (Arc<SharedContext>, Arc<RobotContext>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<DriverMsg>,
-        (hub, wires): Self::Arguments,
+        (shared, context): Self::Arguments,
     ) -> Result<Driving, ActorProcessingErr> {
-        let plug = wires.parts.lock().plug.clone();
-        let guard = CommandGuard::new(wires.rules());
+        let plug = context.parts.lock().plug.clone();
+        let guard = CommandGuard::new(context.rules());
         let mut driving = Driving {
-            hub,
-            wires,
+            shared,
+            context,
             plug,
             driver: None,
             guard,
@@ -65,9 +65,9 @@ impl Actor for DriverActor {
             beyond: false,
             due: None,
         };
-        driving.wires.lease.store(0, Ordering::SeqCst);
+        driving.context.lease.store(0, Ordering::SeqCst);
         driving.connect();
-        driving.wires.driver.connect(myself.clone());
+        driving.context.driver.connect(myself.clone());
         let _ = myself.send_message(DriverMsg::Poll);
         Ok(driving)
     }
@@ -83,7 +83,7 @@ impl Actor for DriverActor {
                 driving.look_at_the_clock();
                 let next = driving.poll();
                 driving.due = Some(next);
-                let clock = driving.hub.clock.clone();
+                let clock = driving.shared.clock.clone();
                 tokio::spawn(async move {
                     clock.sleep_until(next).await;
                     let _ = myself.send_message(DriverMsg::Poll);
@@ -99,33 +99,33 @@ impl Driving {
     /// A new connection begins with a stop, whatever the board was doing (I10).
     fn connect(&mut self) {
         let Ok(driver) = self.plug.0.connect() else { return };
-        let (robot, motors) = (self.wires.name.clone(), driver.found());
+        let (robot, motors) = (self.context.name.clone(), driver.found());
         if !motors.is_empty() {
-            self.hub.tell(Event::Found { robot, motors });
+            self.shared.tell(Event::Found { robot, motors });
         }
         self.driver = Some(driver);
         self.back_off = BACK_OFF.0;
-        let token = self.wires.gate.token();
+        let token = self.context.gate.token();
         self.give(token, Writer::Driver, &Command::Stop { motors: Vec::new() });
     }
 
     /// Counts the control periods that it was too late for. In virtual time only a planted stall makes it late.
     fn look_at_the_clock(&self) {
-        let now = self.hub.clock.now();
-        if let Some(due) = self.due.filter(|_| self.hub.clock.kind() == ClockKind::Real) {
-            let period = self.wires.rules().period;
-            self.hub.counts.lock().late.note(Duration::from_nanos(now.0), now.since(due), period);
+        let now = self.shared.clock.now();
+        if let Some(due) = self.due.filter(|_| self.shared.clock.kind() == ClockKind::Real) {
+            let period = self.context.rules().period;
+            self.shared.counts.lock().late.note(Duration::from_nanos(now.0), now.since(due), period);
         }
     }
 
     /// Reads the encoders, and says when to do so next.
     fn poll(&mut self) -> Time {
-        let now = self.hub.clock.now();
+        let now = self.shared.clock.now();
         if self.driver.is_none() {
             self.connect();
         }
         if let Some((token, writer, command)) = self.guard.due(now) {
-            match self.guard.admit(&self.wires.gate, token, writer, &command) {
+            match self.guard.admit(&self.context.gate, token, writer, &command) {
                 Ok(()) => self.give(token, writer, &command),
                 Err(reason) => self.drop_command(token, writer, reason),
             }
@@ -134,9 +134,9 @@ impl Driving {
             self.back_off = (self.back_off * 2).min(BACK_OFF.1);
             return now + self.back_off;
         };
-        driver.lease(now, Time(self.wires.lease.load(Ordering::SeqCst)));
+        driver.lease(now, Time(self.context.lease.load(Ordering::SeqCst)));
         if let Some(news) = driver.news() {
-            self.hub.tell(Event::Warning { text: format!("{}: {news}", self.wires.name) });
+            self.shared.tell(Event::Warning { text: format!("{}: {news}", self.context.name) });
         }
         match driver.sample(now) {
             Ok(sample) => {
@@ -156,23 +156,23 @@ impl Driving {
         if let Some(what) = &wrong
             && !self.nonsense
         {
-            let robot = &self.wires.name;
+            let robot = &self.context.name;
             let text = format!("{robot}: the board gives readings that make no sense ({what}); they are thrown away");
-            self.hub.tell(Event::Warning { text });
+            self.shared.tell(Event::Warning { text });
         }
         self.nonsense = wrong.is_some();
-        self.hub.counts.lock().samples += 1;
+        self.shared.counts.lock().samples += 1;
         let beyond = self.guard.is_beyond(&sample).filter(|_| wrong.is_none());
         if let Some(what) = &beyond
             && !self.beyond
         {
-            self.wires.supervise.send(SuperviseMsg::Fault(what.clone()));
+            self.context.supervise.send(SuperviseMsg::Fault(what.clone()));
         }
         self.beyond = beyond.is_some();
         if !self.nonsense && !self.beyond {
             let answers = self.driver.as_ref().and_then(|driver| driver.answer_time());
-            *self.wires.answers.lock() = answers;
-            self.wires.to_history.push(Pulse { answers, ..Pulse::new(sample, &self.hub.none) });
+            *self.context.answers.lock() = answers;
+            self.context.to_history.push(Pulse { answers, ..Pulse::new(sample, &self.shared.none) });
         }
     }
 
@@ -180,32 +180,32 @@ impl Driving {
         match fault {
             DriverFault::Lost => self.driver = None,
             DriverFault::Refused(what) | DriverFault::Hardware(what) => {
-                self.wires.supervise.send(SuperviseMsg::Fault(what.clone()));
+                self.context.supervise.send(SuperviseMsg::Fault(what.clone()));
             }
         }
         now + BACK_OFF.0
     }
 
     fn command(&mut self, token: u64, writer: Writer, command: Command) {
-        if let Err(reason) = self.guard.admit(&self.wires.gate, token, writer, &command) {
+        if let Err(reason) = self.guard.admit(&self.context.gate, token, writer, &command) {
             return self.drop_command(token, writer, reason);
         }
-        if let Some(command) = self.guard.pace(token, writer, command, self.hub.clock.now()) {
+        if let Some(command) = self.guard.pace(token, writer, command, self.shared.clock.now()) {
             self.give(token, writer, &command);
         }
     }
 
     fn give(&mut self, token: u64, writer: Writer, command: &Command) {
-        let now = self.hub.clock.now();
+        let now = self.shared.clock.now();
         let Some(driver) = self.driver.as_mut() else {
             return self.drop_command(token, writer, DriverFault::Lost.to_string());
         };
-        driver.lease(now, Time(self.wires.lease.load(Ordering::SeqCst)));
+        driver.lease(now, Time(self.context.lease.load(Ordering::SeqCst)));
         match driver.command(now, command) {
             Ok(()) => {
                 self.guard.leads = driver.leads();
                 for event in self.guard.took(token, writer, command, now) {
-                    self.hub.tell(event);
+                    self.shared.tell(event);
                 }
             }
             Err(fault) => {
@@ -213,7 +213,7 @@ impl Driving {
                 match fault {
                     DriverFault::Lost => self.driver = None,
                     DriverFault::Hardware(what) => {
-                        self.wires.supervise.send(SuperviseMsg::Fault(what));
+                        self.context.supervise.send(SuperviseMsg::Fault(what));
                     }
                     DriverFault::Refused(_) => {}
                 }
@@ -222,7 +222,7 @@ impl Driving {
     }
 
     fn drop_command(&mut self, token: u64, writer: Writer, reason: String) {
-        let robot = self.wires.name.clone();
-        self.hub.tell(Event::CommandDropped { robot, token, writer, reason });
+        let robot = self.context.name.clone();
+        self.shared.tell(Event::CommandDropped { robot, token, writer, reason });
     }
 }

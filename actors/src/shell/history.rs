@@ -1,6 +1,6 @@
 //! History's shell: records each pulse and passes it on.
 
-use crate::wiring::{Hub, Wires};
+use crate::wiring::{RobotContext, SharedContext};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 
@@ -16,28 +16,28 @@ pub enum HistoryMsg {
 
 impl Actor for HistoryActor {
     type Msg = HistoryMsg;
-    type State = (Arc<Hub>, Arc<Wires>);
-    type Arguments = (Arc<Hub>, Arc<Wires>);
+    type State = (Arc<SharedContext>, Arc<RobotContext>);
+    type Arguments = (Arc<SharedContext>, Arc<RobotContext>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<HistoryMsg>,
-        (hub, wires): Self::Arguments,
+        (shared, context): Self::Arguments,
     ) -> Result<Self::State, ActorProcessingErr> {
-        wires.ledger.book().history.mark_gap();
-        wires.to_history.attach(Box::new(move || myself.send_message(HistoryMsg::Pulses).is_ok()));
-        Ok((hub, wires))
+        context.ledger.book().history.mark_gap();
+        context.to_history.attach(Box::new(move || myself.send_message(HistoryMsg::Pulses).is_ok()));
+        Ok((shared, context))
     }
 
     async fn handle(
         &self,
         _myself: ActorRef<HistoryMsg>,
         _message: HistoryMsg,
-        (hub, wires): &mut Self::State,
+        (shared, context): &mut Self::State,
     ) -> Result<(), ActorProcessingErr> {
-        while let Some(mut pulse) = wires.to_history.pop() {
-            wires.ledger.book().history.push(&mut pulse, wires.rules().fresh);
-            hub.to_model.push((wires.robot, pulse));
+        while let Some(mut pulse) = context.to_history.pop() {
+            context.ledger.book().history.push(&mut pulse, context.rules().fresh);
+            shared.to_model.push((context.robot, pulse));
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! Model: the hub where sensors, agents and controllers meet. One for all robots and objects.
 
 use crate::shell::AgentMsg;
-use crate::wiring::{Hub, Wires};
+use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{CommitId, Event, Pose, Status, WorldChange};
 use mobee_controller::RELEASE;
 use mobee_controller::ledger::{Motion, Open};
@@ -25,7 +25,7 @@ pub enum ModelMsg {
 
 /// What it keeps; the scene itself outlives it in the hub.
 pub struct Model {
-    hub: Arc<Hub>,
+    shared: Arc<SharedContext>,
     scene: Arc<Scene>,
     watch: Watch,
     poses: Vec<Pose>,
@@ -36,16 +36,20 @@ pub struct Model {
 impl Actor for ModelActor {
     type Msg = ModelMsg;
     type State = Model;
-    type Arguments = Arc<Hub>;
+    type Arguments = Arc<SharedContext>;
 
-    async fn pre_start(&self, myself: ActorRef<ModelMsg>, hub: Arc<Hub>) -> Result<Model, ActorProcessingErr> {
-        let scene = hub.scene.lock().clone();
-        let watch = watch(&hub, &scene);
-        let poses = hub.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
-        let fields = hub.robots.iter().map(|w| Fields::new(w, &scene)).collect();
-        hub.model.connect(myself.clone());
-        hub.to_model.attach(Box::new(move || myself.send_message(ModelMsg::Pulses).is_ok()));
-        Ok(Model { hub, scene, watch, poses, fields })
+    async fn pre_start(
+        &self,
+        myself: ActorRef<ModelMsg>,
+        shared: Arc<SharedContext>,
+    ) -> Result<Model, ActorProcessingErr> {
+        let scene = shared.scene.lock().clone();
+        let watch = watch(&shared, &scene);
+        let poses = shared.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
+        let fields = shared.robots.iter().map(|w| Fields::new(w, &scene)).collect();
+        shared.model.connect(myself.clone());
+        shared.to_model.attach(Box::new(move || myself.send_message(ModelMsg::Pulses).is_ok()));
+        Ok(Model { shared, scene, watch, poses, fields })
     }
 
     async fn handle(
@@ -57,13 +61,13 @@ impl Actor for ModelActor {
         match message {
             ModelMsg::Pulses => model.pulses(),
             ModelMsg::Margins => {
-                model.watch = watch(&model.hub, &model.scene);
-                model.fields = model.hub.robots.iter().map(|w| Fields::new(w, &model.scene)).collect();
+                model.watch = watch(&model.shared, &model.scene);
+                model.fields = model.shared.robots.iter().map(|w| Fields::new(w, &model.scene)).collect();
             }
             ModelMsg::Edit(edit, reply) => {
                 let done = model.edit(&edit);
                 if let Err(text) = &done {
-                    model.hub.tell(Event::Warning { text: format!("the world was not edited: {text}") });
+                    model.shared.tell(Event::Warning { text: format!("the world was not edited: {text}") });
                 }
                 if let Some(reply) = reply {
                     let _ = reply.send(done);
@@ -75,19 +79,21 @@ impl Actor for ModelActor {
 }
 
 /// Watches as far as the robot with the greatest margin needs.
-fn watch(hub: &Hub, scene: &Arc<Scene>) -> Watch {
-    let margin = hub.robots.iter().map(|w| w.rules().margin).fold(0.0, f64::max);
+fn watch(shared: &SharedContext, scene: &Arc<Scene>) -> Watch {
+    let margin = shared.robots.iter().map(|w| w.rules().margin).fold(0.0, f64::max);
     Watch::new(scene.clone(), margin + RELEASE)
 }
 
 impl Model {
     fn pulses(&mut self) {
-        while let Some((robot, mut pulse)) = self.hub.to_model.pop() {
-            let (Some(wires), Some(slot)) = (self.hub.robots.get(robot), self.poses.get_mut(robot)) else { continue };
+        while let Some((robot, mut pulse)) = self.shared.to_model.pop() {
+            let (Some(context), Some(slot)) = (self.shared.robots.get(robot), self.poses.get_mut(robot)) else {
+                continue;
+            };
             *slot = pulse.sample.q.clone();
             let near = self.watch.update(&self.poses);
             if !near.is_empty() {
-                let within = wires.rules().margin + RELEASE;
+                let within = context.rules().margin + RELEASE;
                 let is_own = |s: ShapeId| s.robot() == Some(robot);
                 let own = |c: &&Contact| c.distance <= within && (is_own(c.pair.0) || is_own(c.pair.1));
                 pulse.contacts = near.iter().filter(own).copied().collect();
@@ -97,8 +103,8 @@ impl Model {
                 pulse.depth = pulse.violated.map_or(0.0, |_| model.violated_by(&pulse.sample.q));
             }
             pulse.epoch = self.scene.epoch();
-            pulse.push = self.fields.get_mut(robot).and_then(|f| f.as_mut()?.push(wires, robot, &self.poses));
-            wires.to_reflex.push(pulse);
+            pulse.push = self.fields.get_mut(robot).and_then(|f| f.as_mut()?.push(context, robot, &self.poses));
+            context.to_reflex.push(pulse);
         }
     }
 
@@ -107,13 +113,13 @@ impl Model {
         let before = std::mem::replace(&mut self.scene, next.clone());
         self.watch.set_scene(next.clone());
         self.fields.iter_mut().flatten().for_each(|f| f.set_scene(&next));
-        *self.hub.scene.lock() = next.clone();
+        *self.shared.scene.lock() = next.clone();
         for event in differences(&before, &next) {
-            self.hub.tell(event);
+            self.shared.tell(event);
         }
-        self.hub.taps.scene(self.hub.clock.now(), &next);
-        for wires in &self.hub.robots {
-            wires.agent.send(AgentMsg::Revise);
+        self.shared.taps.scene(self.shared.clock.now(), &next);
+        for context in &self.shared.robots {
+            context.agent.send(AgentMsg::Revise);
         }
         Ok(())
     }
@@ -127,9 +133,9 @@ struct Fields {
 }
 
 impl Fields {
-    fn new(wires: &Wires, scene: &Arc<Scene>) -> Option<Fields> {
-        let width = wires.rules().fields.as_ref()?.width;
-        Some(Fields { field: Field::new(scene, wires.robot, width), aimed: None })
+    fn new(context: &RobotContext, scene: &Arc<Scene>) -> Option<Fields> {
+        let width = context.rules().fields.as_ref()?.width;
+        Some(Fields { field: Field::new(scene, context.robot, width), aimed: None })
     }
 
     fn set_scene(&mut self, scene: &Arc<Scene>) {
@@ -138,9 +144,9 @@ impl Fields {
     }
 
     /// What they do to the motors, if anything.
-    fn push(&mut self, wires: &Wires, robot: usize, poses: &[Pose]) -> Option<Arc<[f64]>> {
+    fn push(&mut self, context: &RobotContext, robot: usize, poses: &[Pose]) -> Option<Arc<[f64]>> {
         let (open, ahead) = {
-            let book = wires.ledger.book();
+            let book = context.ledger.book();
             let forces = |o: &&Open| matches!(o.motion, Motion::Forces { .. });
             let forced = |o: &&Open| book.status == Status::Moving && forces(o);
             (book.open.as_ref().filter(forced).map(|o| (o.id, o.target.clone())), book.ahead.clone())

@@ -1,7 +1,7 @@
 //! Reflex's shell.
 
 use crate::shell::{DriverMsg, SuperviseMsg};
-use crate::wiring::{Hub, Wires};
+use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::Writer;
 use mobee_controller::Rules;
 use mobee_controller::reflex::{ReflexCore, ReflexIn, ReflexOut, Underway};
@@ -22,8 +22,8 @@ pub enum ReflexMsg {
 
 /// What it keeps.
 pub struct Reflex {
-    hub: Arc<Hub>,
-    wires: Arc<Wires>,
+    shared: Arc<SharedContext>,
+    context: Arc<RobotContext>,
     core: ReflexCore,
     rules: Arc<Rules>,
 }
@@ -31,18 +31,18 @@ pub struct Reflex {
 impl Actor for ReflexActor {
     type Msg = ReflexMsg;
     type State = Reflex;
-    type Arguments = (Arc<Hub>, Arc<Wires>);
+    type Arguments = (Arc<SharedContext>, Arc<RobotContext>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<ReflexMsg>,
-        (hub, wires): Self::Arguments,
+        (shared, context): Self::Arguments,
     ) -> Result<Reflex, ActorProcessingErr> {
-        let rules = wires.rules();
-        let core = wires.share(&rules, &hub, |shared| ReflexCore::new(wires.robot, shared));
-        wires.reflex.connect(myself.clone());
-        wires.to_reflex.attach(Box::new(move || myself.send_message(ReflexMsg::Pulses).is_ok()));
-        Ok(Reflex { hub, wires, core, rules })
+        let rules = context.rules();
+        let core = context.share(&rules, &shared, |shared| ReflexCore::new(context.robot, shared));
+        context.reflex.connect(myself.clone());
+        context.to_reflex.attach(Box::new(move || myself.send_message(ReflexMsg::Pulses).is_ok()));
+        Ok(Reflex { shared, context, core, rules })
     }
 
     async fn handle(
@@ -61,42 +61,42 @@ impl Actor for ReflexActor {
 
 impl Reflex {
     fn pulses(&mut self) {
-        while let Some(mut pulse) = self.wires.to_reflex.pop() {
+        while let Some(mut pulse) = self.context.to_reflex.pop() {
             self.on(ReflexIn::Pulse(&mut pulse));
             {
-                let mut latest = self.wires.latest.lock();
+                let mut latest = self.context.latest.lock();
                 latest.at = pulse.sample.at;
                 latest.q = pulse.sample.q.clone();
                 latest.contacts = self.core.seen();
             }
-            self.hub.taps.pose(pulse.sample.at, self.wires.robot, &pulse.sample.q, self.core.present());
-            self.wires.to_supervise.push(pulse);
+            self.shared.taps.pose(pulse.sample.at, self.context.robot, &pulse.sample.q, self.core.present());
+            self.context.to_supervise.push(pulse);
         }
     }
 
     fn on(&mut self, input: ReflexIn) {
-        let hub = self.hub.clone();
-        let names = |pair| hub.names(pair);
-        let now = hub.clock.now();
-        let outputs = self.wires.share(&self.rules, &hub, |shared| self.core.on(input, now, shared, &names));
+        let shared = self.shared.clone();
+        let names = |pair| shared.names(pair);
+        let now = shared.clock.now();
+        let outputs = self.context.share(&self.rules, &shared, |shared| self.core.on(input, now, shared, &names));
         for output in outputs {
             match output {
                 ReflexOut::Command(token, command) => {
-                    self.wires.driver.send(DriverMsg::Command(token, Writer::Reflex, command));
+                    self.context.driver.send(DriverMsg::Command(token, Writer::Reflex, command));
                 }
                 ReflexOut::Closed { token, cause } => {
-                    self.wires.supervise.send(SuperviseMsg::Closed(token, cause));
+                    self.context.supervise.send(SuperviseMsg::Closed(token, cause));
                 }
                 ReflexOut::Bring(asked) => {
-                    let scene = self.hub.scene.lock().clone();
-                    let who = asked.participant(self.rules.clone(), &self.wires.ledger.book().history, scene);
-                    let enroll = |who| self.hub.joint_retreat.enroll(who, self.hub.clock.now());
+                    let scene = self.shared.scene.lock().clone();
+                    let who = asked.participant(self.rules.clone(), &self.context.ledger.book().history, scene);
+                    let enroll = |who| self.shared.joint_retreat.enroll(who, self.shared.clock.now());
                     self.on(ReflexIn::Brought(who.map(enroll)));
                 }
                 ReflexOut::ReflexReport(word) => {
-                    self.wires.supervise.send(SuperviseMsg::ReflexReport(word));
+                    self.context.supervise.send(SuperviseMsg::ReflexReport(word));
                 }
-                ReflexOut::Event(event) => hub.tell(event),
+                ReflexOut::Event(event) => shared.tell(event),
             }
         }
     }

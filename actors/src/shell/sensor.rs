@@ -8,7 +8,7 @@
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::stream::Stream;
 use crate::system::SensorSetup;
-use crate::wiring::Hub;
+use crate::wiring::SharedContext;
 use mobee_contract::{Camera, Detector, Event, Frame};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
@@ -52,26 +52,26 @@ pub enum CameraMsg {
 
 impl Actor for CameraActor {
     type Msg = CameraMsg;
-    type State = (Arc<Hub>, Arc<Sensor>, Box<dyn Camera>);
-    type Arguments = (Arc<Hub>, Arc<Sensor>);
+    type State = (Arc<SharedContext>, Arc<Sensor>, Box<dyn Camera>);
+    type Arguments = (Arc<SharedContext>, Arc<Sensor>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<CameraMsg>,
-        (hub, sensor): Self::Arguments,
+        (shared, sensor): Self::Arguments,
     ) -> Result<Self::State, ActorProcessingErr> {
         let camera = (sensor.camera)()?;
         myself.send_after(camera.period(), || CameraMsg::Expose);
-        Ok((hub, sensor, camera))
+        Ok((shared, sensor, camera))
     }
 
     async fn handle(
         &self,
         myself: ActorRef<CameraMsg>,
         _: CameraMsg,
-        (hub, sensor, camera): &mut Self::State,
+        (shared, sensor, camera): &mut Self::State,
     ) -> Result<(), ActorProcessingErr> {
-        if let Some(frame) = camera.frame(hub.clock.now())? {
+        if let Some(frame) = camera.frame(shared.clock.now())? {
             sensor.frames.push(frame);
         }
         myself.send_after(camera.period(), || CameraMsg::Expose);
@@ -92,24 +92,24 @@ pub enum DetectorMsg {
 impl Actor for DetectorActor {
     type Msg = DetectorMsg;
     /// The detector is away while it looks at a frame.
-    type State = (Arc<Hub>, Arc<Sensor>, Option<Box<dyn Detector>>);
-    type Arguments = (Arc<Hub>, Arc<Sensor>);
+    type State = (Arc<SharedContext>, Arc<Sensor>, Option<Box<dyn Detector>>);
+    type Arguments = (Arc<SharedContext>, Arc<Sensor>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<DetectorMsg>,
-        (hub, sensor): Self::Arguments,
+        (shared, sensor): Self::Arguments,
     ) -> Result<Self::State, ActorProcessingErr> {
         let detector = (sensor.detector)()?;
         sensor.frames.attach(Box::new(move || myself.send_message(DetectorMsg::Frames).is_ok()));
-        Ok((hub, sensor, Some(detector)))
+        Ok((shared, sensor, Some(detector)))
     }
 
     async fn handle(
         &self,
         _: ActorRef<DetectorMsg>,
         _: DetectorMsg,
-        (hub, sensor, detector): &mut Self::State,
+        (shared, sensor, detector): &mut Self::State,
     ) -> Result<(), ActorProcessingErr> {
         while let Some(frame) = sensor.frames.pop() {
             let mut looks = detector.take().ok_or("the detector is away")?;
@@ -118,9 +118,9 @@ impl Actor for DetectorActor {
                 let (regions, cost) = (looks.detect(&frame), looks.takes());
                 Given { value: (looks, regions), cost }
             };
-            let (looks, regions) = attempt(&hub.clock, PATIENCE, look).await?;
+            let (looks, regions) = attempt(&shared.clock, PATIENCE, look).await?;
             *detector = Some(looks);
-            hub.tell(Event::Sighted { sensor: sensor.name.clone(), exposed, regions });
+            shared.tell(Event::Sighted { sensor: sensor.name.clone(), exposed, regions });
         }
         Ok(())
     }

@@ -9,7 +9,7 @@
 
 use crate::access::Access;
 use crate::runtime::clock::{Clock, ClockKind};
-use crate::wiring::{Cell, Hub};
+use crate::wiring::{LatestCell, SharedContext};
 use mobee_contract::{Event, Service};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
@@ -35,9 +35,9 @@ pub struct Post {
     service: Arc<dyn Service>,
     has_agent: Arc<[bool]>,
     /// What the present life may do.
-    access: Cell<Option<Arc<Access>>>,
+    access: LatestCell<Option<Arc<Access>>>,
     /// Why the last life ended.
-    why: Cell<String>,
+    why: LatestCell<String>,
     begun: AtomicBool,
     done: AtomicBool,
 }
@@ -46,7 +46,7 @@ impl Post {
     /// For this service; which robots have an agent is told in the robots' order.
     pub fn new(service: Arc<dyn Service>, has_agent: Arc<[bool]>) -> Post {
         let (access, why, begun, done) =
-            (Cell::default(), Cell::default(), AtomicBool::new(false), AtomicBool::new(false));
+            (LatestCell::default(), LatestCell::default(), AtomicBool::new(false), AtomicBool::new(false));
         Post { service, has_agent, access, why, begun, done }
     }
 
@@ -69,9 +69,9 @@ impl Post {
     }
 
     /// It is not served any more.
-    pub fn give_up(&self, hub: &Hub) {
+    pub fn give_up(&self, shared: &SharedContext) {
         let (name, why) = (self.name(), self.why.lock().clone());
-        hub.tell(Event::Warning { text: format!("service {name} is gone until the next run: {why}") });
+        shared.tell(Event::Warning { text: format!("service {name} is gone until the next run: {why}") });
     }
 }
 
@@ -89,7 +89,7 @@ pub enum ServiceMsg {
 
 /// What it keeps.
 pub struct Serving {
-    hub: Arc<Hub>,
+    shared: Arc<SharedContext>,
     post: Arc<Post>,
     /// Tells it to leave.
     leave: watch::Sender<bool>,
@@ -103,23 +103,23 @@ pub struct Serving {
 impl Actor for ServiceActor {
     type Msg = ServiceMsg;
     type State = Serving;
-    type Arguments = (Arc<Hub>, Arc<Post>);
+    type Arguments = (Arc<SharedContext>, Arc<Post>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<ServiceMsg>,
-        (hub, post): Self::Arguments,
+        (shared, post): Self::Arguments,
     ) -> Result<Serving, ActorProcessingErr> {
-        let access = Arc::new(Access::new(&hub, &post.has_agent));
+        let access = Arc::new(Access::new(&shared, &post.has_agent));
         *post.access.lock() = Some(access.clone());
         let (leave, until) = watch::channel(false);
         let (gone, left) = oneshot::channel();
         let beats = Arc::new(AtomicU64::new(0));
         let pause = post.begun.swap(true, Ordering::SeqCst).then_some(PAUSE);
-        let life = Life { service: post.service.clone(), access, until, clock: hub.clock.clone(), pause };
+        let life = Life { service: post.service.clone(), access, until, clock: shared.clock.clone(), pause };
         start(life, beats.clone(), myself.clone(), gone)?;
         myself.send_after(BEAT, || ServiceMsg::Look);
-        Ok(Serving { hub, post, leave, left, beats, seen: 0, misses: 0 })
+        Ok(Serving { shared, post, leave, left, beats, seen: 0, misses: 0 })
     }
 
     async fn handle(
@@ -152,7 +152,7 @@ impl Actor for ServiceActor {
         let _ = serving.leave.send(true);
         if tokio::time::timeout(LEAVE + CLEAR, &mut serving.left).await.is_err() {
             let text = format!("service {} did not leave in time; the run ends without it", serving.post.name());
-            serving.hub.tell(Event::Warning { text });
+            serving.shared.tell(Event::Warning { text });
         }
         serving.post.vacate("the run ends");
         Ok(())

@@ -1,7 +1,7 @@
 //! Supervise's shell.
 
 use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg};
-use crate::wiring::{Hub, Wires};
+use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{Cause, Commit, CommitId, Event, Setpoints, Status, Verdict};
 use mobee_controller::Rules;
 use mobee_controller::pulse::Pulse;
@@ -51,8 +51,8 @@ pub enum SuperviseMsg {
 
 /// What it keeps.
 pub struct Supervise {
-    hub: Arc<Hub>,
-    wires: Arc<Wires>,
+    shared: Arc<SharedContext>,
+    context: Arc<RobotContext>,
     core: SuperviseCore,
     rules: Arc<Rules>,
     reply: Option<RpcReplyPort<Verdict>>,
@@ -62,20 +62,20 @@ pub struct Supervise {
 impl Actor for SuperviseActor {
     type Msg = SuperviseMsg;
     type State = Supervise;
-    type Arguments = (Arc<Hub>, Arc<Wires>);
+    type Arguments = (Arc<SharedContext>, Arc<RobotContext>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<SuperviseMsg>,
-        (hub, wires): Self::Arguments,
+        (shared, context): Self::Arguments,
     ) -> Result<Supervise, ActorProcessingErr> {
-        let now = hub.clock.now();
-        let rules = wires.rules();
-        let (core, first) = wires.share(&rules, &hub, |shared| SuperviseCore::new(shared, now));
-        wires.supervise.connect(myself.clone());
+        let now = shared.clock.now();
+        let rules = context.rules();
+        let (core, first) = context.share(&rules, &shared, |shared| SuperviseCore::new(shared, now));
+        context.supervise.connect(myself.clone());
         myself.send_interval(rules.fresh, || SuperviseMsg::Tick);
-        wires.to_supervise.attach(Box::new(move || myself.send_message(SuperviseMsg::Pulses).is_ok()));
-        let mut supervise = Supervise { hub, wires, core, rules, reply: None, yielding: None };
+        context.to_supervise.attach(Box::new(move || myself.send_message(SuperviseMsg::Pulses).is_ok()));
+        let mut supervise = Supervise { shared, context, core, rules, reply: None, yielding: None };
         supervise.act(first);
         Ok(supervise)
     }
@@ -88,7 +88,7 @@ impl Actor for SuperviseActor {
     ) -> Result<(), ActorProcessingErr> {
         match message {
             SuperviseMsg::Pulses => {
-                while let Some(pulse) = supervise.wires.to_supervise.pop() {
+                while let Some(pulse) = supervise.context.to_supervise.pop() {
                     supervise.on(SuperviseIn::Pulse(&pulse));
                     supervise.cue_pose(&pulse);
                 }
@@ -111,7 +111,7 @@ impl Actor for SuperviseActor {
             SuperviseMsg::Fault(what) => supervise.on(SuperviseIn::Fault(what)),
             SuperviseMsg::Closed(token, cause) => {
                 let blamed = match &cause {
-                    Cause::Contact(contacts) => Some(supervise.hub.movers(contacts, supervise.wires.robot)),
+                    Cause::Contact(contacts) => Some(supervise.shared.movers(contacts, supervise.context.robot)),
                     _ => None,
                 };
                 supervise.on(SuperviseIn::Closed(token, cause, blamed));
@@ -135,8 +135,8 @@ impl Actor for SuperviseActor {
 
 impl Supervise {
     fn on(&mut self, input: SuperviseIn) {
-        let now = self.hub.clock.now();
-        let outputs = self.wires.share(&self.rules, &self.hub, |shared| self.core.on(input, now, shared));
+        let now = self.shared.clock.now();
+        let outputs = self.context.share(&self.rules, &self.shared, |shared| self.core.on(input, now, shared));
         if !outputs.is_empty() {
             self.act(outputs);
         }
@@ -151,11 +151,11 @@ impl Supervise {
                     }
                 }
                 SuperviseOut::Command(token, writer, command) => {
-                    self.wires.driver.send(DriverMsg::Command(token, writer, command));
+                    self.context.driver.send(DriverMsg::Command(token, writer, command));
                 }
-                SuperviseOut::Lease(until) => self.wires.lease.store(until.0, Ordering::SeqCst),
+                SuperviseOut::Lease(until) => self.context.lease.store(until.0, Ordering::SeqCst),
                 SuperviseOut::RollBack { token, motion, again } => {
-                    self.wires.reflex.send(ReflexMsg::RollBack(token, motion, again));
+                    self.context.reflex.send(ReflexMsg::RollBack(token, motion, again));
                 }
                 SuperviseOut::Yielded => {
                     if let Some(reply) = self.yielding.take() {
@@ -163,39 +163,39 @@ impl Supervise {
                     }
                 }
                 SuperviseOut::Ended(agent, id, end) => {
-                    if agent == self.wires.agent_name {
-                        self.wires.agent.send(AgentMsg::Ended(id, end));
+                    if agent == self.context.agent_name {
+                        self.context.agent.send(AgentMsg::Ended(id, end));
                     }
                 }
                 SuperviseOut::Event(event) => {
                     let ended = matches!(event, Event::Outcome { .. });
-                    self.hub.tell(event);
+                    self.shared.tell(event);
                     if ended {
                         self.cue_outcome();
                     }
                 }
             }
         }
-        let mut latest = self.wires.latest.lock();
+        let mut latest = self.context.latest.lock();
         latest.status = self.core.status();
         latest.ready = self.core.is_settled();
-        self.wires.can_recover.store(self.core.can_recover(), Ordering::SeqCst);
+        self.context.can_recover.store(self.core.can_recover(), Ordering::SeqCst);
     }
 
     /// Edits that wait for this robot's next outcome are made before its agent hears of it.
     fn cue_outcome(&self) {
-        let due = self.hub.cues.lock().outcome(&self.wires.name);
+        let due = self.shared.cues.lock().outcome(&self.context.name);
         for edit in due {
-            self.hub.model.send(ModelMsg::Edit(edit, None));
+            self.shared.model.send(ModelMsg::Edit(edit, None));
         }
     }
 
     /// Edits that wait for this robot to rest at a pose.
     fn cue_pose(&self, pulse: &Pulse) {
-        let mut cues = self.hub.cues.lock();
+        let mut cues = self.shared.cues.lock();
         if cues.wants_poses() && self.core.status() == Status::Rest && pulse.speed < self.rules.rest_speed {
-            for edit in cues.pose(&self.wires.name, &pulse.sample.q) {
-                self.hub.model.send(ModelMsg::Edit(edit, None));
+            for edit in cues.pose(&self.context.name, &pulse.sample.q) {
+                self.shared.model.send(ModelMsg::Edit(edit, None));
             }
         }
     }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 /// Counters of a run, all robots together.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
-pub struct Counts {
+pub struct RunCounts {
     /// Encoder readings.
     pub samples: u64,
     /// Accepted commits.
@@ -47,7 +47,7 @@ pub struct Counts {
     pub done: BTreeMap<String, Summary>,
 }
 
-impl Counts {
+impl RunCounts {
     /// Takes in an event.
     pub fn note(&mut self, event: &Event) {
         match event {

@@ -8,7 +8,7 @@ use mobee_controller::distance;
 
 /// When to edit the world.
 #[derive(Clone, Debug, PartialEq)]
-pub enum When {
+pub enum CueTrigger {
     /// At a time.
     At(Time),
     /// When this robot rests after its n-th outcome, before its agent plans on.
@@ -33,7 +33,7 @@ pub enum When {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScriptStep {
     /// When.
-    pub when: When,
+    pub when: CueTrigger,
     /// What.
     pub edit: Edit,
 }
@@ -63,7 +63,7 @@ impl Cues {
         cues
     }
 
-    fn take(&mut self, due: impl Fn(&When) -> bool) -> Vec<Edit> {
+    fn take(&mut self, due: impl Fn(&CueTrigger) -> bool) -> Vec<Edit> {
         let (now, later) = std::mem::take(&mut self.steps).into_iter().partition(|s| due(&s.when));
         self.steps = later;
         let now: Vec<ScriptStep> = now;
@@ -82,18 +82,18 @@ impl Cues {
                 1
             }
         };
-        self.take(|when| matches!(when, When::AfterOutcomes { robot: r, n } if r == robot && *n <= count))
+        self.take(|when| matches!(when, CueTrigger::AfterOutcomes { robot: r, n } if r == robot && *n <= count))
     }
 
     /// Whether a step waits for a pose.
     pub fn wants_poses(&self) -> bool {
-        self.steps.iter().any(|s| matches!(s.when, When::AtPose { .. }))
+        self.steps.iter().any(|s| matches!(s.when, CueTrigger::AtPose { .. }))
     }
 
     /// This robot rests here: what is due.
     pub fn pose(&mut self, robot: &str, here: &[f64]) -> Vec<Edit> {
-        let is = |when: &When| match when {
-            When::AtPose { robot: r, q, tolerance } => r == robot && distance(q, here) <= *tolerance,
+        let is = |when: &CueTrigger| match when {
+            CueTrigger::AtPose { robot: r, q, tolerance } => r == robot && distance(q, here) <= *tolerance,
             _ => false,
         };
         self.take(is)
@@ -101,11 +101,11 @@ impl Cues {
 
     /// It is now: what is due.
     pub fn time(&mut self, now: Time) -> Vec<Edit> {
-        self.take(|when| matches!(when, When::At(at) if *at <= now))
+        self.take(|when| matches!(when, CueTrigger::At(at) if *at <= now))
     }
 
     /// The next time that a step waits for.
     pub fn next_time(&self) -> Option<Time> {
-        self.steps.iter().filter_map(|s| if let When::At(at) = s.when { Some(at) } else { None }).min()
+        self.steps.iter().filter_map(|s| if let CueTrigger::At(at) = s.when { Some(at) } else { None }).min()
     }
 }

@@ -15,7 +15,7 @@ use crate::runtime::clock::ClockKind;
 use crate::runtime::supervision::{Between, GroupMsg};
 use crate::runtime::swap::SwapPolicy;
 use crate::shell::SuperviseMsg;
-use crate::wiring::{HardwareHandle, Hub, Parts, Trial, Wires};
+use crate::wiring::{HardwareHandle, Parts, Probation, RobotContext, SharedContext};
 use mobee_contract::{Board, Driver, DriverFault, Hardware, Pose, Status, SwapPart, SwapStep, Time};
 use mobee_controller::{ControllerSettings, distance};
 use mobee_model::ShapeId;
@@ -72,32 +72,32 @@ pub struct PartOffer {
 
 /// The exchanges of a run.
 pub(super) struct Exchanges {
-    hub: Arc<Hub>,
+    shared: Arc<SharedContext>,
     controller: ActorRef<GroupMsg>,
     tasks: JoinSet<()>,
 }
 
 impl Exchanges {
     /// None is under way.
-    pub(super) fn new(hub: &Arc<Hub>, controller: &ActorRef<GroupMsg>) -> Exchanges {
-        Exchanges { hub: hub.clone(), controller: controller.clone(), tasks: JoinSet::new() }
+    pub(super) fn new(shared: &Arc<SharedContext>, controller: &ActorRef<GroupMsg>) -> Exchanges {
+        Exchanges { shared: shared.clone(), controller: controller.clone(), tasks: JoinSet::new() }
     }
 
     /// Begins one, if the robot exists and none of its is under way. The run goes on meanwhile.
     pub(super) fn begin(&mut self, robot: &str, offer: PartOffer, reply: oneshot::Sender<Result<(), String>>) {
         while self.tasks.try_join_next().is_some() {}
-        let Some(wires) = self.hub.robots.iter().find(|w| w.name == robot).cloned() else {
+        let Some(context) = self.shared.robots.iter().find(|w| w.name == robot).cloned() else {
             let _ = reply.send(Err(format!("there is no robot {robot} here")));
             return;
         };
-        if std::mem::replace(&mut wires.trial.lock().busy, true) {
+        if std::mem::replace(&mut context.trial.lock().busy, true) {
             let why = "another swap of this robot's controller or driver is under way; wait until it is settled";
             let _ = reply.send(Err(why.into()));
             return;
         }
         let PartOffer { part, what, terms } = offer;
-        let (hub, controller) = (self.hub.clone(), self.controller.clone());
-        let exchange = Exchange { hub, wires, controller, part: part.part() };
+        let (shared, controller) = (self.shared.clone(), self.controller.clone());
+        let exchange = Exchange { shared, context, controller, part: part.part() };
         exchange.tell(SwapStep::Offered { what, shadow: 0.0, probation: terms.probation.as_secs_f64() });
         let _ = reply.send(Ok(()));
         self.tasks.spawn(async move { exchange.carry_out(part, terms).await });
@@ -112,8 +112,8 @@ impl Exchanges {
 }
 
 struct Exchange {
-    hub: Arc<Hub>,
-    wires: Arc<Wires>,
+    shared: Arc<SharedContext>,
+    context: Arc<RobotContext>,
     controller: ActorRef<GroupMsg>,
     part: SwapPart,
 }
@@ -133,12 +133,12 @@ impl Exchange {
                 }
             },
         };
-        *self.wires.trial.lock() = Trial::default();
+        *self.context.trial.lock() = Probation::default();
         self.tell(last);
     }
 
     fn tell(&self, step: SwapStep) {
-        self.hub.tell_swap(&self.wires, self.part, step);
+        self.shared.tell_swap(&self.context, self.part, step);
     }
 
     /// At a boundary, puts the new part in.
@@ -147,45 +147,45 @@ impl Exchange {
     /// Why not; all is then as it was.
     async fn take_over(&self, part: NewPart) -> Result<(), String> {
         self.boundary().await?;
-        let begun = self.hub.clock.now();
+        let begun = self.shared.clock.now();
         let new = match self.fit(part, begun).await {
             Ok(new) => new,
             Err(why) => {
-                self.wires.supervise.send(SuperviseMsg::Resume);
+                self.context.supervise.send(SuperviseMsg::Resume);
                 return Err(why);
             }
         };
-        let (hub, wires) = (self.hub.clone(), self.wires.clone());
+        let (shared, context) = (self.shared.clone(), self.context.clone());
         let renewed = self.renew(move || {
             // somebody who restarted in between may have opened the filter
-            if wires.ledger.book().open.is_none() {
-                if wires.gate.is_open() {
-                    hub.fence(&wires, "a part that is exchanged");
+            if context.ledger.book().open.is_none() {
+                if context.gate.is_open() {
+                    shared.fence(&context, "a part that is exchanged");
                 }
-                let old = hub.install(&wires, new);
-                wires.trial.lock().old = Some(old);
+                let old = shared.install(&context, new);
+                context.trial.lock().old = Some(old);
             }
         });
         renewed.await?;
         let took_over = {
-            let trial = self.wires.trial.lock();
+            let trial = self.context.trial.lock();
             trial.old.is_some() || trial.broke.is_some()
         };
         if !took_over {
             return Err("the robot was moved in between; try again".into());
         }
-        let gap = self.hub.clock.now().since(begun).as_secs_f64();
+        let gap = self.shared.clock.now().since(begun).as_secs_f64();
         self.tell(SwapStep::TookOver { gap, map: None });
         Ok(())
     }
 
     /// Waits until supervise has closed the filter at a boundary.
     async fn boundary(&self) -> Result<(), String> {
-        let clock = &self.hub.clock;
+        let clock = &self.shared.clock;
         let until = clock.now() + PATIENCE;
         while clock.now() < until {
             let (reply, yielded) = ractor::concurrency::oneshot();
-            self.wires.supervise.send(SuperviseMsg::Yield(reply.into()));
+            self.context.supervise.send(SuperviseMsg::Yield(reply.into()));
             tokio::select! {
                 biased;
                 // an error: supervise is being restarted, and does not know of it
@@ -194,15 +194,15 @@ impl Exchange {
             }
             clock.sleep(LOOK).await;
         }
-        self.wires.supervise.send(SuperviseMsg::Resume);
-        let status = self.wires.latest.lock().status;
+        self.context.supervise.send(SuperviseMsg::Resume);
+        let status = self.context.latest.lock().status;
         let state = word(status);
         Err(format!("the robot did not come to rest with all motions ended within {} s ({state})", PATIENCE.as_secs()))
     }
 
     /// The parts with the new one among them, if it fits the robot where it rests.
     async fn fit(&self, part: NewPart, begun: Time) -> Result<Parts, String> {
-        let old = self.wires.parts.lock().clone();
+        let old = self.context.parts.lock().clone();
         match part {
             NewPart::Controller(controller) => {
                 let new = old.with_controller(controller);
@@ -211,13 +211,13 @@ impl Exchange {
             NewPart::Driver(hardware) => {
                 let asked = hardware.clone();
                 let connect = move || Given { value: asked.connect(), cost: Duration::ZERO };
-                let driver = attempt(&self.hub.clock, CONNECT, connect).await?.map_err(|fault| fault.to_string());
+                let driver = attempt(&self.shared.clock, CONNECT, connect).await?.map_err(|fault| fault.to_string());
                 let driver =
                     driver.map_err(|fault| format!("{fault}; see that the board is switched on and connected"))?;
                 let board = driver.board().clone();
                 same_board(&old.board, &board, old.rules.tolerance)?;
                 let q = self.first_reading(driver, begun).await?;
-                let away = distance(&q, &self.wires.latest.lock().q);
+                let away = distance(&q, &self.context.latest.lock().q);
                 if away.is_nan() || away > old.rules.tolerance {
                     let [away, most] = [away, old.rules.tolerance].map(f64::to_degrees);
                     return Err(format!(
@@ -231,13 +231,13 @@ impl Exchange {
 
     /// A greater margin must not begin with a contact.
     fn would_touch(&self, old: f64, new: f64) -> Result<(), String> {
-        let scene = self.hub.scene.lock().clone();
-        let poses: Vec<Pose> = self.hub.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
-        let own = |id: ShapeId| matches!(id, ShapeId::Robot { robot, .. } if usize::from(robot) == self.wires.robot);
+        let scene = self.shared.scene.lock().clone();
+        let poses: Vec<Pose> = self.shared.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
+        let own = |id: ShapeId| matches!(id, ShapeId::Robot { robot, .. } if usize::from(robot) == self.context.robot);
         let near =
             scene.contacts(&poses, new).into_iter().find(|c| c.distance >= old && (own(c.pair.0) || own(c.pair.1)));
         let Some(contact) = near else { return Ok(()) };
-        let (a, b) = self.hub.names(contact.pair);
+        let (a, b) = self.shared.names(contact.pair);
         let [distance, margin] = [contact.distance, new].map(|m| m * 1e3);
         Err(format!(
             "{a} is {distance:.1} mm from {b} where the robot rests, nearer than the new margin of {margin} mm"
@@ -246,7 +246,7 @@ impl Exchange {
 
     /// The first reading that is newer than the boundary.
     async fn first_reading(&self, driver: Box<dyn Driver>, begun: Time) -> Result<Pose, String> {
-        let clock = &self.hub.clock;
+        let clock = &self.shared.clock;
         let until = clock.now() + READY;
         let mut driver = Some(driver);
         while let Some(mut asked) = driver.take() {
@@ -274,7 +274,7 @@ impl Exchange {
 
     /// Stops the robot's actors in order, does this, and starts them again.
     async fn renew(&self, between: impl FnOnce() + Send + 'static) -> Result<(), String> {
-        let (robot, between) = (self.wires.name.clone(), Between(Box::new(between)));
+        let (robot, between) = (self.context.name.clone(), Between(Box::new(between)));
         let renewed = ractor::call!(self.controller, GroupMsg::Renew, robot, between);
         renewed.map_err(|_| "the robot's controller is down".into())
     }
@@ -284,15 +284,15 @@ impl Exchange {
     /// # Errors
     /// How it broke.
     async fn probation(&self, terms: SwapPolicy) -> Result<Parts, String> {
-        let clock = &self.hub.clock;
+        let clock = &self.shared.clock;
         let begun = clock.now();
         let mut seen: Option<Time> = None;
         loop {
             clock.sleep(LOOK).await;
-            if let Some((why, _)) = &self.wires.trial.lock().broke {
+            if let Some((why, _)) = &self.context.trial.lock().broke {
                 return Err(why.clone());
             }
-            let (now, latest) = (clock.now(), self.wires.latest.lock().clone());
+            let (now, latest) = (clock.now(), self.context.latest.lock().clone());
             let status = latest.status;
             let acts = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
             let ready = acts || latest.ready;
@@ -305,7 +305,7 @@ impl Exchange {
                 return Err(format!("the robot is not ready: {}", word(status)));
             }
             if now >= begun + terms.probation && ready {
-                let old = self.wires.trial.lock().old.take();
+                let old = self.context.trial.lock().old.take();
                 return old.ok_or_else(|| "it broke as its probation ended".into());
             }
         }
@@ -313,24 +313,24 @@ impl Exchange {
 
     /// The old parts return.
     async fn revert(&self) {
-        self.hub.fence(&self.wires, &format!("{}/new {}", self.wires.name, self.part));
-        let (hub, wires) = (self.hub.clone(), self.wires.clone());
+        self.shared.fence(&self.context, &format!("{}/new {}", self.context.name, self.part));
+        let (shared, context) = (self.shared.clone(), self.context.clone());
         // whoever died is back with the old parts already; the others still run with the new ones
-        let renewed = self.renew(move || hub.count_against(&wires, "it is not ready"));
+        let renewed = self.renew(move || shared.count_against(&context, "it is not ready"));
         // a controller that is down has said so
         let _ = renewed.await;
-        let broken = self.wires.trial.lock().broke.take().map(|(_, broken)| broken);
+        let broken = self.context.trial.lock().broke.take().map(|(_, broken)| broken);
         self.forget(broken);
     }
 
     /// Lets go of parts that are not used any more.
     fn forget(&self, parts: Option<Parts>) {
         let Some(Parts { plug, .. }) = parts else { return };
-        if Arc::ptr_eq(&plug.0, &self.wires.parts.lock().plug.0) {
+        if Arc::ptr_eq(&plug.0, &self.context.parts.lock().plug.0) {
             return;
         }
         plug.0.let_go();
-        if self.hub.clock.kind() == ClockKind::Real {
+        if self.shared.clock.kind() == ClockKind::Real {
             // it may wait for its network
             tokio::task::spawn_blocking(move || drop(plug));
         }

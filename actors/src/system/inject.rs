@@ -2,7 +2,7 @@
 
 use crate::shell::{ModelMsg, SuperviseMsg};
 use crate::system::trouble::{Blow, Troubles};
-use crate::wiring::{Hub, Wires};
+use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{Commit, Event, Pose};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
 use nalgebra::{Isometry3, Translation3};
@@ -66,65 +66,65 @@ pub struct Spot {
 }
 
 /// Puts a fault into the running system.
-pub(super) async fn inject(injection: Injection, hub: &Hub) {
+pub(super) async fn inject(injection: Injection, shared: &SharedContext) {
     match injection {
         Injection::Strike { actor, after, blow } => {
-            hub.tell(Event::Injected { fault: format!("{blow} in {actor} after {after} messages") });
-            if let Some(troubles) = &hub.troubles {
+            shared.tell(Event::Injected { fault: format!("{blow} in {actor} after {after} messages") });
+            if let Some(troubles) = &shared.troubles {
                 troubles.plan(&actor, after, blow);
             }
         }
         Injection::Lose { link, count } => {
-            hub.tell(Event::Injected { fault: format!("{count} pulses are lost on {link}") });
-            if *hub.to_model.name() == *link {
-                hub.to_model.lose(count);
+            shared.tell(Event::Injected { fault: format!("{count} pulses are lost on {link}") });
+            if *shared.to_model.name() == *link {
+                shared.to_model.lose(count);
             }
-            let streams = hub.robots.iter().flat_map(|w| [&w.to_history, &w.to_reflex, &w.to_supervise]);
+            let streams = shared.robots.iter().flat_map(|w| [&w.to_history, &w.to_reflex, &w.to_supervise]);
             streams.filter(|s| *s.name() == *link).for_each(|s| s.lose(count));
         }
         Injection::Commit { robot, commit, times } => {
-            hub.tell(Event::Injected { fault: format!("{} commits to {robot}, {times} times", commit.agent) });
-            let Some(wires) = find(hub, &robot) else { return };
+            shared.tell(Event::Injected { fault: format!("{} commits to {robot}, {times} times", commit.agent) });
+            let Some(context) = find(shared, &robot) else { return };
             for _ in 0..times {
                 let (reply, _nobody_waits) = ractor::concurrency::oneshot();
-                wires.supervise.send(SuperviseMsg::Commit(commit.clone(), reply.into()));
+                context.supervise.send(SuperviseMsg::Commit(commit.clone(), reply.into()));
             }
         }
         Injection::Obstruct { object, robot, spot } => {
-            hub.tell(Event::Injected { fault: format!("{object} appears on {robot} or its way") });
-            if let Some(edit) = find(hub, &robot).map(|wires| obstacle(object, wires, spot, hub)) {
-                hub.model.send(ModelMsg::Edit(edit, None));
+            shared.tell(Event::Injected { fault: format!("{object} appears on {robot} or its way") });
+            if let Some(edit) = find(shared, &robot).map(|context| obstacle(object, context, spot, shared)) {
+                shared.model.send(ModelMsg::Edit(edit, None));
             }
         }
         Injection::Suspend(time) => {
-            hub.tell(Event::Injected { fault: format!("suspended for {:.3} s", time.as_secs_f64()) });
-            hub.clock.suspend(time).await;
+            shared.tell(Event::Injected { fault: format!("suspended for {:.3} s", time.as_secs_f64()) });
+            shared.clock.suspend(time).await;
         }
         Injection::Heal => {
-            hub.troubles.iter().for_each(Troubles::clear);
-            hub.tell(Event::Injected { fault: crate::check::HEALED.into() });
+            shared.troubles.iter().for_each(Troubles::clear);
+            shared.tell(Event::Injected { fault: crate::check::HEALED.into() });
         }
     }
 }
 
-fn find<'a>(hub: &'a Hub, robot: &str) -> Option<&'a Arc<Wires>> {
-    hub.robots.iter().find(|w| w.name == robot)
+fn find<'a>(shared: &'a SharedContext, robot: &str) -> Option<&'a Arc<RobotContext>> {
+    shared.robots.iter().find(|w| w.name == robot)
 }
 
-fn obstacle(name: String, wires: &Wires, spot: Spot, hub: &Hub) -> Edit {
-    let here = wires.latest.lock().q.clone();
+fn obstacle(name: String, context: &RobotContext, spot: Spot, shared: &SharedContext) -> Edit {
+    let here = context.latest.lock().q.clone();
     let there: Option<Pose> = {
-        let book = wires.ledger.book();
+        let book = context.ledger.book();
         let open = book.open.as_ref();
         open.and_then(|o| if spot.back { o.safe.as_ref().map(|(_, q)| q.clone()) } else { Some(o.target.clone()) })
     };
     let there = there.unwrap_or_else(|| here.clone());
     let q: Vec<f64> = here.iter().zip(there.iter()).map(|(a, b)| a + (b - a) * spot.share).collect();
-    let scene = hub.scene.lock().clone();
+    let scene = shared.scene.lock().clone();
     let mut at = Translation3::identity();
-    if let Some(robot) = scene.robots().get(wires.robot) {
+    if let Some(robot) = scene.robots().get(context.robot) {
         let mut frames = Vec::new();
-        robot.forward_from(&scene.base(wires.robot), &q, &mut frames);
+        robot.forward_from(&scene.base(context.robot), &q, &mut frames);
         let solid = |n: &usize| robot.can_move(*n) && robot.nodes.get(*n).is_some_and(|node| !node.solids.is_empty());
         let moving: Vec<usize> = (0..frames.len()).filter(solid).collect();
         let which = (spot.body.clamp(0.0, 1.0) * moving.len().saturating_sub(1) as f64).round() as usize;

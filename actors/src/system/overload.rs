@@ -1,6 +1,6 @@
 //! Overload: what shows that the machine was too slow for a run, in one line with a remedy.
 
-use super::Counts;
+use super::RunCounts;
 use std::time::Duration;
 
 /// From so many late seconds on it is no single nap of the machine.
@@ -39,7 +39,7 @@ impl Late {
 /// What there is to say of a machine that was too slow; `dropped` names the sinks that could not keep up, and what they lost.
 ///
 /// The second value says whether it lasted or something was lost: then the run was not what it was meant to be.
-pub fn overload(counts: &Counts, dropped: &[(String, u64)]) -> Option<(String, bool)> {
+pub fn overload(counts: &RunCounts, dropped: &[(String, u64)]) -> Option<(String, bool)> {
     let mut seen = Vec::new();
     let Late { periods, seconds, .. } = counts.late;
     if periods > 0 && counts.stale > 0 {
@@ -63,8 +63,8 @@ mod tests {
 
     const PERIOD: Duration = Duration::from_millis(20);
 
-    fn late(times: &[(u64, u64)]) -> Counts {
-        let mut counts = Counts { stale: 1, ..Counts::default() };
+    fn late(times: &[(u64, u64)]) -> RunCounts {
+        let mut counts = RunCounts { stale: 1, ..RunCounts::default() };
         for (at, by) in times {
             counts.late.note(Duration::from_millis(*at), Duration::from_millis(*by), PERIOD);
         }
@@ -85,15 +85,15 @@ mod tests {
         assert!(line.contains("30 control periods missed") && line.contains("mobee doctor") && !grave, "{line}");
         let lasting: Vec<_> = (1..=LASTING).map(|s| (1000 * s, 40)).collect();
         assert!(overload(&late(&lasting), &[]).unwrap().1);
-        let harmless = Counts { stale: 0, ..late(&lasting) };
+        let harmless = RunCounts { stale: 0, ..late(&lasting) };
         assert_eq!(overload(&harmless, &[]), None, "no filter closed for it");
     }
 
     #[test]
     fn what_is_lost_counts_at_once() {
-        let lost = Counts { readings_dropped: 3, ..Counts::default() };
+        let lost = RunCounts { readings_dropped: 3, ..RunCounts::default() };
         assert!(overload(&lost, &[]).unwrap().1);
-        let (line, grave) = overload(&Counts::default(), &[("recorder".into(), 7), ("journal".into(), 0)]).unwrap();
+        let (line, grave) = overload(&RunCounts::default(), &[("recorder".into(), 7), ("journal".into(), 0)]).unwrap();
         assert!(line.contains("7 entries dropped by the recorder") && !line.contains("journal") && grave, "{line}");
     }
 }

@@ -1,7 +1,7 @@
 //! What an earlier process of a run left: read from its journal, for the process that resumes it.
 
-use super::Counts;
-use crate::record::journal::Line;
+use super::RunCounts;
+use crate::record::journal::JournalLine;
 use mobee_contract::{AsFound, Cause, CommitId, Event, Note, Pose, Status, Time};
 use mobee_controller::gate::Gate;
 use mobee_controller::ledger::{Ledger, Motion, Open, Places};
@@ -23,7 +23,7 @@ pub struct Past {
     /// How many events were told.
     pub events: u64,
     /// What was counted.
-    pub counts: Counts,
+    pub counts: RunCounts,
     /// The configuration that the run began with; `None` if the journal does not tell it.
     pub begun: Option<Value>,
     /// The configuration of the newest process.
@@ -60,7 +60,7 @@ pub struct PastRobot {
 
 impl Past {
     /// Takes in the next line of the journal.
-    pub fn on(&mut self, line: &Line) {
+    pub fn on(&mut self, line: &JournalLine) {
         (self.at, self.events) = (line.at + PAUSE, line.n + 1);
         self.counts.note(&line.event);
         match &line.event {
@@ -275,7 +275,7 @@ mod tests {
         let found = Event::Found { robot: r(), motors: vec![found] };
         let mut past = Past::default();
         for (n, event) in (0..).zip([robot, found, safe(0.0), commit(1, 1.0), reached, safe(0.999), commit(2, 2.0)]) {
-            past.on(&Line { line: n + 2, n, at: Time(n), event, hash: String::new() });
+            past.on(&JournalLine { line: n + 2, n, at: Time(n), event, hash: String::new() });
         }
         let robot = past.robot("r");
         assert_eq!(robot.found[0].speed, Some(0.2));
@@ -285,7 +285,7 @@ mod tests {
         assert_eq!((motion.named.to_vec(), motion.places.to_vec()), (vec![1], vec![None, Some(1.0), None]));
         // dead during its retreat: resting beside the target would not be reaching it
         let back = Event::State { robot: r(), status: Status::Retreating };
-        past.on(&Line { line: 9, n: 7, at: Time(7), event: back, hash: String::new() });
+        past.on(&JournalLine { line: 9, n: 7, at: Time(7), event: back, hash: String::new() });
         assert!(past.robot("r").open.is_some_and(|open| open.retreated));
     }
 }

@@ -1,9 +1,9 @@
 //! How a running system is: what a status line, or a person's "why does it not move?", is answered from.
 
-use super::Counts;
-use crate::runtime::stream::Counters;
+use super::RunCounts;
+use crate::runtime::stream::StreamCounters;
 use crate::runtime::supervision::Health;
-use crate::wiring::{Hub, Wires};
+use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{AnswerTime, Status, SwapPart, SwapStep, Time};
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// A running system at an instant.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Report {
+pub struct SystemReport {
     /// When.
     pub at: Time,
     /// The robots.
@@ -19,9 +19,9 @@ pub struct Report {
     /// Who runs, group by group.
     pub tree: Vec<Health>,
     /// The bounded links between actors, by name.
-    pub links: Vec<(String, Counters)>,
+    pub links: Vec<(String, StreamCounters)>,
     /// The counters of the run.
-    pub counts: Counts,
+    pub counts: RunCounts,
 }
 
 /// One robot at an instant.
@@ -43,31 +43,32 @@ pub struct RobotReport {
     pub swaps: BTreeMap<SwapPart, SwapStep>,
 }
 
-impl Report {
+impl SystemReport {
     /// The system as it is, but for its tree.
-    pub(super) fn of(hub: &Hub, tree: Vec<Health>) -> Report {
-        let at = hub.clock.now();
-        let of_robot = |w: &Wires| [&w.to_history, &w.to_reflex, &w.to_supervise].map(|s| (s.name(), s.counters()));
-        let mut links: Vec<(String, Counters)> = hub.robots.iter().flat_map(|w| of_robot(w)).collect();
-        links.push((hub.to_model.name(), hub.to_model.counters()));
-        links.extend(hub.taps.counters());
-        let robots = hub.robots.iter().map(|w| RobotReport::of(w, at)).collect();
-        let counts = hub.counts.lock().clone();
-        Report { at, robots, tree, links, counts }
+    pub(super) fn of(shared: &SharedContext, tree: Vec<Health>) -> SystemReport {
+        let at = shared.clock.now();
+        let of_robot =
+            |w: &RobotContext| [&w.to_history, &w.to_reflex, &w.to_supervise].map(|s| (s.name(), s.counters()));
+        let mut links: Vec<(String, StreamCounters)> = shared.robots.iter().flat_map(|w| of_robot(w)).collect();
+        links.push((shared.to_model.name(), shared.to_model.counters()));
+        links.extend(shared.taps.counters());
+        let robots = shared.robots.iter().map(|w| RobotReport::of(w, at)).collect();
+        let counts = shared.counts.lock().clone();
+        SystemReport { at, robots, tree, links, counts }
     }
 }
 
 impl RobotReport {
-    fn of(wires: &Wires, now: Time) -> RobotReport {
-        let latest = wires.latest.lock().clone();
+    fn of(context: &RobotContext, now: Time) -> RobotReport {
+        let latest = context.latest.lock().clone();
         RobotReport {
-            name: wires.name.clone(),
+            name: context.name.clone(),
             status: latest.status,
             age: now.since(latest.at),
-            fresh: wires.rules().fresh,
-            answers: *wires.answers.lock(),
-            acts: wires.agent_acts.load(Ordering::SeqCst),
-            swaps: wires.swaps.lock().clone(),
+            fresh: context.rules().fresh,
+            answers: *context.answers.lock(),
+            acts: context.agent_acts.load(Ordering::SeqCst),
+            swaps: context.swaps.lock().clone(),
         }
     }
 }

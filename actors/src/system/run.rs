@@ -2,12 +2,12 @@
 
 use super::exchange::Exchanges;
 use super::inject::inject;
-use super::{Control, Cues, Progress, Reason, Report, RunEnd, RunError, Setup, Troubles, tree};
+use super::{Control, Cues, Reason, RunEnd, RunError, RunProgress, Setup, SystemReport, Troubles, tree};
 use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::stream::Stream;
 use crate::runtime::supervision::{Group, GroupMsg};
-use crate::shell::{AgentMsg, Maker, ModelMsg, Offer, Post, Sensor, Slot, SuperviseMsg};
-use crate::wiring::{Cell, HardwareHandle, Hub, Line, Parts, Wires};
+use crate::shell::{AgentMsg, Maker, ModelMsg, PlannerSlot, Post, Sensor, SuperviseMsg, SwapRequest};
+use crate::wiring::{ActorLink, HardwareHandle, LatestCell, Parts, RobotContext, SharedContext};
 use mobee_contract::{Board, Event, Latest, Status, Time};
 use mobee_controller::gate::Gate;
 use mobee_model::Contact;
@@ -37,7 +37,7 @@ pub fn run(
     setup: Setup,
     controls: mpsc::Receiver<Control>,
     limit: Option<Duration>,
-    progress: impl FnMut(&Progress),
+    progress: impl FnMut(&RunProgress),
 ) -> Result<RunEnd, RunError> {
     run_under(setup, Vec::new(), controls, limit, progress)
 }
@@ -51,7 +51,7 @@ pub fn run_under(
     faults: Vec<(Time, Control)>,
     controls: mpsc::Receiver<Control>,
     limit: Option<Duration>,
-    progress: impl FnMut(&Progress),
+    progress: impl FnMut(&RunProgress),
 ) -> Result<RunEnd, RunError> {
     let start = |e: std::io::Error| RunError::Start(e.to_string());
     let boards = setup.robots.iter().zip(setup.scene.robots()).map(|(robot, model)| {
@@ -110,7 +110,7 @@ async fn conduct(
     safety: Option<tokio::runtime::Handle>,
     mut controls: mpsc::Receiver<Control>,
     limit: Option<Duration>,
-    mut progress: impl FnMut(&Progress),
+    mut progress: impl FnMut(&RunProgress),
 ) -> Result<RunEnd, RunError> {
     let clock = Clock::from(setup.clock, setup.past.as_ref().map_or(Time::ZERO, |p| p.at));
     let has_agent: Arc<[bool]> = setup.robots.iter().map(|r| r.agent.is_some()).collect();
@@ -123,28 +123,28 @@ async fn conduct(
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
     let sensors = std::mem::take(&mut setup.sensors).into_iter();
     let sensors: Vec<Arc<Sensor>> = sensors.map(|s| Arc::new(Sensor::from(s))).collect();
-    let hub = wire(setup, &boards, clock.clone(), troubles);
-    let controller = begin(tree::controller(&hub), safety.as_ref()).await?;
-    let agents = begin(tree::agents(&hub), None).await?;
-    let taps = begin(tree::taps(&hub), None).await?;
+    let shared = wire(setup, &boards, clock.clone(), troubles);
+    let controller = begin(tree::controller(&shared), safety.as_ref()).await?;
+    let agents = begin(tree::agents(&shared), None).await?;
+    let taps = begin(tree::taps(&shared), None).await?;
     let services = match posts.is_empty() {
         true => None,
-        false => Some(begin(tree::services(&hub, &posts), None).await?),
+        false => Some(begin(tree::services(&shared, &posts), None).await?),
     };
 
     let seen = match sensors.is_empty() {
         true => None,
-        false => Some(begin(tree::sensors(&hub, &sensors), None).await?),
+        false => Some(begin(tree::sensors(&shared, &sensors), None).await?),
     };
     let groups: Vec<_> = [&controller, &agents].into_iter().chain(&services).chain(&seen).cloned().collect();
-    let mut exchanges = Exchanges::new(&hub, &controller);
+    let mut exchanges = Exchanges::new(&shared, &controller);
     let limit = limit.map(|l| Time::ZERO + l);
     let mut told = Time::ZERO;
     let mut listening = true;
     let reason = loop {
         let now = clock.now();
         let planned = faults.front().map(|(at, _)| *at);
-        let wakes = [Some(now + TICK), limit, hub.cues.lock().next_time(), planned];
+        let wakes = [Some(now + TICK), limit, shared.cues.lock().next_time(), planned];
         let wake = wakes.into_iter().flatten().min().unwrap_or(now);
         let mut control = tokio::select! {
             biased;
@@ -157,31 +157,32 @@ async fn conduct(
         match control {
             Some(Control::Stop) => break Reason::Interrupted,
             Some(Control::Abort) => {
-                abandon(&hub).await;
+                abandon(&shared).await;
                 break Reason::Interrupted;
             }
-            Some(Control::SwapAgent { robot, offer, reply }) => swap_agent(&hub, &robot, offer, reply),
+            Some(Control::SwapAgent { robot, offer, reply }) => swap_agent(&shared, &robot, offer, reply),
             Some(Control::SwapPart { robot, offer, reply }) => exchanges.begin(&robot, offer, reply),
-            Some(other) => obey(other, &hub, &groups).await,
+            Some(other) => obey(other, &shared, &groups).await,
             None => {}
         }
         let now = clock.now();
-        let due = hub.cues.lock().time(now);
+        let due = shared.cues.lock().time(now);
         for edit in due {
-            hub.model.send(ModelMsg::Edit(edit, None));
+            shared.model.send(ModelMsg::Edit(edit, None));
         }
-        let counts = hub.counts.lock().clone();
+        let counts = shared.counts.lock().clone();
         if now >= told + TELL {
             told = now;
-            progress(&Progress { at: now, counts: counts.clone() });
+            progress(&RunProgress { at: now, counts: counts.clone() });
         }
-        if hub.taps.failed().is_some() {
+        if shared.taps.failed().is_some() {
             break Reason::NoJournal;
         }
         if counts.gave_up > 0 {
             break Reason::GaveUp;
         }
-        if somebody && !is_kept() && counts.done.len() >= acting && hub.robots.iter().all(|w| w.latest.lock().ready) {
+        if somebody && !is_kept() && counts.done.len() >= acting && shared.robots.iter().all(|w| w.latest.lock().ready)
+        {
             break Reason::Done;
         }
         if limit.is_some_and(|l| now >= l) {
@@ -193,12 +194,12 @@ async fn conduct(
             let _ = ractor::call!(services, GroupMsg::Stop);
         }
         exchanges.end().await;
-        come_to_rest(&hub).await;
+        come_to_rest(&shared).await;
     };
     tokio::select! {
         biased;
         () = in_order => {}
-        () = told_to_abort(&mut controls) => abandon(&hub).await,
+        () = told_to_abort(&mut controls) => abandon(&shared).await,
     }
     if let Some(seen) = &seen {
         let _ = ractor::call!(seen, GroupMsg::Stop);
@@ -206,22 +207,24 @@ async fn conduct(
     let _ = ractor::call!(agents, GroupMsg::Stop);
     let _ = ractor::call!(controller, GroupMsg::Stop);
     let _ = ractor::call!(taps, GroupMsg::Stop);
-    hub.robots.iter().for_each(|w| settle_ledger(&hub, w));
-    for wires in &hub.robots {
-        [&wires.to_history, &wires.to_reflex, &wires.to_supervise].into_iter().for_each(|s| hub.tell(s.link()));
+    shared.robots.iter().for_each(|w| settle_ledger(&shared, w));
+    for context in &shared.robots {
+        [&context.to_history, &context.to_reflex, &context.to_supervise]
+            .into_iter()
+            .for_each(|s| shared.tell(s.link()));
     }
-    hub.tell(hub.to_model.link());
-    sensors.iter().for_each(|s| hub.tell(s.frames.link()));
-    let counts = hub.counts.lock().clone();
-    progress(&Progress { at: clock.now(), counts: counts.clone() });
-    let snapshots = hub.robots.iter().filter_map(|w| Some((w.name.clone(), w.snapshot.lock().clone()?)));
+    shared.tell(shared.to_model.link());
+    sensors.iter().for_each(|s| shared.tell(s.frames.link()));
+    let counts = shared.counts.lock().clone();
+    progress(&RunProgress { at: clock.now(), counts: counts.clone() });
+    let snapshots = shared.robots.iter().filter_map(|w| Some((w.name.clone(), w.snapshot.lock().clone()?)));
     let snapshots = snapshots.collect();
-    let scene = hub.scene.lock().clone();
+    let scene = shared.scene.lock().clone();
     Ok(RunEnd { reason, ended_at: clock.now(), counts, snapshots, scene })
 }
 
-/// Makes the wires, and tells what is run.
-fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>) -> Arc<Hub> {
+/// Makes the contexts, and tells what is run.
+fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>) -> Arc<SharedContext> {
     let none: Arc<[Contact]> = Vec::new().into();
     let homes = setup.scene.home();
     let robots = setup.robots.iter().zip(boards).zip(setup.scene.robots()).enumerate();
@@ -232,83 +235,83 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
         let q = homes.get(i).cloned().unwrap_or_else(|| Vec::new().into());
         let latest = Latest { at: Time::ZERO, q, contacts: none.clone(), status: Status::Starting, ready: false };
         let past = setup.past.as_ref().map(|p| p.robot(&robot.name)).unwrap_or_default();
-        Arc::new(Wires {
+        Arc::new(RobotContext {
             robot: i,
             name: robot.name.clone(),
-            parts: Cell::new(parts),
-            trial: Cell::default(),
-            swaps: Cell::default(),
+            parts: LatestCell::new(parts),
+            trial: LatestCell::default(),
+            swaps: LatestCell::default(),
             gate: Arc::new(Gate::resumed(past.token)),
             ledger: past.ledger(robot.controller.history),
             lease: AtomicU64::new(0),
-            latest: Cell::new(latest),
-            answers: Cell::default(),
+            latest: LatestCell::new(latest),
+            answers: LatestCell::default(),
             to_history: stream("driver>history"),
             to_reflex: stream("model>reflex"),
             to_supervise: stream("reflex>supervise"),
-            driver: Line::default(),
-            reflex: Line::default(),
-            supervise: Line::default(),
-            agent: Line::default(),
-            snapshot: Cell::new(None),
-            slot: Cell::new(Slot { maker: robot.agent.clone().map(Maker), ..Slot::default() }),
+            driver: ActorLink::default(),
+            reflex: ActorLink::default(),
+            supervise: ActorLink::default(),
+            agent: ActorLink::default(),
+            snapshot: LatestCell::new(None),
+            slot: LatestCell::new(PlannerSlot { maker: robot.agent.clone().map(Maker), ..PlannerSlot::default() }),
             agent_name: format!("{}/agent", robot.name).into(),
             agent_acts: AtomicBool::new(true),
             can_recover: AtomicBool::new(false),
             notes: past.notes,
         })
     });
-    let hub = Arc::new(Hub {
+    let shared = Arc::new(SharedContext {
         robots: robots.collect(),
-        scene: Cell::new(Arc::new(setup.scene)),
+        scene: LatestCell::new(Arc::new(setup.scene)),
         joint_retreat: Arc::default(),
         to_model: Stream::new("history>model", 256),
-        model: Line::default(),
+        model: ActorLink::default(),
         clock,
         taps: setup.taps,
-        counts: Cell::new(setup.past.as_ref().map(|p| p.counts.clone()).unwrap_or_default()),
-        cues: Cell::new(Cues::resumed(setup.script, setup.past.as_ref())),
+        counts: LatestCell::new(setup.past.as_ref().map(|p| p.counts.clone()).unwrap_or_default()),
+        cues: LatestCell::new(Cues::resumed(setup.script, setup.past.as_ref())),
         troubles,
         none,
     });
     match setup.past {
-        None => hub.tell(Event::Started { seed: setup.seed, clock: setup.clock.to_string(), config: setup.config }),
-        Some(past) => hub.tell(Event::Resumed { events: past.events, config: Some(setup.config) }),
+        None => shared.tell(Event::Started { seed: setup.seed, clock: setup.clock.to_string(), config: setup.config }),
+        Some(past) => shared.tell(Event::Resumed { events: past.events, config: Some(setup.config) }),
     }
-    for wires in &hub.robots {
-        let parts = wires.parts.lock().clone();
+    for context in &shared.robots {
+        let parts = context.parts.lock().clone();
         let axes = parts.rules.axes.iter().zip(&parts.model.motors);
         let limits = axes.map(|(axis, motor)| (motor.name.as_str(), (motor.min, motor.max), (axis.min, axis.max)));
         if let Some(what) = mobee_contract::narrowed(limits) {
-            let text = format!("{}: {what}; what is asked beyond is refused", wires.name);
-            hub.tell(Event::Warning { text });
+            let text = format!("{}: {what}; what is asked beyond is refused", context.name);
+            shared.tell(Event::Warning { text });
         }
-        parts.rules.described(&parts.model).into_iter().for_each(|event| hub.tell(event));
+        parts.rules.described(&parts.model).into_iter().for_each(|event| shared.tell(event));
     }
-    let scene = hub.scene.lock().clone();
-    hub.taps.scene(hub.clock.now(), &scene);
-    hub
+    let scene = shared.scene.lock().clone();
+    shared.taps.scene(shared.clock.now(), &scene);
+    shared
 }
 
-async fn obey(control: Control, hub: &Hub, groups: &[ActorRef<GroupMsg>]) {
+async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<GroupMsg>]) {
     match control {
         Control::Edit(edit) => {
-            hub.model.send(ModelMsg::Edit(edit, None));
+            shared.model.send(ModelMsg::Edit(edit, None));
         }
         Control::Kill(name) => {
-            hub.tell(Event::Injected { fault: format!("kill {name}") });
+            shared.tell(Event::Injected { fault: format!("kill {name}") });
             let mut found = false;
             for group in groups {
                 found = found || ractor::call!(group, GroupMsg::Kill, name.clone()).unwrap_or(false);
             }
             if !found {
-                hub.tell(Event::Warning { text: format!("there is no actor {name} to kill") });
+                shared.tell(Event::Warning { text: format!("there is no actor {name} to kill") });
             }
         }
-        Control::Inject(injection) => inject(injection, hub).await,
+        Control::Inject(injection) => inject(injection, shared).await,
         Control::Recover(robot) => {
-            for wires in hub.robots.iter().filter(|w| w.name == robot) {
-                wires.supervise.send(SuperviseMsg::Recover);
+            for context in shared.robots.iter().filter(|w| w.name == robot) {
+                context.supervise.send(SuperviseMsg::Recover);
             }
         }
         Control::Status(reply) => {
@@ -316,21 +319,21 @@ async fn obey(control: Control, hub: &Hub, groups: &[ActorRef<GroupMsg>]) {
             for group in groups {
                 all.extend(ractor::call!(group, GroupMsg::Status));
             }
-            let _ = reply.send(Report::of(hub, all));
+            let _ = reply.send(SystemReport::of(shared, all));
         }
         Control::Stop | Control::Abort | Control::SwapAgent { .. } | Control::SwapPart { .. } => {}
     }
 }
 
 /// Passes an offer on, and its answer back when there is one; the run goes on meanwhile.
-fn swap_agent(hub: &Hub, robot: &str, offer: Offer, reply: oneshot::Sender<Result<(), String>>) {
-    let wires = hub.robots.iter().find(|w| w.name == robot);
-    let Some(wires) = wires.filter(|w| w.slot.lock().maker.is_some()) else {
+fn swap_agent(shared: &SharedContext, robot: &str, offer: SwapRequest, reply: oneshot::Sender<Result<(), String>>) {
+    let context = shared.robots.iter().find(|w| w.name == robot);
+    let Some(context) = context.filter(|w| w.slot.lock().maker.is_some()) else {
         let _ = reply.send(Err(format!("there is no agent of a robot {robot} here")));
         return;
     };
     let (answer, answered) = ractor::concurrency::oneshot();
-    wires.agent.send(AgentMsg::Swap(offer, answer.into()));
+    context.agent.send(AgentMsg::Swap(offer, answer.into()));
     tokio::spawn(async move {
         let gone = || Err("the agent is being restarted; try again".into());
         let _ = reply.send(answered.await.unwrap_or_else(|_| gone()));
@@ -338,26 +341,26 @@ fn swap_agent(hub: &Hub, robot: &str, offer: Offer, reply: oneshot::Sender<Resul
 }
 
 /// The orderly end: no new motions, all robots at rest, every commit with its outcome (I17).
-async fn come_to_rest(hub: &Hub) {
+async fn come_to_rest(shared: &SharedContext) {
     let mut asked = Vec::new();
-    for wires in &hub.robots {
-        wires.agent.send(AgentMsg::Rest);
-        asked.push(wires.supervise.send(SuperviseMsg::Shutdown));
+    for context in &shared.robots {
+        context.agent.send(AgentMsg::Rest);
+        asked.push(context.supervise.send(SuperviseMsg::Shutdown));
     }
-    let clock = &hub.clock;
+    let clock = &shared.clock;
     let until = clock.now() + PATIENCE;
-    let resting = |w: &Arc<Wires>| {
+    let resting = |w: &Arc<RobotContext>| {
         let latest = w.latest.lock();
         latest.ready && matches!(latest.status, Status::Holding(_))
     };
     let begun = clock.now();
-    let blind = |w: &Arc<Wires>| clock.now() > w.latest.lock().at.max(begun) + BLIND;
-    let done = |(w, asked): (&Arc<Wires>, &bool)| !asked || resting(w) || blind(w);
-    while clock.now() < until && !hub.robots.iter().zip(&asked).all(done) {
+    let blind = |w: &Arc<RobotContext>| clock.now() > w.latest.lock().at.max(begun) + BLIND;
+    let done = |(w, asked): (&Arc<RobotContext>, &bool)| !asked || resting(w) || blind(w);
+    while clock.now() < until && !shared.robots.iter().zip(&asked).all(done) {
         clock.sleep(TICK / 5).await;
     }
-    if !hub.robots.iter().all(resting) {
-        abandon(hub).await;
+    if !shared.robots.iter().all(resting) {
+        abandon(shared).await;
     }
 }
 
@@ -373,23 +376,23 @@ async fn told_to_abort(controls: &mut mpsc::Receiver<Control>) {
 }
 
 /// Ends without waiting: the boards are stopped, and open commits get their outcomes by the newest readings.
-async fn abandon(hub: &Hub) {
-    for wires in &hub.robots {
-        wires.agent.send(AgentMsg::Rest);
+async fn abandon(shared: &SharedContext) {
+    for context in &shared.robots {
+        context.agent.send(AgentMsg::Rest);
         let (reply, done) = ractor::concurrency::oneshot();
-        if wires.supervise.send(SuperviseMsg::Abandon(reply.into())) {
+        if context.supervise.send(SuperviseMsg::Abandon(reply.into())) {
             let _ = done.await;
         }
     }
 }
 
 /// What a controller that stayed down left open is settled by its newest recorded pose.
-fn settle_ledger(hub: &Hub, wires: &Wires) {
+fn settle_ledger(shared: &SharedContext, context: &RobotContext) {
     let ended = {
-        let mut book = wires.ledger.book();
-        book.last_known().and_then(|q| book.settle(None, q, wires.rules().tolerance))
+        let mut book = context.ledger.book();
+        book.last_known().and_then(|q| book.settle(None, q, context.rules().tolerance))
     };
     if let Some(ended) = ended {
-        hub.tell(ended.event(wires.name.clone()));
+        shared.tell(ended.event(context.name.clone()));
     }
 }

@@ -22,7 +22,7 @@ use crate::shell::{
     AgentActor, CameraActor, DetectorActor, DriverActor, GRACE, HistoryActor, ModelActor, Post, ReflexActor, Sensor,
     ServiceActor, SuperviseActor, SuperviseMsg,
 };
-use crate::wiring::{Hub, Wires};
+use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::Event;
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;
@@ -34,7 +34,7 @@ const PERIOD: Duration = Duration::from_secs(30);
 
 /// A child that is spawned with these arguments.
 fn child<A>(
-    hub: &Hub,
+    shared: &SharedContext,
     name: String,
     actor: fn() -> A,
     arguments: impl Fn() -> A::Arguments + Send + Sync + 'static,
@@ -43,7 +43,7 @@ where
     A: Actor + 'static,
     A::Arguments: Send,
 {
-    let (own, troubles) = (name.clone(), hub.troubles.clone());
+    let (own, troubles) = (name.clone(), shared.troubles.clone());
     Child::new(name, move |parent: ActorCell| {
         let (arguments, troubled) = (arguments(), troubles.clone().map(|t| Troubled::new(actor(), own.clone(), t)));
         async move {
@@ -56,87 +56,87 @@ where
     })
 }
 
-fn group(name: &str, strategy: Strategy, hub: &Arc<Hub>) -> Group {
+fn group(name: &str, strategy: Strategy, shared: &Arc<SharedContext>) -> Group {
     let intensity = Intensity { restarts: BUDGET, period: PERIOD };
-    let (restarted, gave_up) = (hub.clone(), hub.clone());
-    Group::new(name.to_string(), strategy, intensity, hub.clock.clone(), hub.taps.clone())
+    let (restarted, gave_up) = (shared.clone(), shared.clone());
+    Group::new(name.to_string(), strategy, intensity, shared.clock.clone(), shared.taps.clone())
         .on_restart(move |_, _| restarted.counts.lock().restarts += 1)
         .on_give_up(move || gave_up.counts.lock().gave_up += 1)
 }
 
 /// Those who watch over the sinks, and open one anew if it fails. Their deaths harm nobody.
-pub fn taps(hub: &Arc<Hub>) -> Group {
-    hub.taps.names().fold(group("taps", Strategy::OneForOne, hub), |root, name| {
-        let (taps, clock, sink) = (hub.taps.clone(), hub.clock.clone(), name.to_owned());
-        root.child(child(hub, name.to_owned(), || TapActor, move || (taps.clone(), clock.clone(), sink.clone())))
+pub fn taps(shared: &Arc<SharedContext>) -> Group {
+    shared.taps.names().fold(group("taps", Strategy::OneForOne, shared), |root, name| {
+        let (taps, clock, sink) = (shared.taps.clone(), shared.clock.clone(), name.to_owned());
+        root.child(child(shared, name.to_owned(), || TapActor, move || (taps.clone(), clock.clone(), sink.clone())))
     })
 }
 
 /// The safety chain of all robots.
-pub fn controller(hub: &Arc<Hub>) -> Group {
-    let fence = hub.clone();
-    let model = hub.clone();
-    let mut root = group("controller", Strategy::OneForOne, hub)
+pub fn controller(shared: &Arc<SharedContext>) -> Group {
+    let fence = shared.clone();
+    let model = shared.clone();
+    let mut root = group("controller", Strategy::OneForOne, shared)
         .on_death(move |name, _| {
             // the model's death closes all robots, a group's death its own
-            for wires in fence.robots.iter().filter(|w| name == "model" || name == w.name) {
-                fence.fence(wires, name);
+            for context in fence.robots.iter().filter(|w| name == "model" || name == w.name) {
+                fence.fence(context, name);
             }
         })
-        .child(child(hub, "model".into(), || ModelActor, move || model.clone()));
-    for wires in &hub.robots {
-        root = root.child(Child::group(robot(hub, wires)).restart(Restart::Temporary));
+        .child(child(shared, "model".into(), || ModelActor, move || model.clone()));
+    for context in &shared.robots {
+        root = root.child(Child::group(robot(shared, context)).restart(Restart::Temporary));
     }
     root
 }
 
-fn robot(hub: &Arc<Hub>, wires: &Arc<Wires>) -> Group {
-    let name = |part: &str| format!("{}/{part}", wires.name);
+fn robot(shared: &Arc<SharedContext>, context: &Arc<RobotContext>) -> Group {
+    let name = |part: &str| format!("{}/{part}", context.name);
     let both = || {
-        let (hub, wires) = (hub.clone(), wires.clone());
-        move || (hub.clone(), wires.clone())
+        let (shared, context) = (shared.clone(), context.clone());
+        move || (shared.clone(), context.clone())
     };
-    let (fence, fenced) = (hub.clone(), wires.clone());
-    group(&wires.name, Strategy::RestForOne, hub)
+    let (fence, fenced) = (shared.clone(), context.clone());
+    group(&context.name, Strategy::RestForOne, shared)
         .on_death(move |name, reason| {
             fence.fence(&fenced, name);
             fence.count_against(&fenced, &format!("{name} died: {reason}"));
         })
-        .child(child(hub, name("driver"), || DriverActor, both()))
-        .child(child(hub, name("history"), || HistoryActor, both()))
-        .child(child(hub, name("supervise"), || SuperviseActor, both()))
-        .child(child(hub, name("reflex"), || ReflexActor, both()))
+        .child(child(shared, name("driver"), || DriverActor, both()))
+        .child(child(shared, name("history"), || HistoryActor, both()))
+        .child(child(shared, name("supervise"), || SuperviseActor, both()))
+        .child(child(shared, name("reflex"), || ReflexActor, both()))
 }
 
 /// The agents: their deaths can't touch a controller.
-pub fn agents(hub: &Arc<Hub>) -> Group {
-    let mut root = group("agents", Strategy::OneForOne, hub);
-    for wires in hub.robots.iter().filter(|w| w.slot.lock().maker.is_some()) {
-        let orphan = wires.clone();
+pub fn agents(shared: &Arc<SharedContext>) -> Group {
+    let mut root = group("agents", Strategy::OneForOne, shared);
+    for context in shared.robots.iter().filter(|w| w.slot.lock().maker.is_some()) {
+        let orphan = context.clone();
         let arguments = {
-            let (hub, wires) = (hub.clone(), wires.clone());
-            move || (hub.clone(), wires.clone())
+            let (shared, context) = (shared.clone(), context.clone());
+            move || (shared.clone(), context.clone())
         };
-        let own = group(&format!("{}/agents", wires.name), Strategy::OneForOne, hub)
+        let own = group(&format!("{}/agents", context.name), Strategy::OneForOne, shared)
             .on_death(move |_, _| {
                 orphan.supervise.send(SuperviseMsg::AgentDied(orphan.agent_name.clone()));
             })
-            .child(child(hub, wires.agent_name.to_string(), || AgentActor, arguments));
+            .child(child(shared, context.agent_name.to_string(), || AgentActor, arguments));
         root = root.child(Child::group(own).restart(Restart::Temporary));
     }
     root
 }
 
 /// The services: whatever becomes of one, the run goes on.
-pub fn services(hub: &Arc<Hub>, posts: &[Arc<Post>]) -> Group {
-    posts.iter().fold(group("services", Strategy::OneForOne, hub), |root, post| {
-        let (vacated, given_up, gone) = (post.clone(), post.clone(), hub.clone());
+pub fn services(shared: &Arc<SharedContext>, posts: &[Arc<Post>]) -> Group {
+    posts.iter().fold(group("services", Strategy::OneForOne, shared), |root, post| {
+        let (vacated, given_up, gone) = (post.clone(), post.clone(), shared.clone());
         let arguments = {
-            let (hub, post) = (hub.clone(), post.clone());
-            move || (hub.clone(), post.clone())
+            let (shared, post) = (shared.clone(), post.clone());
+            move || (shared.clone(), post.clone())
         };
-        let served = child(hub, format!("{}/{SERVICE}", post.name()), || ServiceActor, arguments);
-        let own = group(&format!("{}/{SERVICES}", post.name()), Strategy::OneForOne, hub)
+        let served = child(shared, format!("{}/{SERVICE}", post.name()), || ServiceActor, arguments);
+        let own = group(&format!("{}/{SERVICES}", post.name()), Strategy::OneForOne, shared)
             .on_death(move |_, reason| vacated.vacate(reason))
             .on_give_up(move || given_up.give_up(&gone))
             .child(served.restart(Restart::Transient).grace(Some(GRACE)));
@@ -145,20 +145,20 @@ pub fn services(hub: &Arc<Hub>, posts: &[Arc<Post>]) -> Group {
 }
 
 /// The sensors: their deaths only make objects stale.
-pub fn sensors(hub: &Arc<Hub>, sensors: &[Arc<Sensor>]) -> Group {
-    sensors.iter().fold(group("sensors", Strategy::OneForOne, hub), |root, sensor| {
+pub fn sensors(shared: &Arc<SharedContext>, sensors: &[Arc<Sensor>]) -> Group {
+    sensors.iter().fold(group("sensors", Strategy::OneForOne, shared), |root, sensor| {
         let both = || {
-            let (hub, sensor) = (hub.clone(), sensor.clone());
-            move || (hub.clone(), sensor.clone())
+            let (shared, sensor) = (shared.clone(), sensor.clone());
+            move || (shared.clone(), sensor.clone())
         };
         let name = |part: &str| format!("{}/{part}", sensor.name);
-        let (gone, blind) = (hub.clone(), sensor.name.clone());
-        let own = group(&name(SENSOR), Strategy::OneForOne, hub)
+        let (gone, blind) = (shared.clone(), sensor.name.clone());
+        let own = group(&name(SENSOR), Strategy::OneForOne, shared)
             .on_give_up(move || {
                 gone.tell(Event::Warning { text: format!("sensor {blind} is gone until the next run") })
             })
-            .child(child(hub, name(CAMERA), || CameraActor, both()))
-            .child(child(hub, name(DETECTOR), || DetectorActor, both()));
+            .child(child(shared, name(CAMERA), || CameraActor, both()))
+            .child(child(shared, name(DETECTOR), || DetectorActor, both()));
         root.child(Child::group(own).restart(Restart::Temporary))
     })
 }

@@ -1,6 +1,6 @@
 //! Actors whose handlers panic or stall when a simulation says so. Used in runs with planned faults only.
 
-use crate::wiring::Cell;
+use crate::wiring::LatestCell;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -27,7 +27,7 @@ impl fmt::Display for Blow {
 
 /// What is planned for whom: per actor, after how many messages which blow.
 #[derive(Clone, Debug, Default)]
-pub struct Troubles(Arc<Cell<BTreeMap<String, Blows>>>);
+pub struct Troubles(Arc<LatestCell<BTreeMap<String, Blows>>>);
 
 /// What is to come, each at its sample.
 type Blows = Vec<(u64, Blow)>;

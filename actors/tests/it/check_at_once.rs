@@ -2,7 +2,7 @@
 
 use crate::events::{R, disabled, enabled, ended};
 use mobee_actors::check::Checker;
-use mobee_actors::record::journal::Line;
+use mobee_actors::record::journal::JournalLine;
 use mobee_contract::*;
 
 /// A robot of two motors of which the first is to stay below 10 degrees.
@@ -45,12 +45,12 @@ fn broken(invariant: &str, events: &[(f64, Event)], q: impl Fn(f64) -> [f64; 2])
         let at = 0.01 * f64::from(k);
         while let Some((time, event)) = events.next_if(|(time, _)| *time <= at) {
             let (at, event) = (Time::from_secs(*time), event.clone());
-            checker.on(&Line { line: n + 1, n, at, event, hash: String::new() });
+            checker.on(&JournalLine { line: n + 1, n, at, event, hash: String::new() });
             n += 1;
         }
         checker.pose(0, Time::from_secs(at), &q(at).as_slice().into());
     }
-    checker.on(&Line { line: n + 1, n, at: Time::from_secs(6.0), event: ended(), hash: String::new() });
+    checker.on(&JournalLine { line: n + 1, n, at: Time::from_secs(6.0), event: ended(), hash: String::new() });
     checker.end().1.iter().filter(|v| v.invariant == invariant).count()
 }
 

@@ -2,7 +2,7 @@
 
 use crate::events::{R, disabled, enabled, ended, started};
 use mobee_actors::check::{Checker, Violation, check, check_events, summary};
-use mobee_actors::record::journal::{Journal, Line, NOT_FINITE};
+use mobee_actors::record::journal::{Journal, JournalLine, NOT_FINITE};
 use mobee_contract::{
     Cause, CommandKind, CommitId, EdgeState, Entry, Event, Hold, MotionEnd, Note, Outcome, Pose, Status, Time,
     WorldChange, Writer,
@@ -318,7 +318,7 @@ fn i4_a_dishonest_safe_pose() {
 /// What is found where an event follows readings every 10 ms: 0.2 s at rest, then so long at this speed of the first motor, rad/s.
 fn after_readings(speed: f64, secs: f64, event: &dyn Fn(f64) -> Event) -> Vec<&'static str> {
     let mut checker = Checker::default();
-    let line = |at: f64, event| Line { line: 1, n: 0, at: Time::from_secs(at), event, hash: String::new() };
+    let line = |at: f64, event| JournalLine { line: 1, n: 0, at: Time::from_secs(at), event, hash: String::new() };
     checker.on(&line(0.0, robot()));
     let (mut at, mut q) = (0.0, 0.0);
     while at < 0.2 + secs {
@@ -608,7 +608,7 @@ fn a_journal_on_disk_is_checked_and_summed_up() {
 fn moved(motors: &[(usize, f64)], q: impl Fn(f64) -> [f64; 2]) -> Vec<Violation> {
     let (mut checker, mut n) = (Checker::default(), 0);
     let mut tell = |checker: &mut Checker, at: f64, event: Event| {
-        checker.on(&Line { line: n + 1, n, at: Time::from_secs(at), event, hash: String::new() });
+        checker.on(&JournalLine { line: n + 1, n, at: Time::from_secs(at), event, hash: String::new() });
         n += 1;
     };
     let events = [

@@ -2,7 +2,7 @@
 
 use crate::events::{R, ended, robot, started};
 use mobee_actors::check::{Checker, Violation};
-use mobee_actors::record::journal::Line;
+use mobee_actors::record::journal::JournalLine;
 use mobee_contract::{Cause, CommandKind, CommitId, Event, Hold, Outcome, Pose, Status, Time, Writer};
 
 /// When it is committed, stopped and taken back, s.
@@ -43,7 +43,7 @@ fn found(back: impl Fn(f64) -> [f64; 2], end: f64, outcome: Outcome, more: Vec<(
     for k in 0.. {
         let at = 0.01 * f64::from(k);
         while let Some((n, (time, event))) = events.next_if(|(_, (time, _))| *time <= at) {
-            checker.on(&Line { line: n + 1, n, at: Time::from_secs(time), event, hash: String::new() });
+            checker.on(&JournalLine { line: n + 1, n, at: Time::from_secs(time), event, hash: String::new() });
         }
         if events.peek().is_none() {
             break;

@@ -2,7 +2,7 @@
 //! under the checker of all invariants. After the last fault has healed, motions end and the filter opens (I15).
 
 use crate::common::{Ran, Trial, ball};
-use mobee_actors::system::{Control, Counts, Reason};
+use mobee_actors::system::{Control, Reason, RunCounts};
 use mobee_contract::Time;
 use mobee_drivers::Fault;
 use mobee_model::{Edit, ObjectClass};
@@ -11,7 +11,7 @@ use std::time::Duration;
 
 const ACTORS: [&str; 6] = ["arm/driver", "arm/history", "arm/supervise", "arm/reflex", "arm/agent", "model"];
 
-fn one(seed: u64) -> Counts {
+fn one(seed: u64) -> RunCounts {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
     let mut pose = || [rng.random_range(-160.0..160.0), rng.random_range(-110.0..110.0), rng.random_range(-80.0..80.0)];
     let poses = (0..6).map(|_| pose()).collect();
@@ -48,8 +48,8 @@ fn one(seed: u64) -> Counts {
 
 #[test]
 fn fifty_seeds_hold_all_invariants() {
-    let all: Vec<Counts> = (0..50).map(one).collect();
-    let sum = |of: fn(&Counts) -> u64| all.iter().map(of).sum::<u64>();
+    let all: Vec<RunCounts> = (0..50).map(one).collect();
+    let sum = |of: fn(&RunCounts) -> u64| all.iter().map(of).sum::<u64>();
     // faults that hit nothing would prove nothing
     let (rolled_back, restarts, faulted) = (sum(|c| c.rolled_back), sum(|c| c.restarts), sum(|c| c.faulted));
     let (escapes, stopped) = (sum(|c| c.escapes), sum(|c| c.retreats_stopped));

@@ -1,7 +1,7 @@
 //! The journal: every change shows, every crash leaves a readable file (I12), equal runs have equal hashes (I13).
 
-use mobee_actors::record::journal::{Journal, JournalError, Line, NOT_FINITE, VERSION, read};
-use mobee_actors::record::tap::{Open, SinkSpec, Taps};
+use mobee_actors::record::journal::{Journal, JournalError, JournalLine, NOT_FINITE, VERSION, read};
+use mobee_actors::record::tap::{OpenSink, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_contract::{CommitId, Entry, Event, Outcome, Time};
 use proptest::prelude::*;
@@ -31,7 +31,7 @@ fn write(dir: &Path, aside: &str) -> Journal {
     journal
 }
 
-fn lines(path: &Path) -> Result<Vec<Line>, JournalError> {
+fn lines(path: &Path) -> Result<Vec<JournalLine>, JournalError> {
     read(path)?.collect()
 }
 
@@ -143,7 +143,7 @@ fn the_journal_works_behind_the_taps() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::create(dir.path(), &json!({})).unwrap();
     let keep = journal.clone();
-    let open: Open = Arc::new(move || Ok(journal.sink()));
+    let open: OpenSink = Arc::new(move || Ok(journal.sink()));
     let patience = std::time::Duration::from_secs(30);
     let spec =
         SinkSpec { name: "journal".into(), essential: true, poses: None, capacity: 16, patience, open: Some(open) };

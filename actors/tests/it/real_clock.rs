@@ -2,7 +2,7 @@
 
 use crate::common::{Trial, ball};
 use mobee_actors::record::journal::{Journal, read};
-use mobee_actors::record::tap::{Open, SinkSpec};
+use mobee_actors::record::tap::{OpenSink, SinkSpec};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::Reason;
 use mobee_contract::{Entry, Event, Outcome, Sink, Time};
@@ -57,13 +57,13 @@ fn contact_stop_and_the_whole_retreat_wait_for_no_disk() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::create(dir.path(), &serde_json::Value::Null).unwrap();
     let disk = Arc::new(Disk::default());
-    let spec = |name: &str, open: Open| {
+    let spec = |name: &str, open: OpenSink| {
         let patience = Duration::from_secs(30);
         SinkSpec { name: name.into(), essential: false, poses: None, capacity: 8192, patience, open: Some(open) }
     };
     let (on, by) = (disk.clone(), disk.clone());
-    let slow: Open = Arc::new(move || Ok(Box::new(OnDisk(journal.sink(), on.clone()))));
-    let quick: Open = Arc::new(move || Ok(Box::new(Onlooker(by.clone()))));
+    let slow: OpenSink = Arc::new(move || Ok(Box::new(OnDisk(journal.sink(), on.clone()))));
+    let quick: OpenSink = Arc::new(move || Ok(Box::new(Onlooker(by.clone()))));
     let sinks = vec![SinkSpec { essential: true, ..spec("journal", slow) }, spec("onlooker", quick)];
     let objects = vec![ball("ball", [0.5, 0.25, 0.2], ObjectClass::Obstacle)];
     let poses = vec![[60.0, 0.0, 0.0], [-5.0, 0.0, 0.0]];

@@ -1,7 +1,7 @@
 //! A bounded stream: never grows, rings once, and accounts for every item (I6, I7).
 
 use mobee_actors::runtime::clock::{ClockKind, runtime};
-use mobee_actors::runtime::stream::{Counters, Stream};
+use mobee_actors::runtime::stream::{Stream, StreamCounters};
 use proptest::prelude::*;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
@@ -32,7 +32,7 @@ fn a_capacity_of_one_keeps_the_latest() {
     let s = Stream::new("s", 1);
     (0..100).for_each(|i| s.push(i));
     assert_eq!(s.pop(), Some(99));
-    assert_eq!(s.counters(), Counters { sent: 100, handled: 1, queued: 0, dropped: 99 });
+    assert_eq!(s.counters(), StreamCounters { sent: 100, handled: 1, queued: 0, dropped: 99 });
 }
 
 #[test]
@@ -104,13 +104,13 @@ fn a_stream_outlives_its_receiver() {
             tokio::task::yield_now().await;
         }
         (501..600).for_each(|x| s.push(x));
-        assert_eq!(s.counters(), Counters { sent: 600, handled: 501, queued: 8, dropped: 91 });
+        assert_eq!(s.counters(), StreamCounters { sent: 600, handled: 501, queued: 8, dropped: 91 });
         Actor::spawn(None, Receiver, s.clone()).await.unwrap();
         for x in 600..1000 {
             s.push(x);
             tokio::task::yield_now().await;
         }
         tokio::task::yield_now().await;
-        assert_eq!(s.counters(), Counters { sent: 1000, handled: 901, queued: 0, dropped: 99 });
+        assert_eq!(s.counters(), StreamCounters { sent: 1000, handled: 901, queued: 0, dropped: 99 });
     });
 }

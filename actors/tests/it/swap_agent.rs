@@ -5,7 +5,7 @@
 
 use crate::common::{Ran, Trial, arm, ball};
 use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::shell::{Maker, Offer};
+use mobee_actors::shell::{Maker, SwapRequest};
 use mobee_actors::system::{AgentMaker, Control, Reason};
 use mobee_behaviors::agents::{Explorer, ExplorerSettings};
 use mobee_contract::*;
@@ -104,7 +104,7 @@ fn version(wrong: Wrong, seed: u64) -> AgentMaker {
 }
 
 fn swap(wrong: Wrong, seed: u64, terms: SwapPolicy) -> Control {
-    let offer = Offer { maker: Maker(version(wrong, seed)), what: format!("{wrong:?}"), fresh: false, terms };
+    let offer = SwapRequest { maker: Maker(version(wrong, seed)), what: format!("{wrong:?}"), fresh: false, terms };
     let (reply, _) = tokio::sync::oneshot::channel();
     Control::SwapAgent { robot: "arm".into(), offer, reply }
 }

@@ -2,7 +2,7 @@
 
 use super::{Dice, open, seal};
 use crate::agents::group;
-use crate::roadmap::walk::{Progress, Step, Walker};
+use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::*;
 use mobee_model::Robot;
@@ -96,7 +96,7 @@ pub struct Explorer {
 #[serde(deny_unknown_fields)]
 struct State {
     map: Value,
-    progress: Progress,
+    progress: WalkProgress,
     #[serde(default)]
     drawn: usize,
     sampled: bool,
@@ -258,8 +258,8 @@ impl Agent for Explorer {
         let mut last = last;
         loop {
             match self.walker.step(last.take(), view) {
-                Step::Do(intent) => return intent,
-                Step::At(at) => match self.choose(at) {
+                WalkStep::Do(intent) => return intent,
+                WalkStep::At(at) => match self.choose(at) {
                     Some(Choice::Drive(to)) => return self.walker.drive(at, to),
                     Some(Choice::Goto(goal)) => self.walker.goto(goal),
                     None => {
@@ -268,8 +268,8 @@ impl Agent for Explorer {
                         );
                     }
                 },
-                Step::Unreachable(_) => {}
-                Step::Lost(why) => return Intent::Done(self.summary(None, &why)),
+                WalkStep::Unreachable(_) => {}
+                WalkStep::Lost(why) => return Intent::Done(self.summary(None, &why)),
             }
         }
     }

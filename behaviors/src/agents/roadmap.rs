@@ -2,7 +2,7 @@
 
 use super::{open, seal};
 use crate::agents::group;
-use crate::roadmap::walk::{Progress, Step, Walker};
+use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::*;
 use mobee_model::Robot;
@@ -107,7 +107,7 @@ struct Tour {
 #[serde(deny_unknown_fields)]
 struct State {
     map: Value,
-    progress: Progress,
+    progress: WalkProgress,
     tour: Tour,
 }
 
@@ -188,19 +188,19 @@ impl Agent for RoadmapAgent {
         // A tour that needs no motion would turn for ever in no time: it rests a second after each round.
         for _ in 0..=2 * self.goals.len() {
             match self.walker.step(last.take(), view) {
-                Step::Do(intent) => return intent,
-                Step::Lost(why) => return self.summary(&why),
-                Step::Unreachable(goal) => {
+                WalkStep::Do(intent) => return intent,
+                WalkStep::Lost(why) => return self.summary(&why),
+                WalkStep::Unreachable(goal) => {
                     self.walker.log(format!("no way leads to goal {goal}"));
                     self.advance(false);
                 }
-                Step::At(at) if self.tour.under_way && self.goals.get(self.tour.next) == Some(&at) => {
+                WalkStep::At(at) if self.tour.under_way && self.goals.get(self.tour.next) == Some(&at) => {
                     self.advance(true);
                     if !self.wait.is_zero() {
                         return Intent::Wait(self.wait);
                     }
                 }
-                Step::At(_) => {}
+                WalkStep::At(_) => {}
             }
             if self.tour.next >= self.goals.len() {
                 if self.tour.in_round == 0 {

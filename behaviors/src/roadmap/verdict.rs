@@ -34,7 +34,7 @@ pub struct Judged {
 
 /// The verdicts of all driven edges.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Report {
+pub struct VerdictReport {
     /// How many verdicts are equal and not borderline.
     pub agree: usize,
     /// Edges whose clearance is within [`BORDERLINE`] of what was asked for.
@@ -47,8 +47,8 @@ pub struct Report {
 ///
 /// `poses`: where all robots stand (the agent's own pose does not matter). `clearance`: the reflex's margin and 2 mm.
 /// Two directions of one pair count as two edges, if both were driven.
-pub fn judge(map: &Roadmap, scene: &Scene, robot: usize, poses: &[Pose], clearance: f64) -> Report {
-    let mut report = Report::default();
+pub fn judge(map: &Roadmap, scene: &Scene, robot: usize, poses: &[Pose], clearance: f64) -> VerdictReport {
+    let mut report = VerdictReport::default();
     for (from, to, edge) in map.edges().into_iter().filter(|(.., e)| e.driven) {
         let (Some(a), Some(b)) = (map.vertex(from), map.vertex(to)) else { continue };
         let line = scene.line(robot, poses, &a.q, &b.q, STEP, clearance);

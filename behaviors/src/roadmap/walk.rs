@@ -26,7 +26,7 @@ const CHECKED: usize = 50;
 
 /// What a walker says to its agent.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Step {
+pub enum WalkStep {
     /// Give this intent; then step again with the motion's end.
     Do(Intent),
     /// The robot rests at this vertex, and no goal is left: choose one.
@@ -57,7 +57,7 @@ enum Doing {
 /// What a successor must know besides the map.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Progress {
+pub struct WalkProgress {
     doing: Doing,
     goal: Option<u32>,
     /// The last vertex where the robot rested.
@@ -78,7 +78,7 @@ pub struct Walker {
     speed: f64,
     tolerance: f64,
     seed: u64,
-    progress: Progress,
+    progress: WalkProgress,
     plan: Vec<u32>,
     notes: Vec<Note>,
     said: String,
@@ -93,7 +93,7 @@ impl Walker {
             speed,
             tolerance,
             seed,
-            progress: Progress::default(),
+            progress: WalkProgress::default(),
             plan: Vec::new(),
             notes: Vec::new(),
             said: String::new(),
@@ -111,12 +111,12 @@ impl Walker {
     }
 
     /// What it has done so far.
-    pub fn progress(&self) -> &Progress {
+    pub fn progress(&self) -> &WalkProgress {
         &self.progress
     }
 
     /// Takes over another walker's progress.
-    pub fn resume(&mut self, progress: Progress) {
+    pub fn resume(&mut self, progress: WalkProgress) {
         self.progress = progress;
     }
 
@@ -137,7 +137,7 @@ impl Walker {
     }
 
     /// The robot rests; `last` says how the last motion ended.
-    pub fn step(&mut self, last: Option<MotionEnd>, view: &View) -> Step {
+    pub fn step(&mut self, last: Option<MotionEnd>, view: &View) -> WalkStep {
         let rest = self.settle(last, view);
         if caught(view) {
             return self.escape(view);
@@ -147,16 +147,16 @@ impl Walker {
         (self.progress.last, self.progress.connects) = (Some(at), 0);
         match self.progress.goal {
             Some(goal) if goal != at => match self.map.plan(at, goal) {
-                Some(path) => Step::Do(self.follow(path)),
+                Some(path) => WalkStep::Do(self.follow(path)),
                 None => {
                     self.progress.goal = None;
                     self.show(Vec::new());
-                    Step::Unreachable(goal)
+                    WalkStep::Unreachable(goal)
                 }
             },
             _ => {
                 self.progress.goal = None;
-                Step::At(at)
+                WalkStep::At(at)
             }
         }
     }
@@ -188,7 +188,7 @@ impl Walker {
         None
     }
 
-    fn escape(&mut self, view: &View) -> Step {
+    fn escape(&mut self, view: &View) -> WalkStep {
         let toward: Vec<_> =
             self.progress.last.and_then(|id| self.map.vertex(id)).map(|v| v.q.clone()).into_iter().collect();
         let tries = self.progress.escapes;
@@ -198,21 +198,21 @@ impl Walker {
         if let Some(target) = way {
             self.progress.doing = Doing::Escaping;
             self.log("something touches the resting robot: escaping");
-            return Step::Do(Intent::MoveTo(target));
+            return WalkStep::Do(Intent::MoveTo(target));
         }
         self.progress.waits += 1;
         if self.progress.waits > WAITS {
-            return Step::Lost("something touches the resting robot, and every way out makes it worse".to_owned());
+            return WalkStep::Lost("something touches the resting robot, and every way out makes it worse".to_owned());
         }
         self.progress.escapes = 0;
-        Step::Do(Intent::Wait(Duration::from_secs(1)))
+        WalkStep::Do(Intent::Wait(Duration::from_secs(1)))
     }
 
     /// CONNECT(q_current): drives to the nearest vertex whose line is free in the scene; if there is none, to the
     /// nearest that was not tried yet.
-    fn connect(&mut self, rest: Option<Vec<u32>>, view: &View) -> Step {
+    fn connect(&mut self, rest: Option<Vec<u32>>, view: &View) -> WalkStep {
         if self.progress.connects > CONNECTS {
-            return Step::Lost(
+            return WalkStep::Lost(
                 "motions end, but not within `tolerance_deg` of their vertex: make it larger".to_owned(),
             );
         }
@@ -220,16 +220,16 @@ impl Walker {
         let free = |id: &u32| self.whole(*id, view).is_some_and(|q| line_free(view, &q));
         let chosen = rest.iter().take(CHECKED).position(free).unwrap_or(0);
         if chosen >= rest.len() {
-            return Step::Lost("no vertex of the roadmap can be reached from where the robot rests".to_owned());
+            return WalkStep::Lost("no vertex of the roadmap can be reached from where the robot rests".to_owned());
         }
         let to = rest.remove(chosen);
         let Some(target) = self.map.target(to, self.speed) else {
-            return Step::Lost(format!("there is no vertex {to}"));
+            return WalkStep::Lost(format!("there is no vertex {to}"));
         };
         self.log(format!("connecting to vertex {to}"));
         self.progress.doing = Doing::Connecting { to, rest };
         self.show(vec![to]);
-        Step::Do(Intent::MoveTo(target))
+        WalkStep::Do(Intent::MoveTo(target))
     }
 
     /// The robot's pose with the group at a vertex.

@@ -1,21 +1,21 @@
 //! Promises about the lease, and about boards that outlive their drivers.
 
 use super::motions::{stopping_path, under_way};
-use super::trial::{DEG, NEAR, Trial, at, see};
-use super::{Bench, Promise};
+use super::trial::{DEG, DriverTrial, NEAR, at, see};
+use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode, DriverFault};
 
-pub const PROMISES: &[Promise] = &[
-    Promise { name: "nothing moves without a lease", check: no_lease },
-    Promise { name: "at the end of its lease the board brakes, and stays at rest under the next", check: expiry },
-    Promise { name: "set-points move nothing once the lease has ended", check: stream_without_lease },
-    Promise { name: "the newest lease counts", check: shortened },
-    Promise { name: "a board outlives its driver: it keeps position, mode and count", check: restart },
-    Promise { name: "a board whose driver is gone stops when its lease ends", check: orphan },
+pub const PROMISES: &[DriverPromise] = &[
+    DriverPromise { name: "nothing moves without a lease", check: no_lease },
+    DriverPromise { name: "at the end of its lease the board brakes, and stays at rest under the next", check: expiry },
+    DriverPromise { name: "set-points move nothing once the lease has ended", check: stream_without_lease },
+    DriverPromise { name: "the newest lease counts", check: shortened },
+    DriverPromise { name: "a board outlives its driver: it keeps position, mode and count", check: restart },
+    DriverPromise { name: "a board whose driver is gone stops when its lease ends", check: orphan },
 ];
 
 fn no_lease(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::connect(bench, false)?;
+    let mut t = DriverTrial::connect(bench, false)?;
     let (here, motors) = (t.last.q.clone(), t.motors()?);
     t.refused(Command::Move(t.to(&motors, &t.away(&motors))), "")?;
     // what moves nothing needs none
@@ -26,7 +26,7 @@ fn no_lease(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn expiry(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
     let (now, held) = (t.now(), 5 * t.board.period);
@@ -51,7 +51,7 @@ fn expiry(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn stream_without_lease(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     if !t.board.position_direct {
         return Ok(());
     }
@@ -76,7 +76,7 @@ fn stream_without_lease(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn shortened(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
     t.keeps_lease = false;
@@ -91,7 +91,7 @@ fn shortened(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn restart(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let pose = t.away(&motors);
     t.give(Command::Move(t.to(&motors, &pose)))?;
@@ -109,7 +109,7 @@ fn restart(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn orphan(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
     t.keeps_lease = false;

@@ -1,6 +1,6 @@
 //! What every driver promises, as checks that can be run against any driver.
 //!
-//! A [`Bench`] connects to one board and advances time, virtual or real; [`failures`] checks every [`Promise`] on a fresh bench:
+//! A [`Bench`] connects to one board and advances time, virtual or real; [`failures`] checks every [`DriverPromise`] on a fresh bench:
 //!
 //! ```
 //! use mobee_contract::{Axis, Driver, Hardware, Time};
@@ -63,7 +63,7 @@ pub trait Bench {
 
 /// One promise of the driver contract.
 #[derive(Clone, Copy, Debug)]
-pub struct Promise {
+pub struct DriverPromise {
     /// What is promised.
     pub name: &'static str,
     /// Puts a board through it; says what was seen if the promise is broken.
@@ -71,7 +71,7 @@ pub struct Promise {
 }
 
 /// All promises.
-pub fn suite() -> Vec<Promise> {
+pub fn suite() -> Vec<DriverPromise> {
     let lists = [
         readings::PROMISES,
         refusals::PROMISES,
@@ -85,6 +85,6 @@ pub fn suite() -> Vec<Promise> {
 
 /// Puts a fresh bench through every promise; the broken ones, with what was seen.
 pub fn failures(fresh: &mut dyn FnMut() -> Box<dyn Bench>) -> Vec<(&'static str, String)> {
-    let check = |p: Promise| (p.check)(fresh().as_mut()).err().map(|seen| (p.name, seen));
+    let check = |p: DriverPromise| (p.check)(fresh().as_mut()).err().map(|seen| (p.name, seen));
     suite().into_iter().filter_map(check).collect()
 }

@@ -1,25 +1,25 @@
 //! Promises about position moves, their end, and stopping.
 
-use super::trial::{DEG, NEAR, Trial, at, see, top_speed};
-use super::{Bench, Promise};
+use super::trial::{DEG, DriverTrial, NEAR, at, see, top_speed};
+use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode, Move};
 use std::time::Duration;
 
-pub const PROMISES: &[Promise] = &[
-    Promise { name: "one motor moves to its target and the others rest", check: one },
-    Promise { name: "a group and all motors move to their targets", check: group_and_all },
-    Promise { name: "a relative move counts from where the motor is", check: relative },
-    Promise { name: "reference speeds are kept, and the greatest speed always", check: references },
-    Promise { name: "motion is not done before it rests at its target, and done means at rest", check: done },
-    Promise { name: "stop brakes to a rest short of the target", check: stop },
-    Promise { name: "stopping one motor leaves the others moving", check: stop_one },
-    Promise { name: "a move in mid-motion goes on without a jump in speed", check: amend },
-    Promise { name: "both limits can be reached and are not passed", check: to_the_limits },
-    Promise { name: "an idle motor brakes and holds", check: idle },
+pub const PROMISES: &[DriverPromise] = &[
+    DriverPromise { name: "one motor moves to its target and the others rest", check: one },
+    DriverPromise { name: "a group and all motors move to their targets", check: group_and_all },
+    DriverPromise { name: "a relative move counts from where the motor is", check: relative },
+    DriverPromise { name: "reference speeds are kept, and the greatest speed always", check: references },
+    DriverPromise { name: "motion is not done before it rests at its target, and done means at rest", check: done },
+    DriverPromise { name: "stop brakes to a rest short of the target", check: stop },
+    DriverPromise { name: "stopping one motor leaves the others moving", check: stop_one },
+    DriverPromise { name: "a move in mid-motion goes on without a jump in speed", check: amend },
+    DriverPromise { name: "both limits can be reached and are not passed", check: to_the_limits },
+    DriverPromise { name: "an idle motor brakes and holds", check: idle },
 ];
 
 fn one(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     for m in t.motors()? {
         let pose = t.away(&[m]);
         t.give(Command::Move(t.to(&[m], &pose)))?;
@@ -33,7 +33,7 @@ fn one(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn group_and_all(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let (home, motors) = (t.last.q.clone(), t.motors()?);
     let pose = t.away(&motors);
     t.give(Command::Move(t.to(&motors, &pose)))?;
@@ -49,7 +49,7 @@ fn group_and_all(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn relative(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     for _ in 0..2 {
         let pose = t.away(&motors);
@@ -64,7 +64,7 @@ fn relative(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn references(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let (home, (speed, acceleration)) = (t.last.q.clone(), t.reference(m));
     let mut took = Vec::new();
@@ -91,7 +91,7 @@ fn references(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn done(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     for _ in 0..3 {
         let pose = t.away(&[m]);
@@ -117,7 +117,7 @@ fn done(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 /// Sets motors moving and waits until they are well under way.
-pub fn under_way(t: &mut Trial, motors: &[usize]) -> Result<Vec<f64>, String> {
+pub fn under_way(t: &mut DriverTrial, motors: &[usize]) -> Result<Vec<f64>, String> {
     let (pose, start) = (t.away(motors), t.last.q.clone());
     t.give(Command::Move(t.to(motors, &pose)))?;
     for _ in 0..2000 {
@@ -133,14 +133,14 @@ pub fn under_way(t: &mut Trial, motors: &[usize]) -> Result<Vec<f64>, String> {
 }
 
 /// The longest way (rad) a motor may still go after it was told to stop at this speed of the suite.
-pub fn stopping_path(t: &Trial, motor: usize) -> f64 {
+pub fn stopping_path(t: &DriverTrial, motor: usize) -> f64 {
     let (speed, acceleration) = t.reference(motor);
     let wait = (t.board.latency + 3 * t.board.period).as_secs_f64();
     speed * wait + speed * speed / (2.0 * acceleration) + NEAR
 }
 
 fn stop(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let pose = under_way(&mut t, &motors)?;
     let told = t.last.q.clone();
@@ -157,7 +157,7 @@ fn stop(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn stop_one(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let motors: Vec<usize> = t.motors()?.into_iter().take(2).collect();
     let pose = under_way(&mut t, &motors)?;
     let [stopped, other] = motors.as_slice() else { return Ok(()) };
@@ -169,7 +169,7 @@ fn stop_one(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn amend(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let home = t.last.q.clone();
     under_way(&mut t, &[m])?;
@@ -194,7 +194,7 @@ fn amend(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn to_the_limits(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let axis = t.board.axes.get(m).cloned().ok_or("no such motor")?;
     for q in [axis.max, axis.min] {
@@ -209,7 +209,7 @@ fn to_the_limits(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn idle(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let pose = under_way(&mut t, &[m])?;
     t.give(Command::Mode { motors: vec![m], mode: ControlMode::Idle })?;

@@ -1,19 +1,19 @@
 //! Promises about the board and its readings.
 
-use super::trial::{Trial, at, see};
-use super::{Bench, Promise};
+use super::trial::{DriverTrial, at, see};
+use super::{Bench, DriverPromise};
 
-pub const PROMISES: &[Promise] = &[
-    Promise { name: "the board describes itself", check: describes_itself },
-    Promise { name: "readings come at the board's rate, counted, each once", check: steady_readings },
-    Promise { name: "a reading that nobody fetched is lost and counted", check: lost_readings },
+pub const PROMISES: &[DriverPromise] = &[
+    DriverPromise { name: "the board describes itself", check: describes_itself },
+    DriverPromise { name: "readings come at the board's rate, counted, each once", check: steady_readings },
+    DriverPromise { name: "a reading that nobody fetched is lost and counted", check: lost_readings },
 ];
 
 /// Readings that are counted.
 const READINGS: u32 = 50;
 
 fn describes_itself(bench: &mut dyn Bench) -> Result<(), String> {
-    let t = Trial::begin(bench)?;
+    let t = DriverTrial::begin(bench)?;
     let n = t.board.axes.len();
     see(n > 0, || "it has no axes".into())?;
     see(!t.board.period.is_zero(), || "its period is zero".into())?;
@@ -29,7 +29,7 @@ fn describes_itself(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn steady_readings(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let (mut spaces, mut gaps) = (Vec::new(), Vec::new());
     for _ in 0..READINGS {
         let before = t.last.clone();
@@ -53,7 +53,7 @@ fn steady_readings(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn lost_readings(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let before = t.last.clone();
     let then = t.now() + 10 * t.board.period;
     t.bench.wait_until(then);

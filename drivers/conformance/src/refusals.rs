@@ -1,19 +1,19 @@
 //! Promises about what a board refuses, and that a refusal changes nothing.
 
-use super::trial::{DEG, Trial, at, see};
-use super::{Bench, Promise};
+use super::trial::{DEG, DriverTrial, at, see};
+use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode, Move};
 
-pub const PROMISES: &[Promise] = &[
-    Promise { name: "targets outside the limits are refused, naming the motor", check: limits },
-    Promise { name: "numbers that are not finite are refused", check: not_finite },
-    Promise { name: "commands that don't fit the board are refused", check: malformed },
-    Promise { name: "a refused group move moves none and sets no reference", check: all_or_nothing },
-    Promise { name: "set-points are refused in other modes and outside the limits", check: direct },
+pub const PROMISES: &[DriverPromise] = &[
+    DriverPromise { name: "targets outside the limits are refused, naming the motor", check: limits },
+    DriverPromise { name: "numbers that are not finite are refused", check: not_finite },
+    DriverPromise { name: "commands that don't fit the board are refused", check: malformed },
+    DriverPromise { name: "a refused group move moves none and sets no reference", check: all_or_nothing },
+    DriverPromise { name: "set-points are refused in other modes and outside the limits", check: direct },
 ];
 
 fn limits(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     for m in t.motors()? {
         let Some(axis) = t.board.axes.get(m).cloned() else { continue };
         for q in [axis.min - DEG, axis.max + DEG] {
@@ -27,7 +27,7 @@ fn limits(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn not_finite(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let name = t.board.axes.get(m).map_or(String::new(), |a| a.name.clone());
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
@@ -42,7 +42,7 @@ fn not_finite(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn malformed(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let (motors, n) = (t.motors()?, t.board.axes.len());
     let fine = t.to(&motors, &t.away(&motors));
     let shorter = |list: &[f64]| list.iter().copied().skip(1).collect::<Vec<f64>>();
@@ -64,7 +64,7 @@ fn malformed(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn all_or_nothing(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let motors = t.motors()?;
     let mut group = t.to(&motors, &t.away(&motors));
     let first = motors.first().copied().unwrap_or_default();
@@ -86,7 +86,7 @@ fn all_or_nothing(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn direct(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let here = t.last.q.to_vec();
     t.refused(Command::Direct { motors: t.all(), q: here.clone() }, "")?;
     if !t.board.position_direct {

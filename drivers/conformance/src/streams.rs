@@ -1,19 +1,19 @@
 //! Promises about position-direct streaming and control modes.
 
-use super::trial::{DEG, NEAR, Trial, at, see};
-use super::{Bench, Promise};
+use super::trial::{DEG, DriverTrial, NEAR, at, see};
+use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode};
 use std::time::Duration;
 
-pub const PROMISES: &[Promise] = &[
-    Promise { name: "control modes read back", check: modes },
-    Promise { name: "a stream of set-points is followed closely and held at its end", check: stream },
-    Promise { name: "set-points of one motor touch no other", check: one_alone },
-    Promise { name: "a move puts its motors into position mode", check: move_after_stream },
+pub const PROMISES: &[DriverPromise] = &[
+    DriverPromise { name: "control modes read back", check: modes },
+    DriverPromise { name: "a stream of set-points is followed closely and held at its end", check: stream },
+    DriverPromise { name: "set-points of one motor touch no other", check: one_alone },
+    DriverPromise { name: "a move puts its motors into position mode", check: move_after_stream },
 ];
 
 fn modes(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let here = t.last.q.clone();
     let direct = if t.board.position_direct { ControlMode::PositionDirect } else { ControlMode::Idle };
     for mode in [direct, ControlMode::Position, ControlMode::Idle, ControlMode::Position] {
@@ -30,7 +30,7 @@ fn modes(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 /// Streams set-points of these motors every 20 ms at 5 deg/s to `pose`; the worst lag (rad) behind the newest set-point while at it.
-fn follow(t: &mut Trial, motors: &[usize], pose: &[f64]) -> Result<f64, String> {
+fn follow(t: &mut DriverTrial, motors: &[usize], pose: &[f64]) -> Result<f64, String> {
     let (start, tick) = (t.last.q.to_vec(), Duration::from_millis(20));
     let way = start.iter().zip(pose).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
     let ticks = (way / (5.0 * DEG * tick.as_secs_f64())).ceil().max(1.0);
@@ -51,7 +51,7 @@ fn follow(t: &mut Trial, motors: &[usize], pose: &[f64]) -> Result<f64, String> 
 }
 
 fn stream(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     if !t.board.position_direct {
         return Ok(());
     }
@@ -71,7 +71,7 @@ fn stream(bench: &mut dyn Bench) -> Result<(), String> {
 
 /// One motor is streamed while the others stay in the mode they are in, and where they are.
 fn one_alone(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     if !t.board.position_direct {
         return Ok(());
     }
@@ -91,7 +91,7 @@ fn one_alone(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn move_after_stream(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let other = if t.board.position_direct { ControlMode::PositionDirect } else { ControlMode::Idle };
     t.give(Command::Mode { motors: t.all(), mode: other })?;

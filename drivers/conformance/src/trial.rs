@@ -17,7 +17,7 @@ const SPEED: f64 = 10.0 * DEG;
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A driver at work.
-pub struct Trial<'a> {
+pub struct DriverTrial<'a> {
     /// The bench it is on.
     pub bench: &'a mut dyn Bench,
     /// The driver.
@@ -30,18 +30,18 @@ pub struct Trial<'a> {
     pub keeps_lease: bool,
 }
 
-impl<'a> Trial<'a> {
+impl<'a> DriverTrial<'a> {
     /// Connects, takes a lease and waits for the first reading.
-    pub fn begin(bench: &'a mut dyn Bench) -> Result<Trial<'a>, String> {
-        Trial::connect(bench, true)
+    pub fn begin(bench: &'a mut dyn Bench) -> Result<DriverTrial<'a>, String> {
+        DriverTrial::connect(bench, true)
     }
 
     /// The same with or without a lease.
-    pub fn connect(bench: &'a mut dyn Bench, keeps_lease: bool) -> Result<Trial<'a>, String> {
+    pub fn connect(bench: &'a mut dyn Bench, keeps_lease: bool) -> Result<DriverTrial<'a>, String> {
         let driver = bench.connect()?;
         let board = driver.board().clone();
         let none = Sample { seq: 0, at: Time::ZERO, q: Vec::new().into(), done: Vec::new() };
-        let mut trial = Trial { bench, driver, board, last: none, keeps_lease };
+        let mut trial = DriverTrial { bench, driver, board, last: none, keeps_lease };
         trial.first_reading()?;
         Ok(trial)
     }

@@ -1,15 +1,18 @@
 //! Promises about velocities.
 
-use super::trial::{DEG, NEAR, Trial, at, see};
-use super::{Bench, Promise};
+use super::trial::{DEG, DriverTrial, NEAR, at, see};
+use super::{Bench, DriverPromise};
 use mobee_contract::{Command, ControlMode, Sample, Time};
 use std::time::Duration;
 
-pub const PROMISES: &[Promise] = &[
-    Promise { name: "a velocity is kept by its motor alone, and ends soon after it is no longer given", check: kept },
-    Promise { name: "a velocity passes no limit", check: limit },
-    Promise { name: "velocities that do not fit, or have no lease, are refused", check: refused },
-    Promise { name: "a move takes over from a velocity", check: move_after },
+pub const PROMISES: &[DriverPromise] = &[
+    DriverPromise {
+        name: "a velocity is kept by its motor alone, and ends soon after it is no longer given",
+        check: kept,
+    },
+    DriverPromise { name: "a velocity passes no limit", check: limit },
+    DriverPromise { name: "velocities that do not fit, or have no lease, are refused", check: refused },
+    DriverPromise { name: "a move takes over from a velocity", check: move_after },
 ];
 
 /// How often velocities are given.
@@ -18,7 +21,7 @@ const TICK: Duration = Duration::from_millis(20);
 const WATCHDOG: Duration = Duration::from_millis(500);
 
 /// Gives a velocity again and again for so long; the readings.
-fn drive(t: &mut Trial, motor: usize, speed: f64, time: Duration) -> Result<Vec<Sample>, String> {
+fn drive(t: &mut DriverTrial, motor: usize, speed: f64, time: Duration) -> Result<Vec<Sample>, String> {
     let (mut next, end) = (t.now(), t.now() + t.board.latency + time);
     let mut all = Vec::new();
     while t.now() < end {
@@ -32,13 +35,13 @@ fn drive(t: &mut Trial, motor: usize, speed: f64, time: Duration) -> Result<Vec<
 }
 
 /// The motor's velocity for the suite, towards where it has room.
-fn speed(t: &Trial, m: usize) -> f64 {
+fn speed(t: &DriverTrial, m: usize) -> f64 {
     let to = at(&t.away(&[m]), m);
     (0.5 * t.reference(m).0).copysign(to - at(&t.last.q, m))
 }
 
 fn kept(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let (home, v) = (t.last.q.clone(), speed(&t, m));
     let begun = drive(&mut t, m, v, Duration::from_millis(400))?;
@@ -62,7 +65,7 @@ fn kept(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn limit(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let Some(axis) = t.board.axes.get(m).cloned() else { return Ok(()) };
     for (q, sign) in [(axis.max - 1.5 * DEG, 1.0), (axis.min + 1.5 * DEG, -1.0)] {
@@ -80,7 +83,7 @@ fn limit(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn refused(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let (m, n) = (t.motors()?.first().copied().unwrap_or_default(), t.last.q.len());
     let name = t.board.axes.get(m).map(|a| a.name.clone()).unwrap_or_default();
     let v = speed(&t, m);
@@ -95,7 +98,7 @@ fn refused(bench: &mut dyn Bench) -> Result<(), String> {
 }
 
 fn move_after(bench: &mut dyn Bench) -> Result<(), String> {
-    let mut t = Trial::begin(bench)?;
+    let mut t = DriverTrial::begin(bench)?;
     let m = t.motors()?.first().copied().unwrap_or_default();
     let (home, v) = (t.last.q.to_vec(), speed(&t, m));
     drive(&mut t, m, v, Duration::from_millis(300))?;

@@ -7,11 +7,11 @@ use mobee_model::Robot;
 const ROUNDING_DEG: f64 = 0.2;
 
 /// What is wrong with a table: its line, what, and what to do.
-pub type Complaint = (usize, String, String);
+pub type RowError = (usize, String, String);
 
 /// Poses over time; never empty, times rise.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Table {
+pub struct PoseTable {
     times: Vec<f64>,
     /// Row by row, a value for each column, rad: no more than was written.
     values: Vec<f64>,
@@ -21,12 +21,12 @@ pub struct Table {
     home: Vec<f64>,
 }
 
-impl Table {
+impl PoseTable {
     /// Reads comma-separated text with a heading: `t_s`, then `PART.MOTOR` columns in degrees.
     ///
     /// # Errors
     /// The first thing that is wrong, with its line.
-    pub fn parse(text: &str, robot: &Robot) -> Result<Table, Complaint> {
+    pub fn parse(text: &str, robot: &Robot) -> Result<PoseTable, RowError> {
         let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.starts_with('#'));
         let (_, heading) =
             lines.next().ok_or((1, "there is no heading".to_owned(), "begin with `t_s,PART.MOTOR,...`".to_owned()))?;
@@ -34,7 +34,7 @@ impl Table {
         if names.next() != Some("t_s") {
             return Err((1, "the first column is not `t_s`".into(), "begin with the time, seconds of the run".into()));
         }
-        let columns = names.map(|name| column(robot, name)).collect::<Result<Vec<usize>, Complaint>>()?;
+        let columns = names.map(|name| column(robot, name)).collect::<Result<Vec<usize>, RowError>>()?;
         let (mut times, mut values): (Vec<f64>, Vec<f64>) = Default::default();
         for (i, line) in lines {
             let number = |field: &str| {
@@ -68,7 +68,7 @@ impl Table {
         if times.is_empty() {
             return Err((2, "there is no pose".into(), "add a row per pose below the heading".into()));
         }
-        Ok(Table { times, values, columns, home: robot.home().to_vec() })
+        Ok(PoseTable { times, values, columns, home: robot.home().to_vec() })
     }
 
     /// The pose at a time, rad: interpolated between rows, the first one before them, the last one after them.
@@ -104,7 +104,7 @@ impl Table {
     }
 }
 
-fn column(robot: &Robot, name: &str) -> Result<usize, Complaint> {
+fn column(robot: &Robot, name: &str) -> Result<usize, RowError> {
     let full =
         |m: &mobee_model::Motor| robot.parts.get(m.part).map(|p| format!("{}.{}", p.name, m.name)).unwrap_or_default();
     robot.motors.iter().position(|m| full(m) == name).ok_or_else(|| {

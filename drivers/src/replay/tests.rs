@@ -16,7 +16,7 @@ fn a_robot_is_where_its_table_says_and_does_not_obey() {
     let robot = robot();
     let home = robot.home()[1].to_degrees();
     let text = format!("{}\n0.5,{home}\n1.5,{}\n", heading(&robot), home + 1.0);
-    let table = Table::parse(&text, &robot).unwrap();
+    let table = PoseTable::parse(&text, &robot).unwrap();
     let hardware = ReplayHardware::new(table, SimSettings::default().axes(&robot), 100.0);
     let mut driver = hardware.connect().unwrap();
     let mut now = Time::ZERO;
@@ -39,7 +39,7 @@ fn wrong_tables_are_refused_with_their_line() {
     let robot = robot();
     let head = heading(&robot);
     let wrong = |text: String, line: usize, what: &str| {
-        let (at, said, _) = Table::parse(&text, &robot).unwrap_err();
+        let (at, said, _) = PoseTable::parse(&text, &robot).unwrap_err();
         assert!(at == line && said.contains(what), "{text}: {at}: {said}");
     };
     wrong(String::new(), 1, "no heading");
@@ -56,7 +56,7 @@ fn wrong_tables_are_refused_with_their_line() {
 proptest! {
     #[test]
     fn no_text_makes_it_panic(text in "(t_s)?[,.a-z0-9\\n-]{0,60}", at in 0.0..100.0f64) {
-        if let Ok(table) = Table::parse(&text, &robot()) {
+        if let Ok(table) = PoseTable::parse(&text, &robot()) {
             prop_assert_eq!(table.at(Time::from_secs(at)).len(), robot().motors.len());
         }
     }

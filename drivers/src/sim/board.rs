@@ -8,7 +8,7 @@
 
 use crate::{Imitated, SimHardware, SimSettings};
 use mobee_contract::{Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Time};
-use mobee_yarp::board::{Ask, Device, Get, Joints, Reading, Reply, Set, Shadow, ShadowAxis, Streamed, mode, reply};
+use mobee_yarp::board::{Ask, Device, Get, Joints, Quantity, Reply, Set, Shadow, ShadowAxis, Streamed, mode, reply};
 use mobee_yarp::{Bottle, Dialect, JointData, Message, Stamp, Vocab};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -131,7 +131,7 @@ impl SimBoard {
         if state.hardware.imitates().is_some()
             && matches!(
                 asked,
-                Some(Ask::Get(Get::Values(Reading::ReferenceAcceleration, _)) | Ask::Set(Set::Acceleration(..)))
+                Some(Ask::Get(Get::Values(Quantity::ReferenceAcceleration, _)) | Ask::Set(Set::Acceleration(..)))
             )
         {
             return reply::fail();

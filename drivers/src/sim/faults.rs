@@ -1,6 +1,6 @@
 //! Faults of the simulated hardware, injected by tests and whole-system simulation.
 
-use super::{Board, lock};
+use super::{SharedPlant, lock};
 use mobee_contract::Time;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -105,7 +105,7 @@ impl Active {
 /// A handle that gives a simulated robot faults and takes them away, while it runs. Cheap to clone.
 #[derive(Clone, Debug)]
 pub struct SimFaults {
-    pub(crate) board: Arc<Mutex<Board>>,
+    pub(crate) board: Arc<Mutex<SharedPlant>>,
 }
 
 impl SimFaults {

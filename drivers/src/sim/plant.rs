@@ -11,9 +11,9 @@ mod check;
 mod motor;
 
 use crate::sim::path::{Bounds, Profile};
-use check::Checked;
+use check::PlantCommand;
 use mobee_contract::{Axis, Command, ControlMode, Time};
-use motor::Motor;
+use motor::PlantMotor;
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -24,13 +24,13 @@ const MOST_IN_FLIGHT: usize = 1024;
 #[derive(Clone, Debug)]
 pub struct Plant {
     axes: Vec<Axis>,
-    motors: Vec<Motor>,
+    motors: Vec<PlantMotor>,
     profile: Profile,
     now: Time,
     /// The lease, until it has run out.
     lease: Option<Time>,
     /// Accepted commands and when they take effect, in that order.
-    in_flight: VecDeque<(Time, Checked)>,
+    in_flight: VecDeque<(Time, PlantCommand)>,
 }
 
 impl Plant {
@@ -43,7 +43,9 @@ impl Plant {
         let motors = axes
             .iter()
             .zip(starts)
-            .map(|(axis, q)| Motor::at_rest(q.unwrap_or(0.5 * (axis.min + axis.max)).clamp(axis.min, axis.max), axis))
+            .map(|(axis, q)| {
+                PlantMotor::at_rest(q.unwrap_or(0.5 * (axis.min + axis.max)).clamp(axis.min, axis.max), axis)
+            })
             .collect();
         Plant { axes, motors, profile, now: Time::ZERO, lease: None, in_flight: VecDeque::new() }
     }
@@ -170,16 +172,16 @@ impl Plant {
         }
     }
 
-    fn take_effect(&mut self, at: Time, command: Checked) {
+    fn take_effect(&mut self, at: Time, command: PlantCommand) {
         let leased = self.is_leased();
         let profile = self.profile;
-        let mut with = |m: usize, act: &mut dyn FnMut(&mut Motor, &Axis)| {
+        let mut with = |m: usize, act: &mut dyn FnMut(&mut PlantMotor, &Axis)| {
             if let (Some(motor), Some(axis)) = (self.motors.get_mut(m), self.axes.get(m)) {
                 act(motor, axis);
             }
         };
         match command {
-            Checked::Move(ways) => {
+            PlantCommand::Move(ways) => {
                 for way in ways {
                     with(way.motor, &mut |motor, axis| {
                         motor.refer(way.speed, way.acceleration, axis);
@@ -189,28 +191,28 @@ impl Plant {
                     });
                 }
             }
-            Checked::Direct(each) if leased => {
+            PlantCommand::Direct(each) if leased => {
                 for (m, to) in each {
                     with(m, &mut |motor, axis| motor.set_point(at, to, axis));
                 }
             }
-            Checked::Velocity(speeds) if leased => {
+            PlantCommand::Velocity(speeds) if leased => {
                 for (m, v) in speeds {
                     with(m, &mut |motor, axis| motor.run(at, v, axis));
                 }
             }
-            Checked::Direct(_) | Checked::Velocity(_) => {}
-            Checked::Stop(motors) => {
+            PlantCommand::Direct(_) | PlantCommand::Velocity(_) => {}
+            PlantCommand::Stop(motors) => {
                 for m in motors {
                     with(m, &mut |motor, axis| motor.brake(at, greatest(axis)));
                 }
             }
-            Checked::Reference(references) => {
+            PlantCommand::Reference(references) => {
                 for (m, speed, acceleration) in references {
                     with(m, &mut |motor, axis| motor.refer(Some(speed), Some(acceleration), axis));
                 }
             }
-            Checked::Mode(motors, mode) => {
+            PlantCommand::Mode(motors, mode) => {
                 for m in motors {
                     with(m, &mut |motor, axis| motor.switch(at, mode, greatest(axis)));
                 }

@@ -3,9 +3,9 @@
 //! An order that is under way when a stop overtakes it may be carried out after it: the hand stops the board once more on
 //! the line of the orders. A stop that shows no effect in the readings is said again until the board rests.
 
-use super::cell::{Cell, instant};
+use super::cell::{SharedBoards, instant};
 use super::hand::Halt;
-use super::motion::Speeds;
+use super::motion::MeasuredSpeeds;
 use super::remote::StopLine;
 use mobee_yarp::board::{Ask, Get, Joints, Set, reply};
 use mobee_yarp::{Bottle, CallError};
@@ -24,7 +24,7 @@ const SLOWER: f64 = 0.9;
 /// The brake of one board.
 pub struct Brake {
     /// What is known of the board.
-    pub cell: Arc<Cell>,
+    pub cell: Arc<SharedBoards>,
     /// The board's index.
     pub index: usize,
     /// First part of the board's port names.
@@ -141,7 +141,7 @@ impl Brake {
         let speeds =
             self.cell.lock().boards.get(self.index).map(|known| known.motions.speeds(said - super::motion::WHILE));
         let speeds = match speeds {
-            Some(Speeds::At(speeds)) => Some(speeds),
+            Some(MeasuredSpeeds::At(speeds)) => Some(speeds),
             _ => None,
         };
         Effect { ticket, said, speeds }
@@ -191,13 +191,13 @@ enum Seen {
 
 impl Effect {
     /// The speeds of the joints since the stop should act, if readings show them.
-    fn seen(&mut self, now: f64, speeds: Speeds) -> Seen {
+    fn seen(&mut self, now: f64, speeds: MeasuredSpeeds) -> Seen {
         self.said = now;
         let speeds = match speeds {
-            Speeds::Rest => return Seen::Rest,
+            MeasuredSpeeds::Rest => return Seen::Rest,
             // without readings nobody knows: one stop more does no harm
-            Speeds::Unknown => return Seen::Nothing,
-            Speeds::At(speeds) => speeds,
+            MeasuredSpeeds::Unknown => return Seen::Nothing,
+            MeasuredSpeeds::At(speeds) => speeds,
         };
         let before = self.speeds.replace(speeds.clone());
         let slower = |(now, before): (&f64, &f64)| *now <= SLOWER * before;

@@ -16,7 +16,7 @@ use tokio::time::Instant;
 
 /// Everything shared.
 #[derive(Debug)]
-pub struct Cell {
+pub struct SharedBoards {
     inner: Mutex<Inner>,
     changed: Condvar,
     /// The beginning of the seconds that readings are told in.
@@ -29,7 +29,7 @@ pub struct Cell {
 #[derive(Debug)]
 pub struct Inner {
     /// The boards.
-    pub boards: Vec<Known>,
+    pub boards: Vec<BoardFacts>,
     /// What the robot can do; known once all boards have been reached, and the same ever after.
     pub board: Option<Board>,
     /// Why the robot can't be used at all.
@@ -48,7 +48,7 @@ pub struct Inner {
 
 /// One board.
 #[derive(Debug)]
-pub struct Known {
+pub struct BoardFacts {
     /// Why it can't be used; `None`: it can.
     pub trouble: Option<Trouble>,
     /// Why it can't be stopped on the line for stops; `None`: it can.
@@ -89,7 +89,7 @@ pub struct Known {
     pub ahead: Option<f64>,
 }
 
-impl Known {
+impl BoardFacts {
     /// It answered a question of `asked` now. An answer's stamp is of some time in between.
     pub fn answered(&mut self, asked: f64, now: f64, answer: &Bottle) {
         self.answers.note(now, now - asked);
@@ -128,10 +128,10 @@ pub struct Joined {
     pub done: Vec<bool>,
 }
 
-impl Cell {
+impl SharedBoards {
     /// Nothing is known yet.
-    pub fn new(layout: &Layout) -> Cell {
-        let known = |p: &super::layout::Patch| Known {
+    pub fn new(layout: &Layout) -> SharedBoards {
+        let known = |p: &super::layout::Patch| BoardFacts {
             trouble: Some(Trouble::Lost("not reached yet".into())),
             brake: Some(format!("{}: not reached yet", p.port)),
             reached: false,
@@ -162,7 +162,12 @@ impl Cell {
             expected: vec![ControlMode::Position; layout.motors()],
             switching: vec![None; layout.motors()],
         };
-        Cell { inner: Mutex::new(inner), changed: Condvar::new(), base: instant(), let_go: AtomicBool::new(false) }
+        SharedBoards {
+            inner: Mutex::new(inner),
+            changed: Condvar::new(),
+            base: instant(),
+            let_go: AtomicBool::new(false),
+        }
     }
 
     /// A look inside. Robots don't break because a program crashed while it looked.
@@ -249,7 +254,7 @@ impl Inner {
 
     /// The first motor that reports a fault of its hardware.
     pub fn fault(&self, layout: &Layout) -> Option<String> {
-        let faulty = |(patch, board): (&super::layout::Patch, &Known)| {
+        let faulty = |(patch, board): (&super::layout::Patch, &BoardFacts)| {
             let joint = board.modes.iter().position(|m| *m == mode::HARDWARE_FAULT)?;
             let name = layout.names.get(patch.motors.start + joint)?;
             Some(format!("motor {name} (joint {joint} of {}) has a hardware fault", patch.port))
@@ -324,7 +329,7 @@ impl Inner {
 /// A board whose axes don't fit the model.
 pub fn describe(
     layout: &Layout,
-    boards: &[Known],
+    boards: &[BoardFacts],
     settings: &super::YarpDriverSettings,
 ) -> Result<Option<Board>, String> {
     let fastest = settings.max_speed_deg_per_s.to_radians();

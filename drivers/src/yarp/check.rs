@@ -5,7 +5,7 @@ use mobee_contract::{Axis, Command, ControlMode, Move};
 
 /// What a command is checked against.
 #[derive(Clone, Copy, Debug)]
-pub struct Known<'a> {
+pub struct CheckedAgainst<'a> {
     /// The motors.
     pub axes: &'a [Axis],
     /// Whether a motor has a board. One without rests at home and can only be told to stay there.
@@ -18,7 +18,7 @@ pub struct Known<'a> {
 
 /// A command that fits, in absolute positions within limits.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Checked {
+pub enum CheckedCommand {
     /// Position moves: motors, targets, reference speeds, reference accelerations.
     Move(Vec<usize>, Vec<f64>, Option<Vec<f64>>, Option<Vec<f64>>),
     /// Set-points.
@@ -33,39 +33,41 @@ pub enum Checked {
     Mode(Vec<usize>, ControlMode),
 }
 
-impl Checked {
+impl CheckedCommand {
     /// Whether it starts a motion.
     pub fn moves(&self) -> bool {
-        matches!(self, Checked::Move(..) | Checked::Direct(..) | Checked::Velocity(..))
+        matches!(self, CheckedCommand::Move(..) | CheckedCommand::Direct(..) | CheckedCommand::Velocity(..))
     }
 }
 
-impl Known<'_> {
+impl CheckedAgainst<'_> {
     /// Checks all of a command.
     ///
     /// # Errors
     /// What does not fit, naming the motor.
-    pub fn check(&self, command: &Command) -> Result<Checked, String> {
+    pub fn check(&self, command: &Command) -> Result<CheckedCommand, String> {
         match command {
             Command::Move(m) => self.check_move(m),
             Command::Direct { motors, q } => self.check_direct(motors, q),
             Command::Velocity { motors, speed } => {
                 let (motors, speed) = velocities(self.axes, motors, speed)?.into_iter().unzip();
-                Ok(Checked::Velocity(motors, speed))
+                Ok(CheckedCommand::Velocity(motors, speed))
             }
-            Command::Stop { motors } if motors.is_empty() => Ok(Checked::Stop(Vec::new())),
-            Command::Stop { motors } => named(self.axes, motors).map(|_| Checked::Stop(motors.clone())),
-            Command::Mode { motors, mode } => named(self.axes, motors).map(|_| Checked::Mode(motors.clone(), *mode)),
+            Command::Stop { motors } if motors.is_empty() => Ok(CheckedCommand::Stop(Vec::new())),
+            Command::Stop { motors } => named(self.axes, motors).map(|_| CheckedCommand::Stop(motors.clone())),
+            Command::Mode { motors, mode } => {
+                named(self.axes, motors).map(|_| CheckedCommand::Mode(motors.clone(), *mode))
+            }
             Command::Reference { motors, speed, acceleration } => {
                 let axes = named(self.axes, motors)?;
                 let speed = lowered(&axes, speed, "speed", |a| a.max_speed)?;
                 let acceleration = lowered(&axes, acceleration, "acceleration", |a| a.max_acceleration)?;
-                Ok(Checked::Reference(motors.clone(), speed, acceleration))
+                Ok(CheckedCommand::Reference(motors.clone(), speed, acceleration))
             }
         }
     }
 
-    fn check_move(&self, m: &Move) -> Result<Checked, String> {
+    fn check_move(&self, m: &Move) -> Result<CheckedCommand, String> {
         let axes = named(self.axes, &m.motors)?;
         same_length(m.motors.len(), m.q.len(), "positions")?;
         let optional = |list: &Option<Vec<f64>>, what, most: fn(&Axis) -> f64| match list {
@@ -82,17 +84,17 @@ impl Known<'_> {
             }
             Ok(to)
         });
-        Ok(Checked::Move(m.motors.clone(), to.collect::<Result<_, _>>()?, speed, acceleration))
+        Ok(CheckedCommand::Move(m.motors.clone(), to.collect::<Result<_, _>>()?, speed, acceleration))
     }
 
-    fn check_direct(&self, motors: &[usize], q: &[f64]) -> Result<Checked, String> {
+    fn check_direct(&self, motors: &[usize], q: &[f64]) -> Result<CheckedCommand, String> {
         let axes = named(self.axes, motors)?;
         same_length(motors.len(), q.len(), "positions")?;
         let to = motors.iter().zip(axes).zip(q).map(|((motor, axis), q)| {
             follows(axis, self.modes.get(*motor).copied())?;
             within(axis, *q, ENCODER_NOISE)
         });
-        Ok(Checked::Direct(motors.to_vec(), to.collect::<Result<_, _>>()?))
+        Ok(CheckedCommand::Direct(motors.to_vec(), to.collect::<Result<_, _>>()?))
     }
 
     fn is_driven(&self, motor: usize) -> bool {

@@ -1,7 +1,7 @@
 //! The driver: checks, marks, queues, and never waits.
 
-use super::cell::{Cell, Inner, Trouble, instant};
-use super::check::{Checked, Known};
+use super::cell::{Inner, SharedBoards, Trouble, instant};
+use super::check::{CheckedAgainst, CheckedCommand};
 use super::fan::Fan;
 use super::hand::{Do, Halt, Order};
 use super::layout::Layout;
@@ -21,7 +21,7 @@ pub struct Reach {
     /// Which motor is where.
     pub layout: Arc<Layout>,
     /// What is known.
-    pub cell: Arc<Cell>,
+    pub cell: Arc<SharedBoards>,
     /// A queue per board.
     pub orders: Vec<mpsc::Sender<Order>>,
     /// Everything stops.
@@ -87,7 +87,7 @@ impl YarpDriver {
         let other = |m: &&usize| inner.expected.get(**m) != Some(&ControlMode::PositionDirect);
         let switched: Vec<usize> = moved.iter().filter(other).copied().collect();
         if !switched.is_empty() {
-            self.reach.clone().queue(inner, Checked::Mode(switched, ControlMode::PositionDirect))?;
+            self.reach.clone().queue(inner, CheckedCommand::Mode(switched, ControlMode::PositionDirect))?;
         }
         self.halts = self.reach.halt.newest().epoch;
         self.legs.begin(moved, (from, target), &fast, &self.board);
@@ -96,7 +96,7 @@ impl YarpDriver {
 
     /// Whether moves are made of set-points: if it was said so, or since the boards' own were seen not to go by speeds.
     fn makes_moves(&self, inner: &Inner) -> bool {
-        let is_unfair = |board: &super::cell::Known| board.gauge.is_unfair();
+        let is_unfair = |board: &super::cell::BoardFacts| board.gauge.is_unfair();
         self.moves == Moves::SetPoints || (self.board.position_direct && inner.boards.iter().any(is_unfair))
     }
 
@@ -112,11 +112,11 @@ impl YarpDriver {
             self.legs.stop(&[]);
         }
         for (motors, q) in self.legs.step(now, self.board.period, q) {
-            self.reach.queue(inner, Checked::Direct(motors, q))?;
+            self.reach.queue(inner, CheckedCommand::Direct(motors, q))?;
         }
         let rested = self.legs.rested(|m| done.get(m) == Some(&true));
         if !rested.is_empty() {
-            self.reach.queue(inner, Checked::Mode(rested, ControlMode::Position))?;
+            self.reach.queue(inner, CheckedCommand::Mode(rested, ControlMode::Position))?;
         }
         Ok(())
     }
@@ -149,27 +149,29 @@ impl Driver for YarpDriver {
         usable(&inner, &reach.layout)?;
         let q = inner.joined.as_ref().map(|j| j.q.clone()).ok_or(DriverFault::Lost)?;
         let driven: Vec<bool> = (0..reach.layout.motors()).map(|m| reach.layout.joint(m).is_some()).collect();
-        let known = Known { axes: &self.board.axes, driven: &driven, q: &q, modes: &inner.expected };
+        let known = CheckedAgainst { axes: &self.board.axes, driven: &driven, q: &q, modes: &inner.expected };
         let checked = known.check(command).map_err(DriverFault::Refused)?;
         if checked.moves() && !self.is_leased(now) {
             return Err(DriverFault::Refused("there is no lease to move under".into()));
         }
         match &checked {
-            Checked::Stop(motors) => self.legs.stop(motors),
-            Checked::Direct(motors, _) | Checked::Velocity(motors, _) | Checked::Mode(motors, _) => {
-                self.legs.forget(motors)
-            }
-            Checked::Move(motors, to, speeds, _) if self.makes_moves(&inner) => {
+            CheckedCommand::Stop(motors) => self.legs.stop(motors),
+            CheckedCommand::Direct(motors, _)
+            | CheckedCommand::Velocity(motors, _)
+            | CheckedCommand::Mode(motors, _) => self.legs.forget(motors),
+            CheckedCommand::Move(motors, to, speeds, _) if self.makes_moves(&inner) => {
                 return self.begin(&mut inner, motors, to, speeds.as_deref(), &q);
             }
-            Checked::Reference(motors, speeds, _) if self.makes_moves(&inner) => {
+            CheckedCommand::Reference(motors, speeds, _) if self.makes_moves(&inner) => {
                 self.refer(motors, Some(speeds));
                 return Ok(());
             }
-            Checked::Move(..) => inner.unfair(&reach.layout).map_or(Ok(()), |why| Err(DriverFault::Hardware(why)))?,
-            Checked::Reference(..) => {}
+            CheckedCommand::Move(..) => {
+                inner.unfair(&reach.layout).map_or(Ok(()), |why| Err(DriverFault::Hardware(why)))?
+            }
+            CheckedCommand::Reference(..) => {}
         }
-        if matches!(&checked, Checked::Stop(motors) if motors.is_empty()) {
+        if matches!(&checked, CheckedCommand::Stop(motors) if motors.is_empty()) {
             reach.stop_all(&mut inner);
             return Ok(());
         }
@@ -259,7 +261,7 @@ impl Reach {
 
     /// Stops all boards before anything else; motions that wait in their queues are dropped.
     pub fn stop_all(&self, inner: &mut Inner) {
-        let all = |b: &mut super::cell::Known| {
+        let all = |b: &mut super::cell::BoardFacts| {
             let joints: Vec<usize> = (0..b.q.len()).collect();
             b.motions.order(&joints, End::Seen)
         };
@@ -268,7 +270,7 @@ impl Reach {
     }
 
     /// Queues a command with every board it concerns: with all or with none.
-    fn queue(&self, inner: &mut Inner, checked: Checked) -> Result<(), DriverFault> {
+    fn queue(&self, inner: &mut Inner, checked: CheckedCommand) -> Result<(), DriverFault> {
         let epoch = self.halt.newest().epoch;
         let orders = split(&self.layout, &checked);
         let reserve = |(board, _): &(usize, Do)| {
@@ -279,9 +281,9 @@ impl Reach {
         };
         let permits: Vec<_> = orders.iter().map(reserve).collect::<Result<_, _>>()?;
         let switched = match &checked {
-            Checked::Move(motors, ..) => Some((motors.clone(), ControlMode::Position)),
-            Checked::Velocity(motors, _) => Some((motors.clone(), ControlMode::Velocity)),
-            Checked::Mode(motors, mode) => Some((motors.clone(), *mode)),
+            CheckedCommand::Move(motors, ..) => Some((motors.clone(), ControlMode::Position)),
+            CheckedCommand::Velocity(motors, _) => Some((motors.clone(), ControlMode::Velocity)),
+            CheckedCommand::Mode(motors, mode) => Some((motors.clone(), *mode)),
             _ => None,
         };
         for (permit, (board, what)) in permits.into_iter().zip(orders) {
@@ -313,7 +315,7 @@ impl Reach {
 }
 
 /// A command as its boards are told it: joints and degrees.
-fn split(layout: &Layout, checked: &Checked) -> Vec<(usize, Do)> {
+fn split(layout: &Layout, checked: &CheckedCommand) -> Vec<(usize, Do)> {
     let nothing = |motors: &[usize]| vec![0.0; motors.len()];
     let second = |motors: &[usize], values: &Option<Vec<f64>>| {
         values.as_ref().map(|v| layout.split(motors, v)).unwrap_or_default()
@@ -322,7 +324,7 @@ fn split(layout: &Layout, checked: &Checked) -> Vec<(usize, Do)> {
         all.iter().find(|(b, ..)| *b == board).map(|(_, _, v)| v.clone())
     };
     match checked {
-        Checked::Move(motors, q, speed, acceleration) => {
+        CheckedCommand::Move(motors, q, speed, acceleration) => {
             let (speed, acceleration) = (second(motors, speed), second(motors, acceleration));
             let to = layout.split(motors, q).into_iter();
             to.map(|(b, joints, to)| {
@@ -330,18 +332,18 @@ fn split(layout: &Layout, checked: &Checked) -> Vec<(usize, Do)> {
             })
             .collect()
         }
-        Checked::Direct(motors, q) => {
+        CheckedCommand::Direct(motors, q) => {
             layout.split(motors, q).into_iter().map(|(b, joints, to)| (b, Do::Direct { joints, to })).collect()
         }
-        Checked::Velocity(motors, speed) => {
+        CheckedCommand::Velocity(motors, speed) => {
             let split = layout.split(motors, speed).into_iter();
             split.map(|(b, joints, speed)| (b, Do::Velocity { joints, speed })).collect()
         }
-        Checked::Stop(motors) => {
+        CheckedCommand::Stop(motors) => {
             let split = layout.split(motors, &nothing(motors)).into_iter();
             split.map(|(b, joints, _)| (b, Do::Stop { joints })).collect()
         }
-        Checked::Reference(motors, speed, acceleration) => {
+        CheckedCommand::Reference(motors, speed, acceleration) => {
             let acceleration = layout.split(motors, acceleration);
             let split = layout.split(motors, speed).into_iter();
             split
@@ -350,7 +352,7 @@ fn split(layout: &Layout, checked: &Checked) -> Vec<(usize, Do)> {
                 })
                 .collect()
         }
-        Checked::Mode(motors, mode) => {
+        CheckedCommand::Mode(motors, mode) => {
             let split = layout.split(motors, &nothing(motors)).into_iter();
             split.map(|(b, joints, _)| (b, Do::Mode { joints, mode: *mode })).collect()
         }

@@ -50,7 +50,7 @@ impl Finding {
 
 /// What of a joint may have to be given back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum Restored {
     /// Its reference speed.
     Speed,
     /// Its reference acceleration.
@@ -61,12 +61,12 @@ pub enum Kind {
     Mode,
 }
 
-const KINDS: [Kind; 4] = [Kind::Speed, Kind::Acceleration, Kind::Interaction, Kind::Mode];
+const KINDS: [Restored; 4] = [Restored::Speed, Restored::Acceleration, Restored::Interaction, Restored::Mode];
 
 /// Something to say to the board, so that joints are as they were found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Due {
-    pub kind: Kind,
+    pub kind: Restored,
     pub joints: Vec<usize>,
     pub say: Set,
 }
@@ -114,7 +114,7 @@ impl Owed {
     }
 
     /// Something of these joints is about to be changed.
-    pub fn changes(&mut self, kind: Kind, joints: &[usize]) {
+    pub fn changes(&mut self, kind: Restored, joints: &[usize]) {
         joints.iter().for_each(|j| self.mark(*j, kind, true));
     }
 
@@ -134,7 +134,7 @@ impl Owed {
         due.joints.iter().for_each(|j| self.mark(*j, due.kind, false));
     }
 
-    fn mark(&mut self, joint: usize, kind: Kind, is_ours: bool) {
+    fn mark(&mut self, joint: usize, kind: Restored, is_ours: bool) {
         if let Some(slot) = self.ours.get_mut(joint).and_then(|all| all.get_mut(kind as usize)) {
             *slot = is_ours;
         }
@@ -143,14 +143,14 @@ impl Owed {
     /// The board's modes as it reports them: a joint that somebody has let go since, or that a fault did, is left alone.
     pub fn see(&mut self, modes: &[Vocab]) {
         for (j, _) in modes.iter().enumerate().filter(|(_, word)| !keeps_its_place(**word)) {
-            self.mark(j, Kind::Mode, false);
+            self.mark(j, Restored::Mode, false);
         }
     }
 
     /// The mode that a joint was found in.
-    pub fn word(&self, kind: Kind, joint: usize) -> Option<Vocab> {
+    pub fn word(&self, kind: Restored, joint: usize) -> Option<Vocab> {
         let found = self.joints.get(joint)?;
-        if kind == Kind::Mode { found.mode } else { found.interaction }
+        if kind == Restored::Mode { found.mode } else { found.interaction }
     }
 
     /// Whether anything is owed at all.
@@ -158,30 +158,30 @@ impl Owed {
         (0..self.joints.len()).any(|j| KINDS.iter().any(|kind| self.owes(j, *kind)))
     }
 
-    fn owes(&self, joint: usize, kind: Kind) -> bool {
+    fn owes(&self, joint: usize, kind: Restored) -> bool {
         let ours = self.ours.get(joint).is_some_and(|ours| ours.get(kind as usize) == Some(&true));
         let known = self.joints.get(joint).is_some_and(|found| match kind {
-            Kind::Speed => found.speed.is_some(),
-            Kind::Acceleration => found.acceleration.is_some(),
-            Kind::Mode => found.mode.is_some_and(keeps_its_place),
-            Kind::Interaction => found.interaction.is_some(),
+            Restored::Speed => found.speed.is_some(),
+            Restored::Acceleration => found.acceleration.is_some(),
+            Restored::Mode => found.mode.is_some_and(keeps_its_place),
+            Restored::Interaction => found.interaction.is_some(),
         });
         ours && known
     }
 
     /// What is to be said next, of joints that rest; modes only of those that nobody drives.
     pub fn due(&self, rests: impl Fn(usize) -> bool, is_free: impl Fn(usize) -> bool) -> Option<Due> {
-        let modes = |kind| matches!(kind, Kind::Mode | Kind::Interaction);
+        let modes = |kind| matches!(kind, Restored::Mode | Restored::Interaction);
         KINDS.iter().find_map(|kind| {
             let is_due = |j: &usize| self.owes(*j, *kind) && rests(*j) && (!modes(*kind) || is_free(*j));
             let joints: Vec<usize> = (0..self.joints.len()).filter(is_due).collect();
             let found = || joints.iter().filter_map(|j| self.joints.get(*j));
             let group = || Joints::Group(joints.clone());
             let say = match kind {
-                Kind::Speed => Set::Speed(group(), found().filter_map(|f| f.speed).collect()),
-                Kind::Acceleration => Set::Acceleration(group(), found().filter_map(|f| f.acceleration).collect()),
-                Kind::Mode => Set::Mode(group(), found().filter_map(|f| f.mode).collect()),
-                Kind::Interaction => Set::Interaction(group(), found().filter_map(|f| f.interaction).collect()),
+                Restored::Speed => Set::Speed(group(), found().filter_map(|f| f.speed).collect()),
+                Restored::Acceleration => Set::Acceleration(group(), found().filter_map(|f| f.acceleration).collect()),
+                Restored::Mode => Set::Mode(group(), found().filter_map(|f| f.mode).collect()),
+                Restored::Interaction => Set::Interaction(group(), found().filter_map(|f| f.interaction).collect()),
             };
             (!joints.is_empty()).then_some(Due { kind: *kind, joints, say })
         })
@@ -204,14 +204,14 @@ mod tests {
     #[test]
     fn what_was_changed_is_said_once_and_in_order() {
         let mut owed = Owed::new(3);
-        owed.changes(Kind::Speed, &[0]);
+        owed.changes(Restored::Speed, &[0]);
         assert!(!owed.is_any(), "nobody knows how they were found");
         owed.find(vec![found(mode::POSITION), found(mode::DIRECT), found(mode::IDLE)]);
         owed.find(vec![Finding::default(); 3]);
         assert_eq!(owed.findings()[0], found(mode::POSITION), "as they were found first");
-        owed.changes(Kind::Acceleration, &[0, 1, 2]);
-        owed.changes(Kind::Interaction, &[1]);
-        owed.changes(Kind::Mode, &[1, 2, 7]);
+        owed.changes(Restored::Acceleration, &[0, 1, 2]);
+        owed.changes(Restored::Interaction, &[1]);
+        owed.changes(Restored::Mode, &[1, 2, 7]);
         let (all, none) = (|_: usize| true, |_: usize| false);
         let group = |joints: &[usize]| Joints::Group(joints.to_vec());
         assert_eq!(owed.due(none, all), None, "while they move");
@@ -229,12 +229,12 @@ mod tests {
         owed.paid(&third);
         assert!(!owed.is_any());
         // what a board refuses is said to it three times
-        owed.changes(Kind::Speed, &[0]);
+        owed.changes(Restored::Speed, &[0]);
         let refused = owed.due(all, none).unwrap();
         assert_eq!([0; 3].map(|_| owed.refused(&refused)), [false, false, true]);
         assert!(!owed.is_any());
         // what somebody has let go since is not taken hold of
-        owed.changes(Kind::Mode, &[0, 1]);
+        owed.changes(Restored::Mode, &[0, 1]);
         owed.see(&[mode::IDLE, mode::POSITION, mode::POSITION]);
         assert_eq!(owed.due(all, all).map(|due| due.joints), Some(vec![1]));
     }

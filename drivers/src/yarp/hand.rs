@@ -5,14 +5,14 @@ pub mod put_back;
 mod references;
 mod speed;
 
-use super::cell::Cell;
+use super::cell::SharedBoards;
 use super::layout::{Layout, Patch};
 use super::motion::End;
 use super::remote::Remote;
 use mobee_contract::ControlMode;
-use mobee_yarp::board::{Ask, Get, Joints, Link, Set, Streamed, reply};
+use mobee_yarp::board::{Ask, Get, Joints, LinkState, Set, Streamed, reply};
 use mobee_yarp::{Bottle, CallError};
-use speed::Speeds;
+use speed::JointVelocities;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Mutex, mpsc, watch};
@@ -84,7 +84,7 @@ impl Do {
 
 /// The hand at one board.
 pub struct Hand {
-    pub cell: Arc<Cell>,
+    pub cell: Arc<SharedBoards>,
     pub layout: Arc<Layout>,
     /// The board's index.
     pub index: usize,
@@ -100,20 +100,20 @@ pub struct Hand {
     again: Option<f64>,
     handled: u64,
     /// The connection whose first word was our stop.
-    link: Option<Link>,
-    speeds: Speeds,
+    link: Option<LinkState>,
+    speeds: JointVelocities,
 }
 
 impl Hand {
     pub fn new(
-        (cell, layout): (Arc<Cell>, Arc<Layout>),
+        (cell, layout): (Arc<SharedBoards>, Arc<Layout>),
         index: usize,
         board: Arc<dyn Remote>,
         (halt, lease): (watch::Receiver<Arc<Halt>>, watch::Receiver<Option<Instant>>),
         orders: Arc<Mutex<mpsc::Receiver<Order>>>,
         latency: f64,
     ) -> Hand {
-        let (again, handled, link, speeds) = (None, 0, None, Speeds::default());
+        let (again, handled, link, speeds) = (None, 0, None, JointVelocities::default());
         Hand { cell, layout, index, board, halt, lease, orders, latency, again, handled, link, speeds }
     }
 
@@ -134,7 +134,7 @@ impl Hand {
                 _ = self.halt.changed() => self.halt_if_told().await,
                 _ = link.changed() => {
                     let now = link.borrow_and_update().clone();
-                    if let Link::Up(_) = now {
+                    if let LinkState::Up(_) = now {
                         while let Ok(order) = orders.try_recv() {
                             self.finish(&order);
                         }
@@ -172,19 +172,19 @@ impl Hand {
     }
 
     /// A new life of the board begins with a stop, whatever it was doing; only then may drivers use it.
-    async fn linked(&mut self, link: Link) {
+    async fn linked(&mut self, link: LinkState) {
         use super::cell::Trouble;
         let port = self.board.port().to_owned();
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
-            known.reached = matches!(link, Link::Up(_)) || (known.reached && !matches!(link, Link::Taken(_)));
+            known.reached = matches!(link, LinkState::Up(_)) || (known.reached && !matches!(link, LinkState::Taken(_)));
             // the line for stops broke with the other one, or may have: it counts when a stop was answered on it
             known.brake = Some(format!("{port}: no stop was answered yet on the line for stops"));
         }
         self.again = None;
         let trouble = match &link {
-            Link::Down(why) => Some(Trouble::Lost(format!("{port}: {why}"))),
-            Link::Taken(why) => Some(Trouble::Forbidden(format!("{port}: {why}"))),
-            Link::Up(_) => {
+            LinkState::Down(why) => Some(Trouble::Lost(format!("{port}: {why}"))),
+            LinkState::Taken(why) => Some(Trouble::Forbidden(format!("{port}: {why}"))),
+            LinkState::Up(_) => {
                 self.speeds.clear();
                 match self.take_over().await {
                     Ok(()) => None,

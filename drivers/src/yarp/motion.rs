@@ -27,7 +27,7 @@ pub enum End {
 
 /// How fast joints are, over the states of a moment.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Speeds {
+pub enum MeasuredSpeeds {
     /// There are no states that tell.
     Unknown,
     /// All rest, but for the noise of encoders.
@@ -151,18 +151,18 @@ impl Motions {
     }
 
     /// How fast the joints are, as far as states tell that are no older than `since`.
-    pub fn speeds(&self, since: f64) -> Speeds {
+    pub fn speeds(&self, since: f64) -> MeasuredSpeeds {
         let (Some((begun, from)), Some((ended, to))) = (self.window.front(), self.window.back()) else {
-            return Speeds::Unknown;
+            return MeasuredSpeeds::Unknown;
         };
         let secs = ended - begun;
         if *ended < since || secs < 0.5 * WHILE {
-            return Speeds::Unknown;
+            return MeasuredSpeeds::Unknown;
         }
         if (0..to.len()).all(|j| rests(&self.window, j)) {
-            return Speeds::Rest;
+            return MeasuredSpeeds::Rest;
         }
-        Speeds::At(from.iter().zip(to).map(|(a, b)| (b - a).abs() / secs).collect())
+        MeasuredSpeeds::At(from.iter().zip(to).map(|(a, b)| (b - a).abs() / secs).collect())
     }
 
     /// Whether a joint has nothing to do and its encoder shows that it rests.
@@ -269,19 +269,19 @@ mod tests {
     #[test]
     fn speeds_are_told_by_enough_states_that_are_new_enough() {
         let mut m = Motions::new(2);
-        assert_eq!(m.speeds(0.0), Speeds::Unknown);
+        assert_eq!(m.speeds(0.0), MeasuredSpeeds::Unknown);
         m.read(0.0, &[0.0, 0.0]);
         m.read(0.5 * WHILE, &[1.0, 0.0]);
-        assert_eq!(m.speeds(0.0), Speeds::At(vec![20.0, 0.0]));
+        assert_eq!(m.speeds(0.0), MeasuredSpeeds::At(vec![20.0, 0.0]));
         m.forget();
         m.read(2.0, &[0.0, 0.0]);
         m.read(2.04, &[1.0, 0.0]);
-        assert_eq!(m.speeds(2.0), Speeds::Unknown, "not half of the time over which they are told");
+        assert_eq!(m.speeds(2.0), MeasuredSpeeds::Unknown, "not half of the time over which they are told");
         m.read(2.0625, &[1.25, 0.0]);
-        assert_eq!(m.speeds(2.0625), Speeds::At(vec![20.0, 0.0]));
-        assert_eq!(m.speeds(2.0626), Speeds::Unknown, "the newest state is older");
+        assert_eq!(m.speeds(2.0625), MeasuredSpeeds::At(vec![20.0, 0.0]));
+        assert_eq!(m.speeds(2.0626), MeasuredSpeeds::Unknown, "the newest state is older");
         (0..10).for_each(|i| m.read(2.1 + 0.02 * f64::from(i), &[1.25, 0.05]));
-        assert_eq!(m.speeds(2.2), Speeds::Rest);
+        assert_eq!(m.speeds(2.2), MeasuredSpeeds::Rest);
     }
 
     #[test]

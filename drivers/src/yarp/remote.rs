@@ -2,7 +2,7 @@
 
 use super::layout::Patch;
 use super::questions::Questions;
-use mobee_yarp::board::{Ask, AxisFacts, Link, RemoteBoard, RemoteOptions, RemoteState, Streamed};
+use mobee_yarp::board::{Ask, AxisFacts, LinkState, RemoteBoard, RemoteOptions, RemoteState, Streamed};
 use mobee_yarp::{Bottle, CallError, Carrier, Network, RpcClient};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -27,7 +27,7 @@ pub trait Remote: Send + Sync {
     /// First part of the board's port names.
     fn port(&self) -> &str;
     /// Whether there is a connection, as it changes.
-    fn link(&self) -> watch::Receiver<Link>;
+    fn link(&self) -> watch::Receiver<LinkState>;
     /// What is known of the board's axes, as it changes.
     fn facts(&self) -> watch::Receiver<Option<Arc<[AxisFacts]>>>;
     /// The newest state, as it changes.
@@ -73,7 +73,7 @@ impl Remote for RemoteBoard {
     fn port(&self) -> &str {
         RemoteBoard::port(self)
     }
-    fn link(&self) -> watch::Receiver<Link> {
+    fn link(&self) -> watch::Receiver<LinkState> {
         RemoteBoard::link(self)
     }
     fn facts(&self) -> watch::Receiver<Option<Arc<[AxisFacts]>>> {

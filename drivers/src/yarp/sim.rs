@@ -185,7 +185,7 @@ impl Hardware for YarpSim {
 
 /// What the robot will be found to be.
 fn described(layout: &Layout, parts: &[Part], settings: &YarpDriverSettings) -> Result<Board, KindError> {
-    let cell = super::cell::Cell::new(layout);
+    let cell = super::cell::SharedBoards::new(layout);
     let mut inner = cell.lock();
     for (known, part) in inner.boards.iter_mut().zip(parts) {
         known.facts = Some(far::facts(&part.hardware));

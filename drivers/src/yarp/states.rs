@@ -1,18 +1,18 @@
 //! The states of one board as they come.
 
 use super::YarpDriverSettings;
-use super::cell::{Cell, Trouble, describe};
+use super::cell::{SharedBoards, Trouble, describe};
 use super::clock::Arrivals;
 use super::layout::Layout;
-use super::motion::Speeds;
+use super::motion::MeasuredSpeeds;
 use super::remote::Remote;
 use mobee_yarp::Vocab;
-use mobee_yarp::board::{Link, RemoteState};
+use mobee_yarp::board::{LinkState, RemoteState};
 use std::sync::Arc;
 
 /// Takes the states of one board as they come.
 pub async fn states(
-    cell: Arc<Cell>,
+    cell: Arc<SharedBoards>,
     layout: Arc<Layout>,
     index: usize,
     board: Arc<dyn Remote>,
@@ -24,7 +24,7 @@ pub async fn states(
         tokio::select! {
             biased;
             _ = link.changed() => {
-                if let Link::Up(_) = *link.borrow_and_update() {
+                if let LinkState::Up(_) = *link.borrow_and_update() {
                     arrivals.reset();
                 }
             }
@@ -48,11 +48,11 @@ pub async fn states(
     }
 }
 
-fn take(cell: &Cell, layout: &Layout, index: usize, state: &Arc<RemoteState>, at: f64, lost: u64) {
+fn take(cell: &SharedBoards, layout: &Layout, index: usize, state: &Arc<RemoteState>, at: f64, lost: u64) {
     let mut inner = cell.lock();
     let Some(known) = inner.boards.get_mut(index) else { return };
     known.q.iter_mut().zip(&state.joints.position.values).for_each(|(slot, q)| *slot = *q);
-    let words = |slots: &mut Vec<Vocab>, field: &mobee_yarp::Field<i32>| {
+    let words = |slots: &mut Vec<Vocab>, field: &mobee_yarp::JointField<i32>| {
         for (slot, word) in slots.iter_mut().zip(field.valid().unwrap_or_default()) {
             *slot = Vocab(u32::from_le_bytes(word.to_le_bytes()));
         }
@@ -67,7 +67,7 @@ fn take(cell: &Cell, layout: &Layout, index: usize, state: &Arc<RemoteState>, at
     known.motions.read(at, &q);
     known.gauge.read(at, &q);
     known.q = q;
-    if let Speeds::At(speeds) = known.motions.speeds(at)
+    if let MeasuredSpeeds::At(speeds) = known.motions.speeds(at)
         && let Some(what) = known.pace.exceeded(&speeds, at)
     {
         known.gauge.outran(what.joint, what.speed / what.most.max(1e-3));
@@ -82,7 +82,7 @@ fn take(cell: &Cell, layout: &Layout, index: usize, state: &Arc<RemoteState>, at
     }
 }
 
-impl Cell {
+impl SharedBoards {
     /// Describes the robot's board, once the facts of all its boards are known.
     fn describe(&self, layout: &Layout, settings: &YarpDriverSettings) {
         let mut inner = self.lock();

@@ -12,7 +12,7 @@
 
 use super::YarpDriverSettings;
 use super::brake::Brake;
-use super::cell::{Cell, Trouble, instant};
+use super::cell::{SharedBoards, Trouble, instant};
 use super::crew::Crew;
 use super::driver::Reach;
 use super::fan::Fan;
@@ -44,7 +44,7 @@ pub enum Place {
 }
 
 /// The threads while they run.
-pub struct Running {
+pub struct Threads {
     end: watch::Sender<bool>,
     threads: Vec<Thread>,
 }
@@ -63,7 +63,7 @@ impl Thread {
     }
 }
 
-impl Running {
+impl Threads {
     /// Whether one of the threads has ended, though nobody asked for it.
     pub fn is_broken(&self) -> bool {
         self.threads.iter().any(|thread| match thread {
@@ -111,7 +111,7 @@ pub fn start(
     settings: &YarpDriverSettings,
     robot: &str,
     layout: Arc<Layout>,
-    cell: Arc<Cell>,
+    cell: Arc<SharedBoards>,
 ) -> io::Result<super::Started> {
     let (orders, queues): (Vec<_>, Vec<_>) = layout.patches.iter().map(|_| mpsc::channel(WAITING)).unzip();
     let (halt, lease) = (Fan::new(Arc::new(Halt::default())), watch::Sender::new(None));
@@ -122,7 +122,7 @@ pub fn start(
     let (end, ended) = watch::channel(false);
     let queues = queues.into_iter().map(|q| Arc::new(Mutex::new(q))).collect();
     let shared = Shared { wire, settings: settings.clone(), name, reach: reach.clone(), queues, end: ended };
-    let mut running = Running { end, threads: Vec::new() };
+    let mut running = Threads { end, threads: Vec::new() };
     let brakes: (Side, Muster) = (Side::Brakes, Shared::brakes);
     for (name, crew) in
         [(format!("yarp stop {robot}"), brakes), (format!("yarp {robot}"), (Side::Boards, Shared::boards))]

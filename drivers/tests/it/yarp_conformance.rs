@@ -3,7 +3,7 @@
 #![allow(clippy::disallowed_methods, reason = "real sockets live in real time")]
 
 use crate::net::Net;
-use mobee_conformance::{Bench, Promise};
+use mobee_conformance::{Bench, DriverPromise};
 use mobee_contract::{Driver, Hardware, Time};
 use mobee_drivers::YarpHardware;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -80,7 +80,7 @@ impl Witness {
 
 /// A promise in real time. What is seen while the machine was taken away tells nothing of the driver: it is tried again, so often
 /// that on a machine that is never quiet it must hold once.
-fn attempt(promise: Promise) -> Option<String> {
+fn attempt(promise: DriverPromise) -> Option<String> {
     let mut seen = String::new();
     for _ in 0..ATTEMPTS {
         let witness = Witness::start();

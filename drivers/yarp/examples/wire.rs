@@ -19,8 +19,8 @@ use std::time::{Duration, SystemTime};
 
 use mobee_yarp::payload::vector;
 use mobee_yarp::{
-    Bottle, Carrier, Delivery, Dialect, Handler, Image, Message, NameServer, Network, Payload, PixelCode, Queue,
-    Reader, RpcClient, RpcServer, ServerOptions, Stamp, Vocab, Writer,
+    Bottle, Carrier, Delivery, Dialect, Handler, Image, InputPort, Message, NameServer, Network, OutputPort, Payload,
+    PixelCode, Queue, RpcClient, RpcServer, ServerOptions, Stamp, Vocab,
 };
 
 type Outcome<T = ()> = Result<T, Box<dyn Error>>;
@@ -103,7 +103,7 @@ async fn call(name: &str, server: &str, count: usize, carrier: Carrier) -> Outco
 }
 
 async fn publish(kind: &str, name: &str, period: f64, count: usize) -> Outcome {
-    let writer = Writer::open(&Network::from_env()?, name, Delivery::Newest).await?;
+    let writer = OutputPort::open(&Network::from_env()?, name, Delivery::Newest).await?;
     println!("ready");
     while writer.peers().is_empty() {
         tokio::time::sleep(Duration::from_millis(10)).await;
@@ -120,7 +120,7 @@ async fn publish(kind: &str, name: &str, period: f64, count: usize) -> Outcome {
 }
 
 /// Writes from a thread of its own, since the runtime's clock ticks only once in a millisecond.
-fn write_all(writer: &Writer, kind: &str, period: f64, count: usize) -> Outcome {
+fn write_all(writer: &OutputPort, kind: &str, period: f64, count: usize) -> Outcome {
     let mut image = Image::new(PixelCode::RGB, 320, 240, &vec![0; 320 * 240 * 3])?;
     let mut next = now();
     for i in 0..count {
@@ -152,7 +152,7 @@ fn pause(seconds: f64) {
 }
 
 async fn watch(kind: &str, name: &str, source: &str, count: usize, carrier: Carrier) -> Outcome {
-    let mut reader = Reader::open(&Network::from_env()?, name, Queue::Bounded(1000)).await?;
+    let mut reader = InputPort::open(&Network::from_env()?, name, Queue::Bounded(1000)).await?;
     reader.connect_from(source, carrier).await?;
     let mut seconds = Vec::new();
     while seconds.len() < count {

@@ -17,9 +17,9 @@ mod shadow;
 mod streamed;
 mod words;
 
-pub use ask::{Ask, Get, Reading, Set};
+pub use ask::{Ask, Get, Quantity, Set};
 pub use joints::Joints;
-pub use remote::{AxisFacts, Link, RemoteBoard, RemoteOptions, RemoteState};
+pub use remote::{AxisFacts, LinkState, RemoteBoard, RemoteOptions, RemoteState};
 pub use server::{BoardServer, Device, Reply};
 pub use shadow::{JointKind, Shadow, ShadowAxis};
 pub use streamed::Streamed;

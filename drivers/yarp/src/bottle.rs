@@ -11,7 +11,7 @@ mod tests;
 
 /// What is read at most from anyone. Everything is checked before memory is taken for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
+pub struct DecodeLimits {
     /// Bytes of one message, or of one string or blob.
     pub max_bytes: usize,
     /// How deep lists may stand in lists.
@@ -20,13 +20,13 @@ pub struct Limits {
     pub max_elements: usize,
 }
 
-impl Limits {
+impl DecodeLimits {
     /// 64 MiB, 64 lists deep, a million values.
-    pub const DEFAULT: Limits = Limits { max_bytes: 64 << 20, max_depth: 64, max_elements: 1 << 20 };
+    pub const DEFAULT: DecodeLimits = DecodeLimits { max_bytes: 64 << 20, max_depth: 64, max_elements: 1 << 20 };
 }
 
-impl Default for Limits {
-    fn default() -> Limits {
-        Limits::DEFAULT
+impl Default for DecodeLimits {
+    fn default() -> DecodeLimits {
+        DecodeLimits::DEFAULT
     }
 }

@@ -13,7 +13,7 @@ const LONGEST: u64 = 64 * 1024;
 
 /// What is wrong with the user's YARP configuration; each names the place and the remedy.
 #[derive(Debug, thiserror::Error)]
-pub enum ConfigError {
+pub enum NetworkConfigError {
     /// There is no address file.
     #[error(
         "{} does not exist, so the YARP name server is unknown: start one with `mobee yarp server --write`, \
@@ -74,10 +74,14 @@ impl<'a> Env<'a> {
         (self.0)(name).filter(|v| !v.is_empty())
     }
 
-    fn number(&self, name: &'static str) -> Result<Option<u16>, ConfigError> {
+    fn number(&self, name: &'static str) -> Result<Option<u16>, NetworkConfigError> {
         let parse = |value: String| match value.trim().parse() {
             Ok(n) if n > 0 => Ok(n),
-            _ => Err(ConfigError::Variable { name, value, what: "a port number from 1 to 65535 was expected".into() }),
+            _ => Err(NetworkConfigError::Variable {
+                name,
+                value,
+                what: "a port number from 1 to 65535 was expected".into(),
+            }),
         };
         self.get(name).map(parse).transpose()
     }
@@ -86,18 +90,18 @@ impl<'a> Env<'a> {
     ///
     /// # Errors
     /// None of the three is known.
-    pub fn config_home(&self) -> Result<PathBuf, ConfigError> {
+    pub fn config_home(&self) -> Result<PathBuf, NetworkConfigError> {
         let own = self.get("YARP_CONFIG_HOME").map(PathBuf::from);
         let xdg = || self.get("XDG_CONFIG_HOME").map(|p| Path::new(&p).join("yarp"));
         let home = || self.get("HOME").map(|p| Path::new(&p).join(".config/yarp"));
-        own.or_else(xdg).or_else(home).ok_or(ConfigError::NoHome)
+        own.or_else(xdg).or_else(home).ok_or(NetworkConfigError::NoHome)
     }
 
     /// The namespace: `YARP_NAMESPACE`, else `yarp_namespace.conf`, else `/root`.
     ///
     /// # Errors
     /// The file exists but can't be read.
-    pub fn namespace(&self) -> Result<String, ConfigError> {
+    pub fn namespace(&self) -> Result<String, NetworkConfigError> {
         let text = match self.get("YARP_NAMESPACE") {
             Some(text) => Some(text),
             None => read(&self.config_home()?.join("yarp_namespace.conf"))?,
@@ -110,7 +114,7 @@ impl<'a> Env<'a> {
     ///
     /// # Errors
     /// As [`Env::config_home`].
-    pub fn address_file(&self, namespace: &str) -> Result<PathBuf, ConfigError> {
+    pub fn address_file(&self, namespace: &str) -> Result<PathBuf, NetworkConfigError> {
         let safe: String = namespace.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
         let file = if namespace == "/root" { "yarp.conf".into() } else { format!("{safe}.conf") };
         Ok(self.config_home()?.join(file))
@@ -120,7 +124,7 @@ impl<'a> Env<'a> {
     ///
     /// # Errors
     /// The variable is no port number.
-    pub fn default_port(&self) -> Result<u16, ConfigError> {
+    pub fn default_port(&self) -> Result<u16, NetworkConfigError> {
         Ok(self.number("YARP_PORT_RANGE")?.unwrap_or(DEFAULT_PORT))
     }
 
@@ -128,7 +132,7 @@ impl<'a> Env<'a> {
     ///
     /// # Errors
     /// The file exists but can't be read.
-    pub fn auth(&self) -> Result<Option<Key>, ConfigError> {
+    pub fn auth(&self) -> Result<Option<Key>, NetworkConfigError> {
         let Ok(home) = self.config_home() else { return Ok(None) };
         let text = read(&home.join("auth.conf"))?.unwrap_or_default();
         let key = section(&text, "AUTH").find(|(_, key, _)| *key == "key").map(|(_, _, value)| value);
@@ -139,14 +143,15 @@ impl<'a> Env<'a> {
     ///
     /// # Errors
     /// A variable or file that can't be understood.
-    pub fn apply(&self, network: Network) -> Result<Network, ConfigError> {
+    pub fn apply(&self, network: Network) -> Result<Network, NetworkConfigError> {
         let mut network = network.with_auth(self.auth()?).with_namespace(self.namespace()?);
         if let Some(prefix) = self.get("YARP_PORT_PREFIX") {
             network = network.with_prefix(prefix);
         }
         if let Some(value) = self.get("YARP_IP") {
             let what = "the whole IPv4 or IPv6 address to listen on was expected (prefixes are not supported)".into();
-            let ip: IpAddr = value.parse().map_err(|_| ConfigError::Variable { name: "YARP_IP", value, what })?;
+            let ip: IpAddr =
+                value.parse().map_err(|_| NetworkConfigError::Variable { name: "YARP_IP", value, what })?;
             network = network.with_bind(ip);
         }
         Ok(network)
@@ -157,10 +162,10 @@ impl<'a> Env<'a> {
 ///
 /// # Errors
 /// See [`Network::from_env`].
-pub fn network(env: &Env) -> Result<Network, ConfigError> {
+pub fn network(env: &Env) -> Result<Network, NetworkConfigError> {
     let path = env.address_file(&env.namespace()?)?;
-    let text = read(&path)?.ok_or_else(|| ConfigError::Missing(path.clone()))?;
-    let (host, port) = address(&text).map_err(|(line, what)| ConfigError::Wrong { path, line, what })?;
+    let text = read(&path)?.ok_or_else(|| NetworkConfigError::Missing(path.clone()))?;
+    let (host, port) = address(&text).map_err(|(line, what)| NetworkConfigError::Wrong { path, line, what })?;
     env.apply(Network::of(host, port))
 }
 
@@ -168,9 +173,9 @@ pub fn network(env: &Env) -> Result<Network, ConfigError> {
 ///
 /// # Errors
 /// A file or variable that can't be understood.
-pub fn network_or_default(env: &Env) -> Result<Network, ConfigError> {
+pub fn network_or_default(env: &Env) -> Result<Network, NetworkConfigError> {
     match network(env) {
-        Err(ConfigError::Missing(_) | ConfigError::NoHome) => {
+        Err(NetworkConfigError::Missing(_) | NetworkConfigError::NoHome) => {
             env.apply(Network::of(crate::network::LOOPBACK.to_string(), env.default_port()?))
         }
         found => found,
@@ -228,8 +233,8 @@ fn blank(c: char) -> bool {
 }
 
 /// A file's text; `None` if it does not exist.
-fn read(path: &Path) -> Result<Option<String>, ConfigError> {
-    let unreadable = |why: String| ConfigError::Unreadable { path: path.into(), why };
+fn read(path: &Path) -> Result<Option<String>, NetworkConfigError> {
+    let unreadable = |why: String| NetworkConfigError::Unreadable { path: path.into(), why };
     match std::fs::metadata(path) {
         Ok(about) if about.len() > LONGEST => return Err(unreadable(format!("it has {} bytes", about.len()))),
         // a pipe would be waited for, and a device has no end

@@ -16,12 +16,12 @@ pub mod text;
 mod value;
 pub mod wire;
 
-pub use bottle::{DecodeError, Limits};
-pub use config::ConfigError;
+pub use bottle::{DecodeError, DecodeLimits};
+pub use config::NetworkConfigError;
 pub use contact::Contact;
 pub use name::{NameError, NameServer, ServerOptions};
 pub use network::{Network, TIMEOUT, local_address};
-pub use payload::{Field, Image, JointData, PixelCode, Stamp};
+pub use payload::{Image, JointData, JointField, PixelCode, Stamp};
 pub use port::*;
 pub use text::TextError;
 pub use value::*;

@@ -7,4 +7,4 @@ pub mod text;
 
 pub use client::NameError;
 pub use server::{NameServer, ServerOptions};
-pub use table::{Answer, Counts, Link, Outcome, Table};
+pub use table::{Handled, NameCounts, NameReply, NameTable, PendingConnection};

@@ -1,7 +1,7 @@
 //! A YARP network: where its name server is, what dialect it speaks, and what our ports do in it.
 
 use crate::auth::{self, Key};
-use crate::config::{self, ConfigError};
+use crate::config::{self, NetworkConfigError};
 use crate::{Dialect, NameError};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -51,7 +51,7 @@ impl Network {
     ///
     /// # Errors
     /// No file, or one that can't be understood; the error names it and the remedy.
-    pub fn from_env() -> Result<Network, ConfigError> {
+    pub fn from_env() -> Result<Network, NetworkConfigError> {
         config::network(&config::Env::real())
     }
 

@@ -8,7 +8,7 @@ mod stamp;
 pub mod vector;
 
 pub use image::{Image, PixelCode};
-pub use joints::{Field, JointData};
+pub use joints::{JointData, JointField};
 pub use stamp::Stamp;
 
 use crate::DecodeError;

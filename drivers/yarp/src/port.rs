@@ -4,7 +4,7 @@
 //!   others --> listener --> input task ---> inbox (Reader) | handler (RpcServer)
 //!                  \-- admin [add] ---> output task <--- Writer::write
 //! ```
-//! A [`Reader`] takes data, a [`Writer`] publishes it, an [`RpcServer`] answers requests; all three answer
+//! A [`InputPort`] takes data, a [`OutputPort`] publishes it, an [`RpcServer`] answers requests; all three answer
 //! administrative commands; a [`Relay`] both takes and publishes. An [`RpcClient`] and a [`Sender`] talk to one known port and have no port of their own.
 
 mod client;
@@ -28,12 +28,12 @@ pub(crate) use self::core::Core;
 pub use client::{CallError, RpcClient};
 pub use inbox::Queue;
 pub use message::{Message, Payload, PayloadError};
-pub use reader::Reader;
+pub use reader::InputPort;
 pub use relay::Relay;
 pub use rpc::{Handler, RpcServer};
 pub use sender::{SendError, Sender};
 pub use slot::Delivery;
-pub use writer::Writer;
+pub use writer::OutputPort;
 
 use crate::{NameError, remote::RemoteError};
 use std::{io, time::Duration};

@@ -5,7 +5,7 @@ mod number;
 mod parse;
 mod print;
 
-pub use lines::{Lines, is_complete};
+pub use lines::{LineJoiner, is_complete};
 pub use number::{general, print_float};
 
 #[cfg(test)]

@@ -14,6 +14,6 @@ pub mod line;
 pub mod names;
 
 pub use carrier::{Carrier, UnknownCarrier};
-pub use command::{Command, Verb};
+pub use command::{TextCommand, Verb};
 pub use frame::FrameError;
 pub use line::LineError;

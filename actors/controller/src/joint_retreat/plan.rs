@@ -80,7 +80,7 @@ fn passing(a: &Recorded, b: &Recorded, pose: &[f64]) -> Recorded {
 
 /// One robot's retreat.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Way {
+pub struct RetreatPath {
     /// Seconds from the way's beginning, and the pose there: these times are those of all robots that go together.
     pub points: Vec<(f64, Pose)>,
     /// The motors that go it, in order: no other is written to.
@@ -95,7 +95,7 @@ pub struct Way {
     pub blocked: bool,
 }
 
-impl Way {
+impl RetreatPath {
     /// What a whole pose says of the motors that go it.
     pub fn of(&self, q: &[f64]) -> Vec<f64> {
         self.motors.iter().filter_map(|m| q.get(*m)).copied().collect()
@@ -301,7 +301,7 @@ impl Plan {
     /// The ways, in the participants' order: the past backwards at the recorded rate (Algorithm 6), but for when all of
     /// them rested, and no faster than the motors can; set-points gain and lose speed so that a robot that lags can do
     /// so with them.
-    pub fn ways(&self) -> Vec<Way> {
+    pub fn ways(&self) -> Vec<RetreatPath> {
         let last = self.legs.iter().map(Leg::ends_at).min().unwrap_or_default();
         let mut points: Vec<(f64, Pose)> = Vec::new();
         let (mut later, mut dwelt) = (None, false);
@@ -329,7 +329,7 @@ impl Plan {
             let motors = from..from + leg.who.safe.len();
             from = motors.end;
             let own = |(t, q): &(f64, Pose)| (*t, q.get(motors.clone()).unwrap_or_default().into());
-            Way {
+            RetreatPath {
                 points: points.iter().map(own).collect(),
                 motors: leg.motors(),
                 direct,

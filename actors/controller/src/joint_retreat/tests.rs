@@ -110,9 +110,9 @@ fn reading(
         return Some(wrote);
     }
     match joint_retreat.ask(t.robot, now) {
-        Answer::Go(_) => *way = Some((0.0, now)),
-        Answer::Bring => joint_retreat.enroll(t.clone(), now),
-        Answer::Wait => {}
+        RetreatReply::Go(_) => *way = Some((0.0, now)),
+        RetreatReply::Bring => joint_retreat.enroll(t.clone(), now),
+        RetreatReply::Wait => {}
     }
     None
 }
@@ -187,7 +187,7 @@ fn way_points_are_left_by_all_at_once() {
 
     let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(6.0));
     both.iter().for_each(|t| joint_retreat.enroll(t.clone(), now));
-    assert!((0..2).all(|robot| matches!(joint_retreat.ask(robot, now), Answer::Go(_))));
+    assert!((0..2).all(|robot| matches!(joint_retreat.ask(robot, now), RetreatReply::Go(_))));
     assert_eq!(joint_retreat.reached(0, 1, now), Some(false));
     assert_eq!(joint_retreat.reached(1, 0, now), Some(true), "it is on its way to the first, as the other was");
     assert_eq!(joint_retreat.reached(0, 1, now), Some(false));
@@ -246,13 +246,13 @@ fn at(ms: u64) -> Time {
 }
 
 fn goes(joint_retreat: &JointRetreat, robot: usize, now: Time) -> bool {
-    matches!(joint_retreat.ask(robot, now), Answer::Go(_))
+    matches!(joint_retreat.ask(robot, now), RetreatReply::Go(_))
 }
 
 #[test]
 fn those_that_are_about_to_rest_are_waited_for_as_long_as_they_tell() {
     let [first, second] = both();
-    assert!(matches!(JointRetreat::default().ask(0, at(0)), Answer::Bring));
+    assert!(matches!(JointRetreat::default().ask(0, at(0)), RetreatReply::Bring));
     // the last word of the one that is coming is a second old, and then a little more
     for (late, waits) in [(0, true), (1, false)] {
         let joint_retreat = JointRetreat::default();
@@ -288,9 +288,9 @@ fn who_tries_again_goes_alone_and_the_others_after_it() {
     joint_retreat.coming(2, at(0));
     joint_retreat.enroll(again.clone(), at(0));
     assert!(goes(&joint_retreat, 0, at(0)), "it waits for nobody");
-    assert!(matches!(joint_retreat.ask(1, at(0)), Answer::Wait), "one party at a time");
+    assert!(matches!(joint_retreat.ask(1, at(0)), RetreatReply::Wait), "one party at a time");
     joint_retreat.leave(0);
-    assert!(matches!(joint_retreat.ask(1, at(0)), Answer::Wait), "and it waits for the one that is coming");
+    assert!(matches!(joint_retreat.ask(1, at(0)), RetreatReply::Wait), "and it waits for the one that is coming");
     joint_retreat.leave(2);
     assert!(goes(&joint_retreat, 1, at(0)));
     // the other way round: who goes for the first time takes along nobody who tries again
@@ -298,7 +298,7 @@ fn who_tries_again_goes_alone_and_the_others_after_it() {
     joint_retreat.enroll(again, at(0));
     joint_retreat.enroll(second, at(0));
     assert!(goes(&joint_retreat, 1, at(0)));
-    assert!(matches!(joint_retreat.ask(0, at(0)), Answer::Wait));
+    assert!(matches!(joint_retreat.ask(0, at(0)), RetreatReply::Wait));
 }
 
 /// The clock begins once all boards are prepared, and a period later if others must hear of it; nobody is more than a period and a
@@ -343,7 +343,7 @@ fn who_has_arrived_is_not_lost() {
     assert!(joint_retreat.step(1, 9.0, at(1000)).is_some(), "a second is not too long");
     assert!(joint_retreat.step(1, 9.0, Time(at(1000).0 + 1)).is_none());
     assert!(
-        goes(&joint_retreat, 0, at(2500)) || matches!(joint_retreat.ask(0, at(2500)), Answer::Bring),
+        goes(&joint_retreat, 0, at(2500)) || matches!(joint_retreat.ask(0, at(2500)), RetreatReply::Bring),
         "all were lost, the party is over"
     );
 
@@ -360,5 +360,5 @@ fn who_has_arrived_is_not_lost() {
     assert!(joint_retreat.step(1, 9.0, at(end + 5000)).is_some(), "the first is there, and says nothing more");
     assert!(joint_retreat.step(2, 9.0, at(end + 5000)).is_none(), "one that does not belong to it");
     joint_retreat.leave(0);
-    assert!(matches!(joint_retreat.ask(0, at(end + 5000)), Answer::Bring | Answer::Wait));
+    assert!(matches!(joint_retreat.ask(0, at(end + 5000)), RetreatReply::Bring | RetreatReply::Wait));
 }

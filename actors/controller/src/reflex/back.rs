@@ -12,7 +12,7 @@
 use super::retreat::{Parted, Retreat};
 use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Still, Then};
 use crate::distance;
-use crate::joint_retreat::{Answer, Asked};
+use crate::joint_retreat::{Asked, RetreatReply};
 use crate::pulse::Pulse;
 use mobee_contract::{Command, ControlMode, Event, Hold, Time};
 use mobee_model::Contact;
@@ -148,13 +148,13 @@ impl ReflexCore {
         let (token, mut back) = (*token, back.clone());
         let (robot, id) = (step.robot(), back.motion.id);
         match step.joint_retreat.ask(self.robot, step.now) {
-            Answer::Wait => {}
-            Answer::Bring => {
+            RetreatReply::Wait => {}
+            RetreatReply::Bring => {
                 let Back { motion, safe, again } = back;
                 let (named, places) = (motion.named, motion.places);
                 step.out.push(ReflexOut::Bring(Asked { robot: self.robot, safe, again, named, places }));
             }
-            Answer::Go(way) => {
+            RetreatReply::Go(way) => {
                 // another robot has to pass where this one would rest: an earlier rest is its safe pose from now on
                 if way.farther {
                     back.safe = way.end.clone();

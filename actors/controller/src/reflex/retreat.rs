@@ -7,7 +7,7 @@
 //! recorded path.
 
 use super::FROZEN_WAY;
-use crate::joint_retreat::{JointRetreat, Way};
+use crate::joint_retreat::{JointRetreat, RetreatPath};
 use crate::{Rules, distance, within};
 use mobee_contract::{Command, ControlMode, Sample, Target, Time};
 use std::time::Duration;
@@ -18,7 +18,7 @@ pub struct Retreat {
     /// Its robot, by index.
     robot: usize,
     /// Where it leads.
-    way: Way,
+    way: RetreatPath,
     /// How far on its way the robot is sent, seconds.
     clock: f64,
     /// The first of the way's points that has not been passed, or moved to, yet.
@@ -38,13 +38,13 @@ pub struct Parted;
 impl Retreat {
     /// Of a robot, on this way. The first command after [`Retreat::begin`] waits for a reaction: the board ignores
     /// set-points before it is in their mode.
-    pub fn new(robot: usize, way: Way, rules: &Rules, now: Time) -> Retreat {
+    pub fn new(robot: usize, way: RetreatPath, rules: &Rules, now: Time) -> Retreat {
         let written = way.points.first().map(|(_, q)| way.of(q)).unwrap_or_default();
         Retreat { robot, way, clock: 0.0, next: 1, last: now + rules.reaction(), written, behind: None }
     }
 
     /// Where it leads.
-    pub fn way(&self) -> &Way {
+    pub fn way(&self) -> &RetreatPath {
         &self.way
     }
 

@@ -3,7 +3,7 @@
 use crate::gate::Gate;
 use crate::joint_retreat::JointRetreat;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
-use crate::ledger::{Book, Motion, Open};
+use crate::ledger::{Motion, Open, TransactionState};
 use crate::pulse::Pulse;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut, ReflexReport, Underway};
 use crate::{Rules, Shared};
@@ -16,14 +16,14 @@ use std::time::Duration;
 pub(crate) struct Alone {
     rules: Arc<Rules>,
     pub gate: Gate,
-    book: Book,
+    book: TransactionState,
     pub joint_retreat: JointRetreat,
     pub reflex: ReflexCore,
 }
 
 impl Alone {
     pub fn new(rules: Arc<Rules>) -> Alone {
-        let (gate, mut book, joint_retreat) = (Gate::default(), Book::new(1), JointRetreat::default());
+        let (gate, mut book, joint_retreat) = (Gate::default(), TransactionState::new(1), JointRetreat::default());
         let shared = Shared { rules: &rules, gate: &gate, book: &mut book, joint_retreat: &joint_retreat };
         let reflex = ReflexCore::new(0, &shared);
         Alone { rules, gate, book, joint_retreat, reflex }

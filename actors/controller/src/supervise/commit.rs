@@ -32,12 +32,12 @@ impl SuperviseCore {
         }
         // after the checks and before anything is told: refusals have credit of their own
         match self.admit(step)? {
-            Way::Join { here } => self.amend(commit, &here, step),
-            Way::Begin { here, sampled_at, speed } => {
+            RetreatPath::Join { here } => self.amend(commit, &here, step),
+            RetreatPath::Begin { here, sampled_at, speed } => {
                 let safe = self.take_safe(sampled_at, &here, speed, step);
                 self.accept(commit, Some(safe), here, step)
             }
-            Way::Escape { here, .. } => {
+            RetreatPath::Escape { here, .. } => {
                 // opened for this commit alone: the reflex lets it creep, and closes at anything that gets worse
                 let Some(token) = step.gate.open(self.token) else { return Err(Refusal::Closed) };
                 self.token = token;
@@ -51,7 +51,7 @@ impl SuperviseCore {
     ///
     /// # Errors
     /// Why none is taken now.
-    pub(super) fn admit(&self, step: &Step) -> Result<Way, Refusal> {
+    pub(super) fn admit(&self, step: &Step) -> Result<RetreatPath, Refusal> {
         if self.shutdown {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
         }
@@ -69,15 +69,15 @@ impl SuperviseCore {
             Status::Stopping | Status::Retreating | Status::Settling => Err(Refusal::Closed),
             Status::Holding(reason) if self.closing != Closing::No => Err(Refusal::Holding { reason }),
             Status::Rest | Status::Moving | Status::Escaping if step.gate.token() != self.token => Err(Refusal::Closed),
-            Status::Moving | Status::Escaping => Ok(Way::Join { here }),
+            Status::Moving | Status::Escaping => Ok(RetreatPath::Join { here }),
             // the filter may have opened by a reading before the contact began: the reflex will close it at the next
             // one
             Status::Rest if !free => Err(Refusal::Holding { reason: Hold::InContact }),
             Status::Holding(reason @ (Hold::AfterCrash | Hold::SlowBoard)) => Err(Refusal::Holding { reason }),
             // something moves it, though it was at rest: no pose to come back to (I4)
             Status::Rest | Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
-            Status::Rest => Ok(Way::Begin { here, sampled_at, speed }),
-            Status::Holding(reason) => Ok(Way::Escape { here, reason }),
+            Status::Rest => Ok(RetreatPath::Begin { here, sampled_at, speed }),
+            Status::Holding(reason) => Ok(RetreatPath::Escape { here, reason }),
         }
     }
 
@@ -229,7 +229,7 @@ fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedM
 
 /// What a command that fits would be. Made from one reading, which is handed on: a newer one might come to another
 /// answer.
-pub(super) enum Way {
+pub(super) enum RetreatPath {
     /// It joins the open transaction.
     Join {
         /// The newest reading.

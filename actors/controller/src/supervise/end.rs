@@ -6,7 +6,7 @@
 
 use super::{Closing, Reading, Step, SuperviseCore, SuperviseOut};
 use crate::gate::Gate;
-use crate::ledger::{Book, Open};
+use crate::ledger::{Open, TransactionState};
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
 use crate::{Rules, distance};
@@ -229,7 +229,7 @@ impl SuperviseCore {
     /// A motion that outlasts the history takes its safe pose along, or there would be no recorded way back to it: all
     /// that was recorded in it was free, else the reflex would have ended it.
     pub(super) fn keep_in_history(&self, step: &mut Step) {
-        let Book { open: Some(open), history, .. } = &mut *step.book else { return };
+        let TransactionState { open: Some(open), history, .. } = &mut *step.book else { return };
         let later = open.safe.as_ref().and_then(|(at, _)| history.later_start(*at));
         if let Some(later) = later {
             open.safe = Some((later.at, later.q.clone()));

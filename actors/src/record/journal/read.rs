@@ -15,7 +15,7 @@ const HASH_KEY: &str = ",\"hash\":\"";
 
 /// A line of a journal whose number and hash are right.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Line {
+pub struct JournalLine {
     /// The line in the file, counted from 1.
     pub line: u64,
     /// The event's number, counted from 0.
@@ -48,7 +48,7 @@ pub struct JournalError {
 
 /// The lines of a journal; the first error is the last item.
 #[derive(Debug)]
-pub struct Lines {
+pub struct JournalLines {
     file: PathBuf,
     version: u32,
     reader: BufReader<File>,
@@ -88,7 +88,7 @@ struct Raw {
 ///
 /// # Errors
 /// If it can't be opened.
-pub fn read(path: &Path) -> Result<Lines, JournalError> {
+pub fn read(path: &Path) -> Result<JournalLines, JournalError> {
     let file = if path.is_dir() { path.join(super::FILE) } else { path.to_path_buf() };
     let wrong = |what: String, help: &str| JournalError {
         file: file.clone(),
@@ -103,11 +103,11 @@ pub fn read(path: &Path) -> Result<Lines, JournalError> {
     let seal = seal::read(&file).map_err(|e| wrong(e, "take it away to go by the journal alone"))?;
     let reader = BufReader::with_capacity(1 << 16, opened);
     let (version, chain) = (first_version(), Chain::default());
-    Ok(Lines { file, version, reader, line: 0, n: 0, chain, seal, good: 0, failed: false, text: Vec::new() })
+    Ok(JournalLines { file, version, reader, line: 0, n: 0, chain, seal, good: 0, failed: false, text: Vec::new() })
 }
 
-impl Iterator for Lines {
-    type Item = Result<Line, JournalError>;
+impl Iterator for JournalLines {
+    type Item = Result<JournalLine, JournalError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.failed {
@@ -119,7 +119,7 @@ impl Iterator for Lines {
     }
 }
 
-impl Lines {
+impl JournalLines {
     /// The journal's version, which its first line tells: known once a line was read.
     pub fn version(&self) -> u32 {
         self.version
@@ -130,7 +130,7 @@ impl Lines {
         (self.good, self.chain)
     }
 
-    fn step(&mut self) -> Result<Option<Line>, JournalError> {
+    fn step(&mut self) -> Result<Option<JournalLine>, JournalError> {
         loop {
             self.line += 1;
             self.text.clear();
@@ -158,7 +158,7 @@ impl Lines {
     }
 
     /// Reads a line; `None` if it is the aside.
-    fn parse(&mut self, bytes: &[u8]) -> Result<Option<Line>, JournalError> {
+    fn parse(&mut self, bytes: &[u8]) -> Result<Option<JournalLine>, JournalError> {
         const BROKEN: &str =
             "the journal was changed after it was written: use a copy that was not, or do the run again";
         let text = std::str::from_utf8(bytes)
@@ -195,7 +195,7 @@ impl Lines {
         if self.seal.as_ref().is_some_and(|seal| seal.events == self.n && seal.hash != hash) {
             return Err(self.error(0, "its seal was written for another journal", BROKEN));
         }
-        Ok(Some(Line { line: self.line, n: raw.n, at: Time(raw.t_ns), event: raw.event, hash }))
+        Ok(Some(JournalLine { line: self.line, n: raw.n, at: Time(raw.t_ns), event: raw.event, hash }))
     }
 
     /// A journal that ends before its seal says so lacks what was there.

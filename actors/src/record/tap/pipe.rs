@@ -1,8 +1,8 @@
 //! One sink behind its bounded queue, on its own thread.
 
-use super::{Kept, Open, SinkSpec};
+use super::{Kept, OpenSink, SinkSpec};
 use crate::runtime::clock::ClockKind;
-use crate::runtime::stream::Counters;
+use crate::runtime::stream::StreamCounters;
 use mobee_contract::{Entry, Event, Pose, Sink, Time};
 use mobee_model::Contact;
 use std::collections::{BTreeMap, VecDeque};
@@ -43,7 +43,7 @@ impl SinkReport {
 pub(super) struct Pipe {
     spec: SinkSpec,
     /// Opens the sink; none as long as nobody was attached.
-    open: Mutex<Option<Open>>,
+    open: Mutex<Option<OpenSink>>,
     virtual_time: bool,
     shared: Arc<Shared>,
     thread: Mutex<Option<JoinHandle<()>>>,
@@ -132,7 +132,7 @@ impl Pipe {
     }
 
     /// Puts a sink in the place of the present one, whose thread ends by itself when it can. `open` opens it anew.
-    pub(super) fn attach(&self, sink: Box<dyn Sink>, open: Open) -> Result<(), String> {
+    pub(super) fn attach(&self, sink: Box<dyn Sink>, open: OpenSink) -> Result<(), String> {
         *self.open.lock().unwrap_or_else(PoisonError::into_inner) = Some(open);
         self.drop_queued();
         let attached = {
@@ -270,10 +270,10 @@ impl Pipe {
     }
 
     /// What went through it so far; what its thread has in hand still waits.
-    pub(super) fn counters(&self) -> Counters {
+    pub(super) fn counters(&self) -> StreamCounters {
         let queue = self.shared.lock();
         let queued = (queue.entries.len() + queue.in_hand) as u64;
-        Counters { sent: queue.sent, handled: queue.handled, queued, dropped: queue.dropped }
+        StreamCounters { sent: queue.sent, handled: queue.handled, queued, dropped: queue.dropped }
     }
 
     /// For an essential sink: why the record is not complete, or not being written now.

@@ -6,7 +6,7 @@
 //!         2, the same with the lag after the time   a reading that was told later than it was read
 //! ```
 
-use super::{QUANTUM, Reading};
+use super::{QUANTUM, TrackReading};
 use mobee_contract::{Pose, Time};
 use std::time::Duration;
 
@@ -60,7 +60,7 @@ impl Frame {
         self.last = None;
     }
 
-    pub(super) fn put(&mut self, reading: &Reading) {
+    pub(super) fn put(&mut self, reading: &TrackReading) {
         let q: Vec<i64> = reading.q.iter().map(|q| (q / QUANTUM).round() as i64).collect();
         let (at, lag) = (reading.at.0, reading.told.since(reading.at).as_nanos() as u64);
         let step = match self.last.take().filter(|last| at >= last.at) {
@@ -102,7 +102,7 @@ pub(super) struct Decoder(Option<Last>);
 
 impl Decoder {
     /// The readings of a whole frame; none if it is not as it was written.
-    pub(super) fn frame(&mut self, mut bytes: &[u8], motors: usize) -> Option<Vec<Reading>> {
+    pub(super) fn frame(&mut self, mut bytes: &[u8], motors: usize) -> Option<Vec<TrackReading>> {
         let mut readings = Vec::new();
         while !bytes.is_empty() {
             readings.push(self.record(&mut bytes, motors)?);
@@ -110,7 +110,7 @@ impl Decoder {
         Some(readings)
     }
 
-    fn record(&mut self, bytes: &mut &[u8], motors: usize) -> Option<Reading> {
+    fn record(&mut self, bytes: &mut &[u8], motors: usize) -> Option<TrackReading> {
         let (kind, rest) = bytes.split_first()?;
         *bytes = rest;
         let base = match *kind {
@@ -131,7 +131,7 @@ impl Decoder {
         }
         let q: Pose = units.iter().map(|q| *q as f64 * QUANTUM).collect();
         self.0 = Some(Last { at, step, q: units });
-        Some(Reading { at: Time(at), told: Time(at) + Duration::from_nanos(lag), q, follows: *kind != WHOLE })
+        Some(TrackReading { at: Time(at), told: Time(at) + Duration::from_nanos(lag), q, follows: *kind != WHOLE })
     }
 }
 

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// A pose that was read.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Reading {
+pub struct TrackReading {
     /// When it was read.
     pub at: Time,
     /// When the reflex told it: before the events from then on.
@@ -26,7 +26,7 @@ pub struct Readings {
     reader: BufReader<File>,
     motors: usize,
     decoder: Decoder,
-    frame: std::vec::IntoIter<Reading>,
+    frame: std::vec::IntoIter<TrackReading>,
     whole: u64,
     cut: bool,
 }
@@ -81,7 +81,7 @@ impl Readings {
     }
 
     /// The next frame; none at the end, or if it is not whole.
-    fn next_frame(&mut self) -> Option<Vec<Reading>> {
+    fn next_frame(&mut self) -> Option<Vec<TrackReading>> {
         let mut length = Vec::new();
         self.reader.by_ref().take(4).read_to_end(&mut length).ok()?;
         if length.is_empty() {
@@ -104,7 +104,7 @@ impl Readings {
 
 impl Readings {
     /// The next one, which stays the next one.
-    pub fn peek(&mut self) -> Option<&Reading> {
+    pub fn peek(&mut self) -> Option<&TrackReading> {
         while self.frame.as_slice().is_empty() && !self.cut {
             self.frame = self.next_frame()?.into_iter();
         }
@@ -113,9 +113,9 @@ impl Readings {
 }
 
 impl Iterator for Readings {
-    type Item = Reading;
+    type Item = TrackReading;
 
-    fn next(&mut self) -> Option<Reading> {
+    fn next(&mut self) -> Option<TrackReading> {
         self.peek()?;
         self.frame.next()
     }

@@ -22,7 +22,7 @@ fn ms(n: u64) -> Time {
     Time(n * 1_000_000)
 }
 
-fn all(dir: &Path) -> Vec<Reading> {
+fn all(dir: &Path) -> Vec<TrackReading> {
     read(&file(dir, ROBOT)).unwrap().map(Iterator::collect).unwrap_or_default()
 }
 
@@ -176,7 +176,7 @@ proptest! {
         }
         std::fs::write(&path, &bytes).unwrap();
         let Ok(readings) = read(&path) else { return Ok(()) }; // the beginning itself is damaged
-        let left: Vec<Reading> = readings.map(Iterator::collect).unwrap_or_default();
+        let left: Vec<TrackReading> = readings.map(Iterator::collect).unwrap_or_default();
         prop_assert_eq!(&left[..], &whole[..left.len()]);
         if cut > HEADER as usize {
             let mut tracks = Tracks::open(dir.path(), &robots()).unwrap();

@@ -57,7 +57,7 @@ pub enum Input {
 
 /// What to do, one after the other. The steps of a later input replace those not yet done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum RestartStep {
     /// Stop this child and wait for its end.
     Stop(usize),
     /// Start this child.
@@ -68,7 +68,7 @@ pub enum Step {
 
 /// A group of children, numbered in the order of their start.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct RestartPlan {
     strategy: Strategy,
     intensity: Intensity,
     policies: Vec<Restart>,
@@ -78,11 +78,11 @@ pub struct Plan {
     ended: bool,
 }
 
-impl Plan {
+impl RestartPlan {
     /// A group with nothing started yet.
-    pub fn new(strategy: Strategy, intensity: Intensity, policies: Vec<Restart>) -> Plan {
+    pub fn new(strategy: Strategy, intensity: Intensity, policies: Vec<Restart>) -> RestartPlan {
         let n = policies.len();
-        Plan {
+        RestartPlan {
             strategy,
             intensity,
             policies,
@@ -94,7 +94,7 @@ impl Plan {
     }
 
     /// Takes an input, and says what is to be done now.
-    pub fn on(&mut self, input: Input, now: Time) -> Vec<Step> {
+    pub fn on(&mut self, input: Input, now: Time) -> Vec<RestartStep> {
         match input {
             Input::Begin => self.start_missing(),
             Input::Started(child) => {
@@ -127,7 +127,7 @@ impl Plan {
         u32::try_from(recent).unwrap_or(u32::MAX)
     }
 
-    fn died(&mut self, child: usize, failed: bool, now: Time) -> Vec<Step> {
+    fn died(&mut self, child: usize, failed: bool, now: Time) -> Vec<RestartStep> {
         set(&mut self.up, child, false);
         let again = match self.policies.get(child) {
             Some(Restart::Permanent) => true,
@@ -144,7 +144,7 @@ impl Plan {
         if self.restarts(now) > self.intensity.restarts {
             self.ended = true;
             let mut steps = self.stop(0..self.up.len());
-            steps.push(Step::GiveUp);
+            steps.push(RestartStep::GiveUp);
             return steps;
         }
         let mut steps = match self.strategy {
@@ -154,22 +154,22 @@ impl Plan {
         };
         // a temporary child that is stopped with the others does not come back either, as in OTP
         let back = |i: usize| !self.is_up(i) || self.policies.get(i) != Some(&Restart::Temporary);
-        let missing = |i: usize| !self.is_up(i) || steps.contains(&Step::Stop(i));
-        let starts: Vec<Step> = (0..self.up.len())
+        let missing = |i: usize| !self.is_up(i) || steps.contains(&RestartStep::Stop(i));
+        let starts: Vec<RestartStep> = (0..self.up.len())
             .filter(|i| self.wanted.get(*i) == Some(&true) && missing(*i) && back(*i))
-            .map(Step::Start)
+            .map(RestartStep::Start)
             .collect();
         steps.extend(starts);
         steps
     }
 
     /// Stops in reverse order those of `range` that run.
-    fn stop(&self, range: std::ops::Range<usize>) -> Vec<Step> {
-        range.rev().filter(|i| self.is_up(*i)).map(Step::Stop).collect()
+    fn stop(&self, range: std::ops::Range<usize>) -> Vec<RestartStep> {
+        range.rev().filter(|i| self.is_up(*i)).map(RestartStep::Stop).collect()
     }
 
-    fn start_missing(&self) -> Vec<Step> {
-        (0..self.up.len()).filter(|i| !self.is_up(*i)).map(Step::Start).collect()
+    fn start_missing(&self) -> Vec<RestartStep> {
+        (0..self.up.len()).filter(|i| !self.is_up(*i)).map(RestartStep::Start).collect()
     }
 }
 

@@ -155,7 +155,7 @@ impl Ran {
 fn behind(clock: ClockKind, mut sinks: Vec<SinkSpec>) -> (Taps, Collected) {
     let told = Collected::default();
     let (keep, patience) = (told.clone(), Duration::from_secs(30));
-    let open: mobee_actors::record::tap::Open = Arc::new(move || Ok(Box::new(keep.clone())));
+    let open: mobee_actors::record::tap::OpenSink = Arc::new(move || Ok(Box::new(keep.clone())));
     let (name, essential, poses, capacity) = ("test".into(), false, None, 8192);
     sinks.push(SinkSpec { name, essential, poses, capacity, patience, open: Some(open) });
     (Taps::spawn(clock, sinks).unwrap(), told)

@@ -11,7 +11,9 @@ use crate::part_rpc::{self, PartView};
 use crate::yarp;
 use mobee_contract::{Filtered, Latest, Running};
 use mobee_model::Robot;
-use mobee_yarp::{Delivery, Handler, Message, Network, Payload, PortError, Queue, Reader, RpcServer, Stamp, Writer};
+use mobee_yarp::{
+    Delivery, Handler, InputPort, Message, Network, OutputPort, Payload, PortError, Queue, RpcServer, Stamp,
+};
 use std::collections::BTreeSet;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -25,8 +27,8 @@ pub(super) struct RobotPorts {
     robot: Arc<Known>,
     servers: Vec<RpcServer>,
     parts: Vec<PartPorts>,
-    collisions: Writer,
-    observation: Writer,
+    collisions: OutputPort,
+    observation: OutputPort,
 }
 
 /// What all of them speak of.
@@ -41,8 +43,8 @@ pub(super) struct Known {
 
 pub(super) struct PartPorts {
     pub part: usize,
-    state: Writer,
-    pub control: Option<(ForceField, Reader)>,
+    state: OutputPort,
+    pub control: Option<(ForceField, InputPort)>,
 }
 
 impl RobotPorts {
@@ -69,7 +71,7 @@ impl RobotPorts {
         let own = format!("{}/{}", settings.prefix, filtered.name());
         let handler = Arc::new(Asked(robot.clone(), Whom::Robot));
         let mut servers = vec![RpcServer::open(network, &format!("{own}/rpc"), handler).await.map_err(wrong)?];
-        let writer = async |name: String| Writer::open(network, &name, Delivery::Newest).await.map_err(wrong);
+        let writer = async |name: String| OutputPort::open(network, &name, Delivery::Newest).await.map_err(wrong);
         let (collisions, observed) =
             (writer(format!("{own}/collisions:o")).await?, writer(format!("{own}/observation:o")).await?);
         let mut parts = Vec::new();
@@ -88,7 +90,7 @@ impl RobotPorts {
                         format!("the force field of part {}: {e}; correct it in [yarp.force_field]", part.name)
                     })?;
                     let name = format!("{prefix}/cmd:i");
-                    Some((field, Reader::open(network, &name, Queue::Bounded(16)).await.map_err(wrong)?))
+                    Some((field, InputPort::open(network, &name, Queue::Bounded(16)).await.map_err(wrong)?))
                 }
             };
             parts.push(PartPorts { part: index, state, control });
@@ -98,7 +100,7 @@ impl RobotPorts {
 
     /// Tells whoever listens.
     fn publish(&self, latest: &Latest, envelope: &str) {
-        let heard = |writer: &Writer| !writer.peers().is_empty();
+        let heard = |writer: &OutputPort| !writer.peers().is_empty();
         let envelope = || Some(envelope.to_owned());
         for ports in self.parts.iter().filter(|p| heard(&p.state)) {
             let shares = self.robot.view(ports.part, &latest.q, &[], part_rpc::shares);

@@ -19,8 +19,8 @@ mod reads;
 mod tests;
 
 use crate::filter::{BoardAxis, BoardReply, BoardRequest, ClientMode, KnownBetter, Question};
-use mobee_yarp::board::{Ask, Get, Joints, Reading, Set, Shadow, ShadowAxis, Streamed, mode, reply as words};
-use mobee_yarp::{Bottle, Field, JointData, Stamp, Vocab};
+use mobee_yarp::board::{Ask, Get, Joints, Quantity, Set, Shadow, ShadowAxis, Streamed, mode, reply as words};
+use mobee_yarp::{Bottle, JointData, JointField, Stamp, Vocab};
 
 /// The request that a bottle of a board's `rpc:i` is, for a board of so many joints.
 pub(crate) fn parse(request: &Bottle, axes: usize) -> BoardRequest {
@@ -46,8 +46,8 @@ fn question(get: &Get, axes: usize) -> Option<Question> {
     match get {
         Get::Done(joints) => joints.on(axes).map(Question::Done),
         Get::Modes(joints) => joints.on(axes).map(Question::Modes),
-        Get::Values(Reading::ReferenceSpeed, joints) => joints.on(axes).map(Question::Speeds),
-        Get::Values(Reading::ReferenceAcceleration, joints) => joints.on(axes).map(Question::Accelerations),
+        Get::Values(Quantity::ReferenceSpeed, joints) => joints.on(axes).map(Question::Speeds),
+        Get::Values(Quantity::ReferenceAcceleration, joints) => joints.on(axes).map(Question::Accelerations),
         _ => None,
     }
 }
@@ -106,7 +106,7 @@ pub(crate) fn corrected(known: &KnownBetter, answer: &Bottle) -> Option<Bottle> 
 /// known; with the modes that clients have set.
 pub(crate) fn state(axes: &[BoardAxis], told: Option<JointData>) -> JointData {
     // readings tell positions; velocities are their differences, and no more can be had of them
-    let own = JointData { acceleration: Field::unknown(axes.len()), ..shadow(axes).joint_data() };
+    let own = JointData { acceleration: JointField::unknown(axes.len()), ..shadow(axes).joint_data() };
     match told {
         None => own,
         Some(told) => patch::shown(axes, own, told),

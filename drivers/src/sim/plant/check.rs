@@ -6,7 +6,7 @@ use mobee_contract::{Command, ControlMode, Move};
 
 /// Where one motor is to go.
 #[derive(Clone, Copy, Debug)]
-pub struct Way {
+pub struct Destination {
     /// Its index.
     pub motor: usize,
     /// Where to, rad, within limits.
@@ -19,9 +19,9 @@ pub struct Way {
 
 /// A command that fits the board.
 #[derive(Clone, Debug)]
-pub enum Checked {
+pub enum PlantCommand {
     /// Position moves to absolute targets.
-    Move(Vec<Way>),
+    Move(Vec<Destination>),
     /// Set-points of these.
     Direct(Vec<(usize, f64)>),
     /// Velocities of these.
@@ -34,42 +34,42 @@ pub enum Checked {
     Mode(Vec<usize>, ControlMode),
 }
 
-impl Checked {
+impl PlantCommand {
     /// Whether it starts a motion.
     pub fn moves(&self) -> bool {
-        matches!(self, Checked::Move(_) | Checked::Direct(_) | Checked::Velocity(_))
+        matches!(self, PlantCommand::Move(_) | PlantCommand::Direct(_) | PlantCommand::Velocity(_))
     }
 
     /// The motors whose motion it changes.
     pub fn disturbs(&self) -> Vec<usize> {
         match self {
-            Checked::Move(ways) => ways.iter().map(|w| w.motor).collect(),
-            Checked::Direct(each) | Checked::Velocity(each) => each.iter().map(|(m, _)| *m).collect(),
-            Checked::Stop(motors) | Checked::Mode(motors, _) => motors.clone(),
-            Checked::Reference(_) => Vec::new(),
+            PlantCommand::Move(ways) => ways.iter().map(|w| w.motor).collect(),
+            PlantCommand::Direct(each) | PlantCommand::Velocity(each) => each.iter().map(|(m, _)| *m).collect(),
+            PlantCommand::Stop(motors) | PlantCommand::Mode(motors, _) => motors.clone(),
+            PlantCommand::Reference(_) => Vec::new(),
         }
     }
 }
 
 /// Checks all of a command.
-pub fn check(plant: &Plant, command: &Command) -> Result<Checked, String> {
+pub fn check(plant: &Plant, command: &Command) -> Result<PlantCommand, String> {
     match command {
-        Command::Move(m) => check_move(plant, m).map(Checked::Move),
-        Command::Direct { motors, q } => check_direct(plant, motors, q).map(Checked::Direct),
-        Command::Velocity { motors, speed } => velocities(&plant.axes, motors, speed).map(Checked::Velocity),
-        Command::Stop { motors } => named_or_all(&plant.axes, motors).map(Checked::Stop),
-        Command::Mode { motors, mode } => named(&plant.axes, motors).map(|_| Checked::Mode(motors.clone(), *mode)),
+        Command::Move(m) => check_move(plant, m).map(PlantCommand::Move),
+        Command::Direct { motors, q } => check_direct(plant, motors, q).map(PlantCommand::Direct),
+        Command::Velocity { motors, speed } => velocities(&plant.axes, motors, speed).map(PlantCommand::Velocity),
+        Command::Stop { motors } => named_or_all(&plant.axes, motors).map(PlantCommand::Stop),
+        Command::Mode { motors, mode } => named(&plant.axes, motors).map(|_| PlantCommand::Mode(motors.clone(), *mode)),
         Command::Reference { motors, speed, acceleration } => {
             let axes = named(&plant.axes, motors)?;
             let speed = references(&axes, speed, "speed")?;
             let acceleration = references(&axes, acceleration, "acceleration")?;
             let all = motors.iter().zip(speed).zip(acceleration);
-            Ok(Checked::Reference(all.map(|((m, v), a)| (*m, *v, *a)).collect()))
+            Ok(PlantCommand::Reference(all.map(|((m, v), a)| (*m, *v, *a)).collect()))
         }
     }
 }
 
-fn check_move(plant: &Plant, m: &Move) -> Result<Vec<Way>, String> {
+fn check_move(plant: &Plant, m: &Move) -> Result<Vec<Destination>, String> {
     let axes = named(&plant.axes, &m.motors)?;
     same_length(m.motors.len(), m.q.len(), "positions")?;
     let optional = |list: &Option<Vec<f64>>, what| match list {
@@ -85,7 +85,7 @@ fn check_move(plant: &Plant, m: &Move) -> Result<Vec<Way>, String> {
         .zip(references)
         .map(|(((motor, q), axis), (speed, acceleration))| {
             let base = if m.relative { now.get(*motor).copied().unwrap_or_default() } else { 0.0 };
-            Ok(Way { motor: *motor, to: within(axis, base + q, ROUNDING)?, speed, acceleration })
+            Ok(Destination { motor: *motor, to: within(axis, base + q, ROUNDING)?, speed, acceleration })
         })
         .collect()
 }
@@ -97,9 +97,9 @@ fn check_direct(plant: &Plant, motors: &[usize], q: &[f64]) -> Result<Vec<(usize
     let mut modes = plant.modes();
     for (_, command) in &plant.in_flight {
         let (motors, mode) = match command {
-            Checked::Mode(motors, mode) => (motors.clone(), *mode),
-            Checked::Move(_) => (command.disturbs(), ControlMode::Position),
-            Checked::Velocity(_) => (command.disturbs(), ControlMode::Velocity),
+            PlantCommand::Mode(motors, mode) => (motors.clone(), *mode),
+            PlantCommand::Move(_) => (command.disturbs(), ControlMode::Position),
+            PlantCommand::Velocity(_) => (command.disturbs(), ControlMode::Velocity),
             _ => continue,
         };
         for m in motors {

@@ -16,7 +16,7 @@ const WATCHDOG: f64 = 0.1;
 
 /// One motor of the plant.
 #[derive(Clone, Debug)]
-pub struct Motor {
+pub struct PlantMotor {
     /// Its control mode, as now in force.
     pub mode: ControlMode,
     reference: Bounds,
@@ -26,10 +26,10 @@ pub struct Motor {
     leg: Option<(Time, Leg)>,
 }
 
-impl Motor {
+impl PlantMotor {
     /// At rest at `q`, with the references that hold until others are set.
-    pub fn at_rest(q: f64, axis: &Axis) -> Motor {
-        Motor {
+    pub fn at_rest(q: f64, axis: &Axis) -> PlantMotor {
+        PlantMotor {
             mode: ControlMode::Position,
             reference: Bounds { speed: 0.1 * axis.max_speed, acceleration: axis.max_acceleration },
             path: Path::Rest(q),

@@ -13,7 +13,7 @@ const LATENCY: f64 = 0.05;
 struct Line {
     said: Arc<Mutex<Vec<(u64, &'static str)>>>,
     broken: Arc<Mutex<bool>>,
-    cell: Option<Arc<Cell>>,
+    cell: Option<Arc<SharedBoards>>,
 }
 
 impl StopLine for Line {
@@ -28,7 +28,7 @@ impl StopLine for Line {
 
 /// A board whose joint goes at a speed, deg/s, its brake, and the clock.
 struct Rig {
-    cell: Arc<Cell>,
+    cell: Arc<SharedBoards>,
     line: Line,
     halt: watch::Sender<Arc<Halt>>,
     end: watch::Sender<bool>,
@@ -40,7 +40,7 @@ impl Rig {
         let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1 };
         let layout =
             Layout { patches: vec![patch], home: vec![0.0], names: vec!["m".into()], limits: vec![(-1.0, 1.0)] };
-        let cell = Arc::new(Cell::new(&layout));
+        let cell = Arc::new(SharedBoards::new(&layout));
         cell.lock().boards[0].reached = true;
         let line = Line { cell: Some(cell.clone()), ..Line::default() };
         let (halt, halts) = watch::channel(Arc::new(Halt::default()));
@@ -168,11 +168,11 @@ async fn a_doubted_line_shows_that_it_is_good() {
 #[test]
 fn a_joint_that_slows_down_obeys_and_one_that_goes_on_does_not() {
     let mut effect = Effect { ticket: 1, said: 0.0, speeds: None };
-    let mut look = |speeds: &[f64]| effect.seen(0.0, Speeds::At(speeds.to_vec()));
+    let mut look = |speeds: &[f64]| effect.seen(0.0, MeasuredSpeeds::At(speeds.to_vec()));
     assert_eq!(look(&[20.0, 0.0]), Seen::Nothing, "nothing to compare with yet");
     assert_eq!(look(&[12.0, 0.0]), Seen::Slower);
     assert_eq!(look(&[11.9, 0.0]), Seen::Nothing);
     assert_eq!(look(&[6.0, 8.0]), Seen::Nothing, "another one sets out");
-    assert_eq!(effect.seen(0.0, Speeds::Unknown), Seen::Nothing);
-    assert_eq!(effect.seen(0.0, Speeds::Rest), Seen::Rest);
+    assert_eq!(effect.seen(0.0, MeasuredSpeeds::Unknown), Seen::Nothing);
+    assert_eq!(effect.seen(0.0, MeasuredSpeeds::Rest), Seen::Rest);
 }

@@ -38,7 +38,7 @@ fn facts(joints: &[((f64, f64), Option<f64>)]) -> Arc<[AxisFacts]> {
 
 struct Rig {
     driver: YarpDriver,
-    cell: Arc<Cell>,
+    cell: Arc<SharedBoards>,
     /// What was queued for each board.
     orders: Vec<mpsc::Receiver<Order>>,
     _lease: watch::Receiver<Option<Instant>>,
@@ -47,7 +47,7 @@ struct Rig {
 /// Both boards are there, and were read once.
 fn rig() -> Rig {
     let (layout, wide) = (layout(), facts(&[((-40.0, 40.0), None), ((-90.0, 90.0), Some(20.0))]));
-    let cell = Arc::new(Cell::new(&layout));
+    let cell = Arc::new(SharedBoards::new(&layout));
     let mut inner = cell.lock();
     for (i, known) in inner.boards.iter_mut().enumerate() {
         (known.trouble, known.brake, known.reached, known.facts) = (None, None, true, Some(wide.clone()));

@@ -1,7 +1,7 @@
 //! Switching modes: told, then read back until it is so.
 
 use super::super::cell::word;
-use super::super::found::Kind;
+use super::super::found::Restored;
 use super::Hand;
 use mobee_contract::ControlMode;
 use mobee_yarp::board::{Ask, Get, Joints, Set, mode};
@@ -39,7 +39,7 @@ impl Hand {
         if matches!(to, ControlMode::Position | ControlMode::PositionDirect) {
             let soft = self.compliant(joints);
             if !soft.is_empty() {
-                self.changes(Kind::Interaction, &soft);
+                self.changes(Restored::Interaction, &soft);
                 let stiff = vec![mode::STIFF; soft.len()];
                 self.set(Set::Interaction(Joints::Group(soft.clone()), stiff)).await?;
                 self.until(epoch, "becomes stiff", |hand| hand.compliant(&soft)).await?;
@@ -50,7 +50,7 @@ impl Hand {
         if others.is_empty() {
             return Ok(());
         }
-        self.changes(Kind::Mode, &others);
+        self.changes(Restored::Mode, &others);
         self.set(Set::Mode(Joints::Group(others.clone()), vec![word; others.len()])).await?;
         self.until(epoch, "takes its mode", |hand| hand.not_in(&others, word)).await
     }

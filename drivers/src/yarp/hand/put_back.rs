@@ -1,11 +1,11 @@
 //! Giving a board back as it was found: a word at a time, so that no order waits long behind it.
 
 use super::super::cell::{from_word, instant};
-use super::super::found::{Due, Finding, Kind};
+use super::super::found::{Due, Finding, Restored};
 use super::super::motion::End;
 use super::Hand;
 use mobee_contract::ControlMode;
-use mobee_yarp::board::{Ask, Get, Joints, Reading, mode, reply};
+use mobee_yarp::board::{Ask, Get, Joints, Quantity, mode, reply};
 use mobee_yarp::{CallError, Value};
 use std::time::Duration;
 use tokio::time::sleep;
@@ -23,8 +23,8 @@ impl Hand {
         if self.cell.lock().boards.get(self.index).is_none_or(|known| known.owed.is_known()) {
             return Ok(());
         }
-        let speeds = self.references(Reading::ReferenceSpeed).await?;
-        let accelerations = self.references(Reading::ReferenceAcceleration).await?;
+        let speeds = self.references(Quantity::ReferenceSpeed).await?;
+        let accelerations = self.references(Quantity::ReferenceAcceleration).await?;
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return Ok(()) };
         let told = |word: Option<&mobee_yarp::Vocab>| word.copied().filter(|word| *word != mode::UNKNOWN);
@@ -40,14 +40,14 @@ impl Hand {
     }
 
     /// The references of all joints; none if the board does not tell them.
-    pub(super) async fn references(&self, what: Reading) -> Result<Vec<f64>, CallError> {
+    pub(super) async fn references(&self, what: Quantity) -> Result<Vec<f64>, CallError> {
         let answer = self.say(&Ask::Get(Get::Values(what, Joints::All))).await?;
         let read = answer.get(2).and_then(Value::as_list).and_then(mobee_yarp::Bottle::numbers).unwrap_or_default();
         Ok(if read.iter().all(|v| v.is_finite()) { read } else { Vec::new() })
     }
 
     /// Something of these joints is about to be changed.
-    pub(super) fn changes(&self, kind: Kind, joints: &[usize]) {
+    pub(super) fn changes(&self, kind: Restored, joints: &[usize]) {
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
             known.owed.changes(kind, joints);
         }
@@ -97,9 +97,9 @@ impl Hand {
         let first = self.layout.patches.get(self.index)?.motors.start;
         let in_position = |j: usize| inner.expected.get(first + j) == Some(&ControlMode::Position);
         let due = known.owed.due(|j| known.motions.rests(j), |j| !is_leased || in_position(j))?;
-        if due.kind == Kind::Mode {
+        if due.kind == Restored::Mode {
             for j in &due.joints {
-                let word = known.owed.word(Kind::Mode, *j);
+                let word = known.owed.word(Restored::Mode, *j);
                 if let (Some(expected), Some(switching), Some(word)) =
                     (inner.expected.get_mut(first + j), inner.switching.get_mut(first + j), word)
                 {
@@ -115,9 +115,9 @@ impl Hand {
         let inner = self.cell.lock();
         let Some(known) = inner.boards.get(self.index) else { return Vec::new() };
         let told = match due.kind {
-            Kind::Mode => &known.modes,
-            Kind::Interaction => &known.interactions,
-            Kind::Speed | Kind::Acceleration => return Vec::new(),
+            Restored::Mode => &known.modes,
+            Restored::Interaction => &known.interactions,
+            Restored::Speed | Restored::Acceleration => return Vec::new(),
         };
         due.joints.iter().copied().filter(|j| told.get(*j).copied() != known.owed.word(due.kind, *j)).collect()
     }

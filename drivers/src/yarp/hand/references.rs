@@ -3,10 +3,10 @@
 //! Nobody of ours writes references but the hand, one order after the other. What another program on the robot's network
 //! writes in between is seen when they are read back, or as the speed of the motor (`pace.rs`).
 
-use super::super::found::Kind;
+use super::super::found::Restored;
 use super::{Hand, SLOWEST};
 use mobee_yarp::Value;
-use mobee_yarp::board::{Ask, Get, Joints, Reading, Set};
+use mobee_yarp::board::{Ask, Get, Joints, Quantity, Set};
 
 /// How often references are told before the move is given up.
 const ATTEMPTS: usize = 3;
@@ -43,7 +43,7 @@ impl Hand {
         if !self.cell.lock().boards.get(self.index).is_some_and(|known| known.gauge.asks()) {
             return;
         }
-        let Ok(read) = self.references(Reading::ReferenceSpeed).await else { return };
+        let Ok(read) = self.references(Quantity::ReferenceSpeed).await else { return };
         let mut inner = self.cell.lock();
         if inner.boards.get_mut(self.index).is_some_and(|known| known.gauge.answered(&read)) {
             inner.news = inner.unfair(&self.layout);
@@ -60,27 +60,27 @@ impl Hand {
     ) -> Result<bool, String> {
         let group = || Joints::Group(joints.to_vec());
         if let Some(speed) = speed {
-            self.changes(Kind::Speed, joints);
+            self.changes(Restored::Speed, joints);
             self.set(Set::Speed(group(), speed.to_vec())).await?;
         }
         let mut taken = false;
         if let Some(acc) = acc {
             match self.set(Set::Acceleration(group(), acc.to_vec())).await {
                 Ok(()) => {
-                    self.changes(Kind::Acceleration, joints);
+                    self.changes(Restored::Acceleration, joints);
                     taken = true;
                 }
                 Err(why) => tracing::debug!(board = self.board.port(), why, "no accelerations"),
             }
         }
-        let mut good = self.has(Reading::ReferenceSpeed, joints, speed).await?;
+        let mut good = self.has(Quantity::ReferenceSpeed, joints, speed).await?;
         if taken {
-            good &= self.has(Reading::ReferenceAcceleration, joints, acc).await?;
+            good &= self.has(Quantity::ReferenceAcceleration, joints, acc).await?;
         }
         Ok(good)
     }
 
-    async fn has(&self, what: Reading, joints: &[usize], told: Option<&[f64]>) -> Result<bool, String> {
+    async fn has(&self, what: Quantity, joints: &[usize], told: Option<&[f64]>) -> Result<bool, String> {
         let Some(told) = told else { return Ok(true) };
         let asked = Ask::Get(Get::Values(what, Joints::Group(joints.to_vec())));
         let answer = self.say(&asked).await.map_err(|e| e.to_string())?;

@@ -10,9 +10,9 @@ const WATCHDOG: f64 = 0.1;
 
 /// The velocities of one board, deg/s by joint, and until when each holds.
 #[derive(Clone, Debug, Default)]
-pub struct Speeds(BTreeMap<usize, (f64, f64)>);
+pub struct JointVelocities(BTreeMap<usize, (f64, f64)>);
 
-impl Speeds {
+impl JointVelocities {
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn a_joint_comes_to_rest_before_its_limit() {
-        let mut speeds = Speeds::default();
+        let mut speeds = JointVelocities::default();
         speeds.set(&[0], &[60.0], 0.0);
         let (mut q, mut v, dt) = (0.0, 0.0f64, 0.001);
         let mut told = std::collections::VecDeque::from(vec![0.0; 60]);
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn a_velocity_that_goes_quiet_is_said_to_be_zero_once() {
-        let mut speeds = Speeds::default();
+        let mut speeds = JointVelocities::default();
         speeds.set(&[0], &[5.0], 1.0);
         let mut at = |now: f64| speeds.say(&[0.0], &[(-10.0, 10.0)], 0.0, now);
         assert_eq!(at(1.09), Some((vec![0], vec![5.0])));

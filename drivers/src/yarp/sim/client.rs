@@ -5,7 +5,7 @@ use super::super::remote::{Later, Remote, StopLine};
 use super::far::{Far, Kept};
 use super::faults::Who;
 use super::judge::Line;
-use mobee_yarp::board::{Ask, AxisFacts, Get, Link, RemoteState, Streamed};
+use mobee_yarp::board::{Ask, AxisFacts, Get, LinkState, RemoteState, Streamed};
 use mobee_yarp::{Bottle, CallError, JointData, Stamp};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -33,7 +33,7 @@ struct Shared {
     far: Arc<Far>,
     patience: Duration,
     control: Mutex<Kept>,
-    link: Fan<Link>,
+    link: Fan<LinkState>,
     facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
     state: watch::Sender<Option<Arc<RemoteState>>>,
     trouble: Notify,
@@ -48,7 +48,7 @@ impl Client {
             far,
             patience,
             control: Mutex::new(Kept::new()),
-            link: Fan::new(Link::Down("not connected yet".into())),
+            link: Fan::new(LinkState::Down("not connected yet".into())),
             facts: watch::Sender::new(None),
             state: watch::Sender::new(None),
             trouble: Notify::new(),
@@ -68,7 +68,7 @@ impl Remote for Client {
         &self.shared.far.port
     }
 
-    fn link(&self) -> watch::Receiver<Link> {
+    fn link(&self) -> watch::Receiver<LinkState> {
         self.shared.link.subscribe()
     }
 
@@ -203,7 +203,7 @@ async fn session(shared: Arc<Shared>) {
             Ok(()) => {
                 (pause, generation) = (BACK_OFF.0, generation + 1);
                 super::far::lock(&shared.far.judge).linked(shared.far.index);
-                shared.link.tell(|_| Link::Up(generation));
+                shared.link.tell(|_| LinkState::Up(generation));
                 let dies = async {
                     while !shared.far.dies(Who::Connection) {
                         sleep(shared.far.board.publishes()).await;
@@ -217,7 +217,7 @@ async fn session(shared: Arc<Shared>) {
             }
             Err(why) => why,
         };
-        shared.link.tell(|_| Link::Down(why));
+        shared.link.tell(|_| LinkState::Down(why));
         sleep(pause).await;
         pause = (pause * 2).min(BACK_OFF.1);
         // what rang while nobody was connected says nothing about the next connection

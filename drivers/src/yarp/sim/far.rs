@@ -5,7 +5,7 @@ use super::judge::{Judge, Line};
 use crate::sim::SimHardware;
 use crate::{SimBoard, SimClock};
 use mobee_contract::Time;
-use mobee_yarp::board::{Ask, AxisFacts, Device, Get, JointKind, Joints, Reading, Set, Streamed, reply};
+use mobee_yarp::board::{Ask, AxisFacts, Device, Get, JointKind, Joints, Quantity, Set, Streamed, reply};
 use mobee_yarp::{Bottle, CallError, JointData, Stamp};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -120,7 +120,7 @@ impl Far {
             return reply::fail();
         }
         let answer = self.board.answer(&ask.bottle());
-        let reads = matches!(ask, Ask::Get(Get::Values(Reading::ReferenceSpeed, _)));
+        let reads = matches!(ask, Ask::Get(Get::Values(Quantity::ReferenceSpeed, _)));
         if reads || matches!(ask, Ask::Set(Set::Speed(..))) {
             lock(&self.judge).meddled(self.index, false);
         }

@@ -1,6 +1,6 @@
 //! Administrative commands, as text or binary: every one is answered, and the answer can be sent.
 
-use mobee_yarp::wire::admin::{self, Added, Answer, Peer, Removed, View};
+use mobee_yarp::wire::admin::{self, Added, AdminReply, Peer, PortView, Removed};
 use mobee_yarp::{Bottle, Carrier, Contact, Dialect, Text, Value};
 
 /// Panics where a promise is broken.
@@ -8,7 +8,7 @@ pub fn hold(input: &[u8]) {
     let Some((choice, bytes)) = input.split_first() else { return };
     let peer =
         |name: &str| Peer { name: name.into(), carrier: Carrier::ALL[usize::from(*choice) % Carrier::ALL.len()] };
-    let view = View {
+    let view = PortView {
         name: "/me".into(),
         address: "tcp://127.0.0.1:10002/".into(),
         is_input: choice & 1 != 0,
@@ -24,13 +24,13 @@ pub fn hold(input: &[u8]) {
     };
     let Some(command) = command else { return };
     let reply = match admin::answer(&view, &command) {
-        Answer::Reply(reply) => reply,
-        Answer::Add { given, contact } => {
+        AdminReply::Reply(reply) => reply,
+        AdminReply::Add { given, contact } => {
             let _ = Contact::parse(&contact.to_string());
             admin::added(&view.name, &given, Added::NoOutputs)
         }
-        Answer::Remove(name) => admin::removed(&view.name, &name, Removed::None),
-        Answer::Set(..) => admin::ok(),
+        AdminReply::Remove(name) => admin::removed(&view.name, &name, Removed::None),
+        AdminReply::Set(..) => admin::ok(),
     };
     let sent = reply.encode(Dialect::V3);
     assert_eq!(Bottle::decode(&sent, Dialect::V3).expect("what was encoded").to_text(), reply.to_text());

@@ -1,6 +1,6 @@
 //! Any text is read, and what was read prints to text that reads the same.
 
-use mobee_yarp::text::{Lines, is_complete};
+use mobee_yarp::text::{LineJoiner, is_complete};
 use mobee_yarp::{Bottle, Dialect, Image, JointData, Stamp, payload};
 
 /// Panics where a promise is broken.
@@ -26,7 +26,7 @@ pub fn hold(text: &[u8]) {
     }
     let _ = std::str::from_utf8(text).map(Stamp::from_envelope);
     let _ = is_complete(text);
-    let mut lines = Lines::default();
+    let mut lines = LineJoiner::default();
     for line in text.split(|byte| *byte == b'\n') {
         let _ = lines.push(line, 1000);
     }

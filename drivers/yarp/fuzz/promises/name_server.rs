@@ -1,13 +1,13 @@
 //! The name server's table, asked line by line, and the client's reading of its answers.
 
-use mobee_yarp::name::{Table, text};
+use mobee_yarp::name::{NameTable, text};
 use mobee_yarp::{Bottle, Contact, Dialect, Value};
 
 const MOST: usize = 20;
 
 /// Panics where a promise is broken.
 pub fn hold(input: &[u8]) {
-    let mut table = Table::new(Contact::new("/root", "tcp", "127.0.0.1", 10000), MOST);
+    let mut table = NameTable::new(Contact::new("/root", "tcp", "127.0.0.1", 10000), MOST);
     for line in input.split(|byte| *byte == b'\n') {
         let Ok(request) = Bottle::parse(line, Dialect::V3) else { continue };
         let word = |value: &Value| value.as_text().map_or_else(|| value.to_string(), |text| text.into_owned());

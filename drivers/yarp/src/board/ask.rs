@@ -33,7 +33,7 @@ pub enum Get {
     /// A joint's limits of speed.
     SpeedLimits(usize),
     /// One number per joint.
-    Values(Reading, Joints),
+    Values(Quantity, Joints),
     /// Whether all of these have done their motion.
     Done(Joints),
     /// Control modes.
@@ -44,7 +44,7 @@ pub enum Get {
 
 /// What there is one number of per joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reading {
+pub enum Quantity {
     /// Encoder, deg.
     Encoder,
     /// Encoder speed, deg/s.
@@ -97,15 +97,15 @@ pub enum Set {
     Encoders(Joints, Vec<f64>),
 }
 
-const READINGS: [(Reading, Vocab); 8] = [
-    (Reading::Encoder, Vocab::new("enc")),
-    (Reading::EncoderSpeed, Vocab::new("esp")),
-    (Reading::EncoderAcceleration, Vocab::new("eac")),
-    (Reading::Target, Vocab::new("pos")),
-    (Reading::ReferenceSpeed, Vocab::new("vel")),
-    (Reading::ReferenceAcceleration, Vocab::new("acc")),
-    (Reading::Velocity, Vocab::new("vmo")),
-    (Reading::Direct, Vocab::new("dpo")),
+const READINGS: [(Quantity, Vocab); 8] = [
+    (Quantity::Encoder, Vocab::new("enc")),
+    (Quantity::EncoderSpeed, Vocab::new("esp")),
+    (Quantity::EncoderAcceleration, Vocab::new("eac")),
+    (Quantity::Target, Vocab::new("pos")),
+    (Quantity::ReferenceSpeed, Vocab::new("vel")),
+    (Quantity::ReferenceAcceleration, Vocab::new("acc")),
+    (Quantity::Velocity, Vocab::new("vmo")),
+    (Quantity::Direct, Vocab::new("dpo")),
 ];
 const DONE: Vocab = Vocab::new("don");
 const MOVE: Vocab = Vocab::new("pos");
@@ -197,7 +197,7 @@ impl Get {
         }
         let (reading, _) = READINGS.iter().find(|(_, f)| *f == family)?;
         let grouped = matches!(joints, Joints::Group(_));
-        let encoder = matches!(reading, Reading::Encoder | Reading::EncoderSpeed | Reading::EncoderAcceleration);
+        let encoder = matches!(reading, Quantity::Encoder | Quantity::EncoderSpeed | Quantity::EncoderAcceleration);
         (!(grouped && encoder)).then_some(Get::Values(*reading, joints))
     }
 

@@ -39,7 +39,7 @@ pub struct RemoteOptions {
 
 /// Whether there is a connection.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Link {
+pub enum LinkState {
     /// None, and why. It is tried again, for ever, with pauses that grow up to 2 s.
     Down(String),
     /// There is one, the `n`-th. Whatever the board was told before this one began counts no more.
@@ -74,7 +74,7 @@ struct Shared {
     port: String,
     options: RemoteOptions,
     control: Mutex<RpcClient>,
-    link: watch::Sender<Link>,
+    link: watch::Sender<LinkState>,
     facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
     state: watch::Sender<Option<Arc<RemoteState>>>,
     /// Rung when something went wrong that the session should look at.
@@ -101,7 +101,7 @@ impl RemoteBoard {
         );
         let shared = Arc::new(Shared {
             control: Mutex::new(control),
-            link: watch::Sender::new(Link::Down("not connected yet".into())),
+            link: watch::Sender::new(LinkState::Down("not connected yet".into())),
             facts: watch::Sender::new(None),
             state: watch::Sender::new(None),
             trouble: Notify::new(),
@@ -137,7 +137,7 @@ impl RemoteBoard {
     }
 
     /// Whether there is a connection, as it changes.
-    pub fn link(&self) -> watch::Receiver<Link> {
+    pub fn link(&self) -> watch::Receiver<LinkState> {
         self.shared.link.subscribe()
     }
 

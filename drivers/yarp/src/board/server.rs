@@ -3,7 +3,8 @@
 use super::words;
 use crate::payload::{pair, vector};
 use crate::{
-    Bottle, Delivery, Handler, JointData, Message, Network, Payload, PortError, RpcServer, Stamp, Value, Vocab, Writer,
+    Bottle, Delivery, Handler, JointData, Message, Network, OutputPort, Payload, PortError, RpcServer, Stamp, Value,
+    Vocab,
 };
 use std::pin::Pin;
 use std::sync::Arc;
@@ -34,8 +35,8 @@ pub trait Device: Send + Sync + 'static {
 pub struct BoardServer {
     rpc: RpcServer,
     command: RpcServer,
-    state: Arc<Writer>,
-    extended: Arc<Writer>,
+    state: Arc<OutputPort>,
+    extended: Arc<OutputPort>,
     publishing: JoinHandle<()>,
 }
 
@@ -54,8 +55,8 @@ impl BoardServer {
         let name = |port: &str| format!("{prefix}/{port}");
         let (asking, streaming) = (Arc::new(Asking(device.clone())), Streaming(device.clone(), network.clone()));
         let command = RpcServer::open(network, &name("command:i"), Arc::new(streaming)).await?;
-        let state = Arc::new(Writer::open(network, &name("state:o"), Delivery::Newest).await?);
-        let extended = Arc::new(Writer::open(network, &name("stateExt:o"), Delivery::Newest).await?);
+        let state = Arc::new(OutputPort::open(network, &name("state:o"), Delivery::Newest).await?);
+        let extended = Arc::new(OutputPort::open(network, &name("stateExt:o"), Delivery::Newest).await?);
         let rpc = RpcServer::open(network, &name("rpc:i"), asking).await?;
         let publishing = tokio::spawn(publish(network.clone(), device, state.clone(), extended.clone(), period));
         Ok(BoardServer { rpc, command, state, extended, publishing })
@@ -120,8 +121,8 @@ impl Handler for Streaming {
 async fn publish(
     network: Network,
     device: Arc<dyn Device>,
-    state: Arc<Writer>,
-    extended: Arc<Writer>,
+    state: Arc<OutputPort>,
+    extended: Arc<OutputPort>,
     period: Duration,
 ) {
     let mut ticks = tokio::time::interval(period.max(Duration::from_micros(100)));
@@ -146,12 +147,12 @@ async fn publish(
 impl super::Shadow {
     /// The shadow as a board publishes it.
     pub fn joint_data(&self) -> JointData {
-        use crate::Field;
-        let known = |of: fn(&super::ShadowAxis) -> f64| Field::known(self.axes.iter().map(of).collect());
+        use crate::JointField;
+        let known = |of: fn(&super::ShadowAxis) -> f64| JointField::known(self.axes.iter().map(of).collect());
         let words = |of: fn(&super::ShadowAxis) -> Vocab| {
-            Field::known(self.axes.iter().map(|a| i32::from_le_bytes(of(a).0.to_le_bytes())).collect())
+            JointField::known(self.axes.iter().map(|a| i32::from_le_bytes(of(a).0.to_le_bytes())).collect())
         };
-        let none = || Field::unknown(self.axes.len());
+        let none = || JointField::unknown(self.axes.len());
         JointData {
             position: known(|a| a.q),
             velocity: known(|a| a.speed),

@@ -1,6 +1,6 @@
 //! What a board is known to be, and every answer that follows from it (spec section 12.2).
 
-use super::ask::{Ask, Get, Reading};
+use super::ask::{Ask, Get, Quantity};
 use super::joints::{Joints, floats, int, vocab_list};
 use super::{mode, reply, words};
 use crate::{Bottle, Stamp, Value, Vocab};
@@ -94,16 +94,16 @@ impl ShadowAxis {
         }
     }
 
-    fn reading(&self, reading: Reading) -> f64 {
+    fn reading(&self, reading: Quantity) -> f64 {
         match reading {
-            Reading::Encoder => self.q,
-            Reading::EncoderSpeed => self.speed,
-            Reading::EncoderAcceleration => self.acc,
-            Reading::Target => self.target,
-            Reading::ReferenceSpeed => self.ref_speed,
-            Reading::ReferenceAcceleration => self.ref_acc,
-            Reading::Velocity => self.vel_ref,
-            Reading::Direct => self.direct_ref,
+            Quantity::Encoder => self.q,
+            Quantity::EncoderSpeed => self.speed,
+            Quantity::EncoderAcceleration => self.acc,
+            Quantity::Target => self.target,
+            Quantity::ReferenceSpeed => self.ref_speed,
+            Quantity::ReferenceAcceleration => self.ref_acc,
+            Quantity::Velocity => self.vel_ref,
+            Quantity::Direct => self.direct_ref,
         }
     }
 }

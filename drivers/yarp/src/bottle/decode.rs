@@ -1,7 +1,7 @@
 //! From bytes to a bottle. The bytes may come from anyone: every length is checked before memory is taken for it.
 
-use super::Limits;
-use super::tag::{DICT, Kind, LIST};
+use super::DecodeLimits;
+use super::tag::{DICT, LIST, ScalarType};
 use crate::{Bottle, Dialect, Text, Value, Vocab};
 
 /// Bytes that are no bottle.
@@ -71,16 +71,16 @@ impl Bottle {
     /// The bottle that these bytes are, all of them.
     ///
     /// # Errors
-    /// If they are no bottle, or one beyond [`Limits::DEFAULT`].
+    /// If they are no bottle, or one beyond [`DecodeLimits::DEFAULT`].
     pub fn decode(bytes: &[u8], dialect: Dialect) -> Result<Bottle, DecodeError> {
-        Bottle::decode_within(bytes, dialect, Limits::DEFAULT)
+        Bottle::decode_within(bytes, dialect, DecodeLimits::DEFAULT)
     }
 
     /// As [`Bottle::decode`], with limits of one's own.
     ///
     /// # Errors
     /// If they are no bottle, or one beyond the limits.
-    pub fn decode_within(bytes: &[u8], dialect: Dialect, limits: Limits) -> Result<Bottle, DecodeError> {
+    pub fn decode_within(bytes: &[u8], dialect: Dialect, limits: DecodeLimits) -> Result<Bottle, DecodeError> {
         let mut input = Input::new(bytes, dialect, limits)?;
         let bottle = input.bottle()?;
         input.end()?;
@@ -91,9 +91,9 @@ impl Bottle {
     /// without its length, spec section 6).
     ///
     /// # Errors
-    /// If no bytes to come can make it a bottle within [`Limits::DEFAULT`].
+    /// If no bytes to come can make it a bottle within [`DecodeLimits::DEFAULT`].
     pub fn decode_prefix(bytes: &[u8], dialect: Dialect) -> Result<Option<(Bottle, usize)>, DecodeError> {
-        Bottle::decode_prefix_within(bytes, dialect, Limits::DEFAULT)
+        Bottle::decode_prefix_within(bytes, dialect, DecodeLimits::DEFAULT)
     }
 
     /// As [`Bottle::decode_prefix`], with limits of one's own.
@@ -103,7 +103,7 @@ impl Bottle {
     pub fn decode_prefix_within(
         bytes: &[u8],
         dialect: Dialect,
-        limits: Limits,
+        limits: DecodeLimits,
     ) -> Result<Option<(Bottle, usize)>, DecodeError> {
         let whole = bytes.len() > limits.max_bytes;
         let mut input = Input::new(bytes.get(..limits.max_bytes).unwrap_or(bytes), dialect, limits)?;
@@ -121,13 +121,13 @@ pub(crate) struct Input<'a> {
     /// How far they are read.
     pub at: usize,
     dialect: Dialect,
-    limits: Limits,
+    limits: DecodeLimits,
     depth: usize,
     elements: usize,
 }
 
 impl<'a> Input<'a> {
-    pub fn new(bytes: &'a [u8], dialect: Dialect, limits: Limits) -> Result<Input<'a>, DecodeError> {
+    pub fn new(bytes: &'a [u8], dialect: Dialect, limits: DecodeLimits) -> Result<Input<'a>, DecodeError> {
         if bytes.len() > limits.max_bytes {
             return Err(DecodeError::Length { length: wide(bytes.len()), at: 0, limit: limits.max_bytes });
         }
@@ -186,12 +186,12 @@ impl<'a> Input<'a> {
         }
         let shared = match word & (LIST - 1) {
             0 => None,
-            tag => Some(Kind::of_tag(tag, self.dialect).ok_or(DecodeError::UnknownTag { tag, at })?),
+            tag => Some(ScalarType::of_tag(tag, self.dialect).ok_or(DecodeError::UnknownTag { tag, at })?),
         };
         let count = self.length(self.limits.max_elements - self.elements)?;
         self.elements += count;
         // the bytes that so many take at least must be there before memory is taken for them
-        let least = count.saturating_mul(shared.map_or(4, Kind::least));
+        let least = count.saturating_mul(shared.map_or(4, ScalarType::least));
         let rest = self.bytes.len() - self.at;
         if least > rest {
             return Err(DecodeError::Short { at: self.bytes.len(), needed: least - rest });
@@ -221,22 +221,22 @@ impl<'a> Input<'a> {
         if tag & LIST != 0 && tag >> 9 == 0 {
             return Ok(Value::List(self.list(tag, at)?));
         }
-        let kind = Kind::of_tag(tag, self.dialect).ok_or(DecodeError::UnknownTag { tag, at })?;
+        let kind = ScalarType::of_tag(tag, self.dialect).ok_or(DecodeError::UnknownTag { tag, at })?;
         self.scalar(kind)
     }
 
-    fn scalar(&mut self, kind: Kind) -> Result<Value, DecodeError> {
+    fn scalar(&mut self, kind: ScalarType) -> Result<Value, DecodeError> {
         Ok(match kind {
-            Kind::Int8 => Value::Int8(i8::from_le_bytes(self.array()?)),
-            Kind::Int16 => Value::Int16(i16::from_le_bytes(self.array()?)),
-            Kind::Int32 => Value::Int32(i32::from_le_bytes(self.array()?)),
-            Kind::Int64 => Value::Int64(i64::from_le_bytes(self.array()?)),
-            Kind::Float32 => Value::Float32(f32::from_le_bytes(self.array()?)),
-            Kind::Float64 => Value::Float64(f64::from_le_bytes(self.array()?)),
-            Kind::Vocab => Value::Vocab(Vocab(u32::from_le_bytes(self.array()?))),
-            Kind::Vocab64 => Value::Vocab64(u64::from_le_bytes(self.array()?)),
-            Kind::String => Value::String(Text(self.bytes()?)),
-            Kind::Blob => Value::Blob(self.bytes()?),
+            ScalarType::Int8 => Value::Int8(i8::from_le_bytes(self.array()?)),
+            ScalarType::Int16 => Value::Int16(i16::from_le_bytes(self.array()?)),
+            ScalarType::Int32 => Value::Int32(i32::from_le_bytes(self.array()?)),
+            ScalarType::Int64 => Value::Int64(i64::from_le_bytes(self.array()?)),
+            ScalarType::Float32 => Value::Float32(f32::from_le_bytes(self.array()?)),
+            ScalarType::Float64 => Value::Float64(f64::from_le_bytes(self.array()?)),
+            ScalarType::Vocab => Value::Vocab(Vocab(u32::from_le_bytes(self.array()?))),
+            ScalarType::Vocab64 => Value::Vocab64(u64::from_le_bytes(self.array()?)),
+            ScalarType::String => Value::String(Text(self.bytes()?)),
+            ScalarType::Blob => Value::Blob(self.bytes()?),
         })
     }
 

@@ -1,6 +1,6 @@
 //! From a bottle to bytes.
 
-use super::tag::{DICT, Kind, LIST};
+use super::tag::{DICT, LIST, ScalarType};
 use crate::{Bottle, Dialect, Value};
 
 impl Bottle {
@@ -18,7 +18,7 @@ impl Bottle {
         put_len(out, self.0.len());
         for value in &self.0 {
             if shared == 0 {
-                match (value, Kind::of(value)) {
+                match (value, ScalarType::of(value)) {
                     (Value::Dict(_), _) => put(out, DICT),
                     (_, Some(kind)) => put(out, kind.tag(dialect)),
                     (_, None) => {} // a list's own first word is its tag
@@ -30,7 +30,7 @@ impl Bottle {
 
     /// The tag that all elements share, 0 if they don't.
     fn shared_tag(&self, dialect: Dialect) -> i32 {
-        let mut tags = self.0.iter().map(|value| Kind::of(value).map_or(0, |kind| kind.tag(dialect)));
+        let mut tags = self.0.iter().map(|value| ScalarType::of(value).map_or(0, |kind| kind.tag(dialect)));
         let Some(first) = tags.next() else { return 0 };
         if tags.all(|tag| tag == first) { first } else { 0 }
     }

@@ -120,7 +120,7 @@ fn stated_lengths_are_not_believed() {
     // a prefix that can't become a bottle is refused at once, not waited for
     assert!(Bottle::decode_prefix(&words(&[260, 1, i32::MAX]), Dialect::V3).is_err());
     // the values of all lists count
-    let limits = Limits { max_elements: 3, ..Limits::DEFAULT };
+    let limits = DecodeLimits { max_elements: 3, ..DecodeLimits::DEFAULT };
     let two = Bottle::of([Bottle::of([1]), Bottle::of([2])]).encode(Dialect::V3);
     assert!(matches!(Bottle::decode_within(&two, Dialect::V3, limits), Err(DecodeError::Length { limit: 0, .. })));
 }

@@ -9,7 +9,7 @@ fn home(files: &[(&str, &str)]) -> TempDir {
     dir
 }
 
-fn load(dir: &TempDir, vars: &[(&str, &str)]) -> Result<Network, ConfigError> {
+fn load(dir: &TempDir, vars: &[(&str, &str)]) -> Result<Network, NetworkConfigError> {
     let home = dir.path().display().to_string();
     network(&Env::new(|name| {
         let given = vars.iter().find(|(n, _)| *n == name).map(|(_, v)| v.to_string());
@@ -38,7 +38,7 @@ fn the_folder_is_found_in_the_order_of_the_specification() {
     assert_eq!(vars(all).unwrap(), Path::new("/a"));
     assert_eq!(vars(&all[1..]).unwrap(), Path::new("/b/yarp"));
     assert_eq!(vars(&all[2..]).unwrap(), Path::new("/c/.config/yarp"));
-    assert!(matches!(vars(&[]), Err(ConfigError::NoHome)));
+    assert!(matches!(vars(&[]), Err(NetworkConfigError::NoHome)));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 mod persist;
 mod session;
 
-use super::table::{Counts, Table};
+use super::table::{NameCounts, NameTable};
 use crate::auth::Key;
 use crate::guests::{Guests, Heard};
 use crate::{Contact, Dialect, Network, TIMEOUT, network};
@@ -66,15 +66,15 @@ pub struct NameServer {
 /// What all connections have in common.
 #[derive(Debug)]
 struct Shared {
-    table: Mutex<Table>,
+    table: Mutex<NameTable>,
     contact: Contact,
     options: ServerOptions,
-    links: mpsc::Sender<super::Link>,
+    links: mpsc::Sender<super::PendingConnection>,
 }
 
 impl Shared {
     /// The table; a panic elsewhere can't have left it half changed in a way that matters.
-    fn table(&self) -> MutexGuard<'_, Table> {
+    fn table(&self) -> MutexGuard<'_, NameTable> {
         self.table.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 }
@@ -105,7 +105,7 @@ impl NameServer {
             if address.ip().is_unspecified() { SocketAddr::new(network::LOOPBACK, address.port()) } else { address };
         let network = Network::at(near).with_timeout(options.timeout).with_auth(options.auth.clone());
         let (links, wanted) = mpsc::channel(persist::MOST_WAITING);
-        let table = Mutex::new(Table::new(contact.clone(), options.max_ports));
+        let table = Mutex::new(NameTable::new(contact.clone(), options.max_ports));
         let shared = Arc::new(Shared { table, contact, options, links });
         let (stop, stopped) = watch::channel(false);
         let task = tokio::spawn(serve(listener, shared.clone(), network, wanted, stopped));
@@ -156,7 +156,7 @@ impl NameServer {
     }
 
     /// What happened since it began.
-    pub fn counts(&self) -> Counts {
+    pub fn counts(&self) -> NameCounts {
         self.shared.table().counts()
     }
 
@@ -178,7 +178,7 @@ async fn serve(
     listener: TcpListener,
     shared: Arc<Shared>,
     network: Network,
-    wanted: mpsc::Receiver<super::Link>,
+    wanted: mpsc::Receiver<super::PendingConnection>,
     mut stopped: watch::Receiver<bool>,
 ) {
     let mut sessions = Guests::new(shared.options.max_connections);

@@ -4,8 +4,8 @@ mod answer;
 mod numbers;
 mod subscriptions;
 
-pub use answer::Answer;
-pub use subscriptions::Link;
+pub use answer::NameReply;
+pub use subscriptions::PendingConnection;
 
 use super::text::{registration, sayable};
 use crate::{Bottle, Contact, Dialect, Value};
@@ -20,7 +20,7 @@ const MOST_TOPICS: usize = 256;
 
 /// What happened since the server began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct NameCounts {
     /// Registrations made.
     pub registered: u64,
     /// Registrations that took a name from another address. YARP allows this silently; it is how two programs get to
@@ -32,22 +32,22 @@ pub struct Counts {
 
 /// The answer to one request, and the persistent connections to look after now.
 #[derive(Debug)]
-pub struct Outcome {
+pub struct Handled {
     /// What to answer.
-    pub answer: Answer,
+    pub answer: NameReply,
     /// Connections whose ends are both registered, to be made if they are not there.
-    pub links: Vec<Link>,
+    pub links: Vec<PendingConnection>,
 }
 
 /// The ports of a network, their properties, and the persistent connections.
 #[derive(Debug)]
-pub struct Table {
+pub struct NameTable {
     ports: BTreeMap<String, Entry>,
     numbers: Numbers,
     subscriptions: Subscriptions,
     topics: Vec<String>,
     most: usize,
-    counts: Counts,
+    counts: NameCounts,
 }
 
 #[derive(Debug)]
@@ -58,17 +58,17 @@ struct Entry {
     fixed: bool,
 }
 
-impl Table {
+impl NameTable {
     /// A table in which only the server stands (its name is the namespace), for at most `most` ports. Port numbers are
     /// given from the server's own plus 2.
-    pub fn new(server: Contact, most: usize) -> Table {
-        let mut table = Table {
+    pub fn new(server: Contact, most: usize) -> NameTable {
+        let mut table = NameTable {
             numbers: Numbers::new(server.port),
             ports: BTreeMap::new(),
             subscriptions: Subscriptions::default(),
             topics: Vec::new(),
             most,
-            counts: Counts::default(),
+            counts: NameCounts::default(),
         };
         for contact in [server, Contact::new("fallback", "mcast", "224.2.1.1", 10000)] {
             table.ports.insert(contact.name.clone(), Entry { contact, properties: BTreeMap::new(), fixed: true });
@@ -77,7 +77,7 @@ impl Table {
     }
 
     /// What happened so far.
-    pub fn counts(&self) -> Counts {
+    pub fn counts(&self) -> NameCounts {
         self.counts
     }
 
@@ -92,34 +92,34 @@ impl Table {
     }
 
     /// Answers one request, said as words by a peer at this host (an address).
-    pub fn answer(&mut self, words: &[String], peer: &str) -> Outcome {
+    pub fn answer(&mut self, words: &[String], peer: &str) -> Handled {
         let words: Vec<&str> = words.iter().map(String::as_str).collect();
         let mut links = Vec::new();
         let answer = match words.as_slice() {
-            ["bot", "query", rest @ ..] => Answer::Bottle(answer::port(self.query(rest.first().unwrap_or(&"")))),
-            ["bot", "list", rest @ ..] => Answer::ports(self.list(rest.first().copied())),
+            ["bot", "query", rest @ ..] => NameReply::Bottle(answer::port(self.query(rest.first().unwrap_or(&"")))),
+            ["bot", "list", rest @ ..] => NameReply::ports(self.list(rest.first().copied())),
             ["bot", "set", name, key, values @ ..] => {
                 self.set(name, key, values);
-                Answer::Bottle(self.values(name, key))
+                NameReply::Bottle(self.values(name, key))
             }
-            ["bot", "get", name, key, ..] => Answer::Bottle(self.values(name, key)),
-            ["bot", "help", ..] => Answer::Bottle(Bottle::of(answer::HELP.iter().skip(1).copied())),
+            ["bot", "get", name, key, ..] => NameReply::Bottle(self.values(name, key)),
+            ["bot", "help", ..] => NameReply::Bottle(Bottle::of(answer::HELP.iter().skip(1).copied())),
             ["bot", rest @ ..] | rest => self.plain(rest, peer, &mut links),
         };
-        Outcome { answer, links }
+        Handled { answer, links }
     }
 
     /// Answers in the plain form.
-    fn plain(&mut self, words: &[&str], peer: &str, links: &mut Vec<Link>) -> Answer {
+    fn plain(&mut self, words: &[&str], peer: &str, links: &mut Vec<PendingConnection>) -> NameReply {
         match words {
-            ["register", name, rest @ ..] => Answer::registration(self.register(name, rest, peer).as_ref()),
-            ["query", name, ..] => Answer::registration(self.query(name)),
+            ["register", name, rest @ ..] => NameReply::registration(self.register(name, rest, peer).as_ref()),
+            ["query", name, ..] => NameReply::registration(self.query(name)),
             ["unregister", name, ..] => {
                 self.unregister(&bare(name));
-                Answer::end()
+                NameReply::end()
             }
             ["list", rest @ ..] => {
-                Answer::Lines(self.list(rest.first().copied()).into_iter().map(registration).collect())
+                NameReply::Lines(self.list(rest.first().copied()).into_iter().map(registration).collect())
             }
             ["set", name, key, values @ ..] => {
                 self.set(name, key, values);
@@ -130,16 +130,16 @@ impl Table {
             ["check", name, key, rest @ ..] => self.check(name, key, rest.first().unwrap_or(&"")),
             ["route", rest @ ..] => {
                 let (a, b) = (rest.first().unwrap_or(&""), rest.get(1).unwrap_or(&""));
-                Answer::Lines(vec![format!("port {a} route {b} = tcp:/{b}")])
+                NameReply::Lines(vec![format!("port {a} route {b} = tcp:/{b}")])
             }
-            ["gc", ..] => Answer::Lines(vec!["garbage collection done.".into()]),
-            ["help", ..] => Answer::Lines(answer::HELP.iter().map(|l| l.to_string()).collect()),
+            ["gc", ..] => NameReply::Lines(vec!["garbage collection done.".into()]),
+            ["help", ..] => NameReply::Lines(answer::HELP.iter().map(|l| l.to_string()).collect()),
             ["announce", rest @ ..] => {
                 let present = !matches!(rest.get(1), Some(&("0" | "-1")));
                 if let (Some(name), true) = (rest.first(), present) {
                     *links = self.due(&bare(name));
                 }
-                Answer::done(true)
+                NameReply::done(true)
             }
             ["subscribe", src, dest, rest @ ..] => {
                 let added = self.subscriptions.add(src, dest, rest.first().copied().unwrap_or_default());
@@ -152,13 +152,13 @@ impl Table {
                     }
                 }
                 self.counts.refused += u64::from(!added);
-                Answer::done(added)
+                NameReply::done(added)
             }
-            ["subscribe", rest @ ..] => Answer::Bottle(self.subscriptions.listed(rest.first().copied())),
+            ["subscribe", rest @ ..] => NameReply::Bottle(self.subscriptions.listed(rest.first().copied())),
             ["unsubscribe", rest @ ..] => {
                 let word = |i| bare(rest.get(i).copied().unwrap_or_default());
                 self.subscriptions.remove(&word(0), &word(1));
-                Answer::done(true)
+                NameReply::done(true)
             }
             ["topic", name, ..] => {
                 let known = self.topics.iter().any(|t| t == name);
@@ -166,15 +166,15 @@ impl Table {
                 if !known && room {
                     self.topics.push(name.to_string());
                 }
-                Answer::done(known || room)
+                NameReply::done(known || room)
             }
-            ["topic"] => Answer::Bottle(Bottle::of(self.topics.iter().map(String::as_str))),
+            ["topic"] => NameReply::Bottle(Bottle::of(self.topics.iter().map(String::as_str))),
             ["untopic", rest @ ..] => {
                 self.topics.retain(|t| Some(&t.as_str()) != rest.first());
-                Answer::done(true)
+                NameReply::done(true)
             }
-            ["type", ..] => Answer::done(false),
-            _ => Answer::end(),
+            ["type", ..] => NameReply::done(false),
+            _ => NameReply::end(),
         }
     }
 
@@ -258,10 +258,10 @@ impl Table {
         Some(entry.properties.get(key).map(Vec::as_slice).unwrap_or_default())
     }
 
-    fn property(&self, name: &str, key: &str) -> Answer {
-        let Some(values) = self.get(name, key) else { return Answer::end() };
+    fn property(&self, name: &str, key: &str) -> NameReply {
+        let Some(values) = self.get(name, key) else { return NameReply::end() };
         let values: String = values.iter().map(|v| format!(" {v}")).collect();
-        Answer::Lines(vec![format!("port {} property {key} ={values}", bare(name))])
+        NameReply::Lines(vec![format!("port {} property {key} ={values}", bare(name))])
     }
 
     fn values(&self, name: &str, key: &str) -> Bottle {
@@ -272,14 +272,14 @@ impl Table {
         Bottle(self.get(name, key).unwrap_or_default().iter().map(value).collect())
     }
 
-    fn check(&self, name: &str, key: &str, value: &str) -> Answer {
-        let Some(values) = self.get(name, key) else { return Answer::end() };
+    fn check(&self, name: &str, key: &str, value: &str) -> NameReply {
+        let Some(values) = self.get(name, key) else { return NameReply::end() };
         let present = values.iter().any(|v| v == value);
-        Answer::Lines(vec![format!("port {} property {key} value {value} present {present}", bare(name))])
+        NameReply::Lines(vec![format!("port {} property {key} value {value} present {present}", bare(name))])
     }
 
     /// The persistent connections of a port whose both ends are registered now.
-    fn due(&self, name: &str) -> Vec<Link> {
+    fn due(&self, name: &str) -> Vec<PendingConnection> {
         self.subscriptions.of(name).filter(|l| [&l.src, &l.dest].iter().all(|end| self.query(end).is_some())).collect()
     }
 }

@@ -1,30 +1,30 @@
 //! The extended state of a board, which the port `stateExt:o` sends (spec section 14).
 
 use super::{shape, vector};
-use crate::bottle::tag::Kind;
+use crate::bottle::tag::ScalarType;
 use crate::{Bottle, DecodeError, Dialect, Value, Vocab};
 
 /// One thing known of all joints, in the board's order, and whether it is really known.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Field<T = f64> {
+pub struct JointField<T = f64> {
     /// One value for each joint, also where the board does not know it.
     pub values: Vec<T>,
     /// Does the board vouch for them?
     pub valid: bool,
 }
 
-impl<T> Field<T> {
+impl<T> JointField<T> {
     /// Values that are known.
-    pub fn known(values: Vec<T>) -> Field<T> {
-        Field { values, valid: true }
+    pub fn known(values: Vec<T>) -> JointField<T> {
+        JointField { values, valid: true }
     }
 
     /// So many values that are not known.
-    pub fn unknown(axes: usize) -> Field<T>
+    pub fn unknown(axes: usize) -> JointField<T>
     where
         T: Clone + Default,
     {
-        Field { values: vec![T::default(); axes], valid: false }
+        JointField { values: vec![T::default(); axes], valid: false }
     }
 
     /// The values, if they are known.
@@ -33,9 +33,9 @@ impl<T> Field<T> {
     }
 }
 
-impl<T> Default for Field<T> {
-    fn default() -> Field<T> {
-        Field { values: Vec::new(), valid: false }
+impl<T> Default for JointField<T> {
+    fn default() -> JointField<T> {
+        JointField { values: Vec::new(), valid: false }
     }
 }
 
@@ -43,29 +43,29 @@ impl<T> Default for Field<T> {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct JointData {
     /// Joint positions.
-    pub position: Field,
+    pub position: JointField,
     /// Joint speeds.
-    pub velocity: Field,
+    pub velocity: JointField,
     /// Joint accelerations.
-    pub acceleration: Field,
+    pub acceleration: JointField,
     /// Motor positions.
-    pub motor_position: Field,
+    pub motor_position: JointField,
     /// Motor speeds.
-    pub motor_velocity: Field,
+    pub motor_velocity: JointField,
     /// Motor accelerations.
-    pub motor_acceleration: Field,
+    pub motor_acceleration: JointField,
     /// Torques.
-    pub torque: Field,
+    pub torque: JointField,
     /// Duty cycles (single precision on the wire in 4.x).
-    pub pwm: Field,
+    pub pwm: JointField,
     /// Currents.
-    pub current: Field,
+    pub current: JointField,
     /// Control modes, as integers that are vocabs.
-    pub control_modes: Field<i32>,
+    pub control_modes: JointField<i32>,
     /// Interaction modes, as integers that are vocabs.
-    pub interaction_modes: Field<i32>,
+    pub interaction_modes: JointField<i32>,
     /// Temperatures (4.x only, single precision on the wire; 3.x does not send them).
-    pub temperature: Field,
+    pub temperature: JointField,
 }
 
 const WHAT: &str = "joint data";
@@ -78,7 +78,7 @@ impl JointData {
         self.position.values.len()
     }
 
-    fn floats(&self) -> [&Field; 9] {
+    fn floats(&self) -> [&JointField; 9] {
         [
             &self.position,
             &self.velocity,
@@ -136,7 +136,8 @@ impl JointData {
             Some([Value::List(values), Value::Vocab(flag)]) => Ok((values, *flag == OK)),
             _ => Err(shape(WHAT, "its elements are not lists, each with its flag")),
         };
-        let mut float = || next().and_then(|(values, valid)| Ok(Field { values: vector::from_bottle(values)?, valid }));
+        let mut float =
+            || next().and_then(|(values, valid)| Ok(JointField { values: vector::from_bottle(values)?, valid }));
         let mut data = JointData {
             position: float()?,
             velocity: float()?,
@@ -150,12 +151,12 @@ impl JointData {
             ..JointData::default()
         };
         let mut modes =
-            || next().and_then(|(values, valid)| Ok(Field { values: vector::i32_from_bottle(values)?, valid }));
+            || next().and_then(|(values, valid)| Ok(JointField { values: vector::i32_from_bottle(values)?, valid }));
         data.control_modes = modes()?;
         data.interaction_modes = modes()?;
         if bottle.len() == 24 {
             let (values, valid) = next()?;
-            data.temperature = Field { values: vector::from_bottle(values)?, valid };
+            data.temperature = JointField { values: vector::from_bottle(values)?, valid };
         }
         Ok(data)
     }
@@ -170,6 +171,6 @@ impl JointData {
 }
 
 fn put_flag(valid: bool, out: &mut Vec<u8>) {
-    out.extend(Kind::Vocab.tag(Dialect::V3).to_le_bytes());
+    out.extend(ScalarType::Vocab.tag(Dialect::V3).to_le_bytes());
     out.extend(if valid { OK } else { FAIL }.0.to_le_bytes());
 }

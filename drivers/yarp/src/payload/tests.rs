@@ -71,12 +71,12 @@ proptest! {
 
     #[test]
     fn joint_data_comes_back(axes in 0usize..5, valid: [bool; 12], x in -1e3f32..1e3) {
-        let float = |i: usize| Field { values: (0..axes).map(|j| f64::from(x) + (i * j) as f64 * 0.0).collect(), valid: valid[i] };
-        let mode = |i: usize| Field { values: vec![i as i32 - 5; axes], valid: valid[i] };
+        let float = |i: usize| JointField { values: (0..axes).map(|j| f64::from(x) + (i * j) as f64 * 0.0).collect(), valid: valid[i] };
+        let mode = |i: usize| JointField { values: vec![i as i32 - 5; axes], valid: valid[i] };
         let data = JointData {
             position: float(0), velocity: float(1), acceleration: float(2), motor_position: float(3),
             motor_velocity: float(4), motor_acceleration: float(5), torque: float(6), pwm: float(7), current: float(8),
-            control_modes: mode(9), interaction_modes: mode(10), temperature: Field::default(),
+            control_modes: mode(9), interaction_modes: mode(10), temperature: JointField::default(),
         };
         prop_assert_eq!(&JointData::decode(&data.encode(Dialect::V3), Dialect::V3).unwrap(), &data);
         let data = JointData { temperature: float(11), ..data };

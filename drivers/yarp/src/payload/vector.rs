@@ -1,7 +1,7 @@
 //! Vectors of numbers: lists of one kind, which say their kind even when empty.
 
 use super::shape;
-use crate::bottle::tag::{Kind, LIST};
+use crate::bottle::tag::{LIST, ScalarType};
 use crate::{Bottle, DecodeError, Dialect};
 
 /// A vector of floats.
@@ -54,18 +54,18 @@ pub fn i32_from_bottle(bottle: &Bottle) -> Result<Vec<i32>, DecodeError> {
 }
 
 pub(super) fn put_f64(values: &[f64], dialect: Dialect, out: &mut Vec<u8>) {
-    put_head(Kind::Float64.tag(dialect), values.len(), out);
+    put_head(ScalarType::Float64.tag(dialect), values.len(), out);
     out.extend(values.iter().flat_map(|x| x.to_le_bytes()));
 }
 
 pub(super) fn put_f32(values: &[f64], dialect: Dialect, out: &mut Vec<u8>) {
-    put_head(Kind::Float32.tag(dialect), values.len(), out);
+    put_head(ScalarType::Float32.tag(dialect), values.len(), out);
     out.extend(values.iter().flat_map(|x| (*x as f32).to_le_bytes()));
 }
 
 pub(super) fn put_i32(values: &[i32], out: &mut Vec<u8>) {
     // integers have one tag in both
-    put_head(Kind::Int32.tag(Dialect::V3), values.len(), out);
+    put_head(ScalarType::Int32.tag(Dialect::V3), values.len(), out);
     out.extend(values.iter().flat_map(|x| x.to_le_bytes()));
 }
 

@@ -1,6 +1,6 @@
 //! Asking other ports: requests to their owners, and administrative commands.
 
-use super::dial::Line;
+use super::dial::TextMessage;
 use super::keeper::Keeper;
 use super::link::{Link, LinkError};
 use super::slot::Packet;
@@ -161,7 +161,7 @@ impl RpcClient {
     pub async fn describe(&mut self) -> Result<String, CallError> {
         let mut line = self.keeper.take().await?;
         let work = async {
-            let Line::Stream(link) = &mut line else { return Err(LinkError::Closed) };
+            let TextMessage::Stream(link) = &mut line else { return Err(LinkError::Closed) };
             link.write(&[b"*\r\n"]).await?;
             let mut out = Vec::new();
             loop {
@@ -197,7 +197,7 @@ impl RpcClient {
         let mut line = self.keeper.take().await?;
         let (carrier, dialect) = (self.keeper.carrier, self.keeper.network.dialect());
         let work = async {
-            let Line::Stream(link) = &mut line else { return Err(LinkError::Closed) };
+            let TextMessage::Stream(link) = &mut line else { return Err(LinkError::Closed) };
             if carrier.is_text() {
                 link.write(&[&line::encode(key, None, payload)]).await?;
                 let reply = link.line().await?;

@@ -1,11 +1,11 @@
 //! What all ports have in common: lists of connections, and what administrative commands do to them.
 
-use super::dial::Line;
+use super::dial::TextMessage;
 use super::inbox::Inbox;
 use super::slot::{Delivery, Packet, Slot};
 use super::{Handler, PortError, PortOptions, dial, lock, output};
 use crate::wire::Carrier;
-use crate::wire::admin::{self, Added, Answer, Peer, Removed, View};
+use crate::wire::admin::{self, Added, AdminReply, Peer, PortView, Removed};
 use crate::{Bottle, Contact, Network, Text, Value, remote};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -123,9 +123,9 @@ impl Core {
     }
 
     /// The port as administrative commands see it.
-    pub fn view(&self) -> View {
+    pub fn view(&self) -> PortView {
         let state = lock(&self.state);
-        View {
+        PortView {
             name: self.name.clone(),
             address: format!("tcp://{}:{}/", self.contact.host, self.contact.port),
             is_input: !matches!(self.sink, Sink::Nothing),
@@ -140,10 +140,10 @@ impl Core {
     /// Does an administrative command.
     pub async fn admin(self: &Arc<Self>, command: &Bottle) -> Bottle {
         match admin::answer(&self.view(), command) {
-            Answer::Reply(reply) => reply,
-            Answer::Add { given, contact } => admin::added(&self.name, &given, self.try_add(&contact).await),
-            Answer::Remove(name) => admin::removed(&self.name, &name, self.remove(&name).await),
-            Answer::Set(key, value) => {
+            AdminReply::Reply(reply) => reply,
+            AdminReply::Add { given, contact } => admin::added(&self.name, &given, self.try_add(&contact).await),
+            AdminReply::Remove(name) => admin::removed(&self.name, &name, self.remove(&name).await),
+            AdminReply::Set(key, value) => {
                 let mut state = lock(&self.state);
                 state.properties.retain(|(known, _)| *known != key);
                 if let Some(value) = value
@@ -190,7 +190,7 @@ impl Core {
     }
 
     /// Starts the task while the list is locked, so that it can't end before it is listed.
-    fn start(&self, job: output::Job, peer: Peer, line: Line) {
+    fn start(&self, job: output::Job, peer: Peer, line: TextMessage) {
         let mut state = lock(&self.state);
         if *self.closing.borrow() || state.outputs.len() >= self.options.connections {
             return;

@@ -9,7 +9,7 @@ use tokio::net::UdpSocket;
 use tokio::time::timeout;
 
 /// A connection after its handshake.
-pub(crate) enum Line {
+pub(crate) enum TextMessage {
     Stream(Link),
     /// The socket is connected to the reader's. The address is that of the reader's TCP listener.
     Datagrams(UdpSocket, Contact),
@@ -30,7 +30,7 @@ pub(crate) async fn dial(
     to: &Contact,
     carrier: Carrier,
     own_name: &str,
-) -> Result<Line, PortError> {
+) -> Result<TextMessage, PortError> {
     let failed = |why: String| PortError::Connect { to: label(to), why };
     let stream = network.connect_tcp(&to.host, to.port).await.map_err(|e| failed(e.to_string()))?;
     let addresses = stream.local_addr().and_then(|local| Ok((local, stream.peer_addr()?)));
@@ -42,7 +42,7 @@ pub(crate) async fn dial(
         .map_err(|_| failed(format!("no answer to the handshake within {:?}", options.handshake)))?
         .map_err(|e| failed(e.to_string()))?;
     if carrier != Carrier::Udp {
-        return Ok(Line::Stream(link));
+        return Ok(TextMessage::Stream(link));
     }
     // The reader may expect datagrams from the number that the TCP connection had (spec section 18). But 3.5 built
     // without ACE, on the same computer, has taken just that number for its own socket, and takes any.
@@ -58,7 +58,7 @@ pub(crate) async fn dial(
         Ok::<_, std::io::Error>(socket)
     };
     let socket = socket.await.map_err(|e| failed(format!("no datagram socket: {e}")))?;
-    Ok(Line::Datagrams(socket, to.clone()))
+    Ok(TextMessage::Datagrams(socket, to.clone()))
 }
 
 /// The name if known, else the address.

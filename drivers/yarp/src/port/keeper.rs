@@ -1,6 +1,6 @@
 //! A connection to one known port without a port of our own, reconnected when asked.
 
-use super::dial::{self, Line};
+use super::dial::{self, TextMessage};
 use super::{PortError, PortOptions, output};
 use crate::{Carrier, Contact, Network};
 use std::pin::Pin;
@@ -23,7 +23,7 @@ pub(crate) struct Keeper {
     /// Whether the other side may be tried where it was last.
     remembers: bool,
     last: Option<Contact>,
-    line: Option<Line>,
+    line: Option<TextMessage>,
     delay: Duration,
     pause: Option<Pin<Box<Sleep>>>,
 }
@@ -66,7 +66,7 @@ impl Keeper {
         self.line.is_some()
     }
 
-    async fn dial(&mut self) -> Result<Line, PortError> {
+    async fn dial(&mut self) -> Result<TextMessage, PortError> {
         let last = self.last.as_ref().filter(|_| self.remembers);
         let found = match (dial::find(&self.network, &self.to).await, last) {
             (Err(PortError::Name(_) | PortError::Unknown(_)), Some(last)) => last.clone(),
@@ -79,7 +79,7 @@ impl Keeper {
 
     /// The connection. A lost one is made anew if asked to [`keep`](Keeper::keep) it, but not before a pause that grows
     /// from failure to failure.
-    pub async fn take(&mut self) -> Result<Line, PortError> {
+    pub async fn take(&mut self) -> Result<TextMessage, PortError> {
         if let Some(line) = self.line.take() {
             return Ok(line);
         }
@@ -108,7 +108,7 @@ impl Keeper {
     }
 
     /// Gives the connection back after success: if it is lost, or given up, the first new attempt is made at once.
-    pub fn put(&mut self, line: Line) {
+    pub fn put(&mut self, line: TextMessage) {
         self.line = Some(line);
         (self.delay, self.pause) = (FIRST, None);
     }

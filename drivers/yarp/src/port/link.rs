@@ -1,7 +1,7 @@
 //! A TCP connection with what has arrived of the next message, and limits on everything.
 
 use super::PortOptions;
-use crate::wire::{Carrier, Command, FrameError, LineError, frame, line};
+use crate::wire::{Carrier, FrameError, LineError, TextCommand, frame, line};
 use bytes::{Bytes, BytesMut};
 use std::sync::Arc;
 use std::{io, time::Duration};
@@ -22,7 +22,7 @@ pub(crate) enum LinkError {
     #[error("{0}")]
     Frame(#[from] FrameError),
     #[error("{0}")]
-    Line(#[from] LineError),
+    TextMessage(#[from] LineError),
     #[error("{0}")]
     Handshake(#[from] crate::wire::handshake::HandshakeError),
     #[error("too many unfinished long messages on this port; raise PortOptions::max_buffered if that is meant")]
@@ -34,7 +34,7 @@ pub(crate) enum LinkError {
 /// A message as it came over a link.
 #[derive(Debug)]
 pub(crate) struct Incoming {
-    pub command: Command,
+    pub command: TextCommand,
     pub payload: Bytes,
 }
 

@@ -2,7 +2,7 @@
 
 use super::PortOptions;
 use super::core::Core;
-use super::dial::{self, Line};
+use super::dial::{self, TextMessage};
 use super::link::{Link, LinkError};
 use super::slot::{Packet, Slot};
 use crate::wire::{Carrier, datagram, frame, line};
@@ -22,7 +22,7 @@ pub(crate) struct Job {
 
 /// Sends what the slot holds until it is told to quit or the other side is gone. After a stuck acknowledgement it
 /// connects anew once; a second one without success between ends it.
-pub(crate) async fn run(job: Job, mut line: Line) {
+pub(crate) async fn run(job: Job, mut line: TextMessage) {
     let Job { core, to, carrier, slot, .. } = &job;
     let mut retry = true;
     let end = loop {
@@ -56,15 +56,21 @@ pub(crate) async fn run(job: Job, mut line: Line) {
 }
 
 /// Sends until told to quit.
-async fn serve(core: &Core, carrier: Carrier, slot: &Slot, line: &mut Line, retry: &mut bool) -> Result<(), LinkError> {
+async fn serve(
+    core: &Core,
+    carrier: Carrier,
+    slot: &Slot,
+    line: &mut TextMessage,
+    retry: &mut bool,
+) -> Result<(), LinkError> {
     let dialect = core.network.dialect();
     loop {
         let packet = match line {
-            Line::Stream(link) => tokio::select! {
+            TextMessage::Stream(link) => tokio::select! {
                 packet = slot.take() => packet,
                 error = link.until_closed() => return Err(error),
             },
-            Line::Datagrams(..) => slot.take().await,
+            TextMessage::Datagrams(..) => slot.take().await,
         };
         let Some(packet) = packet else { return Ok(()) };
         if !send(line, carrier, b'D', &packet, dialect, &core.options).await? {
@@ -76,7 +82,7 @@ async fn serve(core: &Core, carrier: Carrier, slot: &Slot, line: &mut Line, retr
 
 /// Sends one message and waits for its acknowledgement; `false`: it has no form for this carrier.
 pub(crate) async fn send(
-    line: &mut Line,
+    line: &mut TextMessage,
     carrier: Carrier,
     key: u8,
     packet: &Packet,
@@ -85,17 +91,17 @@ pub(crate) async fn send(
 ) -> Result<bool, LinkError> {
     let envelope = packet.envelope.as_deref();
     match line {
-        Line::Stream(link) if carrier.is_text() => {
+        TextMessage::Stream(link) if carrier.is_text() => {
             let Some(text) = packet.text(dialect) else { return Ok(false) };
             link.write(&[&line::encode(key, envelope, text)]).await?;
             acknowledged(link, carrier, options).await?;
         }
-        Line::Stream(link) => {
+        TextMessage::Stream(link) => {
             let Some(bytes) = packet.binary(dialect) else { return Ok(false) };
             link.write(&[&frame::encode(key, envelope, bytes.len()), bytes]).await?;
             acknowledged(link, carrier, options).await?;
         }
-        Line::Datagrams(socket, _) => {
+        TextMessage::Datagrams(socket, _) => {
             let Some(bytes) = packet.binary(dialect) else { return Ok(false) };
             let message = [&frame::encode(key, envelope, bytes.len()), bytes].concat();
             for piece in datagram::split(&message) {
@@ -127,11 +133,11 @@ pub(crate) async fn leave(
     options: &PortOptions,
     own_name: &str,
     carrier: Carrier,
-    line: Line,
+    line: TextMessage,
 ) -> Result<(), LinkError> {
     match line {
-        Line::Stream(mut link) => leave_stream(&mut link, carrier, options).await,
-        Line::Datagrams(_, reader) => leave_datagrams(network, options, own_name, &reader).await,
+        TextMessage::Stream(mut link) => leave_stream(&mut link, carrier, options).await,
+        TextMessage::Datagrams(_, reader) => leave_datagrams(network, options, own_name, &reader).await,
     }
 }
 

@@ -8,18 +8,18 @@ use crate::{Carrier, Contact, Network, remote};
 use std::sync::Arc;
 
 /// A port that takes data from whoever connects to it.
-pub struct Reader {
+pub struct InputPort {
     handle: Handle,
     inbox: Arc<Inbox>,
 }
 
-impl Reader {
+impl InputPort {
     /// Opens a port: listens, registers its name, announces it.
     ///
     /// # Errors
     /// A bad name, no socket, or no name server.
-    pub async fn open(network: &Network, name: &str, queue: Queue) -> Result<Reader, PortError> {
-        Reader::open_with(network, name, queue, PortOptions::default()).await
+    pub async fn open(network: &Network, name: &str, queue: Queue) -> Result<InputPort, PortError> {
+        InputPort::open_with(network, name, queue, PortOptions::default()).await
     }
 
     /// Opens a port with options.
@@ -31,10 +31,10 @@ impl Reader {
         name: &str,
         queue: Queue,
         options: PortOptions,
-    ) -> Result<Reader, PortError> {
+    ) -> Result<InputPort, PortError> {
         let inbox = Arc::new(Inbox::new(queue));
         let handle = Handle::open(network, name, Sink::Inbox(inbox.clone()), None, options).await?;
-        Ok(Reader { handle, inbox })
+        Ok(InputPort { handle, inbox })
     }
 
     /// The next message; `None` when the port is closed. Cancel safe.

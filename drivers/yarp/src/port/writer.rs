@@ -9,17 +9,17 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 /// A port that publishes data to whoever it is connected to. It listens too, since others connect it by asking it.
-pub struct Writer {
+pub struct OutputPort {
     handle: Handle,
 }
 
-impl Writer {
+impl OutputPort {
     /// Opens a port: listens, registers its name, announces it.
     ///
     /// # Errors
     /// A bad name, no socket, or no name server.
-    pub async fn open(network: &Network, name: &str, delivery: Delivery) -> Result<Writer, PortError> {
-        Writer::open_with(network, name, delivery, PortOptions::default()).await
+    pub async fn open(network: &Network, name: &str, delivery: Delivery) -> Result<OutputPort, PortError> {
+        OutputPort::open_with(network, name, delivery, PortOptions::default()).await
     }
 
     /// Opens a port with options.
@@ -31,8 +31,8 @@ impl Writer {
         name: &str,
         delivery: Delivery,
         options: PortOptions,
-    ) -> Result<Writer, PortError> {
-        Ok(Writer { handle: Handle::open(network, name, Sink::Nothing, Some(delivery), options).await? })
+    ) -> Result<OutputPort, PortError> {
+        Ok(OutputPort { handle: Handle::open(network, name, Sink::Nothing, Some(delivery), options).await? })
     }
 
     /// Publishes a message. Never waits: every connection has its own queue and task.

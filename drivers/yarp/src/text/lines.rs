@@ -53,20 +53,20 @@ pub fn is_complete(line: &[u8]) -> bool {
 
 /// Joins lines to messages, without reading any byte twice.
 #[derive(Clone, Debug, Default)]
-pub struct Lines {
+pub struct LineJoiner {
     text: Vec<u8>,
     open: Open,
     going_on: bool,
 }
 
-impl Lines {
+impl LineJoiner {
     /// Takes a line, without its line end. Gives the message when it is complete.
     ///
     /// # Errors
     /// If the message gets longer than `limit` bytes; what there was is dropped.
     pub fn push(&mut self, line: &[u8], limit: usize) -> Result<Option<Vec<u8>>, TextError> {
         if self.text.len() + line.len() >= limit {
-            *self = Lines::default();
+            *self = LineJoiner::default();
             return Err(TextError::TooLong { limit });
         }
         if self.going_on {

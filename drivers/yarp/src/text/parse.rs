@@ -2,23 +2,23 @@
 
 use super::lines::Open;
 use super::{TextError, number};
-use crate::{Bottle, Dialect, Limits, Text, Value, Vocab};
+use crate::{Bottle, DecodeLimits, Dialect, Text, Value, Vocab};
 
 impl Bottle {
     /// The bottle that a text means. Nearly every text means one: what is left open at its end is dropped, as YARP does
     /// (see [`crate::text::is_complete`] to refuse it).
     ///
     /// # Errors
-    /// If it is beyond [`Limits::DEFAULT`].
+    /// If it is beyond [`DecodeLimits::DEFAULT`].
     pub fn parse(text: impl AsRef<[u8]>, dialect: Dialect) -> Result<Bottle, TextError> {
-        Bottle::parse_within(text, dialect, Limits::DEFAULT)
+        Bottle::parse_within(text, dialect, DecodeLimits::DEFAULT)
     }
 
     /// As [`Bottle::parse`], with limits of one's own.
     ///
     /// # Errors
     /// If it is beyond the limits.
-    pub fn parse_within(text: impl AsRef<[u8]>, dialect: Dialect, limits: Limits) -> Result<Bottle, TextError> {
+    pub fn parse_within(text: impl AsRef<[u8]>, dialect: Dialect, limits: DecodeLimits) -> Result<Bottle, TextError> {
         let text = text.as_ref();
         if text.len() > limits.max_bytes {
             return Err(TextError::TooLong { limit: limits.max_bytes });
@@ -29,7 +29,7 @@ impl Bottle {
 
 struct Parser {
     dialect: Dialect,
-    limits: Limits,
+    limits: DecodeLimits,
     elements: usize,
 }
 

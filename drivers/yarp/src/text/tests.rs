@@ -47,7 +47,7 @@ fn what_is_open_at_the_end_is_dropped() {
 
 #[test]
 fn lines_go_on_while_something_is_open() {
-    let mut lines = Lines::default();
+    let mut lines = LineJoiner::default();
     assert_eq!(lines.push(b"set (a", 100), Ok(None));
     assert!(lines.is_open());
     assert_eq!(lines.push(b"b) \\", 100), Ok(None));
@@ -88,7 +88,7 @@ proptest! {
 
     #[test]
     fn lines_and_is_complete_agree(text in "[a(){}\\\\\" ]{0,12}") {
-        let whole = Lines::default().push(text.as_bytes(), 1000).unwrap();
+        let whole = LineJoiner::default().push(text.as_bytes(), 1000).unwrap();
         prop_assert_eq!(whole.is_some(), is_complete(text.as_bytes()));
     }
 }

@@ -15,7 +15,7 @@ pub struct Peer {
 
 /// What the commands see of a port.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct View {
+pub struct PortView {
     /// The port's own name.
     pub name: String,
     /// Its address as a URI.
@@ -36,7 +36,7 @@ pub struct View {
 
 /// What to do about a command.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Answer {
+pub enum AdminReply {
     /// Reply at once.
     Reply(Bottle),
     /// Add an output, then reply [`added`] or why not.
@@ -77,16 +77,18 @@ pub enum Removed {
 }
 
 /// Finds out what to do about `command`.
-pub fn answer(view: &View, command: &Bottle) -> Answer {
+pub fn answer(view: &PortView, command: &Bottle) -> AdminReply {
     let word = |i: usize| command.0.get(i).and_then(Value::as_vocab);
     let text = |i: usize| command.0.get(i).and_then(Value::as_text).map(|t| t.into_owned());
     let is = |i: usize, letters: &str| word(i) == Some(Vocab::new(letters));
     if is(0, "ver") {
         let numbers = [1, 2, 3].map(Value::Int32);
-        return Answer::Reply(Bottle(std::iter::once(vocab("ver")).chain(numbers).collect()));
+        return AdminReply::Reply(Bottle(std::iter::once(vocab("ver")).chain(numbers).collect()));
     }
     if is(0, "help") {
-        return Answer::Reply(Bottle(std::iter::once(vocab("many")).chain(HELP.iter().copied().map(string)).collect()));
+        return AdminReply::Reply(Bottle(
+            std::iter::once(vocab("many")).chain(HELP.iter().copied().map(string)).collect(),
+        ));
     }
     if is(0, "add") {
         let Some(name) = text(1) else { return unknown() };
@@ -96,17 +98,17 @@ pub fn answer(view: &View, command: &Bottle) -> Answer {
             contact.carrier = carrier;
             given = contact.to_string();
         }
-        return Answer::Add { given, contact };
+        return AdminReply::Add { given, contact };
     }
     if is(0, "del") {
-        return text(1).map_or_else(unknown, Answer::Remove);
+        return text(1).map_or_else(unknown, AdminReply::Remove);
     }
     if is(0, "list") {
         let peers = if is(1, "out") { &view.outputs } else { &view.inputs };
         if !is(1, "out") && !is(1, "in") {
             return unknown();
         }
-        return Answer::Reply(match text(2) {
+        return AdminReply::Reply(match text(2) {
             None => Bottle(peers.iter().map(|peer| string(&peer.name)).collect()),
             Some(name) => peers.iter().find(|p| p.name == name).map_or_else(Bottle::default, |peer| {
                 let (from, to) = if is(1, "out") { (&view.name, &peer.name) } else { (&peer.name, &view.name) };
@@ -128,22 +130,22 @@ pub fn answer(view: &View, command: &Bottle) -> Answer {
         if peers.iter().any(|peer| peer.name == name) {
             let to = if out { "to" } else { "from" };
             let done = Bottle(vec![Value::Int32(0), string(&format!("Configured connection {to} {name}\r\n"))]);
-            return Answer::Reply(if set { done } else { Bottle(vec![list(Vec::new())]) });
+            return AdminReply::Reply(if set { done } else { Bottle(vec![list(Vec::new())]) });
         }
         let to = if out { "to" } else { "from" };
         return refuse(&format!("Could not find an incoming connection {to} {name}\r\n"));
     }
     if is(0, "atch") || is(0, "dtch") {
-        return Answer::Reply(Bottle(vec![vocab("fail"), string(NO_MONITOR)]));
+        return AdminReply::Reply(Bottle(vec![vocab("fail"), string(NO_MONITOR)]));
     }
     unknown()
 }
 
-fn property(view: &View, command: &Bottle) -> Answer {
+fn property(view: &PortView, command: &Bottle) -> AdminReply {
     let word = |i: usize| command.0.get(i).and_then(Value::as_vocab);
     let key = command.0.get(2).and_then(Value::as_text).map(|t| t.into_owned());
     if word(1) == Some(Vocab::new("get")) {
-        return Answer::Reply(match key {
+        return AdminReply::Reply(match key {
             None => {
                 Bottle(view.properties.iter().map(|(k, v)| list(vec![Value::String(k.clone()), v.clone()])).collect())
             }
@@ -159,14 +161,14 @@ fn property(view: &View, command: &Bottle) -> Answer {
     }
     match (word(1) == Some(Vocab::new("set")), key) {
         // Scheduling and quality of service: accepted and not acted on (spec section 18).
-        (true, Some(key)) if key.starts_with('/') => Answer::Reply(ok()),
-        (true, Some(key)) => Answer::Set(Text(key.into_bytes()), command.0.get(3).cloned()),
+        (true, Some(key)) if key.starts_with('/') => AdminReply::Reply(ok()),
+        (true, Some(key)) => AdminReply::Set(Text(key.into_bytes()), command.0.get(3).cloned()),
         _ => unknown(),
     }
 }
 
 /// What `[prop] [get]` tells about the process; scheduling is the default of the system.
-fn process(view: &View) -> Bottle {
+fn process(view: &PortView) -> Bottle {
     let number = |key: &str, n: i64| list(vec![string(key), i32::try_from(n).map_or(Value::Int64(n), Value::Int32)]);
     let pid = i64::from(std::process::id());
     let program = std::env::args().next().unwrap_or_default();
@@ -230,7 +232,7 @@ pub fn ok() -> Bottle {
 }
 
 /// The lines that `*` answers on text carriers.
-pub fn describe(view: &View) -> String {
+pub fn describe(view: &PortView) -> String {
     let me = &view.name;
     let mut out = format!("This is {me} at {}\r\n", view.address);
     for Peer { name, carrier } in &view.outputs {
@@ -264,12 +266,12 @@ pub const KEYS: &str = "This is a YARP port. The keys are:\r\n\
     q          end this connection\r\n\
     ?          this help\r\n";
 
-fn unknown() -> Answer {
-    Answer::Reply(Bottle(vec![vocab("fail"), string("send [help] for list of valid commands")]))
+fn unknown() -> AdminReply {
+    AdminReply::Reply(Bottle(vec![vocab("fail"), string("send [help] for list of valid commands")]))
 }
 
-fn refuse(text: &str) -> Answer {
-    Answer::Reply(Bottle(vec![Value::Int32(-1), string(text)]))
+fn refuse(text: &str) -> AdminReply {
+    AdminReply::Reply(Bottle(vec![Value::Int32(-1), string(text)]))
 }
 
 fn vocab(letters: &str) -> Value {

@@ -30,16 +30,16 @@ pub enum Verb {
 
 /// A verb with what belongs to it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Command {
+pub struct TextCommand {
     /// What is asked.
     pub verb: Verb,
     /// The envelope of a data message.
     pub envelope: Option<String>,
 }
 
-impl Command {
+impl TextCommand {
     /// Reads the text of a command: the first character is the key.
-    pub fn parse(text: &[u8]) -> Command {
+    pub fn parse(text: &[u8]) -> TextCommand {
         let text = text.strip_suffix(b"\0").unwrap_or(text);
         let name = |skip: usize| {
             let name = String::from_utf8_lossy(text.get(skip..).unwrap_or_default()).into_owned();
@@ -63,7 +63,7 @@ impl Command {
             }
             _ => None,
         };
-        Command { verb, envelope }
+        TextCommand { verb, envelope }
     }
 
     /// Whether a payload follows on text carriers.

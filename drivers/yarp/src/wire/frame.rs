@@ -1,6 +1,6 @@
 //! Messages on binary carriers (spec section 5.1): an index with block lengths, a command, a payload.
 
-use super::command::Command;
+use super::command::TextCommand;
 
 /// How much a peer may claim before it is cut off.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -15,14 +15,14 @@ pub enum FrameError {
     TooLong(u64, usize),
     /// The blocks don't hold a command.
     #[error("the message's command is malformed")]
-    Command,
+    TextCommand,
 }
 
 /// Where the parts of a message lie in the bytes it was read from.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Frame {
+pub struct WireFrame {
     /// What is asked.
-    pub command: Command,
+    pub command: TextCommand,
     /// First byte of the payload.
     pub payload: usize,
     /// One past the last byte of the message.
@@ -70,7 +70,7 @@ pub fn length(bytes: &[u8], max: usize) -> Result<Option<usize>, FrameError> {
 }
 
 /// Reads the message at the start of `bytes`, with at most `max` bytes after the index. `None`: needs more bytes.
-pub fn parse(bytes: &[u8], max: usize) -> Result<Option<Frame>, FrameError> {
+pub fn parse(bytes: &[u8], max: usize) -> Result<Option<WireFrame>, FrameError> {
     let Some(end) = length(bytes, max)? else { return Ok(None) };
     let Some(message) = bytes.get(..end) else { return Ok(None) };
     let blocks = match (message.get(8), message.get(9)) {
@@ -79,17 +79,17 @@ pub fn parse(bytes: &[u8], max: usize) -> Result<Option<Frame>, FrameError> {
     };
     let body = message.get(blocks..).unwrap_or_default();
     let Some(([a, b, c, d, mark, key, zero, one], rest)) = body.split_first_chunk::<8>() else {
-        return Err(FrameError::Command);
+        return Err(FrameError::TextCommand);
     };
     if (*mark, *zero, *one) != (b'~', 0, 1) {
-        return Err(FrameError::Command);
+        return Err(FrameError::TextCommand);
     }
-    let text = usize::try_from(i32::from_le_bytes([*a, *b, *c, *d])).map_err(|_| FrameError::Command)?;
+    let text = usize::try_from(i32::from_le_bytes([*a, *b, *c, *d])).map_err(|_| FrameError::TextCommand)?;
     if *key != 0 {
-        return Ok(Some(Frame { command: Command::parse(&[*key]), payload: blocks + 8, end }));
+        return Ok(Some(WireFrame { command: TextCommand::parse(&[*key]), payload: blocks + 8, end }));
     }
-    let text_bytes = rest.get(..text).ok_or(FrameError::Command)?;
-    Ok(Some(Frame { command: Command::parse(text_bytes), payload: blocks + 8 + text, end }))
+    let text_bytes = rest.get(..text).ok_or(FrameError::TextCommand)?;
+    Ok(Some(WireFrame { command: TextCommand::parse(text_bytes), payload: blocks + 8 + text, end }))
 }
 
 /// Everything of a data (`d`, `D`) or administrative (`a`) message up to its payload of `length` bytes.

@@ -1,7 +1,7 @@
 //! Messages on text carriers (spec section 5.2): a line with the key, and a line of bottle text that goes on while a
 //! quote or bracket is open or a line ends in a backslash.
 
-use super::command::Command;
+use super::command::TextCommand;
 
 /// A message longer than allowed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -12,9 +12,9 @@ pub struct LineError(pub usize);
 
 /// A message as text.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Line {
+pub struct TextMessage {
     /// What is asked.
-    pub command: Command,
+    pub command: TextCommand,
     /// The payload without its end of line; empty if the command has none.
     pub payload: Vec<u8>,
     /// How many bytes the message took.
@@ -25,7 +25,7 @@ pub struct Line {
 #[derive(Clone, Debug, Default)]
 pub struct Scanner {
     seen: usize,
-    head: Option<(Command, usize)>,
+    head: Option<(TextCommand, usize)>,
     body: Body,
 }
 
@@ -58,7 +58,7 @@ impl Body {
 impl Scanner {
     /// Reads the message at the start of `bytes`, which must begin with what was given before. After a message the
     /// scanner begins anew.
-    pub fn parse(&mut self, bytes: &[u8], max: usize) -> Result<Option<Line>, LineError> {
+    pub fn parse(&mut self, bytes: &[u8], max: usize) -> Result<Option<TextMessage>, LineError> {
         while let Some(byte) = bytes.get(self.seen) {
             self.seen += 1;
             if self.seen > max {
@@ -70,20 +70,20 @@ impl Scanner {
             }
             match self.head.take() {
                 None => {
-                    let command = Command::parse(trimmed(bytes.get(..self.seen).unwrap_or_default()));
+                    let command = TextCommand::parse(trimmed(bytes.get(..self.seen).unwrap_or_default()));
                     if command.has_payload() {
                         self.head = Some((command, self.seen));
                         continue;
                     }
                     let end = self.seen;
                     *self = Scanner::default();
-                    return Ok(Some(Line { command, payload: Vec::new(), end }));
+                    return Ok(Some(TextMessage { command, payload: Vec::new(), end }));
                 }
                 Some((command, start)) => {
                     let payload = joined(trimmed(bytes.get(start..self.seen).unwrap_or_default()));
                     let end = self.seen;
                     *self = Scanner::default();
-                    return Ok(Some(Line { command, payload, end }));
+                    return Ok(Some(TextMessage { command, payload, end }));
                 }
             }
         }
@@ -140,7 +140,7 @@ mod tests {
     use super::*;
     use crate::wire::Verb;
 
-    fn read(text: &str) -> Option<Line> {
+    fn read(text: &str) -> Option<TextMessage> {
         let (mut scanner, mut last) = (Scanner::default(), None);
         for cut in 0..=text.len() {
             last = scanner.parse(&text.as_bytes()[..cut], 1000).unwrap();

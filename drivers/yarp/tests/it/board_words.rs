@@ -120,7 +120,7 @@ fn every_recorded_request_is_understood_and_written_again_byte_for_byte() {
 
 /// What the reply says, put into the shadow.
 fn learn(shadow: &mut Shadow, asked: &Bottle, said: &Bottle) {
-    use mobee_yarp::board::{Get, Reading};
+    use mobee_yarp::board::{Get, Quantity};
     let axes = shadow.axes.len();
     let numbers = |v: &Value| -> Vec<f64> {
         v.as_list().map_or_else(|| vec![v.as_f64().unwrap()], |l| l.0.iter().map(|v| v.as_f64().unwrap()).collect())
@@ -152,14 +152,14 @@ fn learn(shadow: &mut Shadow, asked: &Bottle, said: &Bottle) {
             for (j, v) in joints.on(axes).unwrap().into_iter().zip(numbers(value.unwrap())) {
                 let a = &mut shadow.axes[j];
                 *match reading {
-                    Reading::Encoder => &mut a.q,
-                    Reading::EncoderSpeed => &mut a.speed,
-                    Reading::EncoderAcceleration => &mut a.acc,
-                    Reading::Target => &mut a.target,
-                    Reading::ReferenceSpeed => &mut a.ref_speed,
-                    Reading::ReferenceAcceleration => &mut a.ref_acc,
-                    Reading::Velocity => &mut a.vel_ref,
-                    Reading::Direct => &mut a.direct_ref,
+                    Quantity::Encoder => &mut a.q,
+                    Quantity::EncoderSpeed => &mut a.speed,
+                    Quantity::EncoderAcceleration => &mut a.acc,
+                    Quantity::Target => &mut a.target,
+                    Quantity::ReferenceSpeed => &mut a.ref_speed,
+                    Quantity::ReferenceAcceleration => &mut a.ref_acc,
+                    Quantity::Velocity => &mut a.vel_ref,
+                    Quantity::Direct => &mut a.direct_ref,
                 } = v;
             }
         }

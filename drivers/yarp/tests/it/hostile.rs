@@ -2,8 +2,8 @@
 
 use crate::common::names;
 use mobee_yarp::wire::{frame, handshake};
-use mobee_yarp::{Bottle, Carrier, Contact, Dialect, Handler, Message, Payload, PortOptions, Queue, Reader};
-use mobee_yarp::{Delivery, RpcClient, RpcServer, SendError, Sender, Value, Writer};
+use mobee_yarp::{Bottle, Carrier, Contact, Dialect, Handler, InputPort, Message, Payload, PortOptions, Queue};
+use mobee_yarp::{Delivery, OutputPort, RpcClient, RpcServer, SendError, Sender, Value};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -87,7 +87,7 @@ async fn served(client: &mut RpcClient) {
 async fn hostile_peers_harm_nobody_and_leave_nothing() {
     let (_names, network) = names().await;
     let server = RpcServer::open_with(&network, "/echo", Arc::new(Echo), strict()).await.unwrap();
-    let reader = Reader::open_with(&network, "/reader", Queue::Newest, strict()).await.unwrap();
+    let reader = InputPort::open_with(&network, "/reader", Queue::Newest, strict()).await.unwrap();
     let mut good = RpcClient::connect(&network, "/good", "/echo", Carrier::Tcp).await.unwrap();
     served(&mut good).await;
     let (before, space) = (used(), address_space());
@@ -182,7 +182,7 @@ async fn a_stuck_acknowledgement_ends_in_a_new_connection() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let number = listener.local_addr().unwrap().port();
     network.register("/stuck", "127.0.0.1", number).await.unwrap();
-    let writer = Writer::open_with(&network, "/writer", Delivery::Strict(10), strict()).await.unwrap();
+    let writer = OutputPort::open_with(&network, "/writer", Delivery::Strict(10), strict()).await.unwrap();
     let hello = handshake::encode(Carrier::Tcp, "/writer");
     let accept = async || {
         let (mut stream, _) = listener.accept().await.unwrap();
@@ -215,7 +215,7 @@ async fn a_stuck_acknowledgement_ends_in_a_new_connection() {
 #[tokio::test]
 async fn connections_that_say_nothing_are_tolerated() {
     let (_names, network) = names().await;
-    let mut reader = Reader::open(&network, "/reader", Queue::Bounded(4)).await.unwrap();
+    let mut reader = InputPort::open(&network, "/reader", Queue::Bounded(4)).await.unwrap();
     for _ in 0..10 {
         drop(raw(reader.contact(), b"").await);
     }

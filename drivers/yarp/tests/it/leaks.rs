@@ -2,9 +2,9 @@
 
 use crate::common::names;
 use mobee_yarp::{
-    Bottle, Carrier, Delivery, Handler, Message, NameServer, Network, Payload, PortOptions, Queue, Reader,
+    Bottle, Carrier, Delivery, Handler, InputPort, Message, NameServer, Network, Payload, PortOptions, Queue,
 };
-use mobee_yarp::{RpcClient, RpcServer, Sender, ServerOptions, Value, Writer};
+use mobee_yarp::{OutputPort, RpcClient, RpcServer, Sender, ServerOptions, Value};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -33,8 +33,8 @@ impl Handler for Echo {
 async fn cycle(network: &Network, round: usize) {
     let carrier = Carrier::ALL[round % 5];
     let options = PortOptions { renew: Duration::from_millis(20), ..PortOptions::default() };
-    let mut reader = Reader::open_with(network, "/in", Queue::Newest, options).await.unwrap();
-    let writer = Writer::open(network, "/out", Delivery::Newest).await.unwrap();
+    let mut reader = InputPort::open_with(network, "/in", Queue::Newest, options).await.unwrap();
+    let writer = OutputPort::open(network, "/out", Delivery::Newest).await.unwrap();
     let server = RpcServer::open(network, "/rpc", Arc::new(Echo)).await.unwrap();
     reader.connect_from("/out", carrier).await.unwrap();
     let hello = Bottle(vec![Value::Int32(round as i32)]);

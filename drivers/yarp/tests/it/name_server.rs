@@ -2,7 +2,7 @@
 //! and understands them. A vector that no case covers fails the test.
 
 use mobee_yarp::auth::Key;
-use mobee_yarp::{Bottle, Contact, Delivery, NameServer, Network, Queue, Reader, ServerOptions, Writer, remote};
+use mobee_yarp::{Bottle, Contact, Delivery, InputPort, NameServer, Network, OutputPort, Queue, ServerOptions, remote};
 use serde_json::Value;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -248,11 +248,11 @@ async fn persistent_connections_are_made_whichever_end_comes_first() {
         network.ask(&["subscribe", "/w", "fast_tcp://r"]).await.unwrap();
         let (writer, mut reader);
         if reader_first {
-            reader = Reader::open(&network, "/r", Queue::Bounded(10)).await.unwrap();
-            writer = Writer::open(&network, "/w", Delivery::Strict(10)).await.unwrap();
+            reader = InputPort::open(&network, "/r", Queue::Bounded(10)).await.unwrap();
+            writer = OutputPort::open(&network, "/w", Delivery::Strict(10)).await.unwrap();
         } else {
-            writer = Writer::open(&network, "/w", Delivery::Strict(10)).await.unwrap();
-            reader = Reader::open(&network, "/r", Queue::Bounded(10)).await.unwrap();
+            writer = OutputPort::open(&network, "/w", Delivery::Strict(10)).await.unwrap();
+            reader = InputPort::open(&network, "/r", Queue::Bounded(10)).await.unwrap();
         }
         let made = async {
             while writer.peers().is_empty() {
@@ -276,8 +276,8 @@ async fn only_who_knows_the_key_is_served() {
     let server = NameServer::bind(address, options).await.unwrap();
     let network = server.network();
     network.register("/a", "127.0.0.1", 5000).await.unwrap();
-    let mut reader = Reader::open(&network, "/r", Queue::Newest).await.unwrap();
-    let writer = Writer::open(&network, "/w", Delivery::Strict(10)).await.unwrap();
+    let mut reader = InputPort::open(&network, "/r", Queue::Newest).await.unwrap();
+    let writer = OutputPort::open(&network, "/w", Delivery::Strict(10)).await.unwrap();
     remote::connect(&network, "/w", "/r", None).await.unwrap();
     writer.write(Bottle::of([7]), None);
     assert!(timeout(LIMIT, reader.recv()).await.unwrap().is_some());

@@ -1,8 +1,8 @@
 //! Ports of ours among each other, over all carriers.
 
 use crate::common::names;
-use mobee_yarp::{Bottle, Carrier, Delivery, Handler, Message, Payload, Queue, Reader, RpcClient, RpcServer};
-use mobee_yarp::{CallError, Dialect, NameServer, PortOptions, Sender, ServerOptions, Stamp, Value, Vocab, Writer};
+use mobee_yarp::{Bottle, Carrier, Delivery, Handler, InputPort, Message, Payload, Queue, RpcClient, RpcServer};
+use mobee_yarp::{CallError, Dialect, NameServer, OutputPort, PortOptions, Sender, ServerOptions, Stamp, Value, Vocab};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -26,8 +26,8 @@ fn content(message: &Message) -> Bottle {
 async fn a_reader_gets_what_a_writer_writes_over_every_carrier() {
     let (_names, network) = names().await;
     for carrier in Carrier::ALL {
-        let mut reader = Reader::open(&network, &format!("/reader/{carrier}"), Queue::Bounded(10)).await.unwrap();
-        let writer = Writer::open(&network, &format!("/writer/{carrier}"), Delivery::Strict(10)).await.unwrap();
+        let mut reader = InputPort::open(&network, &format!("/reader/{carrier}"), Queue::Bounded(10)).await.unwrap();
+        let writer = OutputPort::open(&network, &format!("/writer/{carrier}"), Delivery::Strict(10)).await.unwrap();
         writer.connect(reader.name(), carrier).await.unwrap();
         assert_eq!(writer.peers(), [reader.name()]);
         for n in 0..3 {
@@ -61,7 +61,7 @@ async fn long_messages_arrive_whole_over_every_carrier() {
     // datagrams that come faster than they are read get lost, so not longer than the system holds
     let numbers = Bottle((0..15_000).map(|i| Value::Float64(f64::from(i) / 7.0)).collect());
     for carrier in Carrier::ALL {
-        let mut reader = Reader::open(&network, &format!("/reader/{carrier}"), Queue::Newest).await.unwrap();
+        let mut reader = InputPort::open(&network, &format!("/reader/{carrier}"), Queue::Newest).await.unwrap();
         let mut sender = Sender::connect(&network, "/sender", reader.name(), carrier).await.unwrap();
         sender.send(&numbers, None).await.unwrap();
         assert_eq!(content(&soon(reader.recv()).await.unwrap()), numbers, "{carrier}");
@@ -104,9 +104,9 @@ async fn requests_are_answered_over_every_carrier_with_replies() {
 #[tokio::test]
 async fn the_newest_message_replaces_an_unsent_one_and_slow_readers_hold_up_nobody() {
     let (_names, network) = names().await;
-    let mut fast = Reader::open(&network, "/fast", Queue::Newest).await.unwrap();
-    let slow = Reader::open(&network, "/slow", Queue::Bounded(1)).await.unwrap();
-    let writer = Writer::open(&network, "/writer", Delivery::Newest).await.unwrap();
+    let mut fast = InputPort::open(&network, "/fast", Queue::Newest).await.unwrap();
+    let slow = InputPort::open(&network, "/slow", Queue::Bounded(1)).await.unwrap();
+    let writer = OutputPort::open(&network, "/writer", Delivery::Newest).await.unwrap();
     writer.connect("/fast", Carrier::Tcp).await.unwrap();
     writer.connect("/slow", Carrier::Tcp).await.unwrap();
     for n in 0..100 {
@@ -122,8 +122,8 @@ async fn the_newest_message_replaces_an_unsent_one_and_slow_readers_hold_up_nobo
 #[tokio::test]
 async fn a_writer_is_connected_by_asking_it_and_says_no_to_what_it_does_not_know() {
     let (_names, network) = names().await;
-    let mut reader = Reader::open(&network, "/reader", Queue::Newest).await.unwrap();
-    let writer = Writer::open(&network, "/writer", Delivery::Newest).await.unwrap();
+    let mut reader = InputPort::open(&network, "/reader", Queue::Newest).await.unwrap();
+    let writer = OutputPort::open(&network, "/writer", Delivery::Newest).await.unwrap();
     reader.connect_from("/writer", Carrier::FastTcp).await.unwrap();
     reader.connect_from("/writer", Carrier::TextAck).await.unwrap();
     writer.write(greeting(1), None);
@@ -154,7 +154,7 @@ async fn lost_connections_come_back_by_themselves() {
     assert!(sender.send(greeting(0), None).await.is_err());
     for round in 1..3 {
         let server = RpcServer::open(&network, "/echo", Arc::new(Echo)).await.unwrap();
-        let mut reader = Reader::open(&network, "/reader", Queue::Newest).await.unwrap();
+        let mut reader = InputPort::open(&network, "/reader", Queue::Newest).await.unwrap();
         soon(async {
             while client.call(&greeting(round)).await.is_err() {
                 client.pause().await;
@@ -230,7 +230,7 @@ async fn a_client_that_remembers_needs_no_name_server_to_connect_anew() {
 async fn ports_register_again_when_the_name_server_forgot_them() {
     let (first, network) = names().await;
     let options = PortOptions { renew: Duration::from_millis(50), ..PortOptions::default() };
-    let reader = Reader::open_with(&network, "/reader", Queue::Newest, options).await.unwrap();
+    let reader = InputPort::open_with(&network, "/reader", Queue::Newest, options).await.unwrap();
     let contact = network.query("/reader").await.unwrap();
     let address = first.address();
     first.close().await;
@@ -260,15 +260,15 @@ async fn ports_register_again_when_the_name_server_forgot_them() {
 async fn a_name_stays_with_the_port_that_answers_and_comes_back_from_one_that_does_not() {
     let (_names, network) = names().await;
     let options = PortOptions { renew: Duration::from_millis(10), ..PortOptions::default() };
-    let first = Reader::open_with(&network, "/a", Queue::Newest, options).await.unwrap();
-    let refused = Writer::open(&network, "/a", Delivery::Newest).await.err().unwrap().to_string();
+    let first = InputPort::open_with(&network, "/a", Queue::Newest, options).await.unwrap();
+    let refused = OutputPort::open(&network, "/a", Delivery::Newest).await.err().unwrap().to_string();
     assert!(refused.contains("another program holds the port name /a (at 127.0.0.1:"), "{refused}");
     assert_eq!(network.query("/a").await.unwrap().as_ref(), Some(first.contact()));
     // a program that takes names without asking, and has died
     network.register("/a", "127.0.0.1", 1).await.unwrap();
     soon(async { while network.query("/a").await.unwrap().as_ref() != Some(first.contact()) {} }).await;
     // who is about to close gets a moment
-    let (closed, opened) = tokio::join!(first.close(), Writer::open(&network, "/a", Delivery::Newest));
+    let (closed, opened) = tokio::join!(first.close(), OutputPort::open(&network, "/a", Delivery::Newest));
     let ((), second) = (closed, opened.unwrap());
     assert_eq!(network.query("/a").await.unwrap().as_ref(), Some(second.contact()));
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use mobee_yarp::payload::{pair, vector};
-use mobee_yarp::{Bottle, Dialect, Field, Image, JointData, PixelCode, Stamp, Vocab};
+use mobee_yarp::{Bottle, Dialect, Image, JointData, JointField, PixelCode, Stamp, Vocab};
 use serde_json::Value as Json;
 
 /// What the names of encodings begin with; anything else that has bytes is taken for a bottle.
@@ -160,8 +160,8 @@ impl Case<'_> {
 
     /// Field n of joint j is n + j/2, the temperature 30 + 1.5 j.
     fn two_joints(&self) -> JointData {
-        let field = |n: i32, valid| Field { values: vec![f64::from(n), f64::from(n) + 0.5], valid };
-        let modes = |a, b| Field::known([a, b].map(|letters| Vocab::new(letters).0 as i32).to_vec());
+        let field = |n: i32, valid| JointField { values: vec![f64::from(n), f64::from(n) + 0.5], valid };
+        let modes = |a, b| JointField::known([a, b].map(|letters| Vocab::new(letters).0 as i32).to_vec());
         JointData {
             position: field(1, true),
             velocity: field(2, true),
@@ -175,8 +175,8 @@ impl Case<'_> {
             control_modes: modes("pos", "vel"),
             interaction_modes: modes("stif", "comp"),
             temperature: match self.dialect {
-                Dialect::V3 => Field::default(),
-                Dialect::V4 => Field::known(vec![30.0, 31.5]),
+                Dialect::V3 => JointField::default(),
+                Dialect::V4 => JointField::known(vec![30.0, 31.5]),
             },
         }
     }

@@ -186,7 +186,7 @@ fn a_way_ends_where_its_motors_had_been_sent() {
 }
 
 /// The way of a robot that goes back by itself.
-fn alone(who: Participant) -> Way {
+fn alone(who: Participant) -> RetreatPath {
     let mut plan = Plan::new(vec![who]).unwrap();
     assert!(plan.check(SLICE));
     plan.ways().remove(0)

@@ -1,7 +1,7 @@
 //! What is written during a retreat, when it waits, and a robot that is held up on it.
 
 use super::*;
-use crate::joint_retreat::Answer;
+use crate::joint_retreat::RetreatReply;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use std::sync::Arc;
 fn retreat(rules: &Arc<Rules>) -> (JointRetreat, Retreat) {
     let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(5.0));
     joint_retreat.enroll(recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5), now);
-    let Answer::Go(way) = joint_retreat.ask(0, now) else { panic!("there is a way") };
+    let RetreatReply::Go(way) = joint_retreat.ask(0, now) else { panic!("there is a way") };
     (joint_retreat, Retreat::new(0, way, rules, now))
 }
 
@@ -52,9 +52,9 @@ fn way(direct: bool, points: &[(f64, f64)]) -> (JointRetreat, Retreat, Arc<Rules
     let rules = rules(direct);
     let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(5.0));
     joint_retreat.enroll(recorded(0, direct, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5), now);
-    let Answer::Go(asked) = joint_retreat.ask(0, now) else { panic!("there is a way") };
+    let RetreatReply::Go(asked) = joint_retreat.ask(0, now) else { panic!("there is a way") };
     let points = points.iter().map(|(t, deg)| (*t, vec![deg.to_radians()].into())).collect();
-    let retreat = Retreat::new(0, Way { points, ..asked }, &rules, now);
+    let retreat = Retreat::new(0, RetreatPath { points, ..asked }, &rules, now);
     (joint_retreat, retreat, rules)
 }
 

@@ -70,7 +70,7 @@ enum ToReflex {
 pub(super) struct Cell {
     pub rules: Arc<Rules>,
     pub gate: Gate,
-    pub book: Book,
+    pub book: TransactionState,
     pub supervise: SuperviseCore,
     pub reflex: ReflexCore,
     pub joint_retreat: JointRetreat,
@@ -131,7 +131,7 @@ impl Cell {
 
     /// With readings so far apart, of exact speeds or estimated ones, and a history of this length.
     pub fn with(kind: Kind, step: Duration, exact: bool, history: usize) -> Cell {
-        let (rules, gate, mut book) = (rules(kind), Gate::default(), Book::new(history));
+        let (rules, gate, mut book) = (rules(kind), Gate::default(), TransactionState::new(history));
         let joint_retreat = JointRetreat::default();
         let shared = &mut Shared { rules: &rules, gate: &gate, book: &mut book, joint_retreat: &joint_retreat };
         let (supervise, first) = SuperviseCore::new(shared, Time::ZERO);

@@ -7,7 +7,7 @@ struct Two {
     supervise: SuperviseCore,
     rules: Arc<Rules>,
     gate: Gate,
-    book: Book,
+    book: TransactionState,
     joint_retreat: JointRetreat,
     now: Time,
     seq: u64,
@@ -21,7 +21,7 @@ impl Two {
         let board = Board { axes, period, latency: Duration::ZERO, position_direct: true };
         let rules = Arc::new(Rules::new("r", vec!["p".into()], &ControllerSettings::default(), &board));
         let (gate, mut book, joint_retreat, now) =
-            (Gate::default(), Book::new(1000), JointRetreat::default(), Time::ZERO);
+            (Gate::default(), TransactionState::new(1000), JointRetreat::default(), Time::ZERO);
         let shared = &mut Shared { rules: &rules, gate: &gate, book: &mut book, joint_retreat: &joint_retreat };
         let (supervise, _) = SuperviseCore::new(shared, now);
         let mut two = Two { supervise, rules, gate, book, joint_retreat, now, seq: 0 };

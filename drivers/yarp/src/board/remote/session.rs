@@ -1,6 +1,6 @@
 //! The life of a connection: reached, watched, lost, and reached again.
 
-use super::{Link, Shared, facts, stream};
+use super::{LinkState, Shared, facts, stream};
 use crate::board::{Ask, Get};
 use crate::{Contact, PortError};
 use std::sync::Arc;
@@ -31,7 +31,7 @@ async fn stay(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) {
                 pause = BACK_OFF.0;
                 generation += 1;
                 tracing::info!(board = shared.port, "connected");
-                shared.link.send_replace(Link::Up(generation));
+                shared.link.send_replace(LinkState::Up(generation));
                 let why = watch(shared, up).await;
                 tracing::warn!(board = shared.port, why = ?why, "lost");
                 shared.link.send_replace(why);
@@ -55,36 +55,36 @@ async fn stay(shared: &Arc<Shared>, stream: &mut Option<stream::Stream>) {
 async fn reach<'a>(
     shared: &Arc<Shared>,
     stream: &'a mut Option<stream::Stream>,
-) -> Result<&'a mut stream::Stream, Link> {
+) -> Result<&'a mut stream::Stream, LinkState> {
     if stream.is_none() {
         *stream = Some(stream::Stream::open(shared.clone()).await.map_err(|e| match e {
             PortError::Taken(other) => taken(&other),
-            e => Link::Down(super::in_words(&e)),
+            e => LinkState::Down(super::in_words(&e)),
         })?);
     }
-    let Some(stream) = stream else { return Err(Link::Down("no port for states".into())) };
+    let Some(stream) = stream else { return Err(LinkState::Down("no port for states".into())) };
     if let Some(other) = stream.port.roll_call().await {
         return Err(taken(&other));
     }
     shared.control.lock().await.pause().await;
-    let axes = facts::ask(shared).await.map_err(Link::Down)?;
+    let axes = facts::ask(shared).await.map_err(LinkState::Down)?;
     let known = shared.facts.borrow().clone();
     match known {
         Some(known) if known != axes => {
             let why = "the board has other axes or limits than before; start anew to use it";
-            return Err(Link::Down(why.into()));
+            return Err(LinkState::Down(why.into()));
         }
         Some(_) => {}
         None => {
             shared.facts.send_replace(Some(axes.clone()));
         }
     }
-    stream.begin(shared, axes.len()).await.map_err(Link::Down)?;
+    stream.begin(shared, axes.len()).await.map_err(LinkState::Down)?;
     Ok(stream)
 }
 
 /// Stays until the connection is lost; says why.
-async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> Link {
+async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> LinkState {
     let port = stream.port.clone();
     let mut look = tokio::time::interval(shared.options.stale.max(Duration::from_millis(20)));
     look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -92,7 +92,7 @@ async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> Link {
     let mut quiet = 0u32;
     loop {
         tokio::select! {
-            () = shared.trouble.notified() => return Link::Down("a request got no answer".into()),
+            () = shared.trouble.notified() => return LinkState::Down("a request got no answer".into()),
             _ = look.tick() => {
                 let age = shared.state.borrow().as_ref().map(|s| s.arrived.elapsed());
                 if age.is_some_and(|a| a < shared.options.stale) {
@@ -101,7 +101,7 @@ async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> Link {
                 }
                 // the states have stopped: is the board there? Then ask for them again, less and less often
                 if let Err(e) = shared.ask(&Ask::Get(Get::Axes).bottle()).await {
-                    return Link::Down(e.to_string());
+                    return LinkState::Down(e.to_string());
                 }
                 quiet += 1;
                 if quiet.is_power_of_two()
@@ -110,15 +110,15 @@ async fn watch(shared: &Arc<Shared>, stream: &mut stream::Stream) -> Link {
                     tracing::debug!(board = shared.port, why, "no states");
                 }
             }
-            () = stream.over() => return Link::Down("the reader of its states died".into()),
+            () = stream.over() => return LinkState::Down("the reader of its states died".into()),
             other = port.name_taken() => return taken(&other),
         }
     }
 }
 
-fn taken(other: &Contact) -> Link {
+fn taken(other: &Contact) -> LinkState {
     let Contact { name, host, port, .. } = other;
-    Link::Taken(format!(
+    LinkState::Taken(format!(
         "another program holds the port name {name} (at {host}:{port}): two would write to one robot; end it, or choose another name"
     ))
 }

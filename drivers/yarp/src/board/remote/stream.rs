@@ -4,7 +4,7 @@ use super::{RemoteState, Shared};
 use crate::clock;
 use crate::payload::vector;
 use crate::port::Core;
-use crate::{Field, JointData, Message, PortError, Queue, Reader, Stamp};
+use crate::{InputPort, JointData, JointField, Message, PortError, Queue, Stamp};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use tokio::sync::mpsc;
@@ -30,7 +30,7 @@ pub(super) struct Stream {
 impl Stream {
     /// Opens the port.
     pub async fn open(shared: Arc<Shared>) -> Result<Stream, PortError> {
-        let reader = Reader::open(&shared.network, &name(&shared), Queue::Bounded(64)).await?;
+        let reader = InputPort::open(&shared.network, &name(&shared), Queue::Bounded(64)).await?;
         let port = reader.core().clone();
         let (axes, told) = mpsc::channel(1);
         let task = tokio::spawn(read(shared, reader, told));
@@ -82,7 +82,7 @@ impl Drop for Stream {
     }
 }
 
-async fn read(shared: Arc<Shared>, mut reader: Reader, mut told: mpsc::Receiver<usize>) {
+async fn read(shared: Arc<Shared>, mut reader: InputPort, mut told: mpsc::Receiver<usize>) {
     let (mut axes, mut seq) = (None, 0);
     let mut last: Option<Stamp> = None;
     loop {
@@ -123,7 +123,7 @@ fn joints(shared: &Shared, message: &Message, axes: usize) -> Option<JointData> 
     let joints = match JointData::from_bottle(&bottle) {
         Ok(joints) => joints,
         Err(_) => {
-            let position = Field::known(vector::from_bottle(&bottle).ok()?);
+            let position = JointField::known(vector::from_bottle(&bottle).ok()?);
             JointData { position, ..JointData::default() }
         }
     };

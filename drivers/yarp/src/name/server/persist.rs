@@ -1,6 +1,6 @@
 //! Makes the persistent connections: the server plays the third program of spec section 8.
 
-use crate::name::Link;
+use crate::name::PendingConnection;
 use crate::{Network, remote};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
@@ -11,7 +11,7 @@ pub(super) const MOST_WAITING: usize = 1024;
 const AT_ONCE: usize = 16;
 
 /// Makes connections as they are wanted.
-pub(super) async fn keep(network: Network, mut wanted: mpsc::Receiver<Link>) {
+pub(super) async fn keep(network: Network, mut wanted: mpsc::Receiver<PendingConnection>) {
     let mut making = JoinSet::new();
     while let Some(link) = wanted.recv().await {
         while making.len() >= AT_ONCE {
@@ -22,7 +22,7 @@ pub(super) async fn keep(network: Network, mut wanted: mpsc::Receiver<Link>) {
     }
 }
 
-async fn make(network: Network, Link { src, dest }: Link) {
+async fn make(network: Network, PendingConnection { src, dest }: PendingConnection) {
     let made = async {
         if remote::connection(&network, &src, &dest).await?.is_none() {
             remote::connect(&network, &src, &dest, None).await?;

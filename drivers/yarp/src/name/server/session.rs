@@ -136,13 +136,13 @@ async fn carrier(
 /// The reply to one message, without its acknowledgement.
 fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &str, shared: &Shared) -> Vec<u8> {
     let text = hello.carrier.is_text();
-    let view = || admin::View {
+    let view = || admin::PortView {
         name: shared.contact.name.clone(),
         address: shared.contact.to_string(),
         is_input: true,
         is_rpc: true,
         inputs: vec![admin::Peer { name: hello.bare().into(), carrier: hello.carrier }],
-        ..admin::View::default()
+        ..admin::PortView::default()
     };
     match verb {
         Verb::Data(wanted) => {
@@ -156,10 +156,10 @@ fn reply(verb: &Verb, payload: &Bottle, hello: &handshake::Hello, peer: &str, sh
         Verb::Admin => {
             let view = view();
             let reply = match admin::answer(&view, payload) {
-                admin::Answer::Reply(reply) => reply,
-                admin::Answer::Add { given, .. } => admin::added(&view.name, &given, admin::Added::NoOutputs),
-                admin::Answer::Remove(name) => admin::removed(&view.name, &name, admin::Removed::None),
-                admin::Answer::Set(..) => admin::ok(),
+                admin::AdminReply::Reply(reply) => reply,
+                admin::AdminReply::Add { given, .. } => admin::added(&view.name, &given, admin::Added::NoOutputs),
+                admin::AdminReply::Remove(name) => admin::removed(&view.name, &name, admin::Removed::None),
+                admin::AdminReply::Set(..) => admin::ok(),
             };
             if text { [reply.to_text(), b"\r\n".to_vec()].concat() } else { reply.encode(shared.options.dialect) }
         }
@@ -177,7 +177,7 @@ fn parse(line: &[u8]) -> Bottle {
 }
 
 /// Asks the table, and passes on the persistent connections that are due.
-fn answer(request: &Bottle, peer: &str, shared: &Shared) -> crate::name::Answer {
+fn answer(request: &Bottle, peer: &str, shared: &Shared) -> crate::name::NameReply {
     let word = |v: &Value| v.as_text().map_or_else(|| v.to_string(), |t| t.into_owned());
     let mut words: Vec<String> = request.iter().map(word).collect();
     if words.first().is_some_and(|w| w == "NAME_SERVER") {

@@ -23,41 +23,41 @@ pub(super) const HELP: [&str; 14] = [
 
 /// What a name server answers.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Answer {
+pub enum NameReply {
     /// Lines with a terminator, text on every carrier.
     Lines(Vec<String>),
     /// A bottle: one line in text, binary on binary carriers.
     Bottle(Bottle),
 }
 
-impl Answer {
+impl NameReply {
     /// The terminator alone.
-    pub fn end() -> Answer {
-        Answer::Lines(Vec::new())
+    pub fn end() -> NameReply {
+        NameReply::Lines(Vec::new())
     }
 
     /// `[ok]` or `[fail]`.
-    pub fn done(ok: bool) -> Answer {
-        Answer::Bottle(Bottle::of([Vocab::new(if ok { "ok" } else { "fail" })]))
+    pub fn done(ok: bool) -> NameReply {
+        NameReply::Bottle(Bottle::of([Vocab::new(if ok { "ok" } else { "fail" })]))
     }
 
     /// The registration, if there is one.
-    pub fn registration(contact: Option<&Contact>) -> Answer {
-        Answer::Lines(contact.map(registration).into_iter().collect())
+    pub fn registration(contact: Option<&Contact>) -> NameReply {
+        NameReply::Lines(contact.map(registration).into_iter().collect())
     }
 
     /// The list of ports as a bottle.
-    pub fn ports(contacts: Vec<&Contact>) -> Answer {
+    pub fn ports(contacts: Vec<&Contact>) -> NameReply {
         contacts.into_iter().fold(Bottle::of(["ports"]), |all, c| all.with(port(Some(c)))).into()
     }
 
     /// The answer on text carriers and in the plain form, with its line ends.
     pub fn text(&self) -> Vec<u8> {
         match self {
-            Answer::Lines(lines) => {
+            NameReply::Lines(lines) => {
                 lines.iter().map(String::as_str).chain([END]).flat_map(|l| [l, "\r\n"]).collect::<String>().into()
             }
-            Answer::Bottle(bottle) => {
+            NameReply::Bottle(bottle) => {
                 let mut text = bottle.to_text();
                 text.extend_from_slice(b"\r\n");
                 text
@@ -68,15 +68,15 @@ impl Answer {
     /// The answer on binary carriers: lines remain text (spec section 3.4).
     pub fn binary(&self, dialect: Dialect) -> Vec<u8> {
         match self {
-            Answer::Lines(_) => self.text(),
-            Answer::Bottle(bottle) => bottle.encode(dialect),
+            NameReply::Lines(_) => self.text(),
+            NameReply::Bottle(bottle) => bottle.encode(dialect),
         }
     }
 }
 
-impl From<Bottle> for Answer {
-    fn from(bottle: Bottle) -> Answer {
-        Answer::Bottle(bottle)
+impl From<Bottle> for NameReply {
+    fn from(bottle: Bottle) -> NameReply {
+        NameReply::Bottle(bottle)
     }
 }
 

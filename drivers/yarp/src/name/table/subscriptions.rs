@@ -10,14 +10,14 @@ const MOST: usize = 4096;
 
 /// A connection to be made, as the subscriber wrote its ends (they may have carriers).
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Link {
+pub struct PendingConnection {
     /// The port that sends.
     pub src: String,
     /// The port that receives.
     pub dest: String,
 }
 
-impl Link {
+impl PendingConnection {
     /// Whether it is between these ports.
     pub(super) fn is(&self, src: &str, dest: &str) -> bool {
         bare(&self.src) == src && bare(&self.dest) == dest
@@ -25,7 +25,7 @@ impl Link {
 }
 
 #[derive(Debug, Default)]
-pub(super) struct Subscriptions(BTreeMap<(String, String), (Link, String)>);
+pub(super) struct Subscriptions(BTreeMap<(String, String), (PendingConnection, String)>);
 
 impl Subscriptions {
     /// Stores a connection, instead of an earlier one between the same ports. The mode is empty, `from` or `to`: the
@@ -35,7 +35,7 @@ impl Subscriptions {
         if !(sayable(src) && sayable(dest)) || mode.len() > 10 || (self.0.len() >= MOST && !self.0.contains_key(&key)) {
             return false;
         }
-        self.0.insert(key, (Link { src: src.into(), dest: dest.into() }, mode.into()));
+        self.0.insert(key, (PendingConnection { src: src.into(), dest: dest.into() }, mode.into()));
         true
     }
 
@@ -49,7 +49,7 @@ impl Subscriptions {
     }
 
     /// The connections of a port.
-    pub(super) fn of(&self, name: &str) -> impl Iterator<Item = Link> {
+    pub(super) fn of(&self, name: &str) -> impl Iterator<Item = PendingConnection> {
         self.0.iter().filter(move |((src, dest), _)| src == name || dest == name).map(|(_, (link, _))| link.clone())
     }
 

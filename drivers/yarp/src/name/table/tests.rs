@@ -1,16 +1,16 @@
 use super::*;
 use proptest::prelude::*;
 
-fn table() -> Table {
-    Table::new(Contact::new("/root", "tcp", "127.0.0.1", 10000), 100)
+fn table() -> NameTable {
+    NameTable::new(Contact::new("/root", "tcp", "127.0.0.1", 10000), 100)
 }
 
-fn say(table: &mut Table, line: &str) -> String {
+fn say(table: &mut NameTable, line: &str) -> String {
     let words: Vec<String> = line.split_whitespace().map(String::from).collect();
     String::from_utf8(table.answer(&words, "127.0.0.1").answer.text()).unwrap()
 }
 
-fn number(table: &mut Table, line: &str) -> u16 {
+fn number(table: &mut NameTable, line: &str) -> u16 {
     crate::name::text::extract(&say(table, line)).map_or(0, |c| c.port)
 }
 
@@ -35,7 +35,7 @@ fn taking_a_name_over_is_silent_but_counted() {
     let mut t = table();
     say(&mut t, "register /a tcp 127.0.0.1 5000");
     say(&mut t, "register /a tcp 127.0.0.1 5000");
-    assert_eq!(t.counts(), Counts { registered: 2, ..Counts::default() });
+    assert_eq!(t.counts(), NameCounts { registered: 2, ..NameCounts::default() });
     assert_eq!(number(&mut t, "register /a tcp 127.0.0.1 5001"), 5001);
     assert_eq!(t.counts().replaced, 1);
 }
@@ -54,7 +54,7 @@ fn a_new_registration_forgets_the_properties() {
 fn prefixes_are_whole_components() {
     let mut t = table();
     ["/p/a", "/p/b", "/pa"].iter().for_each(|n| drop(say(&mut t, &format!("register {n}"))));
-    let names = |t: &Table, p| t.list(Some(p)).iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+    let names = |t: &NameTable, p| t.list(Some(p)).iter().map(|c| c.name.clone()).collect::<Vec<_>>();
     assert_eq!(names(&t, "/p"), ["/p/a", "/p/b"]);
     assert_eq!(names(&t, "/p/"), ["/p/a", "/p/b"]);
     assert_eq!(names(&t, "/pa"), ["/pa"]);
@@ -80,7 +80,7 @@ fn subscriptions_are_due_when_both_ends_are_there() {
     links("register /a");
     assert_eq!(links("announce /a"), []);
     links("register /b");
-    let due = [Link { src: "/a".into(), dest: "udp://b".into() }];
+    let due = [PendingConnection { src: "/a".into(), dest: "udp://b".into() }];
     assert_eq!(links("announce /b"), due);
     assert_eq!(links("announce /b 0"), []);
     assert_eq!(links("subscribe /a udp://b"), due);
@@ -105,7 +105,7 @@ fn what_can_not_be_said_or_held_is_refused() {
         assert_eq!(say(&mut t, line), "*** end of message\r\n", "{line}");
     }
     let words = ["register".to_string(), "/a b".into()];
-    assert_eq!(t.answer(&words, "127.0.0.1").answer, Answer::end());
+    assert_eq!(t.answer(&words, "127.0.0.1").answer, NameReply::end());
     (0..200).for_each(|i| drop(say(&mut t, &format!("register /n/{i}"))));
     assert_eq!(t.ports().count(), 100);
     let long = "x".repeat(10_000);

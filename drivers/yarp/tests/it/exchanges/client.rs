@@ -5,7 +5,7 @@ use super::script::{Exchange, Outcome, Said, Step, hello, messages};
 use crate::common::names;
 use mobee_yarp::wire::Verb;
 use mobee_yarp::{
-    Bottle, CallError, Carrier, Contact, Delivery, Dialect, Payload, PortOptions, RpcClient, Sender, Writer,
+    Bottle, CallError, Carrier, Contact, Delivery, Dialect, OutputPort, Payload, PortOptions, RpcClient, Sender,
 };
 use mobee_yarp::{NameServer, Network, remote};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -173,7 +173,7 @@ fn same<T: PartialEq + std::fmt::Debug>(got: &T, want: &T) -> Outcome {
 async fn output(network: &Network, exchange: &Exchange) -> Outcome {
     let first = exchange.steps.first().ok_or("no steps")?;
     let (carrier, name) = hello(&first.bytes).ok_or("no handshake")?;
-    let writer = Writer::open(network, &name, Delivery::Strict(10)).await.map_err(|e| e.to_string())?;
+    let writer = OutputPort::open(network, &name, Delivery::Strict(10)).await.map_err(|e| e.to_string())?;
     writer.connect("/reader", carrier).await.map_err(|e| e.to_string())?;
     let mut quits = carrier == Carrier::Udp;
     for Step { bytes, transport, .. } in exchange.steps.iter().skip(1).filter(|step| step.from_client) {

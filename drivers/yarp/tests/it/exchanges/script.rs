@@ -1,7 +1,7 @@
 //! Captured exchanges, and what their bytes mean.
 
 use mobee_yarp::Carrier;
-use mobee_yarp::wire::{Command, Verb, frame, handshake, line};
+use mobee_yarp::wire::{TextCommand, Verb, frame, handshake, line};
 use std::path::PathBuf;
 
 pub type Outcome = Result<(), String>;
@@ -65,7 +65,7 @@ pub fn hello(bytes: &[u8]) -> Option<(Carrier, String)> {
 /// A message, whatever its blocks were.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Said {
-    pub command: Command,
+    pub command: TextCommand,
     pub payload: Vec<u8>,
 }
 

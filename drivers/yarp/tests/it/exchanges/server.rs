@@ -3,7 +3,7 @@
 use super::script::{Exchange, Outcome, Said, Step, data, hello, masked};
 use crate::common::names;
 use mobee_yarp::{Bottle, Carrier, Contact, Delivery, Dialect, Handler, Message, NameServer, Payload, Queue};
-use mobee_yarp::{Reader, RpcClient, RpcServer, Writer};
+use mobee_yarp::{InputPort, OutputPort, RpcClient, RpcServer};
 use std::collections::VecDeque;
 use std::net::SocketAddr;
 use std::pin::Pin;
@@ -16,19 +16,22 @@ struct Scene {
     names: NameServer,
     /// A name server that knows none of the ports, so that it does nothing about them.
     other_names: NameServer,
-    reader: Reader,
-    writer: Option<Writer>,
+    reader: InputPort,
+    writer: Option<OutputPort>,
     rpc: Option<RpcServer>,
 }
 
 pub async fn replay(exchange: &Exchange) -> Outcome {
     let (names, network) = names().await;
     // The stream vectors were recorded by a listening port, the others by one named /reader.
-    let reader = Reader::open(&network, "/reader", Queue::Bounded(10)).await.unwrap();
+    let reader = InputPort::open(&network, "/reader", Queue::Bounded(10)).await.unwrap();
     let name = exchange.name.as_str();
     let with_writer = ["admin-add-del", "admin-add-unknown", "connect-admin", "persist-connect"].contains(&name);
-    let writer =
-        if with_writer { Some(Writer::open(&network, "/writer", Delivery::Strict(10)).await.unwrap()) } else { None };
+    let writer = if with_writer {
+        Some(OutputPort::open(&network, "/writer", Delivery::Strict(10)).await.unwrap())
+    } else {
+        None
+    };
     let rpc = if name.starts_with("rpc-") {
         Some(RpcServer::open(&network, "/rpc", Arc::new(Recorded::of(exchange))).await.unwrap())
     } else {
@@ -160,7 +163,7 @@ fn target(scene: &Scene, exchange: &Exchange, step: &Step) -> SocketAddr {
 }
 
 /// Checks that the reader got this data.
-async fn arrived(reader: &mut Reader, carrier: Carrier, expected: Vec<Said>) -> Outcome {
+async fn arrived(reader: &mut InputPort, carrier: Carrier, expected: Vec<Said>) -> Outcome {
     for said in expected {
         let message = reader.recv().await.ok_or("the reader is closed")?;
         let got = match (&message.payload, carrier.is_text()) {

@@ -2,7 +2,7 @@
 
 use super::program::Tools;
 use super::{Cell, at, blame, line, until, within};
-use mobee_yarp::{Bottle, Carrier, Delivery, Handler, Message, Network, Payload, RpcServer, Writer};
+use mobee_yarp::{Bottle, Carrier, Delivery, Handler, Message, Network, OutputPort, Payload, RpcServer};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -38,7 +38,7 @@ async fn streams(
     cells: &mut [Cell; 6],
 ) -> Result<(), String> {
     let (w, r, c) = (&format!("{base}/w"), &format!("{base}/r"), carrier.name());
-    let writer = within("open", Writer::open(network, w, Delivery::Strict(100))).await?.map_err(at("open"))?;
+    let writer = within("open", OutputPort::open(network, w, Delivery::Strict(100))).await?.map_err(at("open"))?;
     let mut reader = tools.start("yarp", &["read", r]);
     line(&mut reader, "yarp read", |l| l.contains("active")).await?;
     let listed = tools.succeed(&["name", "list", base]).await?;
@@ -66,7 +66,7 @@ async fn streams(
 }
 
 /// Writes until it is read: datagrams may come too early.
-async fn writes(writer: &Writer, reader: &mut super::Program, carrier: Carrier) -> Result<(), String> {
+async fn writes(writer: &OutputPort, reader: &mut super::Program, carrier: Carrier) -> Result<(), String> {
     let message = Bottle::of(["hello", "two words"]).with(3).with(2.5);
     let wanted = |l: &str| l == "hello \"two words\" 3 2.5";
     if carrier != Carrier::Udp {
@@ -91,7 +91,7 @@ async fn persistent(tools: &Tools, network: &Network, base: &str, carrier: Carri
     let mut reader = tools.start("yarp", &["read", r]);
     line(&mut reader, "yarp read", |l| l.contains("active")).await?;
     tools.succeed(&["connect", "--persist", w, r, carrier.name()]).await?;
-    let writer = within("open", Writer::open(network, w, Delivery::Strict(100))).await?.map_err(at("open"))?;
+    let writer = within("open", OutputPort::open(network, w, Delivery::Strict(100))).await?.map_err(at("open"))?;
     until("the name server connects", async || writer.peers().contains(r)).await?;
     writes(&writer, &mut reader, carrier).await?;
     tools.succeed(&["disconnect", "--persist", w, r]).await?;

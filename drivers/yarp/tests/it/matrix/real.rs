@@ -2,7 +2,7 @@
 
 use super::program::{Program, Tools};
 use super::{Cell, at, blame, line, until, within};
-use mobee_yarp::{Bottle, Carrier, Dialect, Network, Queue, Reader, RpcClient, remote};
+use mobee_yarp::{Bottle, Carrier, Dialect, InputPort, Network, Queue, RpcClient, remote};
 use std::time::Duration;
 
 pub async fn row(tools: &Tools, network: &Network, base: &str, carrier: Carrier) -> [Cell; 6] {
@@ -27,7 +27,7 @@ async fn streams(
     let (w, r, c) = (&format!("{base}/w"), &format!("{base}/r"), carrier.name());
     let mut writer = tools.start("yarp", &["write", w]);
     line(&mut writer, "yarp write", |l| l.contains("active")).await?;
-    let mut reader = within("open", Reader::open(network, r, Queue::Bounded(100))).await?.map_err(at("open"))?;
+    let mut reader = within("open", InputPort::open(network, r, Queue::Bounded(100))).await?.map_err(at("open"))?;
     let listed = network.list(base).await.map_err(at("list"))?;
     if !listed.iter().any(|contact| contact.name == *w) {
         return Err(format!("not listed: {listed:?}"));
@@ -56,7 +56,7 @@ async fn streams(
 }
 
 /// Types lines until one arrives: connections and datagrams may come too late for the first.
-async fn reads(writer: &mut Program, reader: &mut Reader, dialect: Dialect) -> Result<(), String> {
+async fn reads(writer: &mut Program, reader: &mut InputPort, dialect: Dialect) -> Result<(), String> {
     let wanted = "hello \"two words\" 3 2.5";
     let mut beat = tokio::time::interval(Duration::from_millis(50));
     let work = async {
@@ -80,7 +80,7 @@ async fn persistent(tools: &Tools, network: &Network, base: &str, carrier: Carri
     line(&mut writer, "yarp write", |l| l.contains("active")).await?;
     let to = format!("{carrier}:/{r}");
     network.ask(&["subscribe", w, &to]).await.map_err(at("subscribe"))?;
-    let mut reader = within("open", Reader::open(network, r, Queue::Bounded(100))).await?.map_err(at("open"))?;
+    let mut reader = within("open", InputPort::open(network, r, Queue::Bounded(100))).await?.map_err(at("open"))?;
     reads(&mut writer, &mut reader, network.dialect()).await?;
     network.ask(&["unsubscribe", w, r]).await.map_err(at("unsubscribe"))?;
     reader.close().await;

@@ -4,7 +4,7 @@ use super::Maker;
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::swap::{Phase, SwapCore, SwapIn, SwapOut, SwapPolicy};
-use crate::wiring::{Hub, Wires};
+use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{Agent, CommitId, Event, Intent, MotionEnd, Note, Snapshot, SwapPart, SwapStep, View};
 use sha2::{Digest, Sha256};
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// A new planner, as it is offered.
 #[derive(Clone, Debug)]
-pub struct Offer {
+pub struct SwapRequest {
     /// Makes it.
     pub maker: Maker,
     /// What it is, in words: its kind and the file it comes from.
@@ -25,7 +25,7 @@ pub struct Offer {
 
 /// A robot's planners, as far as they must survive the death of their actor.
 #[derive(Debug, Default)]
-pub struct Slot {
+pub struct PlannerSlot {
     /// Makes the one in force.
     pub maker: Option<Maker>,
     /// Makes the one that was replaced, from its state then; while the new one is on probation.
@@ -50,28 +50,28 @@ struct Said<T> {
 
 struct Candidate {
     agent: Box<dyn Agent>,
-    offer: Offer,
+    offer: SwapRequest,
 }
 
-pub(super) struct Mind {
-    hub: Arc<Hub>,
-    wires: Arc<Wires>,
+pub(super) struct PlannerHost {
+    shared: Arc<SharedContext>,
+    context: Arc<RobotContext>,
     /// Absent only while it is being asked.
     agent: Option<Box<dyn Agent>>,
     candidate: Option<Candidate>,
     former: Option<Box<dyn Agent>>,
 }
 
-impl Mind {
+impl PlannerHost {
     /// Makes the planner, at the start and after the actor's death: on probation, that counts against the new one.
-    pub(super) fn start(hub: Arc<Hub>, wires: Arc<Wires>) -> Result<Mind, String> {
-        let mut mind = Mind { hub, wires, agent: None, candidate: None, former: None };
-        let newest = mind.wires.snapshot.lock().clone();
+    pub(super) fn start(shared: Arc<SharedContext>, context: Arc<RobotContext>) -> Result<PlannerHost, String> {
+        let mut mind = PlannerHost { shared, context, agent: None, candidate: None, former: None };
+        let newest = mind.context.snapshot.lock().clone();
         let fallback = mind.after_death();
-        let maker = mind.wires.slot.lock().maker.clone().ok_or("the robot has no agent")?;
+        let maker = mind.context.slot.lock().maker.clone().ok_or("the robot has no agent")?;
         let mut agent = (maker.0)()?;
         match newest {
-            None => agent.recall(&mind.wires.notes),
+            None => agent.recall(&mind.context.notes),
             Some(newest) => match (agent.import(newest), fallback) {
                 (Ok(()), _) => {}
                 (Err(_), Some(own)) => agent.import(own).map_err(|e| e.to_string())?,
@@ -89,8 +89,8 @@ impl Mind {
                 None
             }
             _ => {
-                let (maker, state) = self.wires.slot.lock().former.take()?;
-                self.wires.slot.lock().maker = Some(maker);
+                let (maker, state) = self.context.slot.lock().former.take()?;
+                self.context.slot.lock().maker = Some(maker);
                 self.tell(SwapStep::Reverted { why: "it died".into() });
                 Some(state)
             }
@@ -98,33 +98,33 @@ impl Mind {
     }
 
     fn step_core(&self, input: SwapIn) -> Option<SwapOut> {
-        self.wires.slot.lock().core.on(input, self.hub.clock.now())
+        self.context.slot.lock().core.on(input, self.shared.clock.now())
     }
 
     pub(super) fn phase(&self) -> Phase {
-        self.wires.slot.lock().core.phase()
+        self.context.slot.lock().core.phase()
     }
 
     /// Whether a new planner waits for the end of what is under way.
     pub(super) fn is_due(&self) -> bool {
-        matches!(self.phase(), Phase::Shadow(until) if self.hub.clock.now() >= until)
+        matches!(self.phase(), Phase::Shadow(until) if self.shared.clock.now() >= until)
     }
 
     fn tell(&self, step: SwapStep) {
-        self.hub.tell_swap(&self.wires, SwapPart::Agent, step);
+        self.shared.tell_swap(&self.context, SwapPart::Agent, step);
     }
 
     /// Builds and checks a new planner beside the old one.
     ///
     /// # Errors
     /// Why not; everything is then as before.
-    pub(super) async fn offer(&mut self, offer: Offer) -> Result<SwapPolicy, String> {
+    pub(super) async fn offer(&mut self, offer: SwapRequest) -> Result<SwapPolicy, String> {
         if self.phase() != Phase::Settled {
             return Err("another swap of this agent is under way; wait until it is settled".into());
         }
         let (maker, fresh) = (offer.maker.clone(), offer.fresh);
         let state = self.agent.as_ref().map(|a| a.export());
-        let built = attempt(&self.hub.clock, offer.terms.budget, move || {
+        let built = attempt(&self.shared.clock, offer.terms.budget, move || {
             let made = (maker.0)().and_then(|mut agent| match state.filter(|_| !fresh) {
                 Some(state) => agent.import(state).map(|()| agent).map_err(|e| e.to_string()),
                 None => Ok(agent),
@@ -169,7 +169,7 @@ impl Mind {
 
     fn settle(&mut self) {
         self.former = None;
-        self.wires.slot.lock().former = None;
+        self.context.slot.lock().former = None;
         self.tell(SwapStep::Settled);
     }
 
@@ -184,7 +184,7 @@ impl Mind {
         let Some(Candidate { mut agent, offer }) = self.candidate.take() else { return };
         let state = self.agent.as_ref().map(|a| a.export()).filter(|_| !offer.fresh);
         let (last, view) = (last.map(|last| last.end), view.clone());
-        let asked = attempt(&self.hub.clock, offer.terms.budget, move || {
+        let asked = attempt(&self.shared.clock, offer.terms.budget, move || {
             let taken = state.map_or(Ok(()), |state| agent.import(state));
             let intent = taken.map(|()| agent.next(last, &view)).map_err(|e| e.to_string());
             agent.notes();
@@ -207,15 +207,15 @@ impl Mind {
             }
             _ => Vec::new(),
         };
-        self.hub.tell(Event::Shadow { robot: self.wires.name.clone(), intent: intent.kind(), q });
+        self.shared.tell(Event::Shadow { robot: self.context.name.clone(), intent: intent.kind(), q });
     }
 
     async fn hand_over(&mut self) -> bool {
         let Some(Candidate { mut agent, offer }) = self.candidate.take() else { return false };
         let Some(state) = self.agent.as_ref().map(|a| a.export()) else { return false };
-        let begun = self.hub.clock.now();
+        let begun = self.shared.clock.now();
         let given = state.clone();
-        let taken = attempt(&self.hub.clock, offer.terms.budget, move || {
+        let taken = attempt(&self.shared.clock, offer.terms.budget, move || {
             let taken = if offer.fresh { Ok(()) } else { agent.import(given).map_err(|e| e.to_string()) };
             // what it says now was said before
             agent.notes();
@@ -235,13 +235,13 @@ impl Mind {
             return false;
         }
         let hash = map.map(|m| Sha256::digest(m.to_string()).iter().take(8).map(|b| format!("{b:02x}")).collect());
-        *self.wires.snapshot.lock() = Some(back);
+        *self.context.snapshot.lock() = Some(back);
         self.former = self.agent.replace(agent);
         {
-            let mut slot = self.wires.slot.lock();
+            let mut slot = self.context.slot.lock();
             slot.former = slot.maker.replace(offer.maker).map(|maker| (maker, state));
         }
-        let gap = self.hub.clock.now().since(begun).as_secs_f64();
+        let gap = self.shared.clock.now().since(begun).as_secs_f64();
         self.step_core(SwapIn::TookOver);
         self.tell(SwapStep::TookOver { gap, map: hash });
         true
@@ -254,9 +254,9 @@ impl Mind {
         let (end, seen) = (last.map(|last| last.end), view.clone());
         match self.ask(move |agent| (agent.next(end, &seen), agent.export())).await {
             Ok((intent, state)) => {
-                *self.wires.snapshot.lock() = Some(state);
+                *self.context.snapshot.lock() = Some(state);
                 if let Some(Last { id, end }) = last.take() {
-                    self.hub.tell(Event::Told { robot: self.wires.name.clone(), id, end });
+                    self.shared.tell(Event::Told { robot: self.context.name.clone(), id, end });
                 }
                 Some(intent)
             }
@@ -292,14 +292,14 @@ impl Mind {
         };
         let (agent, said) = match self.phase() {
             Phase::Probation(_) => {
-                let budget = self.wires.slot.lock().core.terms().budget;
-                attempt(&self.hub.clock, budget, call).await?
+                let budget = self.context.slot.lock().core.terms().budget;
+                attempt(&self.shared.clock, budget, call).await?
             }
             _ => {
                 // a panic ends the actor, and its supervisor starts another
                 let given = call();
-                if self.hub.clock.kind() == ClockKind::Virtual && !given.cost.is_zero() {
-                    self.hub.clock.sleep(given.cost).await;
+                if self.shared.clock.kind() == ClockKind::Virtual && !given.cost.is_zero() {
+                    self.shared.clock.sleep(given.cost).await;
                 }
                 given.value
             }
@@ -312,7 +312,7 @@ impl Mind {
 
     fn note(&self, notes: Vec<Note>) {
         for note in notes {
-            self.hub.tell(Event::Note { robot: self.wires.name.clone(), note });
+            self.shared.tell(Event::Note { robot: self.context.name.clone(), note });
         }
     }
 
@@ -321,14 +321,14 @@ impl Mind {
         self.step_core(SwapIn::Broke);
         self.tell(SwapStep::Reverted { why });
         let own = {
-            let mut slot = self.wires.slot.lock();
+            let mut slot = self.context.slot.lock();
             slot.former.take().map(|(maker, state)| {
                 slot.maker = Some(maker);
                 state
             })
         };
         let Some(mut agent) = self.former.take() else { return false };
-        let newest = self.wires.snapshot.lock().clone();
+        let newest = self.context.snapshot.lock().clone();
         let knows = newest.is_some_and(|newest| agent.import(newest).is_ok());
         let notes = if knows {
             // all of it was said before
@@ -339,7 +339,7 @@ impl Mind {
             let _ = own.map(|own| agent.import(own));
             agent.notes()
         };
-        *self.wires.snapshot.lock() = Some(agent.export());
+        *self.context.snapshot.lock() = Some(agent.export());
         self.agent = Some(agent);
         self.note(notes);
         knows
