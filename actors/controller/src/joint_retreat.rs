@@ -188,7 +188,7 @@ impl JointRetreat {
         self.state().ask(robot, now)
     }
 
-    /// What [`RetreatReply::Bring`] asked for. From now on the robot is waited for no longer than its [`PATIENCE`].
+    /// What [`RetreatReply::Bring`] asked for. From now on the robot is waited for no longer than three seconds.
     pub fn enroll(&self, who: Participant, now: Time) {
         let mut state = self.state();
         if let Some(presence) = state.presence(who.robot) {

@@ -65,21 +65,21 @@ pub(super) struct PlannerHost {
 impl PlannerHost {
     /// Makes the planner, at the start and after the actor's death: on probation, that counts against the new one.
     pub(super) fn start(shared: Arc<SharedContext>, context: Arc<RobotContext>) -> Result<PlannerHost, String> {
-        let mut mind = PlannerHost { shared, context, agent: None, candidate: None, former: None };
-        let newest = mind.context.snapshot.lock().clone();
-        let fallback = mind.after_death();
-        let maker = mind.context.slot.lock().maker.clone().ok_or("the robot has no agent")?;
+        let mut host = PlannerHost { shared, context, agent: None, candidate: None, former: None };
+        let newest = host.context.snapshot.lock().clone();
+        let fallback = host.after_death();
+        let maker = host.context.slot.lock().maker.clone().ok_or("the robot has no agent")?;
         let mut agent = (maker.0)()?;
         match newest {
-            None => agent.recall(&mind.context.notes),
+            None => agent.recall(&host.context.notes),
             Some(newest) => match (agent.import(newest), fallback) {
                 (Ok(()), _) => {}
                 (Err(_), Some(own)) => agent.import(own).map_err(|e| e.to_string())?,
                 (Err(e), None) => return Err(e.to_string()),
             },
         }
-        mind.agent = Some(agent);
-        Ok(mind)
+        host.agent = Some(agent);
+        Ok(host)
     }
 
     fn after_death(&self) -> Option<Snapshot> {

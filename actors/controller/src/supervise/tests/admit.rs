@@ -79,6 +79,17 @@ fn a_motion_of_a_board_that_is_late_is_due_later() {
     assert!(later.abs_diff(Duration::from_millis(600)) < Duration::from_micros(1), "{later:?}");
 }
 
+/// An escape is led by its commit alone: set-points, even of the same program, wait until it is over.
+#[test]
+fn an_escape_is_joined_by_no_stream() {
+    let mut cell = rests();
+    cell.apply(Op::Wall(Some(0.03)));
+    cell.apply(Op::Samples(30));
+    assert!(cell.commit(-0.5, true).is_ok() && cell.supervise.status() == Status::Escaping);
+    let refused = cell.stream(true, Values::Velocity(vec![-0.1]));
+    assert_eq!(refused, Err(Refusal::Holding { reason: Hold::InContact }));
+}
+
 /// The ledger says how a transaction is driven, so that whoever comes after a death knows it.
 #[test]
 fn a_transaction_says_how_it_is_driven() {

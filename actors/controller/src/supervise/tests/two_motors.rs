@@ -188,6 +188,24 @@ fn a_motor_that_is_moved_in_mid_motion_takes_the_motion_back() {
     assert_eq!(two.supervise.status(), Status::Stopping);
 }
 
+/// The journal is told of a motor when it joins a stream, and not of each of its set-points.
+#[test]
+fn a_motor_that_joins_a_stream_is_told_once() {
+    let mut two = Two::new();
+    let mut joined = |motor: usize| {
+        let setpoints = Setpoints { motors: vec![motor], values: Values::Velocity(vec![0.1]) };
+        let out = two.on(SuperviseIn::Stream("a".into(), setpoints), two.now);
+        let motors = |o: SuperviseOut| match o {
+            SuperviseOut::Event(Event::Amended { motors, .. }) => Some(motors.into_iter().map(|(m, _)| m).collect()),
+            _ => None,
+        };
+        out.into_iter().filter_map(motors).collect::<Vec<Vec<usize>>>()
+    };
+    assert!(joined(0).is_empty(), "it is the stream");
+    assert_eq!(joined(1), [[1]]);
+    assert!(joined(1).is_empty() && joined(0).is_empty());
+}
+
 /// Who ran into something by a move pushes no more: its program is heard as soon as the filter opens.
 #[test]
 fn who_moved_into_something_need_not_be_silent() {
