@@ -1,7 +1,6 @@
 //! What a service may do with the running system: robots through their filtered interfaces, and the world.
 
-use crate::shell::{ModelMsg, SuperviseMsg};
-use crate::wiring::{LatestCell, RobotContext, SharedContext};
+use crate::wiring::{LatestCell, ModelMsg, RobotContext, SharedContext, SuperviseMsg};
 use mobee_contract::{
     Answer, Board, Commit, CommitId, DriverFault, Event, Filtered, Hold, Latest, MotionEnd, NativeMessage, NativeState,
     Refusal, Running, Setpoints, Status, Time, Verdict,

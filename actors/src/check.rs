@@ -66,7 +66,6 @@ mod told_the_truth;
 mod watched_retreat;
 mod window;
 pub use all::{ALL, InvariantEntry, Wants, judged, wants_poses};
-pub use liveness::HEALED;
 pub use poses::JudgedPoses;
 pub use summary::{RunSummary, summary};
 
@@ -222,7 +221,7 @@ impl Checker {
     /// Takes the next line.
     pub fn on(&mut self, line: &JournalLine) {
         self.last = (line.line, line.at);
-        if crate::system::is_beside(&line.event) {
+        if crate::record::names::is_beside(&line.event) {
             return;
         }
         for (name, invariant) in &mut self.invariants {

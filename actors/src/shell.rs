@@ -9,11 +9,11 @@ mod sensor;
 mod service;
 mod supervise;
 
-pub use agent::{AgentActor, AgentMsg, Maker, PlannerSlot, SwapRequest};
-pub use driver::{DriverActor, DriverMsg};
+pub use agent::AgentActor;
+pub use driver::DriverActor;
 pub use history::{HistoryActor, HistoryMsg};
-pub use model::{ModelActor, ModelMsg};
-pub use reflex::{ReflexActor, ReflexMsg};
-pub use sensor::{CameraActor, DetectorActor, PartMaker, Sensor};
+pub use model::ModelActor;
+pub use reflex::ReflexActor;
+pub use sensor::{CameraActor, DetectorActor, PartMaker, Sensor, SensorSetup};
 pub use service::{GRACE, Post, ServiceActor, ServiceMsg};
-pub use supervise::{SuperviseActor, SuperviseMsg};
+pub use supervise::SuperviseActor;

@@ -1,31 +1,24 @@
 //! The whole system: robots, model, agents and script, composed from a [`Setup`], run to its end.
 
-mod counts;
-mod cues;
 mod exchange;
 mod inject;
-mod overload;
 mod past;
 mod report;
 mod run;
 mod tree;
-mod trouble;
 
-pub use counts::RunCounts;
-pub use cues::{CueTrigger, Cues, ScriptStep};
+pub use crate::shell::SensorSetup;
+pub use crate::wiring::{Blow, CueTrigger, Cues, Late, RunCounts, ScriptStep, Troubles, overload};
 pub use exchange::{NewPart, PartOffer};
 pub use inject::{Injection, Spot};
-pub use overload::{Late, overload};
 pub use past::{Past, PastRobot};
 pub use report::{RobotReport, SystemReport};
 pub use run::{run, run_under};
-pub(crate) use tree::is_beside;
-pub use trouble::{Blow, Troubles};
 
 use crate::record::tap::Taps;
 use crate::runtime::clock::ClockKind;
-use crate::shell::{PartMaker, SwapRequest};
-use mobee_contract::{Agent, Camera, Detector, Hardware, Service, Snapshot, Time};
+use crate::wiring::SwapRequest;
+use mobee_contract::{Agent, Hardware, Service, Snapshot, Time};
 use mobee_controller::ControllerSettings;
 use mobee_model::{Edit, Scene};
 use std::fmt;
@@ -69,16 +62,6 @@ pub struct RobotSetup {
     pub controller: ControllerSettings,
     /// Its agent, if it has one.
     pub agent: Option<AgentMaker>,
-}
-
-/// A camera, and the detector behind it.
-pub struct SensorSetup {
-    /// Its name: unique in the setup, and no robot's.
-    pub name: String,
-    /// Makes the camera, at the start and after each of its deaths.
-    pub camera: PartMaker<dyn Camera>,
-    /// Makes the detector, at the start and after each of its deaths.
-    pub detector: PartMaker<dyn Detector>,
 }
 
 /// What a running system can be told.

@@ -1,10 +1,24 @@
-//! What connects a robot's actors, and outlives each of them.
+//! What connects a robot's actors, and outlives each of them: links, streams, latest values, and the messages that go through
+//! them. Shells and system build on it, and it knows neither.
+
+mod counts;
+mod cues;
+mod messages;
+mod overload;
+mod slot;
+mod trouble;
+
+pub use counts::RunCounts;
+pub use cues::{CueTrigger, Cues, ScriptStep};
+pub use messages::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, SuperviseMsg};
+pub use overload::{Late, overload};
+pub use slot::{Maker, PlannerSlot, SwapRequest};
+pub(crate) use trouble::Troubled;
+pub use trouble::{Blow, Troubles};
 
 use crate::record::tap::Taps;
 use crate::runtime::clock::Clock;
 use crate::runtime::stream::Stream;
-use crate::shell::{AgentMsg, DriverMsg, ModelMsg, PlannerSlot, ReflexMsg, SuperviseMsg};
-use crate::system::{Cues, RunCounts, Troubles};
 use mobee_contract::{AnswerTime, Board, Event, Hardware, Latest, Note, Snapshot, SwapPart, SwapStep};
 use mobee_controller::gate::Gate;
 use mobee_controller::joint_retreat::JointRetreat;

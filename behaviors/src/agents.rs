@@ -1,7 +1,6 @@
 //! The agents, each registered under its name, so that a config file can say `kind = "explorer"`.
 
 mod explorer;
-pub mod group;
 mod jog;
 mod random;
 mod roadmap;
@@ -26,7 +25,7 @@ fn open<T: DeserializeOwned>(from: &Snapshot, kind: &str, version: u32) -> Resul
         let what = format!("it is of kind {k:?} version {v}, and this agent takes {kind:?} version {version}");
         return Err(Refusal::State { what });
     }
-    settings(&from.state).map_err(crate::agents::group::state)
+    settings(&from.state).map_err(crate::group::state)
 }
 
 fn seal<T: Serialize>(kind: &str, version: u32, state: &T) -> Snapshot {

@@ -16,5 +16,6 @@
 //! Units: radians, meters, seconds; degrees only in settings, named `_deg`.
 
 pub mod agents;
+pub mod group;
 pub mod planners;
 pub mod roadmap;

@@ -3,8 +3,8 @@
 use crate::compose::Composition;
 use crate::config::{ConfigError, differences};
 use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::shell::{Maker, SwapRequest};
 use mobee_actors::system::{Control, NewPart, PartOffer};
+use mobee_actors::wiring::{Maker, SwapRequest};
 use mobee_contract::Time;
 use mobee_model::{Edit, Object, Scene};
 use serde_json::Value;

@@ -4,8 +4,8 @@
 use crate::config::{Config, Source};
 use crate::ctl::offer::{Offered, Wanted, take};
 use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::shell::Maker;
 use mobee_actors::system::{Control, NewPart, PartOffer};
+use mobee_actors::wiring::Maker;
 use mobee_contract::{
     Agent, Board, Command, ControlMode, Driver, DriverFault, Hardware, Intent, MotionEnd, Note, Refusal, Sample,
     Snapshot, SwapPart, Time, View,

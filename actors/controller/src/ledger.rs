@@ -6,7 +6,6 @@
 
 use crate::distance;
 use crate::history::HistoryCore;
-use crate::reflex::Underway;
 use mobee_contract::{Cause, CommitId, Event, MotionEnd, Outcome, Pose, Status, Time};
 use mobee_model::Contact;
 use std::collections::{BTreeSet, VecDeque};
@@ -52,6 +51,26 @@ impl Motion {
             Motion::Forces { .. } => Motion::Forces { due },
             Motion::Escape { .. } => Motion::Escape { due },
         }
+    }
+}
+
+/// What is under way, as the ledger has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Underway {
+    /// The commit.
+    pub id: CommitId,
+    /// Its safe pose; an escape has none.
+    pub safe: Option<(Time, Pose)>,
+    /// The motors that it has named, in order: during the retreat no other is written to.
+    pub named: Arc<[usize]>,
+    /// Where all motors had been sent when it began.
+    pub places: Places,
+}
+
+impl Underway {
+    /// Whether it leads out of a contact, and has nowhere to be taken back to.
+    pub fn is_escape(&self) -> bool {
+        self.safe.is_none()
     }
 }
 

@@ -17,7 +17,7 @@ mod retreat;
 use crate::gate::Gate;
 use crate::history::HistoryTooShort;
 use crate::joint_retreat::{Asked, JointRetreat};
-use crate::ledger::Places;
+use crate::ledger::Underway;
 use crate::pulse::Pulse;
 use crate::stop::Stop;
 use crate::{Rules, Shared};
@@ -38,26 +38,6 @@ const NOISE: f64 = 0.1;
 /// How far set-points must have moved meanwhile, rad: one degree, so that a robot
 /// that creeps or stands is not suspected.
 pub const FROZEN_WAY: f64 = std::f64::consts::PI / 180.0;
-
-/// What is under way, as the ledger has it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Underway {
-    /// The commit.
-    pub id: CommitId,
-    /// Its safe pose; an escape has none.
-    pub safe: Option<(Time, Pose)>,
-    /// The motors that it has named, in order: during the retreat no other is written to.
-    pub named: Arc<[usize]>,
-    /// Where all motors had been sent when it began.
-    pub places: Places,
-}
-
-impl Underway {
-    /// Whether it leads out of a contact, and has nowhere to be taken back to.
-    pub fn is_escape(&self) -> bool {
-        self.safe.is_none()
-    }
-}
 
 /// What the reflex hears.
 #[derive(Debug)]

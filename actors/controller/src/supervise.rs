@@ -31,8 +31,9 @@ mod streaming;
 
 use crate::gate::Gate;
 use crate::ledger::TransactionState;
+use crate::ledger::Underway;
 use crate::pulse::Pulse;
-use crate::reflex::{ReflexReport, Underway};
+use crate::reflex::ReflexReport;
 use crate::shared::Shared;
 use crate::stop::Stop;
 use crate::{Rules, distance};

@@ -6,12 +6,11 @@
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
+use crate::record::names::HEALED;
 use mobee_contract::{Event, Hold, Status, SwapPart, Time};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// What a simulation says, as [`Event::Injected`], when all faults have healed.
-pub const HEALED: &str = "nothing more: all faults have healed";
 /// How long progress may take.
 const WITHIN: Duration = Duration::from_secs(120);
 

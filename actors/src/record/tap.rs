@@ -125,6 +125,12 @@ impl Taps {
         self.0.pipes.iter().map(Pipe::name)
     }
 
+    /// Tells events, as a function.
+    pub fn emitter(&self) -> Arc<dyn Fn(Time, Event) + Send + Sync> {
+        let taps = self.clone();
+        Arc::new(move |at, event| taps.event(at, event))
+    }
+
     /// Tells an event.
     pub fn event(&self, at: Time, event: Event) {
         self.tell(at, &Entry::Event(Arc::new(event)));

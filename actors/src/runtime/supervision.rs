@@ -10,9 +10,8 @@
 mod plan;
 pub use plan::{Input, Intensity, Restart, RestartPlan, RestartStep, Strategy};
 
-use crate::record::tap::Taps;
 use crate::runtime::clock::Clock;
-use mobee_contract::Event;
+use mobee_contract::{Event, Time};
 use ractor::{Actor, ActorCell, ActorId, ActorProcessingErr, ActorRef, RpcReplyPort, SpawnErr, SupervisionEvent};
 use std::collections::VecDeque;
 use std::future::Future;
@@ -69,6 +68,9 @@ impl Child {
     }
 }
 
+/// Where the lives and deaths of children are journalled, with the time of the run.
+pub type Emit = Arc<dyn Fn(Time, Event) + Send + Sync>;
+
 /// A group of children under one supervisor. Cheap to clone: each clone can be started.
 #[derive(Clone)]
 pub struct Group {
@@ -77,7 +79,7 @@ pub struct Group {
     intensity: Intensity,
     children: Vec<Child>,
     clock: Clock,
-    taps: Taps,
+    emit: Emit,
     on_death: Hook<(Arc<str>, String)>,
     on_restart: Hook<(Arc<str>, u32)>,
     on_give_up: Hook<()>,
@@ -85,14 +87,14 @@ pub struct Group {
 
 impl Group {
     /// A group without children, hooks that do nothing.
-    pub fn new(name: impl Into<Arc<str>>, strategy: Strategy, intensity: Intensity, clock: Clock, taps: Taps) -> Group {
+    pub fn new(name: impl Into<Arc<str>>, strategy: Strategy, intensity: Intensity, clock: Clock, emit: Emit) -> Group {
         Group {
             name: name.into(),
             strategy,
             intensity,
             children: Vec::new(),
             clock,
-            taps,
+            emit,
             on_death: Arc::new(|_| ()),
             on_restart: Arc::new(|_| ()),
             on_give_up: Arc::new(|()| ()),
@@ -203,7 +205,7 @@ impl Running {
                 }
                 RestartStep::GiveUp => {
                     let group = self.group.name.to_string();
-                    self.group.taps.event(self.group.clock.now(), Event::GaveUp { group });
+                    (self.group.emit)(self.group.clock.now(), Event::GaveUp { group });
                     (self.group.on_give_up)(());
                     return Err(format!("{} used up its restarts", self.group.name).into());
                 }
@@ -225,7 +227,7 @@ impl Running {
                 *count += 1;
             }
             let restarts = self.plan.restarts(now);
-            self.group.taps.event(now, Event::Restarted { actor: child.name.to_string(), restarts });
+            (self.group.emit)(now, Event::Restarted { actor: child.name.to_string(), restarts });
             (self.group.on_restart)((child.name, restarts));
         }
         Ok(())
@@ -258,7 +260,7 @@ impl Running {
     fn tell_death(&mut self, child: usize, reason: String) {
         let Some(name) = self.group.children.get(child).map(|c| c.name.clone()) else { return };
         (self.group.on_death)((name.clone(), reason.clone()));
-        self.group.taps.event(self.group.clock.now(), Event::Died { actor: name.to_string(), reason });
+        (self.group.emit)(self.group.clock.now(), Event::Died { actor: name.to_string(), reason });
     }
 
     /// The child with this cell now; none if it was stopped or replaced since.

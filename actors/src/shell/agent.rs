@@ -2,18 +2,13 @@
 
 mod planners;
 
-pub use planners::{PlannerSlot, SwapRequest};
-
 use crate::runtime::swap::Phase;
-use crate::shell::SuperviseMsg;
-use crate::wiring::{RobotContext, SharedContext};
-use mobee_contract::{
-    Agent, Commit, CommitId, Event, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Target, Verdict, View,
-};
+use crate::wiring::{AgentMsg, RobotContext, SharedContext, SuperviseMsg};
+use mobee_contract::{Commit, CommitId, Event, Intent, MotionEnd, Refusal, SILENCE, Setpoints, Target, Verdict, View};
 use mobee_controller::RELEASE;
 use mobee_controller::supervise::Revision;
 use planners::{Last, PlannerHost};
-use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
+use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -21,37 +16,8 @@ use std::time::Duration;
 /// How long to wait before asking again whether the filter takes commits.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Makes an agent, at the start and after each death.
-#[derive(Clone)]
-pub struct Maker(pub Arc<dyn Fn() -> Result<Box<dyn Agent>, String> + Send + Sync>);
-
-impl std::fmt::Debug for Maker {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("Maker")
-    }
-}
-
 /// The agent's actor.
 pub struct AgentActor;
-
-/// What it hears.
-#[derive(Debug)]
-pub enum AgentMsg {
-    /// Ask the planner, if this is the newest of such messages.
-    Ask(u64),
-    /// Its motion has ended.
-    Ended(CommitId, MotionEnd),
-    /// The world has changed.
-    Revise,
-    /// It is time for the next set-point of the motion that is a stream.
-    SetPoint(CommitId),
-    /// Make no more motions: the run ends.
-    Rest,
-    /// Another planner is to take over.
-    Swap(SwapRequest, RpcReplyPort<Result<(), String>>),
-    /// See how far the swap is.
-    Tick,
-}
 
 /// What it keeps.
 pub struct Planning {

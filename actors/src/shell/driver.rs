@@ -1,8 +1,7 @@
 //! The driver's shell: owns the connection to one robot's hardware.
 
 use crate::runtime::clock::ClockKind;
-use crate::shell::SuperviseMsg;
-use crate::wiring::{HardwareHandle, RobotContext, SharedContext};
+use crate::wiring::{DriverMsg, HardwareHandle, RobotContext, SharedContext, SuperviseMsg};
 use mobee_contract::{Command, Driver, DriverFault, Event, Sample, Time, Writer};
 use mobee_controller::command_guard::CommandGuard;
 use mobee_controller::pulse::Pulse;
@@ -13,15 +12,6 @@ use std::time::Duration;
 
 /// The driver's actor.
 pub struct DriverActor;
-
-/// What it hears.
-#[derive(Debug)]
-pub enum DriverMsg {
-    /// It is time to read the encoders.
-    Poll,
-    /// A command under a token.
-    Command(u64, Writer, Command),
-}
 
 /// Shortest and longest time between two attempts to connect.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));

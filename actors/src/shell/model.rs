@@ -1,27 +1,15 @@
 //! Model: the hub where sensors, agents and controllers meet. One for all robots and objects.
 
-use crate::shell::AgentMsg;
-use crate::wiring::{RobotContext, SharedContext};
+use crate::wiring::{AgentMsg, ModelMsg, RobotContext, SharedContext};
 use mobee_contract::{CommitId, Event, Pose, Status, WorldChange};
 use mobee_controller::RELEASE;
 use mobee_controller::ledger::{Motion, Open};
 use mobee_model::{Contact, Edit, Field, Object, Scene, ShapeId, Watch};
-use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
+use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 
 /// The model's actor.
 pub struct ModelActor;
-
-/// What it hears.
-#[derive(Debug)]
-pub enum ModelMsg {
-    /// There are pulses.
-    Pulses,
-    /// Change the world. The answer says why not, if not.
-    Edit(Edit, Option<RpcReplyPort<Result<(), String>>>),
-    /// A robot has other rules now.
-    Margins,
-}
 
 /// What it keeps; the scene itself outlives it in the hub.
 pub struct Model {

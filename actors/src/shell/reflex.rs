@@ -1,24 +1,14 @@
 //! Reflex's shell.
 
-use crate::shell::{DriverMsg, SuperviseMsg};
-use crate::wiring::{RobotContext, SharedContext};
+use crate::wiring::{DriverMsg, ReflexMsg, RobotContext, SharedContext, SuperviseMsg};
 use mobee_contract::Writer;
 use mobee_controller::Rules;
-use mobee_controller::reflex::{ReflexCore, ReflexIn, ReflexOut, Underway};
+use mobee_controller::reflex::{ReflexCore, ReflexIn, ReflexOut};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 
 /// The reflex's actor.
 pub struct ReflexActor;
-
-/// What it hears.
-#[derive(Debug)]
-pub enum ReflexMsg {
-    /// There are pulses.
-    Pulses,
-    /// Supervise closed the filter: take the robot back.
-    RollBack(u64, Underway, bool),
-}
 
 /// What it keeps.
 pub struct Reflex {

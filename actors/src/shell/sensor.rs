@@ -7,7 +7,6 @@
 
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::stream::Stream;
-use crate::system::SensorSetup;
 use crate::wiring::SharedContext;
 use mobee_contract::{Camera, Detector, Event, Frame};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
@@ -19,6 +18,16 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Makes a part of a sensor, at the start and after each of its deaths.
 pub type PartMaker<T> = Arc<dyn Fn() -> Result<Box<T>, String> + Send + Sync>;
+
+/// A camera, and the detector behind it.
+pub struct SensorSetup {
+    /// Its name: unique in the setup, and no robot's.
+    pub name: String,
+    /// Makes the camera, at the start and after each of its deaths.
+    pub camera: PartMaker<dyn Camera>,
+    /// Makes the detector, at the start and after each of its deaths.
+    pub detector: PartMaker<dyn Detector>,
+}
 
 /// What outlives the actors of one sensor.
 pub struct Sensor {

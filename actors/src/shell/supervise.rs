@@ -1,53 +1,16 @@
 //! Supervise's shell.
 
-use crate::shell::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg};
-use crate::wiring::{RobotContext, SharedContext};
-use mobee_contract::{Cause, Commit, CommitId, Event, Setpoints, Status, Verdict};
+use crate::wiring::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, RobotContext, SharedContext, SuperviseMsg};
+use mobee_contract::{Cause, Event, Status, Verdict};
 use mobee_controller::Rules;
 use mobee_controller::pulse::Pulse;
-use mobee_controller::reflex::ReflexReport;
-use mobee_controller::supervise::{Revision, SuperviseCore, SuperviseIn, SuperviseOut};
+use mobee_controller::supervise::{SuperviseCore, SuperviseIn, SuperviseOut};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 /// Supervise's actor.
 pub struct SuperviseActor;
-
-/// What it hears.
-#[derive(Debug)]
-pub enum SuperviseMsg {
-    /// There are pulses.
-    Pulses,
-    /// An agent commits.
-    Commit(Commit, RpcReplyPort<Verdict>),
-    /// An agent streams set-points.
-    Stream(Arc<str>, Setpoints, RpcReplyPort<Verdict>),
-    /// An agent changes its motion, if that is still under way.
-    Revise(CommitId, Revision, RpcReplyPort<Verdict>),
-    /// The agent wants its motion to brake.
-    Stop(Arc<str>),
-    /// The agent died.
-    AgentDied(Arc<str>),
-    /// See whether the readings are fresh.
-    Tick,
-    /// The board reports a fault.
-    Fault(String),
-    /// The reflex closed the filter.
-    Closed(u64, Cause),
-    /// The reflex tells how the retreat goes.
-    ReflexReport(ReflexReport),
-    /// Try the failed retreat again.
-    Recover,
-    /// Close at the next boundary, answer, and wait to be exchanged.
-    Yield(RpcReplyPort<()>),
-    /// Open again: nothing is exchanged.
-    Resume,
-    /// Come to rest, and accept nothing more.
-    Shutdown,
-    /// End without waiting.
-    Abandon(RpcReplyPort<()>),
-}
 
 /// What it keeps.
 pub struct Supervise {

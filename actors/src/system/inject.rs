@@ -1,8 +1,6 @@
 //! Faults that a whole-system simulation puts into a run, besides those of its hardware: see `mobee torture`.
 
-use crate::shell::{ModelMsg, SuperviseMsg};
-use crate::system::trouble::{Blow, Troubles};
-use crate::wiring::{RobotContext, SharedContext};
+use crate::wiring::{Blow, ModelMsg, RobotContext, SharedContext, SuperviseMsg, Troubles};
 use mobee_contract::{Commit, Event, Pose};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
 use nalgebra::{Isometry3, Translation3};
@@ -102,7 +100,7 @@ pub(super) async fn inject(injection: Injection, shared: &SharedContext) {
         }
         Injection::Heal => {
             shared.troubles.iter().for_each(Troubles::clear);
-            shared.tell(Event::Injected { fault: crate::check::HEALED.into() });
+            shared.tell(Event::Injected { fault: crate::record::names::HEALED.into() });
         }
     }
 }

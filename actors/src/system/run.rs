@@ -6,8 +6,11 @@ use super::{Control, Cues, Reason, RunEnd, RunError, RunProgress, Setup, SystemR
 use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::stream::Stream;
 use crate::runtime::supervision::{Group, GroupMsg};
-use crate::shell::{AgentMsg, Maker, ModelMsg, PlannerSlot, Post, Sensor, SuperviseMsg, SwapRequest};
-use crate::wiring::{ActorLink, HardwareHandle, LatestCell, Parts, RobotContext, SharedContext};
+use crate::shell::{Post, Sensor};
+use crate::wiring::{
+    ActorLink, AgentMsg, HardwareHandle, LatestCell, Maker, ModelMsg, Parts, PlannerSlot, RobotContext, SharedContext,
+    SuperviseMsg, SwapRequest,
+};
 use mobee_contract::{Board, Event, Latest, Status, Time};
 use mobee_controller::gate::Gate;
 use mobee_model::Contact;
@@ -261,6 +264,10 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
             notes: past.notes,
         })
     });
+    let mut cues = Cues::new(setup.script);
+    if let Some(past) = &setup.past {
+        cues.skip(past.at, past.outcomes());
+    }
     let shared = Arc::new(SharedContext {
         robots: robots.collect(),
         scene: LatestCell::new(Arc::new(setup.scene)),
@@ -270,7 +277,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
         clock,
         taps: setup.taps,
         counts: LatestCell::new(setup.past.as_ref().map(|p| p.counts.clone()).unwrap_or_default()),
-        cues: LatestCell::new(Cues::resumed(setup.script, setup.past.as_ref())),
+        cues: LatestCell::new(cues),
         troubles,
         none,
     });

@@ -15,14 +15,14 @@
 //! └── recorder
 //! ```
 
-use super::trouble::Troubled;
+use crate::record::names::{CAMERA, DETECTOR, SENSOR, SERVICE, SERVICES};
 use crate::record::tap::TapActor;
 use crate::runtime::supervision::{Child, Group, Intensity, Restart, Strategy};
 use crate::shell::{
     AgentActor, CameraActor, DetectorActor, DriverActor, GRACE, HistoryActor, ModelActor, Post, ReflexActor, Sensor,
-    ServiceActor, SuperviseActor, SuperviseMsg,
+    ServiceActor, SuperviseActor,
 };
-use crate::wiring::{RobotContext, SharedContext};
+use crate::wiring::{RobotContext, SharedContext, SuperviseMsg, Troubled};
 use mobee_contract::Event;
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;
@@ -59,7 +59,7 @@ where
 fn group(name: &str, strategy: Strategy, shared: &Arc<SharedContext>) -> Group {
     let intensity = Intensity { restarts: BUDGET, period: PERIOD };
     let (restarted, gave_up) = (shared.clone(), shared.clone());
-    Group::new(name.to_string(), strategy, intensity, shared.clock.clone(), shared.taps.clone())
+    Group::new(name.to_string(), strategy, intensity, shared.clock.clone(), shared.taps.emitter())
         .on_restart(move |_, _| restarted.counts.lock().restarts += 1)
         .on_give_up(move || gave_up.counts.lock().gave_up += 1)
 }
@@ -161,21 +161,4 @@ pub fn sensors(shared: &Arc<SharedContext>, sensors: &[Arc<Sensor>]) -> Group {
             .child(child(shared, name(DETECTOR), || DetectorActor, both()));
         root.child(Child::group(own).restart(Restart::Temporary))
     })
-}
-
-/// How what runs beside the safety chain is called, after its name.
-const SERVICE: &str = "service";
-const SERVICES: &str = "services";
-const SENSOR: &str = "sensor";
-const CAMERA: &str = "camera";
-const DETECTOR: &str = "detector";
-
-/// Whether an event tells of the life of what runs beside the safety chain: it excuses nobody there.
-pub fn is_beside(event: &Event) -> bool {
-    let (Event::Died { actor: name, .. } | Event::Restarted { actor: name, .. } | Event::GaveUp { group: name }) =
-        event
-    else {
-        return false;
-    };
-    name.rsplit_once('/').is_some_and(|(_, last)| [SERVICE, SERVICES, SENSOR, CAMERA, DETECTOR].contains(&last))
 }

@@ -78,7 +78,7 @@ fn group(name: &str, strategy: Strategy, world: &World, clock: &Clock, taps: &Ta
     let intensity = Intensity { restarts: 2, period: Duration::from_secs(10) };
     let (a, b, c) = (world.clone(), world.clone(), world.clone());
     let own = name.to_string();
-    Group::new(name, strategy, intensity, clock.clone(), taps.clone())
+    Group::new(name, strategy, intensity, clock.clone(), taps.emitter())
         .on_death(move |name, reason| a.log(format!("death {name}: {reason}")))
         .on_restart(move |name, count| b.log(format!("again {name} {count}")))
         .on_give_up(move || c.log(format!("{own} gives up")))

@@ -5,8 +5,8 @@
 
 use crate::common::{Ran, Trial, arm, ball};
 use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::shell::{Maker, SwapRequest};
 use mobee_actors::system::{AgentMaker, Control, Reason};
+use mobee_actors::wiring::{Maker, SwapRequest};
 use mobee_behaviors::agents::{Explorer, ExplorerSettings};
 use mobee_contract::*;
 use mobee_drivers::Fault;

@@ -1,7 +1,7 @@
 //! The explorer: builds a roadmap of random poses and drives its edges until the feasible part is known (paper, 3.1).
 
 use super::{Dice, open, seal};
-use crate::agents::group;
+use crate::group;
 use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::*;

@@ -1,7 +1,7 @@
 //! Jogging: a few motors at a time, by velocities, by set-points of position or by moves, as somebody at a panel does.
 
 use super::{Dice, open, seal};
-use crate::agents::group;
+use crate::group;
 use mobee_contract::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,7 +1,7 @@
 //! Random moves: something to watch, to wear in a robot, or to collect data with.
 
 use super::{Dice, open, seal};
-use crate::agents::group;
+use crate::group;
 use mobee_contract::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,7 +1,7 @@
 //! The roadmap agent: CONNECT and GOTO over poses of its user's, round a tour of goals (Algorithms 1-3, figure 5).
 
 use super::{open, seal};
-use crate::agents::group;
+use crate::group;
 use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::*;

@@ -1,7 +1,7 @@
 //! A list of poses, one after the other: the shortest agent, and a pattern for one's own.
 
 use super::{open, seal};
-use crate::agents::group;
+use crate::group;
 use mobee_contract::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

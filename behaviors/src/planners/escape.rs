@@ -3,7 +3,7 @@
 //! The controller takes such a motion under the retreat's rule (contacts only shrink, none begins), so an escape is
 //! looked for under the same rule: short straight lines in joint space, walked in steps of about a millimetre.
 
-use crate::agents::group::{contacts_at, with_pose};
+use crate::group::{contacts_at, with_pose};
 use mobee_contract::{Target, View};
 use mobee_model::{Contact, Pair};
 use rand::{Rng, SeedableRng};

@@ -8,7 +8,7 @@
 //! It plans anew at every vertex and commits edge by edge, so the robot's safe pose is always a vertex. WAITFORMOTION is
 //! the [`MotionEnd`] that the next [`Walker::step`] is given. Nothing but the pose says where the robot is.
 
-use crate::agents::group::cause;
+use crate::group::cause;
 use crate::planners::escape::{caught, escape, line_free};
 use crate::roadmap::Roadmap;
 use mobee_contract::{EdgeState, Intent, MotionEnd, Note, Target, View};

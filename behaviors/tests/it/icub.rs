@@ -41,9 +41,8 @@ fn the_icub_finds_out_which_ways_are_blocked() {
     let report = judge(agent.map(), &scene, 0, &view.poses, view.clearance);
     println!("agree {}, borderline {}", report.agree, report.borderline.len());
     assert_eq!(report.disagree, []);
-    let marker = |q: &[f64]| {
-        mobee_behaviors::agents::group::marker_at(&view, robot.markers.iter().position(|m| m.name == "r_hand"), q)
-    };
+    let marker =
+        |q: &[f64]| mobee_behaviors::group::marker_at(&view, robot.markers.iter().position(|m| m.name == "r_hand"), q);
     for (_, vertex) in agent.map().vertices() {
         assert_eq!(vertex.at, marker(&vertex.q), "the hand stands for the group");
     }
@@ -72,7 +71,7 @@ fn the_marker_that_is_named_stands_for_the_poses() {
         });
         let placed: Vec<_> = placed.collect();
         assert!(placed.len() >= 2, "{kind}");
-        assert!(placed.iter().all(|(q, at)| *at == mobee_behaviors::agents::group::marker_at(&view, eye, q)), "{kind}");
+        assert!(placed.iter().all(|(q, at)| *at == mobee_behaviors::group::marker_at(&view, eye, q)), "{kind}");
     }
 }
 
@@ -83,10 +82,10 @@ fn the_icub_gets_away_from_a_ball_put_onto_its_hand() {
     let empty = scene(&robot, vec![]);
     let home = empty.home()[0].clone();
     let hand = robot.markers.iter().position(|m| m.name == "r_hand");
-    let [x, y, z] = mobee_behaviors::agents::group::marker_at(&view(&empty, &home), hand, &home);
+    let [x, y, z] = mobee_behaviors::group::marker_at(&view(&empty, &home), hand, &home);
     let names: Vec<String> =
         vec!["torso".into(), "r_shoulder_pitch".into(), "r_shoulder_roll".into(), "r_elbow".into()];
-    let group = mobee_behaviors::agents::group::motors("motors", &names, &robot).unwrap();
+    let group = mobee_behaviors::group::motors("motors", &names, &robot).unwrap();
     for (dx, dy, dz) in [(-0.06, 0.0, 0.05), (0.0, 0.0, 0.075), (0.0, 0.05, 0.06)] {
         let mut object = ball("ball", x + dx, y + dy, 0.05, mobee_model::ObjectClass::Obstacle);
         object.pose = Isometry3::translation(x + dx, y + dy, z + dz);

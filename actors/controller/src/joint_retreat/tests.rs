@@ -201,8 +201,9 @@ fn way_points_are_left_by_all_at_once() {
 /// The whole way of the reflex of an arm that can't pass the other: it stops where the common past ends, and holds.
 #[test]
 fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
+    use crate::ledger::Underway;
     use crate::reflex::tests::Alone;
-    use crate::reflex::{ReflexIn, ReflexOut, ReflexReport, Underway};
+    use crate::reflex::{ReflexIn, ReflexOut, ReflexReport};
     use mobee_contract::{Command, CommitId, Hold, Status};
     let short: Vec<(f64, f64)> = B.iter().filter(|(t, _)| *t >= 3.0).copied().collect();
     let both = [recorded(0, true, &A, 0.3), recorded(1, true, &short, 4.0)];

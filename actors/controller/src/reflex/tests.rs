@@ -3,9 +3,10 @@
 use crate::gate::Gate;
 use crate::joint_retreat::JointRetreat;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
+use crate::ledger::Underway;
 use crate::ledger::{Motion, Open, TransactionState};
 use crate::pulse::Pulse;
-use crate::reflex::{ReflexCore, ReflexIn, ReflexOut, ReflexReport, Underway};
+use crate::reflex::{ReflexCore, ReflexIn, ReflexOut, ReflexReport};
 use crate::{Rules, Shared};
 use mobee_contract::{Command, CommitId, Event, Hold, Sample, Status, Time};
 use mobee_model::{Contact, Pair, ShapeId};

@@ -1,38 +1,14 @@
 //! The planner in force, one that looks on and is to replace it, and the one that it replaced.
 
-use super::Maker;
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::ClockKind;
-use crate::runtime::swap::{Phase, SwapCore, SwapIn, SwapOut, SwapPolicy};
+use crate::runtime::swap::{Phase, SwapIn, SwapOut, SwapPolicy};
+use crate::wiring::SwapRequest;
 use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{Agent, CommitId, Event, Intent, MotionEnd, Note, Snapshot, SwapPart, SwapStep, View};
 use sha2::{Digest, Sha256};
 use std::sync::Arc;
 use std::time::Duration;
-
-/// A new planner, as it is offered.
-#[derive(Clone, Debug)]
-pub struct SwapRequest {
-    /// Makes it.
-    pub maker: Maker,
-    /// What it is, in words: its kind and the file it comes from.
-    pub what: String,
-    /// Whether it begins anew instead of taking the old one's state.
-    pub fresh: bool,
-    /// What it must go through.
-    pub terms: SwapPolicy,
-}
-
-/// A robot's planners, as far as they must survive the death of their actor.
-#[derive(Debug, Default)]
-pub struct PlannerSlot {
-    /// Makes the one in force.
-    pub maker: Option<Maker>,
-    /// Makes the one that was replaced, from its state then; while the new one is on probation.
-    pub former: Option<(Maker, Snapshot)>,
-    /// How far the swap is.
-    pub core: SwapCore,
-}
 
 /// How the last motion that a planner asked for ended.
 #[derive(Clone, Copy, Debug)]

@@ -1,10 +1,8 @@
 //! Edits of the world that wait for their moment: the experiments' stage directions.
 
 use mobee_contract::Time;
-use mobee_model::Edit;
-
-use super::Past;
 use mobee_controller::distance;
+use mobee_model::Edit;
 
 /// When to edit the world.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,16 +49,12 @@ impl Cues {
         Cues { steps, outcomes: Vec::new() }
     }
 
-    /// From the script of a run that is resumed: what has happened does not happen again.
-    pub(crate) fn resumed(steps: Vec<ScriptStep>, past: Option<&Past>) -> Cues {
-        let mut cues = Cues::new(steps);
-        if let Some(past) = past {
-            cues.time(past.at);
-            for (robot, count) in past.outcomes() {
-                (0..count).for_each(|_| drop(cues.outcome(robot)));
-            }
+    /// What has happened up to a time, with so many outcomes of each robot, does not happen again.
+    pub(crate) fn skip<'a>(&mut self, at: Time, outcomes: impl Iterator<Item = (&'a str, u64)>) {
+        self.time(at);
+        for (robot, count) in outcomes {
+            (0..count).for_each(|_| drop(self.outcome(robot)));
         }
-        cues
     }
 
     fn take(&mut self, due: impl Fn(&CueTrigger) -> bool) -> Vec<Edit> {

@@ -1,6 +1,6 @@
 //! Actors whose handlers panic or stall when a simulation says so. Used in runs with planned faults only.
 
-use crate::wiring::LatestCell;
+use super::LatestCell;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::collections::BTreeMap;
 use std::fmt;
