@@ -78,7 +78,7 @@ impl Source {
 /// let wrong = mobee_model::parse_world("w.xml", "<WorldList>\n<object radios=\"1\"><ball/></object>\n<sphere/></WorldList>");
 /// let error = wrong.expect_err("a sphere outside any object");
 /// assert_eq!((error.line(), error.is_warning()), (3, false));
-/// assert_eq!(error.to_string(), "w.xml:3:2: <sphere> stands outside any object");
+/// assert_eq!(error.to_string(), "w.xml:3:2: <sphere> is outside any object");
 /// assert_eq!(error.remedy(), "put it into an <object>");
 /// ```
 #[derive(Clone)]
