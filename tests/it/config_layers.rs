@@ -113,7 +113,7 @@ fn circles_depth_and_missing_files_are_refused() {
         ("include = [\"main.toml\"]\n", "main.toml:1", "includes itself"),
         ("include = [\"parts/other.toml\"]\n", "other.toml:1", "includes itself"),
         ("seed = 1\ninclude = [\"parts/none.toml\"]\n", "main.toml:2", "can't read"),
-        ("include = [3]\n", "main.toml:1", "no path"),
+        ("include = [3]\n", "main.toml:1", "not a file path"),
     ];
     for (main, place, what) in cases {
         let dir = folder(main, &[circle]);

@@ -90,7 +90,7 @@ fn a_run_is_controlled_from_outside() {
     let why = run.refuses(&["swap", "controller", &worse]);
     assert!(why.contains("worse.toml"), "{why}");
     let why = run.refuses(&["swap", "controller", &wider, "--shadow", "1"]);
-    assert!(why.contains("can't look on"), "{why}");
+    assert!(why.contains("can't observe"), "{why}");
     let swapped = run.ctl(&["swap", "driver", &other]);
     let said = String::from_utf8_lossy(&swapped.stdout);
     assert!(swapped.status.code() == Some(1) && said.contains("another robot"), "{said}");

@@ -161,7 +161,7 @@ fn a_world_has_obstacles_targets_and_ghosts() {
 #[test]
 fn a_bad_world_is_refused_at_its_place() {
     for (inner, column, says) in [
-        ("<object type=\"wall\"/>", 15, "no type"),
+        ("<object type=\"wall\"/>", 15, "not an object type"),
         ("<object><object/></object>", 10, "within"),
         ("<sphere radius=\"1\"/>", 2, "outside any object"),
         ("<object name=\"a\"/><object name=\"a\"/>", 33, "already"),
