@@ -115,7 +115,7 @@ fn a_viewer_that_comes_later_is_shown_everything_and_follows() {
     let other = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
     let address = other.local_addr().expect("an address");
     std::thread::spawn(move || other.incoming().flatten().for_each(|mut s| drop(s.read(&mut [0]))));
-    refuses(&run, &["connect", &address.to_string()], "is no viewer");
+    refuses(&run, &["connect", &address.to_string()], "is not a viewer");
     refuses(&run, &["conect"], "`record connect [ADDRESS:PORT]`");
 
     // one that takes the connection and never reads, and then another one
