@@ -387,7 +387,11 @@ impl ReflexCore {
             self.stop = Stop::told(step.now);
         }
         match &phase {
-            Phase::Stopping { then: Then::Retreat(_), .. } => step.joint_retreat.coming(self.robot, step.now),
+            Phase::Stopping { then: Then::Retreat(_), .. } => {
+                // it may have been on its way already: that retreat is over, and would never give it another path
+                step.joint_retreat.leave(self.robot);
+                step.joint_retreat.coming(self.robot, step.now);
+            }
             Phase::Retreating { .. } | Phase::Settling { .. } => {}
             Phase::Watching | Phase::Stopping { then: Then::Say(_), .. } => step.joint_retreat.leave(self.robot),
         }

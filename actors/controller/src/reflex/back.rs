@@ -88,7 +88,6 @@ impl ReflexCore {
                             // itself
                             let then = Then::Retreat(Back { again: true, ..back.clone() });
                             step.stop(token);
-                            step.joint_retreat.leave(self.robot);
                             self.turn(Phase::Stopping { token, since: now, then }, step);
                             return;
                         }

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// From rest; from other moments two less.
 const DEPTH: u8 = 8;
 /// One state of so many is healed.
-const SAMPLE: u64 = 197;
+const SAMPLE: u64 = 5;
 
 /// A step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -195,4 +195,18 @@ fn no_eight_steps_break_a_promise() {
     let Search { seen, steps, healed, met, .. } = search;
     eprintln!("{} states, {steps} steps, {healed} healed, {met:?}", seen.len());
     assert!(seen.len() > 300_000 && healed > 1000 && met.len() >= 10, "{} states, {met:?}", seen.len());
+}
+
+/// Supervise has not heard yet that the reflex closed, and takes the robot back as well: the retreat that is under way ends, and
+/// another one begins.
+#[test]
+fn a_retreat_that_supervise_overtakes_begins_anew() {
+    let mut cell = moments().swap_remove(1);
+    let contact_and_its_retreat =
+        [Step::Command, Step::Contact, Step::Late, Step::Contact, Step::Ack(1), Step::Late, Step::Ack(1)];
+    for s in contact_and_its_retreat.into_iter().chain([Step::AgentDies]) {
+        step(&mut cell, s);
+        hold(&cell);
+    }
+    heal(cell);
 }
