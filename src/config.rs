@@ -134,7 +134,7 @@ pub struct RobotConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Base {
-    /// Position, metres.
+    /// Position, meters.
     pub position_m: [f64; 3],
     /// Rotation about the vertical, degrees.
     pub yaw_deg: f64,

@@ -2,15 +2,17 @@
 
 mod exchange;
 mod inject;
+mod overload;
 mod past;
 mod report;
 mod run;
 mod tree;
 
 pub use crate::shell::SensorSetup;
-pub use crate::wiring::{Blow, CueTrigger, Cues, Late, RunCounts, ScriptStep, Troubles, overload};
+pub use crate::wiring::{Blow, CueTrigger, Cues, Late, RunCounts, ScriptStep, Troubles};
 pub use exchange::{NewPart, PartOffer};
 pub use inject::{Injection, Spot};
+pub use overload::overload;
 pub use past::{Past, PastRobot};
 pub use report::{RobotReport, SystemReport};
 pub use run::{run, run_under};

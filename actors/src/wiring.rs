@@ -4,14 +4,12 @@
 mod counts;
 mod cues;
 mod messages;
-mod overload;
 mod slot;
 mod trouble;
 
-pub use counts::RunCounts;
+pub use counts::{Late, RunCounts};
 pub use cues::{CueTrigger, Cues, ScriptStep};
 pub use messages::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, SuperviseMsg};
-pub use overload::{Late, overload};
 pub use slot::{Maker, PlannerSlot, SwapRequest};
 pub(crate) use trouble::Troubled;
 pub use trouble::{Blow, Troubles};

@@ -218,7 +218,7 @@ pub fn with_pose(view: &View, q: &[f64]) -> Vec<mobee_contract::Pose> {
     poses
 }
 
-/// Where a marker of the agent's robot is in the world at a pose, metres; the robot's base if there is no such marker.
+/// Where a marker of the agent's robot is in the world at a pose, meters; the robot's base if there is no such marker.
 pub fn marker_at(view: &View, marker: Option<usize>, q: &[f64]) -> [f64; 3] {
     let robot = view.scene.robots().get(view.robot);
     let node = marker.and_then(|m| robot?.markers.get(m)).map(|m| m.node);
@@ -243,7 +243,7 @@ pub fn involves(robot: usize, contact: &mobee_model::Contact) -> bool {
     own(contact.pair.0) || own(contact.pair.1)
 }
 
-/// The contacts of the agent's robot at a pose, with obstacles, other robots and itself, nearer than `within` metres.
+/// The contacts of the agent's robot at a pose, with obstacles, other robots and itself, nearer than `within` meters.
 pub fn contacts_at(view: &View, q: &[f64], within: f64) -> Vec<mobee_model::Contact> {
     let mut all = view.scene.contacts(&with_pose(view, q), within);
     all.retain(|c| involves(view.robot, c));

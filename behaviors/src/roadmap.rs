@@ -37,7 +37,7 @@ pub struct Vertex {
     pub name: Option<String>,
     /// The whole robot's pose, rad.
     pub q: Vec<f64>,
-    /// Where it is shown: the hand's position in the world, metres.
+    /// Where it is shown: the hand's position in the world, meters.
     pub at: [f64; 3],
 }
 

@@ -43,7 +43,7 @@ pub type IndexPair = (u32, u32);
 /// How near two shapes are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Proximity {
-    /// Signed distance in metres; negative is the penetration depth: the length of the shortest translation that parts
+    /// Signed distance in meters; negative is the penetration depth: the length of the shortest translation that parts
     /// the shapes.
     pub distance: f64,
     /// The nearest (or deepest) points on the first and the second shape, world frame.
@@ -64,7 +64,7 @@ pub struct PairProximity {
 pub enum Near {
     /// The signed distance is at most the cap: measured.
     Within(Proximity),
-    /// The signed distance is surely not below this number of metres, which is not below the cap. The cap itself means that
+    /// The signed distance is surely not below this number of meters, which is not below the cap. The cap itself means that
     /// no cheap bound could tell and the pair had to be measured.
     Beyond(f64),
 }
@@ -91,7 +91,7 @@ pub enum Near {
 /// The value itself holds the prepared shapes; what depends on a pose is in [`Engine::Placement`], of which there may be many.
 ///
 /// # Promises
-/// Every engine runs through the same tests (`tests/it/engines.rs`) and must keep what they ask: distances are signed, metres;
+/// Every engine runs through the same tests (`tests/it/engines.rs`) and must keep what they ask: distances are signed, meters;
 /// [`Near::Beyond`] never lies above the true distance; the answer for a pair is a function of its two shapes and frames
 /// alone, whatever was asked before. Callers build on the last: a [`crate::Watch`] keeps what it was told until motion can have
 /// changed it.
@@ -105,7 +105,7 @@ pub trait Engine: Clone + Debug + Send + Sync + 'static {
     /// Puts every shape in its place, given `world_from_frame` of all frames.
     fn place(&self, world_from_frame: &[Isometry3<f64>], placement: &mut Self::Placement);
 
-    /// How near a pair is, measured exactly only if that is within `cap` metres.
+    /// How near a pair is, measured exactly only if that is within `cap` meters.
     fn near(&self, placement: &Self::Placement, pair: IndexPair, cap: f64) -> Near;
 
     /// As [`Engine::place`] for callers that will look at few pairs: takes the frames in, and the shapes follow by
@@ -117,12 +117,12 @@ pub trait Engine: Clone + Debug + Send + Sync + 'static {
     /// Puts the shapes of one pair in their places, after [`Engine::place_frames`] and before [`Engine::near`].
     fn place_pair(&self, _placement: &mut Self::Placement, _pair: IndexPair) {}
 
-    /// Whether the signed distance of a pair is at most `clearance` metres.
+    /// Whether the signed distance of a pair is at most `clearance` meters.
     fn touches(&self, placement: &Self::Placement, pair: IndexPair, clearance: f64) -> bool {
         matches!(self.near(placement, pair, clearance), Near::Within(_))
     }
 
-    /// The pairs nearer than `within` metres, and all that touch, in the order of `pairs`.
+    /// The pairs nearer than `within` meters, and all that touch, in the order of `pairs`.
     fn contacts(&self, placement: &Self::Placement, pairs: &[IndexPair], within: f64) -> Vec<PairProximity> {
         // Grows from nothing: at nearly every pose of a robot that works there are no contacts, and no allocation either.
         let mut found = Vec::new();
@@ -137,7 +137,7 @@ pub trait Engine: Clone + Debug + Send + Sync + 'static {
         found
     }
 
-    /// The nearest pair, if any is within `cap` metres; of equally near ones the first.
+    /// The nearest pair, if any is within `cap` meters; of equally near ones the first.
     fn clearance(&self, placement: &Self::Placement, pairs: &[IndexPair], cap: f64) -> Option<PairProximity> {
         let mut nearest: Option<PairProximity> = None;
         for &pair in pairs {
@@ -152,7 +152,7 @@ pub trait Engine: Clone + Debug + Send + Sync + 'static {
         nearest
     }
 
-    /// Whether all pairs are farther apart than `clearance` metres. Stops at the first that is not.
+    /// Whether all pairs are farther apart than `clearance` meters. Stops at the first that is not.
     fn free(&self, placement: &Self::Placement, mut pairs: impl Iterator<Item = IndexPair>, clearance: f64) -> bool {
         !pairs.any(|pair| self.touches(placement, pair, clearance))
     }
@@ -182,7 +182,7 @@ pub trait Engine: Clone + Debug + Send + Sync + 'static {
 /// The signed distance between shape `a` at `world_from_a` and shape `b` at `world_from_b`, by the [`DefaultEngine`].
 ///
 /// # Returns
-/// The distance in metres, zero or less where the shapes collide, and the witness points in the world frame.
+/// The distance in meters, zero or less where the shapes collide, and the witness points in the world frame.
 ///
 /// # Example
 /// ```

@@ -5,7 +5,7 @@
 //! nearest, or deepest, points on the two), and the motors feel that by the transposed Jacobian:
 //!
 //! ```text
-//! depth = width - signed distance          torque of motor m = depth * d(distance)/d(q_m)      (metres times metres)
+//! depth = width - signed distance          torque of motor m = depth * d(distance)/d(q_m)      (meters times meters)
 //! ```
 //! The chain runs from the shape to the robot's root. (The original's ended at the root motor of the shape's body part, and
 //! took its lever from the node's origin instead of the witness point.)
@@ -20,7 +20,7 @@ use std::sync::Arc;
 pub struct Field<E: Engine = DefaultEngine> {
     /// Its index in the scene.
     robot: usize,
-    /// How far the fields reach beyond the shapes, metres; zero if the robot has field primitives.
+    /// How far the fields reach beyond the shapes, meters; zero if the robot has field primitives.
     width: f64,
     /// Follows what is in the fields.
     watch: Watch<E>,
@@ -28,7 +28,7 @@ pub struct Field<E: Engine = DefaultEngine> {
     spared: Vec<Spared>,
     /// `world_from_frame` of the robot, filled only if something pushes.
     frames: Vec<Isometry3<f64>>,
-    /// Per motor: metres times metres.
+    /// Per motor: meters times meters.
     torques: Vec<f64>,
 }
 
@@ -37,7 +37,7 @@ pub struct Field<E: Engine = DefaultEngine> {
 struct Spared {
     /// Which two.
     pair: Pair,
-    /// Their distance at the target, metres: nearer than this they push.
+    /// Their distance at the target, meters: nearer than this they push.
     distance: f64,
 }
 
@@ -46,7 +46,7 @@ impl<E: Engine> Field<E> {
     ///
     /// # Arguments
     /// * `robot`: its index in [`Scene::robots`].
-    /// * `width`: how far the fields of its solid shapes reach, metres. Not read if it has field primitives.
+    /// * `width`: how far the fields of its solid shapes reach, meters. Not read if it has field primitives.
     pub fn new(scene: &Arc<Scene<E>>, robot: usize, width: f64) -> Field<E> {
         let width = if scene.robots().get(robot).is_some_and(|r| has_fields(r)) { 0.0 } else { width };
         let watch = Watch::new(fields_of(scene, robot), width);
@@ -72,7 +72,7 @@ impl<E: Engine> Field<E> {
     /// * `poses`: of all robots, rad of encoder. Meant for a stream of poses, as those of a [`Watch`].
     ///
     /// # Returns
-    /// One number per motor, metres of depth times metres of lever; nothing pushes where it is zero. Empty if there is no such
+    /// One number per motor, meters of depth times meters of lever; nothing pushes where it is zero. Empty if there is no such
     /// robot.
     pub fn torques<P: AsRef<[f64]>>(&mut self, poses: &[P]) -> &[f64] {
         let scene = self.watch.scene().clone();
@@ -116,7 +116,7 @@ impl<E: Engine> Field<E> {
     }
 }
 
-/// How wide the field between a contact's shapes is, metres.
+/// How wide the field between a contact's shapes is, meters.
 fn width_of(spared: &[Spared], contact: &Contact, width: f64) -> f64 {
     spared.binary_search_by_key(&contact.pair, |s| s.pair).map_or(width, |i| width.min(spared[i].distance))
 }

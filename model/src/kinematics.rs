@@ -207,7 +207,7 @@ impl Robot {
         (&joints(a) ^ &joints(b)).iter().filter_map(motor).collect()
     }
 
-    /// For each motor a bound, in metres per rad of encoder, on how fast it can move any point of any solid shape
+    /// For each motor a bound, in meters per rad of encoder, on how fast it can move any point of any solid shape
     /// relative to any other solid shape or the world, at any pose.
     ///
     /// # Method

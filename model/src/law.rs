@@ -49,7 +49,7 @@ pub struct JointLaw {
 pub struct Influences<'a> {
     /// Where the attractor is, deg.
     pub to: &'a [f64],
-    /// The torques of the fields, as the model gives them: metres of depth times metres of lever.
+    /// The torques of the fields, as the model gives them: meters of depth times meters of lever.
     pub field: &'a [f64],
     /// The force from outside, as whoever pushes gives it: the law makes an acceleration of it.
     pub outside: &'a [f64],

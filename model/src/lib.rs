@@ -13,7 +13,7 @@
 //! Collision has one door, [`Engine`]: what is behind it is chosen in one place ([`DefaultEngine`]), and the types that ask it
 //! ([`Scene`], [`Watch`], [`Field`]) take another engine as a type parameter.
 //!
-//! Units: radians, metres. A motor's position is its encoder value in degrees (as the files write it) times pi/180.
+//! Units: radians, meters. A motor's position is its encoder value in degrees (as the files write it) times pi/180.
 //! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
 
 mod engine;

@@ -95,7 +95,7 @@ pub struct Node {
 /// What a node does to the frame of its children.
 #[derive(Clone, Debug, PartialEq)]
 pub enum NodeKind {
-    /// A pure translation, metres.
+    /// A pure translation, meters.
     Link {
         /// The link vector.
         offset: Vector3<f64>,
@@ -110,7 +110,7 @@ pub enum NodeKind {
         min: f64,
         /// Angle at the motor's upper limit, rad.
         max: f64,
-        /// Length of the axis as the file gives it, metres (the height of its own cylinder).
+        /// Length of the axis as the file gives it, meters (the height of its own cylinder).
         length: f64,
     },
 }

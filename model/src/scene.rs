@@ -94,7 +94,7 @@ pub type Pair = (ShapeId, ShapeId);
 pub struct Contact {
     /// Which two.
     pub pair: Pair,
-    /// Signed distance in metres; negative is penetration depth.
+    /// Signed distance in meters; negative is penetration depth.
     pub distance: f64,
     /// The nearest (or deepest) points on the two shapes, world frame.
     pub points: [Point3<f64>; 2],

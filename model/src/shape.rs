@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-/// A convex shape, centred at its origin. Sizes in metres.
+/// A convex shape, centerd at its origin. Sizes in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// A ball.
@@ -26,7 +26,7 @@ pub enum Shape {
     Capsule {
         /// Radius.
         radius: f64,
-        /// Distance between the centres of its two end balls.
+        /// Distance between the centers of its two end balls.
         height: f64,
     },
 }
@@ -40,17 +40,17 @@ pub struct Primitive {
     pub pose: Isometry3<f64>,
 }
 
-/// A capsule that holds a shape, in the shape's frame and centred at its origin.
+/// A capsule that holds a shape, in the shape's frame and centerd at its origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundingCapsule {
-    /// From the origin to the centre of one end ball, metres; zero for a ball.
+    /// From the origin to the center of one end ball, meters; zero for a ball.
     pub half_axis: Vector3<f64>,
-    /// Radius, metres.
+    /// Radius, meters.
     pub radius: f64,
 }
 
 impl Shape {
-    /// The radius of the smallest ball around the shape's origin that holds it, metres.
+    /// The radius of the smallest ball around the shape's origin that holds it, meters.
     pub fn bounding_radius(&self) -> f64 {
         match *self {
             Self::Sphere { radius } => radius,

@@ -1,8 +1,8 @@
 //! The contacts of a stream of poses, at little more than the cost of what changed.
 //!
 //! Each pair that was found apart stays so until the motors have moved far enough. Pairs of the same two frames are a *group*
-//! and share a clock that runs in metres: the sum over the motors between the frames of `reach * way of motor` (see
-//! `scene/travel.rs`). No point of one shape moves farther against the other than their clock runs, so a pair with `d` metres of
+//! and share a clock that runs in meters: the sum over the motors between the frames of `reach * way of motor` (see
+//! `scene/travel.rs`). No point of one shape moves farther against the other than their clock runs, so a pair with `d` meters of
 //! room is looked at again when the clock has run `d`. That never misses a contact, and at worst it looks
 //! too early.
 //!
@@ -20,12 +20,12 @@ use std::collections::BinaryHeap;
 use std::sync::Arc;
 
 /// How far a motor may stray from its turning point, rad, before its way counts: above the noise of an encoder, below
-/// what matters (at an arm's length of half a metre it is half a millimetre).
+/// what matters (at an arm's length of half a meter it is half a millimeter).
 const NOISE_BAND: f64 = 1e-3;
-/// How far beyond the margin a pair is measured exactly, metres. A pair with more room is left with its cheap bound, which
+/// How far beyond the margin a pair is measured exactly, meters. A pair with more room is left with its cheap bound, which
 /// is looked at again sooner than need be; with less it would be looked at at every other pose, where exactness pays.
 const MEASURE_RANGE: f64 = 0.02;
-/// Taken off each pair's room, metres: far above the rounding of clocks that have run for days (1e6 m at 1e-16 is 1e-10),
+/// Taken off each pair's room, meters: far above the rounding of clocks that have run for days (1e6 m at 1e-16 is 1e-10),
 /// far below what costs a look.
 const ROUNDING: f64 = 1e-9;
 
@@ -67,7 +67,7 @@ pub struct WatchCounters {
 pub struct Watch<E: Engine = DefaultEngine> {
     /// Whose contacts are followed.
     scene: Arc<Scene<E>>,
-    /// The margin, metres.
+    /// The margin, meters.
     within: f64,
     /// Per motor of the scene: how far it has gone.
     motors: Vec<MotorTrack>,
@@ -96,7 +96,7 @@ struct MotorTrack {
     travelled: f64,
     /// How far it is from the turning point now, rad. Falls when the motor comes back.
     since_turn: f64,
-    /// The greatest reach that it has in any group, metres per rad: what it adds to the common clock.
+    /// The greatest reach that it has in any group, meters per rad: what it adds to the common clock.
     fastest: f64,
 }
 
@@ -113,7 +113,7 @@ struct Due {
     group: u32,
 }
 
-/// A time on a clock that runs in metres, ordered; nothing is due before a time that is not a number.
+/// A time on a clock that runs in meters, ordered; nothing is due before a time that is not a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Clock(f64);
 
@@ -153,7 +153,7 @@ impl<E: Engine> Watch<E> {
     ///
     /// # Arguments
     /// * `scene`: whose robots the poses will be of.
-    /// * `within`: the margin, metres, as for [`Scene::contacts`].
+    /// * `within`: the margin, meters, as for [`Scene::contacts`].
     pub fn new(scene: Arc<Scene<E>>, within: f64) -> Self {
         let mut watch = Watch {
             scene: scene.clone(),

@@ -3,7 +3,7 @@
 use super::{ClockMode, Complaints, Config, Source, StepTrigger, did_you_mean, suggestion};
 use mobee_bridge::YarpSettings;
 
-/// The farthest from the world's origin that anything may stand, metres: what is farther was meant in millimetres.
+/// The farthest from the world's origin that anything may stand, meters: what is farther was meant in millimeters.
 const FARTHEST_M: f64 = 50.0;
 /// The longest name of a behavior, bytes: with the time of a run behind it, it is a folder's name.
 const LONGEST_NAME: usize = 100;

@@ -6,11 +6,11 @@ use mobee_model::{Contact, Scene, ShapeId};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How much nearer than its margin a pair must be, metres: the robots' poses in a scene are a reading apart.
+/// How much nearer than its margin a pair must be, meters: the robots' poses in a scene are a reading apart.
 const NEARER: f64 = 0.003;
-/// How much nearer than its margin, or than as it began, a pair may come during the retreat, metres: 1 mm, and as above.
+/// How much nearer than its margin, or than as it began, a pair may come during the retreat, meters: 1 mm, and as above.
 const DEEPER: f64 = 0.001 + NEARER;
-/// The same of two robots that are both retreating, metres (I14).
+/// The same of two robots that are both retreating, meters (I14).
 const TOGETHER: f64 = 0.001;
 /// How many control periods a contact may go unanswered.
 const PERIODS: u32 = 3;
@@ -51,7 +51,7 @@ pub struct Witness {
 pub struct Joint {
     /// How often that began.
     pub times: u64,
-    /// By how much two of them came nearer to each other than they were as they set out, or than the margin, at most, metres.
+    /// By how much two of them came nearer to each other than they were as they set out, or than the margin, at most, meters.
     pub nearer: f64,
 }
 

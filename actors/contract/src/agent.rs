@@ -21,7 +21,7 @@ pub struct View {
     pub scene: Arc<Scene>,
     /// The robot's present or, while it rests after a failure, its last contacts: what an agent may learn a cause from.
     pub contacts: Arc<[Contact]>,
-    /// The distance that a plan should keep from everything, metres (the robot's margin and what planning adds to it).
+    /// The distance that a plan should keep from everything, meters (the robot's margin and what planning adds to it).
     pub clearance: f64,
 }
 
@@ -162,7 +162,7 @@ pub enum Note {
         id: u32,
         /// The whole robot's pose there, rad.
         q: Vec<f64>,
-        /// Where it is shown in the world (the hand's position there), metres.
+        /// Where it is shown in the world (the hand's position there), meters.
         at: [f64; 3],
     },
     /// A directed edge of the map changed.

@@ -11,7 +11,7 @@
 //! * [`Refusal`] is a normal answer, [`DriverFault`] recoverable trouble; a bug is a panic, for the supervisor.
 //! * [`Event`] is what a run leaves behind, told to every [`Sink`] (journal, recorder).
 //!
-//! Units: radians, metres, seconds, f64. Times are [`Time`], nanoseconds since the run began.
+//! Units: radians, meters, seconds, f64. Times are [`Time`], nanoseconds since the run began.
 
 #![cfg_attr(
     not(test),

@@ -36,7 +36,7 @@ pub struct FieldsSettings {
     /// Whether the reflex stops and takes back what comes nearer than the margin. `false`: the forces alone keep the
     /// robot off.
     pub reflex: bool,
-    /// How far the field about each shape reaches, millimetres; for robots whose files have no field shapes of their
+    /// How far the field about each shape reaches, millimeters; for robots whose files have no field shapes of their
     /// own.
     pub field_mm: f64,
     /// Stiffness of the attractor near the target, 1/s^2.
@@ -114,7 +114,7 @@ impl FieldsSettings {
 pub struct FieldRules {
     /// The motors of each part, and their law.
     pub laws: Vec<(Range<usize>, ForceLaw)>,
-    /// How far the fields of shapes reach, metres.
+    /// How far the fields of shapes reach, meters.
     pub width: f64,
     /// How long the robot may rest elsewhere than at its target.
     pub patience: Duration,

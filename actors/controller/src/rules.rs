@@ -10,10 +10,10 @@ use mobee_model::{Clause, Robot};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What a contact must exceed beyond the margin to end, metres: so that the noise of encoders can't end it and begin it
+/// What a contact must exceed beyond the margin to end, meters: so that the noise of encoders can't end it and begin it
 /// by turns.
 pub const RELEASE: f64 = 0.002;
-/// What counts as deeper, metres: what touches gives a little as the robot starts on its way out, and its encoders are
+/// What counts as deeper, meters: what touches gives a little as the robot starts on its way out, and its encoders are
 /// noisy.
 pub const DEEPER: f64 = 0.001;
 /// How many control periods a reading stays fresh, and a lease lasts, unless the settings say otherwise. Fewer, and a
@@ -38,7 +38,7 @@ pub struct Rules {
     pub latency: Duration,
     /// Whether the board follows set-points directly.
     pub position_direct: bool,
-    /// Margin of the reflex, metres.
+    /// Margin of the reflex, meters.
     pub margin: f64,
     /// Greatest distance per motor at which a pose counts as reached, rad.
     pub tolerance: f64,

@@ -13,7 +13,7 @@ pub struct ControllerSettings {
     pub period_s: f64,
     /// Length of the history: how many poses it keeps. A motion that outlasts it moves its safe pose.
     pub history: usize,
-    /// Distance below which two shapes count as touching, metres.
+    /// Distance below which two shapes count as touching, meters.
     #[serde(default = "margin")]
     pub margin_m: f64,
     /// Greatest distance per motor at which a pose counts as reached, degrees.
@@ -22,7 +22,7 @@ pub struct ControllerSettings {
     /// Speed below which a motor counts as at rest, degrees per second.
     #[serde(default = "rest_speed")]
     pub rest_speed_deg: f64,
-    /// Greatest share of full speed for an escape from a hold: so slow that it can be stopped within a millimetre.
+    /// Greatest share of full speed for an escape from a hold: so slow that it can be stopped within a millimeter.
     #[serde(default = "escape_speed")]
     pub escape_speed: f64,
     /// A stream of set-points that is quiet for so long, seconds, has ended: the robot brakes, and rests where it is.
@@ -65,7 +65,7 @@ impl Drive {
     }
 }
 
-/// A centimetre: the hysteresis of contacts (2 mm) and what counts as deeper (1 mm) are small beside it.
+/// A centimeter: the hysteresis of contacts (2 mm) and what counts as deeper (1 mm) are small beside it.
 fn margin() -> f64 {
     0.010
 }

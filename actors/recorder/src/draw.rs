@@ -8,7 +8,7 @@ use rerun::{GraphEdges, GraphNodes, LineStrips2D, LineStrips3D, Points2D, Points
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// States as layers, the lower ones first, with widths in the world (metres) and in the flat drawing (its units).
+/// States as layers, the lower ones first, with widths in the world (meters) and in the flat drawing (its units).
 const LAYERS: [(EdgeState, &str, f32, f32); 4] = [
     (EdgeState::Removed, "removed", 0.0008, 1.2),
     (EdgeState::Optimistic, "untried", 0.0006, 0.9),

@@ -3,19 +3,19 @@
 use mobee_model::{Object, Robot, Scene, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// An object wider than this is ground or wall and does not move the camera, metres.
+/// An object wider than this is ground or wall and does not move the camera, meters.
 const WALL: f64 = 3.0;
 
 /// A camera before the robots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Front {
-    /// Where the eye is, metres.
+    /// Where the eye is, meters.
     pub(crate) eye: [f32; 3],
-    /// What it looks at, metres.
+    /// What it looks at, meters.
     pub(crate) target: [f32; 3],
     /// The world's direction to the viewer's right.
     pub(crate) right: [f32; 3],
-    /// Height of the lowest thing, metres.
+    /// Height of the lowest thing, meters.
     pub(crate) floor: f32,
 }
 

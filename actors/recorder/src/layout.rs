@@ -1,7 +1,7 @@
 //! Where a vertex stands in the flat drawing: as the hand is seen from the front, but never onto another one, and
 //! never moved later, so that the eye can keep hold of it.
 
-/// Drawing units per metre.
+/// Drawing units per meter.
 const SCALE: f32 = 1000.0;
 /// Least distance of two vertices, drawing units.
 const APART: f32 = 55.0;

@@ -19,7 +19,7 @@ pub(crate) struct Roadmap {
 /// Where a vertex is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Vertex {
-    /// In the world: the hand's position there, metres.
+    /// In the world: the hand's position there, meters.
     pub(crate) at: [f32; 3],
     /// In the flat drawing, x right and y down.
     pub(crate) flat: [f32; 2],

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 /// Time between two poses.
 const STEP: Duration = Duration::from_millis(50);
-/// Distance at which the pretended reflex acts, metres.
+/// Distance at which the pretended reflex acts, meters.
 const MARGIN: f64 = 0.010;
 /// Neighbors of a vertex.
 const NEIGHBORS: usize = 4;

@@ -13,7 +13,7 @@ use rerun::{LineStrips3D, Scalars, SeriesLines};
 const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
 /// A resting part is plotted again after this time, ns.
 const AT_LEAST: i64 = 1_000_000_000;
-/// A trail goes on when its marker moved by more than this, metres.
+/// A trail goes on when its marker moved by more than this, meters.
 const TRAIL_STEP: f32 = 0.001;
 
 /// A robot's plots and trails with what waits to be sent.

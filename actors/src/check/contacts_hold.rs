@@ -8,7 +8,7 @@ use mobee_contract::Event;
 use mobee_model::Contact;
 use std::collections::BTreeMap;
 
-/// What rounding may add, metres.
+/// What rounding may add, meters.
 const ROUNDING: f64 = 1e-9;
 
 #[derive(Default)]

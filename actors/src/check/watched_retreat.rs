@@ -13,7 +13,7 @@ use mobee_model::Contact;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How much nearer than its margin, or than as it began, a pair may come during the retreat, metres.
+/// How much nearer than its margin, or than as it began, a pair may come during the retreat, meters.
 const DEEPER: f64 = 0.001;
 
 #[derive(Default)]

@@ -18,6 +18,7 @@ pub use watch::TapActor;
 
 use crate::runtime::clock::ClockKind;
 use crate::runtime::stream::StreamCounters;
+use crate::runtime::supervision::Emit;
 use mobee_contract::{Entry, Event, Pose, Sink, Time};
 use mobee_model::{Contact, Scene};
 use pipe::Pipe;
@@ -126,7 +127,7 @@ impl Taps {
     }
 
     /// Tells events, as a function.
-    pub fn emitter(&self) -> Arc<dyn Fn(Time, Event) + Send + Sync> {
+    pub fn emitter(&self) -> Emit {
         let taps = self.clone();
         Arc::new(move |at, event| taps.event(at, event))
     }

@@ -59,7 +59,7 @@ pub struct Spot {
     pub share: f64,
     /// Which of the robot's bodies that can move, from 0 (nearest the base) to 1 (the farthest).
     pub body: f64,
-    /// The obstacle's radius, metres.
+    /// The obstacle's radius, meters.
     pub radius: f64,
 }
 

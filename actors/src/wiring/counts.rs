@@ -1,8 +1,8 @@
 //! What is counted while a run goes on.
 
-use super::Late;
 use mobee_contract::{Cause, Event, Outcome, Status, Summary, SwapPart, SwapStep};
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 /// Counters of a run, all robots together.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -87,5 +87,32 @@ impl RunCounts {
     /// Outcomes given.
     pub fn outcomes(&self) -> u64 {
         self.committed + self.rolled_back + self.faulted
+    }
+}
+
+/// Control periods in which the driver's turn came too late, by the run's clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Late {
+    /// How many.
+    pub periods: u64,
+    /// In how many seconds of the run there were any.
+    pub seconds: u64,
+    /// The newest one of these seconds, and one more.
+    #[serde(skip)]
+    until: u64,
+}
+
+impl Late {
+    /// The driver's turn comes now, and was due `by` earlier.
+    pub fn note(&mut self, now: Duration, by: Duration, period: Duration) {
+        let missed = by.as_nanos() / period.as_nanos().max(1);
+        if missed == 0 {
+            return;
+        }
+        self.periods += u64::try_from(missed).unwrap_or(u64::MAX);
+        let second = now.as_secs() + 1;
+        if second > self.until {
+            (self.seconds, self.until) = (self.seconds + 1, second);
+        }
     }
 }

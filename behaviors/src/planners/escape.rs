@@ -1,7 +1,7 @@
 //! The way out of a contact: something was put onto a resting robot, and it may only move so that this gets no worse.
 //!
 //! The controller takes such a motion under the retreat's rule (contacts only shrink, none begins), so an escape is
-//! looked for under the same rule: short straight lines in joint space, walked in steps of about a millimetre.
+//! looked for under the same rule: short straight lines in joint space, walked in steps of about a millimeter.
 
 use crate::group::{contacts_at, with_pose};
 use mobee_contract::{Target, View};
@@ -10,20 +10,20 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 
-/// Joint-space length (sum over motors, rad) of one step: a millimetre for a point a metre away from every axis.
+/// Joint-space length (sum over motors, rad) of one step: a millimeter for a point a meter away from every axis.
 const STEP: f64 = 0.001;
 /// Longest escape, steps.
 const LONGEST: usize = 500;
-/// How much nearer a pair may seem to come by rounding, metres.
+/// How much nearer a pair may seem to come by rounding, meters.
 const NOISE: f64 = 1e-4;
-/// A way that frees nothing is still taken if it gains this distance, metres.
+/// A way that frees nothing is still taken if it gains this distance, meters.
 const GAIN: f64 = 5e-4;
 /// Random directions tried after all single motors.
 const RANDOM: usize = 60;
 /// Most poses looked at, over all directions.
 const POSES: usize = 20_000;
 
-/// How much nearer than the clearance of plans a contact must be for the robot to count as not free, metres: the
+/// How much nearer than the clearance of plans a contact must be for the robot to count as not free, meters: the
 /// difference between the reflex's margin and a plan's clearance.
 pub const SLACK: f64 = 0.002;
 
@@ -136,7 +136,7 @@ fn directions(start: &[f64], motors: &[usize], toward: &[Vec<f64>], seed: u64) -
 }
 
 /// Whether the straight line of the robot from where it is to a whole pose is free at the view's clearance, judged in
-/// steps of a millimetre.
+/// steps of a millimeter.
 pub fn line_free(view: &View, to: &[f64]) -> bool {
     view.scene.line_free(view.robot, &with_pose(view, view.pose()), view.pose(), to, 0.001, view.clearance)
 }

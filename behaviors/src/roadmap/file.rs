@@ -46,7 +46,7 @@ struct FileEdge {
 }
 
 impl Roadmap {
-    /// The roadmap as JSON, version [`VERSION`]: whole poses in rad, hand positions in metres.
+    /// The roadmap as JSON, version [`VERSION`]: whole poses in rad, hand positions in meters.
     pub fn export(&self, robot: &Robot) -> Value {
         let name = |m: &usize| robot.motors.get(*m).map(|m| m.name.clone()).unwrap_or_default();
         let vertices = self

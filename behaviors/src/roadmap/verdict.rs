@@ -8,9 +8,9 @@ use mobee_contract::{EdgeState, Pose};
 use mobee_model::Scene;
 use serde::Serialize;
 
-/// How near to the clearance asked for an edge counts as borderline, metres.
+/// How near to the clearance asked for an edge counts as borderline, meters.
 pub const BORDERLINE: f64 = 0.002;
-/// Longest way of any point of the robot between two samples of a line, metres.
+/// Longest way of any point of the robot between two samples of a line, meters.
 pub const STEP: f64 = 0.001;
 
 /// An edge that was driven, judged offline.
@@ -24,7 +24,7 @@ pub struct Judged {
     pub reached: bool,
     /// Whether the offline check finds it free and within all constraints.
     pub free: bool,
-    /// The smallest distance on the line, metres, as far as it was measured (5 mm beyond the clearance).
+    /// The smallest distance on the line, meters, as far as it was measured (5 mm beyond the clearance).
     pub distance: f64,
     /// The nearest pair, or the violated constraint, in words.
     pub pair: Option<String>,

@@ -4,7 +4,7 @@ use mobee_contract::Board;
 use mobee_model::Robot;
 use std::time::Duration;
 
-/// Reaction and braking path of a robot, metres, at a share of its greatest speeds.
+/// Reaction and braking path of a robot, meters, at a share of its greatest speeds.
 ///
 /// What passes between a contact and the rest: a reading may have been taken just before (`period`), the controller answers at
 /// the end of its own period, the stop command takes its latency, and then every motor brakes:

@@ -18,7 +18,7 @@ fn the_path_is_reaction_and_braking_times_reach() {
     let board = hardware.connect().unwrap().board().clone();
     let path = |share| stopping_path(&robot, &board, Duration::from_millis(20), share);
     let slow = path(0.1);
-    // at 10 deg/s: 50 ms of reaction and 50 ms of braking at half the speed, 0.75 deg, at most about a metre away
+    // at 10 deg/s: 50 ms of reaction and 50 ms of braking at half the speed, 0.75 deg, at most about a meter away
     let reach = robot.reach()[slow.single.0];
     assert!((slow.single.1 - reach * 0.75f64.to_radians()).abs() < 1e-12);
     assert!(slow.single.1 <= slow.chain_typical + 1e-12 && slow.chain_typical <= slow.chain_bound);

@@ -1,6 +1,6 @@
 //! A sampled motion, judged by conservative advancement.
 //!
-//! A pair that is `d` metres farther apart than matters, and closes at no more than `v` metres per step, can't matter for the
+//! A pair that is `d` meters farther apart than matters, and closes at no more than `v` meters per step, can't matter for the
 //! next `d / v` steps: it is looked at again only then. Since `v` bounds the true speed, the skipped samples could not have
 //! changed the answer, which is that of testing every pair at every step.
 
@@ -14,7 +14,7 @@ use std::collections::BinaryHeap;
 pub struct SweptPair {
     /// Which two.
     pub pair: IndexPair,
-    /// Metres per step that their distance changes at most.
+    /// Meters per step that their distance changes at most.
     pub speed: f64,
 }
 
@@ -25,9 +25,9 @@ pub struct LineQuery<'a> {
     pub pairs: &'a [SweptPair],
     /// Number of steps; samples are at 0 to `steps`, both ends included.
     pub steps: u32,
-    /// Nearer than this, or as near, metres, is not free.
+    /// Nearer than this, or as near, meters, is not free.
     pub clearance: f64,
-    /// Distances are measured up to here, metres; not below the clearance.
+    /// Distances are measured up to here, meters; not below the clearance.
     pub cap: f64,
     /// Whether to go on to the end where it is not free, to find the smallest distance of all.
     pub whole: bool,
@@ -36,7 +36,7 @@ pub struct LineQuery<'a> {
 /// What came of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineResult {
-    /// The smallest distance at any sample looked at, metres; the query's cap if none is below that.
+    /// The smallest distance at any sample looked at, meters; the query's cap if none is below that.
     pub min_distance: f64,
     /// The pair of `min_distance`, unless that is the cap.
     pub pair: Option<IndexPair>,

@@ -1,6 +1,6 @@
 //! The scalar engine: pair by pair with rejection first, then exact distances by closed forms and parry's GJK and EPA.
 //!
-//! What rejects is ordered by cost: bounding balls (one square root), the centre of one shape against the box that the other is,
+//! What rejects is ordered by cost: bounding balls (one square root), the center of one shape against the box that the other is,
 //! then the capsules that hold the shapes. At random poses of a humanoid all but a few pairs in a hundred end there.
 
 mod closed;
@@ -114,7 +114,7 @@ impl Engine for ScalarEngine {
 }
 
 impl ScalarEngine {
-    /// A distance, metres, that is at most the signed distance of the pair; stops refining once it is above `enough`.
+    /// A distance, meters, that is at most the signed distance of the pair; stops refining once it is above `enough`.
     fn bound(&self, placement: &Placement, (i, j): IndexPair, enough: f64) -> f64 {
         let (i, j) = (i as usize, j as usize);
         let (a, b) = (&self.solids[i].form, &self.solids[j].form);
@@ -137,7 +137,7 @@ impl ScalarEngine {
         best.max(segments_squared(axis_a, axis_b).sqrt() - a.outer.radius - b.outer.radius)
     }
 
-    /// The pair measured exactly, if its signed distance is at most `cap` metres.
+    /// The pair measured exactly, if its signed distance is at most `cap` meters.
     fn measure(&self, placement: &Placement, (i, j): IndexPair, cap: f64) -> Option<Proximity> {
         let (i, j) = (i as usize, j as usize);
         let (pose_a, pose_b) = (self.pose(placement, i), self.pose(placement, j));

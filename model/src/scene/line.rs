@@ -7,7 +7,7 @@ use super::travel::Term;
 use super::{Pair, Scene};
 use crate::engine::{Engine, LineQuery, SweptPair};
 
-/// How far beyond the asked clearance [`Scene::line`] still measures, metres: whoever compares two judges of a line wants to
+/// How far beyond the asked clearance [`Scene::line`] still measures, meters: whoever compares two judges of a line wants to
 /// know by how little it was free.
 const BEYOND: f64 = 0.005;
 /// Most samples of a line, whatever its length: a step of zero must end, too.
@@ -51,8 +51,8 @@ impl<E: Engine> Scene<E> {
     /// * `robot`: its index in [`Scene::robots`].
     /// * `poses`: of all robots, rad of encoder; the robot's own is not read.
     /// * `from`, `to`: the robot's motors, rad of encoder.
-    /// * `step`: the longest way, metres, that any point of the robot goes between two samples.
-    /// * `clearance`: nearer than this, or as near, metres, is not free.
+    /// * `step`: the longest way, meters, that any point of the robot goes between two samples.
+    /// * `clearance`: nearer than this, or as near, meters, is not free.
     ///
     /// # Returns
     /// The verdict of testing every reflex pair that the robot has part in at every sample. The whole line is measured even
@@ -149,7 +149,7 @@ impl<E: Engine> Scene<E> {
         pairs
     }
 
-    /// In how many steps to judge a line, so that no point of the robot moves farther than `step` metres in one.
+    /// In how many steps to judge a line, so that no point of the robot moves farther than `step` meters in one.
     fn steps(&self, robot: usize, from: &[f64], to: &[f64], step: f64) -> u32 {
         let change = difference(from, to);
         let (Some(reach), Some(skeleton)) = (self.bodies().reach.get(robot), self.bodies().skeletons.get(robot)) else {

@@ -10,10 +10,10 @@ impl<E: Engine> Scene<E> {
     ///
     /// # Arguments
     /// * `poses`: per robot its motors' positions, rad of encoder; a robot or motor without an entry is at home.
-    /// * `within`: the margin, metres; zero for what touches.
+    /// * `within`: the margin, meters; zero for what touches.
     ///
     /// # Returns
-    /// The pairs nearer than the margin and all that touch, sorted by pair; signed distances in metres, points in the world
+    /// The pairs nearer than the margin and all that touch, sorted by pair; signed distances in meters, points in the world
     /// frame. Pairs that can't move against each other are left out (see [`Scene::static_contacts`]).
     ///
     /// # Performance
@@ -28,7 +28,7 @@ impl<E: Engine> Scene<E> {
     ///
     /// # Arguments
     /// * `poses`: as for [`Scene::contacts`].
-    /// * `cap`: how far it is worth looking, metres; the smaller, the faster.
+    /// * `cap`: how far it is worth looking, meters; the smaller, the faster.
     ///
     /// # Returns
     /// The pair of smallest signed distance, or `None` if all are farther apart than the cap. Of pairs that overlap it is the
@@ -39,7 +39,7 @@ impl<E: Engine> Scene<E> {
         nearest.map(|near| world.contact(near))
     }
 
-    /// Intersection test of all robots: whether every reflex pair is farther apart than `clearance` metres and every robot's
+    /// Intersection test of all robots: whether every reflex pair is farther apart than `clearance` meters and every robot's
     /// pose satisfies its constraints.
     ///
     /// # Performance
@@ -54,7 +54,7 @@ impl<E: Engine> Scene<E> {
     }
 
     /// Intersection test of one robot, with itself, the others and objects: whether every reflex pair that it has part in is
-    /// farther apart than `clearance` metres and its pose satisfies its constraints. What the others touch meanwhile is
+    /// farther apart than `clearance` meters and its pose satisfies its constraints. What the others touch meanwhile is
     /// their matter.
     ///
     /// # Arguments

@@ -83,7 +83,7 @@ impl<E: Engine> Scene<E> {
     /// kinds, constant pairs included.
     ///
     /// # Returns
-    /// The contacts sorted by kind and pair; distances in metres, points in the world frame.
+    /// The contacts sorted by kind and pair; distances in meters, points in the world frame.
     ///
     /// # Performance
     /// Prepares all shapes anew at each call. Not meant for the control loop: ask [`Scene::contacts`] there.

@@ -21,11 +21,11 @@ use std::collections::BTreeMap;
 pub(crate) struct Term {
     /// Index among all motors of the scene.
     pub motor: u32,
-    /// Metres per radian of encoder.
+    /// Meters per radian of encoder.
     pub reach: f64,
 }
 
-/// A bound: the sum over its terms of `reach * |change of motor|`, metres.
+/// A bound: the sum over its terms of `reach * |change of motor|`, meters.
 pub(crate) type Terms = Vec<Term>;
 
 /// A hinge that moves a frame.
@@ -33,7 +33,7 @@ pub(crate) type Terms = Vec<Term>;
 pub(crate) struct Lever {
     /// The frame that the hinge carries, within its robot.
     pub frame: usize,
-    /// How far the moved frame's shapes go at most, metres per radian of the hinge's motor.
+    /// How far the moved frame's shapes go at most, meters per radian of the hinge's motor.
     pub reach: f64,
 }
 

@@ -17,7 +17,7 @@ use urdf_rs::{Geometry, Pose};
 
 /// Points nearer than this are one; the format takes links below 1e-12 m as having no direction.
 const SAME_POINT: f64 = 1e-11;
-/// Length of links whose end matters to nobody, metres.
+/// Length of links whose end matters to nobody, meters.
 const STUB: f64 = 0.01;
 /// More nodes are refused: the pair tables grow with the square.
 const MAX_NODES: usize = 2048;

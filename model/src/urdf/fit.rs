@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 /// A round shape may be this much larger than a box and is still taken: it is much faster to test.
 const ROUND_BONUS: f64 = 1.15;
-/// Flat meshes get this thickness at least, metres.
+/// Flat meshes get this thickness at least, meters.
 const THIN: f64 = 1e-3;
 
 /// A box, capsule or sphere that contains all points. The box and the capsule lie along the principal axes or the mesh's own.

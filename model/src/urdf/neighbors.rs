@@ -7,9 +7,9 @@
 use crate::{NodeKind, Primitive, Robot, Shape, distance};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// Radius of the ball, metres.
+/// Radius of the ball, meters.
 const RADIUS: f64 = 1e-4;
-/// A neighbor that comes nearer would keep the reflex busy, metres.
+/// A neighbor that comes nearer would keep the reflex busy, meters.
 const CLEAR: f64 = 0.015;
 /// Positions at which a joint is looked at.
 const SAMPLES: u32 = 13;
@@ -18,7 +18,7 @@ const SAMPLES: u32 = 13;
 pub(super) struct Written {
     /// Its first node, which carries its shapes.
     pub node: usize,
-    /// Where that node starts, root frame, metres.
+    /// Where that node starts, root frame, meters.
     pub start: Vector3<f64>,
     /// The node of the joint that it hangs on; `None` for the root body.
     pub joint: Option<usize>,

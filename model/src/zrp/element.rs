@@ -7,7 +7,7 @@ use std::ops::Range;
 /// Larger numbers are refused: no robot needs them, and their squares still fit.
 const MAX_NUMBER: f64 = 1e6;
 
-/// Smaller sizes are refused, metres: nothing that can be touched is so small, and their squares vanish.
+/// Smaller sizes are refused, meters: nothing that can be touched is so small, and their squares vanish.
 const MIN_SIZE: f64 = 1e-9;
 
 /// Warnings are kept up to this number.

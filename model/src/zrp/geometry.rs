@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 /// Shorter directions count as zero.
 pub(super) const ZERO: f64 = 1e-12;
 
-/// The attributes of a pose: position in metres, heading without unit, angle in degrees.
+/// The attributes of a pose: position in meters, heading without unit, angle in degrees.
 pub(super) const POSE: &[&str] = &["px", "py", "pz", "hx", "hy", "hz", "angle"];
 
 /// The rotation that takes local y to heading `h`, with the roll of the original format, then `angle` (rad) about `h`.
@@ -62,7 +62,7 @@ pub(super) fn primitive(e: &Element) -> Result<Primitive, FileError> {
     Ok(Primitive { shape, pose: pose(e)? })
 }
 
-/// The cylinder (or capsule) of that `height` that `radius` and `field` add to a link or joint: along `axis`, centred
+/// The cylinder (or capsule) of that `height` that `radius` and `field` add to a link or joint: along `axis`, centerd
 /// at `center`.
 pub(super) fn automatic(
     radius: f64,

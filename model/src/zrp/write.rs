@@ -244,12 +244,12 @@ fn automatic_shapes(node: &Node) -> Automatic {
     Automatic { solid: is(node.solids.first()), field: is(node.fields.first()) }
 }
 
-/// Whether two poses are one but for rounding, metres and rad.
+/// Whether two poses are one but for rounding, meters and rad.
 fn close(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
     (a.translation.vector - b.translation.vector).norm() < 1e-14 && a.rotation.angle_to(&b.rotation) < 1e-14
 }
 
-/// The attributes of a link or joint: its axis or offset in metres, its limits in degrees, its own shapes.
+/// The attributes of a link or joint: its axis or offset in meters, its limits in degrees, its own shapes.
 fn node_attributes(node: &Node) -> String {
     let mut out = match &node.kind {
         NodeKind::Link { offset } => vector(offset, ["x", "y", "z"]),
@@ -275,7 +275,7 @@ fn node_attributes(node: &Node) -> String {
     out
 }
 
-/// The tag of a shape: sizes in metres, its pose on the node as position, heading and angle in degrees.
+/// The tag of a shape: sizes in meters, its pose on the node as position, heading and angle in degrees.
 fn primitive(p: &Primitive, field: bool) -> String {
     let mut out = match p.shape {
         Shape::Sphere { radius } => format!("sphere radius=\"{radius}\""),

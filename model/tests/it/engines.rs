@@ -24,9 +24,9 @@ pub(crate) use for_every_engine;
 
 /// What the tests hold an engine to.
 pub trait UnderTest: Engine {
-    /// Apart: the greatest error of a distance or of a witness point, metres.
+    /// Apart: the greatest error of a distance or of a witness point, meters.
     const APART: f64;
-    /// Overlapping: by how much a depth may be greater than the shortest way out, metres.
+    /// Overlapping: by how much a depth may be greater than the shortest way out, meters.
     const DEPTH: f64;
     /// For how many poses it is followed: as many as it is fast enough for.
     const POSES: usize;
@@ -72,7 +72,7 @@ impl Engine for Parry {
         let (i, j) = (i as usize, j as usize);
         let pose = |p: &Isometry3<f64>| Pose::from_parts(p.translation.vector.into(), p.rotation.into());
         let (a, b) = (&*self.0[i].1, &*self.0[j].1);
-        // Beyond its prediction parry says nothing; a millimetre more than asked for, so that the cap itself is not lost.
+        // Beyond its prediction parry says nothing; a millimeter more than asked for, so that the cap itself is not lost.
         let prediction = cap.clamp(0.0, 1e3) + 1e-3;
         let contact =
             query::contact(&pose(&placement[i]), a, &pose(&placement[j]), b, prediction).expect("parry knows these");

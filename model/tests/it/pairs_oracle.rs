@@ -13,7 +13,7 @@ for_every_engine!(edge_robot_self_pairs, original_robots_self_pairs, original_ro
 /// A pair as the files write it: pose, kind, four columns.
 type Row = (usize, String, [String; 4]);
 
-/// Nearer to contact than this, metres, either answer is right.
+/// Nearer to contact than this, meters, either answer is right.
 const BORDERLINE: f64 = 1e-5;
 
 fn kind(kind: ContactKind) -> &'static str {

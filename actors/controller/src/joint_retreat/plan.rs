@@ -6,7 +6,7 @@
 //! previous recorded rest, too; if there is none, the one that can't pass stops where the common past ends.
 //!
 //! Times here are those of the recorded past, running backwards; a way's own seconds run forwards from its beginning.
-//! Poses are in rad, distances between robots in metres.
+//! Poses are in rad, distances between robots in meters.
 
 mod ease;
 
@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 /// Share of a motor's greatest speed that a set-point may ask for: what is left is for catching up.
 const SHARE: f64 = 0.95;
-/// How far thinned way-points may be off the recorded path, rad: at an arm's length of a metre 4 mm, less than half of
+/// How far thinned way-points may be off the recorded path, rad: at an arm's length of a meter 4 mm, less than half of
 /// the usual margin.
 const THIN: f64 = 0.004;
 

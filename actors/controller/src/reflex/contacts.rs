@@ -1,6 +1,6 @@
 //! Contacts with hysteresis: one begins below the margin and ends above margin + 2 mm.
 //!
-//! Distances are signed, metres, and move with the encoders' noise: with one threshold a robot that rests at the margin
+//! Distances are signed, meters, and move with the encoders' noise: with one threshold a robot that rests at the margin
 //! would be in contact and free by turns, and the filter would open and close with it (I27). A contact is a *pair* of
 //! shapes: which of its points is nearest may change as the robot slides along.
 
@@ -31,7 +31,7 @@ pub struct Changes {
 /// The contacts of one robot.
 #[derive(Clone, Debug)]
 pub struct Contacts {
-    /// Below this distance a contact begins, metres.
+    /// Below this distance a contact begins, meters.
     margin: f64,
     /// The scene's count of edits in the reading before.
     epoch: u64,
@@ -42,7 +42,7 @@ pub struct Contacts {
 }
 
 impl Contacts {
-    /// None yet; contacts begin below `margin`, metres.
+    /// None yet; contacts begin below `margin`, meters.
     pub fn new(margin: f64) -> Contacts {
         Contacts { margin, epoch: 0, present: Vec::new(), shown: Vec::new().into() }
     }
@@ -119,7 +119,7 @@ impl Contacts {
 /// retreat at once, and one that is off would push through whatever came into the way since (I9, I24).
 #[derive(Clone, Debug, Default)]
 pub struct Floors {
-    /// What a pair may come to that has not been nearer, metres.
+    /// What a pair may come to that has not been nearer, meters.
     margin: f64,
     /// The least distances that were read so far.
     least: Vec<Contact>,
@@ -166,7 +166,7 @@ mod tests {
 
     const MARGIN: f64 = 0.01;
 
-    /// One of a robot's nodes and an object, at so many millimetres.
+    /// One of a robot's nodes and an object, at so many millimeters.
     fn near(node: u16, mm: f64) -> Contact {
         let pair = (ShapeId::Robot { robot: 0, node, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         Contact { pair, distance: mm * 1e-3, points: [Point3::origin(); 2] }
@@ -226,7 +226,7 @@ mod tests {
         assert_eq!(contacts.present()[..], [near(2, 9.5)]);
     }
 
-    /// On its way out of contact the robot may come as near as it has been, and to the margin elsewhere; a millimetre
+    /// On its way out of contact the robot may come as near as it has been, and to the margin elsewhere; a millimeter
     /// is granted.
     #[test]
     fn nothing_comes_nearer_than_it_has_been() {

@@ -116,7 +116,7 @@ struct Wrong {
     /// The encoders tell what they told before.
     frozen: bool,
     violated: bool,
-    /// Something is a millimetre away.
+    /// Something is a millimeter away.
     near: bool,
     /// It does not go where it is sent, and its encoders tell.
     stuck: bool,

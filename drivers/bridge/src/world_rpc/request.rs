@@ -16,7 +16,7 @@ pub enum WorldRequest {
         geometry: Geometry,
         /// Whether its name begins with `s`: the original's simulator did not let such a one fall. Nothing else comes of it.
         fixed: bool,
-        /// Where its centre is to be.
+        /// Where its center is to be.
         at: [f64; 3],
     },
     /// Something about one object.

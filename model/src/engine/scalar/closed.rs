@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 pub(super) struct Segment {
     /// In the frame of whoever asks: the world, or the other shape.
     pub middle: Point3<f64>,
-    /// From the middle to one end, metres.
+    /// From the middle to one end, meters.
     pub half_axis: Vector3<f64>,
 }
 
@@ -21,7 +21,7 @@ impl Segment {
 
 /// Parameters in [-1, 1] of the nearest points of two segments.
 ///
-/// After Ericson, *Real-Time Collision Detection*, 5.1.9, with centred parameters.
+/// After Ericson, *Real-Time Collision Detection*, 5.1.9, with centerd parameters.
 pub(super) fn nearest_parameters(a: &Segment, b: &Segment) -> (f64, f64) {
     let r = a.middle - b.middle;
     let (aa, bb) = (a.half_axis.norm_squared(), b.half_axis.norm_squared());

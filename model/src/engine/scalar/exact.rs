@@ -22,7 +22,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 /// Separation of two cores: `points[1] - points[0] = distance * normal`, the normal pointing out of the first one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Separation {
-    /// Signed, metres.
+    /// Signed, meters.
     pub distance: f64,
     /// Unit: the direction in which the second core is parted from the first by the shortest way.
     pub normal: Vector3<f64>,
@@ -37,7 +37,7 @@ impl Separation {
     }
 }
 
-/// The signed distance of two shapes, or `None` once it is sure that they are farther apart than `cap` metres. Poses are
+/// The signed distance of two shapes, or `None` once it is sure that they are farther apart than `cap` meters. Poses are
 /// `world_from_shape`, witness points are in the world.
 pub(super) fn distance_within(
     a: &Form,

@@ -4,7 +4,7 @@ use super::closed::Segment;
 use crate::shape::{BoundingCapsule, Shape};
 use nalgebra::Vector3;
 
-/// A convex set without its radius, centred at the origin. Metres.
+/// A convex set without its radius, centerd at the origin. Meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Core {
     /// The origin.
@@ -17,7 +17,7 @@ pub(super) enum Core {
     Cylinder { half: f64, radius: f64 },
 }
 
-/// A shape prepared for queries: its core, and simpler shapes that hold it or that it holds. Metres, in the shape's frame.
+/// A shape prepared for queries: its core, and simpler shapes that hold it or that it holds. Meters, in the shape's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Form {
     /// What is left of the shape without its radius.
@@ -37,7 +37,7 @@ pub(super) struct Form {
 pub(super) struct InnerCapsule {
     /// Which fraction of the outer capsule's axis is its own, 0 to 1.
     pub share: f64,
-    /// Radius, metres.
+    /// Radius, meters.
     pub radius: f64,
 }
 

@@ -20,7 +20,7 @@ use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query::epa::EPA;
 use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
 
-/// Nearer than this, metres, the direction between two points is noise.
+/// Nearer than this, meters, the direction between two points is noise.
 const TOUCHING: f64 = 1e-10;
 
 /// The signed separation of two cores, or `None` once they are surely farther apart than `cap`.
@@ -37,7 +37,7 @@ pub(super) fn separation(
     let mut simplex = VoronoiSimplex::new();
     let start = Vector::from(-a_from_b.translation.vector);
     let start = if start.length_squared() > 1e-24 { start.normalize() } else { Vector::X };
-    // GJK begins with the direction between the centres, which is right for balls; where the centres coincide any will do.
+    // GJK begins with the direction between the centers, which is right for balls; where the centers coincide any will do.
     simplex.reset(CsoPoint::from_shapes(&here, a, b, start));
     let local_placed = || (Placed { core: *a, pose: Isometry3::identity() }, Placed { core: *b, pose: a_from_b });
     let world = |s: Separation| Separation {
@@ -69,7 +69,7 @@ pub(super) fn separation(
 /// GJK's nearest points, projected to and fro until the slab between them is empty: where a rounded and a nearly parallel
 /// side meet, GJK may stop some micrometres early. `None` if they turn out to touch.
 fn polished(a: &Placed, b: &Placed, mut p: Point3<f64>, mut q: Point3<f64>) -> Option<Separation> {
-    /// An empty slab within this, metres, is empty: far below what anybody asks of a distance, far above rounding.
+    /// An empty slab within this, meters, is empty: far below what anybody asks of a distance, far above rounding.
     const GOOD: f64 = 1e-8;
     /// Projecting to and fro converges slowly where sides are nearly parallel; the points are then good to a micrometre.
     const ROUNDS: usize = 50;
@@ -123,7 +123,7 @@ fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Sep
 /// Where two cores touch once they have been parted by `-distance` along `n`, as points of both. The farthest points of a face,
 /// an edge or a mantle line are many: those are meant where the other core presses on it.
 fn pressed(a: &Placed, b: &Placed, n: &Vector3<f64>, distance: f64) -> [Point3<f64>; 2] {
-    /// Points that move less than this in a round, metres, have arrived.
+    /// Points that move less than this in a round, meters, have arrived.
     const GOOD: f64 = 1e-10;
     /// Where a round side presses on a flat one the points creep; after so many rounds they are good to a micrometre.
     const ROUNDS: usize = 100;

@@ -86,7 +86,7 @@ fn edges(placed: &Placed) -> [Vector3<f64>; 3] {
     }
 }
 
-/// How far a core with these half edges reaches from its centre along unit `n`, metres.
+/// How far a core with these half edges reaches from its center along unit `n`, meters.
 fn reach(edges: &[Vector3<f64>; 3], n: &Vector3<f64>) -> f64 {
     edges.iter().map(|e| e.dot(n).abs()).sum()
 }

@@ -1,40 +1,12 @@
 //! Overload: what shows that the machine was too slow for a run, in one line with a remedy.
 
-use super::RunCounts;
-use std::time::Duration;
+use crate::wiring::{Late, RunCounts};
 
 /// From so many late seconds on it is no single nap of the machine.
 const LASTING: u64 = 10;
 /// What to do about it.
 const REMEDY: &str =
     "reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms";
-
-/// Control periods in which the driver's turn came too late, by the run's clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Late {
-    /// How many.
-    pub periods: u64,
-    /// In how many seconds of the run there were any.
-    pub seconds: u64,
-    /// The newest one of these seconds, and one more.
-    #[serde(skip)]
-    until: u64,
-}
-
-impl Late {
-    /// The driver's turn comes now, and was due `by` earlier.
-    pub fn note(&mut self, now: Duration, by: Duration, period: Duration) {
-        let missed = by.as_nanos() / period.as_nanos().max(1);
-        if missed == 0 {
-            return;
-        }
-        self.periods += u64::try_from(missed).unwrap_or(u64::MAX);
-        let second = now.as_secs() + 1;
-        if second > self.until {
-            (self.seconds, self.until) = (self.seconds + 1, second);
-        }
-    }
-}
 
 /// What there is to say of a machine that was too slow; `dropped` names the sinks that could not keep up, and what they lost.
 ///
@@ -60,6 +32,7 @@ pub fn overload(counts: &RunCounts, dropped: &[(String, u64)]) -> Option<(String
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Duration;
 
     const PERIOD: Duration = Duration::from_millis(20);
 

@@ -1,0 +1,140 @@
+use super::*;
+use mobee_contract::{Event, Time};
+
+/// A motion of the second of three motors, from rest at 0.2 to 1.
+fn open(retreated: bool) -> Open {
+    let safe = Some((Time::ZERO, vec![0.001, 0.2, 0.501].into()));
+    let target = vec![0.001, 1.0, 2.0].into();
+    let (named, agent) = (vec![1].into(), "a".into());
+    let (since, motion) = (Time::ZERO, Motion::Move { due: Time::ZERO });
+    Open { id: CommitId(1), agent, target, named, safe, since, motion, cause: None, retreated }
+}
+
+#[test]
+fn the_pose_shows_the_outcome() {
+    let shown = |open: &Open, q: f64| open.shown_at(&[0.001, q, 2.0], 0.01);
+    let (mut forth, mut back) = (open(false), open(true));
+    for (q, outcome) in [(1.005, Outcome::Committed), (1.02, Outcome::Faulted)] {
+        assert_eq!(shown(&forth, q), outcome);
+        // what came to rest at the target during its retreat was not reached by the motion
+        assert_eq!(shown(&back, q), Outcome::Faulted);
+    }
+    (forth.target, back.target) = (vec![0.0, 0.205, 0.5].into(), vec![0.0, 0.205, 0.5].into());
+    assert_eq!(forth.shown_at(&[0.0, 0.2, 0.5], 0.01), Outcome::Committed);
+    assert_eq!(back.shown_at(&[0.0, 0.2, 0.5], 0.01), Outcome::RolledBack);
+    back.safe = None;
+    assert_eq!(back.shown_at(&[0.0, 0.2, 0.5], 0.01), Outcome::Faulted);
+}
+
+#[test]
+fn what_is_settled_is_remembered_with_its_places() {
+    let ledger = Ledger::new(1);
+    let mut book = ledger.book();
+    book.open = Some(open(false));
+    assert_eq!(book.end_of(CommitId(1)), None);
+    let q: Pose = vec![0.0, 0.999, 2.0].into();
+    let ended = book.settle(None, q.clone(), 0.01).unwrap();
+    assert_eq!((ended.outcome, ended.end()), (Outcome::Committed, MotionEnd::Reached));
+    assert_eq!((book.end_of(CommitId(1)), &book.places[..]), (Some(MotionEnd::Reached), &[None, Some(1.0), None][..]));
+    assert!(book.settle(None, q.clone(), 0.01).is_none(), "one outcome");
+    // as told, whatever the pose shows
+    book.open = Some(Open { id: CommitId(2), ..open(false) });
+    assert_eq!(book.settle(Some(Outcome::Faulted), q, 0.01).unwrap().end(), MotionEnd::Failed);
+}
+
+/// The journal is told why a motion failed, and never why one did not that nevertheless reached its target.
+#[test]
+fn a_cause_is_told_of_what_failed() {
+    for outcome in [Outcome::Committed, Outcome::RolledBack, Outcome::Faulted] {
+        let open = Open { cause: Some(Cause::Asked), ..open(false) };
+        let event = Ended { open, outcome, q: vec![0.0; 3].into() }.event("r".into());
+        let Event::Outcome { robot, cause, .. } = event else { panic!("{event:?}") };
+        assert_eq!((robot.as_str(), cause.is_some()), ("r", outcome != Outcome::Committed), "{outcome:?}");
+    }
+}
+
+/// An agent may ask what its motion ran into: of that motion alone, and only of one that failed by it.
+#[test]
+fn what_a_motion_ran_into_is_remembered() {
+    use mobee_model::ShapeId;
+    let contact = |object| {
+        let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object, shape: 0 });
+        Contact { pair, distance: 0.005, points: Default::default() }
+    };
+    let ledger = Ledger::new(1);
+    let mut book = ledger.book();
+    let mut end = |id: u64, cause: Cause, outcome| {
+        book.open = Some(Open { id: CommitId(id), cause: Some(cause), ..open(false) });
+        book.settle(Some(outcome), vec![0.0; 3].into(), 0.01);
+    };
+    end(1, Cause::Contact(vec![contact(1)]), Outcome::RolledBack);
+    end(2, Cause::Contact(vec![contact(2), contact(3)]), Outcome::Faulted);
+    end(3, Cause::Contact(vec![contact(4)]), Outcome::Committed);
+    end(4, Cause::TargetMissed, Outcome::RolledBack);
+    let met = [1, 2, 3, 4, 5].map(|id| book.contacts_of(CommitId(id)).map(<[Contact]>::to_vec));
+    assert_eq!(met, [Some(vec![contact(1)]), Some(vec![contact(2), contact(3)]), None, None, None]);
+}
+
+#[test]
+fn where_the_robot_is_and_what_is_under_way_is_known() {
+    let ledger = Ledger::new(1);
+    let mut book = ledger.book();
+    assert_eq!((book.motion(), book.last_known()), (None, None));
+    book.open = Some(open(false));
+    book.places = vec![None, Some(0.3), None].into();
+    let motion = book.motion().unwrap();
+    assert_eq!((motion.id, &motion.named[..], &motion.places), (CommitId(1), &[1][..], &book.places));
+    assert_eq!(motion.safe, open(false).safe);
+    assert_eq!(book.last_known(), Some(open(false).target), "nothing was recorded: where it was sent");
+    let sample = mobee_contract::Sample { seq: 1, at: Time(1), q: vec![0.0, 0.4, 0.0].into(), done: vec![true; 3] };
+    book.history.push(&mut crate::pulse::Pulse::new(sample, &Vec::new().into()), std::time::Duration::MAX);
+    assert_eq!(book.last_known(), Some(vec![0.0, 0.4, 0.0].into()));
+}
+
+/// A retreat that succeeds after its outcome was given leaves the named motors at their places, or where they were
+/// safe.
+#[test]
+fn a_late_retreat_leaves_the_motors_at_home() {
+    let ledger = Ledger::new(1);
+    let mut book = ledger.book();
+    book.open = Some(open(false));
+    let mut motion = book.motion().unwrap();
+    book.places = vec![Some(7.0), Some(8.0), Some(9.0)].into();
+    motion.places = vec![None, Some(0.204), None].into();
+    book.send_home(&motion, 0.01);
+    assert_eq!(book.places[..], [Some(7.0), Some(0.204), Some(9.0)], "within half of the tolerance it is its place");
+    motion.places = vec![None, Some(0.206), None].into();
+    book.send_home(&motion, 0.01);
+    assert_eq!(book.places[..], [Some(7.0), Some(0.2), Some(9.0)]);
+    book.send_home(&Underway { safe: None, ..motion }, 0.01);
+    assert_eq!(book.places[..], [Some(7.0), Some(0.2), Some(9.0)]);
+}
+
+#[test]
+fn the_newest_hundred_ends_are_remembered() {
+    let ledger = Ledger::new(1);
+    let mut book = ledger.book();
+    for id in 1..=150 {
+        book.open = Some(Open { id: CommitId(id), ..open(false) });
+        book.settle(Some(Outcome::Committed), vec![0.0; 3].into(), 0.01);
+    }
+    let end = |id| book.end_of(CommitId(id));
+    assert_eq!((end(51), end(150)), (Some(MotionEnd::Reached), Some(MotionEnd::Reached)));
+    assert_eq!((end(50), end(151)), (Some(MotionEnd::Failed), Some(MotionEnd::Failed)), "forgotten, or never begun");
+}
+
+/// Three motors of which the second and third were named; they had been sent to 0, nowhere and 0.5.
+#[test]
+fn places_are_those_that_the_outcome_leaves() {
+    let mut open = Open { named: Vec::new().into(), ..open(false) };
+    open.name(&[2]);
+    open.name(&[1, 2]);
+    assert_eq!(open.named[..], [1, 2]);
+    let before = [Some(0.0), None, Some(0.5)];
+    let after = |outcome, q: [f64; 3]| open.places_after(&before, outcome, &q, 0.01).to_vec();
+    assert_eq!(after(Outcome::Committed, [0.0, 0.999, 2.001]), [Some(0.0), Some(1.0), Some(2.0)]);
+    assert_eq!(after(Outcome::RolledBack, [0.0, 0.201, 0.499]), [Some(0.0), Some(0.2), Some(0.5)]);
+    assert_eq!(after(Outcome::Faulted, [0.0, 0.7, 0.9]), [Some(0.0), Some(0.7), Some(0.9)]);
+    // never commanded, and not named now
+    assert_eq!(open.places_after(&[], Outcome::Faulted, &[0.0, 0.7, 0.9], 0.01).to_vec()[0], None);
+}
