@@ -50,7 +50,7 @@ pub struct Object {
     pub pose: Isometry3<f64>,
     /// Its shapes.
     pub shapes: Vec<Primitive>,
-    /// Display colour, if the file gives one.
+    /// Display color, if the file gives one.
     pub color: Option<[u8; 3]>,
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-/// A convex shape, centerd at its origin. Sizes in meters.
+/// A convex shape, centered at its origin. Sizes in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// A ball.
@@ -40,7 +40,7 @@ pub struct Primitive {
     pub pose: Isometry3<f64>,
 }
 
-/// A capsule that holds a shape, in the shape's frame and centerd at its origin.
+/// A capsule that holds a shape, in the shape's frame and centered at its origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundingCapsule {
     /// From the origin to the center of one end ball, meters; zero for a ball.

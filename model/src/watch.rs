@@ -84,7 +84,7 @@ pub struct Watch<E: Engine = DefaultEngine> {
     counters: WatchCounters,
 }
 
-/// How far a motor has gone. Between two poses it has moved by no more than the later `travelled` less the earlier one, plus
+/// How far a motor has gone. Between two poses it has moved by no more than the later `traveled` less the earlier one, plus
 /// both `since_turn`: the triangle inequality through the turning points.
 #[derive(Clone, Copy, Debug)]
 struct MotorTrack {
@@ -93,7 +93,7 @@ struct MotorTrack {
     /// Where it last left the noise band, rad of encoder: the middle of the band it is in now.
     turning_point: f64,
     /// Its way up to the turning point, rad. Only grows.
-    travelled: f64,
+    traveled: f64,
     /// How far it is from the turning point now, rad. Falls when the motor comes back.
     since_turn: f64,
     /// The greatest reach that it has in any group, meters per rad: what it adds to the common clock.
@@ -138,7 +138,7 @@ impl MotorTrack {
         self.last_q = q;
         let astray = (q - self.turning_point).abs();
         if astray > NOISE_BAND {
-            self.travelled += astray;
+            self.traveled += astray;
             self.turning_point = q;
             self.since_turn = 0.0;
         } else {
@@ -177,7 +177,7 @@ impl<E: Engine> Watch<E> {
     pub fn set_scene(&mut self, scene: Arc<Scene<E>>) {
         let (motors, world) = (scene.bodies().motors, scene.world());
         let unknown =
-            MotorTrack { last_q: f64::NAN, turning_point: 0.0, travelled: 0.0, since_turn: 0.0, fastest: 0.0 };
+            MotorTrack { last_q: f64::NAN, turning_point: 0.0, traveled: 0.0, since_turn: 0.0, fastest: 0.0 };
         self.motors = vec![unknown; motors];
         for term in world.groups.iter().flat_map(|g| &g.travel) {
             let motor = &mut self.motors[term.motor as usize];
@@ -218,8 +218,8 @@ impl<E: Engine> Watch<E> {
         self.found.clear();
         // The common clock is never slower than any group's, so no group is due before the heap says so. `settled` leaves
         // out what the motors are astray by: that falls again when they come back, and a due time must not rest on it.
-        let now: f64 = self.motors.iter().map(|m| m.fastest * (m.travelled + m.since_turn)).sum();
-        let settled: f64 = self.motors.iter().map(|m| m.fastest * m.travelled).sum();
+        let now: f64 = self.motors.iter().map(|m| m.fastest * (m.traveled + m.since_turn)).sum();
+        let settled: f64 = self.motors.iter().map(|m| m.fastest * m.traveled).sum();
         let scene = self.scene.clone();
         let (bodies, world) = (scene.bodies(), scene.world());
         let mut placed = false;
@@ -233,7 +233,7 @@ impl<E: Engine> Watch<E> {
             let (mut clock, mut stray) = (0.0, 0.0);
             for term in &group.travel {
                 let motor = &self.motors[term.motor as usize];
-                clock += term.reach * motor.travelled;
+                clock += term.reach * motor.traveled;
                 stray += term.reach * motor.since_turn;
             }
             let mut first = f64::INFINITY;

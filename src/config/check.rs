@@ -41,9 +41,9 @@ impl Checks<'_> {
     fn position(&mut self, path: &str, p: &[f64; 3]) {
         let near = |p: &[f64; 3]| p.iter().all(|x| x.abs() <= FARTHEST_M);
         if !near(p) {
-            let metres = p.map(|x| (x * 1e3).round() / 1e6);
+            let meters = p.map(|x| (x * 1e3).round() / 1e6);
             let hint =
-                if near(&metres) { format!("; if millimeters are meant, write {metres:?}") } else { String::new() };
+                if near(&meters) { format!("; if millimeters are meant, write {meters:?}") } else { String::new() };
             let help = format!("give meters, up to {FARTHEST_M} from the origin{hint}");
             self.say(path, format!("{p:?} m is far away from everything"), help);
         }
@@ -106,7 +106,7 @@ impl Config {
             let k = &r.controller;
             c.range_or(&at("controller.period_ms"), k.period_ms, (1.0, 1000.0), "ms", Some(("seconds", 1e3)));
             c.range(&at("controller.history"), r.controller.history as f64, 10.0, 1e7, "poses");
-            // no margin at all may be wanted in a simulation; one of micrometres is a mistake
+            // no margin at all may be wanted in a simulation; one of micrometers is a mistake
             let least = if k.margin_mm == 0.0 { 0.0 } else { 0.5 };
             c.range_or(&at("controller.margin_mm"), k.margin_mm, (least, 500.0), "mm", Some(("meters", 1e3)));
             c.range(&at("controller.tolerance_deg"), k.tolerance_deg, 1e-3, 10.0, "deg");

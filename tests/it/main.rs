@@ -11,7 +11,7 @@ mod dependency_direction;
 mod doctor;
 mod filter_transparency;
 mod hostile_files;
-mod licences;
+mod licenses;
 mod new_behavior;
 mod old_program;
 mod planted_defects;

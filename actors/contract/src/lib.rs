@@ -1,4 +1,4 @@
-//! The words all parts speak. No behaviour lives here: only what may be said, by whom, and what it means.
+//! The words all parts speak. No behavior lives here: only what may be said, by whom, and what it means.
 //!
 //! ```text
 //! agent ──Intent──> (actors) ──Commit──> supervise ──Command──> driver ──> robot

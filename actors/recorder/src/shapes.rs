@@ -112,7 +112,7 @@ impl Kind {
     }
 
     /// The archetype with sizes and places; Rerun's cylinders and capsules lie along z, and its capsules begin at the
-    /// origin, where ours lie along y and are centerd.
+    /// origin, where ours lie along y and are centered.
     fn geometry(self, solids: &[&Solid<'_>], fill: FillMode) -> Box<dyn AsComponents> {
         let mut sizes = Vec::new();
         let mut lengths = Vec::new();

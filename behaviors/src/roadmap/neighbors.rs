@@ -138,7 +138,7 @@ fn fixed<const N: usize>(q: &[f64]) -> [f64; N] {
 fn shifted<const N: usize>(id: u32, q: &[f64; N]) -> [f64; N] {
     let mut out = *q;
     for (i, c) in out.iter_mut().enumerate() {
-        // splitmix64: neighbouring ids get unrelated shifts
+        // splitmix64: neighboring ids get unrelated shifts
         let mut z = (u64::from(id) << 8 | i as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

@@ -136,7 +136,7 @@ impl Element {
                 format!(
                     "`{name}` of <{}> is {v}, but must be {}",
                     self.written,
-                    if v > 0.0 { "a nanometre or more" } else { "above 0" }
+                    if v > 0.0 { "a nanometer or more" } else { "above 0" }
                 ),
                 "give the size in meters",
             )),

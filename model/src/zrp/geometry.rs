@@ -62,7 +62,7 @@ pub(super) fn primitive(e: &Element) -> Result<Primitive, FileError> {
     Ok(Primitive { shape, pose: pose(e)? })
 }
 
-/// The cylinder (or capsule) of that `height` that `radius` and `field` add to a link or joint: along `axis`, centerd
+/// The cylinder (or capsule) of that `height` that `radius` and `field` add to a link or joint: along `axis`, centered
 /// at `center`.
 pub(super) fn automatic(
     radius: f64,

@@ -37,7 +37,7 @@ pub(crate) fn near_root(nodes: &[Node]) -> Vec<bool> {
     (0..nodes.len()).map(near).collect()
 }
 
-/// The pairs that remain: shapes of one node, neighbours in the tree and near relatives of one part are left out;
+/// The pairs that remain: shapes of one node, neighbors in the tree and near relatives of one part are left out;
 /// pairs within a `noSelfCollision` subtree are shown only, and their fields do not act.
 pub(crate) fn node_pairs(nodes: &[Node]) -> NodePairs {
     let filtered = Filtered::new(nodes);
@@ -95,7 +95,7 @@ impl Filtered {
             // A subtree is walked by a stack: files nest a thousand deep, and recursion would end the program there.
             stack.extend(siblings.iter().map(|s| (*s, false, false)));
             // Walk down every sibling's subtree. The flags tell that a link below a joint and a joint below a link,
-            // both solid, have been passed: from there on the two are no longer neighbours.
+            // both solid, have been passed: from there on the two are no longer neighbors.
             while let Some((v, mut link, mut joint)) = stack.pop() {
                 let node = &nodes[v];
                 if let Some(parent) = node.parent.filter(|p| Some(*p) != base_node.parent) {

@@ -181,7 +181,7 @@ mod tests {
     const MOVING: (bool, bool, u64) = (false, true, 0);
 
     #[test]
-    fn a_contact_begins_below_the_margin_and_ends_beyond_two_millimetres_more() {
+    fn a_contact_begins_below_the_margin_and_ends_beyond_two_millimeters_more() {
         let mut contacts = Contacts::new(MARGIN);
         let mut next = |mm: f64| told(&mut contacts, &[near(1, mm)], MOVING);
         assert_eq!(next(10.0), [0, 0, 0, 0], "the margin itself is free");
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn on_the_retreat_a_contact_begins_a_millimetre_later() {
+    fn on_the_retreat_a_contact_begins_a_millimeter_later() {
         let mut contacts = Contacts::new(MARGIN);
         assert_eq!(told(&mut contacts, &[near(1, 9.1)], (true, true, 0)), [0, 0, 0, 0]);
         assert_eq!(told(&mut contacts, &[near(1, 8.9), near(2, 11.0)], (true, true, 0)), [1, 0, 0, 1]);
@@ -237,7 +237,7 @@ mod tests {
         assert_eq!((broken(&floors, 2, 9.1), broken(&floors, 2, 8.9)), (None, hit(2)), "it was free");
         assert_eq!((broken(&floors, 3, 9.1), broken(&floors, 3, 8.9)), (None, hit(3)), "it was not near");
         let granted = Contact { distance: MARGIN - DEEPER, ..near(3, 0.0) };
-        assert_eq!(floors.broken(&[granted]), None, "all of the millimetre");
+        assert_eq!(floors.broken(&[granted]), None, "all of the millimeter");
         floors.note(&[near(1, 2.0), near(2, 16.0), near(3, 5.0)]);
         floors.note(&[near(1, 6.0)]);
         assert_eq!((broken(&floors, 1, 1.1), broken(&floors, 1, 0.9)), (None, hit(1)), "the deepest counts");

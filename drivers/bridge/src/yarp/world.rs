@@ -163,10 +163,10 @@ fn sentence(why: &WorldRefusal) -> String {
         }
         .into(),
         WorldRefusal::NewObject { sizes } => {
-            format!("MK ERROR: give {sizes} size(s) and a position x y z, all numbers, in metres")
+            format!("MK ERROR: give {sizes} size(s) and a position x y z, all numbers, in meters")
         }
         WorldRefusal::NoNumberLeft => "MK ERROR: no number is left".into(),
-        WorldRefusal::Position => "SET ERROR: give x y z in metres.".into(),
+        WorldRefusal::Position => "SET ERROR: give x y z in meters.".into(),
         WorldRefusal::Rotation => {
             "ROT ERROR: give 3 angles in degrees, or the 9 numbers of a rotation matrix row by row.".into()
         }
@@ -197,7 +197,7 @@ fn sentence(why: &WorldRefusal) -> String {
 
 fn help() -> Bottle {
     let lines = [
-        "OBJ is the name of an object, in one word (sph1) or two (sph 1). Lengths in metres.",
+        "OBJ is the name of an object, in one word (sph1) or two (sph 1). Lengths in meters.",
         "ls - names of all objects",
         "mk sph|ssph radius x y z - make a sphere",
         "mk cyl|scyl radius height x y z - make a cylinder along y",

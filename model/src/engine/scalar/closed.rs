@@ -21,7 +21,7 @@ impl Segment {
 
 /// Parameters in [-1, 1] of the nearest points of two segments.
 ///
-/// After Ericson, *Real-Time Collision Detection*, 5.1.9, with centerd parameters.
+/// After Ericson, *Real-Time Collision Detection*, 5.1.9, with centered parameters.
 pub(super) fn nearest_parameters(a: &Segment, b: &Segment) -> (f64, f64) {
     let r = a.middle - b.middle;
     let (aa, bb) = (a.half_axis.norm_squared(), b.half_axis.norm_squared());

@@ -4,7 +4,7 @@ use super::closed::Segment;
 use crate::shape::{BoundingCapsule, Shape};
 use nalgebra::Vector3;
 
-/// A convex set without its radius, centerd at the origin. Meters.
+/// A convex set without its radius, centered at the origin. Meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Core {
     /// The origin.

@@ -67,11 +67,11 @@ pub(super) fn separation(
 }
 
 /// GJK's nearest points, projected to and fro until the slab between them is empty: where a rounded and a nearly parallel
-/// side meet, GJK may stop some micrometres early. `None` if they turn out to touch.
+/// side meet, GJK may stop some micrometers early. `None` if they turn out to touch.
 fn polished(a: &Placed, b: &Placed, mut p: Point3<f64>, mut q: Point3<f64>) -> Option<Separation> {
     /// An empty slab within this, meters, is empty: far below what anybody asks of a distance, far above rounding.
     const GOOD: f64 = 1e-8;
-    /// Projecting to and fro converges slowly where sides are nearly parallel; the points are then good to a micrometre.
+    /// Projecting to and fro converges slowly where sides are nearly parallel; the points are then good to a micrometer.
     const ROUNDS: usize = 50;
     let mut rounds = 0;
     loop {
@@ -125,7 +125,7 @@ fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Sep
 fn pressed(a: &Placed, b: &Placed, n: &Vector3<f64>, distance: f64) -> [Point3<f64>; 2] {
     /// Points that move less than this in a round, meters, have arrived.
     const GOOD: f64 = 1e-10;
-    /// Where a round side presses on a flat one the points creep; after so many rounds they are good to a micrometre.
+    /// Where a round side presses on a flat one the points creep; after so many rounds they are good to a micrometer.
     const ROUNDS: usize = 100;
     let way = n * distance;
     let mut p = support_point(a, n);
