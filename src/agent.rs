@@ -92,9 +92,7 @@ pub fn command(args: AgentArgs) -> Result<ExitCode, Report> {
     let robot = chosen(&config, &args)?;
     // the boards are reached through the filter: no driver of this file is to touch them
     for r in &mut config.robot {
-        if r.driver.get("kind").and_then(serde_json::Value::as_str) != Some("sim") {
-            r.driver = json!({ "kind": "sim" });
-        }
+        r.simulate();
     }
     let network = match config.yarp_ports().find_map(|(_, ports)| ports.name_server) {
         Some(server) => Network::at(server),

@@ -91,6 +91,9 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
                 seed: derive_seed(config.seed, &format!("{}/{role}", r.name)),
             };
             let hardware = wrong.keep(driver(source, &at("driver"), &r.driver, &context("driver")));
+            if config.clock == ClockMode::Virtual && hardware.as_ref().is_some_and(|h| !h.runs_in_virtual_time()) {
+                wrong.push(by_the_wall(source, &at("driver"), "driver"));
+            }
             let agent = r.agent.as_ref().map(|value| agent(source, &at("agent"), value, context("agent")));
             Built { hardware, agent: agent.and_then(|a| wrong.keep(a)), model }
         }));
@@ -276,14 +279,17 @@ fn bridges(config: &Config, source: &Source, wrong: &mut Complaints) -> Vec<(Str
         let built = kind::<dyn Bridge>(source, &at, &table).map_err(Complaints::from);
         let built = built.and_then(|(kind, set)| (kind.build)(&set, &folder).map_err(|e| placed(source, &at, e)));
         let Some(bridge) = wrong.keep(built) else { continue };
-        // the table [yarp] was judged with the clock already
-        if config.clock == ClockMode::Virtual && !bridge.runs_in_virtual_time() && at != "yarp" {
-            let what = "this bridge runs by the wall clock, and this behavior's clock is virtual";
-            wrong.push(source.error(&at, what, "set clock = \"real\""));
+        if config.clock == ClockMode::Virtual && !bridge.runs_in_virtual_time() {
+            wrong.push(by_the_wall(source, &at, "bridge"));
         }
         all.push((at, bridge));
     }
     all
+}
+
+fn by_the_wall(source: &Source, at: &str, role: &str) -> ConfigError {
+    let what = format!("this {role} runs by the wall clock, and this behavior's clock is virtual");
+    source.error(at, what, "set clock = \"real\"")
 }
 
 fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Requirements), Complaints> {
@@ -301,8 +307,7 @@ pub(crate) fn margin_warning(
     controller: &ControllerSettings,
     foreign: Option<f64>,
 ) -> Option<String> {
-    // a real robot is not connected to before the run
-    if r.driver.get("kind").and_then(Value::as_str) == Some("yarp") {
+    if !hardware.runs_in_virtual_time() {
         return None;
     }
     let own = r.agent.as_ref().map(|a| a.get("speed").and_then(Value::as_f64).unwrap_or(0.1));

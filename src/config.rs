@@ -28,6 +28,7 @@ pub use spelling::did_you_mean;
 
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_bridge::{YarpServices, YarpSettings};
+use mobee_drivers::SIM;
 use mobee_model::file::{MIB, read_text};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -121,7 +122,7 @@ pub struct RobotConfig {
     #[serde(default)]
     pub base: Base,
     /// `kind` and settings of the driver; see `mobee kinds`.
-    #[serde(default = "sim")]
+    #[serde(default = "simulated")]
     pub driver: Value,
     /// The controller: `kind` (default: `rollback`), what all kinds have, and the kind's settings; see `mobee kinds`.
     pub controller: Controller,
@@ -213,8 +214,22 @@ pub struct Resolved {
 fn one() -> u64 {
     1
 }
-fn sim() -> Value {
-    serde_json::json!({ "kind": "sim" })
+pub(crate) fn simulated() -> Value {
+    serde_json::json!({ "kind": SIM })
+}
+
+impl RobotConfig {
+    /// What drives it; empty if the file does not say so in the right way.
+    pub(crate) fn driver_kind(&self) -> &str {
+        self.driver.get("kind").and_then(Value::as_str).unwrap_or_default()
+    }
+
+    /// Has it simulated, as its settings say if it was so already: its board is not touched.
+    pub(crate) fn simulate(&mut self) {
+        if self.driver_kind() != SIM {
+            self.driver = simulated();
+        }
+    }
 }
 
 impl Config {

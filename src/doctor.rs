@@ -9,7 +9,7 @@ mod moves;
 use crate::compose::{compose, driver_of};
 use crate::config::{Config, Source};
 use mobee_contract::{JointLimits, suggestion};
-use mobee_drivers::YarpDriverSettings;
+use mobee_drivers::{YARP, YarpDriverSettings};
 use mobee_yarp::Network;
 use mobee_yarp::config::{self, Env};
 use std::cell::Cell;
@@ -178,5 +178,5 @@ fn configuration(file: &Path, set: &[String]) -> (Vec<Finding>, Vec<Remote>) {
 
 fn remote(source: &Source, robot: usize, driver: &serde_json::Value) -> Option<YarpDriverSettings> {
     let (kind, settings) = driver_of(source, &format!("robot[{robot}].driver"), driver).ok()?;
-    if kind == "yarp" { mobee_contract::settings(&settings).ok() } else { None }
+    if kind == YARP { mobee_contract::settings(&settings).ok() } else { None }
 }

@@ -5,7 +5,7 @@ use crate::config::{Config, ConfigError, RobotConfig};
 use crate::signals::Interrupt;
 use miette::Report;
 use mobee_contract::Context;
-use mobee_drivers::{SimBoard, SimClock, SimSettings};
+use mobee_drivers::{SIM, SimBoard, SimClock, SimSettings};
 use mobee_yarp::board::BoardServer;
 use mobee_yarp::config::{self, Env};
 use mobee_yarp::{NameServer, Network};
@@ -73,7 +73,7 @@ fn boards(args: &SimArgs) -> Result<Vec<(String, SimBoard)>, Report> {
 
 fn settings(robot: &RobotConfig, at: &str, source: &crate::config::Source) -> Result<SimSettings, ConfigError> {
     let (kind, settings) = driver_of(source, at, &robot.driver)?;
-    if kind != "sim" {
+    if kind != SIM {
         let what = format!("robot {} has a driver of kind `{kind}`: there is nothing to simulate", robot.name);
         return Err(source.error(&format!("{at}.kind"), what, "give a file whose robots have drivers of kind `sim`"));
     }

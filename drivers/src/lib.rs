@@ -52,7 +52,7 @@ mod way;
 
 pub use replay::ReplayHardware;
 pub use sim::{
-    Fault, FaultId, Garbage, Imitated, Plant, SimBoard, SimClock, SimDriver, SimFaults, SimHardware, SimSettings,
+    Fault, FaultId, Garbage, Imitated, Plant, SIM, SimBoard, SimClock, SimDriver, SimFaults, SimHardware, SimSettings,
     StoppingPath, path, stopping_path,
 };
-pub use yarp::{Moves, PartSettings, Who, WireFault, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim};
+pub use yarp::{Moves, PartSettings, Who, WireFault, YARP, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim};

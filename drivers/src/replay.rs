@@ -90,6 +90,10 @@ impl Hardware for ReplayHardware {
         Ok(Box::new(ReplayDriver { played: self.clone(), given: None }))
     }
 
+    fn runs_in_virtual_time(&self) -> bool {
+        true
+    }
+
     fn known(&self) -> Known {
         let start = SetPose { path: "file".into(), q: self.table.at(Time::ZERO), optional: true };
         Known { start: Some(start), period: Some(self.board.period), motors: None }

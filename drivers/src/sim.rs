@@ -26,9 +26,12 @@ use serde_json::Value;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+/// The name of this kind in configuration files.
+pub const SIM: &str = "sim";
+
 inventory::submit! {
     Registered(&Kind::<dyn Hardware> {
-        name: "sim",
+        name: SIM,
         doc: "A simulated robot inside the program. It behaves like a YARP control board: position moves of one, some or all motors with \
               reference speeds and accelerations, relative moves, stop, motion-done, limits, control modes and position-direct set-points. Motions keep to \
               speed and acceleration limits, braking takes time, commands arrive late, and the encoders have a rate, a resolution, noise and jitter. \
@@ -154,6 +157,10 @@ impl Hardware for SimHardware {
             return Err(DriverFault::Lost);
         }
         Ok(Box::new(SimDriver { board: self.board.clone(), facts: self.facts.clone() }))
+    }
+
+    fn runs_in_virtual_time(&self) -> bool {
+        true
     }
 
     fn known(&self) -> Known {

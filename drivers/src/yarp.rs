@@ -63,9 +63,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use thread::Place;
 
+/// The name of this kind in configuration files.
+pub const YARP: &str = "yarp";
+
 inventory::submit! {
     Registered(&Kind::<dyn Hardware> {
-        name: "yarp",
+        name: YARP,
         doc: "A real robot, or a simulator in another process, behind YARP control boards: one board per part, over any YARP network, in real time. \
               Motions are position moves with an individual speed per joint; the retreat streams position-direct set-points. States come from \
               `stateExt:o` or `state:o`. It stops the robot when its lease expires, and before anything else when a board returns.",

@@ -176,8 +176,7 @@ impl<E: Engine> Watch<E> {
     /// Nothing that was known of pairs is kept, as their numbers may mean others now: the next update looks at every pair.
     pub fn set_scene(&mut self, scene: Arc<Scene<E>>) {
         let (motors, world) = (scene.bodies().motors, scene.world());
-        let unknown =
-            MotorTrack { last_q: f64::NAN, turning_point: 0.0, traveled: 0.0, since_turn: 0.0, fastest: 0.0 };
+        let unknown = MotorTrack { last_q: f64::NAN, turning_point: 0.0, traveled: 0.0, since_turn: 0.0, fastest: 0.0 };
         self.motors = vec![unknown; motors];
         for term in world.groups.iter().flat_map(|g| &g.travel) {
             let motor = &mut self.motors[term.motor as usize];

@@ -64,12 +64,6 @@ impl Config {
     }
 
     fn check_run(&self, c: &mut Checks<'_>) {
-        let yarp_robot = self.robot.iter().position(|r| r.driver["kind"] == "yarp");
-        let real_only = yarp_robot.map(|i| format!("robot[{i}].driver")).or(self.yarp.as_ref().map(|_| "yarp".into()));
-        if let Some(at) = real_only.filter(|_| self.clock == ClockMode::Virtual) {
-            let what = "YARP runs by the wall clock, and this behavior's clock is virtual";
-            c.say(&at, what, "set clock = \"real\"");
-        }
         if self.name.contains(['/', '\\']) || self.name.starts_with('.') {
             c.say("name", "the name can't be part of a folder's name", "use letters, digits, - and _");
         } else if self.name.len() > LONGEST_NAME {

@@ -2,13 +2,14 @@
 
 use super::wire::Sent;
 use crate::compose::{compose, margin_warning};
-use crate::config::{Config, Source};
+use crate::config::{Config, Source, simulated};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, NewPart, PartOffer};
 use mobee_actors::wiring::{Maker, SwapRequest};
 use mobee_contract::SwapPart;
+use mobee_drivers::YARP;
 use mobee_model::Robot;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use tokio::sync::oneshot::Sender;
@@ -71,12 +72,12 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
     for (i, robot) in config.robot.iter_mut().enumerate() {
         match &mut robot.driver {
             Value::Object(driver) if part == SwapPart::Driver && i == index => {
-                if driver.get("kind").and_then(Value::as_str) == Some("yarp") {
+                if driver.get("kind").and_then(Value::as_str) == Some(YARP) {
                     driver.entry("name").or_insert_with(|| ports(&robot.name).into());
                 }
             }
             // no other board is touched
-            driver => *driver = json!({ "kind": "sim" }),
+            driver => *driver = simulated(),
         }
     }
     let robot = config.robot.get(index).cloned();

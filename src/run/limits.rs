@@ -2,6 +2,7 @@
 
 use super::CtlAt;
 use crate::config::{Config, ConfigError};
+use mobee_drivers::YARP;
 use std::net::TcpListener;
 
 /// Files and sockets that a run has open: threads' runtimes, journal, recording, the control port; with room to spare.
@@ -14,7 +15,7 @@ const FILES_OF_YARP: u64 = 256;
 /// # Errors
 /// What is lacking, and how to get it.
 pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
-    let yarp = config.yarp_ports().next().is_some() || config.robot.iter().any(|r| r.driver["kind"] == "yarp");
+    let yarp = config.yarp_ports().next().is_some() || config.robot.iter().any(|r| r.driver_kind() == YARP);
     let needed = if yarp { FILES_OF_YARP } else { FILES };
     if let Some(most) = most_files(&std::fs::read_to_string("/proc/self/limits").unwrap_or_default())
         && most < needed

@@ -14,6 +14,7 @@ use miette::Report;
 use mobee_actors::record::journal::{Journal, JournalLine};
 use mobee_actors::record::{ring, track};
 use mobee_actors::system::{Past, RobotSetup};
+use mobee_drivers::SIM;
 use mobee_model::Robot;
 use std::path::Path;
 use std::process::ExitCode;
@@ -73,8 +74,8 @@ fn stand(composition: Composition, mut source: Source, past: &Past) -> Result<Co
     let mut moved = false;
     for (i, (setup, model)) in composition.robots.iter().zip(composition.scene.robots()).enumerate() {
         let RobotSetup { name, .. } = setup;
-        let kind = composition.config.robot.get(i).and_then(|r| r.driver.get("kind")?.as_str().map(str::to_owned));
-        if let (Some("sim"), Some(q)) = (kind.as_deref(), past.robot(name).q) {
+        let is_simulated = composition.config.robot.get(i).is_some_and(|r| r.driver_kind() == SIM);
+        if is_simulated && let Some(q) = past.robot(name).q {
             for (motor, deg) in degrees(model, &q) {
                 source.set(&format!("robot.{i}.driver.start_deg.{motor}={deg:?}"))?;
             }

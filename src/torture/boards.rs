@@ -2,9 +2,9 @@
 
 use super::faults::What;
 use super::plan::Planned;
-use crate::config::{Config, ConfigError, RobotConfig, Source};
+use crate::config::{Config, ConfigError, RobotConfig, Source, simulated};
 use mobee_contract::{Context, Hardware, KindError, Time};
-use mobee_drivers::{SimHardware, SimSettings, YarpDriverSettings, YarpSim};
+use mobee_drivers::{SIM, SimHardware, SimSettings, YARP, YarpDriverSettings, YarpSim};
 use serde_json::{Value, json};
 use std::sync::Arc;
 
@@ -32,16 +32,16 @@ impl Driven {
         let mut settings = robot.driver.clone();
         let kind = settings.as_object_mut().and_then(|map| map.remove("kind"));
         let kind = kind.as_ref().and_then(Value::as_str).unwrap_or_default();
-        if kind == "yarp" {
+        if kind == YARP {
             let yarp: YarpDriverSettings = mobee_contract::settings(&settings).map_err(wrong)?;
             yarp.validate().map_err(wrong)?;
             let (speed, acceleration) = (yarp.max_speed_deg_per_s, yarp.max_acceleration_deg_per_s2);
             robot.driver =
-                json!({ "kind": "sim", "max_speed_deg_per_s": speed, "max_acceleration_deg_per_s2": acceleration });
+                json!({ "kind": SIM, "max_speed_deg_per_s": speed, "max_acceleration_deg_per_s2": acceleration });
             return Ok(Driven::Yarp(yarp));
         }
-        if kind != "sim" {
-            robot.driver = json!({ "kind": "sim" });
+        if kind != SIM {
+            robot.driver = simulated();
             return Ok(Driven::Sim(SimSettings::default()));
         }
         Ok(Driven::Sim(mobee_contract::settings(&settings).map_err(wrong)?))

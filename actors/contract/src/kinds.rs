@@ -101,6 +101,12 @@ pub trait Hardware: Send + Sync {
     /// [`DriverFault::Lost`] if the board can't be reached now; asking again later may help.
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault>;
 
+    /// Whether it may run in virtual time: it knows no time but the one that its driver is told, and nothing outside of the run. What
+    /// may not is not connected to before the run, either.
+    fn runs_in_virtual_time(&self) -> bool {
+        false
+    }
+
     /// Another takes this board's place, and drives it: from now on write nothing to it, not even a stop at the end.
     fn let_go(&self) {}
 
