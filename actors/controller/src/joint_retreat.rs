@@ -18,8 +18,8 @@ pub use plan::{Participant, Plan, RetreatPath};
 
 use crate::Rules;
 use crate::history::{HistoryCore, HistoryTooShort};
-use crate::ledger::Places;
-use mobee_contract::{Pose, Time};
+use crate::ledger::{Places, SafePose};
+use mobee_contract::Time;
 use mobee_model::Scene;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -51,8 +51,8 @@ pub enum RetreatReply {
 pub struct Asked {
     /// Its index in the scene.
     pub robot: usize,
-    /// Its safe pose, and when that was read.
-    pub safe: (Time, Pose),
+    /// Its safe pose.
+    pub safe: SafePose,
     /// Whether it is another try after a failed one.
     pub again: bool,
     /// The motors that its motion has named.
@@ -72,7 +72,7 @@ impl Asked {
         history: &HistoryCore,
         scene: Arc<Scene>,
     ) -> Result<Participant, HistoryTooShort> {
-        let Asked { robot, safe: (since, safe), again, named, places } = self;
+        let Asked { robot, safe: SafePose { since, q: safe }, again, named, places } = self;
         let (past, start) = history.past(since)?;
         let mut participant = Participant { robot, rules, past, start, safe, again, named, places, scene };
         if again {

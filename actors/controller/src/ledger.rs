@@ -6,7 +6,7 @@
 
 mod transaction;
 
-pub use transaction::{Ended, Motion, Open, Places, Underway, home};
+pub use transaction::{Ended, Motion, Open, Places, SafePose, Underway, home};
 
 use crate::history::HistoryCore;
 use mobee_contract::{Cause, CommitId, MotionEnd, Outcome, Pose, Status};
@@ -77,7 +77,7 @@ impl TransactionState {
 
     /// A motion whose outcome was given before has been taken back after all.
     pub fn send_home(&mut self, motion: &Underway, tolerance: f64) {
-        let Some((_, safe)) = &motion.safe else { return };
+        let Some(SafePose { q: safe, .. }) = &motion.safe else { return };
         let place = |m: usize| motion.places.get(m).copied().flatten();
         let rests = |(m, old): (usize, &Option<f64>)| match safe.get(m).filter(|_| motion.named.contains(&m)) {
             Some(safe) => Some(home(place(m), *safe, tolerance)),

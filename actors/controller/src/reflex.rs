@@ -17,12 +17,12 @@ mod retreat;
 use crate::gate::Gate;
 use crate::history::HistoryTooShort;
 use crate::joint_retreat::{Asked, JointRetreat};
-use crate::ledger::Underway;
+use crate::ledger::{SafePose, Underway};
 use crate::pulse::Pulse;
 use crate::stop::Stop;
 use crate::{Rules, Shared};
 use contacts::{Contacts, Floors};
-use mobee_contract::{Cause, Command, CommitId, Event, Hold, Pose, Status, Time};
+use mobee_contract::{Cause, Command, CommitId, Event, Hold, Status, Time};
 use mobee_model::{Contact, Pair};
 use retreat::Retreat;
 use std::sync::Arc;
@@ -84,7 +84,12 @@ pub enum ReflexReport {
     /// The retreat begins.
     Retreating,
     /// It leads beyond the safe pose, to this earlier rest, and moves these motors: another robot has to pass there.
-    Farther((Time, Pose), Arc<[usize]>),
+    Farther {
+        /// The earlier rest.
+        to: SafePose,
+        /// The motors, in order.
+        motors: Arc<[usize]>,
+    },
     /// The last pose was written.
     Settling,
     /// The robot rests at the safe pose, control modes restored.
@@ -146,8 +151,8 @@ struct Escape {
 struct Back {
     /// The motion.
     motion: Underway,
-    /// Its safe pose, rad, and when that was read: the retreat's end.
-    safe: (Time, Pose),
+    /// Its safe pose: the retreat's end.
+    safe: SafePose,
     /// Whether it is another try: such a one goes by itself, and leaves out detours.
     again: bool,
 }

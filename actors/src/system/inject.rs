@@ -114,7 +114,7 @@ fn obstacle(name: String, context: &RobotContext, spot: Spot, shared: &SharedCon
     let there: Option<Pose> = {
         let book = context.ledger.book();
         let open = book.open.as_ref();
-        open.and_then(|o| if spot.back { o.safe.as_ref().map(|(_, q)| q.clone()) } else { Some(o.target.clone()) })
+        open.and_then(|o| if spot.back { o.safe.as_ref().map(|safe| safe.q.clone()) } else { Some(o.target.clone()) })
     };
     let there = there.unwrap_or_else(|| here.clone());
     let q: Vec<f64> = here.iter().zip(there.iter()).map(|(a, b)| a + (b - a) * spot.share).collect();

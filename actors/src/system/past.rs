@@ -4,7 +4,7 @@ use super::RunCounts;
 use crate::record::journal::JournalLine;
 use mobee_contract::{AsFound, Cause, CommitId, Event, Note, Pose, Status, Time};
 use mobee_controller::gate::Gate;
-use mobee_controller::ledger::{Ledger, Motion, Open, Places};
+use mobee_controller::ledger::{Ledger, Motion, Open, Places, SafePose};
 use mobee_model::{Edit, Scene};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -53,7 +53,7 @@ pub struct PastRobot {
     pub recorded: Vec<(Time, Pose)>,
     /// What the agent noted of its map: vertices in order, then edges as they were last.
     pub notes: Vec<Note>,
-    safe: Option<(Time, Pose)>,
+    safe: Option<SafePose>,
     outcomes: u64,
     edges: BTreeMap<(u32, u32), usize>,
 }
@@ -73,14 +73,14 @@ impl Past {
             Event::World { object, .. } => drop(self.world.insert(object.clone(), line.event.clone())),
             Event::Enabled { robot, token } | Event::Disabled { robot, token, .. } => self.of(robot).token = *token,
             Event::SafePose { robot, q, age, .. } => {
-                let at = Time(
+                let since = Time(
                     line.at.0.saturating_sub(Duration::try_from_secs_f64(*age).unwrap_or_default().as_nanos() as u64),
                 );
-                self.of(robot).safe = Some((at, q.clone()));
+                self.of(robot).safe = Some(SafePose { since, q: q.clone() });
             }
             Event::SafePoseMoved { robot, q, .. } => {
                 if let Some(open) = &mut self.of(robot).open {
-                    open.safe = Some((line.at, q.clone()));
+                    open.safe = Some(SafePose { since: line.at, q: q.clone() });
                 }
             }
             Event::Found { robot, motors } => self.of(robot).found = motors.clone(),
@@ -216,7 +216,9 @@ impl PastRobot {
             book.open = self.open.clone();
             book.places = self.places.clone();
             let safe = book.open.as_ref().and_then(|o| o.safe.clone());
-            let found = safe.and_then(|(at, q)| book.history.recorded_near(at, &q, ABOUT).map(|r| (r.at, q)));
+            let found = safe.and_then(|SafePose { since, q }| {
+                book.history.recorded_near(since, &q, ABOUT).map(|r| SafePose { since: r.at, q })
+            });
             if let (Some(open), Some(found)) = (book.open.as_mut(), found) {
                 open.safe = Some(found);
             }

@@ -11,7 +11,7 @@
 mod ease;
 
 use crate::history::Recorded;
-use crate::ledger::{Places, home};
+use crate::ledger::{Places, SafePose, home};
 use crate::{RELEASE, Rules, distance};
 use mobee_contract::{Axis, Pose, Time};
 use mobee_model::{Scene, ShapeId, Watch};
@@ -87,8 +87,8 @@ pub struct RetreatPath {
     pub motors: Arc<[usize]>,
     /// Whether it is streamed; else the points are few, and moved to.
     pub direct: bool,
-    /// Where it ends, and when that was read.
-    pub end: (Time, Pose),
+    /// Where it ends.
+    pub end: SafePose,
     /// Whether that is an earlier rest than the safe pose.
     pub farther: bool,
     /// Whether it ends too early, since another robot stands in the way.
@@ -333,7 +333,7 @@ impl Plan {
                 points: points.iter().map(own).collect(),
                 motors: leg.motors(),
                 direct,
-                end: (leg.ends_at(), leg.recorded()),
+                end: SafePose { since: leg.ends_at(), q: leg.recorded() },
                 farther: leg.end < leg.who.start,
                 blocked: leg.blocked,
             }

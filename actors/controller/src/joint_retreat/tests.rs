@@ -43,7 +43,13 @@ pub(crate) fn recorded(robot: usize, direct: bool, turns: &[(f64, f64)], safe: f
     }
     let at = Time::ZERO + PERIOD * (safe * 100.0).round() as u32;
     let q = history.recorded_near(at, &[0.0], Duration::ZERO).unwrap().q.clone();
-    let asked = Asked { robot, safe: (at, q), again: false, named: vec![0].into(), places: vec![None].into() };
+    let asked = Asked {
+        robot,
+        safe: SafePose { since: at, q },
+        again: false,
+        named: vec![0].into(),
+        places: vec![None].into(),
+    };
     asked.participant(rules(direct), &history, scene()).unwrap()
 }
 
@@ -54,7 +60,7 @@ fn ends(a: &[(f64, f64)], b: &[(f64, f64)], safe: [f64; 2]) -> [(f64, bool, bool
     while !plan.check(SLICE) {}
     let ways = plan.ways();
     assert_eq!(ways[0].end(), ways[1].end());
-    [0, 1].map(|i| (ways[i].end.1[0].to_degrees().round(), ways[i].farther, ways[i].blocked))
+    [0, 1].map(|i| (ways[i].end.q[0].to_degrees().round(), ways[i].farther, ways[i].blocked))
 }
 
 /// Out of the way until 3 s, at rest in the way until 4 s, and then moved.
@@ -208,7 +214,7 @@ fn who_is_blocked_holds_and_does_not_say_that_it_is_back() {
     let short: Vec<(f64, f64)> = B.iter().filter(|(t, _)| *t >= 3.0).copied().collect();
     let both = [recorded(0, true, &A, 0.3), recorded(1, true, &short, 4.0)];
     let mut reflex = Alone::new(rules(true));
-    let safe = Some((both[0].past[both[0].start].at, both[0].safe.clone()));
+    let safe = Some(SafePose { since: both[0].past[both[0].start].at, q: both[0].safe.clone() });
     let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0));

@@ -3,7 +3,7 @@ use mobee_contract::{Event, Time};
 
 /// A motion of the second of three motors, from rest at 0.2 to 1.
 fn open(retreated: bool) -> Open {
-    let safe = Some((Time::ZERO, vec![0.001, 0.2, 0.501].into()));
+    let safe = Some(SafePose { since: Time::ZERO, q: vec![0.001, 0.2, 0.501].into() });
     let target = vec![0.001, 1.0, 2.0].into();
     let (named, agent) = (vec![1].into(), "a".into());
     let (since, motion) = (Time::ZERO, Motion::Move { due: Time::ZERO });

@@ -49,13 +49,22 @@ impl Motion {
     }
 }
 
+/// Where a transaction is taken back to: a pose at which the robot rested, free of contact (I4).
+#[derive(Clone, Debug, PartialEq)]
+pub struct SafePose {
+    /// When it was read: from then on the history has the path back to it.
+    pub since: Time,
+    /// The pose, rad.
+    pub q: Pose,
+}
+
 /// What is under way, as the ledger has it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Underway {
     /// The commit.
     pub id: CommitId,
     /// Its safe pose; an escape has none.
-    pub safe: Option<(Time, Pose)>,
+    pub safe: Option<SafePose>,
     /// The motors that it has named, in order: during the retreat no other is written to.
     pub named: Arc<[usize]>,
     /// Where all motors had been sent when it began.
@@ -81,8 +90,8 @@ pub struct Open {
     /// The motors that it has named, by its commit, its amendments and its set-points, in order. No other is written
     /// to.
     pub named: Arc<[usize]>,
-    /// The safe pose and when it was read; an escape has none.
-    pub safe: Option<(Time, Pose)>,
+    /// Its safe pose; an escape has none.
+    pub safe: Option<SafePose>,
     /// When it was accepted or last amended.
     pub since: Time,
     /// How it is driven.
@@ -108,7 +117,7 @@ impl Open {
         let near = |pose: &Pose| distance(q, pose) <= tolerance;
         if !self.retreated && near(&self.target) {
             Outcome::Committed
-        } else if self.safe.as_ref().is_some_and(|(_, safe)| near(safe)) {
+        } else if self.safe.as_ref().is_some_and(|safe| near(&safe.q)) {
             Outcome::RolledBack
         } else {
             Outcome::Faulted
@@ -121,7 +130,7 @@ impl Open {
         places.resize(q.len(), None);
         for m in self.named.iter() {
             let (Some(place), Some(q)) = (places.get_mut(*m), q.get(*m)) else { continue };
-            let safe = || self.safe.as_ref().and_then(|(_, safe)| safe.get(*m)).copied();
+            let safe = || self.safe.as_ref().and_then(|safe| safe.q.get(*m)).copied();
             let rests = match outcome {
                 Outcome::Committed => self.target.get(*m).copied(),
                 Outcome::RolledBack => safe().map(|safe| home(*place, safe, tolerance)),
@@ -153,7 +162,7 @@ impl Ended {
     /// What the journal tells: the cause only of what failed.
     pub fn event(self, robot: String) -> Event {
         let Ended { open: Open { id, safe, cause, .. }, outcome, q } = self;
-        let (safe, cause) = (safe.map(|(_, pose)| pose), cause.filter(|_| outcome != Outcome::Committed));
+        let (safe, cause) = (safe.map(|safe| safe.q), cause.filter(|_| outcome != Outcome::Committed));
         Event::Outcome { robot, id, outcome, q, safe, cause }
     }
 }

@@ -109,7 +109,7 @@ impl ReflexCore {
                     self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);
                 } else if sampled_at >= *since + rules.reaction()
                     && at_rest
-                    && distance(&pulse.sample.q, &way.end.1) <= rules.tolerance
+                    && distance(&pulse.sample.q, &way.end.q) <= rules.tolerance
                 {
                     // it came as far as it was sent, but that is not its safe pose
                     if way.blocked {
@@ -159,7 +159,8 @@ impl ReflexCore {
                     back.safe = way.end.clone();
                 }
                 self.stopped = way.motors.clone();
-                let farther = way.farther.then(|| ReflexReport::Farther(way.end.clone(), way.motors.clone()));
+                let farther =
+                    way.farther.then(|| ReflexReport::Farther { to: way.end.clone(), motors: way.motors.clone() });
                 let retreat = Retreat::new(self.robot, way, step.rules, step.now);
                 let (poses, secs) = retreat.length();
                 let near = self.floors.touched();

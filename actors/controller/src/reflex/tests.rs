@@ -3,8 +3,7 @@
 use crate::gate::Gate;
 use crate::joint_retreat::JointRetreat;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
-use crate::ledger::Underway;
-use crate::ledger::{Motion, Open, TransactionState};
+use crate::ledger::{Motion, Open, SafePose, TransactionState, Underway};
 use crate::pulse::Pulse;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut, ReflexReport};
 use crate::{Rules, Shared};
@@ -151,7 +150,7 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
         reflex.read(&mut pulse, None, Status::Stopping, at)
     };
     read(0, &mut reflex, None, goal);
-    let safe = Some((who.past[who.start].at, who.safe.clone()));
+    let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
     let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0));
@@ -284,7 +283,7 @@ fn who_is_left_alone_tries_again_by_itself() {
     let turns = [(0.0, 0.0), (1.0, 0.0), (4.0, 40.0), (5.0, 40.0)];
     let [first, second] = [0, 1].map(|robot| recorded(robot, true, &turns, 0.5));
     let (mut reflex, start) = (Alone::new(rules(true)), Time::from_secs(5.0));
-    let safe = Some((first.past[first.start].at, first.safe.clone()));
+    let safe = Some(SafePose { since: first.past[first.start].at, q: first.safe.clone() });
     let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
     reflex.joint_retreat.enroll(second, start);
     let token = reflex.gate.close();
@@ -349,7 +348,7 @@ fn only_an_escape_may_be_in_contact() {
     let closes = |status: Status, safe: Option<f64>| {
         let mut reflex = Alone::new(rules(true));
         reflex.gate.open(reflex.gate.token()).unwrap();
-        let safe = safe.map(|q: f64| (Time::ZERO, vec![q].into()));
+        let safe = safe.map(|q: f64| SafePose { since: Time::ZERO, q: vec![q].into() });
         let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let near = Contact { pair, distance: 0.005, points: Default::default() };

@@ -63,12 +63,12 @@ impl SuperviseCore {
                 self.enter(Status::Retreating, step);
             }
             ReflexReport::Settling => self.enter(Status::Settling, step),
-            ReflexReport::Farther((at, q), motors) => {
+            ReflexReport::Farther { to, motors } => {
                 // from now on the earlier rest is where it must end, to be rolled back and not faulted
                 if let Some(open) = &mut step.book.open {
                     open.name(&motors);
-                    open.safe = Some((at, q.clone()));
-                    let id = open.id;
+                    let (id, q) = (open.id, to.q.clone());
+                    open.safe = Some(to);
                     step.emit(Event::SafePoseMoved { robot: step.robot(), id, q });
                 }
             }

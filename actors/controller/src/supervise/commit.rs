@@ -6,7 +6,7 @@
 
 use super::check::{check, check_speeds};
 use super::{Closing, MotionState, Reading, Started, Step, SuperviseCore, SuperviseOut};
-use crate::ledger::{Motion, Open};
+use crate::ledger::{Motion, Open, SafePose};
 use crate::{Rules, distance};
 use mobee_contract::{
     Command, Commit, CommitId, Event, Hold, Move, Pose, Refusal, Status, Target, Time, Verdict, Writer,
@@ -32,12 +32,12 @@ impl SuperviseCore {
         }
         // after the checks and before anything is told: refusals have credit of their own
         match self.admit(step)? {
-            RetreatPath::Join { here } => self.amend(commit, &here, step),
-            RetreatPath::Begin { here, sampled_at, speed } => {
+            Admission::Join { here } => self.amend(commit, &here, step),
+            Admission::Begin { here, sampled_at, speed } => {
                 let safe = self.take_safe(sampled_at, &here, speed, step);
                 self.accept(commit, Some(safe), here, step)
             }
-            RetreatPath::Escape { here, .. } => {
+            Admission::Escape { here, .. } => {
                 // opened for this commit alone: the reflex lets it creep, and closes at anything that gets worse
                 let Some(token) = step.gate.open(self.token) else { return Err(Refusal::Closed) };
                 self.token = token;
@@ -51,7 +51,7 @@ impl SuperviseCore {
     ///
     /// # Errors
     /// Why none is taken now.
-    pub(super) fn admit(&self, step: &Step) -> Result<RetreatPath, Refusal> {
+    pub(super) fn admit(&self, step: &Step) -> Result<Admission, Refusal> {
         if self.shutdown {
             return Err(Refusal::Holding { reason: Hold::ShuttingDown });
         }
@@ -69,29 +69,28 @@ impl SuperviseCore {
             Status::Stopping | Status::Retreating | Status::Settling => Err(Refusal::Closed),
             Status::Holding(reason) if self.closing != Closing::No => Err(Refusal::Holding { reason }),
             Status::Rest | Status::Moving | Status::Escaping if step.gate.token() != self.token => Err(Refusal::Closed),
-            Status::Moving | Status::Escaping => Ok(RetreatPath::Join { here }),
+            Status::Moving | Status::Escaping => Ok(Admission::Join { here }),
             // the filter may have opened by a reading before the contact began: the reflex will close it at the next
             // one
             Status::Rest if !free => Err(Refusal::Holding { reason: Hold::InContact }),
             Status::Holding(reason @ (Hold::AfterCrash | Hold::SlowBoard)) => Err(Refusal::Holding { reason }),
             // something moves it, though it was at rest: no pose to come back to (I4)
             Status::Rest | Status::Holding(_) if !at_rest => not_ready("the robot to come to rest"),
-            Status::Rest => Ok(RetreatPath::Begin { here, sampled_at, speed }),
-            Status::Holding(reason) => Ok(RetreatPath::Escape { here, reason }),
+            Status::Rest => Ok(Admission::Begin { here, sampled_at, speed }),
+            Status::Holding(reason) => Ok(Admission::Escape { here, reason }),
         }
     }
 
-    /// Takes the safe pose of a new transaction from a reading at rest (I4): the pose, rad, and when it was read, by
-    /// which the history finds the path back to it.
-    pub(super) fn take_safe(&self, sampled_at: Time, q: &Pose, speed: f64, step: &mut Step) -> (Time, Pose) {
+    /// Takes the safe pose of a new transaction from a reading at rest (I4).
+    pub(super) fn take_safe(&self, sampled_at: Time, q: &Pose, speed: f64, step: &mut Step) -> SafePose {
         let safe = step.safe_pose(q);
         let (robot, age) = (step.robot(), step.now.since(sampled_at).as_secs_f64());
         step.emit(Event::SafePose { robot, q: safe.clone(), age, speed, free: step.rules.reflex });
-        (sampled_at, safe)
+        SafePose { since: sampled_at, q: safe }
     }
 
     /// A commit begins a transaction: with a safe pose, or as an escape without one.
-    fn accept(&mut self, commit: Commit, safe: Option<(Time, Pose)>, here: Pose, step: &mut Step) -> Verdict {
+    fn accept(&mut self, commit: Commit, safe: Option<SafePose>, here: Pose, step: &mut Step) -> Verdict {
         let escape = safe.is_none();
         let course = course(&commit, &here, escape, step.rules);
         let target = commit.target.pose(&here);
@@ -123,7 +122,7 @@ impl SuperviseCore {
         &mut self,
         agent: Arc<str>,
         (target, motors): (Pose, &[usize]),
-        (safe, motion): (Option<(Time, Pose)>, Motion),
+        (safe, motion): (Option<SafePose>, Motion),
         step: &mut Step,
     ) -> CommitId {
         self.retry = None;
@@ -229,7 +228,7 @@ fn course(commit: &Commit, here: &Pose, escape: bool, rules: &Rules) -> PlannedM
 
 /// What a command that fits would be. Made from one reading, which is handed on: a newer one might come to another
 /// answer.
-pub(super) enum RetreatPath {
+pub(super) enum Admission {
     /// It joins the open transaction.
     Join {
         /// The newest reading.

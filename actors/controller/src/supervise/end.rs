@@ -6,7 +6,7 @@
 
 use super::{Closing, Reading, Step, SuperviseCore, SuperviseOut};
 use crate::gate::Gate;
-use crate::ledger::{Open, TransactionState};
+use crate::ledger::{Open, SafePose, TransactionState};
 use crate::pulse::Pulse;
 use crate::reflex::{FROZEN, FROZEN_WAY};
 use crate::{Rules, distance};
@@ -93,7 +93,7 @@ impl SuperviseCore {
         let (Some(open), Some(Reading { q: here, .. }), true) = (&step.book.open, &self.newest, restarted) else {
             return false;
         };
-        let Some((since, safe)) = &open.safe else { return false };
+        let Some(SafePose { since, q: safe }) = &open.safe else { return false };
         let away = |pose: &[f64]| distance(here, pose) > step.rules.tolerance;
         // after a crash nothing moves before a person asks for it (I10)
         let crashed = open.cause == Some(Cause::Crashed);
@@ -230,9 +230,9 @@ impl SuperviseCore {
     /// that was recorded in it was free, else the reflex would have ended it.
     pub(super) fn keep_in_history(&self, step: &mut Step) {
         let TransactionState { open: Some(open), history, .. } = &mut *step.book else { return };
-        let later = open.safe.as_ref().and_then(|(at, _)| history.later_start(*at));
+        let later = open.safe.as_ref().and_then(|safe| history.later_start(safe.since));
         if let Some(later) = later {
-            open.safe = Some((later.at, later.q.clone()));
+            open.safe = Some(SafePose { since: later.at, q: later.q.clone() });
             let (id, q) = (open.id, later.q.clone());
             step.emit(Event::SafePoseMoved { robot: step.robot(), id, q });
         }

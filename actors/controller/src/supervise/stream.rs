@@ -10,7 +10,7 @@
 //! matter of [`Streaming`].
 
 use super::check::check_setpoints;
-use super::commit::RetreatPath;
+use super::commit::Admission;
 use super::streaming::{Still, Streaming, mode_of};
 use super::{Step, SuperviseCore};
 use crate::Rules;
@@ -35,12 +35,12 @@ impl SuperviseCore {
         check_setpoints(&setpoints, rules)?;
         self.listen(agent, &setpoints.motors, step)?;
         match self.admit(step)? {
-            RetreatPath::Escape { reason, .. } => Err(Refusal::Holding { reason }),
-            RetreatPath::Join { .. } if self.status == Status::Escaping => {
+            Admission::Escape { reason, .. } => Err(Refusal::Holding { reason }),
+            Admission::Join { .. } if self.status == Status::Escaping => {
                 Err(Refusal::Holding { reason: Hold::InContact })
             }
-            RetreatPath::Join { here } => self.join_stream(agent, &setpoints, &here, step),
-            RetreatPath::Begin { here, sampled_at, speed } => {
+            Admission::Join { here } => self.join_stream(agent, &setpoints, &here, step),
+            Admission::Begin { here, sampled_at, speed } => {
                 let mut stream = Streaming::new(rules, now);
                 stream.take(&setpoints, (&here, now), rules)?;
                 let safe = self.take_safe(sampled_at, &here, speed, step);

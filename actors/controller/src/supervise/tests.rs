@@ -320,7 +320,7 @@ fn the_reflex_says_nothing_before_the_robot_rests() {
         pulse.speed = speed;
         reflex.read(&mut pulse, None, Status::Stopping, at)
     };
-    let safe = Some((Time::ZERO, vec![0.0].into()));
+    let safe = Some(crate::ledger::SafePose { since: Time::ZERO, q: vec![0.0].into() });
     let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::ZERO);

@@ -174,7 +174,7 @@ fn a_way_ends_where_its_motors_had_been_sent() {
         let who = Participant { places: vec![place].into(), named: named.into(), ..recorded(0, true, &A, 0.3) };
         let safe = who.safe.clone();
         let way = alone(who);
-        assert_eq!(way.end.1, safe, "it is judged by what was recorded");
+        assert_eq!(way.end.q, safe, "it is judged by what was recorded");
         (way.of(&way.points.last().unwrap().1), way.motors.to_vec(), safe[0])
     };
     let tolerance = rules(true).tolerance;

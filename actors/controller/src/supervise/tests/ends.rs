@@ -1,7 +1,7 @@
 //! How floods, exchanges, runs and motions that go nowhere end.
 
 use super::*;
-use crate::ledger::{Motion, Open};
+use crate::ledger::{Motion, Open, SafePose};
 
 /// What supervise tells: texts of warnings, and whether it yielded.
 fn told(out: &[SuperviseOut]) -> (Vec<&str>, bool) {
@@ -223,7 +223,7 @@ fn what_a_crash_left_open_ends_as_the_pose_shows() {
             agent: "a".into(),
             target: vec![target].into(),
             named: [0].into(),
-            safe: safe.map(|q| (at, vec![q].into())),
+            safe: safe.map(|q| SafePose { since: at, q: vec![q].into() }),
             since: at,
             motion: Motion::Move { due: at },
             cause: Some(Cause::Crashed),

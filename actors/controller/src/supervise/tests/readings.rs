@@ -1,6 +1,7 @@
 //! What readings decide: leases, targets, causes and safe poses, and what happens when they stay away or tell the same for ever.
 
 use super::*;
+use crate::ledger::SafePose;
 
 /// The newest reading may be as old as the rules say, and no older.
 #[test]
@@ -209,10 +210,10 @@ fn a_motion_that_outlasts_the_history_can_be_taken_back() {
     cell.apply(Op::Commit(2.0, true));
     for _ in 0..150 {
         cell.apply(Op::Samples(1));
-        let (since, _) = cell.book.open.as_ref().and_then(|open| open.safe.clone()).unwrap();
+        let SafePose { since, .. } = cell.book.open.as_ref().and_then(|open| open.safe.clone()).unwrap();
         assert!(cell.book.history.past(since).is_ok(), "no way leads back to {since}");
     }
-    assert!(cell.book.open.as_ref().and_then(|open| open.safe.clone()).is_some_and(|(since, _)| since > begun));
+    assert!(cell.book.open.as_ref().and_then(|open| open.safe.clone()).is_some_and(|safe| safe.since > begun));
 }
 
 /// What was cut off at its target is told to have ended there, before its outcome; what ended by itself was told its target before.
