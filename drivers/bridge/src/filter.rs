@@ -1,9 +1,9 @@
-//! The port filter: a part's control board that any program commands as if it were the robot's own, and safely.
+//! The port filter: a control board for each part, which any program commands as if it were the robot's own, but safely.
 //!
 //! The core is pure: it decides what becomes of a request, and is told what came of it. It knows requests and replies as types
 //! ([`BoardRequest`], [`BoardReply`]); how they are written is a bridge's matter, YARP's is the module `yarp::board`.
 //!
-//! A robot that is only starting is waited for, at most two seconds. Then:
+//! A request to a robot that is still starting waits for it, at most two seconds. Then:
 //!
 //! | Request | While open | While closed |
 //! |---|---|---|
@@ -41,7 +41,7 @@ use std::sync::Arc;
 /// How near to its target a joint counts as there for a client that shares the transaction with others, deg.
 const ARRIVED: f64 = 0.5;
 
-/// What the core sees of the robot as a request comes in.
+/// What the core knows of the robot when a request arrives.
 pub struct Seen<'a> {
     /// The time.
     pub now: Time,
@@ -49,14 +49,14 @@ pub struct Seen<'a> {
     pub status: Status,
     /// The robot's whole pose, rad.
     pub q: &'a [f64],
-    /// How a motion ended.
+    /// How a given motion ended.
     pub end_of: &'a dyn Fn(CommitId) -> Option<MotionEnd>,
-    /// Which motors made a motion fail, if that is known.
+    /// The motors that made a given motion fail, if they are known.
     pub to_blame: &'a dyn Fn(CommitId) -> Option<BTreeSet<usize>>,
 }
 
-/// Whether no agent's command passes in this state. A robot that stands still after a retreat that failed, or with
-/// something touching it, takes escapes: nobody needs to free it.
+/// Whether this state lets no agent's command pass. A robot that holds after a failed retreat, or with something touching
+/// it, accepts escapes, so that nobody needs to free it.
 pub fn closed(status: Status) -> bool {
     match status {
         Status::Rest | Status::Moving | Status::Escaping => false,
@@ -70,14 +70,14 @@ pub fn closed(status: Status) -> bool {
 /// What becomes of a request.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
-    /// This is the reply.
+    /// Nothing is to be done: this is the reply.
     Reply(BoardReply),
-    /// The request is a question, and goes to the board as it is, or if the board has no protocol of its own, is answered from
-    /// [`FilterCore::board`]; but for what [`FilterCore::knows_better`].
+    /// The request is a question. It goes to the board unchanged, or is answered from [`FilterCore::board`] if the board has
+    /// no protocol of its own; the answer is then corrected by [`FilterCore::knows_better`].
     Question(Question),
-    /// To be committed; the verdict to [`FilterCore::accepted`].
+    /// A commit, to be made; its verdict goes to [`FilterCore::accepted`].
     Commit(Commit),
-    /// To be streamed; the verdict to [`FilterCore::accepted`].
+    /// Set-points, to be streamed; their verdict goes to [`FilterCore::accepted`].
     Stream(Setpoints),
     /// Brake, then reply [`BoardReply::Accepted`].
     Stop,
@@ -90,9 +90,9 @@ pub struct Client<'a> {
     pub part: usize,
     /// The connection.
     pub connection: u64,
-    /// The name it gave.
+    /// The name that the client gave.
     pub from: &'a str,
-    /// Whether it waits for a reply. One that does not never learns anything.
+    /// Whether the client waits for a reply. One that doesn't is never told of a refusal.
     pub listens: bool,
 }
 
@@ -131,7 +131,7 @@ impl FilterCore {
         }
     }
 
-    /// The name that its motions go by.
+    /// The agent's name under which its motions are committed.
     pub fn agent(&self) -> Arc<str> {
         self.agent.clone()
     }
@@ -147,7 +147,7 @@ impl FilterCore {
         }
     }
 
-    /// A request came.
+    /// A request has arrived.
     pub fn request(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Step {
         self.lines.hear(client, seen);
         if closed(seen.status) || self.lines.failed(client) {
@@ -160,10 +160,10 @@ impl FilterCore {
         }
     }
 
-    /// A streamed command came; `None`: nothing is to be done.
+    /// A streamed command has arrived; `None` if nothing is to be done.
     pub fn streamed(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
         self.lines.hear(client, seen);
-        // it is heard while the filter is closed, too: who never paused has not been silent
+        // noted while the filter is closed, too: a client that never paused has not been silent
         let deaf = self.lines.deaf(client, seen.now);
         if deaf || closed(seen.status) {
             return None;
@@ -176,7 +176,7 @@ impl FilterCore {
         }
     }
 
-    /// What becomes of an order; `None`: it is refused.
+    /// What becomes of a request that would change something; `None` if it is refused.
     fn order(&mut self, client: &Client, request: &BoardRequest, seen: &Seen) -> Option<Step> {
         let part = self.parts.get(client.part).filter(|part| request.fits(part.axes.len()))?;
         match request {
@@ -192,7 +192,7 @@ impl FilterCore {
             BoardRequest::Velocity { joints, values } => self.velocities(client, joints, values),
             BoardRequest::Direct { joints, values } => self.directs(client, joints, values),
             BoardRequest::Stop(joints) => self.stop(client, joints, seen),
-            // never passed on: the board would go by them in whatever motion it is told next
+            // never passed on: the board would apply them to the next motion, whoever commands it
             BoardRequest::Speed { joints, values } => self.refer(client.part, joints, values, |axis, speed| {
                 (axis.ref_speed, axis.set.speed) = (speed, true);
             }),
@@ -222,7 +222,7 @@ impl FilterCore {
         Some(Step::Reply(BoardReply::Accepted))
     }
 
-    /// Keeps references. Boards take the amount: a negative one means the same.
+    /// Keeps references. As on real boards, the sign is ignored.
     fn refer(&mut self, part: usize, joints: &[usize], values: &[f64], put: fn(&mut BoardAxis, f64)) -> Option<Step> {
         values.iter().all(|v| v.is_finite()).then_some(())?;
         self.keep(part, joints, values, |axis, v| put(axis, v.abs()))
@@ -245,10 +245,10 @@ impl FilterCore {
         if verdict.is_ok() { BoardReply::Accepted } else { BoardReply::Refused }
     }
 
-    /// What the filter knows better than whatever answers a question, once it is answered.
+    /// What the filter knows better than whoever answered a question.
     ///
     /// # Errors
-    /// The reply instead of any answer.
+    /// The reply that replaces the answer.
     pub fn knows_better(
         &mut self,
         client: &Client,
@@ -295,7 +295,7 @@ impl FilterCore {
         })
     }
 
-    /// A new reading of the whole robot.
+    /// A new reading of the whole robot has arrived.
     pub fn sense(&mut self, at: Time, q: &[f64], status: Status) {
         let secs = self.sensed.map(|last| at.since(last).as_secs_f64());
         self.sensed = Some(at);
@@ -313,12 +313,12 @@ impl FilterCore {
         }
     }
 
-    /// A connection ended.
+    /// A connection has ended.
     pub fn gone(&mut self, connection: u64) {
         self.lines.gone(connection);
     }
 
-    /// A refusal, of which the client learns if it listens.
+    /// Remembers a refusal that the client has yet to be told of.
     fn fail(&mut self, client: &Client) -> BoardReply {
         if client.listens {
             self.lines.told(client);

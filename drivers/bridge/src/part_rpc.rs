@@ -1,5 +1,5 @@
-//! The RPC of a robot's part: what a person wants to know of its joints and markers. How requests are written is a bridge's matter,
-//! YARP's is the module `yarp::part`.
+//! The RPC of a robot's part: its joints, its markers and its frame. How requests are written is a bridge's matter; YARP's
+//! spelling is the module `yarp::part`.
 
 use mobee_model::{Marker, Robot};
 use nalgebra::{Isometry3, Point3};
@@ -33,7 +33,7 @@ pub enum PartRequest {
     ToLocal([f64; 3]),
     /// This point of the frame of the part's root, m, in the world.
     ToGlobal([f64; 3]),
-    /// Forget the trail of this marker; taken for the original's sake, as there is no trail.
+    /// Forget the trail of this marker; accepted for compatibility with the original, as there is no trail.
     ClearTrail(String),
 }
 

@@ -47,13 +47,13 @@ pub struct YarpServices {
 }
 
 impl YarpServices {
-    /// What configuration files call them.
+    /// The kind's name in configuration files.
     pub const KIND: &str = "yarp";
 
     /// The ports that these settings ask for; nothing is opened yet.
     ///
     /// # Errors
-    /// The first setting that makes no sense, with what would.
+    /// The first invalid setting, and what would be valid.
     pub fn new(settings: YarpSettings) -> Result<YarpServices, KindError> {
         settings.validate()?;
         Ok(YarpServices { settings })
@@ -94,7 +94,7 @@ impl Bridge for YarpServices {
     }
 }
 
-/// What is open, to be closed in order.
+/// Everything that is open, in the order in which it is closed.
 struct Open {
     server: Option<NameServer>,
     boards: Vec<Boards>,

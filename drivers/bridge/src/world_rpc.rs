@@ -1,8 +1,8 @@
 //! The world's RPC: what MoBeE's users type to put objects around the robots, with the original's words and replies.
 //!
 //! The core is pure: a request and a view of the world give a reply and the edits to make. Where the original had a
-//! mistake the right thing is done instead: `grab` holds until it is released, a wrong shape of request is answered with
-//! a sentence, names in use are skipped, and an object that stays says so. It knows requests and replies as types
+//! mistake, the right thing is done instead: `grab` holds until it is released, a malformed request is answered with
+//! a sentence, names in use are skipped, and a request that changes nothing says so. It knows requests and replies as types
 //! ([`WorldRequest`], [`WorldReply`]); how they are written is a bridge's matter, YARP's is [`crate::yarp::world`].
 
 mod file;
@@ -23,9 +23,9 @@ use mobee_model::{Edit, Object, Scene};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Objects that may be made over the network, those of the files included.
+/// The most objects that the world may have once one is made over the network, those of the configuration included.
 const MOST_OBJECTS: usize = 1000;
-/// Steps that can be undone.
+/// How many steps can be undone.
 const MOST_STEPS: usize = 100;
 
 /// Robots and world as a request finds them.
@@ -39,15 +39,15 @@ pub struct WorldView<'a> {
 /// What a request leads to, if it is not refused.
 #[derive(Debug)]
 pub enum Answered {
-    /// This is the reply.
+    /// Nothing is to be done: this is the reply.
     Reply(WorldReply),
-    /// Edits are to be made first.
+    /// Edits, to be made before the reply is sent.
     Changed(Changed),
-    /// A file to be read or written first; its end gives the reply.
+    /// A file to be read or written; the reply follows from how that went.
     Errand(Errand),
 }
 
-/// Edits, to be made in this order, and what is then replied. They fit the scene that was seen.
+/// Edits, to be made in this order, and the reply that follows them. They fit the scene that the request has seen.
 #[derive(Debug)]
 pub struct Changed {
     /// The edits.
@@ -116,7 +116,7 @@ impl WorldRpc {
         !self.grabs.is_empty()
     }
 
-    /// A request about one object: finds it and says so, then does the rest.
+    /// A request about one object: resolves its name, and goes on with the object.
     fn on_object(&mut self, name: &str, ask: &ObjectRequest, view: &WorldView) -> Result<Answered, WorldRefusal> {
         let object = found(name, view)?;
         let found = |outcome| WorldReply::Found { name: name.to_owned(), outcome };
@@ -134,7 +134,7 @@ impl WorldRpc {
         }
     }
 
-    /// What is said to a request about an object, and the edit that it takes.
+    /// The reply to a request about an object, and the edit that it takes.
     fn ask(
         &mut self,
         object: &Arc<Object>,
@@ -179,7 +179,7 @@ impl WorldRpc {
         Ok(Changed { edits: back, reply: WorldReply::Undone(change) })
     }
 
-    /// Makes a change that the scene would take, keeping what takes it back; else says why not.
+    /// A change that the scene accepts, remembered so that it can be undone; otherwise the reason.
     fn change(
         &mut self,
         change: Change,
@@ -200,7 +200,7 @@ fn found<'a>(name: &str, view: &'a WorldView) -> Result<&'a Arc<Object>, WorldRe
     view.scene.object(name).map(|(_, object)| object).ok_or_else(|| WorldRefusal::NoObject(name.to_owned()))
 }
 
-/// Makes edits on a copy of the scene: what would take them back, in order, or why they can't be made.
+/// Tries edits on a copy of the scene: the edits that would undo them, in order, or the reason why they can't be made.
 fn rehearse(edits: &[Edit], scene: &Scene) -> Result<Vec<Edit>, WorldRefusal> {
     let mut scene = scene.clone();
     let mut back: Vec<Edit> = Vec::new();

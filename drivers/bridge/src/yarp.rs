@@ -1,4 +1,4 @@
-//! YARP's spelling of what the cores take and give: the one place where a bottle becomes a request, and a reply a bottle.
+//! YARP's spelling of requests and replies: the one place where a bottle becomes a request, and a reply a bottle.
 //!
 //! ```text
 //! Bottle ──world::parse──> WorldRequest ──WorldRpc──> WorldReply, WorldRefusal ──world::reply──> Bottle
@@ -8,7 +8,7 @@
 //! ```
 //!
 //! * Owns: verbs, the order of arguments, the sentences of replies and their bytes, all as the original and real boards have them.
-//! * Promises: any bottle becomes a request, if only one that is refused.
+//! * Promises: every bottle becomes a request, even if it is one that will be refused.
 
 pub(crate) mod board;
 pub(crate) mod observation;

@@ -12,11 +12,11 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
-/// How often, and with which pauses, a robot that is about to be ready is asked again.
+/// How often, and after which pauses, a motion is tried again while the robot is about to be ready.
 const PATIENCE: (usize, Duration) = (30, Duration::from_millis(10));
-/// How often, with the same pauses, one that is only starting is waited for: a program that finds the port may ask at once.
+/// How often, with the same pauses, a robot that is still starting is asked again: a program may connect as soon as it finds the port.
 const STARTING: usize = 200;
-/// Streamed commands that wait to be given on; more are dropped, as a later one says it anew.
+/// How many streamed commands may wait; more are dropped, since each one replaces the one before.
 const WAITING: usize = 64;
 
 /// The filtered boards of one robot, open until closed or dropped.
@@ -26,7 +26,7 @@ pub(crate) struct Boards {
 }
 
 impl Boards {
-    /// Opens a board for every part that has a prefix.
+    /// Opens a board for every part that has a port prefix.
     ///
     /// # Errors
     /// A port that can't be opened; those opened before are closed again.
@@ -78,7 +78,7 @@ impl Boards {
     }
 }
 
-/// One robot's filter: the core and what it is about.
+/// One robot's filter: the core, and what it needs to know of the run.
 struct RobotFilter {
     filtered: Arc<dyn Filtered>,
     running: Arc<dyn Running>,
@@ -87,7 +87,7 @@ struct RobotFilter {
 }
 
 impl RobotFilter {
-    /// Asks the core, with what is now seen of the robot.
+    /// Asks the core, with what is known of the robot now.
     fn with<T>(&self, f: impl FnOnce(&mut FilterCore, &Seen) -> T) -> T {
         let latest = self.filtered.latest();
         let end_of = |id: CommitId| self.filtered.end_of(id);
@@ -107,7 +107,7 @@ struct PartFilter {
     name: String,
     /// How many joints it has.
     axes: usize,
-    /// The stamp of the last answer that was given in the board's place.
+    /// The stamp of the last answer given on the board's behalf.
     answers: Mutex<Stamp>,
 }
 
@@ -132,7 +132,7 @@ impl PartFilter {
         }
     }
 
-    /// Waits for a robot that is only starting, but not for ever: then it is closed like any other.
+    /// Waits a while for a robot that is still starting; after that its filter counts as closed.
     async fn started(&self) {
         for _ in 0..STARTING {
             if self.robot.filtered.latest().status != Status::Starting {
@@ -164,7 +164,7 @@ impl PartFilter {
         }
     }
 
-    /// Answers a question in the place of a board that has no protocol of its own.
+    /// Answers a question on behalf of a board that has no protocol of its own.
     fn answer(&self, client: &Client<'_>, question: &Question, request: &Bottle) -> Bottle {
         self.robot.with(|core, seen| match core.knows_better(client, question, seen) {
             Ok(known) => {
@@ -209,7 +209,7 @@ impl PartFilter {
         verdict
     }
 
-    /// Gives streamed commands on, in order.
+    /// Passes streamed commands on, in order.
     async fn give_on(self: Arc<Self>, mut waiting: mpsc::Receiver<Job>) {
         while let Some(job) = waiting.recv().await {
             let client = Client { part: self.index, connection: job.connection, from: &job.from, listens: false };

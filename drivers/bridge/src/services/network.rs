@@ -6,7 +6,7 @@ use mobee_yarp::{Dialect, NameServer, Network};
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
 
-/// How long an answer of the name server is waited for.
+/// How long to wait for an answer of the name server.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The network that the settings and YARP's own configuration name, and the name server of our own if it needed one.

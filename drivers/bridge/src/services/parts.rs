@@ -31,7 +31,7 @@ pub(super) struct RobotPorts {
     observation: OutputPort,
 }
 
-/// What all of them speak of.
+/// What all ports of a part share.
 pub(super) struct Known {
     pub running: Arc<dyn Running>,
     pub filtered: Arc<dyn Filtered>,
@@ -98,7 +98,7 @@ impl RobotPorts {
         Ok(RobotPorts { robot, servers, parts, collisions, observation: observed })
     }
 
-    /// Tells whoever listens.
+    /// Publishes to whoever is connected.
     fn publish(&self, latest: &Latest, envelope: &str) {
         let heard = |writer: &OutputPort| !writer.peers().is_empty();
         let envelope = || Some(envelope.to_owned());
@@ -116,7 +116,7 @@ impl RobotPorts {
         }
     }
 
-    /// Publishes and steers until told to leave, then closes the ports.
+    /// Publishes and steers until it is told to end, then closes the ports.
     pub(super) async fn serve(mut self, mut leave: tokio::sync::watch::Receiver<bool>) {
         let mut ticks = tokio::time::interval(PERIOD);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);

@@ -85,7 +85,7 @@ impl YarpSettings {
     /// Checks every setting.
     ///
     /// # Errors
-    /// The first one that makes no sense, with what would.
+    /// The first invalid setting, and what would be valid.
     pub fn validate(&self) -> Result<(), KindError> {
         let check = |good: bool, path: &str, what: String, help: &str| {
             if good { Ok(()) } else { Err(KindError::new(path, what, help)) }
@@ -103,7 +103,7 @@ impl YarpSettings {
                 format!("there is no YARP dialect {}", self.dialect),
                 "write 3, or 4 if all your YARP programs are of version 4",
             ),
-            // written so that not-a-number fails
+            // written so that NaN fails
             check(
                 self.period_ms >= 1.0 && self.period_ms <= 1000.0,
                 "period_ms",
@@ -142,7 +142,7 @@ impl YarpSettings {
     /// Checks the robots, parts and joints that are named against the robots there are.
     ///
     /// # Errors
-    /// Every name that is none, every list that has not one number per joint, and every port that two robots would open.
+    /// Every unknown name, every list whose length is not the number of joints, and every port that two robots would open.
     pub fn check_robots(&self, robots: &[Arc<Robot>]) -> Result<(), KindError> {
         let names: Vec<&str> = robots.iter().map(|r| r.name.as_str()).collect();
         let parts_of = |r: &Robot| r.parts.iter().map(|p| p.name.clone()).collect::<Vec<_>>();
@@ -184,7 +184,7 @@ impl YarpSettings {
         Ok(())
     }
 
-    /// Whether everybody who reaches the ports could use them, and nobody said that this is meant.
+    /// Whether anyone who reaches the ports could use them without the settings saying that this is intended.
     pub fn is_unguarded(&self) -> bool {
         self.allow_open_network && !self.without_auth && self.network().is_ok_and(|n| n.auth().is_none())
     }

@@ -17,7 +17,7 @@ impl Steering {
         Steering { agent: format!("{}/force_field", robot.filtered.name()).into(), last: None, open: None }
     }
 
-    /// One cycle: hears wishes, and streams what follows from them.
+    /// One cycle: takes in the newest wishes, and streams the velocities that the law makes of them.
     pub(super) async fn cycle(&mut self, robot: &Known, parts: &mut [PartPorts]) {
         let latest = robot.filtered.latest();
         let secs = self.last.map(|last| latest.at.since(last).as_secs_f64());
@@ -69,7 +69,7 @@ impl Steering {
         let setpoints = Setpoints { motors: setpoints.0, values: Values::Velocity(setpoints.1) };
         match robot.filtered.stream(self.agent.clone(), setpoints).await {
             Ok(id) => self.open = Some(id),
-            // somebody else moves the robot: the attractor stays, for later
+            // another agent moves the robot: the attractor is kept for later
             Err(Refusal::Busy | Refusal::NotReady { .. }) => {}
             Err(_) => {
                 for ports in parts {

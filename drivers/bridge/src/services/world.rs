@@ -11,16 +11,16 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Mutex;
 
-/// How often what is grabbed is brought after its marker.
+/// How often grabbed objects are moved after their markers.
 const PERIOD: Duration = Duration::from_millis(20);
-/// Times that a request waits for another one's edits.
+/// How many times a request is retried because edits of another came between.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Changes of the world in a second, for all programs together: the model makes each on the thread that watches over the robots,
 /// and each is a line in the journal.
 const PER_SECOND: f64 = 200.0;
-/// The most at once.
+/// The most changes at once.
 const MOST: f64 = 400.0;
-/// How often refused changes are told of.
+/// The shortest time between two reports of refused changes.
 const SUM_UP: Duration = Duration::from_secs(1);
 
 /// The world's RPC in a running system.
@@ -30,12 +30,12 @@ pub struct WorldService {
     core: Mutex<Core>,
 }
 
-/// What one request at a time has to itself.
+/// What only one request at a time may use.
 struct Core {
     rpc: WorldRpc,
-    /// Changes that may still come.
+    /// How many changes may still be made.
     credit: Credit,
-    /// Changes that were refused and not told of, and when some last were.
+    /// Changes refused since the last report, and the time of that report.
     refused: (u64, Time),
 }
 
@@ -63,7 +63,7 @@ impl WorldService {
         Ok((service, server))
     }
 
-    /// Keeps what is grabbed with its marker; for ever.
+    /// Moves grabbed objects after their markers; never returns.
     pub async fn follow(self: Arc<Self>) {
         let mut ticks = tokio::time::interval(PERIOD);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -73,7 +73,7 @@ impl WorldService {
             self.sum_up(&mut core.refused);
             if core.rpc.holds_anything() {
                 let edits = self.view(|view| core.rpc.follow(view));
-                // what is held up is brought after at a later look
+                // an object that lags behind is moved at the next look
                 if edits.is_empty() || !core.credit.take(self.running.now()) {
                     continue;
                 }
@@ -244,7 +244,7 @@ mod tests {
         }
         assert_eq!((busy, still.scene().objects().count()), (100, 400));
         assert!(say(&world, "ls").await.contains("ssph400"));
-        // what belongs together is made as a whole, and paid for: two seconds for 400 objects
+        // edits that belong together are made as a whole, and paid for: two seconds for 400 objects
         *still.now.lock().unwrap() = Time(10_000_000);
         assert!(say(&world, "clr").await.contains("Removed"));
         assert!(say(&world, "undo").await.contains("Undone"));

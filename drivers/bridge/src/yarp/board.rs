@@ -22,7 +22,7 @@ use crate::filter::{BoardAxis, BoardReply, BoardRequest, ClientMode, KnownBetter
 use mobee_yarp::board::{Ask, Get, Joints, Quantity, Set, Shadow, ShadowAxis, Streamed, mode, reply as words};
 use mobee_yarp::{Bottle, JointData, JointField, Stamp, Vocab};
 
-/// The request that a bottle of a board's `rpc:i` is, for a board of so many joints.
+/// Reads a request of `rpc:i` to a board with so many joints.
 pub(crate) fn parse(request: &Bottle, axes: usize) -> BoardRequest {
     if request.0.len() < 2 {
         return BoardRequest::Incomplete;
@@ -70,7 +70,7 @@ fn order(set: Set, axes: usize) -> Option<BoardRequest> {
     })
 }
 
-/// The request that a message of a board's `command:i` is.
+/// Reads a message of `command:i`.
 pub(crate) fn streamed(head: &Bottle, body: &[f64], axes: usize) -> BoardRequest {
     let request = Streamed::parse(head, body, axes).and_then(|streamed| {
         Some(match streamed {
@@ -91,21 +91,21 @@ pub(crate) fn reply(reply: BoardReply) -> Bottle {
     }
 }
 
-/// The answer of a board that has no protocol of its own to a question, from what is known of its joints.
+/// Answers a question for a board that has no protocol of its own, from what is known of its joints.
 pub(crate) fn answer(axes: &[BoardAxis], known: &KnownBetter, request: &Bottle, stamp: Stamp) -> Bottle {
     let Some(answer) = shadow(axes).answer(request, stamp) else { return words::fail() };
     corrected(known, &answer).unwrap_or(answer)
 }
 
-/// A board's own answer with what the filter knows better; `None` if it is right as it is.
+/// A board's own answer, corrected where the filter knows better; `None` if it is right as it is.
 pub(crate) fn corrected(known: &KnownBetter, answer: &Bottle) -> Option<Bottle> {
     patch::corrected(known, answer)
 }
 
-/// A state as a part's board publishes it: as the board behind told it, with all that it carries, or for a simulated robot what is
-/// known; with the modes that clients have set.
+/// The state that a part's board publishes: whatever the board behind it told, or for a simulated robot what is known; with the
+/// modes that clients have set.
 pub(crate) fn state(axes: &[BoardAxis], told: Option<JointData>) -> JointData {
-    // readings tell positions; velocities are their differences, and no more can be had of them
+    // a reading has positions only: velocities are their differences, and nothing finer can be told from them
     let own = JointData { acceleration: JointField::unknown(axes.len()), ..shadow(axes).joint_data() };
     match told {
         None => own,

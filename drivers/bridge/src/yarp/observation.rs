@@ -1,4 +1,4 @@
-//! What a robot's collision and observation ports tell: its present contacts, in the original's form, and its state.
+//! What a robot's collision and observation ports publish: its present contacts, in the original's form, and its state.
 
 use super::words::string;
 use crate::observation::{Collision, Touch, Touched};

@@ -4,14 +4,14 @@
 //! list          the part's markers                     stpd [limit]  1 if nothing is commanded to go faster (deg/s), else 0
 //! get MARKER    position and normal, world frame       tolo x y z    a point in the frame of the part's root
 //! getn          the number of joints                   togl x y z    and back
-//! clrt MARKER   taken for the original's sake: there is no trail to clear
+//! clrt MARKER   accepted for compatibility: there is no trail to clear
 //! ```
 
 use super::words::{self, line, string};
 use crate::part_rpc::{self, PartRefusal, PartReply, PartRequest, PartView};
 use mobee_yarp::{Bottle, Value};
 
-/// Answers a request; whatever is wrong is said in the reply.
+/// Answers a request; what is wrong with it is said in the reply.
 pub(crate) fn answer(request: &Bottle, view: &PartView) -> Bottle {
     match parse(request).and_then(|asked| part_rpc::answer(&asked, view)) {
         Ok(answer) => reply(&answer),

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! status        the filter's state in one word, and the reason of a hold
-//! agent on|off  lets the built-in agent make motions, or makes it pause (at the end of its present one) for another
+//! agent on|off  lets the built-in agent make motions, or pauses it (at the end of its present one) so that another may
 //! recover       tries a failed retreat again
 //! ```
 

@@ -3,14 +3,14 @@
 //! ```text
 //! qatt (n0 n1 ...)                    be drawn there; shares of each joint's range
 //! qfor (f0 f1 ...)                    a force per joint
-//! opsp MARKER (Fx Fy Fz Tx Ty Tz)     a force and a torque at a marker, world frame; what is missing is 0
+//! opsp MARKER (Fx Fy Fz Tx Ty Tz)     a force and a torque at a marker, world frame; what is left out is 0
 //! ```
 
 use super::words;
 use crate::force_field::Wish;
 use mobee_yarp::{Bottle, Value};
 
-/// Reads a message; `None` if it is none of these or has a number that is none.
+/// Reads a message; `None` if it is none of these, or if one of its numbers is malformed.
 pub(crate) fn parse(message: &Bottle) -> Option<Wish> {
     let list = |value: Option<&Value>| match value {
         Some(Value::List(list)) => words::numbers(&list.0),

@@ -24,7 +24,7 @@ pub async fn answer(world: &WorldService, request: &Bottle) -> Bottle {
     reply(&world.answer(parse(request)).await)
 }
 
-/// The request that a bottle is. Never fails: whatever is wrong with it, the world says in its turn.
+/// Reads a request. Never fails: what is wrong becomes part of the request, and the world's core answers it.
 pub fn parse(request: &Bottle) -> WorldRequest {
     let malformed = |why| WorldRequest::Malformed { object: None, why };
     let Some(verb) = words::name(request.0.first()) else { return malformed(WorldRefusal::Unknown) };
@@ -78,7 +78,7 @@ fn on_object(arguments: &[Value], ask: impl FnOnce(&[Value]) -> Result<ObjectReq
 fn make(arguments: &[Value]) -> Result<WorldRequest, WorldRefusal> {
     let word = words::name(arguments.first()).unwrap_or_default();
     let arguments = arguments.get(1..).unwrap_or_default();
-    // what is missing or no number counts as 0, as in the original
+    // a number that is missing or malformed counts as 0, as in the original
     let size = |i: usize| words::number(arguments.get(i)).unwrap_or_default();
     let (geometry, sizes) = match word.as_str() {
         "sph" | "ssph" => (Geometry::Sphere { radius: size(0) }, 1),
@@ -86,7 +86,7 @@ fn make(arguments: &[Value]) -> Result<WorldRequest, WorldRefusal> {
         "box" | "sbox" => (Geometry::Box { size: [size(0), size(1), size(2)] }, 3),
         _ => return Err(WorldRefusal::UnknownGeometry),
     };
-    // a size that is none is told of before a missing position is
+    // a malformed size is reported before a missing position
     geometry.shape()?;
     let numbers = words::numbers(arguments).filter(|n| n.len() == sizes + 3);
     let at = numbers.as_deref().and_then(|n| n.get(sizes..)).and_then(|at| at.try_into().ok());

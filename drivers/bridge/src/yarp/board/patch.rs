@@ -7,7 +7,7 @@ use mobee_yarp::{Bottle, JointData, Value, Vocab};
 /// Where a reply has its value, or the list of its values.
 const VALUES: usize = 2;
 
-/// The reply with what the filter knows better; `None` if it is right as it is.
+/// The board's reply, corrected where the filter knows better; `None` if it is right as it is.
 pub(super) fn corrected(known: &KnownBetter, reply: &Bottle) -> Option<Bottle> {
     let mut changed = reply.clone();
     let place = changed.0.get_mut(VALUES)?;
@@ -27,7 +27,7 @@ pub(super) fn corrected(known: &KnownBetter, reply: &Bottle) -> Option<Bottle> {
     (changed != *reply).then_some(changed)
 }
 
-/// Lays what is known over a reply's values, joint by joint.
+/// Replaces the values of a reply by what is known, joint by joint.
 fn overlay<T>(place: &mut Value, known: &[Option<T>], own: impl Fn(&T, &Value) -> Option<Value>) {
     let slots: Vec<&mut Value> = match place {
         Value::List(values) => values.0.iter_mut().collect(),
@@ -40,8 +40,8 @@ fn overlay<T>(place: &mut Value, known: &[Option<T>], own: impl Fn(&T, &Value) -
     }
 }
 
-/// Lays what the filter knows better over a state that the board told; and what it knows where the board told nothing, as one
-/// does that has `state:o` alone.
+/// Corrects the state that a board told where the filter knows better, and fills in what the board left out, as a board does
+/// that has `state:o` alone.
 pub(super) fn shown(axes: &[BoardAxis], own: JointData, mut told: JointData) -> JointData {
     if told.velocity.valid().is_none() {
         told.velocity = own.velocity;

@@ -1,4 +1,4 @@
-//! The questions that may reach the board: all that is known to change nothing.
+//! The questions that may reach the board: those that are known to change nothing.
 
 use mobee_yarp::{Bottle, Vocab};
 
