@@ -13,7 +13,7 @@ use tokio::sync::Mutex;
 
 /// How often grabbed objects are moved after their markers.
 const PERIOD: Duration = Duration::from_millis(20);
-/// How many times a request is retried because edits of another came between.
+/// How long a request waits for another one's edits.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Changes of the world in a second, for all programs together: the model makes each on the thread that watches over the robots,
 /// and each is a line in the journal.
