@@ -39,7 +39,7 @@ pub async fn replay(exchange: &Exchange) -> Outcome {
     };
     if name == "admin-prop-get-key" {
         let mut admin = RpcClient::connect(&network, "first", "/reader", Carrier::TextAck).await.unwrap();
-        let set = Bottle::parse("[prop] [set] color red", Dialect::V3).unwrap();
+        let set = Bottle::parse("[prop] [set] colour red", Dialect::V3).unwrap();
         assert_eq!(admin.admin(&set).await.unwrap().to_string(), "[ok]");
         admin.close().await;
     }
