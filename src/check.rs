@@ -7,7 +7,7 @@ use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::check::{JudgedPoses, check, judged, wants_poses};
 use mobee_behaviors::roadmap::Roadmap;
 use mobee_behaviors::roadmap::verdict::judge;
-use mobee_controller::{Drive, RELEASE};
+use mobee_controller::RELEASE;
 use mobee_model::file::{self, MIB};
 use std::io::ErrorKind;
 use std::path::Path;
@@ -120,7 +120,7 @@ fn judge_edges(run: &Path) -> Result<bool, Report> {
                 e.pair.as_deref().unwrap_or("nothing near")
             );
         }
-        if c.robots[i].controller.drive == Drive::Straight {
+        if c.robots[i].controller.drive.is_straight() {
             good &= report.disagree.is_empty();
         } else {
             println!("  ({} is not driven straight, so these need not agree)", r.name);

@@ -85,7 +85,7 @@ impl Controller {
         let unknown = || KindError::new("kind", format!("there is no kind `{}`", self.kind), "see `mobee kinds`");
         let drive = (find(&self.kind).ok_or_else(unknown)?.build)(&Value::Object(self.own.clone()), &())?;
         // forces that act seldom make a motion swing instead of driving it
-        if drive != Drive::Straight && self.period_ms > LONGEST_MS {
+        if !drive.is_straight() && self.period_ms > LONGEST_MS {
             let what = format!("{} ms is too long a period for forces", self.period_ms);
             return Err(KindError::new("period_ms", what, format!("give 1 to {LONGEST_MS} ms")));
         }

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// A line of the fault list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultKind {
-    /// `F1` to `F31`.
+    /// `F1`, `F2`, ...
     pub name: &'static str,
     /// In words.
     pub what: &'static str,
@@ -30,7 +30,7 @@ const fn kind(name: &'static str, what: &'static str, elsewhere: Option<&'static
 }
 
 /// The whole list.
-pub const KINDS: [FaultKind; 31] = [
+pub const KINDS: &[FaultKind] = &[
     kind("F1", "a panic in an actor, at any message", None),
     kind("F2", "an actor is killed", None),
     kind("F3", "an actor's handler stalls", None),
@@ -221,7 +221,10 @@ fn kinds(name: &str) -> Result<Vec<&'static str>, String> {
     }
     let kind = KINDS.iter().find(|k| k.name.eq_ignore_ascii_case(name));
     match kind {
-        None => Err(format!("there is no fault `{name}`; they are F1 to F31, `usual`, `mild`, `all` and `none`")),
+        None => Err(format!(
+            "there is no fault `{name}`; they are F1 to F{}, `usual`, `mild`, `all` and `none`",
+            KINDS.len()
+        )),
         Some(FaultKind { name, what, elsewhere: Some(why) }) => Err(format!("{name} ({what}) {why}")),
         Some(kind) => Ok(vec![kind.name]),
     }

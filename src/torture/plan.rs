@@ -151,7 +151,7 @@ impl Planner<'_> {
             }
             "F21" | "F22" => What::Swap(self.swap(kind)),
             "F23" => What::ShortHistory(self.rng.random_range(60..400)),
-            _ => {
+            "F6" | "F7" | "F8" | "F11" | "F12" | "F29" | "F31" => {
                 let (fault, lasts) = match kind {
                     "F29" => self.freeze(),
                     "F31" => self.sag(robot),
@@ -160,6 +160,8 @@ impl Planner<'_> {
                 let most = self.facts.healed().since(at);
                 What::Board { kind, robot, fault, lasts: lasts.min(most) }
             }
+            // not planned at all: a test looks for such kinds
+            _ => return,
         };
         self.all.push(Planned { at, what });
     }
@@ -179,6 +181,7 @@ impl Planner<'_> {
             ("F12", 1) => Fault::Frozen { motor: Some(motor) },
             ("F12", 2) => Fault::Offset { motor, by: self.rng.random_range(-0.1..0.1) },
             ("F12", _) => Fault::Noise { sigma: self.rng.random_range(0.0001..0.01) },
+            // F11
             (_, 0) => Fault::Silent,
             (_, 1) => Fault::Hardware { report: "overheated".into() },
             (_, _) => Fault::Lost,
@@ -284,7 +287,7 @@ impl Planner<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::torture::faults::chosen;
+    use crate::torture::faults::{KINDS, chosen};
 
     fn facts() -> Facts {
         let limits = vec![(-1.0, 1.0); 3];
@@ -316,7 +319,8 @@ mod tests {
 
     #[test]
     fn every_kind_that_can_be_simulated_is_planned_by_some_seed() {
-        let (facts, kinds) = (facts(), chosen("all,F29").unwrap());
+        let kinds: Vec<_> = KINDS.iter().filter(|kind| kind.elsewhere.is_none()).map(|kind| kind.name).collect();
+        let facts = facts();
         let all: Vec<Planned> = (0..300).flat_map(|seed| plan(seed, &facts, &kinds)).collect();
         for kind in kinds {
             assert!(all.iter().any(|p| p.what.kind() == kind), "{kind}");

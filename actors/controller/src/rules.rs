@@ -83,8 +83,9 @@ impl Rules {
     /// The same with what drives a robot of this model under forces, if anything does.
     #[must_use]
     pub fn driving(mut self, drive: &Drive, robot: &Robot) -> Rules {
-        if let Drive::Fields(settings) = drive {
-            self.fields = Some(Arc::new(FieldRules::new(settings, robot, &self)));
+        match drive {
+            Drive::Straight => {}
+            Drive::Fields(settings) => self.fields = Some(Arc::new(FieldRules::new(settings, robot, &self))),
         }
         self
     }

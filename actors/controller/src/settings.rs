@@ -56,6 +56,14 @@ impl Drive {
         }
     }
 
+    /// Whether motions go straight to their target in joint space, so that their path is known before they begin.
+    pub fn is_straight(&self) -> bool {
+        match self {
+            Drive::Straight => true,
+            Drive::Fields(_) => false,
+        }
+    }
+
     /// Whether the reflex stops and takes back what comes too near.
     pub fn has_reflex(&self) -> bool {
         match self {

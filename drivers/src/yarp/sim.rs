@@ -142,7 +142,13 @@ impl YarpSim {
                 Fault::Frozen { .. } | Fault::Offset { .. } | Fault::Noise { .. } => continue,
                 // what has too many positions or too few is no state of a board
                 Fault::Garbage(Garbage::Short | Garbage::Long) => Fault::Garbage(Garbage::NotANumber),
-                other => other.clone(),
+                Fault::Garbage(Garbage::NotANumber | Garbage::Infinite)
+                | Fault::Slow { .. }
+                | Fault::Repeated
+                | Fault::Gappy { .. }
+                | Fault::FrozenInMotion { .. }
+                | Fault::Sag { .. }
+                | Fault::Hardware { .. } => fault.clone(),
             };
             lock(&part.lies).push((from, until));
             part.hardware.faults().plan(fault, from, until);
