@@ -4,7 +4,7 @@ mod checks;
 mod script;
 
 use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggestion};
-use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep};
+use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, named_apart};
 use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
 use mobee_controller::ControllerSettings;
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
@@ -26,7 +26,9 @@ pub struct Composition {
     pub robots: Vec<RobotSetup>,
     /// What happens to the world.
     pub script: Vec<ScriptStep>,
-    /// What runs beside the safety chain.
+    /// What programs outside move robots through.
+    pub bridges: Vec<Arc<dyn Bridge>>,
+    /// What else runs beside the safety chain.
     pub services: Vec<Arc<dyn Service>>,
     /// What deserves attention but does not forbid to run.
     pub warnings: Vec<String>,
@@ -144,9 +146,16 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
             });
         }
     }
-    let services = bridges.into_iter().map(|(_, bridge)| bridge as Arc<dyn Service>).collect();
+    let (bridges, services) = (bridges.into_iter().map(|(_, bridge)| bridge).collect(), Vec::new());
     let file = source.path.clone();
-    wrong.none_or(Composition { config, file, scene, robots, script, services, warnings })
+    wrong.none_or(Composition { config, file, scene, robots, script, bridges, services, warnings })
+}
+
+impl Composition {
+    /// The names of its bridges in a run, in their order.
+    pub fn bridge_names(&self) -> Vec<String> {
+        named_apart(self.bridges.iter().map(|bridge| bridge.name()))
+    }
 }
 
 fn must_exist(source: &Source, at: &str, path: &Path, what: &str) -> Result<(), ConfigError> {

@@ -49,7 +49,7 @@ enum CtlCommand {
         #[arg(long, value_name = "N")]
         times: Option<u64>,
     },
-    /// Replace a part of a running robot with the one from another configuration file.
+    /// Replace a part of a running robot, or a bridge, with the one from another configuration file.
     Swap(SwapArgs),
     /// Pause the robots' own agents (motions under way end first).
     Pause {
@@ -90,13 +90,16 @@ enum CtlCommand {
 
 #[derive(Args)]
 struct SwapArgs {
-    /// The part to swap: `agent`, `controller` or `driver`.
+    /// The part to swap: `agent`, `controller`, `driver` or `bridge`.
     part: String,
     /// The configuration file that contains the new part. It may `include` the running one.
     file: PathBuf,
     /// The robot; required if there are several.
     #[arg(long)]
     robot: Option<String>,
+    /// The bridge, as `mobee ctl status` names it; required if there are several.
+    #[arg(long)]
+    bridge: Option<String>,
     /// Seconds for which a new agent only observes; the journal records what it would have done.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     shadow: f64,

@@ -124,3 +124,24 @@ fn type_name(root: &Value, schema: &Value) -> String {
         _ => "table".to_owned(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mobee_contract::{Camera, Detector, Locator, kinds};
+
+    #[test]
+    fn a_role_has_a_heading_once_it_has_a_kind() {
+        let (listed, schema) = (listing(None).expect("all of them"), crate::schema::text());
+        let roles = [
+            (<dyn Camera>::NAME, kinds::<dyn Camera>().is_empty()),
+            (<dyn Detector>::NAME, kinds::<dyn Detector>().is_empty()),
+            (<dyn Locator>::NAME, kinds::<dyn Locator>().is_empty()),
+            (<dyn mobee_contract::Bridge>::NAME, false),
+        ];
+        for (role, empty) in roles {
+            assert_eq!(listed.lines().any(|line| line == format!("{role}s")), !empty, "{listed}");
+            assert_eq!(schema.contains(&format!("\"{role}_")), !empty, "{role}");
+        }
+    }
+}

@@ -15,6 +15,7 @@ mod switched;
 mod watch;
 
 pub use folder::Folder;
+pub(crate) use limits::guarded;
 pub(crate) use record::Recording;
 pub use report::summary;
 pub use resume::command as resume;
@@ -28,7 +29,7 @@ use mobee_actors::record::journal::Journal;
 use mobee_actors::record::tap::{OpenSink, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{Control, Past, Reason, RunCounts, RunEnd, RunProgress, Setup};
-use mobee_contract::{Event, Time};
+use mobee_contract::{Event, Service, Time};
 use serde_json::json;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -71,7 +72,7 @@ pub fn command(
     let folder = Folder::create(&composition.config.name, out)?;
     let (controls, receiver) = mpsc::channel(16);
     if watch {
-        let service = WatchService::new(source, &composition.config, set, controls.clone());
+        let service = WatchService::new(source, &composition, set, controls.clone());
         composition.services.push(Arc::new(service));
     }
     conduct(composition, &folder, Extras::default(), json, ctl, (controls, receiver))
@@ -131,7 +132,8 @@ pub(crate) fn show(
         CtlAt::Address(address) => Some(Some(address)),
     };
     if let Some(address) = address.filter(|_| composition.config.clock_kind() == ClockKind::Real) {
-        composition.services.push(Arc::new(CtlService::new(folder, address, controls, recording.clone())));
+        let bridges = composition.bridge_names();
+        composition.services.push(Arc::new(CtlService::new(folder, address, controls, recording.clone(), bridges)));
     }
     extras.recording = Some(recording);
     extras.bar = Some(bar.clone());
@@ -207,7 +209,7 @@ pub(crate) fn run_with(
     progress: impl FnMut(&RunProgress),
 ) -> Result<Done, Report> {
     let Extras { past, planned, sinks, recorder, told, recording, bar } = extras;
-    let Composition { config, file, scene, robots, script, services, .. } = composition;
+    let Composition { config, file, scene, robots, script, bridges, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
     let resolved = Resolved { file, config: values.clone() };
@@ -242,7 +244,8 @@ pub(crate) fn run_with(
         taps: taps.clone(),
         config: told.unwrap_or(values),
         script,
-        services,
+        // bridges first: their names in the run are those of the composition
+        services: bridges.into_iter().map(|bridge| bridge as Arc<dyn Service>).chain(services).collect(),
         sensors: Vec::new(),
         past,
     };

@@ -14,6 +14,9 @@ pub use driver::DriverActor;
 pub use history::{HistoryActor, HistoryMsg};
 pub use model::ModelActor;
 pub use reflex::ReflexActor;
-pub use sensor::{CameraActor, DetectorActor, PartMaker, Sensor, SensorSetup};
-pub use service::{GRACE, Post, ServiceActor, ServiceMsg};
+pub use sensor::{
+    CameraActor, CameraSetup, DetectorActor, DetectorMsg, Eye, LocatorActor, LocatorSetup, PartMaker, Sensor,
+    SensorSetup,
+};
+pub use service::{GRACE, Post, ServiceActor, ServiceMsg, named_apart};
 pub use supervise::SuperviseActor;

@@ -8,9 +8,9 @@ mod report;
 mod run;
 mod tree;
 
-pub use crate::shell::SensorSetup;
+pub use crate::shell::{CameraSetup, LocatorSetup, PartMaker, SensorSetup, named_apart};
 pub use crate::wiring::{Blow, CueTrigger, Cues, Late, RunCounts, ScriptStep, Troubles};
-pub use exchange::{NewPart, PartOffer};
+pub use exchange::{BesideOffer, NewBeside, NewPart, PartOffer};
 pub use inject::{Injection, Spot};
 pub use overload::overload;
 pub use past::{Past, PastRobot};
@@ -104,6 +104,18 @@ pub enum Control {
         /// Whether it was taken.
         reply: tokio::sync::oneshot::Sender<Result<(), String>>,
     },
+    /// Exchange a bridge, by its name in the run, or the detector of a camera, by `<sensor>/<camera>`. Answered at once, whether that
+    /// is begun; see [`Event::SwapBeside`] for what becomes of it.
+    ///
+    /// [`Event::SwapBeside`]: mobee_contract::Event::SwapBeside
+    SwapBeside {
+        /// Its name.
+        name: String,
+        /// The new part.
+        offer: BesideOffer,
+        /// Whether it was taken.
+        reply: tokio::sync::oneshot::Sender<Result<(), String>>,
+    },
     /// How all is.
     Status(tokio::sync::oneshot::Sender<SystemReport>),
 }
@@ -191,6 +203,9 @@ pub enum RunError {
     /// A service talks to the world outside, which has no virtual time.
     #[error("the service {0} can't run in virtual time; set clock = \"real\", or run without it")]
     VirtualService(String),
+    /// A sensor is carried by a robot that there is not.
+    #[error("there is no robot {0} to carry a sensor; name one of the setup")]
+    Body(String),
     /// The system gives no thread, timer or poller, or an actor could not be started.
     #[error("the system could not be started: {0}")]
     Start(String),

@@ -4,12 +4,14 @@
 mod counts;
 mod cues;
 mod messages;
+mod seat;
 mod slot;
 mod trouble;
 
 pub use counts::{Late, RunCounts};
 pub use cues::{CueTrigger, Cues, ScriptStep};
 pub use messages::{AgentMsg, DriverMsg, ModelMsg, ReflexMsg, SuperviseMsg};
+pub use seat::Seat;
 pub use slot::{Maker, PlannerSlot, SwapRequest};
 pub(crate) use trouble::Troubled;
 pub use trouble::{Blow, Troubles};
@@ -201,6 +203,8 @@ pub struct SharedContext {
     pub taps: Taps,
     /// What is counted.
     pub counts: LatestCell<RunCounts>,
+    /// The last step of the exchange of each part beside the robots that was ever exchanged, by the name of what it is a part of.
+    pub swaps_beside: LatestCell<BTreeMap<(String, SwapPart), SwapStep>>,
     /// Edits that wait for their moment.
     pub cues: LatestCell<Cues>,
     /// What is planned for its actors, in a simulation with faults.
@@ -239,13 +243,17 @@ impl SharedContext {
     /// Tells a step of an exchange, and keeps it for whoever asks.
     pub fn tell_swap(&self, context: &RobotContext, part: SwapPart, step: SwapStep) {
         let robot = context.name.clone();
-        match &step {
-            SwapStep::Reverted { .. } => tracing::error!(robot, "swap of the {part}: {step}"),
-            SwapStep::Refused { .. } => tracing::warn!(robot, "swap of the {part}: {step}"),
-            _ => tracing::info!(robot, "swap of the {part}: {step}"),
-        }
+        log_swap(&robot, part, &step);
         context.swaps.lock().insert(part, step.clone());
         self.tell(Event::Swap { robot, part, step });
+    }
+
+    /// The same for a part that runs beside the robots.
+    pub fn tell_beside(&self, name: &str, part: SwapPart, step: SwapStep) {
+        log_swap(name, part, &step);
+        let name = name.to_owned();
+        self.swaps_beside.lock().insert((name.clone(), part), step.clone());
+        self.tell(Event::SwapBeside { name, part, step });
     }
 
     /// Puts other parts into a robot's controller, for the actors that are started from now on, and returns the ones before.
@@ -266,6 +274,14 @@ impl SharedContext {
             let broken = self.install(context, old);
             context.trial.lock().broke = Some((why.to_owned(), broken));
         }
+    }
+}
+
+fn log_swap(of: &str, part: SwapPart, step: &SwapStep) {
+    match step {
+        SwapStep::Reverted { .. } => tracing::error!(of, "swap of the {part}: {step}"),
+        SwapStep::Refused { .. } => tracing::warn!(of, "swap of the {part}: {step}"),
+        _ => tracing::info!(of, "swap of the {part}: {step}"),
     }
 }
 

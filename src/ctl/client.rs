@@ -3,6 +3,7 @@
 use super::find::{self, Client};
 use super::wire::{Reply, Request};
 use super::{CtlArgs, CtlCommand, SwapArgs, gather};
+use crate::config::ConfigError;
 use miette::Report;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
@@ -86,9 +87,20 @@ async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report
 
 async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
     let offer = gather::read(&args.file)?;
-    let robot = args.robot.unwrap_or_default();
+    let (name, other) = match args.part.as_str() {
+        "bridge" => (args.bridge, args.robot.map(|_| "--robot names a robot, and a bridge is no part of one")),
+        _ => (args.robot, args.bridge.map(|_| "--bridge names a bridge, and this is a part of a robot")),
+    };
+    if let Some(what) = other {
+        return Err(ConfigError::plain(
+            what,
+            "name a bridge with --bridge, and the robot of any other part with --robot",
+        )
+        .into());
+    }
+    let name = name.unwrap_or_default();
     let numbers = [args.shadow, args.probation, args.budget].map(|n| n.to_string());
-    let mut words = vec!["swap".to_owned(), robot.clone(), args.part.clone()];
+    let mut words = vec!["swap".to_owned(), name.clone(), args.part.clone()];
     words.extend(numbers);
     words.extend(args.fresh.then(|| "fresh".to_owned()));
     let offered = client.ask(&Request { words, offer: Some(offer) }).await?;
@@ -98,7 +110,7 @@ async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
     println!("{}", offered.lines.join("\n"));
     let mut said = String::new();
     loop {
-        let answer = client.ask(&say(vec!["swapped".to_owned(), robot.clone(), args.part.clone()])).await?;
+        let answer = client.ask(&say(vec!["swapped".to_owned(), name.clone(), args.part.clone()])).await?;
         if !answer.done {
             return finish(&answer);
         }

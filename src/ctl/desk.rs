@@ -1,6 +1,6 @@
 //! Who answers at the control port.
 
-use super::offer::Wanted;
+use super::offer::{Wanted, WantedBridge, Which};
 use super::wire::{Reply, Request, Sent};
 use super::{offer, show};
 use crate::run::Recording;
@@ -26,23 +26,26 @@ pub(super) struct Desk {
     world: Arc<WorldService>,
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
+    /// The bridges' names.
+    bridges: Vec<String>,
     /// The last report that was asked for, for rates.
     before: Mutex<Option<SystemReport>>,
 }
 
 const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
-                    swapped ROBOT PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
+                    swap NAME bridge [0 PROBATION_S BUDGET_S]; swapped NAME PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
                     record on|off|connect [ADDRESS].";
 
 impl Desk {
-    /// For a system, how it is told what to do, and how it is recorded.
+    /// For a system, how it is told what to do, how it is recorded, and the names of its bridges.
     pub(super) fn new(
         running: Arc<dyn Running>,
         controls: mpsc::Sender<Control>,
         recording: Arc<Recording>,
+        bridges: Vec<String>,
     ) -> Arc<Desk> {
         let world = Arc::new(WorldService::new(running.clone(), None));
-        Arc::new(Desk { running, world, controls, recording, before: Mutex::new(None) })
+        Arc::new(Desk { running, world, controls, recording, bridges, before: Mutex::new(None) })
     }
 
     /// Keeps what was grabbed with its marker; for ever.
@@ -170,25 +173,54 @@ impl Desk {
         Ok(lines)
     }
 
-    async fn swap(&self, robot: &str, part: &str, sent: Sent, rest: &[&str]) -> Result<Vec<String>, String> {
-        let i = self.robot(robot)?;
+    /// The one bridge that is meant.
+    fn bridge(&self, name: &str) -> Result<String, String> {
+        let there = self.bridges.join(", ");
+        match (self.bridges.as_slice(), name) {
+            ([], _) => {
+                Err("there is no bridge in this run; add a table [yarp] or [[bridge]], and start it again".into())
+            }
+            ([only], "") => Ok(only.clone()),
+            (_, "") => Err(format!("name the bridge with --bridge; there are: {there}")),
+            (all, name) => match all.iter().find(|bridge| *bridge == name) {
+                Some(bridge) => Ok(bridge.clone()),
+                None => Err(format!("there is no bridge `{name}` in this run; there are: {there}")),
+            },
+        }
+    }
+
+    /// The name of what a part is a part of.
+    fn owner(&self, name: &str, part: SwapPart) -> Result<String, String> {
+        match part {
+            SwapPart::Bridge => self.bridge(name),
+            SwapPart::Detector => Err("there is no camera in this run, and so no detector to swap".into()),
+            SwapPart::Agent | SwapPart::Controller | SwapPart::Driver => {
+                let robot = self.running.robots().get(self.robot(name)?).map(|robot| robot.name().to_owned());
+                robot.ok_or_else(|| self.unknown(name))
+            }
+        }
+    }
+
+    async fn swap(&self, name: &str, part: &str, sent: Sent, rest: &[&str]) -> Result<Vec<String>, String> {
+        let part = swappable(part)?;
+        let name = self.owner(name, part)?;
         let terms = terms(rest)?;
         let fresh = rest.contains(&"fresh");
-        let models = self.running.models();
-        let (Some(robot), Some(model)) = (self.running.robots().get(i), models.get(i).cloned()) else {
-            return Err(self.unknown(robot));
-        };
-        let all = [SwapPart::Agent, SwapPart::Controller, SwapPart::Driver];
-        let Some(part) = all.into_iter().find(|p| p.to_string() == part) else {
-            return Err(format!("`{part}` can't be swapped; agent, controller and driver can"));
-        };
         if part != SwapPart::Agent && (fresh || !terms.shadow.is_zero()) {
             return Err(format!("a {part} can't observe, and has no state to discard; omit --shadow and --fresh"));
         }
-        let name = robot.name().to_owned();
+        let (models, robots) = (self.running.models(), self.running.robots());
+        let at = robots.iter().position(|robot| robot.name() == name);
+        let model = at.and_then(|i| models.get(i)).cloned();
         let built = {
             let name = name.clone();
-            let build = move || offer::sent(sent, &Wanted { part, name: &name, model: &model, fresh, terms });
+            let build = move || match (part, model) {
+                (SwapPart::Bridge, _) => {
+                    offer::sent_bridge(sent, &WantedBridge { which: Which::Named(&name), models: &models, terms })
+                }
+                (part, Some(model)) => offer::sent(sent, &Wanted { part, name: &name, model: &model, fresh, terms }),
+                (part, None) => Err(format!("there is no {part} of {name}")),
+            };
             tokio::task::spawn_blocking(build).await
         };
         let offer = built.map_err(|e| format!("it could not be built: {e}"))??;
@@ -199,15 +231,10 @@ impl Desk {
         Ok(vec!["built and checked".into()])
     }
 
-    async fn swapped(&self, robot: &str, part: &str) -> Result<Vec<String>, String> {
-        let i = self.robot(robot)?;
-        let report = self.report().await?;
-        let step = report
-            .robots
-            .get(i)
-            .and_then(|r| r.swaps.iter().find(|(p, _)| p.to_string() == part))
-            .map(|(_, step)| step.clone());
-        let step = step.ok_or("it was never swapped")?;
+    async fn swapped(&self, name: &str, part: &str) -> Result<Vec<String>, String> {
+        let part = swappable(part)?;
+        let name = self.owner(name, part)?;
+        let step = self.report().await?.swap(&name, part).cloned().ok_or("it was never swapped")?;
         let word = match &step {
             SwapStep::Offered { .. } => "offered",
             SwapStep::TookOver { .. } => "took over",
@@ -239,6 +266,12 @@ fn word(value: &Value) -> String {
         Value::Vocab(v) => String::from_utf8_lossy(&v.0.to_le_bytes()).trim_end_matches('\0').to_owned(),
         other => Bottle(vec![other.clone()]).to_string(),
     }
+}
+
+fn swappable(part: &str) -> Result<SwapPart, String> {
+    let all = [SwapPart::Agent, SwapPart::Controller, SwapPart::Driver, SwapPart::Bridge, SwapPart::Detector];
+    let found = all.into_iter().find(|p| p.to_string() == part);
+    found.ok_or_else(|| format!("`{part}` can't be swapped; agent, controller, driver, bridge and detector can"))
 }
 
 /// Shadow, probation and budget, seconds.

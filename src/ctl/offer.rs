@@ -3,8 +3,9 @@
 use super::wire::Sent;
 use crate::compose::{compose, margin_warning};
 use crate::config::{Config, Source, simulated};
+use crate::run::guarded;
 use mobee_actors::runtime::swap::SwapPolicy;
-use mobee_actors::system::{Control, NewPart, PartOffer};
+use mobee_actors::system::{BesideOffer, Control, NewBeside, NewPart, PartOffer};
 use mobee_actors::wiring::{Maker, SwapRequest};
 use mobee_contract::SwapPart;
 use mobee_drivers::YARP;
@@ -18,14 +19,16 @@ use tokio::sync::oneshot::Sender;
 pub(crate) enum Offered {
     Agent(SwapRequest),
     Part(PartOffer),
+    Beside(BesideOffer),
 }
 
 impl Offered {
-    /// The control that offers it.
-    pub(crate) fn control(self, robot: String, reply: Sender<Result<(), String>>) -> Control {
+    /// The control that offers it, to the robot or bridge of this name.
+    pub(crate) fn control(self, name: String, reply: Sender<Result<(), String>>) -> Control {
         match self {
-            Offered::Agent(offer) => Control::SwapAgent { robot, offer, reply },
-            Offered::Part(offer) => Control::SwapPart { robot, offer, reply },
+            Offered::Agent(offer) => Control::SwapAgent { robot: name, offer, reply },
+            Offered::Part(offer) => Control::SwapPart { robot: name, offer, reply },
+            Offered::Beside(offer) => Control::SwapBeside { name, offer, reply },
         }
     }
 }
@@ -44,14 +47,78 @@ pub(crate) struct Wanted<'a> {
     pub terms: SwapPolicy,
 }
 
+/// Which bridge is asked for of a file.
+pub(crate) struct WantedBridge<'a> {
+    /// Which of its bridges.
+    pub which: Which<'a>,
+    /// The robots of the run, which it must fit.
+    pub models: &'a [Arc<Robot>],
+    /// How it is tried.
+    pub terms: SwapPolicy,
+}
+
+/// A bridge of a file.
+#[derive(Clone, Copy)]
+pub(crate) enum Which<'a> {
+    /// The one that has this name there, or is the only one.
+    Named(&'a str),
+    /// The one at this place.
+    At(usize),
+}
+
 /// Checks a whole configuration as it was sent, and takes what is wanted of it.
 ///
 /// # Errors
 /// Everything that is wrong with it, as it would be printed.
 pub(super) fn sent(sent: Sent, wanted: &Wanted<'_>) -> Result<Offered, String> {
+    let (config, source) = read(sent)?;
+    take(config, &source, wanted)
+}
+
+/// The same for a bridge.
+///
+/// # Errors
+/// Everything that is wrong with it, as it would be printed.
+pub(super) fn sent_bridge(sent: Sent, wanted: &WantedBridge<'_>) -> Result<Offered, String> {
+    let (config, source) = read(sent)?;
+    take_bridge(config, &source, wanted)
+}
+
+fn read(sent: Sent) -> Result<(Config, Source), String> {
     let source = Source::sent(&sent.file, sent.config, sent.texts);
     let config = Config::from_source(&source).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
-    take(config, &source, wanted)
+    Ok((config, source))
+}
+
+/// Checks a whole configuration, and takes a bridge of it.
+///
+/// # Errors
+/// Everything that is wrong with it, as it would be printed.
+pub(crate) fn take_bridge(mut config: Config, source: &Source, wanted: &WantedBridge<'_>) -> Result<Offered, String> {
+    let file = source.path.display();
+    guarded(&config).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
+    // no board is touched
+    config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
+    let kinds: Vec<Value> = config.bridges().map(|(_, table)| table["kind"].clone()).collect();
+    let composition = compose(config, source).map_err(|report| format!("{report:?}"))?;
+    let names = composition.bridge_names();
+    let at = match wanted.which {
+        Which::At(at) => Some(at),
+        Which::Named(_) if names.len() == 1 => Some(0),
+        Which::Named(name) => names.iter().position(|n| n == name),
+    };
+    let Some((bridge, kind)) = at.and_then(|at| composition.bridges.get(at).zip(kinds.get(at))) else {
+        return Err(match (wanted.which, names.as_slice()) {
+            (_, []) => format!("there is no bridge in {file}; add a table [yarp] or [[bridge]]"),
+            (Which::Named(name), names) => {
+                format!("there is no bridge {name} in {file}; there are: {}", names.join(", "))
+            }
+            (Which::At(_), _) => format!("there are fewer bridges in {file} than in the run"),
+        });
+    };
+    bridge.check(wanted.models).map_err(|e| format!("it does not fit the robots of the run: {e}; {}", e.help))?;
+    let what = format!("{} from {file}", kind.as_str().unwrap_or_default());
+    Ok(Offered::Beside(BesideOffer { part: NewBeside::Bridge(bridge.clone()), what, terms: wanted.terms }))
 }
 
 /// Checks a whole configuration, and takes what is wanted of it.
@@ -107,6 +174,7 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
             let what = format!("{} from {file}", kind(&robot.driver));
             Ok(Offered::Part(PartOffer { part: NewPart::Driver(setup.hardware), what, terms }))
         }
+        SwapPart::Bridge | SwapPart::Detector => Err(format!("a {part} is no part of a robot")),
     }
 }
 

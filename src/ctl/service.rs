@@ -32,18 +32,20 @@ pub struct CtlService {
     address: Option<SocketAddr>,
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
+    bridges: Vec<String>,
 }
 
 impl CtlService {
     /// For the run in this folder: at an address (port 0: any that is free), or else a socket in the folder. `recording` is how
-    /// it is recorded.
+    /// it is recorded, `bridges` are the names of its bridges.
     pub(crate) fn new(
         folder: &Folder,
         address: Option<SocketAddr>,
         controls: mpsc::Sender<Control>,
         recording: Arc<Recording>,
+        bridges: Vec<String>,
     ) -> CtlService {
-        CtlService { folder: folder.path().to_owned(), address, controls, recording }
+        CtlService { folder: folder.path().to_owned(), address, controls, recording, bridges }
     }
 }
 
@@ -59,7 +61,7 @@ impl Service for CtlService {
     fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
             let door = Door::open(&self.folder, self.address).await?;
-            let desk = Desk::new(running, self.controls.clone(), self.recording.clone());
+            let desk = Desk::new(running, self.controls.clone(), self.recording.clone(), self.bridges.clone());
             let (mut guests, ending) = (JoinSet::new(), watch::Sender::new(false));
             tokio::select! {
                 () = until => {}

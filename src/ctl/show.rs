@@ -44,6 +44,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         }
         lines.push(line);
     }
+    lines.extend(now.beside.iter().map(|((name, part), step)| format!("{name}  swap of the {part}: {step}")));
     let c = &now.counts;
     lines.push(format!(
         "{:.1} s: {} commits, {} committed, {} rolled back, {} faulted, {} refused, {} contacts, {} restarts",
@@ -140,6 +141,7 @@ mod tests {
                 swaps: BTreeMap::from([(SwapPart::Agent, SwapStep::Settled)]),
                 ..robot(Status::Rest, 10)
             }],
+            beside: BTreeMap::from([(("yarp".into(), SwapPart::Bridge), SwapStep::Settled)]),
             tree: vec![Health { name: "controller".into(), alive: true, restarts: 0, children: children.clone() }],
             links: vec![("icub/driver>history".into(), counters(sent)), ("tap>recorder".into(), counters(sent))],
             counts: RunCounts::default(),
@@ -147,6 +149,7 @@ mod tests {
         let lines = lines(&report(12, 700), Some(&report(10, 500)));
         let expected = "\
 icub  ARMED  rest; its board answers in 1.2 ms, nine of ten in 3.0 ms, all in 40.0 ms, its agent is paused; swap of the agent: settled: its probation is over
+yarp  swap of the bridge: settled: its probation is over
 12.0 s: 0 commits, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
 overload: 2 entries dropped by the recorder; reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms
 

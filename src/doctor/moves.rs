@@ -74,6 +74,7 @@ pub(super) fn measure(file: &Path, set: &[String], motor: &str) -> Result<Findin
 
 /// Leaves nothing in the composition that moves but this motor; the hardware that it belongs to.
 fn only(composition: &mut Composition, motor: &str) -> Option<Arc<dyn Hardware>> {
+    composition.bridges.clear();
     composition.services.clear();
     composition.script.clear();
     composition.robots.iter_mut().for_each(|setup| setup.agent = None);

@@ -23,13 +23,7 @@ pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
         let what = format!("at most {most} files can be open here, and this run may need {needed}");
         return Err(ConfigError::plain(what, format!("raise the limit: ulimit -n {}", 4 * FILES_OF_YARP)));
     }
-    if config.yarp_ports().any(|(_, ports)| ports.is_unguarded()) {
-        return Err(ConfigError::plain(
-            "with yarp.allow_open_network everybody on the network could move the robots: there is no key in YARP's auth.conf",
-            "write a key into auth.conf on all computers of the network ([AUTH], key = ...), or set without_auth = true in the \
-             table [yarp] if nobody else can reach it",
-        ));
-    }
+    guarded(config)?;
     if let CtlAt::Address(address) = ctl {
         let open = config.yarp_ports().any(|(_, ports)| ports.allow_open_network);
         if !address.ip().is_loopback() && !open {
@@ -43,6 +37,21 @@ pub(super) fn check(config: &Config, ctl: CtlAt) -> Result<(), ConfigError> {
             let what = format!("the control port can't listen on {address}: {e}");
             ConfigError::plain(what, "give another address with --ctl, or --ctl off")
         })?;
+    }
+    Ok(())
+}
+
+/// Whether no port is open to everybody on the network.
+///
+/// # Errors
+/// That one would be, and what guards it.
+pub(crate) fn guarded(config: &Config) -> Result<(), ConfigError> {
+    if config.yarp_ports().any(|(_, ports)| ports.is_unguarded()) {
+        return Err(ConfigError::plain(
+            "with yarp.allow_open_network everybody on the network could move the robots: there is no key in YARP's auth.conf",
+            "write a key into auth.conf on all computers of the network ([AUTH], key = ...), or set without_auth = true in the \
+             table [yarp] if nobody else can reach it",
+        ));
     }
     Ok(())
 }

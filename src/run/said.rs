@@ -24,8 +24,10 @@ impl Sink for Said {
         let Entry::Event(event) = entry else { return Ok(()) };
         let text = match &**event {
             Event::Warning { text } => text.clone(),
-            Event::Swap { robot, part, step: step @ (SwapStep::Refused { .. } | SwapStep::Reverted { .. }) } => {
-                format!("{robot}: swap of the {part}: {step}")
+            Event::Swap { robot: name, part, step } | Event::SwapBeside { name, part, step }
+                if matches!(step, SwapStep::Refused { .. } | SwapStep::Reverted { .. }) =>
+            {
+                format!("{name}: swap of the {part}: {step}")
             }
             Event::GaveUp { group } => format!("{group} used up its restarts"),
             _ => return Ok(()),

@@ -5,8 +5,9 @@
 //!                                                              │ anything wrong, or anything that needs a restart: said, nothing done
 //! ```
 
+use crate::compose::Composition;
 use crate::config::{Config, Source};
-use crate::ctl::offer::{self, Wanted};
+use crate::ctl::offer::{self, Wanted, WantedBridge, Which};
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::Control;
 use mobee_contract::{Answer, Event, Running, Service, SwapPart, SwapStep, Time};
@@ -29,6 +30,8 @@ pub struct WatchService {
     set: Vec<String>,
     source: Source,
     running: Value,
+    /// The names of its bridges, in their order.
+    bridges: Vec<String>,
     world: Option<PathBuf>,
     /// What stood in the world's file when the run began.
     world_print: u64,
@@ -37,11 +40,17 @@ pub struct WatchService {
 
 impl WatchService {
     /// For the configuration that runs, as it was loaded with these overrides.
-    pub fn new(source: Source, config: &Config, set: &[String], controls: mpsc::Sender<Control>) -> WatchService {
+    pub fn new(
+        source: Source,
+        composition: &Composition,
+        set: &[String],
+        controls: mpsc::Sender<Control>,
+    ) -> WatchService {
+        let (config, bridges) = (&composition.config, composition.bridge_names());
         let world = config.world.file.as_ref().map(|file| Config::beside(&source, file));
         let running = serde_json::to_value(config).unwrap_or_default();
         let world_print = print_of(world.as_slice());
-        WatchService { set: set.to_vec(), source, running, world, world_print, controls }
+        WatchService { set: set.to_vec(), source, running, bridges, world, world_print, controls }
     }
 
     /// The files that the configuration was put together from, and its world.
@@ -55,7 +64,7 @@ impl WatchService {
     /// Why nothing of it was, or not all.
     async fn reload(&mut self, running: &Arc<dyn Running>) -> Result<Vec<String>, String> {
         let (path, set) = (self.source.path.clone(), self.set.clone());
-        let (before, models) = (self.running.clone(), running.models());
+        let (before, bridges, models) = (self.running.clone(), self.bridges.clone(), running.models());
         let names: Vec<String> = running.robots().iter().map(|r| r.name().to_owned()).collect();
         if print_of(self.world.as_slice()) != self.world_print {
             let file = self.world.clone().unwrap_or_default();
@@ -67,7 +76,7 @@ impl WatchService {
         let read = move || {
             let (config, source) = Config::load(&path, &set).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
             let now = serde_json::to_value(&config).map_err(|e| e.to_string())?;
-            let changes = changes(&before, &now);
+            let changes = changes(&before, &now, &bridges);
             if !changes.restart.is_empty() {
                 return Err(format!(
                     "{} can't be changed while the run goes on: start it again",
@@ -75,12 +84,18 @@ impl WatchService {
                 ));
             }
             let mut offers = Vec::new();
-            for (robot, part) in changes.swaps {
-                let model = names.iter().position(|n| *n == robot).and_then(|i| models.get(i));
-                let model = model.ok_or_else(|| format!("there is no robot {robot} in this run"))?;
-                let wanted = Wanted { part, name: &robot, model, fresh: false, terms: SwapPolicy::default() };
-                let offered = offer::take(config.clone(), &source, &wanted)?;
-                offers.push((robot, part, offered));
+            let terms = SwapPolicy::default();
+            for (name, part) in changes.swaps {
+                let offered = if part == SwapPart::Bridge {
+                    let which = Which::At(bridges.iter().position(|b| *b == name).unwrap_or_default());
+                    offer::take_bridge(config.clone(), &source, &WantedBridge { which, models: &models, terms })?
+                } else {
+                    let model = names.iter().position(|n| *n == name).and_then(|i| models.get(i));
+                    let model = model.ok_or_else(|| format!("there is no robot {name} in this run"))?;
+                    let wanted = Wanted { part, name: &name, model, fresh: false, terms };
+                    offer::take(config.clone(), &source, &wanted)?
+                };
+                offers.push((name, part, offered));
             }
             Ok((source, now, offers))
         };
@@ -88,28 +103,27 @@ impl WatchService {
         let (source, now, offers) = read.map_err(|e| format!("it could not be read: {e}"))??;
         self.source = source;
         let mut done = Vec::new();
-        for (robot, part, offered) in offers {
+        for (name, part, offered) in offers {
             let (reply, taken) = oneshot::channel();
-            self.controls.send(offered.control(robot.clone(), reply)).await.map_err(|_| "the run is ending")?;
-            let said = |why: &str| format!("{robot}.{part}: {why}");
+            self.controls.send(offered.control(name.clone(), reply)).await.map_err(|_| "the run is ending")?;
+            let said = |why: &str| format!("{name}.{part}: {why}");
             taken.await.map_err(|_| said("the run is ending"))?.map_err(|why| said(&why))?;
-            match self.last_step(&robot, part).await? {
-                SwapStep::Settled => put(&mut self.running, &now, &robot, part),
+            match self.last_step(&name, part).await? {
+                SwapStep::Settled => put(&mut self.running, &now, &self.bridges, &name, part),
                 step => return Err(said(&step.to_string())),
             }
-            done.push(format!("{robot}.{part} is exchanged"));
+            done.push(format!("{name}.{part} is exchanged"));
         }
         Ok(done)
     }
 
     /// Waits for the end of a swap.
-    async fn last_step(&self, robot: &str, part: SwapPart) -> Result<SwapStep, String> {
+    async fn last_step(&self, name: &str, part: SwapPart) -> Result<SwapStep, String> {
         loop {
             let (reply, report) = oneshot::channel();
             self.controls.send(Control::Status(reply)).await.map_err(|_| "the run is ending")?;
             let report = report.await.map_err(|_| "the run is ending")?;
-            let step = report.robots.iter().find(|r| r.name == robot).and_then(|r| r.swaps.get(&part));
-            match step {
+            match report.swap(name, part) {
                 Some(step) if step.is_last() => return Ok(step.clone()),
                 _ => tokio::time::sleep(LOOK).await,
             }
@@ -192,13 +206,14 @@ impl Debounce {
 /// What differs between two configurations.
 #[derive(Debug, Default, PartialEq)]
 struct Changes {
-    /// What can be exchanged: per robot, which parts.
+    /// What can be exchanged: which parts of which robot, and which bridges.
     swaps: Vec<(String, SwapPart)>,
     /// The keys of everything else.
     restart: Vec<String>,
 }
 
-fn changes(old: &Value, new: &Value) -> Changes {
+/// `called` are the names of the bridges.
+fn changes(old: &Value, new: &Value, called: &[String]) -> Changes {
     let mut found = Changes::default();
     let robots = |config: &Value| config["robot"].as_array().cloned().unwrap_or_default();
     let (before, after) = (robots(old), robots(new));
@@ -220,8 +235,24 @@ fn changes(old: &Value, new: &Value) -> Changes {
     } else {
         found.restart.push("robot".into());
     }
-    found.restart.extend(differing(old, new).into_iter().filter(|key| key != "robot"));
+    let (before, after) = (bridges(old), bridges(new));
+    let places = |bridges: &[(Place, Value)]| bridges.iter().map(|(place, _)| *place).collect::<Vec<Place>>();
+    let same = places(&before) == places(&after);
+    let edited = before.iter().zip(&after).zip(called).filter(|((old, new), _)| same && old != new);
+    found.swaps.extend(edited.map(|(_, name)| (name.clone(), SwapPart::Bridge)));
+    let swapped = |key: &str| key == "robot" || (same && ["yarp", "bridge"].contains(&key));
+    found.restart.extend(differing(old, new).into_iter().filter(|key| !swapped(key)));
     found
+}
+
+/// Where the table of a bridge stands: `[yarp]`, or so many tables `[[bridge]]` before it.
+type Place = Option<usize>;
+
+/// The tables of all bridges, as [`Config::bridges`] orders them.
+fn bridges(config: &Value) -> Vec<(Place, Value)> {
+    let yarp = Some((None, config["yarp"].clone())).filter(|(_, table)| !table.is_null());
+    let others = config["bridge"].as_array().into_iter().flatten().enumerate();
+    yarp.into_iter().chain(others.map(|(i, table)| (Some(i), table.clone()))).collect()
 }
 
 /// The keys whose values differ.
@@ -235,9 +266,18 @@ fn differing(old: &Value, new: &Value) -> Vec<String> {
     all
 }
 
-/// Notes that a part of a robot is now as the new configuration has it.
-fn put(running: &mut Value, new: &Value, robot: &str, part: SwapPart) {
-    let of = |config: &Value| config["robot"].as_array()?.iter().position(|r| r["name"] == robot);
+/// Notes that a part is now as the new configuration has it; `names` are those of the bridges.
+fn put(running: &mut Value, new: &Value, names: &[String], name: &str, part: SwapPart) {
+    if part == SwapPart::Bridge {
+        let place = bridges(new).into_iter().zip(names).find(|(_, n)| *n == name);
+        match place {
+            Some(((None, table), _)) => running["yarp"] = table,
+            Some(((Some(i), table), _)) => running["bridge"][i] = table,
+            None => {}
+        }
+        return;
+    }
+    let of = |config: &Value| config["robot"].as_array()?.iter().position(|r| r["name"] == name);
     if let (Some(here), Some(there)) = (of(running), of(new)) {
         let key = part.to_string();
         running["robot"][here][&key] = new["robot"][there][&key].clone();
@@ -277,7 +317,7 @@ mod tests {
         let edited = |key: &str, value: Value| {
             let mut new = config.clone();
             *new.pointer_mut(key).expect(key) = value;
-            changes(&config, &new)
+            changes(&config, &new, &[])
         };
         let swap = |robot: &str, part| Changes { swaps: vec![(robot.to_owned(), part)], restart: Vec::new() };
         let restart = |key: &str| Changes { swaps: Vec::new(), restart: vec![key.to_owned()] };
@@ -292,7 +332,34 @@ mod tests {
         let mut new = config.clone();
         new["robot"][0]["agent"]["speed"] = json!(0.3);
         let mut running = config.clone();
-        put(&mut running, &new, "left", SwapPart::Agent);
+        put(&mut running, &new, &[], "left", SwapPart::Agent);
         assert_eq!(running, new);
+    }
+
+    #[test]
+    fn edited_bridges_are_exchanged_and_new_ones_need_a_restart() {
+        let config =
+            json!({ "robot": [], "yarp": { "speed": 0.1 }, "bridge": [{ "kind": "yarp" }, { "kind": "other" }] });
+        let names = ["yarp", "yarp-2", "other"].map(str::to_owned);
+        let edited = |key: &str, value: Value| {
+            let mut new = config.clone();
+            *new.pointer_mut(key).expect(key) = value;
+            (changes(&config, &new, &names), new)
+        };
+        for (key, value, name) in [
+            ("/yarp", json!({ "speed": 0.2 }), "yarp"),
+            ("/bridge/0", json!({ "kind": "yarp", "speed": 0.2 }), "yarp-2"),
+            ("/bridge/1", json!({ "kind": "third" }), "other"),
+        ] {
+            let (changes, new) = edited(key, value);
+            assert_eq!(changes, Changes { swaps: vec![(name.to_owned(), SwapPart::Bridge)], restart: Vec::new() });
+            let mut running = config.clone();
+            put(&mut running, &new, &names, name, SwapPart::Bridge);
+            assert_eq!(running, new);
+        }
+        for (key, value) in [("/yarp", Value::Null), ("/bridge", json!([{ "kind": "yarp" }]))] {
+            let restart = vec![key.trim_start_matches('/').to_owned()];
+            assert_eq!(edited(key, value).0, Changes { swaps: Vec::new(), restart });
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! A run with a real clock is looked at, exchanged in part, paused and stopped by `mobee ctl`, without a name server.
 
-use super::common::{mobee_here, said};
+use super::common::{mobee_here, network, said};
 use super::private_runs::{NOBODY, is_root};
 use std::fs::Permissions;
 use std::io::{Read, Write};
@@ -139,6 +139,30 @@ fn an_edit_of_the_running_file_is_taken_over_or_said() {
     assert!(told("did you mean `speed`"));
     write(1, "speed = 0.3");
     assert!(told("took_over"));
+}
+
+#[test]
+fn an_edited_bridge_is_exchanged_and_an_added_one_needs_a_restart() {
+    let network = network();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/filter.toml");
+    let file = network.path().join("mine.toml");
+    let write = |speed: f64, more: &str| {
+        let (port, text) = (network.port, format!("include = [{shipped:?}]\n{more}\n[yarp]\nspeed = {speed}\n"));
+        std::fs::write(&file, format!("{text}name_server = \"127.0.0.1:{port}\"\n")).expect("a file");
+    };
+    write(0.1, "");
+    let run = Run::start(network.path(), &file, &["--watch"]);
+    let told = |text: &str| {
+        (0..20_000).any(|_| {
+            run.says(&["status"]);
+            std::fs::read_to_string(run.out.join("journal.jsonl")).expect("a journal").contains(text)
+        })
+    };
+    write(0.1, "[[bridge]]\nkind = \"yarp\"\nprefix = \"/Third\"\n");
+    assert!(told("bridge can't be changed while the run goes on"));
+    write(0.05, "");
+    assert!(told("yarp.bridge is exchanged"));
+    assert!(run.says(&["status"]).contains("yarp  swap of the bridge: settled"));
 }
 
 /// What another user gets who asks for this.

@@ -1,8 +1,8 @@
 //! The events that a run records.
 
 use crate::{
-    Cause, CommandKind, CommitId, Hold, IntentKind, MotionEnd, Note, Outcome, Pose, Refusal, Region, Status, Summary,
-    SwapPart, SwapStep, Time,
+    Cause, CommandKind, CommitId, Hold, IntentKind, Located, MotionEnd, Note, Outcome, Pose, Refusal, Region, Status,
+    Summary, SwapPart, SwapStep, Time,
 };
 use mobee_model::Contact;
 use serde::{Deserialize, Serialize};
@@ -386,6 +386,16 @@ pub enum Event {
         #[serde(flatten)]
         step: SwapStep,
     },
+    /// A part that runs beside the robots is being swapped.
+    SwapBeside {
+        /// The name of the bridge, or of the camera whose detector it is.
+        name: String,
+        /// Which part.
+        part: SwapPart,
+        /// The step reached.
+        #[serde(flatten)]
+        step: SwapStep,
+    },
     /// What an agent that only observes would have done; none of it is carried out.
     Shadow {
         /// Robot.
@@ -397,12 +407,21 @@ pub enum Event {
     },
     /// A detector has looked at a frame.
     Sighted {
-        /// The sensor.
-        sensor: String,
+        /// The camera.
+        camera: String,
         /// When the frame was exposed.
         exposed: Time,
         /// What it shows.
         regions: Vec<Region>,
+    },
+    /// A locator has placed what a detector saw.
+    Located {
+        /// The sensor.
+        sensor: String,
+        /// When the frame was exposed.
+        exposed: Time,
+        /// What is where.
+        objects: Vec<Located>,
     },
     /// An actor died.
     Died {

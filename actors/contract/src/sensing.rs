@@ -1,8 +1,9 @@
-//! What sensing speaks of (paper, sections 1.1 and 3.2): a camera gives frames, a detector finds regions in them.
+//! What sensing speaks of (paper, sections 1.1 and 3.2): a camera gives frames, a detector finds regions in them, a locator tells where
+//! in the world these are.
 //!
 //! Nothing here is in the pulse: a sensor that falls behind or dies makes objects stale, and holds up nobody.
 
-use crate::{Context, Role, Time};
+use crate::{Context, Pose, Refusal, Role, Snapshot, Time};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
@@ -51,12 +52,77 @@ pub trait Camera: Send {
     fn frame(&mut self, now: Time) -> Result<Option<Frame>, String>;
 }
 
+/// A region, and where and when it was seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sighting {
+    /// The camera that saw it, by its name in the run.
+    pub camera: Arc<str>,
+    /// How that projects.
+    pub intrinsics: Intrinsics,
+    /// What it saw.
+    pub region: Region,
+    /// When the frame was exposed.
+    pub at: Time,
+}
+
+/// Where a robot's motors were when something was seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BodyState {
+    /// When.
+    pub at: Time,
+    /// The pose, rad.
+    pub q: Pose,
+}
+
+/// Where an object is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Located {
+    /// Its name in the world.
+    pub object: String,
+    /// Where it is in the world, meters.
+    pub position: [f64; 3],
+    /// How sure that is: the covariance of the position, square meters, row by row.
+    pub covariance: [[f64; 3]; 3],
+}
+
 /// Finds regions in frames. Pure: whatever it learns is its own.
 pub trait Detector: Send {
     /// What there is to see.
     fn detect(&mut self, frame: &Frame) -> Vec<Region>;
     /// How long that takes by a virtual clock, so that runs in virtual time are equal; a real clock tells by itself.
     fn takes(&self) -> Duration;
+    /// What it has learned, for a successor; `None`: nothing.
+    fn export(&self) -> Option<Snapshot> {
+        None
+    }
+    /// Takes over what a predecessor has learned.
+    ///
+    /// # Errors
+    /// [`Refusal::State`] if that is of another kind or version; the detector is then as before, and begins anew.
+    fn import(&mut self, _from: Snapshot) -> Result<(), Refusal> {
+        Err(Refusal::State { what: "this detector learns nothing".into() })
+    }
+}
+
+/// Tells where in the world is what was seen. Pure: whatever it remembers, such as what another camera saw just before, is its own.
+pub trait Locator: Send {
+    /// Where the things are that one camera saw at one instant, as far as that can be told, with the body as it was then.
+    fn locate(&mut self, seen: &[Sighting], body: &BodyState) -> Vec<Located>;
+    /// How long that takes by a virtual clock; a real clock tells by itself.
+    fn takes(&self) -> Duration {
+        Duration::ZERO
+    }
+    /// What it remembers, for a successor; `None`: nothing.
+    fn export(&self) -> Option<Snapshot> {
+        None
+    }
+    /// Takes over what a predecessor remembers.
+    ///
+    /// # Errors
+    /// [`Refusal::State`] if that is of another kind or version; the locator is then as before, and begins anew.
+    fn import(&mut self, _from: Snapshot) -> Result<(), Refusal> {
+        Err(Refusal::State { what: "this locator remembers nothing".into() })
+    }
 }
 
 impl Role for dyn Camera {
@@ -69,4 +135,10 @@ impl Role for dyn Detector {
     const NAME: &'static str = "detector";
     type Context = Context;
     type Built = Box<dyn Detector>;
+}
+
+impl Role for dyn Locator {
+    const NAME: &'static str = "locator";
+    type Context = Context;
+    type Built = Box<dyn Locator>;
 }

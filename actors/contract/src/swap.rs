@@ -13,6 +13,10 @@ pub enum SwapPart {
     Controller,
     /// The driver of the board.
     Driver,
+    /// What programs outside move robots through.
+    Bridge,
+    /// What finds regions in a camera's frames.
+    Detector,
 }
 
 impl fmt::Display for SwapPart {
@@ -21,6 +25,8 @@ impl fmt::Display for SwapPart {
             SwapPart::Agent => "agent",
             SwapPart::Controller => "controller",
             SwapPart::Driver => "driver",
+            SwapPart::Bridge => "bridge",
+            SwapPart::Detector => "detector",
         })
     }
 }
@@ -38,9 +44,9 @@ pub enum SwapStep {
         /// For how long it is on probation once it has taken over, seconds.
         probation: f64,
     },
-    /// It has taken over, at a transaction boundary.
+    /// It has taken over: a part of a robot at a transaction boundary, what runs beside the robots at once.
     TookOver {
-        /// From the boundary until the new part is in place, seconds.
+        /// From the boundary, or the end of the old part's work, until the new part is in place, seconds.
         gap: f64,
         /// Hash of the roadmap that was handed over, if there is one: equal before and after.
         map: Option<String>,
@@ -72,7 +78,7 @@ impl fmt::Display for SwapStep {
             SwapStep::Offered { what, shadow, .. } if *shadow > 0.0 => {
                 write!(f, "{what} is built and checked, and looks on for {shadow} s")
             }
-            SwapStep::Offered { what, .. } => write!(f, "{what} is built and checked, and waits for the motion to end"),
+            SwapStep::Offered { what, .. } => write!(f, "{what} is built and checked, and waits for its moment"),
             SwapStep::TookOver { gap, .. } => write!(f, "took over within {:.3} ms, and is on probation", gap * 1e3),
             SwapStep::Refused { why } => write!(f, "not taken, the old one goes on: {why}"),
             SwapStep::Reverted { why } => write!(f, "the old one is back: {why}"),

@@ -6,6 +6,10 @@
 //!
 //! Times are those at which readings were taken, never when they came here.
 
+mod at;
+
+pub use at::Unrecorded;
+
 use crate::distance;
 use crate::pulse::Pulse;
 use mobee_contract::{Pose, Sample, Time};

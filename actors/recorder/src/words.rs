@@ -96,15 +96,15 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         Event::AgentActs { robot, acts } => {
             (robot, Info, if *acts { "its own agent acts again" } else { "its own agent makes way" }.to_owned())
         }
-        Event::Swap { robot, part, step } => {
+        Event::Swap { robot: name, part, step } | Event::SwapBeside { name, part, step } => {
             let level = match step {
                 SwapStep::Reverted { .. } => Error,
                 SwapStep::Refused { .. } => Warn,
                 _ => Info,
             };
-            (robot, level, format!("swap of the {part}: {step}"))
+            (name, level, format!("swap of the {part}: {step}"))
         }
-        Event::Shadow { .. } | Event::Sighted { .. } => return None,
+        Event::Shadow { .. } | Event::Sighted { .. } | Event::Located { .. } => return None,
         Event::Died { actor, reason } => ("system", Error, format!("{actor} died: {reason}")),
         Event::Restarted { actor, restarts } => ("system", Warn, format!("{actor} restarted ({restarts})")),
         Event::GaveUp { group } => ("system", Error, format!("{group} stays down: restarted too often")),

@@ -129,9 +129,12 @@ impl RunSummary {
             Event::World { .. } => self.world_edits += 1,
             Event::Done { robot, summary } => self.done.push((robot, summary)),
             Event::Died { .. } => self.deaths += 1,
-            Event::Swap { step: SwapStep::TookOver { .. }, .. } => self.swaps += 1,
-            Event::Swap { step: SwapStep::Reverted { .. }, .. } => self.swaps_reverted += 1,
-            Event::Swap { step: SwapStep::Refused { .. }, .. } => self.swaps_refused += 1,
+            Event::Swap { step, .. } | Event::SwapBeside { step, .. } => match step {
+                SwapStep::TookOver { .. } => self.swaps += 1,
+                SwapStep::Reverted { .. } => self.swaps_reverted += 1,
+                SwapStep::Refused { .. } => self.swaps_refused += 1,
+                SwapStep::Offered { .. } | SwapStep::Settled => {}
+            },
             Event::Restarted { .. } => self.restarts += 1,
             Event::GaveUp { group } => self.gave_up.push(group),
             Event::Injected { .. } => self.injected += 1,

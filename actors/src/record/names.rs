@@ -15,6 +15,8 @@ pub const SENSOR: &str = "sensor";
 pub const CAMERA: &str = "camera";
 /// A detector's actor.
 pub const DETECTOR: &str = "detector";
+/// A locator's actor.
+pub const LOCATOR: &str = "locator";
 
 /// Whether an event tells of the life of what runs beside the safety chain: it excuses nobody there.
 pub fn is_beside(event: &Event) -> bool {
@@ -23,5 +25,6 @@ pub fn is_beside(event: &Event) -> bool {
     else {
         return false;
     };
-    name.rsplit_once('/').is_some_and(|(_, last)| [SERVICE, SERVICES, SENSOR, CAMERA, DETECTOR].contains(&last))
+    name.rsplit_once('/')
+        .is_some_and(|(_, last)| [SERVICE, SERVICES, SENSOR, CAMERA, DETECTOR, LOCATOR].contains(&last))
 }

@@ -26,7 +26,7 @@ pub struct StreamCounters {
     pub handled: u64,
     /// Waiting.
     pub queued: u64,
-    /// Pushed out by newer ones, or lost with a receiver.
+    /// Pushed out by newer ones, lost with a receiver, or of no use to it.
     pub dropped: u64,
 }
 
@@ -127,6 +127,14 @@ impl<T> Stream<T> {
             None => ring.rung = false,
         }
         item
+    }
+
+    /// The item that was taken last was of no use: it counts as dropped, and not as handled.
+    pub fn discard(&self) {
+        let mut ring = self.lock();
+        if let Some(handled) = ring.handled.checked_sub(1) {
+            (ring.handled, ring.dropped) = (handled, ring.dropped + 1);
+        }
     }
 
     /// Takes everything, oldest first, and gives the credit back.

@@ -1,14 +1,22 @@
-//! A sensor's shells: its camera, and the detector behind it.
+//! A sensor's shells: its cameras, the detector behind each of them, and the locator behind these.
 //!
 //! ```text
-//! camera ──Frame──> [ latest value ] ──> detector ──Sighted──> journal
+//! camera ──Frame──> [ latest value ] ──> detector ──Seen──> [ latest value ] ──┐
+//! camera ──Frame──> [ latest value ] ──> detector ──Seen──> [ latest value ] ──┴──> locator ──Located──> journal
+//!                                           └──Sighted──> journal                      │
+//!                                                              history at the exposure ┘
 //! ```
-//! Who is slower than the camera sees the newest frame, and the ones between are dropped and counted.
+//! Who is slower than the one before it sees the newest, and what comes in between is dropped and counted.
 
-use crate::runtime::attempt::{Given, attempt};
+mod detector;
+mod locator;
+
+pub use detector::{DetectorActor, DetectorMsg};
+pub use locator::LocatorActor;
+
 use crate::runtime::stream::Stream;
-use crate::wiring::SharedContext;
-use mobee_contract::{Camera, Detector, Event, Frame};
+use crate::wiring::{ActorLink, LatestCell, RobotContext, Seat, SharedContext};
+use mobee_contract::{Camera, Detector, Event, Frame, Intrinsics, Locator, Region, Snapshot, SwapPart, SwapStep, Time};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,33 +27,129 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// Makes a part of a sensor, at the start and after each of its deaths.
 pub type PartMaker<T> = Arc<dyn Fn() -> Result<Box<T>, String> + Send + Sync>;
 
-/// A camera, and the detector behind it.
+/// Cameras that look at one world, and what finds and places things in their frames.
 pub struct SensorSetup {
     /// Its name: unique in the setup, and no robot's.
     pub name: String,
-    /// Makes the camera, at the start and after each of its deaths.
+    /// Its cameras.
+    pub cameras: Vec<CameraSetup>,
+    /// What places what they see; `None`: it is told and not placed.
+    pub locator: Option<LocatorSetup>,
+}
+
+/// A camera, and the detector behind it.
+pub struct CameraSetup {
+    /// Its name, unique in its sensor.
+    pub name: String,
+    /// Makes the camera.
     pub camera: PartMaker<dyn Camera>,
-    /// Makes the detector, at the start and after each of its deaths.
+    /// Makes the detector.
     pub detector: PartMaker<dyn Detector>,
+}
+
+/// A locator, and whose body it goes by.
+pub struct LocatorSetup {
+    /// The robot that carries the cameras.
+    pub robot: String,
+    /// Makes the locator.
+    pub locator: PartMaker<dyn Locator>,
 }
 
 /// What outlives the actors of one sensor.
 pub struct Sensor {
     /// Its name.
     pub name: String,
-    /// Makes its camera.
-    pub camera: PartMaker<dyn Camera>,
-    /// Makes its detector.
-    pub detector: PartMaker<dyn Detector>,
-    /// From the one to the other: the newest frame.
-    pub frames: Stream<Frame>,
+    /// Its cameras.
+    pub eyes: Vec<Arc<Eye>>,
+    /// Its locator, if it has one.
+    pub placing: Option<Arc<Placing>>,
 }
 
-impl From<SensorSetup> for Sensor {
-    fn from(setup: SensorSetup) -> Sensor {
-        let SensorSetup { name, camera, detector } = setup;
-        let frames = Stream::new(format!("{name}/camera>detector"), 1);
-        Sensor { name, camera, detector, frames }
+/// What outlives the actors of one camera and its detector.
+pub struct Eye {
+    /// Its name in the run: its sensor's, and its own.
+    pub name: String,
+    camera: PartMaker<dyn Camera>,
+    /// Which detector looks, and how far its exchange is.
+    pub seat: Seat<Looking>,
+    /// The line to its detector.
+    pub detector: ActorLink<DetectorMsg>,
+    frames: Stream<Frame>,
+    /// None without a locator.
+    seen: Option<Stream<Seen>>,
+}
+
+/// What outlives the locator's actor.
+pub struct Placing {
+    /// Its name in the run.
+    pub name: String,
+    sensor: String,
+    robot: Arc<RobotContext>,
+    locator: PartMaker<dyn Locator>,
+    /// What it remembered last.
+    state: LatestCell<Option<Snapshot>>,
+}
+
+/// A detector that looks: how it is made, and what it has learned.
+#[derive(Clone)]
+pub struct Looking {
+    /// Makes it.
+    pub maker: PartMaker<dyn Detector>,
+    /// What it knew after its last frame.
+    pub state: Option<Snapshot>,
+}
+
+/// What a detector saw in one frame.
+struct Seen {
+    camera: Arc<str>,
+    intrinsics: Intrinsics,
+    exposed: Time,
+    regions: Vec<Region>,
+}
+
+impl Sensor {
+    /// From its setup, in a run with these robots.
+    ///
+    /// # Errors
+    /// The name of a robot that there is not.
+    pub fn new(setup: SensorSetup, robots: &[Arc<RobotContext>]) -> Result<Sensor, String> {
+        let SensorSetup { name, cameras, locator } = setup;
+        let placed = locator.is_some();
+        let eye = |setup: CameraSetup| Arc::new(Eye::new(format!("{name}/{}", setup.name), setup, placed));
+        let eyes = cameras.into_iter().map(eye).collect();
+        let placing = locator.map(|setup| {
+            let robot = robots.iter().find(|r| r.name == setup.robot).cloned().ok_or(setup.robot)?;
+            let own = format!("{name}/{}", crate::record::names::LOCATOR);
+            let (sensor, locator, state) = (name.clone(), setup.locator, LatestCell::default());
+            Ok::<_, String>(Arc::new(Placing { name: own, sensor, robot, locator, state }))
+        });
+        let placing = placing.transpose()?;
+        Ok(Sensor { name, eyes, placing })
+    }
+}
+
+impl Eye {
+    fn new(name: String, setup: CameraSetup, placed: bool) -> Eye {
+        Eye {
+            camera: setup.camera,
+            seat: Seat::new(Looking { maker: setup.detector, state: None }),
+            detector: ActorLink::default(),
+            frames: Stream::new(format!("{name}/camera>detector"), 1),
+            seen: placed.then(|| Stream::new(format!("{name}/detector>locator"), 1)),
+            name,
+        }
+    }
+
+    /// The counters of its links as the events that a run ends with.
+    pub fn links(&self) -> impl Iterator<Item = Event> {
+        [self.frames.link()].into_iter().chain(self.seen.as_ref().map(Stream::link))
+    }
+
+    /// Its detector has failed: on probation the one before is back.
+    pub fn fell(&self, shared: &SharedContext, why: &str) {
+        if self.seat.broke(shared.clock.now()) {
+            shared.tell_beside(&self.name, SwapPart::Detector, SwapStep::Reverted { why: why.into() });
+        }
     }
 }
 
@@ -61,76 +165,29 @@ pub enum CameraMsg {
 
 impl Actor for CameraActor {
     type Msg = CameraMsg;
-    type State = (Arc<SharedContext>, Arc<Sensor>, Box<dyn Camera>);
-    type Arguments = (Arc<SharedContext>, Arc<Sensor>);
+    type State = (Arc<SharedContext>, Arc<Eye>, Box<dyn Camera>);
+    type Arguments = (Arc<SharedContext>, Arc<Eye>);
 
     async fn pre_start(
         &self,
         myself: ActorRef<CameraMsg>,
-        (shared, sensor): Self::Arguments,
+        (shared, eye): Self::Arguments,
     ) -> Result<Self::State, ActorProcessingErr> {
-        let camera = (sensor.camera)()?;
+        let camera = (eye.camera)()?;
         myself.send_after(camera.period(), || CameraMsg::Expose);
-        Ok((shared, sensor, camera))
+        Ok((shared, eye, camera))
     }
 
     async fn handle(
         &self,
         myself: ActorRef<CameraMsg>,
         _: CameraMsg,
-        (shared, sensor, camera): &mut Self::State,
+        (shared, eye, camera): &mut Self::State,
     ) -> Result<(), ActorProcessingErr> {
         if let Some(frame) = camera.frame(shared.clock.now())? {
-            sensor.frames.push(frame);
+            eye.frames.push(frame);
         }
         myself.send_after(camera.period(), || CameraMsg::Expose);
-        Ok(())
-    }
-}
-
-/// The detector's actor.
-pub struct DetectorActor;
-
-/// What it hears.
-#[derive(Debug)]
-pub enum DetectorMsg {
-    /// There is a frame.
-    Frames,
-}
-
-impl Actor for DetectorActor {
-    type Msg = DetectorMsg;
-    /// The detector is away while it looks at a frame.
-    type State = (Arc<SharedContext>, Arc<Sensor>, Option<Box<dyn Detector>>);
-    type Arguments = (Arc<SharedContext>, Arc<Sensor>);
-
-    async fn pre_start(
-        &self,
-        myself: ActorRef<DetectorMsg>,
-        (shared, sensor): Self::Arguments,
-    ) -> Result<Self::State, ActorProcessingErr> {
-        let detector = (sensor.detector)()?;
-        sensor.frames.attach(Box::new(move || myself.send_message(DetectorMsg::Frames).is_ok()));
-        Ok((shared, sensor, Some(detector)))
-    }
-
-    async fn handle(
-        &self,
-        _: ActorRef<DetectorMsg>,
-        _: DetectorMsg,
-        (shared, sensor, detector): &mut Self::State,
-    ) -> Result<(), ActorProcessingErr> {
-        while let Some(frame) = sensor.frames.pop() {
-            let mut looks = detector.take().ok_or("the detector is away")?;
-            let exposed = frame.exposed;
-            let look = move || {
-                let (regions, cost) = (looks.detect(&frame), looks.takes());
-                Given { value: (looks, regions), cost }
-            };
-            let (looks, regions) = attempt(&shared.clock, PATIENCE, look).await?;
-            *detector = Some(looks);
-            shared.tell(Event::Sighted { sensor: sensor.name.clone(), exposed, regions });
-        }
         Ok(())
     }
 }

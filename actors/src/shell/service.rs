@@ -9,8 +9,8 @@
 
 use crate::access::Access;
 use crate::runtime::clock::{Clock, ClockKind};
-use crate::wiring::{LatestCell, SharedContext};
-use mobee_contract::{Event, Service};
+use crate::wiring::{LatestCell, Seat, SharedContext};
+use mobee_contract::{Event, Service, SwapPart, SwapStep, Time};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -30,9 +30,21 @@ const MISSES: u32 = 10;
 /// How long its supervisor waits for a service's end: longer than the service may take.
 pub const GRACE: Duration = Duration::from_secs(6);
 
+/// The names by which services are known in a run: their own, and who has one that is taken gets a number behind it.
+pub fn named_apart(own: impl IntoIterator<Item = String>) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for own in own {
+        let numbered = (2..).map(|k| format!("{own}-{k}"));
+        let free = std::iter::once(own.clone()).chain(numbered).find(|name| !names.contains(name));
+        names.extend(free);
+    }
+    names
+}
+
 /// What outlives the lives of a service.
 pub struct Post {
-    service: Arc<dyn Service>,
+    name: String,
+    seat: Seat<Arc<dyn Service>>,
     has_agent: Arc<[bool]>,
     /// What the present life may do.
     access: LatestCell<Option<Arc<Access>>>,
@@ -43,21 +55,50 @@ pub struct Post {
 }
 
 impl Post {
-    /// For this service; which robots have an agent is told in the robots' order.
-    pub fn new(service: Arc<dyn Service>, has_agent: Arc<[bool]>) -> Post {
-        let (access, why, begun, done) =
-            (LatestCell::default(), LatestCell::default(), AtomicBool::new(false), AtomicBool::new(false));
-        Post { service, has_agent, access, why, begun, done }
+    /// For these services; which robots have an agent is told in the robots' order.
+    pub fn all(services: Vec<Arc<dyn Service>>, has_agent: &Arc<[bool]>) -> Vec<Arc<Post>> {
+        let names = named_apart(services.iter().map(|s| s.name()));
+        let post = |(service, name)| {
+            let (access, why, begun, done) =
+                (LatestCell::default(), LatestCell::default(), AtomicBool::new(false), AtomicBool::new(false));
+            Arc::new(Post { name, seat: Seat::new(service), has_agent: has_agent.clone(), access, why, begun, done })
+        };
+        services.into_iter().zip(names).map(post).collect()
     }
 
-    /// The service's name.
-    pub fn name(&self) -> String {
-        self.service.name()
+    /// The service's name in the run.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Which service is served, and how far its exchange is.
+    pub fn seat(&self) -> &Seat<Arc<dyn Service>> {
+        &self.seat
+    }
+
+    /// The announced service is served from the next life on, which begins at once. `false`: it was withdrawn.
+    pub fn take_over(&self, new: Arc<dyn Service>, now: Time) -> bool {
+        self.begin_anew();
+        self.seat.take_over(new, now)
+    }
+
+    /// A life has failed: what it had under way is taken back, and on probation the service before is served again.
+    pub fn fell(&self, shared: &SharedContext, why: &str) {
+        self.vacate(why);
+        if self.seat.broke(shared.clock.now()) {
+            self.begin_anew();
+            shared.tell_beside(&self.name, SwapPart::Bridge, SwapStep::Reverted { why: why.into() });
+        }
+    }
+
+    fn begin_anew(&self) {
+        self.begun.store(false, Ordering::SeqCst);
+        self.done.store(false, Ordering::SeqCst);
     }
 
     /// Whether the run goes on for it: until it ends in order.
     pub fn keeps_run(&self) -> bool {
-        self.service.keeps_run() && !self.done.load(Ordering::SeqCst)
+        self.seat.part().keeps_run() && !self.done.load(Ordering::SeqCst)
     }
 
     /// Its life has ended, for this reason: what it had under way is taken back.
@@ -70,7 +111,7 @@ impl Post {
 
     /// It is not served any more.
     pub fn give_up(&self, shared: &SharedContext) {
-        let (name, why) = (self.name(), self.why.lock().clone());
+        let (name, why) = (&self.name, self.why.lock().clone());
         shared.tell(Event::Warning { text: format!("service {name} is gone until the next run: {why}") });
     }
 }
@@ -116,7 +157,7 @@ impl Actor for ServiceActor {
         let (gone, left) = oneshot::channel();
         let beats = Arc::new(AtomicU64::new(0));
         let pause = post.begun.swap(true, Ordering::SeqCst).then_some(PAUSE);
-        let life = Life { service: post.service.clone(), access, until, clock: shared.clock.clone(), pause };
+        let life = Life { service: post.seat.part(), access, until, clock: shared.clock.clone(), pause };
         start(life, beats.clone(), myself.clone(), gone)?;
         myself.send_after(BEAT, || ServiceMsg::Look);
         Ok(Serving { shared, post, leave, left, beats, seen: 0, misses: 0 })
@@ -130,16 +171,24 @@ impl Actor for ServiceActor {
     ) -> Result<(), ActorProcessingErr> {
         match message {
             ServiceMsg::Ended(Ok(())) => {
+                serving.post.seat.answered(serving.shared.clock.now());
                 serving.post.done.store(true, Ordering::SeqCst);
                 myself.stop(None);
             }
             ServiceMsg::Ended(Err(why)) => return Err(why.into()),
             ServiceMsg::Look => {
                 let beats = serving.beats.load(Ordering::SeqCst);
-                serving.misses = if beats == serving.seen { serving.misses + 1 } else { 0 };
+                let moves = beats != serving.seen;
+                serving.misses = if moves { 0 } else { serving.misses + 1 };
                 serving.seen = beats;
-                if serving.misses >= MISSES {
-                    return Err(format!("its thread has been blocked for {} s", (BEAT * MISSES).as_secs()).into());
+                if moves {
+                    serving.post.seat.answered(serving.shared.clock.now());
+                }
+                // one on probation has its budget, and a beat before and after
+                let beats = |budget: Duration| u32::try_from(budget.as_secs()).unwrap_or(MISSES).saturating_add(2);
+                let most = serving.post.seat.budget().map_or(MISSES, |budget| beats(budget).min(MISSES));
+                if serving.misses >= most {
+                    return Err(format!("its thread has been blocked for {} s", (BEAT * most).as_secs()).into());
                 }
                 myself.send_after(BEAT, || ServiceMsg::Look);
             }
@@ -151,10 +200,10 @@ impl Actor for ServiceActor {
     async fn post_stop(&self, _: ActorRef<ServiceMsg>, serving: &mut Serving) -> Result<(), ActorProcessingErr> {
         let _ = serving.leave.send(true);
         if tokio::time::timeout(LEAVE + CLEAR, &mut serving.left).await.is_err() {
-            let text = format!("service {} did not leave in time; the run ends without it", serving.post.name());
+            let text = format!("service {} did not leave in time, and is left behind", serving.post.name());
             serving.shared.tell(Event::Warning { text });
         }
-        serving.post.vacate("the run ends");
+        serving.post.vacate("it was told to leave");
         Ok(())
     }
 }

@@ -10,6 +10,11 @@
 //! History ring, safe pose and token live in the ledger and the gate, and so outlast all of it. A driver is connected to only at the
 //! boundary, since a new connection begins with a stop.
 
+mod beside;
+
+pub(super) use beside::Beside;
+pub use beside::{BesideOffer, NewBeside};
+
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::supervision::{Between, GroupMsg};
@@ -73,13 +78,15 @@ pub struct PartOffer {
 pub(super) struct Exchanges {
     shared: Arc<SharedContext>,
     controller: ActorRef<GroupMsg>,
+    pub(super) beside: Beside,
     tasks: JoinSet<()>,
 }
 
 impl Exchanges {
     /// None is under way.
     pub(super) fn new(shared: &Arc<SharedContext>, controller: &ActorRef<GroupMsg>) -> Exchanges {
-        Exchanges { shared: shared.clone(), controller: controller.clone(), tasks: JoinSet::new() }
+        let beside = Beside::default();
+        Exchanges { shared: shared.clone(), controller: controller.clone(), beside, tasks: JoinSet::new() }
     }
 
     /// Begins one, if the robot exists and none of its is under way. The run goes on meanwhile.

@@ -16,6 +16,8 @@ pub struct SystemReport {
     pub at: Time,
     /// The robots.
     pub robots: Vec<RobotReport>,
+    /// The last step of the exchange of each part beside the robots that was ever exchanged, by the name of what it is a part of.
+    pub beside: BTreeMap<(String, SwapPart), SwapStep>,
     /// Who runs, group by group.
     pub tree: Vec<Health>,
     /// The bounded links between actors, by name.
@@ -54,7 +56,18 @@ impl SystemReport {
         links.extend(shared.taps.counters());
         let robots = shared.robots.iter().map(|w| RobotReport::of(w, at)).collect();
         let counts = shared.counts.lock().clone();
-        SystemReport { at, robots, tree, links, counts }
+        let beside = shared.swaps_beside.lock().clone();
+        SystemReport { at, robots, beside, tree, links, counts }
+    }
+
+    /// The last step of an exchange, by the name of the robot, or of what runs beside the robots.
+    pub fn swap(&self, name: &str, part: SwapPart) -> Option<&SwapStep> {
+        match part {
+            SwapPart::Agent | SwapPart::Controller | SwapPart::Driver => {
+                self.robots.iter().find(|r| r.name == name)?.swaps.get(&part)
+            }
+            SwapPart::Bridge | SwapPart::Detector => self.beside.get(&(name.to_owned(), part)),
+        }
     }
 }
 

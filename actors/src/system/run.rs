@@ -1,12 +1,12 @@
 //! A run from its first event to its end.
 
-use super::exchange::Exchanges;
+use super::exchange::{Beside, Exchanges};
 use super::inject::inject;
 use super::{Control, Cues, Reason, RunEnd, RunError, RunProgress, Setup, SystemReport, Troubles, tree};
 use crate::runtime::clock::{Clock, ClockKind, runtime};
 use crate::runtime::stream::Stream;
 use crate::runtime::supervision::{Group, GroupMsg};
-use crate::shell::{Post, Sensor};
+use crate::shell::{Eye, Post, Sensor};
 use crate::wiring::{
     ActorLink, AgentMsg, HardwareHandle, LatestCell, Maker, ModelMsg, Parts, PlannerSlot, RobotContext, SharedContext,
     SuperviseMsg, SwapRequest,
@@ -119,14 +119,14 @@ async fn conduct(
     let has_agent: Arc<[bool]> = setup.robots.iter().map(|r| r.agent.is_some()).collect();
     let acting = has_agent.iter().filter(|has| **has).count();
     let mut faults: VecDeque<(Time, Control)> = faults.into();
-    let services = std::mem::take(&mut setup.services).into_iter();
-    let posts: Vec<Arc<Post>> = services.map(|service| Arc::new(Post::new(service, has_agent.clone()))).collect();
+    let posts = Post::all(std::mem::take(&mut setup.services), &has_agent);
     let is_kept = || posts.iter().any(|p| p.keeps_run());
     let somebody = acting > 0 || is_kept();
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
-    let sensors = std::mem::take(&mut setup.sensors).into_iter();
-    let sensors: Vec<Arc<Sensor>> = sensors.map(|s| Arc::new(Sensor::from(s))).collect();
+    let sensors = std::mem::take(&mut setup.sensors);
     let shared = wire(setup, &boards, clock.clone(), troubles);
+    let sensors = sensors.into_iter().map(|s| Sensor::new(s, &shared.robots).map(Arc::new));
+    let sensors: Vec<Arc<Sensor>> = sensors.collect::<Result<_, _>>().map_err(RunError::Body)?;
     let controller = begin(tree::controller(&shared), safety.as_ref()).await?;
     let agents = begin(tree::agents(&shared), None).await?;
     let taps = begin(tree::taps(&shared), None).await?;
@@ -141,6 +141,8 @@ async fn conduct(
     };
     let groups: Vec<_> = [&controller, &agents].into_iter().chain(&services).chain(&seen).cloned().collect();
     let mut exchanges = Exchanges::new(&shared, &controller);
+    let eyes: Vec<Arc<Eye>> = sensors.iter().flat_map(|s| s.eyes.clone()).collect();
+    exchanges.beside = Beside { services: services.clone(), posts: posts.clone(), eyes: eyes.clone() };
     let limit = limit.map(|l| Time::ZERO + l);
     let mut told = Time::ZERO;
     let mut listening = true;
@@ -165,6 +167,7 @@ async fn conduct(
             }
             Some(Control::SwapAgent { robot, offer, reply }) => swap_agent(&shared, &robot, offer, reply),
             Some(Control::SwapPart { robot, offer, reply }) => exchanges.begin(&robot, offer, reply),
+            Some(Control::SwapBeside { name, offer, reply }) => drop(reply.send(exchanges.begin_beside(&name, offer))),
             Some(other) => obey(other, &shared, &groups).await,
             None => {}
         }
@@ -217,7 +220,7 @@ async fn conduct(
             .for_each(|s| shared.tell(s.link()));
     }
     shared.tell(shared.to_model.link());
-    sensors.iter().for_each(|s| shared.tell(s.frames.link()));
+    eyes.iter().flat_map(|eye| eye.links()).for_each(|link| shared.tell(link));
     let counts = shared.counts.lock().clone();
     progress(&RunProgress { at: clock.now(), counts: counts.clone() });
     let snapshots = shared.robots.iter().filter_map(|w| Some((w.name.clone(), w.snapshot.lock().clone()?)));
@@ -277,6 +280,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
         clock,
         taps: setup.taps,
         counts: LatestCell::new(setup.past.as_ref().map(|p| p.counts.clone()).unwrap_or_default()),
+        swaps_beside: LatestCell::default(),
         cues: LatestCell::new(cues),
         troubles,
         none,
@@ -328,7 +332,11 @@ async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<Group
             }
             let _ = reply.send(SystemReport::of(shared, all));
         }
-        Control::Stop | Control::Abort | Control::SwapAgent { .. } | Control::SwapPart { .. } => {}
+        Control::Stop
+        | Control::Abort
+        | Control::SwapAgent { .. }
+        | Control::SwapPart { .. }
+        | Control::SwapBeside { .. } => {}
     }
 }
 

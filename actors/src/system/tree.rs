@@ -9,7 +9,7 @@
 //! services                      one-for-one, each with its own budget; beside the safety chain
 //! └── <service>/services/service
 //! sensors                       one-for-one, each with its own budget; beside the safety chain
-//! └── <sensor>/sensor           one-for-one: camera, detector
+//! └── <sensor>/sensor           one-for-one: camera and detector of each of its cameras, locator
 //! taps                          one-for-one: what watches over the threads of journal and recorder
 //! ├── journal
 //! └── recorder
@@ -19,8 +19,8 @@ use crate::record::names::{CAMERA, DETECTOR, SENSOR, SERVICE, SERVICES};
 use crate::record::tap::TapActor;
 use crate::runtime::supervision::{Child, Group, Intensity, Restart, Strategy};
 use crate::shell::{
-    AgentActor, CameraActor, DetectorActor, DriverActor, GRACE, HistoryActor, ModelActor, Post, ReflexActor, Sensor,
-    ServiceActor, SuperviseActor,
+    AgentActor, CameraActor, DetectorActor, DriverActor, Eye, GRACE, HistoryActor, LocatorActor, ModelActor, Post,
+    ReflexActor, Sensor, ServiceActor, SuperviseActor,
 };
 use crate::wiring::{RobotContext, SharedContext, SuperviseMsg, Troubled};
 use mobee_contract::Event;
@@ -130,35 +130,58 @@ pub fn agents(shared: &Arc<SharedContext>) -> Group {
 /// The services: whatever becomes of one, the run goes on.
 pub fn services(shared: &Arc<SharedContext>, posts: &[Arc<Post>]) -> Group {
     posts.iter().fold(group("services", Strategy::OneForOne, shared), |root, post| {
-        let (vacated, given_up, gone) = (post.clone(), post.clone(), shared.clone());
+        let (fallen, run, given_up, gone) = (post.clone(), shared.clone(), post.clone(), shared.clone());
         let arguments = {
             let (shared, post) = (shared.clone(), post.clone());
             move || (shared.clone(), post.clone())
         };
         let served = child(shared, format!("{}/{SERVICE}", post.name()), || ServiceActor, arguments);
-        let own = group(&format!("{}/{SERVICES}", post.name()), Strategy::OneForOne, shared)
-            .on_death(move |_, reason| vacated.vacate(reason))
+        let own = group(&services_of(post.name()), Strategy::OneForOne, shared)
+            .on_death(move |_, reason| fallen.fell(&run, reason))
             .on_give_up(move || given_up.give_up(&gone))
             .child(served.restart(Restart::Transient).grace(Some(GRACE)));
         root.child(Child::group(own).restart(Restart::Temporary))
     })
 }
 
+/// The name of the group of a service.
+pub fn services_of(service: &str) -> String {
+    format!("{service}/{SERVICES}")
+}
+
 /// The sensors: their deaths only make objects stale.
 pub fn sensors(shared: &Arc<SharedContext>, sensors: &[Arc<Sensor>]) -> Group {
     sensors.iter().fold(group("sensors", Strategy::OneForOne, shared), |root, sensor| {
-        let both = || {
-            let (shared, sensor) = (shared.clone(), sensor.clone());
-            move || (shared.clone(), sensor.clone())
-        };
-        let name = |part: &str| format!("{}/{part}", sensor.name);
-        let (gone, blind) = (shared.clone(), sensor.name.clone());
-        let own = group(&name(SENSOR), Strategy::OneForOne, shared)
-            .on_give_up(move || {
-                gone.tell(Event::Warning { text: format!("sensor {blind} is gone until the next run") })
-            })
-            .child(child(shared, name(CAMERA), || CameraActor, both()))
-            .child(child(shared, name(DETECTOR), || DetectorActor, both()));
-        root.child(Child::group(own).restart(Restart::Temporary))
+        root.child(Child::group(self::sensor(shared, sensor)).restart(Restart::Temporary))
     })
+}
+
+fn sensor(shared: &Arc<SharedContext>, sensor: &Arc<Sensor>) -> Group {
+    let (gone, blind) = (shared.clone(), sensor.name.clone());
+    let (run, eyes) = (shared.clone(), sensor.eyes.clone());
+    let mut own = group(&format!("{}/{SENSOR}", sensor.name), Strategy::OneForOne, shared)
+        .on_death(move |name, reason| {
+            let detector = |eye: &&Arc<Eye>| *name == format!("{}/{DETECTOR}", eye.name);
+            eyes.iter().filter(detector).for_each(|eye| eye.fell(&run, reason));
+        })
+        .on_give_up(move || gone.tell(Event::Warning { text: format!("sensor {blind} is gone until the next run") }));
+    for eye in &sensor.eyes {
+        let both = || {
+            let (shared, eye) = (shared.clone(), eye.clone());
+            move || (shared.clone(), eye.clone())
+        };
+        let name = |part: &str| format!("{}/{part}", eye.name);
+        own = own.child(child(shared, name(CAMERA), || CameraActor, both())).child(child(
+            shared,
+            name(DETECTOR),
+            || DetectorActor,
+            both(),
+        ));
+    }
+    if let Some(placing) = &sensor.placing {
+        let (name, run, eyes, placing) = (placing.name.clone(), shared.clone(), sensor.eyes.clone(), placing.clone());
+        let arguments = move || (run.clone(), eyes.clone(), placing.clone());
+        own = own.child(child(shared, name, || LocatorActor, arguments));
+    }
+    own
 }

@@ -195,7 +195,7 @@ fn a_service_that_does_not_leave_is_left_behind() {
     let trial = Trial { clock: ClockKind::Real, period_s: 0.1, limit, ..Trial::default() };
     let ran = trial.run_all(|_| (), |_| vec![Arc::new(Stays)]);
     assert_eq!(ran.end.reason, Reason::Time);
-    warned(&ran, Some("service stays did not leave in time; the run ends without it"));
+    warned(&ran, Some("service stays did not leave in time, and is left behind"));
     assert_eq!(ran.violations(), vec![]);
 }
 

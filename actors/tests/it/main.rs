@@ -24,6 +24,7 @@ mod streams;
 mod supervision_actors;
 mod supervision_plan;
 mod swap_agent;
+mod swap_bridge;
 mod swap_parts;
 mod tap_threads;
 mod throughput;

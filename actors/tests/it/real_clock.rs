@@ -1,11 +1,12 @@
 //! The same actors, unchanged, in real time: the safety chain on its own thread.
 
-use crate::common::{Trial, ball};
+use crate::common::{Ran, Trial, ball};
 use mobee_actors::record::journal::{Journal, read};
 use mobee_actors::record::tap::{OpenSink, SinkSpec};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::Reason;
-use mobee_contract::{Entry, Event, Outcome, Sink, Time};
+use mobee_conformance::beside;
+use mobee_contract::{CommandKind, Entry, Event, Outcome, Sink, Status, Time};
 use mobee_model::ObjectClass;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
@@ -75,12 +76,36 @@ fn contact_stop_and_the_whole_retreat_wait_for_no_disk() {
     assert_eq!(written, ran.events().len(), "nothing of it is missing in the journal");
 }
 
+/// The threads that wake up between a reading and the stop that it causes, and between two readings.
+const WAKINGS: u32 = 2;
+
+/// From each contact that began in motion to the command that stops the robot.
+fn stops(ran: &Ran) -> Vec<Duration> {
+    let (mut began, mut all) = (None, Vec::new());
+    for (at, event) in ran.events() {
+        match &*event {
+            Event::ContactBegan { during: Status::Moving, .. } => began = began.or(Some(at)),
+            Event::Command { kind: CommandKind::Stop, .. } => all.extend(began.take().map(|then| at.since(then))),
+            _ => {}
+        }
+    }
+    all
+}
+
 #[test]
 fn a_motion_into_an_obstacle_is_rolled_back_in_real_time() {
     let objects = vec![ball("ball", [0.5, 0.25, 0.2], ObjectClass::Obstacle)];
     let poses = vec![[60.0, 0.0, 0.0], [-5.0, 0.0, 0.0]];
-    let ran = Trial { objects, poses, speed: 0.2, clock: ClockKind::Real, ..Trial::default() }.run();
+    let trial = Trial { objects, poses, speed: 0.2, clock: ClockKind::Real, ..Trial::default() };
+    let period = Duration::from_secs_f64(trial.period_s);
+    let (ran, late) = beside(|| trial.run());
     assert_eq!(ran.end.reason, Reason::Done, "{}", ran.lines());
     assert_eq!(ran.end.counts.commits, 2, "{}", ran.lines());
     assert!(ran.outcomes().contains(&Outcome::RolledBack), "{}", ran.lines());
+    let stops = stops(&ran);
+    eprintln!("from contact to stop: {stops:?}; bare threads woke up late by up to {:?}", late.most);
+    assert!(!stops.is_empty(), "{}", ran.lines());
+    for stop in stops {
+        assert!(late.apart_from(stop, WAKINGS) < period, "stopped {stop:?} after the contact, {late:?}");
+    }
 }

@@ -34,6 +34,7 @@
     deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::indexing_slicing)
 )]
 
+mod beside;
 mod leases;
 mod motions;
 mod readings;
@@ -41,6 +42,8 @@ mod refusals;
 mod streams;
 mod trial;
 mod velocities;
+
+pub use beside::{Lateness, beside};
 
 use mobee_contract::{Driver, Time};
 

@@ -3,12 +3,10 @@
 #![allow(clippy::disallowed_methods, reason = "real sockets live in real time")]
 
 use crate::net::Net;
-use mobee_conformance::{Bench, DriverPromise};
+use mobee_conformance::{Bench, DriverPromise, beside};
 use mobee_contract::{Driver, Hardware, Time};
 use mobee_drivers::YarpHardware;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
+use std::sync::Mutex;
 use std::time::Duration;
 
 /// A robot of two boards behind a name server of its own.
@@ -46,46 +44,13 @@ const STALL: Duration = Duration::from_millis(5);
 /// Attempts on a disturbed machine.
 const ATTEMPTS: u32 = 20;
 
-/// The longest time by which bare threads, one per processor, woke up late.
-struct Witness {
-    over: Arc<AtomicBool>,
-    threads: Vec<JoinHandle<Duration>>,
-}
-
-impl Witness {
-    fn start() -> Witness {
-        let over = Arc::new(AtomicBool::new(false));
-        let watch = |over: Arc<AtomicBool>| {
-            let (nap, mut longest) = (Duration::from_millis(2), Duration::ZERO);
-            while !over.load(Ordering::Relaxed) {
-                let then = std::time::Instant::now();
-                std::thread::sleep(nap);
-                longest = longest.max(then.elapsed().saturating_sub(nap));
-            }
-            longest
-        };
-        let processors = std::thread::available_parallelism().map_or(1, usize::from);
-        let thread = |_| {
-            let over = over.clone();
-            std::thread::spawn(move || watch(over))
-        };
-        Witness { threads: (0..processors).map(thread).collect(), over }
-    }
-
-    fn end(self) -> Duration {
-        self.over.store(true, Ordering::Relaxed);
-        self.threads.into_iter().map(|t| t.join().unwrap()).max().unwrap_or_default()
-    }
-}
-
 /// A promise in real time. What is seen while the machine was taken away tells nothing of the driver: it is tried again, so often
 /// that on a machine that is never quiet it must hold once.
 fn attempt(promise: DriverPromise) -> Option<String> {
     let mut seen = String::new();
     for _ in 0..ATTEMPTS {
-        let witness = Witness::start();
-        let held = (promise.check)(&mut Real::new());
-        let stalled = witness.end();
+        let (held, late) = beside(|| (promise.check)(&mut Real::new()));
+        let stalled = late.most;
         match held {
             Ok(()) => return None,
             Err(what) => seen = format!("{}: {what} (threads woke up late by up to {stalled:?})", promise.name),

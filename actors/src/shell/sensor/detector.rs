@@ -1,0 +1,119 @@
+//! The detector's shell.
+
+use super::{Eye, Looking, PATIENCE, PartMaker, Seen};
+use crate::runtime::attempt::{Given, attempt};
+use crate::wiring::SharedContext;
+use mobee_contract::{Detector, Event, SwapPart, SwapStep};
+use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
+use std::sync::Arc;
+
+/// The detector's actor.
+pub struct DetectorActor;
+
+/// What it hears.
+pub enum DetectorMsg {
+    /// There is a frame.
+    Frames,
+    /// Another detector takes over, with what this one has learned unless it is to begin anew; answered when it has.
+    TakeOver {
+        /// Makes it.
+        maker: PartMaker<dyn Detector>,
+        /// Whether it begins anew.
+        fresh: bool,
+        /// Who waits.
+        reply: RpcReplyPort<()>,
+    },
+}
+
+/// What it keeps.
+pub struct Detecting {
+    shared: Arc<SharedContext>,
+    eye: Arc<Eye>,
+    /// Away while it looks at a frame.
+    detector: Option<Box<dyn Detector>>,
+}
+
+impl Detecting {
+    /// Makes the detector in force. One that does not take what was learned begins anew.
+    fn make(&mut self) -> Result<(), String> {
+        let Looking { maker, state } = self.eye.seat.part();
+        let mut detector = maker()?;
+        if let Some(state) = state {
+            let _ = detector.import(state);
+        }
+        self.detector = Some(detector);
+        Ok(())
+    }
+
+    /// Makes another detector the one in force.
+    fn take_over(&mut self, maker: PartMaker<dyn Detector>, fresh: bool) -> Result<(), String> {
+        let now = self.shared.clock.now();
+        let state = self.eye.seat.part().state.filter(|_| !fresh);
+        if !self.eye.seat.take_over(Looking { maker, state }, now) {
+            return Ok(());
+        }
+        // told first: what its making breaks is a reason to revert
+        self.shared.tell_beside(&self.eye.name, SwapPart::Detector, SwapStep::TookOver { gap: 0.0, map: None });
+        self.make()
+    }
+
+    /// Looks at the newest frame; `false`: there is none.
+    async fn look(&mut self) -> Result<bool, String> {
+        let Some(frame) = self.eye.frames.pop() else { return Ok(false) };
+        let mut detector = self.detector.take().ok_or("the detector is away")?;
+        let (exposed, intrinsics) = (frame.exposed, frame.intrinsics);
+        let look = move || {
+            let (regions, cost) = (detector.detect(&frame), detector.takes());
+            let state = detector.export();
+            Given { value: (detector, regions, state), cost }
+        };
+        let budget = self.eye.seat.budget().unwrap_or(PATIENCE);
+        let (detector, regions, state) = attempt(&self.shared.clock, budget, look).await?;
+        self.detector = Some(detector);
+        self.eye.seat.change(|looking| looking.state = state);
+        self.eye.seat.answered(self.shared.clock.now());
+        if let Some(seen) = &self.eye.seen {
+            let camera = self.eye.name.as_str().into();
+            seen.push(Seen { camera, intrinsics, exposed, regions: regions.clone() });
+        }
+        self.shared.tell(Event::Sighted { camera: self.eye.name.clone(), exposed, regions });
+        Ok(true)
+    }
+}
+
+impl Actor for DetectorActor {
+    type Msg = DetectorMsg;
+    type State = Detecting;
+    type Arguments = (Arc<SharedContext>, Arc<Eye>);
+
+    async fn pre_start(
+        &self,
+        myself: ActorRef<DetectorMsg>,
+        (shared, eye): Self::Arguments,
+    ) -> Result<Detecting, ActorProcessingErr> {
+        let mut detecting = Detecting { shared, eye, detector: None };
+        detecting.make()?;
+        detecting.eye.detector.connect(myself.clone());
+        detecting.eye.frames.attach(Box::new(move || myself.send_message(DetectorMsg::Frames).is_ok()));
+        Ok(detecting)
+    }
+
+    async fn handle(
+        &self,
+        myself: ActorRef<DetectorMsg>,
+        message: DetectorMsg,
+        detecting: &mut Detecting,
+    ) -> Result<(), ActorProcessingErr> {
+        match message {
+            // one at a time: other messages have their turn although there is always a newer frame
+            DetectorMsg::Frames if detecting.look().await? => myself.send_message(DetectorMsg::Frames)?,
+            DetectorMsg::Frames => {}
+            DetectorMsg::TakeOver { maker, fresh, reply } => {
+                detecting.take_over(maker, fresh)?;
+                // who asked may have gone
+                let _ = reply.send(());
+            }
+        }
+        Ok(())
+    }
+}

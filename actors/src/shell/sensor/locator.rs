@@ -1,0 +1,113 @@
+//! The locator's shell: pairs what was seen with the body as it was then.
+
+use super::{Eye, PATIENCE, Placing, Seen};
+use crate::runtime::attempt::{Given, attempt};
+use crate::runtime::clock::Clock;
+use crate::wiring::SharedContext;
+use mobee_contract::{BodyState, Event, Locator, Sighting, Time};
+use mobee_controller::history::Unrecorded;
+use ractor::{Actor, ActorProcessingErr, ActorRef};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How soon to look again for a reading that is not there yet, and how often at most: readings may come late by a second.
+const AGAIN: Duration = Duration::from_millis(10);
+const TIMES: u32 = 100;
+
+/// The locator's actor.
+pub struct LocatorActor;
+
+/// What it hears.
+#[derive(Debug)]
+pub enum LocatorMsg {
+    /// Something was seen by the camera of this index.
+    Seen(usize),
+}
+
+/// What it keeps.
+pub struct Locating {
+    shared: Arc<SharedContext>,
+    eyes: Vec<Arc<Eye>>,
+    placing: Arc<Placing>,
+    /// Away while it is asked.
+    locator: Option<Box<dyn Locator>>,
+}
+
+impl Placing {
+    /// The body at this instant, by the robot's recorded poses; none if they don't tell.
+    async fn body(&self, clock: &Clock, at: Time) -> Option<BodyState> {
+        for _ in 0..TIMES {
+            let pose = self.robot.ledger.book().history.at(at);
+            match pose {
+                Ok(q) => return Some(BodyState { at, q }),
+                Err(Unrecorded::NotYet) => clock.sleep(AGAIN).await,
+                Err(Unrecorded::NoMore) => return None,
+            }
+        }
+        None
+    }
+}
+
+impl Locating {
+    async fn locate(&mut self, seen: Seen, body: BodyState) -> Result<(), String> {
+        let mut locator = self.locator.take().ok_or("the locator is away")?;
+        let Seen { camera, intrinsics, exposed, regions } = seen;
+        let sighting = |region| Sighting { camera: camera.clone(), intrinsics, region, at: exposed };
+        let sightings: Vec<Sighting> = regions.into_iter().map(sighting).collect();
+        let locate = move || {
+            let (objects, cost) = (locator.locate(&sightings, &body), locator.takes());
+            let state = locator.export();
+            Given { value: (locator, objects, state), cost }
+        };
+        let (locator, objects, state) = attempt(&self.shared.clock, PATIENCE, locate).await?;
+        self.locator = Some(locator);
+        *self.placing.state.lock() = state;
+        // here they will go through the gate (workspace, jump, uncertainty) into the model
+        self.shared.tell(Event::Located { sensor: self.placing.sensor.clone(), exposed, objects });
+        Ok(())
+    }
+}
+
+impl Actor for LocatorActor {
+    type Msg = LocatorMsg;
+    type State = Locating;
+    type Arguments = (Arc<SharedContext>, Vec<Arc<Eye>>, Arc<Placing>);
+
+    async fn pre_start(
+        &self,
+        myself: ActorRef<LocatorMsg>,
+        (shared, eyes, placing): Self::Arguments,
+    ) -> Result<Locating, ActorProcessingErr> {
+        let mut locator = (placing.locator)()?;
+        if let Some(state) = placing.state.lock().clone() {
+            // one that does not take it begins anew
+            let _ = locator.import(state);
+        }
+        for (i, eye) in eyes.iter().enumerate() {
+            let bell = myself.clone();
+            let doorbell = Box::new(move || bell.send_message(LocatorMsg::Seen(i)).is_ok());
+            eye.seen.iter().for_each(|stream| stream.attach(doorbell.clone()));
+        }
+        Ok(Locating { shared, eyes, placing, locator: Some(locator) })
+    }
+
+    async fn handle(
+        &self,
+        myself: ActorRef<LocatorMsg>,
+        LocatorMsg::Seen(i): LocatorMsg,
+        locating: &mut Locating,
+    ) -> Result<(), ActorProcessingErr> {
+        let Some(eye) = locating.eyes.get(i).cloned() else { return Ok(()) };
+        let Some(stream) = &eye.seen else { return Ok(()) };
+        let (placing, clock) = (locating.placing.clone(), locating.shared.clock.clone());
+        let Some(seen) = stream.pop() else { return Ok(()) };
+        match placing.body(&clock, seen.exposed).await {
+            Some(body) if !seen.regions.is_empty() => locating.locate(seen, body).await?,
+            Some(_) => {}
+            None => stream.discard(),
+        }
+        // one at a time: the other cameras have their turn
+        myself.send_message(LocatorMsg::Seen(i))?;
+        Ok(())
+    }
+}

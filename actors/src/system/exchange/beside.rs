@@ -1,0 +1,195 @@
+//! Exchanging what runs beside the robots: a bridge, or the detector of a camera.
+//!
+//! ```text
+//! bridge     its motions are taken back, its life ends in order ──> the new one is served ──> TookOver
+//! detector   between two frames ──> the new one is made, with what the old one has learned ──> TookOver
+//! TookOver ──it works, and its probation is over──> Settled
+//!              │ its actor dies: the one before is what is started again, Reverted
+//! ```
+//! Nothing of it is in the pulse: no boundary is waited for.
+
+use super::{Exchanges, LOOK};
+use crate::runtime::attempt::{Given, attempt};
+use crate::runtime::clock::ClockKind;
+use crate::runtime::supervision::{Between, GroupMsg};
+use crate::runtime::swap::SwapPolicy;
+use crate::shell::{DetectorMsg, Eye, PartMaker, Post};
+use crate::system::tree::services_of;
+use crate::wiring::{Seat, SharedContext};
+use mobee_contract::{Detector, Service, SwapPart, SwapStep};
+use ractor::ActorRef;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long a detector may take to come to the end of its frame.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A new part of what runs beside the robots.
+#[derive(Clone)]
+pub enum NewBeside {
+    /// Another bridge.
+    Bridge(Arc<dyn Service>),
+    /// Another detector.
+    Detector {
+        /// Makes it.
+        maker: PartMaker<dyn Detector>,
+        /// Whether it begins anew, without what the old one has learned.
+        fresh: bool,
+    },
+}
+
+impl NewBeside {
+    /// Which part it is.
+    pub fn part(&self) -> SwapPart {
+        match self {
+            NewBeside::Bridge(_) => SwapPart::Bridge,
+            NewBeside::Detector { .. } => SwapPart::Detector,
+        }
+    }
+}
+
+impl std::fmt::Debug for NewBeside {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "NewBeside({})", self.part())
+    }
+}
+
+/// A new part of what runs beside the robots, as it is offered.
+#[derive(Clone, Debug)]
+pub struct BesideOffer {
+    /// It.
+    pub part: NewBeside,
+    /// What it is, in words.
+    pub what: String,
+    /// What it must go through. Nothing beside the robots looks on: its shadow is not used.
+    pub terms: SwapPolicy,
+}
+
+/// What runs beside the robots.
+#[derive(Default)]
+pub(in crate::system) struct Beside {
+    /// The group of all services, if there are any.
+    pub(in crate::system) services: Option<ActorRef<GroupMsg>>,
+    pub(in crate::system) posts: Vec<Arc<Post>>,
+    pub(in crate::system) eyes: Vec<Arc<Eye>>,
+}
+
+impl Exchanges {
+    /// Begins an exchange, if there is what it is a part of, and none of it is under way. The run goes on meanwhile.
+    ///
+    /// # Errors
+    /// Why it is not begun.
+    pub(in crate::system) fn begin_beside(&mut self, name: &str, offer: BesideOffer) -> Result<(), String> {
+        while self.tasks.try_join_next().is_some() {}
+        let BesideOffer { part, what, terms } = offer;
+        let trial = |part| Trial { shared: self.shared.clone(), name: name.to_owned(), part, budget: terms.budget };
+        match part {
+            NewBeside::Bridge(new) => {
+                let post = self.beside.posts.iter().find(|post| post.name() == name).cloned();
+                let (Some(post), Some(services)) = (post, self.beside.services.clone()) else {
+                    return Err(format!("there is no bridge {name} here"));
+                };
+                if self.shared.clock.kind() == ClockKind::Virtual && !new.runs_in_virtual_time() {
+                    return Err(format!("the bridge {} can't run in virtual time", new.name()));
+                }
+                let trial = trial(SwapPart::Bridge);
+                trial.announce(post.seat(), what, terms)?;
+                self.tasks.spawn(async move {
+                    let taken = trial.bridge(&post, services, new).await;
+                    trial.see_through(taken, post.seat()).await;
+                });
+            }
+            NewBeside::Detector { maker, fresh } => {
+                let eye = self.beside.eyes.iter().find(|eye| eye.name == name).cloned();
+                let eye = eye.ok_or_else(|| format!("there is no camera {name} here"))?;
+                let trial = trial(SwapPart::Detector);
+                trial.announce(&eye.seat, what, terms)?;
+                self.tasks.spawn(async move {
+                    let taken = trial.detector(&eye, maker, fresh).await;
+                    trial.see_through(taken, &eye.seat).await;
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The exchange of one part.
+struct Trial {
+    shared: Arc<SharedContext>,
+    name: String,
+    part: SwapPart,
+    budget: Duration,
+}
+
+impl Trial {
+    fn tell(&self, step: SwapStep) {
+        self.shared.tell_beside(&self.name, self.part, step);
+    }
+
+    fn announce<P: Clone>(&self, seat: &Seat<P>, what: String, terms: SwapPolicy) -> Result<(), String> {
+        if !seat.offer(SwapPolicy { shadow: Duration::ZERO, ..terms }, self.shared.clock.now()) {
+            return Err(format!("another swap of this {} is under way; wait until it is settled", self.part));
+        }
+        self.tell(SwapStep::Offered { what, shadow: 0.0, probation: terms.probation.as_secs_f64() });
+        Ok(())
+    }
+
+    /// Takes the motions of the present bridge back, has it leave, and serves the new one.
+    async fn bridge(
+        &self,
+        post: &Arc<Post>,
+        services: ActorRef<GroupMsg>,
+        new: Arc<dyn Service>,
+    ) -> Result<(), String> {
+        let begun = self.shared.clock.now();
+        post.vacate("another takes its place");
+        let (shared, seated) = (self.shared.clone(), post.clone());
+        let between = Between(Box::new(move || {
+            let now = shared.clock.now();
+            if seated.take_over(new, now) {
+                let gap = now.since(begun).as_secs_f64();
+                shared.tell_beside(seated.name(), SwapPart::Bridge, SwapStep::TookOver { gap, map: None });
+            }
+        }));
+        let renewed = ractor::call!(services, GroupMsg::Renew, services_of(post.name()), between);
+        renewed.map_err(|_| "the one before is gone until the next run".into())
+    }
+
+    /// Hands the camera's frames to the new detector, once it is known that it can be made.
+    async fn detector(&self, eye: &Arc<Eye>, maker: PartMaker<dyn Detector>, fresh: bool) -> Result<(), String> {
+        let clock = &self.shared.clock;
+        let made = maker.clone();
+        let make = move || Given { value: made().map(drop), cost: Duration::ZERO };
+        attempt(clock, self.budget, make).await??;
+        let until = clock.now() + PATIENCE;
+        while clock.now() < until {
+            let (reply, done) = ractor::concurrency::oneshot();
+            eye.detector.send(DetectorMsg::TakeOver { maker: maker.clone(), fresh, reply: reply.into() });
+            tokio::select! {
+                biased;
+                // an error: its actor died, of this or before
+                done = done => if done.is_ok() || !eye.seat.is_offered() { return Ok(()) },
+                () = clock.sleep_until(until) => break,
+            }
+            clock.sleep(LOOK).await;
+        }
+        Err(format!("the detector in force did not come to the end of a frame within {} s", PATIENCE.as_secs()))
+    }
+
+    /// Waits until the new part is trusted, or the one before is back, which is told where its actor died.
+    async fn see_through<P: Clone>(&self, taken: Result<(), String>, seat: &Seat<P>) {
+        let clock = &self.shared.clock;
+        if let Err(why) = taken {
+            let reverts = seat.broke(clock.now());
+            seat.withdraw(clock.now());
+            self.tell(if reverts { SwapStep::Reverted { why } } else { SwapStep::Refused { why } });
+        }
+        while seat.budget().is_some() {
+            if seat.settles(clock.now()) {
+                self.tell(SwapStep::Settled);
+            }
+            clock.sleep(LOOK).await;
+        }
+    }
+}
