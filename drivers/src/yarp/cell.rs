@@ -390,3 +390,6 @@ pub fn word(of: ControlMode) -> Vocab {
 pub fn instant() -> Instant {
     Instant::now()
 }
+
+#[cfg(test)]
+mod tests;

@@ -400,3 +400,6 @@ impl Hand {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
