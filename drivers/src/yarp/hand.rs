@@ -145,7 +145,7 @@ impl Hand {
                     let Some(order) = order else { break };
                     self.carry_out(order).await;
                 }
-                _ = refresh.tick(), if !self.speeds.is_empty() => self.say_speeds(),
+                _ = refresh.tick() => self.say_speeds(),
                 _ = asking.tick() => {
                     if self.again.is_some_and(|at| self.cell.secs(super::cell::instant()) >= at) {
                         let now = link.borrow().clone();

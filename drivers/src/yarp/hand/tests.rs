@@ -4,10 +4,10 @@ mod orders;
 mod references;
 mod rig;
 
-use super::super::cell::{SharedBoards, Trouble, instant};
+use super::super::cell::{SharedBoards, Trouble};
 use super::*;
 use mobee_yarp::board::mode;
-use rig::{FakeBoard, Heard, Rig, Trick, group, moves, stop, to_20};
+use rig::{Heard, Rig, Trick, group, moves, stop, to_20};
 use std::sync::Mutex;
 use tokio::time::sleep;
 

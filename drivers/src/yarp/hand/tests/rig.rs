@@ -184,7 +184,7 @@ pub struct Rig {
     pub board: Arc<FakeBoard>,
     orders: mpsc::Sender<Order>,
     halt: watch::Sender<Arc<Halt>>,
-    pub lease: watch::Sender<Option<Instant>>,
+    _lease: watch::Sender<Option<Instant>>,
     pub end: watch::Sender<bool>,
 }
 
@@ -222,7 +222,7 @@ impl Rig {
                 sleep(PUBLISHES).await;
             }
         });
-        Rig { cell, board, orders, halt, lease, end }
+        Rig { cell, board, orders, halt, _lease: lease, end }
     }
 
     /// The board has been taken over, and rests. It is owed nothing, so that what is told is what was ordered.
