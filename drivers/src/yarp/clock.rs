@@ -235,15 +235,28 @@ mod tests {
         }
     }
 
+    /// Where late begins, and how far apart two clocks are.
+    #[test]
+    fn what_is_just_in_time_is_not_late() {
+        let mut arrivals = Arrivals::default();
+        assert_eq!(arrivals.read_at(0.0, Some(0.0), None), Some(0.0));
+        arrivals.read_at(LATE, Some(0.0), None);
+        let at = arrivals.read_at(0.14, Some(0.09), None);
+        assert_eq!(at, Some(0.09), "the first that is late: there was none 0.1 s before");
+        // answers and states ten seconds apart are told by two clocks
+        let read = |arrival: f64| Arrivals::default().read_at(arrival, Some(-LATE), Some(0.0));
+        assert_eq!([9.5, TWO_CLOCKS].map(read), [Some(0.0), Some(TWO_CLOCKS)]);
+    }
+
     /// The clock of a new connection is another one, and is believed at once; time goes on all the same.
     #[test]
     fn a_new_connection_has_a_clock_of_its_own() {
         let mut arrivals = Arrivals::default();
         (0..100).for_each(|i| _ = arrivals.read_at(0.02 * f64::from(i), Some(7.0 + 0.02 * f64::from(i)), None));
         arrivals.reset();
-        assert_eq!(arrivals.read_at(1.98, Some(3.0), None), None, "a state was read then already");
+        assert_eq!(arrivals.read_at(3.0, Some(9.5), None), Some(3.0), "half a second behind the clock of before");
         arrivals.reset();
-        assert_eq!(arrivals.read_at(3.0, Some(7.5), None), Some(3.0), "half a second behind the clock of before");
+        assert_eq!(arrivals.read_at(3.0, Some(1.0), None), None, "a state was read then already");
     }
 
     #[test]
