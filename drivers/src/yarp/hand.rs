@@ -151,10 +151,12 @@ impl Hand {
                         let now = link.borrow().clone();
                         self.linked(now).await;
                     }
-                    self.ask_done().await;
-                    self.confirm().await;
-                    self.put_back(false).await;
-                    self.ask_anything().await;
+                    if self.is_usable() {
+                        self.ask_done().await;
+                        self.confirm().await;
+                        self.put_back(false).await;
+                        self.ask_anything().await;
+                    }
                 }
             }
         }
@@ -164,6 +166,11 @@ impl Hand {
 
     fn patch(&self) -> Option<&Patch> {
         self.layout.patches.get(self.index)
+    }
+
+    /// Whether somebody is there to be asked.
+    fn is_usable(&self) -> bool {
+        self.cell.lock().boards.get(self.index).is_some_and(|known| known.trouble.is_none())
     }
 
     fn motors(&self, joints: &[usize]) -> Vec<usize> {
@@ -377,9 +384,12 @@ impl Hand {
     /// Asks for something if nothing was asked for a while: how long the board takes to answer is known at any time.
     async fn ask_anything(&mut self) {
         let now = self.cell.secs(super::cell::instant());
-        let due = self.cell.lock().boards.get(self.index).is_some_and(|known| {
-            known.trouble.is_none() && known.answers.newest().is_none_or(|newest| now >= newest + UNASKED)
-        });
+        let due = self
+            .cell
+            .lock()
+            .boards
+            .get(self.index)
+            .is_some_and(|known| known.answers.newest().is_none_or(|newest| now >= newest + UNASKED));
         if due && !self.cell.is_let_go() {
             let _ = self.say(&Ask::Get(Get::Axes)).await;
         }

@@ -58,10 +58,13 @@ async fn a_board_that_another_program_drives_is_not_ours() {
     assert_eq!(is(LinkState::Down("gone".into())).await, (false, Some(lost)));
     rig.heard();
     rig.order(to_20());
+    rig.known(|known| known.gauge.told(0, 0.0, 90.0, 10.0));
+    rig.known(|known| known.gauge.outran(0, 4.0));
     rig.after(500).await;
-    assert_eq!(rig.told(), [], "nothing is told where nobody is");
-    let asked = rig.known(|known| known.motions.ask());
-    assert_eq!((rig.done(), asked), (vec![true, true], None), "and nothing waits for it");
+    assert_eq!(rig.heard(), [], "nothing is said where nobody is");
+    rig.board.link.send_replace(LinkState::Up(2));
+    rig.after(200).await;
+    assert_eq!((rig.trouble(), rig.done()), (None, vec![true, true]), "nothing was carried out, and it is over");
 }
 
 /// A board that does not stop when it is reached is not used, and is told again a tenth of a second later, until it does.

@@ -5,7 +5,8 @@ use super::*;
 /// What a board refuses on the way to a move ends it: it would be made otherwise than it was ordered.
 #[tokio::test(start_paused = true)]
 async fn a_move_is_not_made_where_the_board_refuses_what_comes_before_it() {
-    let refused: [(&str, fn(&Ask) -> bool); 3] = [
+    type Which = fn(&Ask) -> bool;
+    let refused: [(&str, Which); 3] = [
         ("stiffness", |ask| matches!(ask, Ask::Set(Set::Interaction(..)))),
         ("mode", |ask| matches!(ask, Ask::Set(Set::Mode(..)))),
         ("speed", |ask| matches!(ask, Ask::Set(Set::Speed(..)))),
