@@ -168,9 +168,10 @@ impl Hand {
         self.layout.patches.get(self.index)
     }
 
-    /// Whether somebody is there to be asked.
+    /// Whether somebody is there to be asked, and no other process asks him.
     fn is_usable(&self) -> bool {
-        self.cell.lock().boards.get(self.index).is_some_and(|known| known.trouble.is_none())
+        let is_there = self.cell.lock().boards.get(self.index).is_some_and(|known| known.trouble.is_none());
+        is_there && !self.cell.is_let_go()
     }
 
     fn motors(&self, joints: &[usize]) -> Vec<usize> {
@@ -390,7 +391,7 @@ impl Hand {
             .boards
             .get(self.index)
             .is_some_and(|known| known.answers.newest().is_none_or(|newest| now >= newest + UNASKED));
-        if due && !self.cell.is_let_go() {
+        if due {
             let _ = self.say(&Ask::Get(Get::Axes)).await;
         }
     }

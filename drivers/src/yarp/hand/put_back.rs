@@ -90,7 +90,7 @@ impl Hand {
         let mut guard = self.cell.lock();
         let inner = &mut *guard;
         let known = inner.boards.get_mut(self.index)?;
-        if !known.owed.is_any() || known.trouble.is_some() || !known.reached || self.cell.is_let_go() {
+        if !known.owed.is_any() || self.cell.is_let_go() {
             return None;
         }
         known.owed.see(&known.modes);

@@ -5,6 +5,7 @@ mod references;
 mod rig;
 
 use super::super::cell::{SharedBoards, Trouble};
+use super::super::found::{Finding, Owed, Restored};
 use super::*;
 use mobee_yarp::board::mode;
 use rig::{Heard, Rig, Trick, group, moves, stop, to_20};
@@ -189,7 +190,14 @@ async fn an_order_ends_with_its_connection() {
 /// Once another process drives the robot, nothing is said any more, not even a stop.
 #[tokio::test(start_paused = true)]
 async fn a_board_that_was_let_go_hears_nothing_more() {
-    let rig = Rig::up().await;
+    let rig = Rig::owing().await;
+    let late = Duration::from_millis(50);
+    rig.board.plays(move |_, ask| matches!(ask, Ask::Get(Get::Done(_))).then_some(Trick::Late(late)));
+    rig.order(to_20());
+    rig.after(200).await;
+    rig.heard();
+    // while its answer to a question is on its way, and something is owed
+    rig.known(|known| known.owed.changes(Restored::Speed, &[0]));
     rig.cell.let_go();
     rig.halts();
     rig.after(300).await;
@@ -224,4 +232,53 @@ async fn a_board_that_hears_nothing_is_asked_something() {
     assert_eq!(took, Duration::from_millis(1));
     let ahead = rig.known(|known| known.ahead).unwrap();
     assert!((ahead + 5.0 - 0.001).abs() < 1e-6, "its clock is five seconds ahead: {ahead}");
+}
+
+/// What a board refuses to be given back is said three times; what it does not answer, until it does.
+#[tokio::test(start_paused = true)]
+async fn a_board_is_given_back_what_it_takes() {
+    let before = Set::Speed(group(&[1]), vec![5.0]);
+    for (is_answered, times) in [(true, 3), (false, 6)] {
+        let rig = Rig::owing().await;
+        let mut broken = 5;
+        rig.board.plays(move |_, ask| match ask {
+            Ask::Set(Set::Speed(_, speed)) if *speed == [5.0] && is_answered => Some(Trick::Refuses),
+            Ask::Set(Set::Speed(_, speed)) if *speed == [5.0] && broken > 0 => {
+                broken -= 1;
+                Some(Trick::Breaks)
+            }
+            _ => None,
+        });
+        rig.order(Do::Reference { joints: vec![1], speed: vec![7.0], acceleration: vec![50.0] });
+        rig.after(1000).await;
+        let said = rig.told().iter().filter(|set| **set == before).count();
+        assert_eq!((said, rig.known(|known| known.owed.is_any())), (times, false), "answered: {is_answered}");
+    }
+}
+
+/// Who commands a motor next goes by the mode that it is about to have again, of this motor and no other.
+#[tokio::test(start_paused = true)]
+async fn a_mode_that_is_given_back_is_expected() {
+    let rig = Rig::owing().await;
+    rig.known(|known| {
+        let found = |mode| Finding { mode: Some(mode), speed: Some(5.0), ..Finding::default() };
+        (known.owed, known.modes) = (Owed::new(2), vec![mode::POSITION; 2]);
+        known.owed.find(vec![found(mode::POSITION), found(mode::VELOCITY)]);
+        known.owed.changes(Restored::Speed, &[0]);
+    });
+    let expected = |rig: &Rig| {
+        let inner = rig.cell.lock();
+        (inner.expected.clone(), inner.switching.iter().map(Option::is_some).collect::<Vec<bool>>())
+    };
+    use ControlMode::{Position, Velocity};
+    rig.after(100).await;
+    assert_eq!(expected(&rig), (vec![Position; 3], vec![false; 3]), "a speed is no mode");
+    rig.board.plays(|_, ask| matches!(ask, Ask::Set(Set::Mode(..))).then(|| Trick::Says(reply::ok())));
+    rig.known(|known| known.owed.changes(Restored::Mode, &[1]));
+    rig.after(100).await;
+    assert_eq!(expected(&rig), (vec![Position, Position, Velocity], vec![false, false, true]));
+    rig.board.with(1, |axis| axis.mode = mode::VELOCITY);
+    rig.after(50).await;
+    assert_eq!(expected(&rig).1, [false; 3], "from now on what the board reports counts");
+    assert_eq!(rig.told(), [Set::Speed(group(&[0]), vec![5.0]), Set::Mode(group(&[1]), vec![mode::VELOCITY])]);
 }

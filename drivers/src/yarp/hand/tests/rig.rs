@@ -2,7 +2,6 @@
 
 use super::super::super::YarpDriverSettings;
 use super::super::super::cell::{BoardFacts, describe, instant, word};
-use super::super::super::found::Owed;
 use super::super::super::layout::{Layout, Patch};
 use super::super::super::remote::{Later, Remote};
 use super::super::super::states::states;
