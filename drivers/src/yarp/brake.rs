@@ -99,15 +99,10 @@ impl Brake {
             Err(error) => Some(format!("{}: no way for stops: {error}", self.port)),
         };
         let good = trouble.is_none();
-        let mut inner = self.cell.lock();
-        let news = inner.boards.get_mut(self.index).is_some_and(|known| {
-            let before = std::mem::replace(&mut known.brake, trouble);
-            before.is_some() == good
-        });
-        drop(inner);
-        if news {
-            self.cell.ring();
+        if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
+            known.brake = trouble;
         }
+        self.cell.ring();
         good
     }
 

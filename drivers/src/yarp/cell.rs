@@ -381,6 +381,11 @@ pub fn word(of: ControlMode) -> Vocab {
     }
 }
 
+/// Whether a lease until then holds.
+pub fn holds(lease: Option<Instant>) -> bool {
+    lease.is_some_and(|until| until > instant())
+}
+
 /// The monotonic clock that arrivals are told on. A robot behind a network lives in real time; the run's own time comes in
 /// with every call of the driver contract.
 #[expect(
@@ -390,3 +395,6 @@ pub fn word(of: ControlMode) -> Vocab {
 pub fn instant() -> Instant {
     Instant::now()
 }
+
+#[cfg(test)]
+mod tests;

@@ -106,3 +106,23 @@ impl CheckedAgainst<'_> {
 fn lowered(axes: &[&Axis], list: &[f64], what: &str, most: fn(&Axis) -> f64) -> Result<Vec<f64>, String> {
     Ok(references(axes, list, what)?.iter().zip(axes).map(|(value, axis)| value.min(most(axis))).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A motor without a board stays where it is, as closely as encoders tell, and can be told so.
+    #[test]
+    fn what_has_no_board_is_not_moved() {
+        let axis = Axis { name: "alone".into(), min: -1.0, max: 1.0, max_speed: 1.0, max_acceleration: 1.0 };
+        let goes = |driven: bool, here: f64, to: f64| {
+            let (axes, driven, q) = ([axis.clone()], [driven], [here]);
+            let known = CheckedAgainst { axes: &axes, driven: &driven, q: &q, modes: &[ControlMode::Position] };
+            let to = Move { motors: vec![0], q: vec![to], relative: false, speed: None, acceleration: None };
+            known.check(&Command::Move(to)).is_ok()
+        };
+        let far = 2.0 * ENCODER_NOISE;
+        assert!(goes(false, 0.5, 0.5) && goes(false, 0.0, ENCODER_NOISE));
+        assert!(!goes(false, 0.5, 0.5 + far) && !goes(false, 0.5, 0.5 - far) && goes(true, 0.5, 0.5 + far));
+    }
+}

@@ -211,7 +211,8 @@ mod tests {
             })
             .collect();
         assert!(read[3..60].chunks(3).all(|of| of.iter().filter(|news| **news).count() == 1), "{read:?}");
-        assert!(!read[70] && read[90], "{read:?}");
+        let stands = 60 + STANDS as usize;
+        assert!(!read[61..stands].contains(&true) && !read[stands..].contains(&false), "{read:?}");
         // what came twice is no news
         let mut arrivals = Arrivals::default();
         let stamp = |count: u32| Some(Stamp { count, time: 7.0 + 0.01 * f64::from(count) });
@@ -222,16 +223,40 @@ mod tests {
 
     #[test]
     fn a_slow_drift_is_followed() {
-        let mut arrivals = Arrivals::default();
-        let mut at = 0.0;
-        let mut t = 0.0;
-        for i in 0..5000 {
-            t = 0.02 * f64::from(i);
-            at = arrivals.read_at(t, Some(1.0001 * t), None).unwrap();
+        // a clock that gains shortens the way; of one that loses it is looked for afresh, each ten seconds
+        for rate in [1.0001, 0.9999] {
+            let mut arrivals = Arrivals::default();
+            let mut late = 0.0f64;
+            for i in 0..5000 {
+                let t = 0.02 * f64::from(i);
+                late = late.max(t - arrivals.read_at(t, Some(rate * t), None).unwrap());
+            }
+            assert!((0.0..0.0025).contains(&late), "{rate}: {late}");
         }
-        assert!((t - at).abs() < 0.001, "{}", t - at);
+    }
+
+    /// Where late begins, and how far apart two clocks are.
+    #[test]
+    fn what_is_just_in_time_is_not_late() {
+        let mut arrivals = Arrivals::default();
+        assert_eq!(arrivals.read_at(0.0, Some(0.0), None), Some(0.0));
+        arrivals.read_at(LATE, Some(0.0), None);
+        let at = arrivals.read_at(0.14, Some(0.09), None);
+        assert_eq!(at, Some(0.09), "the first that is late: there was none 0.1 s before");
+        // answers and states ten seconds apart are told by two clocks
+        let read = |arrival: f64| Arrivals::default().read_at(arrival, Some(-LATE), Some(0.0));
+        assert_eq!([9.5, TWO_CLOCKS].map(read), [Some(0.0), Some(TWO_CLOCKS)]);
+    }
+
+    /// The clock of a new connection is another one, and is believed at once; time goes on all the same.
+    #[test]
+    fn a_new_connection_has_a_clock_of_its_own() {
+        let mut arrivals = Arrivals::default();
+        (0..100).for_each(|i| _ = arrivals.read_at(0.02 * f64::from(i), Some(7.0 + 0.02 * f64::from(i)), None));
         arrivals.reset();
-        assert_eq!(arrivals.read_at(t + 1.0, Some(3.0), None), Some(t + 1.0));
+        assert_eq!(arrivals.read_at(3.0, Some(9.5), None), Some(3.0), "half a second behind the clock of before");
+        arrivals.reset();
+        assert_eq!(arrivals.read_at(3.0, Some(1.0), None), None, "a state was read then already");
     }
 
     #[test]

@@ -24,8 +24,8 @@ impl Crew {
         match self.tasks.join_next_with_id().await {
             None => std::future::pending().await,
             Some(Ok((id, ()))) => format!("{} ended", self.name(id)),
-            Some(Err(error)) if error.is_panic() => format!("{} panicked", self.name(error.id())),
-            Some(Err(error)) => format!("{}: {error}", self.name(error.id())),
+            // nobody calls one of them off
+            Some(Err(error)) => format!("{} panicked", self.name(error.id())),
         }
     }
 
@@ -92,5 +92,15 @@ mod tests {
         assert_eq!((crew.lost().await, begun.elapsed().as_secs()), ("1 s ended".into(), 1));
         crew.ended().await;
         assert_eq!(begun.elapsed().as_secs(), 3);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_crew_tells_who_was_lost_and_how() {
+        let mut crew = Crew::default();
+        crew.add("hand".into(), std::future::pending());
+        crew.add("brake".into(), async { std::panic::resume_unwind(Box::new("planted")) });
+        assert_eq!(crew.lost().await, "brake panicked");
+        crew.add("reader".into(), std::future::ready(()));
+        assert_eq!(crew.lost().await, "reader ended");
     }
 }

@@ -1,6 +1,6 @@
 //! The driver: checks, marks, queues, and never waits.
 
-use super::cell::{Inner, SharedBoards, Trouble, instant};
+use super::cell::{Inner, SharedBoards, Trouble, holds, instant};
 use super::check::{CheckedAgainst, CheckedCommand};
 use super::fan::Fan;
 use super::hand::{Do, Halt, Order};
@@ -133,8 +133,7 @@ impl YarpDriver {
 
     /// By the run's time, and by the clock of the watch: what it has ended it does not see begin again.
     fn is_leased(&self, now: Time) -> bool {
-        let watched = *self.reach.lease.borrow();
-        self.leased.is_some_and(|until| until > now) && watched.is_some_and(|until| until > instant())
+        self.leased.is_some_and(|until| until > now) && holds(*self.reach.lease.borrow())
     }
 }
 

@@ -274,4 +274,69 @@ mod tests {
         }
         assert!(gauge.seen.is_empty(), "{:?}", gauge.seen);
     }
+    /// Goes to 12.5 degrees at 10 deg/s, read at these times and places; the speeds that were seen, by that.
+    fn timed(read: &[(f64, f64)]) -> Vec<f64> {
+        let mut gauge = Gauge::new(1);
+        gauge.begin();
+        gauge.told(0, 0.0, 12.5, 10.0);
+        read.iter().for_each(|(at, q)| gauge.read(*at, &[*q]));
+        gauge.answered(&[]);
+        gauge.seen().to_vec()
+    }
+
+    /// Where a mark was passed between two readings is where a joint of steady speed was; readings a tenth of a stretch apart are
+    /// enough for that, and one longer pause spoils the stretch.
+    #[test]
+    fn a_stretch_is_timed_between_its_marks() {
+        let steady: Vec<(f64, f64)> = (0..40).map(|k| (0.037 * f64::from(k), 0.37 * f64::from(k))).collect();
+        let seen = timed(&steady);
+        assert!(seen.len() == 2 && seen.iter().all(|times| (times - 1.0).abs() < 1e-9), "{seen:?}");
+        let pause = |from: f64, secs: f64| {
+            let half = [(-0.04, 0.05), (0.0, 0.15), (from, 0.3), (from + secs, 0.45), (from + secs + 0.04, 0.55)];
+            timed(&half.map(|(at, share)| (at, 12.5 * share))).len()
+        };
+        assert_eq!((pause(0.05, 0.05), pause(0.04, 0.06), pause(0.04, 0.2)), (1, 0, 0));
+    }
+
+    /// A joint that is told too short a way, too short a time or no speed at all is not timed; nor is one that does something else since.
+    #[test]
+    fn only_long_ways_are_timed_and_to_their_end() {
+        let asks = |way: f64, speed: f64, forgotten: bool| {
+            let mut gauge = Gauge::new(1);
+            gauge.begin();
+            gauge.told(0, 0.0, way, speed);
+            for k in 0..=100 {
+                if forgotten && k == 30 {
+                    gauge.forget(&[0]);
+                }
+                gauge.read(0.01 * f64::from(k), &[0.01 * way * f64::from(k)]);
+            }
+            gauge.asks()
+        };
+        assert!(asks(10.0, 10.0, false) && !asks(10.0, 10.0, true));
+        assert!(!asks(2.0, 1.0, false) && !asks(10.0, 100.0, false) && !asks(10.0, 0.0, false));
+    }
+
+    /// What was timed counts under the reference that was told, to a hundredth, until there is enough of it.
+    #[test]
+    fn enough_is_enough() {
+        let mut gauge = Gauge::new(1);
+        let outran = |gauge: &mut Gauge, read: f64| {
+            gauge.begin();
+            gauge.told(0, 0.0, 90.0, 10.0);
+            gauge.outran(0, 1.0);
+            gauge.answered(&[read]);
+            gauge.seen().len()
+        };
+        assert_eq!([9.85, 10.05, 10.2, 18.0].map(|read| outran(&mut gauge, read)), [0, 1, 1, 1]);
+        while gauge.seen().len() < ENOUGH - 1 {
+            outran(&mut gauge, 10.0);
+        }
+        // both stretches of one move
+        moved(&mut gauge, 30.0, 0.02, |t| t.min(1.0));
+        assert_eq!(gauge.seen().len(), ENOUGH);
+        gauge.told(0, 0.0, 90.0, 10.0);
+        gauge.outran(0, 1.0);
+        assert!(!gauge.asks(), "nobody is asked for what is known");
+    }
 }

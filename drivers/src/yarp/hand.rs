@@ -145,16 +145,18 @@ impl Hand {
                     let Some(order) = order else { break };
                     self.carry_out(order).await;
                 }
-                _ = refresh.tick(), if !self.speeds.is_empty() => self.say_speeds(),
+                _ = refresh.tick() => self.say_speeds(),
                 _ = asking.tick() => {
                     if self.again.is_some_and(|at| self.cell.secs(super::cell::instant()) >= at) {
                         let now = link.borrow().clone();
                         self.linked(now).await;
                     }
-                    self.ask_done().await;
-                    self.confirm().await;
-                    self.put_back(false).await;
-                    self.ask_anything().await;
+                    if self.is_usable() {
+                        self.ask_done().await;
+                        self.confirm().await;
+                        self.put_back(false).await;
+                        self.ask_anything().await;
+                    }
                 }
             }
         }
@@ -164,6 +166,12 @@ impl Hand {
 
     fn patch(&self) -> Option<&Patch> {
         self.layout.patches.get(self.index)
+    }
+
+    /// Whether somebody is there to be asked, and no other process asks him.
+    fn is_usable(&self) -> bool {
+        let is_there = self.cell.lock().boards.get(self.index).is_some_and(|known| known.trouble.is_none());
+        is_there && !self.cell.is_let_go()
     }
 
     fn motors(&self, joints: &[usize]) -> Vec<usize> {
@@ -377,10 +385,13 @@ impl Hand {
     /// Asks for something if nothing was asked for a while: how long the board takes to answer is known at any time.
     async fn ask_anything(&mut self) {
         let now = self.cell.secs(super::cell::instant());
-        let due = self.cell.lock().boards.get(self.index).is_some_and(|known| {
-            known.trouble.is_none() && known.answers.newest().is_none_or(|newest| now >= newest + UNASKED)
-        });
-        if due && !self.cell.is_let_go() {
+        let due = self
+            .cell
+            .lock()
+            .boards
+            .get(self.index)
+            .is_some_and(|known| known.answers.newest().is_none_or(|newest| now >= newest + UNASKED));
+        if due {
             let _ = self.say(&Ask::Get(Get::Axes)).await;
         }
     }
@@ -400,3 +411,6 @@ impl Hand {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

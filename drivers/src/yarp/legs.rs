@@ -233,6 +233,29 @@ mod tests {
         assert!((most..most + 0.0125).contains(&last), "{last}, {most}");
     }
 
+    /// A joint may be as far behind as that, and no farther.
+    #[test]
+    fn a_move_goes_on_while_its_joints_are_just_near_enough() {
+        let most = 0.5 * (0.05 + BEHIND.0) + BEHIND.1;
+        for (behind, goes) in [(most, true), (most + 1e-9, false)] {
+            let mut legs = Legs::default();
+            legs.begin(vec![1], (vec![0.0], vec![1.0]), &[0.5], &board());
+            let mut step = |ms: u64| legs.step(Time(ms * 1_000_000), PERIOD, &[0.0, -behind, 0.0])[0].1[0];
+            assert_eq!((step(0), step(20) > 0.0), (0.0, goes));
+        }
+    }
+
+    /// At 0.8 rad/s and 4 rad/s^2: a long way takes its time at that speed and a ramp, a short one two ramps.
+    #[test]
+    fn a_move_takes_no_longer_than_its_speed_and_ramps_need() {
+        for (way, secs) in [(1.0, 1.25 + 0.2), (0.04, 2.0 * 0.1)] {
+            let mut legs = Legs::default();
+            legs.begin(vec![1], (vec![0.0], vec![way]), &[1.0], &board());
+            let took = 0.02 * driven(&mut legs, |k| 20 * k).len() as f64;
+            assert!((secs..secs + 0.05).contains(&took), "{way}: {took}");
+        }
+    }
+
     #[test]
     fn a_motor_is_whose_who_commanded_it_last() {
         let mut legs = Legs::default();

@@ -127,7 +127,7 @@ impl Motions {
         while self.window.len() > MOST || self.window.get(1).is_some_and(|(t, _)| *t <= at - WHILE) {
             self.window.pop_front();
         }
-        let covered = self.window.front().is_some_and(|(t, _)| *t <= at - WHILE);
+        let covered = is_covered(&self.window);
         for (j, slot) in self.joints.iter_mut().enumerate() {
             let Doing::Busy { end, given: Some(given), arrived, .. } = *slot else { continue };
             let over = match end {
@@ -168,17 +168,18 @@ impl Motions {
     /// Whether a joint has nothing to do and its encoder shows that it rests.
     pub fn rests(&self, joint: usize) -> bool {
         let over = self.joints.get(joint) == Some(&Doing::Rest);
-        let covered = match (self.window.front(), self.window.back()) {
-            (Some((begun, _)), Some((ended, _))) => ended - begun >= WHILE,
-            _ => false,
-        };
-        over && covered && rests(&self.window, joint)
+        over && is_covered(&self.window) && rests(&self.window, joint)
     }
 
     /// Whether any motion is under way.
     pub fn is_busy(&self) -> bool {
         self.joints.iter().any(|d| *d != Doing::Rest)
     }
+}
+
+/// Whether there are states of long enough ago to tell a rest.
+fn is_covered(window: &VecDeque<(f64, Vec<f64>)>) -> bool {
+    window.front().zip(window.back()).is_some_and(|((begun, _), (ended, _))| *begun <= ended - WHILE)
 }
 
 fn rests(window: &VecDeque<(f64, Vec<f64>)>, joint: usize) -> bool {
@@ -282,6 +283,30 @@ mod tests {
         assert_eq!(m.speeds(2.0626), MeasuredSpeeds::Unknown, "the newest state is older");
         (0..10).for_each(|i| m.read(2.1 + 0.02 * f64::from(i), &[1.25, 0.05]));
         assert_eq!(m.speeds(2.2), MeasuredSpeeds::Rest);
+    }
+
+    /// States of another life of the board say nothing of this one: a joint rests once it was seen to for a while.
+    #[test]
+    fn a_rest_is_seen_anew_in_each_life_of_a_board() {
+        let mut m = Motions::new(2);
+        let ticket = m.order(&[0], End::Seen);
+        m.given(ticket, 4.0);
+        (0..10).for_each(|i| m.read(4.0 + 0.02 * f64::from(i), &[f64::from(i), 0.0]));
+        assert!(m.is_busy() && m.rests(1) && !m.rests(0));
+        m.forget();
+        for at in [5.0, 5.03, 5.06, 5.09] {
+            m.read(at, &[9.0, 0.0]);
+            assert!(m.is_busy() && !m.rests(1), "{at}");
+        }
+        m.read(5.125, &[9.0, 0.0]);
+        assert!(!m.is_busy() && m.rests(1) && m.rests(0));
+    }
+
+    #[test]
+    fn a_board_in_a_hurry_takes_no_more_room() {
+        let mut m = Motions::new(1);
+        (0..1000).for_each(|i| m.read(1e-4 * f64::from(i), &[0.0]));
+        assert_eq!(m.window.len(), MOST);
     }
 
     #[test]

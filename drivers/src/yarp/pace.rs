@@ -79,8 +79,10 @@ mod tests {
         assert_eq!(pace.exceeded(&[1.9 * 20.0, 90.0], 1.1), None);
         let fast = pace.exceeded(&[10.0, 150.0], 1.1).unwrap();
         assert_eq!((fast.joint, fast.most), (1, 50.0));
+        assert_eq!(pace.exceeded(&[45.0, 105.0], 1.1), None, "twice what it was told, and noise");
         pace.told(&[1], &[5.0], 3.0);
         assert_eq!(pace.exceeded(&[0.0, 90.0], 3.5), None, "it is still slowing down");
+        assert_eq!(pace.exceeded(&[0.0, 90.0], 4.0).map(|fast| fast.joint), Some(1), "a second is enough");
         let fast = pace.exceeded(&[0.0, 90.0], 4.5).unwrap();
         let patch = super::super::layout::Patch { part: "arm".into(), port: "/arm".into(), motors: 2..4 };
         let names = ["a", "b", "shoulder", "elbow"].map(String::from).into();

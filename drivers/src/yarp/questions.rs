@@ -34,3 +34,19 @@ impl Questions {
         }))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Those who ask too much are turned away, until somebody has his answer or waits no more.
+    #[test]
+    fn no_more_questions_wait_than_there_is_room_for() {
+        let questions = Questions::new(&Network::of("localhost", 1), "/own", "/arm");
+        let ask = || questions.pass(NativeMessage(Vec::new()));
+        let mut waiting: Vec<_> = (0..WAITING).map_while(|_| ask()).collect();
+        assert!(waiting.len() == WAITING && ask().is_none());
+        waiting.pop();
+        assert!(ask().is_some());
+    }
+}

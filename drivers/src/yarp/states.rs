@@ -73,13 +73,9 @@ fn take(cell: &SharedBoards, layout: &Layout, index: usize, state: &Arc<RemoteSt
         known.gauge.outran(what.joint, what.speed / what.most.max(1e-3));
         known.alarm.get_or_insert_with(|| what.in_words(layout, index));
     }
-    let first = inner.joined.is_none();
     inner.join(layout);
-    let ready = first && inner.joined.is_some();
     drop(inner);
-    if ready {
-        cell.ring();
-    }
+    cell.ring();
 }
 
 impl SharedBoards {

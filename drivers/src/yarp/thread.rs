@@ -12,7 +12,7 @@
 
 use super::YarpDriverSettings;
 use super::brake::Brake;
-use super::cell::{SharedBoards, Trouble, instant};
+use super::cell::{SharedBoards, Trouble, holds};
 use super::crew::Crew;
 use super::driver::Reach;
 use super::fan::Fan;
@@ -230,7 +230,7 @@ impl Shared {
             crew.add(format!("brake of {}", patch.port), brake.work(end.clone()));
         }
         let lease = watch_lease(self.reach.clone(), self.reach.lease.subscribe());
-        crew.add("watch over the lease".into(), until(end.clone(), lease));
+        crew.add(format!("watch over the lease of {}", self.name), until(end.clone(), lease));
         crew
     }
 }
@@ -292,22 +292,18 @@ async fn watch_lease(reach: Reach, mut lease: watch::Receiver<Option<Instant>>) 
     // a watch that takes over from one that died does not know what that had seen
     let mut leased = lease.borrow().is_some();
     loop {
-        let until = *lease.borrow_and_update();
-        match until {
-            Some(until) if until > instant() => {
-                leased = true;
-                tokio::select! {
-                    biased;
-                    _ = lease.changed() => continue,
-                    () = tokio::time::sleep_until(until) => {}
-                }
+        let newest = *lease.borrow_and_update();
+        if let Some(until) = newest.filter(|_| holds(newest)) {
+            leased = true;
+            tokio::select! {
+                biased;
+                _ = lease.changed() => continue,
+                () = tokio::time::sleep_until(until) => {}
             }
-            _ => {}
         }
-        if leased {
-            leased = false;
+        if std::mem::take(&mut leased) {
             // the time is up only if no newer lease came just now
-            if !reach.lease.borrow().is_some_and(|until| until > instant()) {
+            if !holds(*reach.lease.borrow()) {
                 reach.stop_all(&mut reach.cell.lock());
             }
             continue;
@@ -317,3 +313,6 @@ async fn watch_lease(reach: Reach, mut lease: watch::Receiver<Option<Instant>>) 
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

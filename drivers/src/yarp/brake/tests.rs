@@ -112,6 +112,17 @@ async fn a_stop_that_shows_no_effect_is_said_again() {
     assert_eq!(rig.counted(20.0, 1.0).await.0, 0, "what it does later is no answer to that stop");
 }
 
+/// It has its effect as soon as the board may act and the readings may show it: not a look later.
+#[tokio::test(start_paused = true)]
+async fn a_stop_is_given_no_longer_than_it_takes() {
+    let mut rig = Rig::new();
+    rig.cell.lock().boards[0].motions.order(&[0], End::Told);
+    rig.goes(20.0, 0.51).await;
+    rig.stops(0);
+    let said = rig.goes(20.0, 0.2).await;
+    assert_eq!(said, [(510, "stop"), (660, "stop")], "50 ms for the board, 100 ms for the readings");
+}
+
 /// A board that brakes at once hears of a stop once; one that rests, as far as is known, but is not read any more, until it is.
 #[tokio::test(start_paused = true)]
 async fn a_stop_with_effect_is_said_once() {

@@ -5,6 +5,7 @@ use super::super::cell::describe;
 use super::super::layout::Patch;
 use super::*;
 
+use mobee_contract::Move;
 use mobee_yarp::board::{AxisFacts, JointKind, mode};
 
 const FIVE: [&str; 5] = ["pitch", "roll", "alone", "yaw", "elbow"];
@@ -41,11 +42,15 @@ struct Rig {
     cell: Arc<SharedBoards>,
     /// What was queued for each board.
     orders: Vec<mpsc::Receiver<Order>>,
-    _lease: watch::Receiver<Option<Instant>>,
+    lease: watch::Receiver<Option<Instant>>,
 }
 
 /// Both boards are there, and were read once.
 fn rig() -> Rig {
+    rig_of(settings().moves)
+}
+
+fn rig_of(moves: Moves) -> Rig {
     let (layout, wide) = (layout(), facts(&[((-40.0, 40.0), None), ((-90.0, 90.0), Some(20.0))]));
     let cell = Arc::new(SharedBoards::new(&layout));
     let mut inner = cell.lock();
@@ -61,7 +66,30 @@ fn rig() -> Rig {
     let (senders, orders) = (0..2).map(|_| mpsc::channel(4)).unzip();
     let (lease, leases) = watch::channel(None);
     let reach = Reach { layout, cell: cell.clone(), orders: senders, halt: Fan::new(Arc::default()), lease };
-    Rig { driver: YarpDriver::new(reach, board, settings().moves), cell, orders, _lease: leases }
+    Rig { driver: YarpDriver::new(reach, board, moves), cell, orders, lease: leases }
+}
+
+impl Rig {
+    /// A motor is told to move to 0.2 rad.
+    fn moves(&mut self, now: Time, motor: usize) -> Result<(), DriverFault> {
+        let to = Move { motors: vec![motor], q: vec![0.2], relative: false, speed: None, acceleration: None };
+        self.driver.command(now, &Command::Move(to))
+    }
+
+    /// The boards send new states: the next reading.
+    fn read(&mut self, now: Time) -> Sample {
+        let layout = layout();
+        let mut inner = self.cell.lock();
+        inner.boards.iter_mut().for_each(|known| known.fresh = true);
+        inner.join(&layout);
+        drop(inner);
+        self.driver.sample(now).unwrap().unwrap()
+    }
+
+    /// What was queued for the first board, as set-points or modes.
+    fn queued(&mut self) -> Vec<Do> {
+        std::iter::from_fn(|| self.orders[0].try_recv().ok()).map(|order| order.what).collect()
+    }
 }
 
 #[tokio::test(start_paused = true)]
@@ -80,6 +108,103 @@ async fn a_lease_ends_by_either_clock() {
     assert!(go(&mut rig, 1.4));
     rig.driver.lease(Time::from_secs(1.4), Time::from_secs(1.4));
     assert!(!go(&mut rig, 1.4), "it was given up");
+    assert_eq!(*rig.lease.borrow(), None, "and there is nothing left to watch");
+    rig.driver.lease(Time::from_secs(1.4), Time::from_secs(1.9));
+    tokio::time::advance(Duration::from_millis(500)).await;
+    assert!(!go(&mut rig, 1.4), "it ends on the dot");
+}
+
+/// Boards that are lost, must not be used, can't be stopped or have a fault are neither commanded nor read.
+#[tokio::test(start_paused = true)]
+async fn a_robot_in_trouble_is_not_used() {
+    use super::super::cell::BoardFacts;
+    type Spoil = fn(&mut BoardFacts);
+    let spoils: [(Spoil, DriverFault); 4] = [
+        (|known| known.trouble = Some(Trouble::Lost("gone".into())), DriverFault::Lost),
+        (|known| known.brake = Some("no line".into()), DriverFault::Lost),
+        (|known| known.trouble = Some(Trouble::Forbidden("taken".into())), DriverFault::Hardware("taken".into())),
+        (
+            |known| known.modes[0] = mode::HARDWARE_FAULT,
+            DriverFault::Hardware("motor yaw (joint 0 of /trunk) has a hardware fault".into()),
+        ),
+    ];
+    for (spoil, fault) in spoils {
+        let mut rig = rig();
+        let now = Time::from_secs(1.0);
+        rig.driver.lease(now, now + Duration::from_secs(1));
+        assert_eq!(rig.moves(now, 0), Ok(()));
+        rig.queued();
+        spoil(&mut rig.cell.lock().boards[1]);
+        assert_eq!(rig.moves(now, 0), Err(fault.clone()));
+        assert_eq!(rig.driver.command(now, &Command::Stop { motors: vec![] }), Err(fault.clone()));
+        assert_eq!(rig.driver.sample(now), Err(fault));
+        assert!(rig.queued().is_empty());
+    }
+}
+
+/// A motion expects the mode that it needs, of its own motors, from when it is told.
+#[tokio::test(start_paused = true)]
+async fn a_motion_expects_its_mode() {
+    let mut rig = rig();
+    let now = Time::from_secs(1.0);
+    rig.driver.lease(now, now + Duration::from_secs(1));
+    rig.cell.lock().expected = vec![ControlMode::PositionDirect; 5];
+    rig.moves(now, 1).unwrap();
+    rig.driver.command(now, &Command::Velocity { motors: vec![3], speed: vec![0.1] }).unwrap();
+    let inner = rig.cell.lock();
+    let other = ControlMode::PositionDirect;
+    assert_eq!(inner.expected, [other, ControlMode::Position, other, ControlMode::Velocity, other]);
+    assert_eq!(inner.switching, [None, Some(1), None, Some(1), None]);
+}
+
+/// A move that is made of set-points ends with its lease, and with a stop, whether or not a new lease has come since.
+#[tokio::test(start_paused = true)]
+async fn set_points_end_with_the_lease_and_with_a_stop() {
+    for stopped in [false, true] {
+        let mut rig = rig_of(Moves::SetPoints);
+        let at = |ms: u64| Time(1_000_000_000 + ms * 1_000_000);
+        rig.driver.lease(at(0), at(500));
+        rig.moves(at(0), 0).unwrap();
+        assert!(matches!(rig.queued()[..], [Do::Mode { mode: ControlMode::PositionDirect, .. }]));
+        for ms in [20, 40] {
+            let done = rig.read(at(ms)).done;
+            assert!(matches!(rig.queued()[..], [Do::Direct { .. }]));
+            assert_eq!(done, [false, true, true, true, true], "the others rest");
+        }
+        if stopped {
+            let reach = rig.driver.reach.clone();
+            reach.stop_all(&mut rig.cell.lock());
+        } else {
+            rig.driver.lease(at(50), at(50));
+        }
+        rig.read(at(60));
+        assert!(!rig.queued().iter().any(Do::moves), "stopped: {stopped}");
+    }
+}
+
+/// No reading is as old as the one before, whatever the boards' clocks say, and none is of a time to come.
+#[tokio::test(start_paused = true)]
+async fn readings_follow_each_other() {
+    let mut rig = rig();
+    let now = Time::from_secs(3.0);
+    let first = rig.read(now).at;
+    assert_eq!(first, now, "its delay is the smallest that was seen");
+    tokio::time::advance(Duration::from_millis(20)).await;
+    let then = now + Duration::from_millis(20);
+    assert_eq!(rig.read(then).at, first + Duration::from_nanos(1), "told to be of the same time");
+    rig.cell.lock().boards.iter_mut().for_each(|known| known.read_at += 0.5);
+    assert_eq!(rig.read(then).at, then);
+}
+
+/// How long the slowest board takes to answer.
+#[tokio::test(start_paused = true)]
+async fn the_slowest_board_tells_how_long_answers_take() {
+    let rig = rig();
+    assert_eq!(rig.driver.answer_time(), None);
+    for (board, took) in [(0, 0.004), (1, 0.03)] {
+        rig.cell.lock().boards[board].answers.note(0.0, took);
+    }
+    assert_eq!(rig.driver.answer_time().map(|answers| answers.most), Some(Duration::from_millis(30)));
 }
 
 /// Until a mode was set, the board's reports of the mode before don't count: of the motors that were told, and of no others.
@@ -120,7 +245,9 @@ async fn readings_are_looked_for_when_they_are_due() {
     let read = rig.driver.sample(now).unwrap().unwrap();
     assert_eq!((read.seq, read.at), (0, now), "the first one tells the offset of the clocks: it was read now");
     assert_eq!(rig.driver.sample(now).unwrap(), None);
-    assert_eq!(rig.driver.next_sample(now), now + period + period / 10);
+    let due = now + period + period / 10;
+    assert_eq!(rig.driver.next_sample(now), due);
+    assert_eq!(rig.driver.next_sample(due), due + period / 5);
     let late = now + 3 * period;
     assert_eq!(rig.driver.next_sample(late), late + period / 5);
 }

@@ -1,6 +1,6 @@
 //! Giving a board back as it was found: a word at a time, so that no order waits long behind it.
 
-use super::super::cell::{from_word, instant};
+use super::super::cell::{from_word, holds, instant};
 use super::super::found::{Due, Finding, Restored};
 use super::super::motion::End;
 use super::Hand;
@@ -86,11 +86,11 @@ impl Hand {
 
     /// What is to be said next. Motors that are about to change their mode are expected to have, by whoever commands them next.
     fn due(&self, at_end: bool) -> Option<Due> {
-        let is_leased = !at_end && self.lease.borrow().is_some_and(|until| until > instant());
+        let is_leased = !at_end && holds(*self.lease.borrow());
         let mut guard = self.cell.lock();
         let inner = &mut *guard;
         let known = inner.boards.get_mut(self.index)?;
-        if !known.owed.is_any() || known.trouble.is_some() || !known.reached || self.cell.is_let_go() {
+        if !known.owed.is_any() || self.cell.is_let_go() {
             return None;
         }
         known.owed.see(&known.modes);

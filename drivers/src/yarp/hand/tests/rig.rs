@@ -1,0 +1,330 @@
+//! A hand at a board of two joints that does what a test wants it to: in virtual time, without a network.
+
+use super::super::super::YarpDriverSettings;
+use super::super::super::cell::{BoardFacts, describe, instant, word};
+use super::super::super::layout::{Layout, Patch};
+use super::super::super::remote::{Later, Remote};
+use super::super::super::states::states;
+use super::super::{Do, Halt, Hand, Order};
+use super::*;
+use mobee_yarp::board::{AxisFacts, JointKind, RemoteState, Shadow, ShadowAxis};
+use mobee_yarp::{Bottle, CallError, JointField, Stamp};
+
+/// How long the board takes to answer.
+const ANSWERS: Duration = Duration::from_millis(1);
+/// How often it publishes its state.
+const PUBLISHES: Duration = Duration::from_millis(10);
+
+/// What the board heard.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Heard {
+    Asked(Ask),
+    Streamed(Streamed),
+    Hushed,
+}
+
+/// What a board does about a word that it does not take as boards do.
+pub enum Trick {
+    Refuses,
+    /// It answers this, and does nothing.
+    Says(Bottle),
+    /// The connection breaks before an answer.
+    Breaks,
+    /// It does as it is told, and answers so much later.
+    Late(Duration),
+}
+
+type Tricks = Box<dyn FnMut(&FakeBoard, &Ask) -> Option<Trick> + Send>;
+
+/// A board of which everything can be told and known.
+pub struct FakeBoard {
+    pub shadow: Mutex<Shadow>,
+    heard: Mutex<Vec<(u64, Heard)>>,
+    tricks: Mutex<Tricks>,
+    pub link: watch::Sender<LinkState>,
+    facts: watch::Sender<Option<Arc<[AxisFacts]>>>,
+    state: watch::Sender<Option<Arc<RemoteState>>>,
+    /// Whether its states tell modes.
+    pub tells_modes: Mutex<bool>,
+    base: Instant,
+}
+
+impl FakeBoard {
+    fn new(base: Instant) -> FakeBoard {
+        let axis = |name| ShadowAxis::at_rest(name, -90.0, 90.0, 50.0, 0.0);
+        let fact = |axis: &ShadowAxis| AxisFacts {
+            name: axis.name.clone(),
+            kind: JointKind::Revolute,
+            limits: Some((axis.min, axis.max)),
+            max_speed: Some(axis.max_speed),
+        };
+        let axes = vec![axis("shoulder"), axis("elbow")];
+        FakeBoard {
+            facts: watch::Sender::new(Some(axes.iter().map(fact).collect())),
+            shadow: Mutex::new(Shadow { axes }),
+            heard: Mutex::default(),
+            tricks: Mutex::new(Box::new(|_, _| None)),
+            link: watch::Sender::new(LinkState::Down("not connected yet".into())),
+            state: watch::Sender::new(None),
+            tells_modes: Mutex::new(true),
+            base,
+        }
+    }
+
+    fn hears(&self, what: Heard) {
+        let ms = (instant().duration_since(self.base).as_secs_f64() * 1e3).round() as u64;
+        self.heard.lock().unwrap().push((ms, what));
+    }
+
+    /// From now on it does this.
+    pub fn plays(&self, trick: impl FnMut(&FakeBoard, &Ask) -> Option<Trick> + Send + 'static) {
+        *self.tricks.lock().unwrap() = Box::new(trick);
+    }
+
+    /// Something happens to a joint.
+    pub fn with(&self, joint: usize, change: impl FnOnce(&mut ShadowAxis)) {
+        change(&mut self.shadow.lock().unwrap().axes[joint]);
+    }
+
+    fn takes(&self, ask: &Ask) -> Bottle {
+        let mut shadow = self.shadow.lock().unwrap();
+        let time = 5.0 + instant().duration_since(self.base).as_secs_f64();
+        if let Some(answer) = shadow.answer(&ask.bottle(), Stamp { count: 1, time }) {
+            return answer;
+        }
+        let mut each = |joints: &Joints, set: &dyn Fn(usize, &mut ShadowAxis)| {
+            for (i, j) in joints.on(2).unwrap().into_iter().enumerate() {
+                set(i, &mut shadow.axes[j]);
+            }
+        };
+        match ask {
+            Ask::Set(Set::Move { joints, values, .. }) => each(joints, &|i, axis| {
+                (axis.target, axis.done) = (values[i], false);
+            }),
+            Ask::Set(Set::Stop(joints)) => each(joints, &|_, axis| (axis.target, axis.done) = (axis.q, true)),
+            Ask::Set(Set::Speed(joints, values)) => each(joints, &|i, axis| axis.ref_speed = values[i]),
+            Ask::Set(Set::Acceleration(joints, values)) => each(joints, &|i, axis| axis.ref_acc = values[i]),
+            Ask::Set(Set::Mode(joints, words)) => each(joints, &|i, axis| axis.mode = words[i]),
+            Ask::Set(Set::Interaction(joints, words)) => each(joints, &|i, axis| axis.interaction = words[i]),
+            _ => return reply::fail(),
+        }
+        reply::ok()
+    }
+
+    fn publish(&self, count: u32) {
+        let mut joints = self.shadow.lock().unwrap().joint_data();
+        if !*self.tells_modes.lock().unwrap() {
+            (joints.control_modes, joints.interaction_modes) = (JointField::unknown(2), JointField::unknown(2));
+        }
+        let time = 5.0 + instant().duration_since(self.base).as_secs_f64();
+        let stamp = Some(Stamp { count, time });
+        self.state.send_replace(Some(Arc::new(RemoteState {
+            seq: u64::from(count),
+            stamp,
+            arrived: instant(),
+            joints,
+        })));
+    }
+}
+
+impl Remote for FakeBoard {
+    fn port(&self) -> &str {
+        "/arm"
+    }
+    fn link(&self) -> watch::Receiver<LinkState> {
+        self.link.subscribe()
+    }
+    fn facts(&self) -> watch::Receiver<Option<Arc<[AxisFacts]>>> {
+        self.facts.subscribe()
+    }
+    fn state(&self) -> watch::Receiver<Option<Arc<RemoteState>>> {
+        self.state.subscribe()
+    }
+    fn lost(&self) -> u64 {
+        0
+    }
+    fn ask<'a>(&'a self, request: &'a Ask) -> Later<'a, Result<Bottle, CallError>> {
+        self.hears(Heard::Asked(request.clone()));
+        Box::pin(async move {
+            let trick = (self.tricks.lock().unwrap())(self, request);
+            let answer = match trick {
+                None => Ok(self.takes(request)),
+                Some(Trick::Refuses) => Ok(reply::fail()),
+                Some(Trick::Says(answer)) => Ok(answer),
+                Some(Trick::Breaks) => Err(CallError::NoReply("/arm/rpc:i".into())),
+                Some(Trick::Late(late)) => {
+                    let answer = self.takes(request);
+                    sleep(late).await;
+                    Ok(answer)
+                }
+            };
+            sleep(ANSWERS).await;
+            answer
+        })
+    }
+    fn stream(&self, command: Streamed) -> bool {
+        self.hears(Heard::Streamed(command));
+        true
+    }
+    fn hush(&self) {
+        self.hears(Heard::Hushed);
+    }
+    fn died(&self) -> Later<'_, ()> {
+        Box::pin(std::future::pending())
+    }
+    fn close(&self) -> Later<'_, ()> {
+        Box::pin(std::future::ready(()))
+    }
+}
+
+/// A hand at the second board of a robot whose first one has a single motor.
+pub struct Rig {
+    pub cell: Arc<SharedBoards>,
+    pub board: Arc<FakeBoard>,
+    orders: mpsc::Sender<Order>,
+    halt: watch::Sender<Arc<Halt>>,
+    _lease: watch::Sender<Option<Instant>>,
+    pub end: watch::Sender<bool>,
+}
+
+impl Rig {
+    /// There is no connection yet.
+    pub fn new() -> Rig {
+        let patch = |part: &str, motors| Patch { part: part.into(), port: format!("/{part}"), motors };
+        let layout = Arc::new(Layout {
+            patches: vec![patch("neck", 0..1), patch("arm", 1..3)],
+            home: vec![0.0; 3],
+            names: ["nod", "shoulder", "elbow"].map(String::from).into(),
+            limits: vec![(-1.0, 1.0); 3],
+        });
+        let settings = YarpDriverSettings::of([("neck", "/neck"), ("arm", "/arm")]);
+        let cell = Arc::new(SharedBoards::new(&layout));
+        let board = Arc::new(FakeBoard::new(cell.base));
+        let facts = board.facts.borrow().clone();
+        let mut inner = cell.lock();
+        inner.boards.iter_mut().for_each(|known| known.facts = facts.clone());
+        inner.board = describe(&layout, &inner.boards, &settings).unwrap();
+        drop(inner);
+        let (halt, halts) = watch::channel(Arc::new(Halt::default()));
+        let (lease, leases) = watch::channel(None);
+        let (end, ends) = watch::channel(false);
+        let (orders, queue) = mpsc::channel(16);
+        let shared = (cell.clone(), layout.clone());
+        let queue = Arc::new(tokio::sync::Mutex::new(queue));
+        let hand = Hand::new(shared, 1, board.clone(), (halts, leases), queue, 0.05);
+        tokio::spawn(hand.work(ends));
+        tokio::spawn(states(cell.clone(), layout, 1, board.clone(), settings));
+        let publishes = board.clone();
+        tokio::spawn(async move {
+            for count in 0.. {
+                publishes.publish(count);
+                sleep(PUBLISHES).await;
+            }
+        });
+        Rig { cell, board, orders, halt, _lease: lease, end }
+    }
+
+    /// The board has been taken over, and rests. It is owed nothing, so that what is told is what was ordered.
+    pub async fn up() -> Rig {
+        let rig = Rig::owing().await;
+        rig.known(|known| known.owed = Owed::new(2));
+        rig
+    }
+
+    /// The board has been taken over, and is to be given back as it was found.
+    pub async fn owing() -> Rig {
+        let rig = Rig::new();
+        rig.board.link.send_replace(LinkState::Up(1));
+        rig.after(200).await;
+        assert_eq!(rig.trouble(), None);
+        rig.heard();
+        rig
+    }
+
+    /// So many milliseconds later.
+    pub async fn after(&self, ms: u64) {
+        sleep(Duration::from_millis(ms)).await;
+    }
+
+    pub fn known<T>(&self, look: impl FnOnce(&mut BoardFacts) -> T) -> T {
+        look(&mut self.cell.lock().boards[1])
+    }
+
+    pub fn trouble(&self) -> Option<Trouble> {
+        self.known(|known| known.trouble.clone())
+    }
+
+    /// Orders something, as a driver does.
+    pub fn order(&self, what: Do) {
+        let epoch = self.halt.borrow().epoch;
+        self.order_in(epoch, what);
+    }
+
+    /// Orders something that was given in this epoch.
+    pub fn order_in(&self, epoch: u64, what: Do) {
+        let (joints, end) = what.disturbs();
+        let mut inner = self.cell.lock();
+        let ticket = inner.boards[1].motions.order(&joints, end);
+        if let Do::Mode { mode, .. } = &what {
+            joints.iter().for_each(|j| (inner.expected[1 + j], inner.switching[1 + j]) = (*mode, Some(ticket)));
+        }
+        self.orders.try_send(Order { epoch, ticket, what }).unwrap();
+    }
+
+    /// Everything stops, as a driver has it.
+    pub fn halts(&self) {
+        let ticket = self.known(|known| known.motions.order(&[0, 1], End::Seen));
+        self.halt.send_modify(|halt| {
+            *halt = Arc::new(Halt { epoch: halt.epoch + 1, tickets: vec![0, ticket] });
+        });
+    }
+
+    /// What the board heard since it was asked for last, and when, ms.
+    pub fn heard(&self) -> Vec<(u64, Heard)> {
+        std::mem::take(&mut *self.board.heard.lock().unwrap())
+    }
+
+    /// What it was told on the line for orders: questions left out.
+    pub fn told(&self) -> Vec<Set> {
+        let set = |(_, heard)| if let Heard::Asked(Ask::Set(set)) = heard { Some(set) } else { None };
+        self.heard().into_iter().filter_map(set).collect()
+    }
+
+    /// The set-points and velocities that it was sent.
+    pub fn streamed(&self) -> Vec<Streamed> {
+        let sent = |(_, heard)| if let Heard::Streamed(sent) = heard { Some(sent) } else { None };
+        self.heard().into_iter().filter_map(sent).collect()
+    }
+
+    /// Motion done, joint by joint.
+    pub fn done(&self) -> Vec<bool> {
+        self.known(|known| known.motions.done().collect())
+    }
+
+    /// The board reports this mode of both joints.
+    pub async fn is_in(&self, mode: ControlMode) {
+        (0..2).for_each(|joint| self.board.with(joint, |axis| axis.mode = word(mode)));
+        self.after(20).await;
+        self.heard();
+    }
+}
+
+/// The stop of a whole board.
+pub fn stop() -> Set {
+    Set::Stop(Joints::All)
+}
+
+/// These joints.
+pub fn group(joints: &[usize]) -> Joints {
+    Joints::Group(joints.to_vec())
+}
+
+/// A move of the elbow to 20 degrees at 10 deg/s.
+pub fn to_20() -> Do {
+    Do::Move { joints: vec![1], to: vec![20.0], speed: Some(vec![10.0]), acceleration: None }
+}
+
+/// What the board is told for it once it may move.
+pub fn moves() -> Set {
+    Set::Move { joints: group(&[1]), values: vec![20.0], relative: false }
+}
