@@ -13,7 +13,7 @@
 //! Collision has one door, [`Engine`]: what is behind it is chosen in one place ([`DefaultEngine`]), and the types that ask it
 //! ([`Scene`], [`Watch`], [`Field`]) take another engine as a type parameter.
 //!
-//! Units: radians, meters. A motor's position is its encoder value in degrees (as the files write it) times pi/180.
+//! Units: radians, meters. A motor's position is its encoder value (degrees, or millimeters where it slides) times pi/180.
 //! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
 
 mod engine;
@@ -22,11 +22,14 @@ mod field;
 pub mod file;
 mod kinematics;
 mod law;
+mod left_out;
 mod mesh;
 mod printable;
 mod robot;
 mod scene;
 mod shape;
+mod spelling;
+mod turns;
 mod urdf;
 mod watch;
 mod zrp;
@@ -44,6 +47,7 @@ pub use printable::{hidden_in, is_hidden, printable, readable};
 pub use robot::*;
 pub use scene::*;
 pub use shape::{BoundingCapsule, Primitive, Shape};
+pub use spelling::{nearest, suggestion};
 pub use urdf::{UrdfOptions, load_urdf, parse_urdf};
 pub use watch::{Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};
