@@ -3,10 +3,12 @@
 mod distance_pairs;
 mod engines;
 mod fields;
+mod fit;
 mod oracle;
 mod oracle_load;
 mod own_robots;
 mod pairs_oracle;
+mod surfaces;
 mod urdf_import;
 mod watch_follows;
 mod zrp_load;
