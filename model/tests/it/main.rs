@@ -3,6 +3,7 @@
 mod distance_pairs;
 mod engines;
 mod fields;
+mod fit;
 mod oracle;
 mod oracle_load;
 mod own_robots;
@@ -10,6 +11,7 @@ mod pairs_listed;
 mod pairs_oracle;
 mod slides;
 mod turns;
+mod surfaces;
 mod urdf_import;
 mod watch_follows;
 mod zrp_load;
