@@ -27,8 +27,10 @@ mod printable;
 mod robot;
 mod scene;
 mod shape;
+mod srdf;
 mod urdf;
 mod watch;
+mod xml;
 mod zrp;
 
 pub use engine::{
@@ -44,6 +46,10 @@ pub use printable::{hidden_in, is_hidden, printable, readable};
 pub use robot::*;
 pub use scene::*;
 pub use shape::{BoundingCapsule, Primitive, Shape};
-pub use urdf::{UrdfOptions, load_urdf, parse_urdf};
+pub use srdf::{
+    EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint, load_link_tree, load_srdf, parse_link_tree,
+    parse_srdf,
+};
+pub use urdf::{UrdfOptions, load_mesh, load_urdf, parse_urdf};
 pub use watch::{Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

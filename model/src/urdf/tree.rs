@@ -4,11 +4,10 @@
 //! joint that is wrong, so that building the robot deals with numbers that are right.
 
 use super::UrdfOptions;
-use super::scan::{MAX_LINKS, Places};
+use super::document::{Document, Joint, JointType};
 use crate::error::{FileError, Source};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use urdf_rs::{Joint, JointType};
 
 /// Longer chains are refused.
 const MAX_DEPTH: usize = 200;
@@ -43,31 +42,24 @@ impl Tree {
     /// At the first joint or link that is not part of one tree, or can't be converted.
     pub fn new(
         source: &Source,
-        places: &Places,
-        urdf: &urdf_rs::Robot,
+        urdf: &Document,
         options: &UrdfOptions,
         warnings: &mut Vec<FileError>,
     ) -> Result<Self, FileError> {
-        let blame = |joint: &Joint, message: String, help: &str| {
-            source.error(places.of("joint", joint.name.trim()), message, help)
-        };
-        if urdf.links.len() > MAX_LINKS {
-            let message = format!("{} links are more than the {MAX_LINKS} that are converted", urdf.links.len());
-            return Err(source.error(places.robot.clone(), message, "split the robot, or merge fixed links"));
-        }
-        let links: BTreeMap<&str, usize> = urdf.links.iter().enumerate().map(|(i, l)| (l.name.trim(), i)).collect();
-        let joints: BTreeMap<&str, usize> = urdf.joints.iter().enumerate().map(|(i, j)| (j.name.trim(), i)).collect();
+        let blame = |joint: &Joint, message: String, help: &str| source.error(joint.at.clone(), message, help);
+        let links: BTreeMap<&str, usize> = urdf.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
+        let joints: BTreeMap<&str, usize> = urdf.joints.iter().enumerate().map(|(i, j)| (j.name.as_str(), i)).collect();
         let mut leaving = vec![Vec::new(); urdf.links.len()];
         let mut child = Vec::new();
         let mut has_parent = vec![false; urdf.links.len()];
         for (i, joint) in urdf.joints.iter().enumerate() {
             let find = |name: &str| {
-                links.get(name.trim()).copied().ok_or_else(|| {
+                links.get(name).copied().ok_or_else(|| {
                     let message = format!("joint `{}` names the link `{name}`, which does not exist", joint.name);
                     blame(joint, message, "correct the name, or add that link")
                 })
             };
-            let (from, to) = (find(&joint.parent.link)?, find(&joint.child.link)?);
+            let (from, to) = (find(&joint.parent)?, find(&joint.child)?);
             if std::mem::replace(&mut has_parent[to], true) {
                 let message = format!("link `{}` has more than one parent", urdf.links[to].name);
                 return Err(blame(joint, message, "a URDF is a tree: let one joint only lead to each link"));
@@ -82,7 +74,7 @@ impl Tree {
                 0 => "there is no link without a parent".to_owned(),
                 n => format!("{n} links have no parent: {}", names.join(", ")),
             };
-            return Err(source.error(places.robot.clone(), message, "join them to one tree with one root, by joints"));
+            return Err(source.error(urdf.at.clone(), message, "join them to one tree with one root, by joints"));
         };
         // Every link but the root has one parent, so what the root does not reach must hang on a circle.
         let mut reached = 0;
@@ -90,19 +82,19 @@ impl Tree {
         while let Some((link, depth)) = todo.pop() {
             if depth > MAX_DEPTH {
                 let message = format!("more than {MAX_DEPTH} joints follow each other");
-                return Err(source.error(places.of("link", &urdf.links[link].name), message, "shorten the chain"));
+                return Err(source.error(urdf.links[link].at.clone(), message, "shorten the chain"));
             }
             reached += 1;
             todo.extend(leaving[link].iter().map(|j| (child[*j], depth + 1)));
         }
         if reached < urdf.links.len() {
             let message = "some joints form a circle that the root does not lead to";
-            return Err(source.error(places.robot.clone(), message, "a URDF is a tree: correct the parents"));
+            return Err(source.error(urdf.at.clone(), message, "a URDF is a tree: correct the parents"));
         }
         let mut limits = Vec::new();
         for joint in &urdf.joints {
             limits.push(limits_of(joint, options, &blame, &mut |m, help: &str| {
-                warnings.push(source.warning(places.of("joint", joint.name.trim()), m, help));
+                warnings.push(source.warning(joint.at.clone(), m, help));
             })?);
         }
         let mut drives = Vec::new();
@@ -125,11 +117,16 @@ fn limits_of(
     warn: &mut dyn FnMut(String, &str),
 ) -> Result<Option<(f64, f64)>, FileError> {
     let name = &joint.name;
-    match &joint.joint_type {
+    match joint.joint_type {
         JointType::Fixed => Ok(None),
         JointType::Continuous => Ok(Some((-PI, PI))),
         JointType::Revolute => {
-            let (lo, hi) = (joint.limit.lower, joint.limit.upper);
+            let Some(limit) = joint.limit else {
+                let message = format!("joint `{name}` turns, and has no limits");
+                let help = "add <limit lower=\"...\" upper=\"...\"/> in radians, or make it continuous";
+                return Err(blame(joint, message, help));
+            };
+            let (lo, hi) = (limit.lower, limit.upper);
             if lo.is_nan() || hi.is_nan() || lo > hi {
                 let message = format!("joint `{name}` has the limits {lo} to {hi}");
                 return Err(blame(joint, message, "write numbers in radians, the lower one first"));
@@ -157,7 +154,7 @@ fn limits_of(
 /// Follows `mimic` to the joint with the motor.
 fn drive(
     start: usize,
-    urdf: &urdf_rs::Robot,
+    urdf: &Document,
     joints: &BTreeMap<&str, usize>,
     limits: &[Option<(f64, f64)>],
     blame: &impl Fn(&Joint, String, &str) -> FileError,
@@ -177,14 +174,14 @@ fn drive(
                 _ => Drive::Fixed(offset),
             });
         };
-        let (m, o) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
+        let (m, o) = (mimic.multiplier, mimic.offset);
         if !(m.is_finite() && o.is_finite()) {
             let message = format!("joint `{}` mimics with numbers that are not finite", joint.name);
             return Err(blame(joint, message, "write finite numbers as multiplier and offset"));
         }
         offset += factor * o;
         factor *= m;
-        at = *joints.get(mimic.joint.trim()).ok_or_else(|| {
+        at = *joints.get(mimic.joint.as_str()).ok_or_else(|| {
             let message = format!("joint `{}` mimics `{}`, which does not exist", joint.name, mimic.joint);
             blame(joint, message, "correct the name of the joint it mimics")
         })?;
