@@ -22,7 +22,7 @@ pub struct ConvertArgs {
     /// Leave out meshes instead of fitting a box, capsule or sphere around each.
     #[arg(long)]
     drop_meshes: bool,
-    /// Hold prismatic, planar and floating joints at zero instead of refusing them.
+    /// Hold planar joints at zero instead of refusing them (a floating base stands still anyhow).
     #[arg(long)]
     fix_unsupported: bool,
     /// Name of the body part that contains all motors (default: the robot's name).

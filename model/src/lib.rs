@@ -13,7 +13,7 @@
 //! Collision has one door, [`Engine`]: what is behind it is chosen in one place ([`DefaultEngine`]), and the types that ask it
 //! ([`Scene`], [`Watch`], [`Field`]) take another engine as a type parameter.
 //!
-//! Units: radians, meters. A motor's position is its encoder value in degrees (as the files write it) times pi/180.
+//! Units: radians, meters. A motor's position is its encoder value (degrees, or millimeters where it slides) times pi/180.
 //! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
 
 mod engine;
@@ -22,12 +22,15 @@ mod field;
 pub mod file;
 mod kinematics;
 mod law;
+mod left_out;
 mod mesh;
 mod printable;
 mod robot;
 mod scene;
 mod shape;
+mod spelling;
 mod srdf;
+mod turns;
 mod urdf;
 mod watch;
 mod xml;
@@ -46,6 +49,7 @@ pub use printable::{hidden_in, is_hidden, printable, readable};
 pub use robot::*;
 pub use scene::*;
 pub use shape::{BoundingCapsule, Primitive, Shape};
+pub use spelling::{nearest, suggestion};
 pub use srdf::{
     EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint, load_link_tree, load_srdf, parse_link_tree,
     parse_srdf,

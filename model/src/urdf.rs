@@ -8,10 +8,11 @@
 //!                                mesh files ──mesh──> triangles ──fit──> box, capsule or sphere
 //! ```
 //!
-//! * One part; one motor per moving joint (degrees of encoder = degrees of joint), a `mimic` joint turns with the motor of its
-//!   source. Continuous joints go from -180 to 180 degrees.
-//! * Links joined by fixed joints become one body. Every link's frame becomes a marker with its normal along z.
-//! * Bodies that follow each other are not tested against each other, all others are where the format allows (see `neighbors`).
+//! * One part; one motor per moving joint. Its encoder counts degrees of a joint that turns and millimeters of one that slides. A
+//!   `mimic` joint moves with the motor of its source, in whose units that motor counts. A continuous joint has no end.
+//! * Links joined by fixed joints become one body. Every link's frame becomes a marker with its normal along z, and every link with
+//!   shapes a node of its name.
+//! * Links that a joint joins are not tested against each other, all others are (see `neighbors`).
 
 mod build;
 mod document;
@@ -45,7 +46,7 @@ pub struct UrdfOptions {
     pub mesh_folders: Vec<PathBuf>,
     /// Leave out meshes, with a warning, rather than refuse those that cannot be read.
     pub drop_meshes: bool,
-    /// Hold prismatic, planar and floating joints at zero, with a warning, rather than refuse them.
+    /// Hold planar joints at zero, with a warning, rather than refuse them. Floating ones stand still anyhow.
     pub fix_unsupported: bool,
 }
 
@@ -123,7 +124,9 @@ fn warn_of_contacts(
     let pairs: BTreeSet<_> = found.iter().map(|c| (link(c.pair.0), link(c.pair.1))).collect();
     for (a, b) in pairs {
         let message = format!("links `{a}` and `{b}` touch each other at home");
-        let help = "shrink or remove one of the shapes, or mark a node noSelfCollision in the converted file";
+        let help = format!(
+            "shrink one of the shapes, or add <leaveOut a=\"{a}\" b=\"{b}\" reason=\"...\"/> to <pairs> in the converted file"
+        );
         let at = urdf.links.iter().find(|l| l.name == a).map_or(urdf.at.clone(), |l| l.at.clone());
         out.push(source.warning(at, message, help));
     }

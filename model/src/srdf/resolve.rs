@@ -105,7 +105,7 @@ impl Srdf {
             Some(&[position]) => Some(position),
             _ => None,
         };
-        let of = |m: &crate::Motor| position(&m.name).map_or(m.home, |p| p.max(m.min).min(m.max));
+        let of = |m: &crate::Motor| position(&m.name).map_or(m.home, |p| m.motion.encoder(p).max(m.min).min(m.max));
         (!states.is_empty()).then(|| robot.motors.iter().map(of).collect())
     }
 

@@ -1,17 +1,16 @@
 //! Bodies at the zero position, written as ZRP nodes.
 //!
 //! ```text
-//! joint ── link of the body (all of its shapes) ──┬── links to where the next joints are ── joint ── next body
-//!                                                 └── links to where its frames are (markers)
+//! joint ── first link of the body (its shapes) ──┬── links to where the next joints are ── joint ── next body
+//!                                                └── links to where its other links are (their shapes, markers)
 //! ```
 
-use super::document::{Collision, Document, Geometry};
+use super::document::{Collision, Document, Geometry, Joint, JointType};
 use super::mesh::{self, Meshes};
 use super::tree::{Drive, Tree};
 use super::{UrdfOptions, fit, neighbors};
 use crate::error::{FileError, Source};
-use crate::zrp::pairs;
-use crate::{Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
+use crate::{JointMotion, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
 use std::rc::Rc;
@@ -54,16 +53,16 @@ struct Builder<'a> {
     motors: Vec<Option<usize>>,
     /// Per node: the name of the link that it was written for, for messages.
     link_of_node: Vec<String>,
-    /// The bodies in the order in which they were written.
-    bodies: Vec<neighbors::Written>,
+    /// Per link: the node that carries its collision shapes, if it has any.
+    shapes_of: Vec<Option<usize>>,
     /// Collision shapes so far.
     shapes: usize,
     /// The mesh files.
     meshes: Meshes<'a>,
 }
 
-/// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on, the body before.
-type Todo = (usize, Isometry3<f64>, Option<usize>, Option<usize>);
+/// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on.
+type Todo = (usize, Isometry3<f64>, Option<usize>);
 
 /// The robot, and per node the name of the link it belongs to.
 pub(super) fn build(
@@ -81,6 +80,7 @@ pub(super) fn build(
         nodes: Vec::new(),
         markers: Vec::new(),
         pairs: NodePairs::default(),
+        left_out: None,
     };
     let motors = vec![None; urdf.joints.len()];
     let mut b = Builder {
@@ -92,22 +92,19 @@ pub(super) fn build(
         robot,
         motors,
         link_of_node: Vec::new(),
-        bodies: Vec::new(),
+        shapes_of: vec![None; urdf.links.len()],
         shapes: 0,
         meshes: Meshes::new(options),
     };
     // Motors first: a mimic joint may come before its source in the tree.
     b.create_motors();
-    let mut todo = vec![(tree.root, Isometry3::identity(), None, None)];
-    while let Some((link, frame, parent, before)) = todo.pop() {
+    let mut todo = vec![(tree.root, Isometry3::identity(), None)];
+    while let Some((link, frame, parent)) = todo.pop() {
         let body = b.body(link, frame)?;
-        todo.extend(b.emit(&body, parent, before)?.into_iter().rev());
+        todo.extend(b.emit(&body, parent)?.into_iter().rev());
     }
-    // The balls on joints take part in the adjacency filter, so pairs are made after them.
-    neighbors::mark_joints(&mut b.robot, &b.bodies);
-    let near_root = pairs::near_root(&b.robot.nodes);
-    b.robot.nodes.iter_mut().zip(near_root).for_each(|(n, near)| n.near_root = near);
-    b.robot.pairs = pairs::node_pairs(&b.robot.nodes);
+    // From here on the robot lists what is not tested; whoever knows of more (an SRDF, a search) adds it in the same way.
+    b.robot.leave_out(neighbors::neighbors(urdf, tree, &b.shapes_of));
     Ok((b.robot, b.link_of_node))
 }
 
@@ -117,7 +114,8 @@ impl Builder<'_> {
         let mut todo = vec![self.tree.root];
         while let Some(link) = todo.pop() {
             for &joint in &self.tree.leaving[link] {
-                if let Some((min, max)) = self.tree.limits[joint] {
+                if let Some(limits) = self.tree.limits[joint] {
+                    let (min, max) = (limits.motion.encoder(limits.min), limits.motion.encoder(limits.max));
                     self.motors[joint] = Some(self.robot.motors.len());
                     self.robot.motors.push(Motor {
                         name: self.urdf.joints[joint].name.clone(),
@@ -125,6 +123,8 @@ impl Builder<'_> {
                         min,
                         max,
                         home: 0_f64.clamp(min, max),
+                        motion: limits.motion,
+                        continuous: limits.continuous,
                         joints: Vec::new(),
                         is_part_root: self.robot.motors.is_empty(),
                     });
@@ -153,12 +153,12 @@ impl Builder<'_> {
                 let at_joint = frame * what.origin;
                 match self.tree.drives[joint] {
                     Drive::Fixed(0.0) => todo.push((self.tree.child[joint], at_joint)),
-                    // A joint without range turns once and for all; its child hangs there like on a fixed one.
-                    Drive::Fixed(angle) => {
-                        let turn = UnitQuaternion::from_axis_angle(&axis(&what.axis).ok_or_else(bad)?, angle);
-                        todo.push((self.tree.child[joint], at_joint * turn));
+                    // A joint without range moves once and for all; its child hangs there like on a fixed one.
+                    Drive::Fixed(position) => {
+                        let moved = motion(what).by(&axis(&what.axis).ok_or_else(bad)?, position);
+                        todo.push((self.tree.child[joint], at_joint * moved));
                     }
-                    Drive::Turns { .. } => {
+                    Drive::Moves { .. } => {
                         axis(&what.axis).ok_or_else(bad)?;
                         body.joints.push((joint, at_joint));
                     }
@@ -169,7 +169,7 @@ impl Builder<'_> {
     }
 
     /// Writes a body's nodes under the joint `parent`; returns what is to follow.
-    fn emit(&mut self, body: &Body, parent: Option<usize>, before: Option<usize>) -> Result<Vec<Todo>, FileError> {
+    fn emit(&mut self, body: &Body, parent: Option<usize>) -> Result<Vec<Todo>, FileError> {
         let Some(&(first, frame)) = body.links.first() else { return Ok(Vec::new()) };
         let start = frame.translation.vector;
         // The body's own link ends at the first point that something needs.
@@ -178,34 +178,30 @@ impl Builder<'_> {
         // saves that one a link of its own.
         let offset = points.into_iter().find(|v| v.norm() > SAME_POINT).unwrap_or(Vector3::new(0.0, 0.0, STUB));
         let node = self.node(first, parent, NodeKind::Link { offset })?;
-        for (link, link_frame) in &body.links {
-            for collision in &self.urdf.links[*link].collisions {
-                if self.shapes >= MAX_SHAPES {
-                    let message = format!("the robot has more than {MAX_SHAPES} collision shapes");
-                    let help = "cover what is small by one larger shape";
-                    return Err(self.source.error(self.urdf.links[*link].at.clone(), message, help));
-                }
-                self.shapes += 1;
-                if let Some(mut solid) = self.shape(*link, collision)? {
-                    // Shapes sit at the start of the body's link, which has the orientation of the root.
-                    solid.pose = Translation3::from(-start) * link_frame * solid.pose;
-                    self.robot.nodes[node].solids.push(solid);
-                }
-            }
-        }
-        let this = self.bodies.len();
-        self.bodies.push(neighbors::Written { node, start, joint: parent, before });
+        self.robot.nodes[node].name = Some(self.link_name(first).into());
         let end = start + offset;
         for (link, link_frame) in &body.links {
-            let at = link_frame.translation.vector;
-            let place = if (at - start).norm() <= SAME_POINT {
+            let (solids, at) = (self.solids(*link)?, link_frame.translation.vector);
+            // A link with shapes has a node of its own, which is named after it: so every shape knows the link that it is from.
+            let shared = *link == first || (solids.is_empty() && (at - start).norm() <= SAME_POINT);
+            let place = if shared {
                 node
             } else {
                 let at_point = self.connect(*link, node, at - end)?;
-                self.node(*link, Some(at_point), NodeKind::Link { offset: Vector3::new(0.0, 0.0, STUB) })?
+                let place =
+                    self.node(*link, Some(at_point), NodeKind::Link { offset: Vector3::new(0.0, 0.0, STUB) })?;
+                self.robot.nodes[place].name = Some(self.link_name(*link).into());
+                place
             };
+            if !solids.is_empty() {
+                self.shapes_of[*link] = Some(place);
+            }
+            // Nodes have the orientation of the root, so only what is turned against that is left of a link's frame.
+            let turned = Isometry3::from_parts(Translation3::identity(), link_frame.rotation);
+            let placed = solids.into_iter().map(|s| Primitive { pose: turned * s.pose, ..s });
+            self.robot.nodes[place].solids.extend(placed);
             self.robot.markers.push(Marker {
-                name: self.urdf.links[*link].name.clone(),
+                name: self.link_name(*link).to_owned(),
                 node: place,
                 part: 0,
                 normal: Unit::new_normalize(link_frame.rotation * Vector3::z()),
@@ -216,10 +212,33 @@ impl Builder<'_> {
         let mut next = Vec::new();
         for (joint, child_frame) in &body.joints {
             let at_point = self.connect(first, node, child_frame.translation.vector - end)?;
-            let turning = self.joint(first, *joint, child_frame, at_point)?;
-            next.push((self.tree.child[*joint], *child_frame, Some(turning), Some(this)));
+            let moving = self.joint(first, *joint, child_frame, at_point)?;
+            next.push((self.tree.child[*joint], *child_frame, Some(moving)));
         }
         Ok(next)
+    }
+
+    /// A link's name, without blanks around it.
+    fn link_name(&self, link: usize) -> &str {
+        &self.urdf.links[link].name
+    }
+
+    /// A link's collision shapes, in its frame.
+    ///
+    /// # Errors
+    /// At the link, if there are too many or one of them is no shape.
+    fn solids(&mut self, link: usize) -> Result<Vec<Primitive>, FileError> {
+        let mut solids = Vec::new();
+        for collision in &self.urdf.links[link].collisions {
+            if self.shapes >= MAX_SHAPES {
+                let message = format!("the robot has more than {MAX_SHAPES} collision shapes");
+                let help = "cover what is small by one larger shape";
+                return Err(self.source.error(self.urdf.links[link].at.clone(), message, help));
+            }
+            self.shapes += 1;
+            solids.extend(self.shape(link, collision)?);
+        }
+        Ok(solids)
     }
 
     /// The node whose children start `offset` beyond the end of `from`: `from` itself, or a new link.
@@ -231,15 +250,18 @@ impl Builder<'_> {
     /// can move it.
     fn joint(&mut self, link: usize, joint: usize, frame: &Isometry3<f64>, parent: usize) -> Result<usize, FileError> {
         let mut direction = frame.rotation * axis(&self.urdf.joints[joint].axis).unwrap_or(Vector3::z_axis());
-        let Drive::Turns { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
-        let (Some(motor), Some((lo, hi))) = (self.motors[source], self.tree.limits[source]) else { return Ok(parent) };
-        // The angles at the motor's limits, which a mimic joint may have in reverse.
-        let (mut min, mut max) = (factor * lo + offset, factor * hi + offset);
+        let Drive::Moves { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
+        let (Some(motor), Some(limits)) = (self.motors[source], self.tree.limits[source]) else { return Ok(parent) };
+        // The positions at the motor's limits, which a mimic joint may have in reverse. They are in the joint's own unit, whatever the
+        // motor's: a finger may slide while its leader turns.
+        let (mut min, mut max) = (factor * limits.min + offset, factor * limits.max + offset);
         if min > max {
             // The format wants limits in order: turn the axis round.
             (direction, min, max) = (-direction, -min, -max);
         }
-        let node = self.node(link, Some(parent), NodeKind::Joint { axis: direction, motor, min, max, length: 1.0 })?;
+        let motion = motion(&self.urdf.joints[joint]);
+        let kind = NodeKind::Joint { motion, axis: direction, motor, min, max, length: 1.0 };
+        let node = self.node(link, Some(parent), kind)?;
         self.robot.motors[motor].joints.push(node);
         Ok(node)
     }
@@ -256,7 +278,8 @@ impl Builder<'_> {
             return Err(self.source.error(self.urdf.links[link].at.clone(), message, "merge or remove links"));
         }
         let (solids, fields) = (Vec::new(), Vec::new());
-        let node = Node { parent, part: 0, kind, solids, fields, no_self_collision: false, near_root: false };
+        let node =
+            Node { name: None, parent, part: 0, kind, solids, fields, no_self_collision: false, near_root: false };
         self.robot.nodes.push(node);
         self.link_of_node.push(name.to_owned());
         Ok(index)
@@ -317,6 +340,14 @@ impl Builder<'_> {
 
     fn bad_mesh(&self, link: &str, collision: &Collision, file: &str, why: &str) -> FileError {
         self.source.error(collision.at.clone(), format!("link `{link}`: the mesh {file} {why}"), mesh::remedy(file))
+    }
+}
+
+/// How a joint of the file moves.
+fn motion(joint: &Joint) -> JointMotion {
+    match joint.joint_type {
+        JointType::Prismatic => JointMotion::Slide,
+        _ => JointMotion::Turn,
     }
 }
 

@@ -17,19 +17,6 @@ const BROKEN: &[(&str, usize, &str)] = &[
     ),
 ];
 
-/// Those that wait for joints that slide or turn on and on.
-const WAITING: &[(&str, &str)] = &[
-    ("baxter.urdf", "prismatic"),
-    ("panda.urdf", "prismatic"),
-    ("panda_collision.urdf", "prismatic"),
-    ("pr2.urdf", "prismatic"),
-    ("tiago.urdf", "prismatic"),
-    ("tiago_dual.urdf", "prismatic"),
-    ("tiago_no_hand.urdf", "prismatic"),
-    ("tiago_pro.urdf", "prismatic"),
-    ("iris.urdf", "beyond 1e6"),
-];
-
 /// The installed robots; none, with a printed reason, where they could not be fetched.
 pub fn installed() -> Option<PathBuf> {
     let home = std::env::var_os("MOBEE_ROBOTS").map(PathBuf::from);
@@ -60,12 +47,8 @@ fn every_robot_converts_or_is_told_to_be_broken() {
         let mut wrong = Vec::new();
         while let Some(path) = files.get(next.fetch_add(1, Ordering::Relaxed)) {
             let name = path.strip_prefix(&share).unwrap().display().to_string();
-            let waits_for = WAITING.iter().find(|(file, _)| name.ends_with(&format!("/{file}"))).map(|(_, what)| what);
-            match (judge(&name, path), waits_for) {
-                (Ok(()), None) => {}
-                (Err(what), Some(waits_for)) if what.contains(waits_for) => {}
-                (Err(what), _) => wrong.push(format!("{name}: {what}")),
-                (Ok(()), Some(_)) => wrong.push(format!("{name}: need not wait any more")),
+            if let Err(what) = judge(&name, path) {
+                wrong.push(format!("{name}: {what}"));
             }
         }
         wrong

@@ -164,7 +164,7 @@ fn what_is_no_urdf_is_told_as_what_it_is() {
         ("<robot><link name=\"a\"><xacro:if/></link></robot>".to_owned(), "<xacro:if>", "xacro FILE"),
         ("<robot><link name=\"\"/></robot>".to_owned(), "without `name`", "name="),
         ("<robot><link name=\"a\" name=\"b\"/></robot>".to_owned(), "well-formed", "attributes"),
-        (joint(""), "no limits", "<limit"),
+        (joint(""), "moves, and has no limits", "<limit"),
         (joint("<limit lower=\"-1,5\"/>"), "`-1,5`", "number"),
         (joint("<axis xyz=\"0 1\"/>"), "three finite numbers", "three numbers"),
         (joint("<origin xyz=\"1e300 0 0\"/>"), "beyond", "meters"),
