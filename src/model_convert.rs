@@ -12,7 +12,11 @@ pub struct ConvertArgs {
     urdf: PathBuf,
     /// The robot file to write; it must not exist yet.
     xml: PathBuf,
-    /// Also search this folder for meshes (repeatable); the folders above the URDF are always searched.
+    /// Where a package is that the URDF names as `package://NAME/...` (repeatable).
+    #[arg(long, value_name = "NAME=DIR", value_parser = package)]
+    package: Vec<(String, PathBuf)>,
+    /// Also search this folder for packages and meshes (repeatable). Those of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH and the
+    /// five above the URDF are always searched.
     #[arg(long, value_name = "DIR")]
     meshes: Vec<PathBuf>,
     /// Leave out meshes instead of fitting a box, capsule or sphere around each.
@@ -49,9 +53,11 @@ pub fn command(args: &ConvertArgs) -> Result<String, Report> {
             folder.display()
         ));
     }
+    let mesh_folders = args.meshes.iter().cloned().chain(ros_folders()).collect();
     let options = UrdfOptions {
         part: args.part.clone(),
-        mesh_folders: args.meshes.clone(),
+        packages: args.package.iter().cloned().collect(),
+        mesh_folders,
         drop_meshes: args.drop_meshes,
         fix_unsupported: args.fix_unsupported,
     };
@@ -66,6 +72,24 @@ pub fn command(args: &ConvertArgs) -> Result<String, Report> {
     }
     let _ = writeln!(out, "{}", summary(&args.xml, &loaded.value));
     Ok(out)
+}
+
+/// `NAME=DIR`, where the folder exists.
+fn package(text: &str) -> Result<(String, PathBuf), String> {
+    let (name, folder) = text.split_once('=').ok_or("write NAME=DIR, such as ur_description=../ur_description")?;
+    let folder = PathBuf::from(folder);
+    if !folder.is_dir() {
+        return Err(format!("{} is no folder", folder.display()));
+    }
+    Ok((name.to_owned(), folder))
+}
+
+/// Where ROS 1 and ROS 2 keep packages, as their set-up scripts say.
+fn ros_folders() -> Vec<PathBuf> {
+    let folders =
+        |name: &str| std::env::var_os(name).map(|v| std::env::split_paths(&v).collect::<Vec<_>>()).unwrap_or_default();
+    let shares = folders("AMENT_PREFIX_PATH").into_iter().map(|prefix| prefix.join("share"));
+    folders("ROS_PACKAGE_PATH").into_iter().chain(shares).collect()
 }
 
 /// Writes beside the target, then renames: the file is whole or absent.

@@ -30,10 +30,12 @@ mod robot;
 mod scene;
 mod shape;
 mod spelling;
-mod turns;
+mod srdf;
 mod surface;
+mod turns;
 mod urdf;
 mod watch;
+mod xml;
 mod zrp;
 
 pub use engine::{
@@ -52,6 +54,10 @@ pub use scene::*;
 pub use shape::{BoundingCapsule, Primitive, Shape};
 pub use spelling::{nearest, suggestion};
 pub use surface::{LinkSurface, Surfaces, random_poses};
-pub use urdf::{UrdfOptions, load_urdf, parse_urdf};
+pub use srdf::{
+    EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint, load_link_tree, load_srdf, parse_link_tree,
+    parse_srdf,
+};
+pub use urdf::{UrdfOptions, load_mesh, load_urdf, parse_urdf};
 pub use watch::{Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

@@ -92,6 +92,16 @@ pub enum JointMotion {
     Slide,
 }
 
+impl JointMotion {
+    /// A joint's position (rad or meters) as rad of its motor's encoder, which counts degrees or millimeters.
+    pub fn encoder(self, position: f64) -> f64 {
+        match self {
+            Self::Turn => position,
+            Self::Slide => (position * 1000.0).to_radians(),
+        }
+    }
+}
+
 /// A node of the kinematic tree: a link, which moves the frame of its children, or a joint, which turns it or slides it.
 ///
 /// Its own frame, in which its shapes and markers are, is the one *before* that motion.

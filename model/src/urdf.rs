@@ -4,8 +4,8 @@
 //! the root frame, and what remains are translations and rotations about those axes.
 //!
 //! ```text
-//! text ──scan──> places, hostile XML refused ──urdf-rs──> links, joints ──tree──> bodies at zero ──build──> Robot
-//!                                              mesh files ──mesh──> points ──fit──> box, capsule or sphere
+//! text ──document──> links, joints, each with its place ──tree──> bodies at zero ──build──> Robot
+//!                                mesh files ──mesh──> triangles ──fit──> box, capsule or sphere
 //! ```
 //!
 //! * One part; one motor per moving joint. Its encoder counts degrees of a joint that turns and millimeters of one that slides. A
@@ -15,21 +15,23 @@
 //! * Links that a joint joins are not tested against each other, all others are (see `neighbors`).
 
 mod build;
+mod document;
 mod fit;
 mod mesh;
 mod neighbors;
-mod scan;
 mod tree;
 
 use crate::error::{FileError, Loaded, Source};
 use crate::{Robot, Scene, ShapeId};
+use document::Document;
+pub use mesh::load_mesh;
 use nalgebra::Isometry3;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Files above this size are refused, bytes.
-const MAX_BYTES: u64 = 16 << 20;
+pub(crate) const MAX_BYTES: u64 = 16 << 20;
 /// More warnings are dropped: nobody reads them.
 const MAX_WARNINGS: usize = 100;
 
@@ -38,6 +40,8 @@ const MAX_WARNINGS: usize = 100;
 pub struct UrdfOptions {
     /// Name of the body part that all motors go to; the robot's name if absent.
     pub part: Option<String>,
+    /// The folders of packages by name: `package://NAME/FILE` is FILE in that of NAME.
+    pub packages: BTreeMap<String, PathBuf>,
     /// Folders in which meshes are looked for (`package://NAME/FILE` as `FOLDER/NAME/FILE` and `FOLDER/FILE`).
     pub mesh_folders: Vec<PathBuf>,
     /// Leave out meshes, with a warning, rather than refuse those that cannot be read.
@@ -55,7 +59,9 @@ pub struct UrdfOptions {
 pub fn load_urdf(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
     let path = path.as_ref();
     let mut options = options.clone();
-    options.mesh_folders.extend(path.ancestors().skip(1).take(5).map(Path::to_path_buf));
+    // A file that is named from within its package still has the package's folders above it.
+    let above = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    options.mesh_folders.extend(above.ancestors().skip(1).take(5).map(Path::to_path_buf));
     read(&Source::read(path, MAX_BYTES)?, &options)
 }
 
@@ -69,25 +75,42 @@ pub fn parse_urdf(name: &str, text: &str, options: &UrdfOptions) -> Result<Loade
 
 /// From text to robot; each step refuses what the next could not bear.
 fn read(source: &Source, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
-    // Before `urdf-rs`, which knows no places and no bounds.
-    let places = scan::scan(source)?;
-    let urdf = urdf_rs::read_from_string(source.text()).map_err(|e| {
-        let help = "compare the element with the description of URDF: a joint needs name, type, parent and child";
-        source.error(places.robot.clone(), format!("this is not a valid URDF: {e}"), help)
-    })?;
+    let urdf = document::read(source)?;
     let mut warnings = Vec::new();
-    let tree = tree::Tree::new(source, &places, &urdf, options, &mut warnings)?;
-    let (robot, link_of_node) = build::build(source, &places, &urdf, &tree, options, &mut warnings)?;
-    warn_of_contacts(source, &places, &robot, &link_of_node, &mut warnings);
+    let tree = tree::Tree::new(source, &urdf, options, &mut warnings)?;
+    let (robot, link_of_node) = build::build(source, &urdf, &tree, options, &mut warnings)?;
+    warn_of_shapelessness(source, &urdf, &mut warnings);
+    warn_of_contacts(source, &urdf, &robot, &link_of_node, &mut warnings);
     warnings.truncate(MAX_WARNINGS);
     Ok(Loaded { value: robot, warnings })
+}
+
+/// Per link of a URDF: the joint that leads to it and the link that the joint leaves; none for a root.
+pub(crate) fn read_parents(source: &Source) -> Result<BTreeMap<String, Option<(String, String)>>, FileError> {
+    let urdf = document::read(source)?;
+    let mut parents: BTreeMap<_, _> = urdf.links.into_iter().map(|l| (l.name, None)).collect();
+    parents.extend(urdf.joints.into_iter().map(|j| (j.child, Some((j.name, j.parent)))));
+    Ok(parents)
+}
+
+/// A robot that can be seen and not touched is most likely not what its owner means.
+fn warn_of_shapelessness(source: &Source, urdf: &Document, out: &mut Vec<FileError>) {
+    let seen = urdf.links.iter().find(|l| l.visual);
+    if let Some(link) = seen.filter(|_| urdf.links.iter().all(|l| l.collisions.is_empty())) {
+        let message = "no link has a <collision>: nothing of this robot will ever touch anything";
+        out.push(source.warning(
+            link.at.clone(),
+            message,
+            "give each link a <collision>; copy its <visual> if need be",
+        ));
+    }
 }
 
 /// Neighbors beyond the next often overlap in a URDF: such pairs would keep the reflex busy for ever. Nobody but its owner
 /// knows whether the shapes are too large or the pair does not matter, so it is told and not mended.
 fn warn_of_contacts(
     source: &Source,
-    places: &scan::Places,
+    urdf: &Document,
     robot: &Robot,
     link_of_node: &[String],
     out: &mut Vec<FileError>,
@@ -104,6 +127,7 @@ fn warn_of_contacts(
         let help = format!(
             "shrink one of the shapes, or add <leaveOut a=\"{a}\" b=\"{b}\" reason=\"...\"/> to <pairs> in the converted file"
         );
-        out.push(source.warning(places.of("link", a), message, help));
+        let at = urdf.links.iter().find(|l| l.name == a).map_or(urdf.at.clone(), |l| l.at.clone());
+        out.push(source.warning(at, message, help));
     }
 }

@@ -5,14 +5,15 @@
 //!                                                └── links to where its other links are (their shapes, markers)
 //! ```
 
-use super::scan::Places;
+use super::document::{Collision, Document, Geometry, Joint, JointType};
+use super::mesh::{self, Meshes};
 use super::tree::{Drive, Tree};
-use super::{UrdfOptions, fit, mesh, neighbors};
+use super::{UrdfOptions, fit, neighbors};
 use crate::error::{FileError, Source};
-use crate::{JointMotion, Marker, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
+use crate::{JointMotion, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
-use urdf_rs::{Geometry, JointType, Pose};
+use std::rc::Rc;
 
 /// Points nearer than this are one; the format takes links below 1e-12 m as having no direction.
 const SAME_POINT: f64 = 1e-11;
@@ -38,10 +39,8 @@ struct Body {
 struct Builder<'a> {
     /// The file, for messages.
     source: &'a Source,
-    /// Where its links and joints stand.
-    places: &'a Places,
     /// What it says.
-    urdf: &'a urdf_rs::Robot,
+    urdf: &'a Document,
     /// How its links hang on each other.
     tree: &'a Tree,
     /// What to do with what ZRP has no word for.
@@ -58,8 +57,8 @@ struct Builder<'a> {
     shapes_of: Vec<Option<usize>>,
     /// Collision shapes so far.
     shapes: usize,
-    /// How many bytes of meshes may still be read.
-    meshes: u64,
+    /// The mesh files.
+    meshes: Meshes<'a>,
 }
 
 /// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on.
@@ -68,16 +67,14 @@ type Todo = (usize, Isometry3<f64>, Option<usize>);
 /// The robot, and per node the name of the link it belongs to.
 pub(super) fn build(
     source: &Source,
-    places: &Places,
-    urdf: &urdf_rs::Robot,
+    urdf: &Document,
     tree: &Tree,
     options: &UrdfOptions,
     warnings: &mut Vec<FileError>,
 ) -> Result<(Robot, Vec<String>), FileError> {
-    let name = if urdf.name.trim().is_empty() { "robot" } else { urdf.name.trim() };
-    let part = options.part.clone().unwrap_or_else(|| name.to_owned());
+    let part = options.part.clone().unwrap_or_else(|| urdf.name.clone());
     let robot = Robot {
-        name: name.to_owned(),
+        name: urdf.name.clone(),
         parts: vec![Part { name: part, motors: 0..0, root_node: Some(0), clauses: Vec::new() }],
         motors: Vec::new(),
         nodes: Vec::new(),
@@ -88,7 +85,6 @@ pub(super) fn build(
     let motors = vec![None; urdf.joints.len()];
     let mut b = Builder {
         source,
-        places,
         urdf,
         tree,
         options,
@@ -98,7 +94,7 @@ pub(super) fn build(
         link_of_node: Vec::new(),
         shapes_of: vec![None; urdf.links.len()],
         shapes: 0,
-        meshes: mesh::MAX_TOGETHER,
+        meshes: Meshes::new(options),
     };
     // Motors first: a mimic joint may come before its source in the tree.
     b.create_motors();
@@ -119,10 +115,10 @@ impl Builder<'_> {
         while let Some(link) = todo.pop() {
             for &joint in &self.tree.leaving[link] {
                 if let Some(limits) = self.tree.limits[joint] {
-                    let (min, max) = (encoder(limits.motion, limits.min), encoder(limits.motion, limits.max));
+                    let (min, max) = (limits.motion.encoder(limits.min), limits.motion.encoder(limits.max));
                     self.motors[joint] = Some(self.robot.motors.len());
                     self.robot.motors.push(Motor {
-                        name: self.urdf.joints[joint].name.trim().to_owned(),
+                        name: self.urdf.joints[joint].name.clone(),
                         part: 0,
                         min,
                         max,
@@ -142,7 +138,7 @@ impl Builder<'_> {
     /// Collects what fixed joints hold together with a link. `frame` is `root_from_link` at zero.
     ///
     /// # Errors
-    /// If an origin or axis is not finite, or an axis has no direction.
+    /// If an axis has no direction.
     fn body(&self, link: usize, frame: Isometry3<f64>) -> Result<Body, FileError> {
         let mut body = Body { links: Vec::new(), joints: Vec::new() };
         let mut todo = vec![(link, frame)];
@@ -151,20 +147,19 @@ impl Builder<'_> {
             for &joint in &self.tree.leaving[link] {
                 let what = &self.urdf.joints[joint];
                 let bad = || {
-                    let message = format!("the origin or axis of joint `{}` is not a finite number", what.name);
-                    let at = self.places.of("joint", what.name.trim());
-                    self.source.error(at, message, "write finite numbers; the axis must not be zero")
+                    let message = format!("the axis of joint `{}` has no direction", what.name);
+                    self.source.error(what.at.clone(), message, "write three numbers that are not all zero")
                 };
-                let at_joint = frame * pose(&what.origin).ok_or_else(bad)?;
+                let at_joint = frame * what.origin;
                 match self.tree.drives[joint] {
                     Drive::Fixed(0.0) => todo.push((self.tree.child[joint], at_joint)),
                     // A joint without range moves once and for all; its child hangs there like on a fixed one.
                     Drive::Fixed(position) => {
-                        let moved = motion(what).by(&axis(&what.axis.xyz.0).ok_or_else(bad)?, position);
+                        let moved = motion(what).by(&axis(&what.axis).ok_or_else(bad)?, position);
                         todo.push((self.tree.child[joint], at_joint * moved));
                     }
                     Drive::Moves { .. } => {
-                        axis(&what.axis.xyz.0).ok_or_else(bad)?;
+                        axis(&what.axis).ok_or_else(bad)?;
                         body.joints.push((joint, at_joint));
                     }
                 }
@@ -225,7 +220,7 @@ impl Builder<'_> {
 
     /// A link's name, without blanks around it.
     fn link_name(&self, link: usize) -> &str {
-        self.urdf.links[link].name.trim()
+        &self.urdf.links[link].name
     }
 
     /// A link's collision shapes, in its frame.
@@ -234,11 +229,11 @@ impl Builder<'_> {
     /// At the link, if there are too many or one of them is no shape.
     fn solids(&mut self, link: usize) -> Result<Vec<Primitive>, FileError> {
         let mut solids = Vec::new();
-        for collision in &self.urdf.links[link].collision {
+        for collision in &self.urdf.links[link].collisions {
             if self.shapes >= MAX_SHAPES {
                 let message = format!("the robot has more than {MAX_SHAPES} collision shapes");
                 let help = "cover what is small by one larger shape";
-                return Err(self.source.error(self.places.of("link", self.link_name(link)), message, help));
+                return Err(self.source.error(self.urdf.links[link].at.clone(), message, help));
             }
             self.shapes += 1;
             solids.extend(self.shape(link, collision)?);
@@ -254,7 +249,7 @@ impl Builder<'_> {
     /// Writes a moving joint under the node `parent`; `frame` is `root_from_joint` at zero. Returns its node, or the parent if nothing
     /// can move it.
     fn joint(&mut self, link: usize, joint: usize, frame: &Isometry3<f64>, parent: usize) -> Result<usize, FileError> {
-        let mut direction = frame.rotation * axis(&self.urdf.joints[joint].axis.xyz.0).unwrap_or(Vector3::z_axis());
+        let mut direction = frame.rotation * axis(&self.urdf.joints[joint].axis).unwrap_or(Vector3::z_axis());
         let Drive::Moves { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
         let (Some(motor), Some(limits)) = (self.motors[source], self.tree.limits[source]) else { return Ok(parent) };
         // The positions at the motor's limits, which a mimic joint may have in reverse. They are in the joint's own unit, whatever the
@@ -277,10 +272,10 @@ impl Builder<'_> {
     /// If there are too many; the link is pointed at.
     fn node(&mut self, link: usize, parent: Option<usize>, kind: NodeKind) -> Result<usize, FileError> {
         let index = self.robot.nodes.len();
-        let name = self.urdf.links[link].name.trim();
+        let name = self.urdf.links[link].name.as_str();
         if index >= MAX_NODES {
             let message = format!("the robot needs more than {MAX_NODES} nodes");
-            return Err(self.source.error(self.places.of("link", name), message, "merge or remove links"));
+            return Err(self.source.error(self.urdf.links[link].at.clone(), message, "merge or remove links"));
         }
         let (solids, fields) = (Vec::new(), Vec::new());
         let node =
@@ -291,39 +286,26 @@ impl Builder<'_> {
     }
 
     /// A collision shape in its link's frame.
-    fn shape(&mut self, link: usize, collision: &urdf_rs::Collision) -> Result<Option<Primitive>, FileError> {
-        let name = self.urdf.links[link].name.trim();
-        let at = self.places.of("link", name);
-        let bad = |message: String, help: &str| self.source.error(at.clone(), message, help);
-        let number = |what: &str| {
-            bad(format!("link `{name}`: a collision {what}"), "write finite numbers, and sizes above zero")
-        };
-        let place = pose(&collision.origin).ok_or_else(|| number("origin is not finite"))?;
+    fn shape(&mut self, link: usize, collision: &Collision) -> Result<Option<Primitive>, FileError> {
+        let name = self.urdf.links[link].name.as_str();
+        let place = collision.origin;
         // URDF's cylinders and capsules lie along z, ours along y.
         let along_z = place * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
         let (shape, pose) = match &collision.geometry {
             Geometry::Sphere { radius } => (Shape::Sphere { radius: *radius }, place),
-            Geometry::Box { size } => (Shape::Box { size: Vector3::from(size.0) }, place),
+            Geometry::Box { size } => (Shape::Box { size: *size }, place),
             Geometry::Cylinder { radius, length } => (Shape::Cylinder { radius: *radius, height: *length }, along_z),
             Geometry::Capsule { radius, length } => (Shape::Capsule { radius: *radius, height: *length }, along_z),
             Geometry::Mesh { filename, .. } if self.options.drop_meshes => {
                 let message = format!("link `{name}`: the mesh {filename} is left out");
-                self.warnings.push(self.source.warning(
-                    at.clone(),
-                    message,
-                    "give the link a shape in the converted file",
-                ));
+                let help = "give the link a shape in the converted file";
+                self.warnings.push(self.source.warning(collision.at.clone(), message, help));
                 return Ok(None);
             }
             Geometry::Mesh { filename, scale } => {
-                let scale = Vector3::from(scale.map_or([1.0; 3], |s| s.0));
-                let fitted = mesh::points(filename, &self.options.mesh_folders, &mut self.meshes)
-                    .and_then(|points| fit::fit(points.iter().map(|p| p.component_mul(&scale))))
-                    .map_err(|why| {
-                        let help = "name the folder of the meshes with --meshes DIR, leave meshes out with --drop-meshes, \
-                                    or give the link a box, cylinder or sphere";
-                        bad(format!("link `{name}`: the mesh {filename} {why}"), help)
-                    })?;
+                let mesh = self.mesh(name, collision, filename, scale)?;
+                let fitted = fit::fit(mesh.vertices.iter().map(|p| p.component_mul(scale)))
+                    .map_err(|why| self.bad_mesh(name, collision, filename, &why))?;
                 (fitted.shape, place * fitted.pose)
             }
         };
@@ -333,38 +315,43 @@ impl Builder<'_> {
             Shape::Box { size } => size.into(),
         };
         if sizes.iter().any(|s| !(s.is_finite() && *s > 0.0 && *s < 1e6)) {
-            return Err(number("shape has a size that is not above zero"));
+            let message = format!("link `{name}`: a collision shape has a size that is not above zero");
+            return Err(self.source.error(collision.at.clone(), message, "write finite numbers, and sizes above zero"));
         }
         Ok(Some(Primitive { shape, pose }))
+    }
+
+    /// The mesh of a collision, with a warning if its size is odd.
+    fn mesh(
+        &mut self,
+        link: &str,
+        collision: &Collision,
+        file: &str,
+        scale: &Vector3<f64>,
+    ) -> Result<Rc<Mesh>, FileError> {
+        let mesh = self.meshes.get(file).map_err(|why| self.bad_mesh(link, collision, file, &why))?;
+        if let Some(odd) = mesh::odd_size(&mesh, scale) {
+            let message = format!("link `{link}`: the mesh {file} {odd}");
+            let help = "if so, write scale=\"0.001 0.001 0.001\" into its <mesh>";
+            self.warnings.push(self.source.warning(collision.at.clone(), message, help));
+        }
+        Ok(mesh)
+    }
+
+    fn bad_mesh(&self, link: &str, collision: &Collision, file: &str, why: &str) -> FileError {
+        self.source.error(collision.at.clone(), format!("link `{link}`: the mesh {file} {why}"), mesh::remedy(file))
     }
 }
 
 /// How a joint of the file moves.
-fn motion(joint: &urdf_rs::Joint) -> JointMotion {
+fn motion(joint: &Joint) -> JointMotion {
     match joint.joint_type {
         JointType::Prismatic => JointMotion::Slide,
         _ => JointMotion::Turn,
     }
 }
 
-/// A joint's position (rad or meters) as rad of its motor's encoder, which counts degrees or millimeters.
-fn encoder(motion: JointMotion, position: f64) -> f64 {
-    match motion {
-        JointMotion::Turn => position,
-        JointMotion::Slide => (position * 1000.0).to_radians(),
-    }
-}
-
 /// A joint's axis in its own frame, if it has a direction.
-fn axis(xyz: &[f64; 3]) -> Option<Unit<Vector3<f64>>> {
-    let v = Vector3::from(*xyz);
-    v.iter().all(|c| c.is_finite()).then(|| Unit::try_new(v, 1e-9)).flatten()
-}
-
-/// `parent_from_here`: fixed axes roll, pitch, yaw.
-fn pose(origin: &Pose) -> Option<Isometry3<f64>> {
-    let ([x, y, z], [roll, pitch, yaw]) = (origin.xyz.0, origin.rpy.0);
-    let sane = [x, y, z, roll, pitch, yaw].iter().all(|v| v.is_finite() && v.abs() < 1e6);
-    let turn = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-    sane.then(|| Isometry3::from_parts(Translation3::new(x, y, z), turn))
+fn axis(xyz: &Vector3<f64>) -> Option<Unit<Vector3<f64>>> {
+    Unit::try_new(*xyz, 1e-9)
 }

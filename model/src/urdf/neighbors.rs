@@ -7,6 +7,7 @@
 //! torso ══ fixed ══ (no shapes) ── joint ── (no shapes) ── joint ── arm         torso and arm are neighbors
 //! ```
 
+use super::document::Document;
 use super::tree::{Drive, Tree};
 use crate::LeftOut;
 use std::collections::BTreeSet;
@@ -15,14 +16,14 @@ use std::collections::BTreeSet;
 ///
 /// # Arguments
 /// * `shapes_of`: per link the node that carries its shapes, if it has any.
-pub(super) fn neighbors(urdf: &urdf_rs::Robot, tree: &Tree, shapes_of: &[Option<usize>]) -> Vec<LeftOut> {
+pub(super) fn neighbors(urdf: &Document, tree: &Tree, shapes_of: &[Option<usize>]) -> Vec<LeftOut> {
     let graph = Graph::new(urdf.links.len(), tree, shapes_of);
     let mut out = Vec::new();
     for (parent, joints) in tree.leaving.iter().enumerate() {
         for &joint in joints.iter().filter(|j| matches!(tree.drives[**j], Drive::Moves { .. })) {
             let below = graph.nearest(tree.child[joint]).0;
             let above = graph.nearest_above(parent);
-            let reason = format!("neighbors, joined by {}", urdf.joints[joint].name.trim());
+            let reason = format!("neighbors, joined by {}", urdf.joints[joint].name);
             for (a, b) in above.iter().flat_map(|a| below.iter().map(move |b| (*a, *b))) {
                 out.push(LeftOut { nodes: (a.min(b), a.max(b)), reason: reason.clone() });
             }

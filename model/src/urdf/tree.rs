@@ -4,12 +4,11 @@
 //! joint that is wrong, so that building the robot deals with numbers that are right.
 
 use super::UrdfOptions;
-use super::scan::{MAX_LINKS, Places};
+use super::document::{Document, Joint, JointType};
 use crate::JointMotion;
 use crate::error::{FileError, Source};
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
-use urdf_rs::{Joint, JointType};
 
 /// Longer chains are refused.
 const MAX_DEPTH: usize = 200;
@@ -62,31 +61,24 @@ impl Tree {
     /// At the first joint or link that is not part of one tree, or can't be converted.
     pub fn new(
         source: &Source,
-        places: &Places,
-        urdf: &urdf_rs::Robot,
+        urdf: &Document,
         options: &UrdfOptions,
         warnings: &mut Vec<FileError>,
     ) -> Result<Self, FileError> {
-        let blame = |joint: &Joint, message: String, help: &str| {
-            source.error(places.of("joint", joint.name.trim()), message, help)
-        };
-        if urdf.links.len() > MAX_LINKS {
-            let message = format!("{} links are more than the {MAX_LINKS} that are converted", urdf.links.len());
-            return Err(source.error(places.robot.clone(), message, "split the robot, or merge fixed links"));
-        }
-        let links: BTreeMap<&str, usize> = urdf.links.iter().enumerate().map(|(i, l)| (l.name.trim(), i)).collect();
-        let joints: BTreeMap<&str, usize> = urdf.joints.iter().enumerate().map(|(i, j)| (j.name.trim(), i)).collect();
+        let blame = |joint: &Joint, message: String, help: &str| source.error(joint.at.clone(), message, help);
+        let links: BTreeMap<&str, usize> = urdf.links.iter().enumerate().map(|(i, l)| (l.name.as_str(), i)).collect();
+        let joints: BTreeMap<&str, usize> = urdf.joints.iter().enumerate().map(|(i, j)| (j.name.as_str(), i)).collect();
         let mut leaving = vec![Vec::new(); urdf.links.len()];
         let mut child = Vec::new();
         let mut has_parent = vec![false; urdf.links.len()];
         for (i, joint) in urdf.joints.iter().enumerate() {
             let find = |name: &str| {
-                links.get(name.trim()).copied().ok_or_else(|| {
+                links.get(name).copied().ok_or_else(|| {
                     let message = format!("joint `{}` names the link `{name}`, which does not exist", joint.name);
                     blame(joint, message, "correct the name, or add that link")
                 })
             };
-            let (from, to) = (find(&joint.parent.link)?, find(&joint.child.link)?);
+            let (from, to) = (find(&joint.parent)?, find(&joint.child)?);
             if std::mem::replace(&mut has_parent[to], true) {
                 let message = format!("link `{}` has more than one parent", urdf.links[to].name);
                 return Err(blame(joint, message, "a URDF is a tree: let one joint only lead to each link"));
@@ -101,7 +93,7 @@ impl Tree {
                 0 => "there is no link without a parent".to_owned(),
                 n => format!("{n} links have no parent: {}", names.join(", ")),
             };
-            return Err(source.error(places.robot.clone(), message, "join them to one tree with one root, by joints"));
+            return Err(source.error(urdf.at.clone(), message, "join them to one tree with one root, by joints"));
         };
         // Every link but the root has one parent, so what the root does not reach must hang on a circle.
         let mut reached = 0;
@@ -109,19 +101,19 @@ impl Tree {
         while let Some((link, depth)) = todo.pop() {
             if depth > MAX_DEPTH {
                 let message = format!("more than {MAX_DEPTH} joints follow each other");
-                return Err(source.error(places.of("link", &urdf.links[link].name), message, "shorten the chain"));
+                return Err(source.error(urdf.links[link].at.clone(), message, "shorten the chain"));
             }
             reached += 1;
             todo.extend(leaving[link].iter().map(|j| (child[*j], depth + 1)));
         }
         if reached < urdf.links.len() {
             let message = "some joints form a circle that the root does not lead to";
-            return Err(source.error(places.robot.clone(), message, "a URDF is a tree: correct the parents"));
+            return Err(source.error(urdf.at.clone(), message, "a URDF is a tree: correct the parents"));
         }
         let mut limits = Vec::new();
         for joint in &urdf.joints {
             limits.push(limits_of(joint, options, &blame, &mut |m, help: &str| {
-                warnings.push(source.warning(places.of("joint", joint.name.trim()), m, help));
+                warnings.push(source.warning(joint.at.clone(), m, help));
             })?);
         }
         let mut drives = Vec::new();
@@ -158,7 +150,7 @@ fn limits_of(
     warn: &mut dyn FnMut(String, &str),
 ) -> Result<Option<Limits>, FileError> {
     let name = &joint.name;
-    let motion = match &joint.joint_type {
+    let motion = match joint.joint_type {
         JointType::Fixed => return Ok(None),
         JointType::Continuous => return Ok(Some(turning(f64::NEG_INFINITY, f64::INFINITY))),
         JointType::Revolute => JointMotion::Turn,
@@ -179,9 +171,15 @@ fn limits_of(
             return Ok(None);
         }
     };
-    let (lo, hi) = (joint.limit.lower, joint.limit.upper);
+    let unit = if motion == JointMotion::Turn { "radians" } else { "meters" };
+    let Some(limit) = joint.limit else {
+        let help = format!(
+            "add <limit lower=\"...\" upper=\"...\"/> in {unit}, or make it continuous if it turns without end"
+        );
+        return Err(blame(joint, format!("joint `{name}` moves, and has no limits"), &help));
+    };
+    let (lo, hi) = (limit.lower, limit.upper);
     if lo.is_nan() || hi.is_nan() || lo > hi {
-        let unit = if motion == JointMotion::Turn { "radians" } else { "meters" };
         let message = format!("joint `{name}` has the limits {lo} to {hi}");
         return Err(blame(joint, message, &format!("write numbers in {unit}, the lower one first")));
     }
@@ -217,7 +215,7 @@ fn turning(lo: f64, hi: f64) -> Limits {
 /// Follows `mimic` to the joint with the motor.
 fn drive(
     start: usize,
-    urdf: &urdf_rs::Robot,
+    urdf: &Document,
     joints: &BTreeMap<&str, usize>,
     limits: &[Option<Limits>],
     blame: &impl Fn(&Joint, String, &str) -> FileError,
@@ -237,14 +235,14 @@ fn drive(
                 _ => Drive::Fixed(offset),
             });
         };
-        let (m, o) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
+        let (m, o) = (mimic.multiplier, mimic.offset);
         if !(m.is_finite() && o.is_finite()) {
             let message = format!("joint `{}` mimics with numbers that are not finite", joint.name);
             return Err(blame(joint, message, "write finite numbers as multiplier and offset"));
         }
         offset += factor * o;
         factor *= m;
-        at = *joints.get(mimic.joint.trim()).ok_or_else(|| {
+        at = *joints.get(mimic.joint.as_str()).ok_or_else(|| {
             let message = format!("joint `{}` mimics `{}`, which does not exist", joint.name, mimic.joint);
             blame(joint, message, "correct the name of the joint it mimics")
         })?;

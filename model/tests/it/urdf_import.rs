@@ -139,7 +139,8 @@ fn bodies_beyond_the_next_are_tested() {
 #[test]
 fn a_mesh_becomes_a_shape_around_it_or_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let obj = "v 0 0 0\nv 0.2 0 0\nv 0 0.3 0\nv 0 0 0.4\nv 0.2 0.3 0\nv 0.2 0 0.4\nv 0 0.3 0.4\nv 0.2 0.3 0.4\n";
+    let obj = "v 0 0 0\nv 0.2 0 0\nv 0 0.3 0\nv 0 0 0.4\nv 0.2 0.3 0\nv 0.2 0 0.4\nv 0 0.3 0.4\nv 0.2 0.3 0.4\n\
+               f 1 2 5 3\nf 4 6 8 7\nf -8 -7 -3 -5\n";
     std::fs::write(folder.path().join("brick.obj"), obj).unwrap();
     let text = |file: &str| {
         format!(
@@ -157,7 +158,7 @@ fn a_mesh_becomes_a_shape_around_it_or_is_refused() {
     }
     let refused = parse_urdf("r.urdf", &text("package://any/none.stl"), &options).unwrap_err();
     assert!(refused.message().contains("link `brick`") && refused.message().contains("none.stl"), "{refused}");
-    assert!(refused.remedy().contains("--meshes"), "{refused:?}");
+    assert!(refused.remedy().contains("--package any=DIR"), "{refused:?}");
     let dropped = parse_urdf("r.urdf", &text("none.stl"), &UrdfOptions { drop_meshes: true, ..Default::default() });
     assert_eq!(dropped.unwrap().warnings.len(), 1);
 }
@@ -179,7 +180,7 @@ fn what_cannot_be_converted_is_named_with_its_place() {
         ("<robot name=\"r\"><link name=\"a\"/>\n<link name=\"a\"/></robot>".into(), 2, "already"),
         (two_links(""), 1, "2 links have no parent"),
         (two_links(&format!("<joint name=\"j\" type=\"planar\">{ends}{limit}</joint>")), 3, "planar"),
-        (two_links(&format!("<joint name=\"j\" type=\"bent\">{ends}{limit}</joint>")), 1, "bent"),
+        (two_links(&format!("<joint name=\"j\" type=\"bent\">{ends}{limit}</joint>")), 3, "bent"),
         (two_links("<joint name=\"j\" type=\"fixed\"><parent link=\"a\"/><child link=\"c\"/></joint>"), 3, "`c`"),
         (two_links(&format!("<joint name=\"j\" type=\"fixed\">{ends}</joint>\n<joint name=\"k\" type=\"fixed\">{ends}</joint>")), 4, "more than one parent"),
         (two_links(&format!("<joint name=\"j\" type=\"revolute\">{ends}<limit lower=\"1\" upper=\"-1\" effort=\"1\" velocity=\"1\"/></joint>")), 3, "limits"),
