@@ -32,6 +32,7 @@ mod shape;
 mod spelling;
 mod srdf;
 mod surface;
+mod survey;
 mod turns;
 mod urdf;
 mod watch;
@@ -53,11 +54,12 @@ pub use robot::*;
 pub use scene::*;
 pub use shape::{BoundingCapsule, Primitive, Shape};
 pub use spelling::{nearest, suggestion};
-pub use surface::{LinkSurface, Surfaces, random_poses};
 pub use srdf::{
     EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint, load_link_tree, load_srdf, parse_link_tree,
     parse_srdf,
 };
-pub use urdf::{UrdfOptions, load_mesh, load_urdf, parse_urdf};
+pub use surface::{LinkSurface, Surfaces, random_poses};
+pub use survey::{Comparison, ContactCounts, HomePose, compare, find_home, spared_pairs};
+pub use urdf::{UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, parse_urdf};
 pub use watch::{Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

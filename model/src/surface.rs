@@ -119,7 +119,8 @@ impl Link {
 pub fn random_poses(robot: &Robot, seed: u64) -> impl Iterator<Item = Vec<f64>> + '_ {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     std::iter::repeat_with(move || {
-        robot.motors.iter().map(|m| m.min + (m.max - m.min) * random.random::<f64>()).collect()
+        let drawn = |(min, max): (f64, f64), share: f64| min + (max - min) * share;
+        robot.motors.iter().map(|m| drawn(m.range(), random.random::<f64>())).collect()
     })
 }
 

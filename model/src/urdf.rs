@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! text ──document──> links, joints, each with its place ──tree──> bodies at zero ──build──> Robot
-//!                                mesh files ──mesh──> triangles ──fit──> box, capsule or sphere
+//!                                mesh files ──mesh──> triangles ──fit──> primitives around them
 //! ```
 //!
 //! * One part; one motor per moving joint. Its encoder counts degrees of a joint that turns and millimeters of one that slides. A
@@ -16,19 +16,17 @@
 
 mod build;
 mod document;
-mod fit;
 mod mesh;
 mod neighbors;
 mod tree;
 
 use crate::error::{FileError, Loaded, Source};
-use crate::{Robot, Scene, ShapeId};
+use crate::{FitOptions, LinkSurface, Robot};
+use build::Built;
 use document::Document;
 pub use mesh::load_mesh;
-use nalgebra::Isometry3;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Files above this size are refused, bytes.
 pub(crate) const MAX_BYTES: u64 = 16 << 20;
@@ -48,6 +46,19 @@ pub struct UrdfOptions {
     pub drop_meshes: bool,
     /// Hold planar joints at zero, with a warning, rather than refuse them. Floating ones stand still anyhow.
     pub fix_unsupported: bool,
+    /// How near to the meshes the shapes must be that are fitted to them, and how many a link may have.
+    pub fit: FitOptions,
+    /// The same for single links, by name.
+    pub fit_of: BTreeMap<String, FitOptions>,
+}
+
+/// A robot made from a URDF, and the surfaces that its shapes were fitted to.
+#[derive(Clone, Debug)]
+pub struct UrdfRobot {
+    /// The robot.
+    pub robot: Robot,
+    /// Meshes and shapes as the file gives them, of each link that has any.
+    pub surfaces: Vec<LinkSurface>,
 }
 
 /// Reads a robot from a URDF file.
@@ -56,33 +67,45 @@ pub struct UrdfOptions {
 ///
 /// # Errors
 /// The first mistake in the file, or the first thing that cannot be converted, with its place and a remedy.
-pub fn load_urdf(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
-    let path = path.as_ref();
+pub fn load_urdf(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<UrdfRobot>, FileError> {
+    read(&Source::read(path.as_ref(), MAX_BYTES)?, &with_folders_above(path.as_ref(), options), true)
+}
+
+/// Reads what the links of a URDF file collide with, and fits nothing to it.
+///
+/// # Errors
+/// As [`load_urdf`].
+pub fn load_surfaces(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<Vec<LinkSurface>>, FileError> {
+    let loaded = read(&Source::read(path.as_ref(), MAX_BYTES)?, &with_folders_above(path.as_ref(), options), false)?;
+    Ok(Loaded { value: loaded.value.surfaces, warnings: loaded.warnings })
+}
+
+/// The options with the folders above the file, in which packages are looked for.
+fn with_folders_above(path: &Path, options: &UrdfOptions) -> UrdfOptions {
     let mut options = options.clone();
     // A file that is named from within its package still has the package's folders above it.
     let above = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     options.mesh_folders.extend(above.ancestors().skip(1).take(5).map(Path::to_path_buf));
-    read(&Source::read(path, MAX_BYTES)?, &options)
+    options
 }
 
 /// Reads a robot from URDF text; `name` stands for the file in messages.
 ///
 /// # Errors
 /// As [`load_urdf`].
-pub fn parse_urdf(name: &str, text: &str, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
-    read(&Source::new(name, text), options)
+pub fn parse_urdf(name: &str, text: &str, options: &UrdfOptions) -> Result<Loaded<UrdfRobot>, FileError> {
+    read(&Source::new(name, text), options, true)
 }
 
 /// From text to robot; each step refuses what the next could not bear.
-fn read(source: &Source, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
+fn read(source: &Source, options: &UrdfOptions, fits: bool) -> Result<Loaded<UrdfRobot>, FileError> {
     let urdf = document::read(source)?;
     let mut warnings = Vec::new();
     let tree = tree::Tree::new(source, &urdf, options, &mut warnings)?;
-    let (robot, link_of_node) = build::build(source, &urdf, &tree, options, &mut warnings)?;
+    let Built { robot, surfaces } = build::build(source, &urdf, &tree, options, fits, &mut warnings)?;
     warn_of_shapelessness(source, &urdf, &mut warnings);
-    warn_of_contacts(source, &urdf, &robot, &link_of_node, &mut warnings);
     warnings.truncate(MAX_WARNINGS);
-    Ok(Loaded { value: robot, warnings })
+    Ok(Loaded { value: UrdfRobot { robot, surfaces }, warnings })
 }
 
 /// Per link of a URDF: the joint that leads to it and the link that the joint leaves; none for a root.
@@ -103,31 +126,5 @@ fn warn_of_shapelessness(source: &Source, urdf: &Document, out: &mut Vec<FileErr
             message,
             "give each link a <collision>; copy its <visual> if need be",
         ));
-    }
-}
-
-/// Neighbors beyond the next often overlap in a URDF: such pairs would keep the reflex busy for ever. Nobody but its owner
-/// knows whether the shapes are too large or the pair does not matter, so it is told and not mended.
-fn warn_of_contacts(
-    source: &Source,
-    urdf: &Document,
-    robot: &Robot,
-    link_of_node: &[String],
-    out: &mut Vec<FileError>,
-) {
-    let Ok(scene) = Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new()) else { return };
-    let link = |id: ShapeId| match id {
-        ShapeId::Robot { node, .. } => link_of_node.get(usize::from(node)).map_or("?", String::as_str),
-        ShapeId::Object { .. } => "?",
-    };
-    let found = scene.contacts(&scene.home(), 0.0);
-    let pairs: BTreeSet<_> = found.iter().map(|c| (link(c.pair.0), link(c.pair.1))).collect();
-    for (a, b) in pairs {
-        let message = format!("links `{a}` and `{b}` touch each other at home");
-        let help = format!(
-            "shrink one of the shapes, or add <leaveOut a=\"{a}\" b=\"{b}\" reason=\"...\"/> to <pairs> in the converted file"
-        );
-        let at = urdf.links.iter().find(|l| l.name == a).map_or(urdf.at.clone(), |l| l.at.clone());
-        out.push(source.warning(at, message, help));
     }
 }

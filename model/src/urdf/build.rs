@@ -5,12 +5,13 @@
 //!                                                └── links to where its other links are (their shapes, markers)
 //! ```
 
-use super::document::{Collision, Document, Geometry, Joint, JointType};
+use super::document::{Collision, Document, Geometry, Joint, JointType, Link};
 use super::mesh::{self, Meshes};
 use super::tree::{Drive, Tree};
-use super::{UrdfOptions, fit, neighbors};
+use super::{UrdfOptions, neighbors};
 use crate::error::{FileError, Source};
-use crate::{JointMotion, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
+use crate::fit_link;
+use crate::{JointMotion, LinkSurface, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
 use std::rc::Rc;
@@ -51,27 +52,38 @@ struct Builder<'a> {
     robot: Robot,
     /// Per joint of the URDF: its motor.
     motors: Vec<Option<usize>>,
-    /// Per node: the name of the link that it was written for, for messages.
-    link_of_node: Vec<String>,
     /// Per link: the node that carries its collision shapes, if it has any.
     shapes_of: Vec<Option<usize>>,
     /// Collision shapes so far.
     shapes: usize,
     /// The mesh files.
     meshes: Meshes<'a>,
+    /// Whether primitives are fitted to meshes.
+    fits: bool,
+    /// What the links collide with in the file's own words.
+    surfaces: Vec<LinkSurface>,
+}
+
+/// What a URDF becomes.
+pub(super) struct Built {
+    /// The robot.
+    pub robot: Robot,
+    /// Meshes and shapes of the links that have any.
+    pub surfaces: Vec<LinkSurface>,
 }
 
 /// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on.
 type Todo = (usize, Isometry3<f64>, Option<usize>);
 
-/// The robot, and per node the name of the link it belongs to.
+/// Writes the robot. Without `fits` nothing is fitted to meshes: the surfaces alone are wanted.
 pub(super) fn build(
     source: &Source,
     urdf: &Document,
     tree: &Tree,
     options: &UrdfOptions,
+    fits: bool,
     warnings: &mut Vec<FileError>,
-) -> Result<(Robot, Vec<String>), FileError> {
+) -> Result<Built, FileError> {
     let part = options.part.clone().unwrap_or_else(|| urdf.name.clone());
     let robot = Robot {
         name: urdf.name.clone(),
@@ -91,10 +103,11 @@ pub(super) fn build(
         warnings,
         robot,
         motors,
-        link_of_node: Vec::new(),
         shapes_of: vec![None; urdf.links.len()],
         shapes: 0,
         meshes: Meshes::new(options),
+        fits,
+        surfaces: Vec::new(),
     };
     // Motors first: a mimic joint may come before its source in the tree.
     b.create_motors();
@@ -105,7 +118,7 @@ pub(super) fn build(
     }
     // From here on the robot lists what is not tested; whoever knows of more (an SRDF, a search) adds it in the same way.
     b.robot.leave_out(neighbors::neighbors(urdf, tree, &b.shapes_of));
-    Ok((b.robot, b.link_of_node))
+    Ok(Built { robot: b.robot, surfaces: b.surfaces })
 }
 
 impl Builder<'_> {
@@ -181,7 +194,7 @@ impl Builder<'_> {
         self.robot.nodes[node].name = Some(self.link_name(first).into());
         let end = start + offset;
         for (link, link_frame) in &body.links {
-            let (solids, at) = (self.solids(*link)?, link_frame.translation.vector);
+            let (solids, at) = (self.solids(*link, link_frame.rotation)?, link_frame.translation.vector);
             // A link with shapes has a node of its own, which is named after it: so every shape knows the link that it is from.
             let shared = *link == first || (solids.is_empty() && (at - start).norm() <= SAME_POINT);
             let place = if shared {
@@ -223,22 +236,60 @@ impl Builder<'_> {
         &self.urdf.links[link].name
     }
 
-    /// A link's collision shapes, in its frame.
+    /// A link's collision shapes, in its frame: those that the file gives, and those that are fitted to its meshes. `turn` is
+    /// `root_from_link` at zero.
     ///
     /// # Errors
     /// At the link, if there are too many or one of them is no shape.
-    fn solids(&mut self, link: usize) -> Result<Vec<Primitive>, FileError> {
-        let mut solids = Vec::new();
-        for collision in &self.urdf.links[link].collisions {
-            if self.shapes >= MAX_SHAPES {
-                let message = format!("the robot has more than {MAX_SHAPES} collision shapes");
-                let help = "cover what is small by one larger shape";
-                return Err(self.source.error(self.urdf.links[link].at.clone(), message, help));
+    fn solids(&mut self, link: usize, turn: UnitQuaternion<f64>) -> Result<Vec<Primitive>, FileError> {
+        let urdf = self.urdf;
+        let Link { name, at, collisions, .. } = &urdf.links[link];
+        let mut own = LinkSurface { link: name.clone(), turn, meshes: Vec::new(), solids: Vec::new() };
+        for collision in collisions {
+            match &collision.geometry {
+                Geometry::Mesh { filename, .. } if self.options.drop_meshes => {
+                    let message = format!("link `{name}`: the mesh {filename} is left out");
+                    let help = "give the link a shape in the converted file";
+                    self.warnings.push(self.source.warning(collision.at.clone(), message, help));
+                }
+                Geometry::Mesh { filename, scale } => {
+                    let mesh = self.mesh(name, collision, filename, scale)?;
+                    own.meshes.push(placed(&mesh, scale, &collision.origin));
+                }
+                _ => own.solids.push(self.shape(link, collision)?),
             }
-            self.shapes += 1;
-            solids.extend(self.shape(link, collision)?);
+        }
+        let mut solids = own.solids.clone();
+        if !own.meshes.is_empty() && self.fits {
+            solids.extend(self.fitted(link, &own.meshes)?);
+        }
+        self.shapes += solids.len();
+        if self.shapes > MAX_SHAPES {
+            let message = format!("the robot has more than {MAX_SHAPES} collision shapes");
+            return Err(self.source.error(at.clone(), message, "cover what is small by one larger shape"));
+        }
+        if !own.meshes.is_empty() || !own.solids.is_empty() {
+            self.surfaces.push(own);
         }
         Ok(solids)
+    }
+
+    /// The primitives around a link's meshes, with a warning where the bound could not be kept.
+    fn fitted(&mut self, link: usize, meshes: &[Mesh]) -> Result<Vec<Primitive>, FileError> {
+        let Link { name, at, .. } = &self.urdf.links[link];
+        let options = self.options.fit_of.get(name.as_str()).unwrap_or(&self.options.fit);
+        let fitted = fit_link(meshes, options).map_err(|why| {
+            let help = "leave meshes out with --drop-meshes, or give the link a box, cylinder or sphere";
+            self.source.error(at.clone(), format!("the meshes of link `{name}`: {why}"), help)
+        })?;
+        if fitted.overshoot > options.overshoot {
+            let (most, is) = (options.overshoot * 1e3, fitted.overshoot * 1e3);
+            let message =
+                format!("link `{name}`: its {} shapes stick out by {is:.0} mm, not {most:.0}", fitted.primitives.len());
+            let help = "allow more shapes with --shapes N, or edit those of this link in the converted file";
+            self.warnings.push(self.source.warning(at.clone(), message, help));
+        }
+        Ok(fitted.primitives)
     }
 
     /// The node whose children start `offset` beyond the end of `from`: `from` itself, or a new link.
@@ -272,7 +323,6 @@ impl Builder<'_> {
     /// If there are too many; the link is pointed at.
     fn node(&mut self, link: usize, parent: Option<usize>, kind: NodeKind) -> Result<usize, FileError> {
         let index = self.robot.nodes.len();
-        let name = self.urdf.links[link].name.as_str();
         if index >= MAX_NODES {
             let message = format!("the robot needs more than {MAX_NODES} nodes");
             return Err(self.source.error(self.urdf.links[link].at.clone(), message, "merge or remove links"));
@@ -281,12 +331,11 @@ impl Builder<'_> {
         let node =
             Node { name: None, parent, part: 0, kind, solids, fields, no_self_collision: false, near_root: false };
         self.robot.nodes.push(node);
-        self.link_of_node.push(name.to_owned());
         Ok(index)
     }
 
-    /// A collision shape in its link's frame.
-    fn shape(&mut self, link: usize, collision: &Collision) -> Result<Option<Primitive>, FileError> {
+    /// A collision shape that is no mesh, in its link's frame.
+    fn shape(&self, link: usize, collision: &Collision) -> Result<Primitive, FileError> {
         let name = self.urdf.links[link].name.as_str();
         let place = collision.origin;
         // URDF's cylinders and capsules lie along z, ours along y.
@@ -296,18 +345,7 @@ impl Builder<'_> {
             Geometry::Box { size } => (Shape::Box { size: *size }, place),
             Geometry::Cylinder { radius, length } => (Shape::Cylinder { radius: *radius, height: *length }, along_z),
             Geometry::Capsule { radius, length } => (Shape::Capsule { radius: *radius, height: *length }, along_z),
-            Geometry::Mesh { filename, .. } if self.options.drop_meshes => {
-                let message = format!("link `{name}`: the mesh {filename} is left out");
-                let help = "give the link a shape in the converted file";
-                self.warnings.push(self.source.warning(collision.at.clone(), message, help));
-                return Ok(None);
-            }
-            Geometry::Mesh { filename, scale } => {
-                let mesh = self.mesh(name, collision, filename, scale)?;
-                let fitted = fit::fit(mesh.vertices.iter().map(|p| p.component_mul(scale)))
-                    .map_err(|why| self.bad_mesh(name, collision, filename, &why))?;
-                (fitted.shape, place * fitted.pose)
-            }
+            Geometry::Mesh { filename, .. } => return Err(self.bad_mesh(name, collision, filename, "is no shape")),
         };
         let sizes = match shape {
             Shape::Sphere { radius } => [radius; 3],
@@ -318,7 +356,7 @@ impl Builder<'_> {
             let message = format!("link `{name}`: a collision shape has a size that is not above zero");
             return Err(self.source.error(collision.at.clone(), message, "write finite numbers, and sizes above zero"));
         }
-        Ok(Some(Primitive { shape, pose }))
+        Ok(Primitive { shape, pose })
     }
 
     /// The mesh of a collision, with a warning if its size is odd.
@@ -341,6 +379,12 @@ impl Builder<'_> {
     fn bad_mesh(&self, link: &str, collision: &Collision, file: &str, why: &str) -> FileError {
         self.source.error(collision.at.clone(), format!("link `{link}`: the mesh {file} {why}"), mesh::remedy(file))
     }
+}
+
+/// A mesh in its link's frame, meters.
+fn placed(mesh: &Mesh, scale: &Vector3<f64>, link_from_mesh: &Isometry3<f64>) -> Mesh {
+    let place = |v: &Vector3<f64>| link_from_mesh.transform_point(&v.component_mul(scale).into()).coords;
+    Mesh { vertices: mesh.vertices.iter().map(place).collect(), triangles: mesh.triangles.clone() }
 }
 
 /// How a joint of the file moves.
