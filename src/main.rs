@@ -161,7 +161,7 @@ enum ModelCommand {
         /// World XML.
         #[arg(long)]
         world: Option<PathBuf>,
-        /// Poses as CSV: `pose_id`, then a column `part.motor` per motor, in encoder degrees; others are at home.
+        /// Poses as CSV: `pose_id`, then a column `part.motor` per motor, in encoder units (degrees; millimeters where it slides); others are at home.
         #[arg(long)]
         poses: PathBuf,
         /// Folder for the CSV files.

@@ -127,7 +127,7 @@ fn bodies_beyond_the_next_are_tested() {
     for pair in [(base, hand), (upper, hand), (base, lower), (lower, hand)] {
         assert!(robot.pairs.reflex.contains(&pair), "{pair:?}");
     }
-    for pair in [(upper, lower), (lower, plate)] {
+    for pair in [(upper, lower), (plate, hand)] {
         assert!(!robot.pairs.reflex.contains(&pair), "{pair:?}");
         let left_out = robot.left_out.iter().flatten().find(|l| l.nodes == pair).expect("it is listed");
         assert!(left_out.reason.starts_with("neighbors, joined by "), "{left_out:?}");
