@@ -1,7 +1,9 @@
 //! `mobee model convert`: a URDF becomes a robot file.
 
+use crate::robot_import::{ImportArgs, Imported};
 use miette::{IntoDiagnostic, Report, WrapErr, miette};
-use mobee_model::{Robot, Shape, UrdfOptions, load_urdf, parse_robot, write_robot};
+use mobee_model::{Robot, parse_robot, write_robot};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -12,22 +14,8 @@ pub struct ConvertArgs {
     urdf: PathBuf,
     /// The robot file to write; it must not exist yet.
     xml: PathBuf,
-    /// Where a package is that the URDF names as `package://NAME/...` (repeatable).
-    #[arg(long, value_name = "NAME=DIR", value_parser = package)]
-    package: Vec<(String, PathBuf)>,
-    /// Also search this folder for packages and meshes (repeatable). Those of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH and the
-    /// five above the URDF are always searched.
-    #[arg(long, value_name = "DIR")]
-    meshes: Vec<PathBuf>,
-    /// Leave out meshes instead of fitting a box, capsule or sphere around each.
-    #[arg(long)]
-    drop_meshes: bool,
-    /// Hold planar joints at zero instead of refusing them (a floating base stands still anyhow).
-    #[arg(long)]
-    fix_unsupported: bool,
-    /// Name of the body part that contains all motors (default: the robot's name).
-    #[arg(long, value_name = "NAME")]
-    part: Option<String>,
+    #[command(flatten)]
+    import: ImportArgs,
     /// Replace the robot file if it exists.
     #[arg(long)]
     force: bool,
@@ -46,50 +34,29 @@ pub fn command(args: &ConvertArgs) -> Result<String, Report> {
             args.xml.display()
         ));
     }
-    if let Some(folder) = args.meshes.iter().find(|f| !f.is_dir()) {
-        return Err(miette!(
-            help = "give the folder that holds the meshes",
-            "--meshes {}: no such folder",
-            folder.display()
-        ));
-    }
-    let mesh_folders = args.meshes.iter().cloned().chain(ros_folders()).collect();
-    let options = UrdfOptions {
-        part: args.part.clone(),
-        packages: args.package.iter().cloned().collect(),
-        mesh_folders,
-        drop_meshes: args.drop_meshes,
-        fix_unsupported: args.fix_unsupported,
-    };
-    let loaded = load_urdf(&args.urdf, &options)?;
-    let text = write_robot(&loaded.value);
-    // What cannot be read back is not written.
-    parse_robot(&args.xml.display().to_string(), &text)?;
+    let imported = args.import.import(&args.urdf)?;
+    let text = text(&args.urdf, &args.xml, &imported)?;
     save(&args.xml, &text)?;
-    let mut out = String::new();
-    for warning in &loaded.warnings {
-        let _ = writeln!(out, "warning: {warning}");
-    }
-    let _ = writeln!(out, "{}", summary(&args.xml, &loaded.value));
-    Ok(out)
+    Ok(summary(&args.xml, &imported))
 }
 
-/// `NAME=DIR`, where the folder exists.
-fn package(text: &str) -> Result<(String, PathBuf), String> {
-    let (name, folder) = text.split_once('=').ok_or("write NAME=DIR, such as ur_description=../ur_description")?;
-    let folder = PathBuf::from(folder);
-    if !folder.is_dir() {
-        return Err(format!("{} is no folder", folder.display()));
-    }
-    Ok((name.to_owned(), folder))
-}
-
-/// Where ROS 1 and ROS 2 keep packages, as their set-up scripts say.
-fn ros_folders() -> Vec<PathBuf> {
-    let folders =
-        |name: &str| std::env::var_os(name).map(|v| std::env::split_paths(&v).collect::<Vec<_>>()).unwrap_or_default();
-    let shares = folders("AMENT_PREFIX_PATH").into_iter().map(|prefix| prefix.join("share"));
-    folders("ROS_PACKAGE_PATH").into_iter().chain(shares).collect()
+/// The robot file, with what was decided as a comment.
+///
+/// # Errors
+/// If it could not be read back: then it is not written.
+pub fn text(urdf: &Path, xml: &Path, imported: &Imported) -> Result<String, Report> {
+    let text = write_robot(&imported.robot);
+    let from = urdf.file_name().unwrap_or_default().to_string_lossy();
+    let mut note = format!("Converted from {from} by `mobee model convert`.\n");
+    imported.decided.iter().for_each(|line| note = format!("{note}  {line}\n"));
+    // two hyphens would end a comment
+    let note = format!("<!--\n  {}-->\n", note.replace("--", "- -"));
+    let text = match text.split_once("?>\n") {
+        Some((declaration, rest)) => format!("{declaration}?>\n{note}{rest}"),
+        None => note + &text,
+    };
+    parse_robot(&xml.display().to_string(), &text)?;
+    Ok(text)
 }
 
 /// Writes beside the target, then renames: the file is whole or absent.
@@ -104,16 +71,38 @@ fn save(path: &Path, text: &str) -> Result<(), Report> {
         .inspect_err(|_| drop(std::fs::remove_file(&beside)))
 }
 
-fn summary(path: &Path, robot: &Robot) -> String {
-    // The balls that mark joints are no shapes of the robot's (see `mobee_model`'s URDF import).
-    let is_marker = |s: &Shape| matches!(s, Shape::Sphere { radius } if *radius < 1e-3);
-    let shapes = robot.nodes.iter().flat_map(|n| &n.solids).filter(|p| !is_marker(&p.shape)).count();
-    format!(
-        "{}: robot `{}`, {} motors, {} markers, {shapes} shapes, {} pairs tested",
+/// What came of it, for people.
+pub fn summary(path: &Path, imported: &Imported) -> String {
+    let Imported { robot, warnings, decided, .. } = imported;
+    let mut out = String::new();
+    for warning in warnings {
+        let _ = writeln!(out, "warning: {warning}");
+    }
+    let shapes: usize = robot.nodes.iter().map(|n| n.solids.len()).sum();
+    let _ = writeln!(
+        out,
+        "{}: robot `{}`, {} motors, {} markers, {shapes} shapes, {} pairs of links tested",
         path.display(),
         robot.name,
         robot.motors.len(),
         robot.markers.len(),
         robot.pairs.reflex.len()
-    )
+    );
+    for (reason, count) in reasons(robot) {
+        let _ = writeln!(out, "  {count} pairs left out: {reason}");
+    }
+    for line in decided {
+        let _ = writeln!(out, "  {line}");
+    }
+    out
+}
+
+/// Why pairs are left out, and how many for each reason. What follows a comma is about one pair alone.
+fn reasons(robot: &Robot) -> BTreeMap<&str, usize> {
+    let mut reasons = BTreeMap::new();
+    for left_out in robot.left_out.iter().flatten() {
+        let reason = left_out.reason.split_once(", joined").map_or(left_out.reason.as_str(), |(word, _)| word);
+        *reasons.entry(reason).or_default() += 1;
+    }
+    reasons
 }

@@ -214,6 +214,25 @@ impl Robot {
         self.body(a) != self.body(b)
     }
 
+    /// The motors that move the node which most of them move, from the root outward: those of the longest arm or leg.
+    pub fn longest_chain(&self) -> Vec<usize> {
+        let mut chains: Vec<Vec<usize>> = Vec::with_capacity(self.nodes.len());
+        let mut longest: Vec<usize> = Vec::new();
+        for node in &self.nodes {
+            let mut chain = node.parent.and_then(|p| chains.get(p)).cloned().unwrap_or_default();
+            if let NodeKind::Joint { motor, .. } = node.kind
+                && !chain.contains(&motor)
+            {
+                chain.push(motor);
+            }
+            if chain.len() > longest.len() {
+                longest.clone_from(&chain);
+            }
+            chains.push(chain);
+        }
+        longest
+    }
+
     /// The motors that can change the distance between the shapes of two nodes; `None` is the world.
     pub fn movers(&self, a: Option<usize>, b: Option<usize>) -> BTreeSet<usize> {
         let joints = |node: Option<usize>| {

@@ -48,8 +48,6 @@ pub struct UrdfOptions {
     pub fix_unsupported: bool,
     /// How near to the meshes the shapes must be that are fitted to them, and how many a link may have.
     pub fit: FitOptions,
-    /// The same for single links, by name.
-    pub fit_of: BTreeMap<String, FitOptions>,
 }
 
 /// A robot made from a URDF, and the surfaces that its shapes were fitted to.

@@ -10,9 +10,8 @@ use super::mesh::{self, Meshes};
 use super::tree::{Drive, Tree};
 use super::{UrdfOptions, neighbors};
 use crate::error::{FileError, Source};
-use crate::fit_link;
 use crate::{JointMotion, LinkSurface, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
-use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
 use std::rc::Rc;
 
@@ -209,10 +208,7 @@ impl Builder<'_> {
             if !solids.is_empty() {
                 self.shapes_of[*link] = Some(place);
             }
-            // Nodes have the orientation of the root, so only what is turned against that is left of a link's frame.
-            let turned = Isometry3::from_parts(Translation3::identity(), link_frame.rotation);
-            let placed = solids.into_iter().map(|s| Primitive { pose: turned * s.pose, ..s });
-            self.robot.nodes[place].solids.extend(placed);
+            self.robot.nodes[place].solids.extend(solids);
             self.robot.markers.push(Marker {
                 name: self.link_name(*link).to_owned(),
                 node: place,
@@ -236,8 +232,8 @@ impl Builder<'_> {
         &self.urdf.links[link].name
     }
 
-    /// A link's collision shapes, in its frame: those that the file gives, and those that are fitted to its meshes. `turn` is
-    /// `root_from_link` at zero.
+    /// A link's collision shapes: those that the file gives, and those that are fitted to its meshes. Nodes have the orientation of
+    /// the root, so that only what is turned against that is left of a link's frame: `turn`, which is `root_from_link` at zero.
     ///
     /// # Errors
     /// At the link, if there are too many or one of them is no shape.
@@ -259,10 +255,7 @@ impl Builder<'_> {
                 _ => own.solids.push(self.shape(link, collision)?),
             }
         }
-        let mut solids = own.solids.clone();
-        if !own.meshes.is_empty() && self.fits {
-            solids.extend(self.fitted(link, &own.meshes)?);
-        }
+        let solids = if self.fits { self.fitted(link, &own)? } else { Vec::new() };
         self.shapes += solids.len();
         if self.shapes > MAX_SHAPES {
             let message = format!("the robot has more than {MAX_SHAPES} collision shapes");
@@ -274,22 +267,21 @@ impl Builder<'_> {
         Ok(solids)
     }
 
-    /// The primitives around a link's meshes, with a warning where the bound could not be kept.
-    fn fitted(&mut self, link: usize, meshes: &[Mesh]) -> Result<Vec<Primitive>, FileError> {
+    /// The shapes of a link, with a warning where those around its meshes are not as near as they should be.
+    fn fitted(&mut self, link: usize, own: &LinkSurface) -> Result<Vec<Primitive>, FileError> {
         let Link { name, at, .. } = &self.urdf.links[link];
-        let options = self.options.fit_of.get(name.as_str()).unwrap_or(&self.options.fit);
-        let fitted = fit_link(meshes, options).map_err(|why| {
+        let options = &self.options.fit;
+        let (shapes, overshoot) = own.fitted(options).map_err(|why| {
             let help = "leave meshes out with --drop-meshes, or give the link a box, cylinder or sphere";
             self.source.error(at.clone(), format!("the meshes of link `{name}`: {why}"), help)
         })?;
-        if fitted.overshoot > options.overshoot {
-            let (most, is) = (options.overshoot * 1e3, fitted.overshoot * 1e3);
-            let message =
-                format!("link `{name}`: its {} shapes stick out by {is:.0} mm, not {most:.0}", fitted.primitives.len());
+        if overshoot > options.overshoot {
+            let (most, is) = (options.overshoot * 1e3, overshoot * 1e3);
+            let message = format!("link `{name}`: its {} shapes stick out by {is:.0} mm, not {most:.0}", shapes.len());
             let help = "allow more shapes with --shapes N, or edit those of this link in the converted file";
             self.warnings.push(self.source.warning(at.clone(), message, help));
         }
-        Ok(fitted.primitives)
+        Ok(shapes)
     }
 
     /// The node whose children start `offset` beyond the end of `from`: `from` itself, or a new link.

@@ -66,7 +66,7 @@ fn a_list_survives_a_file_and_can_be_extended() {
 #[test]
 fn a_mistake_in_the_list_is_told_at_its_place() {
     let cases = [
-        ("<pairs><leaveOut a=\"upper\" b=\"bse\"/></pairs>", "`bse`", "did you mean `base`"),
+        ("<pairs><leaveOut a=\"upper\" b=\"bsae\"/></pairs>", "`bsae`", "did you mean `base`"),
         ("<pairs><leaveOut a=\"upper\"/></pairs>", "no `b`", "name both"),
         ("<pairs><leaveOut a=\"upper\" b=\"upper\"/></pairs>", "twice", "remove"),
         ("<leaveOut a=\"upper\" b=\"base\"/>", "outside <pairs>", "put it into"),
