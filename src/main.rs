@@ -3,9 +3,10 @@
 use clap::{Parser, Subcommand};
 use miette::Report;
 use mobee::config::{ClockMode, ConfigError};
+use mobee::robot_import::ImportArgs;
 use mobee::{
-    agent, check, config, ctl, doctor, inspect, kinds, model_convert, model_eval, model_info, new, replay, run, schema,
-    sim, terminal, torture, view, yarp,
+    agent, check, config, ctl, doctor, inspect, kinds, model_compare, model_convert, model_eval, model_info, new,
+    new_robot, replay, run, schema, sim, terminal, torture, view, yarp,
 };
 use std::io::Write;
 use std::path::PathBuf;
@@ -78,6 +79,11 @@ enum Command {
         /// The behavior to start from: explore, ball, filter, torture or explore-yarp.
         #[arg(long, value_name = "BEHAVIOR", default_value = "explore")]
         from: String,
+        /// The URDF of your own robot: it is converted, and explores.
+        #[arg(long, value_name = "URDF")]
+        robot: Option<PathBuf>,
+        #[command(flatten)]
+        import: Box<ImportArgs>,
     },
     /// Print the JSON Schema of configuration files, for editors.
     Schema,
@@ -161,7 +167,7 @@ enum ModelCommand {
         /// World XML.
         #[arg(long)]
         world: Option<PathBuf>,
-        /// Poses as CSV: `pose_id`, then a column `part.motor` per motor, in encoder degrees; others are at home.
+        /// Poses as CSV: `pose_id`, then a column `part.motor` per motor, in encoder units (degrees; millimeters where it slides); others are at home.
         #[arg(long)]
         poses: PathBuf,
         /// Folder for the CSV files.
@@ -170,6 +176,8 @@ enum ModelCommand {
     },
     /// Convert a URDF file to robot XML.
     Convert(model_convert::ConvertArgs),
+    /// Compare a converted robot with the meshes of its URDF: contacts that its shapes have falsely, and those that they miss.
+    Compare(model_compare::CompareArgs),
 }
 
 fn ctl_at(text: &str) -> Result<run::CtlAt, String> {
@@ -260,6 +268,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
                     done.files.iter().for_each(|f| terminal::out(&format!("{}\n", f.display())));
                 }
                 ModelCommand::Convert(args) => terminal::out(&model_convert::command(&args)?),
+                ModelCommand::Compare(args) => return model_compare::command(&args),
             }
             Ok(ExitCode::SUCCESS)
         }
@@ -285,10 +294,14 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             terminal::out(&kinds::listing(name.as_deref())?);
             Ok(ExitCode::SUCCESS)
         }
-        Command::New { name, from } => {
+        Command::New { name, from, robot: None, .. } => {
             for file in new::write(&name, &from)? {
                 terminal::out(&format!("{}\n", file.display()));
             }
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::New { name, from, robot: Some(urdf), import } => {
+            terminal::out(&new_robot::command(&name, &from, &urdf, &import)?);
             Ok(ExitCode::SUCCESS)
         }
         Command::Schema => {

@@ -1,7 +1,9 @@
 //! `mobee model convert`: a URDF becomes a robot file.
 
+use crate::robot_import::{ImportArgs, Imported};
 use miette::{IntoDiagnostic, Report, WrapErr, miette};
-use mobee_model::{Robot, Shape, UrdfOptions, load_urdf, parse_robot, write_robot};
+use mobee_model::{Robot, parse_robot, write_robot};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -12,18 +14,8 @@ pub struct ConvertArgs {
     urdf: PathBuf,
     /// The robot file to write; it must not exist yet.
     xml: PathBuf,
-    /// Also search this folder for meshes (repeatable); the folders above the URDF are always searched.
-    #[arg(long, value_name = "DIR")]
-    meshes: Vec<PathBuf>,
-    /// Leave out meshes instead of fitting a box, capsule or sphere around each.
-    #[arg(long)]
-    drop_meshes: bool,
-    /// Hold prismatic, planar and floating joints at zero instead of refusing them.
-    #[arg(long)]
-    fix_unsupported: bool,
-    /// Name of the body part that contains all motors (default: the robot's name).
-    #[arg(long, value_name = "NAME")]
-    part: Option<String>,
+    #[command(flatten)]
+    import: ImportArgs,
     /// Replace the robot file if it exists.
     #[arg(long)]
     force: bool,
@@ -42,30 +34,29 @@ pub fn command(args: &ConvertArgs) -> Result<String, Report> {
             args.xml.display()
         ));
     }
-    if let Some(folder) = args.meshes.iter().find(|f| !f.is_dir()) {
-        return Err(miette!(
-            help = "give the folder that holds the meshes",
-            "--meshes {}: no such folder",
-            folder.display()
-        ));
-    }
-    let options = UrdfOptions {
-        part: args.part.clone(),
-        mesh_folders: args.meshes.clone(),
-        drop_meshes: args.drop_meshes,
-        fix_unsupported: args.fix_unsupported,
-    };
-    let loaded = load_urdf(&args.urdf, &options)?;
-    let text = write_robot(&loaded.value);
-    // What cannot be read back is not written.
-    parse_robot(&args.xml.display().to_string(), &text)?;
+    let imported = args.import.import(&args.urdf)?;
+    let text = text(&args.urdf, &args.xml, &imported)?;
     save(&args.xml, &text)?;
-    let mut out = String::new();
-    for warning in &loaded.warnings {
-        let _ = writeln!(out, "warning: {warning}");
-    }
-    let _ = writeln!(out, "{}", summary(&args.xml, &loaded.value));
-    Ok(out)
+    Ok(summary(&args.xml, &imported))
+}
+
+/// The robot file, with what was decided as a comment.
+///
+/// # Errors
+/// If it could not be read back: then it is not written.
+pub fn text(urdf: &Path, xml: &Path, imported: &Imported) -> Result<String, Report> {
+    let text = write_robot(&imported.robot);
+    let from = urdf.file_name().unwrap_or_default().to_string_lossy();
+    let mut note = format!("Converted from {from} by `mobee model convert`.\n");
+    imported.decided.iter().for_each(|line| note = format!("{note}  {line}\n"));
+    // two hyphens would end a comment
+    let note = format!("<!--\n  {}-->\n", note.replace("--", "- -"));
+    let text = match text.split_once("?>\n") {
+        Some((declaration, rest)) => format!("{declaration}?>\n{note}{rest}"),
+        None => note + &text,
+    };
+    parse_robot(&xml.display().to_string(), &text)?;
+    Ok(text)
 }
 
 /// Writes beside the target, then renames: the file is whole or absent.
@@ -80,16 +71,38 @@ fn save(path: &Path, text: &str) -> Result<(), Report> {
         .inspect_err(|_| drop(std::fs::remove_file(&beside)))
 }
 
-fn summary(path: &Path, robot: &Robot) -> String {
-    // The balls that mark joints are no shapes of the robot's (see `mobee_model`'s URDF import).
-    let is_marker = |s: &Shape| matches!(s, Shape::Sphere { radius } if *radius < 1e-3);
-    let shapes = robot.nodes.iter().flat_map(|n| &n.solids).filter(|p| !is_marker(&p.shape)).count();
-    format!(
-        "{}: robot `{}`, {} motors, {} markers, {shapes} shapes, {} pairs tested",
+/// What came of it, for people.
+pub fn summary(path: &Path, imported: &Imported) -> String {
+    let Imported { robot, warnings, decided, .. } = imported;
+    let mut out = String::new();
+    for warning in warnings {
+        let _ = writeln!(out, "warning: {warning}");
+    }
+    let shapes: usize = robot.nodes.iter().map(|n| n.solids.len()).sum();
+    let _ = writeln!(
+        out,
+        "{}: robot `{}`, {} motors, {} markers, {shapes} shapes, {} pairs of links tested",
         path.display(),
         robot.name,
         robot.motors.len(),
         robot.markers.len(),
         robot.pairs.reflex.len()
-    )
+    );
+    for (reason, count) in reasons(robot) {
+        let _ = writeln!(out, "  {count} pairs left out: {reason}");
+    }
+    for line in decided {
+        let _ = writeln!(out, "  {line}");
+    }
+    out
+}
+
+/// Why pairs are left out, and how many for each reason. What follows a comma is about one pair alone.
+fn reasons(robot: &Robot) -> BTreeMap<&str, usize> {
+    let mut reasons = BTreeMap::new();
+    for left_out in robot.left_out.iter().flatten() {
+        let reason = left_out.reason.split_once(", joined").map_or(left_out.reason.as_str(), |(word, _)| word);
+        *reasons.entry(reason).or_default() += 1;
+    }
+    reasons
 }

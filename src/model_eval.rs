@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 /// The largest table of poses that is read, bytes.
 const LARGEST_TABLE: u64 = 64 * MIB;
-/// How far beyond a limit a value may be for having been rounded, degrees.
+/// How far beyond a limit a value may be for having been rounded, encoder units.
 const ROUNDING_DEG: f64 = 1e-6;
 
 /// What to evaluate.
@@ -25,7 +25,7 @@ pub struct Evaluation<'a> {
     pub robot: &'a Path,
     /// The world, if there is one.
     pub world: Option<&'a Path>,
-    /// The table of poses: `pose_id`, optionally `kind`, and `part.motor` columns in encoder degrees.
+    /// The table of poses: `pose_id`, optionally `kind`, and `part.motor` columns in encoder units.
     pub poses: &'a Path,
     /// The folder for the results; made if missing.
     pub out: &'a Path,
@@ -97,7 +97,7 @@ fn parse_poses(robot: &Robot, name: &str, text: &str) -> Result<Vec<PoseRow>, Co
         }
     }
     if !columns.contains(&Column::Id) {
-        let help = "the first line must name the columns: pose_id, then part.motor in encoder degrees";
+        let help = "the first line must name the columns: pose_id, then part.motor in encoder units (degrees; millimeters where a motor slides)";
         return Err(ConfigError::at(
             name,
             text,
@@ -136,7 +136,7 @@ fn parse_poses(robot: &Robot, name: &str, text: &str) -> Result<Vec<PoseRow>, Co
                         return Err(complain(
                             field,
                             message,
-                            format!("give the encoder value of `{}` in degrees", motor.name),
+                            format!("give the encoder value of `{}` in {}", motor.name, motor.motion.unit()),
                         ));
                     };
                     let (min, max) = (motor.min.to_degrees(), motor.max.to_degrees());

@@ -37,17 +37,26 @@ pub fn text(path: &Path) -> Result<String, Report> {
         robot.pairs.visual_only.len(),
         robot.pairs.field.len()
     );
+    if let Some(left_out) = &robot.left_out {
+        let name = |n: usize| robot.nodes.get(n).and_then(|n| n.name.as_deref()).unwrap_or("?");
+        let _ = writeln!(out, "pairs left out: {}", left_out.len());
+        for pair in left_out {
+            let _ = writeln!(out, "  {} and {}: {}", name(pair.nodes.0), name(pair.nodes.1), pair.reason);
+        }
+    }
     for (i, part) in robot.parts.iter().enumerate() {
         let _ = writeln!(out, "\n{} ({} constraint clauses)", part.name, part.clauses.len());
         for m in robot.motors.get(part.motors.clone()).unwrap_or_default() {
             let _ = writeln!(
                 out,
-                "  {:20} {:8.2} to {:8.2} deg, home {:7.2}, joints {}",
+                "  {:20} {:8.2} to {:8.2} {}, home {:7.2}, joints {}{}",
                 m.name,
                 m.min.to_degrees(),
                 m.max.to_degrees(),
+                m.motion.unit(),
                 m.home.to_degrees(),
-                m.joints.len()
+                m.joints.len(),
+                if m.continuous { ", without end" } else { "" }
             );
         }
         let markers: Vec<&str> = robot.markers.iter().filter(|m| m.part == i).map(|m| m.name.as_str()).collect();

@@ -35,7 +35,7 @@ const TEMPLATES: &[Template] = &[
 ];
 
 /// The schema's file, which editors look for.
-const SCHEMA: &str = "mobee.schema.json";
+pub(crate) const SCHEMA: &str = "mobee.schema.json";
 
 /// Writes `NAME.toml`, and beside it what it names. Answers the files that were written.
 ///
@@ -46,18 +46,9 @@ pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
     let template = TEMPLATES.iter().find(|t| t.name == from).ok_or_else(|| {
         ConfigError::plain(format!("there is no behavior `{from}` to start from"), suggestion(from, "behavior", &names))
     })?;
-    let path = PathBuf::from(name.strip_suffix(".toml").unwrap_or(name));
-    let stem = path.file_name().and_then(|s| s.to_str()).unwrap_or_default();
-    if stem.is_empty() || !stem.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_') {
-        let help = "use letters, digits, - and _, such as `mobee new reach`";
-        return Err(ConfigError::plain(format!("{name:?} is not a valid name for a behavior"), help));
-    }
-    let dir = path.parent().unwrap_or(Path::new(""));
-    if !dir.as_os_str().is_empty() && !dir.is_dir() {
-        return Err(ConfigError::plain(format!("there is no folder {}", dir.display()), "make it first"));
-    }
+    let (dir, stem) = file_stem(name)?;
     let file_of = |shipped: &str| Path::new(shipped).file_name().map(|f| dir.join(f)).unwrap_or_default();
-    let mut files = vec![(dir.join(format!("{stem}.toml")), text(template, stem))];
+    let mut files = vec![(dir.join(format!("{stem}.toml")), text(template, &stem))];
     files.extend(template.files.iter().map(|(shipped, text)| (file_of(shipped), (*text).to_owned())));
     files.push((dir.join(SCHEMA), crate::schema::text()));
     // what stands there already and says the same is left; the behavior itself is always new
@@ -81,6 +72,24 @@ pub fn write(name: &str, from: &str) -> Result<Vec<PathBuf>, ConfigError> {
         })?;
     }
     Ok(missing.into_iter().map(|(file, _)| file).collect())
+}
+
+/// The folder and the stem of a behavior's file.
+///
+/// # Errors
+/// If the name is none, or the folder does not exist.
+pub(crate) fn file_stem(name: &str) -> Result<(PathBuf, String), ConfigError> {
+    let path = PathBuf::from(name.strip_suffix(".toml").unwrap_or(name));
+    let stem = path.file_name().and_then(|s| s.to_str()).unwrap_or_default();
+    if stem.is_empty() || !stem.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_') {
+        let help = "use letters, digits, - and _, such as `mobee new reach`";
+        return Err(ConfigError::plain(format!("{name:?} is not a valid name for a behavior"), help));
+    }
+    let dir = path.parent().unwrap_or(Path::new(""));
+    if !dir.as_os_str().is_empty() && !dir.is_dir() {
+        return Err(ConfigError::plain(format!("there is no folder {}", dir.display()), "make it first"));
+    }
+    Ok((dir.to_owned(), stem.to_owned()))
 }
 
 /// The behavior with its files beside it, and the settings that it leaves out as comments.

@@ -59,7 +59,7 @@ pub fn marker(path: &str, name: Option<&str>, robot: &Robot) -> Result<Option<us
     })
 }
 
-/// A table of motor positions in degrees to (motor, rad), in the robot's order.
+/// A table of motor positions in degrees (millimeters of motors that slide) to (motor, rad), in the robot's order.
 ///
 /// # Errors
 /// An unknown motor, a position that is not finite or outside the motor's limits, an empty table.
@@ -76,7 +76,7 @@ pub fn positions(path: &str, q_deg: &BTreeMap<String, f64>, robot: &Robot) -> Re
     Ok(all)
 }
 
-/// A position in degrees to rad, within the limits of its motor (rounding of a millionth of a radian is forgiven).
+/// A position in degrees (millimeters of a motor that slides) to rad, within the limits of its motor (rounding of a millionth of a radian is forgiven).
 ///
 /// # Errors
 /// A position that is not finite, or outside the limits.
@@ -86,14 +86,17 @@ pub fn within_limits(path: &str, index: usize, deg: f64, robot: &Robot) -> Resul
         Some(m) if q >= m.min - 1e-6 && q <= m.max + 1e-6 => Ok(q.clamp(m.min, m.max)),
         Some(m) => {
             let (min, max) = (m.min.to_degrees(), m.max.to_degrees());
-            let help = format!("give degrees from {min:.2} to {max:.2}");
-            Err(KindError::new(path, format!("{deg} deg is outside the limits of {}", m.name), help))
+            let unit = m.motion.unit();
+            let help =
+                format!("give {} from {min:.2} to {max:.2}", if unit == "mm" { "millimeters" } else { "degrees" });
+            Err(KindError::new(path, format!("{deg} {unit} is outside the limits of {}", m.name), help))
         }
         None => Err(KindError::new(path, "there is no such motor", "name a motor of the robot")),
     }
 }
 
-/// Ranges in degrees by motor to (motor, min, max) in rad for each motor of a group, in its order: its limits if none is given.
+/// Ranges in degrees (millimeters of motors that slide) by motor to (motor, min, max) in rad for each motor of a group, in its order:
+/// its limits if none is given, or one turn of a motor that has no end.
 ///
 /// # Errors
 /// An unknown motor or one outside the group, a reversed range, a position outside the motor's limits.
@@ -118,7 +121,7 @@ pub fn ranges(
         Ok((motor, (low, within_limits(&format!("{path}[1]"), motor, *max, robot)?)))
     }))?;
     let given: BTreeMap<usize, (f64, f64)> = given.into_iter().collect();
-    let limits = |m: &usize| robot.motors.get(*m).map(|l| (l.min, l.max));
+    let limits = |m: &usize| robot.motors.get(*m).map(mobee_model::Motor::range);
     let range = |m: &usize| given.get(m).copied().or_else(|| limits(m)).map(|(min, max)| (*m, min, max));
     Ok(motors.iter().filter_map(range).collect())
 }

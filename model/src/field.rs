@@ -7,11 +7,13 @@
 //! ```text
 //! depth = width - signed distance          torque of motor m = depth * d(distance)/d(q_m)      (meters times meters)
 //! ```
+//! A slide feels the push along its axis, so that its lever is its gain: meters of way per radian of encoder.
+//!
 //! The chain runs from the shape to the robot's root. (The original's ended at the root motor of the shape's body part, and
 //! took its lever from the node's origin instead of the witness point.)
 
 use crate::engine::{DefaultEngine, Engine};
-use crate::{Contact, Pair, Robot, Scene, ShapeId, Watch};
+use crate::{Contact, JointMotion, Pair, Robot, Scene, ShapeId, Watch};
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
@@ -100,11 +102,15 @@ impl<E: Engine> Field<E> {
                 if self.frames.is_empty() {
                     skeleton.place(poses.get(robot).map_or(&[], AsRef::as_ref), &mut self.frames);
                 }
-                // Down the chain to the base: every hinge below the shape feels the push by its lever.
+                // Down the chain to the base: every hinge below the shape feels the push by its lever, every slide along its axis.
                 let mut frame = skeleton.frame.get(usize::from(node)).copied().unwrap_or(0);
                 while let Some(hinge) = frame.checked_sub(1).and_then(|f| skeleton.joints.get(f)) {
                     let world = &self.frames[frame];
-                    let way = (world.rotation * hinge.axis).cross(&(point.coords - world.translation.vector));
+                    let axis = world.rotation * *hinge.axis;
+                    let way = match hinge.motion {
+                        JointMotion::Turn => axis.cross(&(point.coords - world.translation.vector)),
+                        JointMotion::Slide => axis,
+                    };
                     if let Some(torque) = self.torques.get_mut(hinge.motor) {
                         *torque += hinge.gain * way.dot(&push);
                     }

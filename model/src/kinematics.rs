@@ -1,14 +1,14 @@
 //! From motor positions to world transforms, and what follows from the tree alone.
 //!
-//! Poses are slices of motor positions in the order of [`Robot::motors`], rad of encoder. Positions outside a motor's
-//! limits count as the limit, here as in the original; a motor without an entry is at home.
+//! Poses are slices of motor positions in the order of [`Robot::motors`], rad of encoder (see [`Motor`]: also those of motors that
+//! slide). Positions outside a motor's limits count as the limit, here as in the original; a motor without an entry is at home.
 //!
 //! Two kinematics stand side by side. The functions here walk every node and are the reference: they answer for markers,
 //! for the transforms that files are compared by, and for tools. A [`crate::Scene`] boils its robots down to moving frames
-//! (`scene/skeleton.rs`), at one rotation per moving joint; a test holds both to each other.
+//! (`scene/skeleton.rs`), at one motion per moving joint; a test holds both to each other.
 
-use crate::{Clause, Marker, Motor, NodeKind, Part, Robot};
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use crate::{Clause, JointMotion, Marker, Motor, NodeKind, Part, Robot};
+use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use std::collections::BTreeSet;
 
 /// Where a marker is in the world.
@@ -32,6 +32,26 @@ impl Motor {
     pub fn fraction(&self, q: f64) -> f64 {
         let range = self.max - self.min;
         if range > 0.0 { (q.clamp(self.min, self.max) - self.min) / range } else { 0.0 }
+    }
+}
+
+impl JointMotion {
+    /// What a joint of this kind does to the frame of its children at `position`, rad or meters.
+    pub fn by(self, axis: &Unit<Vector3<f64>>, position: f64) -> Isometry3<f64> {
+        match self {
+            Self::Turn => {
+                Isometry3::from_parts(Vector3::zeros().into(), UnitQuaternion::from_axis_angle(axis, position))
+            }
+            Self::Slide => Isometry3::from_parts((axis.into_inner() * position).into(), UnitQuaternion::identity()),
+        }
+    }
+
+    /// What an encoder counts, for people: `deg` or `mm`.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Turn => "deg",
+            Self::Slide => "mm",
+        }
     }
 }
 
@@ -62,11 +82,11 @@ impl Robot {
         q.get(motor).copied().unwrap_or(m.home).clamp(m.min, m.max)
     }
 
-    /// The angle of a joint at the pose `q`, rad; 0 for a link.
+    /// Where a joint stands at the pose `q`, rad or meters; 0 for a link.
     ///
     /// # Panics
     /// If the robot has no such node, here and wherever a node is given by its number.
-    pub fn joint_angle(&self, node: usize, q: &[f64]) -> f64 {
+    pub fn joint_position(&self, node: usize, q: &[f64]) -> f64 {
         match self.nodes[node].kind {
             NodeKind::Link { .. } => 0.0,
             // Linear from limit to limit: a joint may have another range than its motor, and several may share one.
@@ -76,20 +96,17 @@ impl Robot {
         }
     }
 
-    /// `node_from_child`: what a node does to the frame of its children. A link moves it, a joint turns it.
+    /// `node_from_child`: what a node does to the frame of its children. A link moves it, a joint turns or slides it.
     fn motion(&self, node: usize, q: &[f64]) -> Isometry3<f64> {
         match &self.nodes[node].kind {
             NodeKind::Link { offset } => Isometry3::from_parts((*offset).into(), UnitQuaternion::identity()),
-            NodeKind::Joint { axis, .. } => {
-                let turn = UnitQuaternion::from_axis_angle(axis, self.joint_angle(node, q));
-                Isometry3::from_parts(Vector3::zeros().into(), turn)
-            }
+            NodeKind::Joint { axis, motion, .. } => motion.by(axis, self.joint_position(node, q)),
         }
     }
 
     /// Forward kinematics: fills `out` with `world_from_node` of every node, the roots at the world's origin.
     ///
-    /// A node's frame is the one before its own motion: a joint's own shapes do not turn with it.
+    /// A node's frame is the one before its own motion: a joint's own shapes do not move with it.
     ///
     /// # Arguments
     /// * `q`: motor positions, rad of encoder.
@@ -112,9 +129,14 @@ impl Robot {
                             let moved = above.translation.vector + above.rotation * offset;
                             Isometry3::from_parts(moved.into(), above.rotation)
                         }
-                        NodeKind::Joint { axis, .. } => {
-                            let turn = UnitQuaternion::from_axis_angle(axis, self.joint_angle(parent, q));
+                        NodeKind::Joint { axis, motion: JointMotion::Turn, .. } => {
+                            let turn = UnitQuaternion::from_axis_angle(axis, self.joint_position(parent, q));
                             Isometry3::from_parts(above.translation, above.rotation * turn)
+                        }
+                        NodeKind::Joint { axis, motion: JointMotion::Slide, .. } => {
+                            let way = axis.into_inner() * self.joint_position(parent, q);
+                            let moved = above.translation.vector + above.rotation * way;
+                            Isometry3::from_parts(moved.into(), above.rotation)
                         }
                     }
                 }
@@ -131,7 +153,7 @@ impl Robot {
         self.markers.iter().map(pose).collect()
     }
 
-    /// The value of a clause at the pose `q`: the largest `a.q + b` of its members, in encoder units (degrees). The clause
+    /// The value of a clause at the pose `q`: the largest `a.q + b` of its members, in encoder units. The clause
     /// holds where that is above zero, since one member that holds is enough.
     ///
     /// Positions count as the limit beyond it, as for kinematics: a constraint speaks of where the robot is, and it is never
@@ -175,7 +197,7 @@ impl Robot {
 
     /// The rigid body that a node belongs to, named by the nearest joint above it that can move; `None` is the base.
     ///
-    /// A joint belongs to the body before it: its own frame does not turn with it.
+    /// A joint belongs to the body before it: its own frame does not move with it.
     pub fn body(&self, node: usize) -> Option<usize> {
         let mut at = self.nodes[node].parent;
         while let Some(n) = at {
@@ -190,6 +212,25 @@ impl Robot {
     /// Whether a moving joint lies between two nodes, so that their distance can change.
     pub fn moves(&self, a: usize, b: usize) -> bool {
         self.body(a) != self.body(b)
+    }
+
+    /// The motors that move the node which most of them move, from the root outward: those of the longest arm or leg.
+    pub fn longest_chain(&self) -> Vec<usize> {
+        let mut chains: Vec<Vec<usize>> = Vec::with_capacity(self.nodes.len());
+        let mut longest: Vec<usize> = Vec::new();
+        for node in &self.nodes {
+            let mut chain = node.parent.and_then(|p| chains.get(p)).cloned().unwrap_or_default();
+            if let NodeKind::Joint { motor, .. } = node.kind
+                && !chain.contains(&motor)
+            {
+                chain.push(motor);
+            }
+            if chain.len() > longest.len() {
+                longest.clone_from(&chain);
+            }
+            chains.push(chain);
+        }
+        longest
     }
 
     /// The motors that can change the distance between the shapes of two nodes; `None` is the world.
@@ -212,34 +253,46 @@ impl Robot {
     ///
     /// # Method
     /// Sum over the motor's joints of (joint range / motor range) times the largest distance from the joint's axis
-    /// that a point moved by it can have. For a straight path in joint space, the sum over the motors of bound times
-    /// |change| bounds how much any distance can shrink.
+    /// that a point moved by it can have; a joint that slides moves every point alike, by its way. For a straight path in joint space,
+    /// the sum over the motors of bound times |change| bounds how much any distance can shrink.
     pub fn reach(&self) -> Vec<f64> {
         let extent = self.extents();
         let mut bound = vec![0.0; self.motors.len()];
         for (j, node) in self.nodes.iter().enumerate() {
-            let NodeKind::Joint { motor, min, max, axis, .. } = &node.kind else { continue };
+            let NodeKind::Joint { motion, motor, min, max, axis, .. } = &node.kind else { continue };
             if self.can_move(j) {
                 // A motor that drives several joints moves a point by all of them at once: the bounds add up.
                 let range = self.motors[*motor].max - self.motors[*motor].min;
                 // Only what is off the axis moves: `|p x axis|` is the distance from the line through the joint's origin.
-                let arm = self.rigid_reach(j, &extent, |p| p.cross(axis).norm());
+                let arm = match motion {
+                    JointMotion::Turn => self.rigid_reach(j, &extent, |p| p.cross(axis).norm()),
+                    JointMotion::Slide => 1.0,
+                };
                 bound[*motor] += (max - min) / range * arm;
             }
         }
         bound
     }
 
-    /// For each joint that can move, a bound on the distance of any solid point moved by it from the joint's origin.
+    /// For each joint that can move, a bound on the distance of any solid point moved by it from the joint's origin, the joint's own
+    /// travel included.
     fn extents(&self) -> Vec<f64> {
         let mut extent = vec![0.0; self.nodes.len()];
         // Backwards, so that a joint finds the extents of those behind it ready.
         for n in (0..self.nodes.len()).rev() {
             if self.can_move(n) {
-                extent[n] = self.rigid_reach(n, &extent, |p| p.norm());
+                extent[n] = self.rigid_reach(n, &extent, |p| p.norm()) + self.travel(n);
             }
         }
         extent
+    }
+
+    /// How far a joint carries its children's origin from its own at most, meters: only a slide carries it anywhere.
+    fn travel(&self, node: usize) -> f64 {
+        match self.nodes[node].kind {
+            NodeKind::Joint { motion: JointMotion::Slide, min, max, .. } => min.abs().max(max.abs()),
+            _ => 0.0,
+        }
     }
 
     /// The largest `measure` (of positions in the frame of joint `joint`, a norm of a linear map of norm <= 1) of what

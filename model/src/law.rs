@@ -5,7 +5,7 @@
 //! a = attractor + limits + constraints + field + outside  (- damping, while something pushes)
 //! v' = weight (v + a T)
 //! ```
-//! In degrees and seconds, as the original: a "force" is an acceleration, deg/s^2. Pure, and the same for whoever streams
+//! In encoder units (degrees; millimeters for joints that slide) and seconds, as the original: a "force" is an acceleration, deg/s^2. Pure, and the same for whoever streams
 //! what follows from it.
 
 use crate::{HalfSpace, Part};

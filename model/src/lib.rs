@@ -13,22 +13,30 @@
 //! Collision has one door, [`Engine`]: what is behind it is chosen in one place ([`DefaultEngine`]), and the types that ask it
 //! ([`Scene`], [`Watch`], [`Field`]) take another engine as a type parameter.
 //!
-//! Units: radians, meters. A motor's position is its encoder value in degrees (as the files write it) times pi/180.
+//! Units: radians, meters. A motor's position is its encoder value (degrees, or millimeters where it slides) times pi/180.
 //! Frames: `world` is the root frame of the first robot; a node's transform is its frame *before* its own motion.
 
 mod engine;
 mod error;
 mod field;
 pub mod file;
+mod fit;
 mod kinematics;
 mod law;
+mod left_out;
 mod mesh;
 mod printable;
 mod robot;
 mod scene;
 mod shape;
+mod spelling;
+mod srdf;
+mod surface;
+mod survey;
+mod turns;
 mod urdf;
 mod watch;
+mod xml;
 mod zrp;
 
 pub use engine::{
@@ -37,6 +45,7 @@ pub use engine::{
 };
 pub use error::{Excerpt, FileError, Loaded};
 pub use field::Field;
+pub use fit::{FitOptions, Fitted, fit_link};
 pub use kinematics::MarkerPose;
 pub use law::{ForceLaw, Influences, JointLaw};
 pub use mesh::Mesh;
@@ -44,6 +53,13 @@ pub use printable::{hidden_in, is_hidden, printable, readable};
 pub use robot::*;
 pub use scene::*;
 pub use shape::{BoundingCapsule, Primitive, Shape};
-pub use urdf::{UrdfOptions, load_urdf, parse_urdf};
+pub use spelling::{nearest, suggestion};
+pub use srdf::{
+    EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint, load_link_tree, load_srdf, parse_link_tree,
+    parse_srdf,
+};
+pub use surface::{LinkSurface, Surfaces, random_poses};
+pub use survey::{Comparison, ContactCounts, HomePose, compare, find_home, spared_pairs};
+pub use urdf::{UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, parse_urdf};
 pub use watch::{Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

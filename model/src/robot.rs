@@ -3,6 +3,7 @@
 use crate::shape::Primitive;
 use nalgebra::{Unit, Vector3};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// A robot model. Built by the loaders, never changed afterwards.
 ///
@@ -20,8 +21,11 @@ pub struct Robot {
     pub nodes: Vec<Node>,
     /// Markers in order of appearance.
     pub markers: Vec<Marker>,
-    /// Which pairs of nodes may touch (from the adjacency filter).
+    /// Which pairs of nodes are tested against each other: see [`Robot::left_out`].
     pub pairs: NodePairs,
+    /// The pairs that are not, if the file lists them; `None` leaves that to the adjacency filter of the format. Changed only by
+    /// [`Robot::leave_out`], since `pairs` follows from it.
+    pub left_out: Option<Vec<LeftOut>>,
 }
 
 /// A body part, as a YARP control board would serve it.
@@ -42,17 +46,20 @@ pub struct Part {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clause(pub Vec<HalfSpace>);
 
-/// A half-space over motor positions: `sum(a_i * degrees(q_i)) + b`, in encoder units (degrees).
+/// A half-space over motor positions: `sum(a_i * degrees(q_i)) + b`, in encoder units (degrees or millimeters, see [`Motor`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct HalfSpace {
     /// Pairs of (index into [`Robot::motors`], coefficient).
     pub terms: Vec<(usize, f64)>,
-    /// The constant, in encoder units (degrees).
+    /// The constant, in encoder units.
     pub b: f64,
 }
 
-/// A motor: one encoder, one or several joints. The joints turn linearly with it, each over its own range: three finger joints
+/// A motor: one encoder, one or several joints. The joints follow it linearly, each over its own range: three finger joints
 /// may hang on one tendon.
+///
+/// Its encoder counts *units*: degrees where it turns, millimeters where it slides. Inside the program a unit is pi/180, whatever
+/// it counts, and is called "rad of encoder": so one tolerance, one speed and one distance in joint space serve all motors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motor {
     /// Its name, unique within the robot.
@@ -65,17 +72,43 @@ pub struct Motor {
     pub max: f64,
     /// Home position within the limits, rad of encoder.
     pub home: f64,
+    /// What its encoder counts: degrees of a turn, or millimeters of a slide.
+    pub motion: JointMotion,
+    /// Whether it turns without end, so that positions a full turn apart are one (see [`Motor::nearest_equivalent`]).
+    pub continuous: bool,
     /// The joints it drives, as indices into [`Robot::nodes`].
     pub joints: Vec<usize>,
     /// Whether it is the first motor created in its part (Jacobian chains end there).
     pub is_part_root: bool,
 }
 
-/// A node of the kinematic tree: a link, which moves the frame of its children, or a joint, which turns it.
+/// How a joint moves what it carries, and so what its motor's encoder counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum JointMotion {
+    /// About its axis; joints count radians, encoders degrees.
+    #[default]
+    Turn,
+    /// Along its axis; joints count meters, encoders millimeters.
+    Slide,
+}
+
+impl JointMotion {
+    /// A joint's position (rad or meters) as rad of its motor's encoder, which counts degrees or millimeters.
+    pub fn encoder(self, position: f64) -> f64 {
+        match self {
+            Self::Turn => position,
+            Self::Slide => (position * 1000.0).to_radians(),
+        }
+    }
+}
+
+/// A node of the kinematic tree: a link, which moves the frame of its children, or a joint, which turns it or slides it.
 ///
 /// Its own frame, in which its shapes and markers are, is the one *before* that motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
+    /// Its name, unique in the robot, if the file gives one: for a converted robot the link of the URDF that its shapes are from.
+    pub name: Option<Arc<str>>,
     /// The parent, an index into [`Robot::nodes`]; `None` for a root.
     pub parent: Option<usize>,
     /// Index into [`Robot::parts`].
@@ -100,15 +133,17 @@ pub enum NodeKind {
         /// The link vector.
         offset: Vector3<f64>,
     },
-    /// A pure rotation about an axis through the node's origin.
+    /// A pure rotation about an axis through the node's origin, or a translation along it.
     Joint {
+        /// Which of the two.
+        motion: JointMotion,
         /// Direction of the axis.
         axis: Unit<Vector3<f64>>,
         /// The motor that drives it, an index into [`Robot::motors`].
         motor: usize,
-        /// Angle at the motor's lower limit, rad.
+        /// Where it stands at the motor's lower limit, rad or meters.
         min: f64,
-        /// Angle at the motor's upper limit, rad.
+        /// Where it stands at the motor's upper limit, rad or meters.
         max: f64,
         /// Length of the axis as the file gives it, meters (the height of its own cylinder).
         length: f64,
@@ -130,8 +165,17 @@ pub struct Marker {
     pub tracer: u32,
 }
 
-/// Node pairs `(a, b)` with `a <= b`, sorted, that remain after the filters of the format: neighbors in the tree always touch, and
-/// would keep the reflex busy for ever.
+/// A pair of nodes that are not tested against each other, and why.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeftOut {
+    /// The two, the lower number first; each has a name.
+    pub nodes: (usize, usize),
+    /// For people, such as `neighbors`.
+    pub reason: String,
+}
+
+/// Node pairs `(a, b)` with `a <= b`, sorted, that are tested: neighbors in the tree always touch, and would keep the reflex busy
+/// for ever.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodePairs {
     /// A contact makes the reflex act.

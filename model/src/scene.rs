@@ -208,15 +208,20 @@ impl<E: Engine> Scene<E> {
     pub fn home(&self) -> Vec<Arc<[f64]>> {
         self.robots().iter().map(|r| r.motors.iter().map(|m| m.home).collect()).collect()
     }
-    /// A shape's name for people, such as `icub:left_arm/31#0` (robot, part, node number, shape number) or `table#1`.
+    /// A shape's name for people, such as `ur5:forearm_link#0` (robot, link, shape number), `icub:left_arm/31#0` (where the link
+    /// has no name, its part and the node's number) or `table#1`.
     pub fn shape_name(&self, id: ShapeId) -> String {
         match id {
             ShapeId::Robot { robot, node, shape } => {
                 let Some(owner) = self.robots().get(usize::from(robot)) else {
                     return format!("robot{robot}:{node}#{shape}");
                 };
-                let part = owner.nodes.get(usize::from(node)).and_then(|n| owner.parts.get(n.part));
-                format!("{}:{}/{node}#{shape}", owner.name, part.map_or("?", |p| p.name.as_str()))
+                let of = owner.nodes.get(usize::from(node));
+                match of.map(|n| (n.name.as_deref(), owner.parts.get(n.part))) {
+                    Some((Some(link), _)) => format!("{}:{link}#{shape}", owner.name),
+                    Some((None, Some(part))) => format!("{}:{}/{node}#{shape}", owner.name, part.name),
+                    _ => format!("{}:?/{node}#{shape}", owner.name),
+                }
             }
             ShapeId::Object { object, shape } => match self.objects.iter().find(|(o, _)| *o == object) {
                 Some((_, o)) => format!("{}#{shape}", o.name),

@@ -9,6 +9,8 @@
 mod constraint;
 mod element;
 mod geometry;
+mod left_out;
+mod motion;
 pub(crate) mod pairs;
 mod robot;
 mod world;

@@ -29,7 +29,6 @@ mod private;
 mod registry;
 mod sensing;
 mod service;
-mod spelling;
 mod status;
 mod swap;
 mod time;
@@ -45,10 +44,11 @@ pub use private::*;
 pub use registry::*;
 pub use sensing::*;
 pub use service::*;
-pub use spelling::*;
 pub use status::*;
 pub use swap::*;
 pub use time::*;
+
+pub use mobee_model::{nearest, suggestion};
 
 use std::sync::Arc;
 

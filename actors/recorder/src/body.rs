@@ -1,4 +1,4 @@
-//! A robot as a tree of Rerun entities: one level per joint, so that a frame is one angle per moving joint and the
+//! A robot as a tree of Rerun entities: one level per joint, so that a frame is one number per moving joint and the
 //! viewer does the kinematics.
 //!
 //! ```text
@@ -6,13 +6,14 @@
 //! world/icub/torso_yaw            static: where the joint sits
 //! world/icub/torso_yaw/turned     one rotation per frame, and the shapes that turn with it
 //! world/icub/torso_yaw/turned/torso_roll/turned/...
+//! world/tiago/lift/slid           one translation per frame, for a joint that slides
 //! ```
 
 use crate::palette;
 use crate::shapes::{Shapes, Solid, quaternion, vec3};
 use crate::stream::{Stream, Written};
 use mobee_contract::Time;
-use mobee_model::{NodeKind, Robot, ShapeId};
+use mobee_model::{JointMotion, NodeKind, Robot, ShapeId};
 use nalgebra::{Isometry3, Vector3};
 use rerun::external::arrow::array::{Array as _, ArrayRef, FixedSizeListArray, Float32Array, StructArray};
 use rerun::external::arrow::datatypes::{DataType, Field};
@@ -21,23 +22,27 @@ use std::sync::Arc;
 
 /// A joint's angle is written again when it changed by more than this, rad (0.05 degrees).
 const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
+/// The same for the way of a joint that slides, meters.
+const SLIDE_STEP: f64 = 5e-5;
 
-/// A robot's entities and the angles that wait to be sent.
+/// A robot's entities and the joint positions that wait to be sent.
 pub(crate) struct Body {
-    joints: Vec<Turning>,
+    joints: Vec<Moving>,
     /// Its shapes, to be painted.
     pub(crate) shapes: Shapes,
 }
 
 /// A joint that moves shapes.
-struct Turning {
+struct Moving {
     path: String,
+    motion: JointMotion,
     /// Index into the robot's nodes.
     node: usize,
     axis: [f32; 3],
+    /// The position that was written last, rad or meters.
     written: f64,
     times: Vec<i64>,
-    angles: Vec<f32>,
+    positions: Vec<f32>,
 }
 
 /// Where a node sits: on which entity, and how far from its origin.
@@ -79,17 +84,22 @@ impl Body {
             let next = match &node.kind {
                 NodeKind::Link { offset } => Seat { offset: seat.offset + offset, ..seat },
                 NodeKind::Joint { .. } if !moved.get(n).copied().unwrap_or(false) => seat,
-                NodeKind::Joint { axis, motor, .. } => {
+                NodeKind::Joint { motion, axis, motor, .. } => {
                     let path = joint_path(&seat.entity, robot, *motor, n);
                     stream.log_static(&path, &Transform3D::from_translation(vec3(&seat.offset)))?;
-                    let path = format!("{path}/turned");
-                    body.joints.push(Turning {
+                    let moved = match motion {
+                        JointMotion::Turn => "turned",
+                        JointMotion::Slide => "slid",
+                    };
+                    let path = format!("{path}/{moved}");
+                    body.joints.push(Moving {
                         path: path.clone(),
+                        motion: *motion,
                         node: n,
                         axis: vec3(axis),
                         written: f64::NAN,
                         times: Vec::new(),
-                        angles: Vec::new(),
+                        positions: Vec::new(),
                     });
                     Seat { entity: path, offset: Vector3::zeros() }
                 }
@@ -102,16 +112,20 @@ impl Body {
         Ok(body)
     }
 
-    /// Takes note of a pose: the angles that changed.
+    /// Takes note of a pose: the positions that changed.
     pub(crate) fn pose(&mut self, at: Time, robot: &Robot, q: &[f64]) {
         for joint in &mut self.joints {
-            let angle = robot.joint_angle(joint.node, q);
+            let position = robot.joint_position(joint.node, q);
+            let step = match joint.motion {
+                JointMotion::Turn => STEP,
+                JointMotion::Slide => SLIDE_STEP,
+            };
             // not-a-number (nothing written yet) is no small change either
-            let small = (angle - joint.written).abs() <= STEP;
-            if !small && angle.is_finite() {
-                joint.written = angle;
+            let small = (position - joint.written).abs() <= step;
+            if !small && position.is_finite() {
+                joint.written = position;
                 joint.times.push(at.0 as i64);
-                joint.angles.push(angle as f32);
+                joint.positions.push(position as f32);
             }
         }
     }
@@ -122,8 +136,12 @@ impl Body {
             if joint.times.is_empty() {
                 continue;
             }
-            let column = rotations(joint.axis, std::mem::take(&mut joint.angles))
-                .ok_or_else(|| crate::stream::in_words(&joint.path, &"its rotations do not fit"))?;
+            let positions = std::mem::take(&mut joint.positions);
+            let column = match joint.motion {
+                JointMotion::Turn => rotations(joint.axis, positions),
+                JointMotion::Slide => translations(joint.axis, &positions),
+            };
+            let column = column.ok_or_else(|| crate::stream::in_words(&joint.path, &"its motions do not fit"))?;
             stream.columns(&joint.path, &std::mem::take(&mut joint.times), [column])?;
         }
         Ok(())
@@ -142,6 +160,15 @@ fn rotations(axis: [f32; 3], angles: Vec<f32>) -> Option<rerun::SerializedCompon
     let array = StructArray::try_new(fields.into(), columns, None).ok()?;
     let batch = SerializedComponentBatch::new(Arc::new(array), Transform3D::descriptor_rotation_axis_angle());
     batch.partitioned(std::iter::repeat_n(1, n)).ok()
+}
+
+/// Translations along one axis as a column, as [`rotations`].
+fn translations(axis: [f32; 3], ways: &[f32]) -> Option<rerun::SerializedComponentColumn> {
+    let along = Float32Array::from_iter_values(ways.iter().flat_map(|way| axis.map(|a| a * way)));
+    let item = Arc::new(Field::new("item", DataType::Float32, false));
+    let along = FixedSizeListArray::try_new(item, 3, Arc::new(along), None).ok()?;
+    let batch = SerializedComponentBatch::new(Arc::new(along), Transform3D::descriptor_translation());
+    batch.partitioned(std::iter::repeat_n(1, ways.len())).ok()
 }
 
 /// Which nodes have shapes in their subtree, themselves not counted.

@@ -1,5 +1,5 @@
 use super::*;
-use mobee_model::{Motor, NodePairs, Part, Robot};
+use mobee_model::{JointMotion, Motor, NodePairs, Part, Robot};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -10,6 +10,8 @@ fn robot(motors: usize) -> Robot {
         min: -3.0,
         max: 3.0,
         home: 0.0,
+        motion: JointMotion::Turn,
+        continuous: false,
         joints: Vec::new(),
         is_part_root: i == 0,
     };
@@ -20,6 +22,7 @@ fn robot(motors: usize) -> Robot {
         nodes: Vec::new(),
         markers: Vec::new(),
         pairs: NodePairs::default(),
+        left_out: None,
     }
 }
 

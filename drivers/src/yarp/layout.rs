@@ -47,6 +47,13 @@ impl Layout {
                 let what = format!("{} at {} is there already", p.part, p.port);
                 return Err(KindError::new(format!("parts[{i}]"), what, "give every part one board of its own"));
             }
+            let slides = |m: &&mobee_model::Motor| m.motion == mobee_model::JointMotion::Slide;
+            if let Some(motor) = robot.motors.get(part.motors.clone()).unwrap_or_default().iter().find(slides) {
+                // Boards count meters where the model counts millimeters: unconverted, a target would be a thousandfold.
+                let what = format!("motor {} of part {} slides, which is not driven over YARP yet", motor.name, p.part);
+                let help = "leave the part out, or put the motor into a part of its own";
+                return Err(KindError::new(format!("parts[{i}].part"), what, help));
+            }
             patches.push(Patch { part: p.part.clone(), port: p.port.clone(), motors: part.motors.clone() });
             Ok(())
         }))?;

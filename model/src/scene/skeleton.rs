@@ -1,9 +1,9 @@
 //! A robot boiled down to what moves: frames joined by moving joints.
 //!
-//! Nodes with no moving joint between them share a frame, so that a pose costs one rotation per moving joint and not
+//! Nodes with no moving joint between them share a frame, so that a pose costs one motion per moving joint and not
 //! one product per node, and two nodes are rigidly connected if and only if their frames are equal.
 
-use crate::robot::{NodeKind, Robot};
+use crate::robot::{JointMotion, NodeKind, Robot};
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 
 /// The moving frames of one robot. Frame 0 is the base; the order of frames is that of their joints in the tree.
@@ -21,12 +21,14 @@ pub(crate) struct Skeleton {
     pub in_frame: Vec<Isometry3<f64>>,
 }
 
-/// A joint that moves.
+/// A joint that moves: a hinge proper, or a slide.
 #[derive(Clone, Debug)]
 pub(crate) struct Hinge {
     /// The frame it is fixed to.
     pub parent: usize,
-    /// `parent_from_joint` at angle zero.
+    /// Whether it turns or slides.
+    pub motion: JointMotion,
+    /// `parent_from_joint` at position zero.
     pub at: Isometry3<f64>,
     /// Its axis in its own frame.
     pub axis: Unit<Vector3<f64>>,
@@ -36,17 +38,28 @@ pub(crate) struct Hinge {
     pub limits: (f64, f64),
     /// The motor's home, for poses that lack it.
     pub home: f64,
-    /// Angle at the motor's lower limit.
+    /// Where it stands at the motor's lower limit, rad or meters.
     pub min: f64,
-    /// Radians of joint per radian of encoder.
+    /// Where it stands at the motor's upper limit, rad or meters.
+    pub max: f64,
+    /// Radians or meters of joint per radian of encoder.
     pub gain: f64,
 }
 
 impl Hinge {
-    /// Its angle at a pose of the robot, rad; positions beyond the limits count as the limit.
-    fn angle(&self, pose: &[f64]) -> f64 {
+    /// Where it stands at a pose of the robot, rad or meters; positions beyond the limits count as the limit.
+    fn position(&self, pose: &[f64]) -> f64 {
         let q = pose.get(self.motor).copied().unwrap_or(self.home);
         self.min + (q.max(self.limits.0).min(self.limits.1) - self.limits.0) * self.gain
+    }
+
+    /// Where its frame's origin is in the parent's at the two ends of its range; a turn leaves it where it is.
+    pub fn origins(&self) -> [Vector3<f64>; 2] {
+        let at = self.at.translation.vector;
+        match self.motion {
+            JointMotion::Turn => [at; 2],
+            JointMotion::Slide => [self.min, self.max].map(|way| at + self.at.rotation * (*self.axis * way)),
+        }
     }
 }
 
@@ -62,22 +75,24 @@ impl Skeleton {
             skeleton.in_frame.push(here);
             below.push(match &node.kind {
                 NodeKind::Link { offset } => (frame, here * Translation3::from(*offset)),
-                NodeKind::Joint { axis, motor, min, max, .. } => match robot.motors.get(*motor) {
+                NodeKind::Joint { motion, axis, motor, min, max, .. } => match robot.motors.get(*motor) {
                     Some(m) if robot.can_move(n) => {
                         skeleton.joints.push(Hinge {
                             parent: frame,
+                            motion: *motion,
                             at: here,
                             axis: *axis,
                             motor: *motor,
                             limits: (m.min, m.max),
                             home: m.home,
                             min: *min,
+                            max: *max,
                             gain: (max - min) / (m.max - m.min),
                         });
                         (skeleton.joints.len(), Isometry3::identity())
                     }
-                    // A joint that can't move stands at its lower limit for ever: a fixed turn.
-                    _ => (frame, here * UnitQuaternion::from_axis_angle(axis, *min)),
+                    // A joint that can't move stands at its lower limit for ever.
+                    _ => (frame, here * motion.by(axis, *min)),
                 },
             });
         }
@@ -94,11 +109,13 @@ impl Skeleton {
         let first = frames.len();
         frames.push(self.base);
         for joint in &self.joints {
-            let turn = UnitQuaternion::from_axis_angle(&joint.axis, joint.angle(pose));
-            let parent = frames[first + joint.parent];
-            // The turn has no translation, so only the rotation is multiplied.
+            let (parent, position) = (frames[first + joint.parent], joint.position(pose));
             let mut frame = parent * joint.at;
-            frame.rotation *= turn;
+            match joint.motion {
+                // A turn has no translation, so only the rotation is multiplied.
+                JointMotion::Turn => frame.rotation *= UnitQuaternion::from_axis_angle(&joint.axis, position),
+                JointMotion::Slide => frame.translation.vector += frame.rotation * (*joint.axis * position),
+            }
             frames.push(frame);
         }
     }

@@ -1,7 +1,7 @@
 //! How far shapes can move when motors do: Lipschitz bounds.
 //!
-//! A point at most `r` from a joint's axis moves at most `r` times the angle turned. `r` is bounded over all poses of the
-//! joints between, so that between any two poses no point of a shape moves farther, relative to another shape, than the sum
+//! A point at most `r` from a joint's axis moves at most `r` times the angle turned, and whatever a slide carries by the way slid.
+//! `r` is bounded over all poses of the joints between, so that between any two poses no point of a shape moves farther, relative to another shape, than the sum
 //! over the motors between the two of `coefficient * |change of motor|`. The signed distance of the two changes no more than that.
 //!
 //! ```text
@@ -10,10 +10,13 @@
 //!                         |<----- rho ---->|    B's: the farthest point from B's axis itself
 //! ```
 //! Only the last hinge knows where the shape is: seen from A, B may have turned it anywhere in a ball of radius rho. The bound
-//! holds at every pose, so it is made once per robot and never again; it is loose by what the arm is bent.
+//! holds at every pose (where B slides, at both ends of its range, and so between them), so it is made once per robot and never again; it is loose by what the arm is bent.
 
 use super::Skeleton;
+use super::skeleton::Hinge;
 use crate::engine::Collider;
+use crate::robot::JointMotion;
+use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
 /// What one motor adds to a bound.
@@ -44,6 +47,17 @@ pub(crate) struct Reach {
     pub levers: Vec<Vec<Lever>>,
 }
 
+impl Hinge {
+    /// How fast it moves a point that is so far off its axis, meters per radian of its motor.
+    fn lever(&self, off_axis: f64) -> f64 {
+        let arm = match self.motion {
+            JointMotion::Turn => off_axis,
+            JointMotion::Slide => 1.0,
+        };
+        arm * self.gain.abs()
+    }
+}
+
 impl Reach {
     /// `colliders` are those of this robot, whose frames are numbered from `first_frame`.
     pub fn new(skeleton: &Skeleton, first_frame: usize, colliders: &[Collider]) -> Self {
@@ -52,7 +66,7 @@ impl Reach {
                 let Some(own) = f.checked_sub(1).and_then(|h| skeleton.joints.get(h)) else { return Vec::new() };
                 // Greatest distance of the frame's points from its hinge's axis, and from its origin.
                 let (mut off_axis, mut rho) = (0.0_f64, 0.0_f64);
-                let off = |v: &nalgebra::Vector3<f64>, axis: &nalgebra::Vector3<f64>| (v - axis * v.dot(axis)).norm();
+                let off = |v: &Vector3<f64>, axis: &Vector3<f64>| (v - axis * v.dot(axis)).norm();
                 for collider in colliders.iter().filter(|c| c.frame == first_frame + f) {
                     let c = collider.pose.translation.vector;
                     let (capsule, ball_radius) = (collider.shape.bounding_capsule(), collider.shape.bounding_radius());
@@ -68,7 +82,7 @@ impl Reach {
                     off_axis = off_axis.max(off(&at.translation.vector, &own.axis));
                     rho = rho.max(at.translation.vector.norm());
                 }
-                let mut list = vec![Lever { frame: f, reach: off_axis * own.gain.abs() }];
+                let mut list = vec![Lever { frame: f, reach: own.lever(off_axis) }];
                 let mut at = f;
                 loop {
                     let below = &skeleton.joints[at - 1];
@@ -76,11 +90,11 @@ impl Reach {
                     if parent == 0 {
                         break list;
                     }
-                    let (hinge, offset) = (&skeleton.joints[parent - 1], below.at.translation.vector);
+                    let (hinge, offsets) = (&skeleton.joints[parent - 1], below.origins());
                     // How the hinges between turn is not known: whatever hangs there is a ball about its origin.
-                    let reach = (off(&offset, &hinge.axis) + rho) * hinge.gain.abs();
-                    list.push(Lever { frame: parent, reach });
-                    rho += offset.norm();
+                    let arm = offsets.iter().map(|at| off(at, &hinge.axis)).fold(0.0, f64::max) + rho;
+                    list.push(Lever { frame: parent, reach: hinge.lever(arm) });
+                    rho += offsets.iter().map(Vector3::norm).fold(0.0, f64::max);
                     at = parent;
                 }
             })

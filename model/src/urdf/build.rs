@@ -1,19 +1,19 @@
 //! Bodies at the zero position, written as ZRP nodes.
 //!
 //! ```text
-//! joint ── link of the body (all of its shapes) ──┬── links to where the next joints are ── joint ── next body
-//!                                                 └── links to where its frames are (markers)
+//! joint ── first link of the body (its shapes) ──┬── links to where the next joints are ── joint ── next body
+//!                                                └── links to where its other links are (their shapes, markers)
 //! ```
 
-use super::scan::Places;
+use super::document::{Collision, Document, Geometry, Joint, JointType, Link};
+use super::mesh::{self, Meshes};
 use super::tree::{Drive, Tree};
-use super::{UrdfOptions, fit, mesh, neighbors};
+use super::{UrdfOptions, neighbors};
 use crate::error::{FileError, Source};
-use crate::zrp::pairs;
-use crate::{Marker, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
-use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
+use crate::{JointMotion, LinkSurface, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
+use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
-use urdf_rs::{Geometry, Pose};
+use std::rc::Rc;
 
 /// Points nearer than this are one; the format takes links below 1e-12 m as having no direction.
 const SAME_POINT: f64 = 1e-11;
@@ -39,10 +39,8 @@ struct Body {
 struct Builder<'a> {
     /// The file, for messages.
     source: &'a Source,
-    /// Where its links and joints stand.
-    places: &'a Places,
     /// What it says.
-    urdf: &'a urdf_rs::Robot,
+    urdf: &'a Document,
     /// How its links hang on each other.
     tree: &'a Tree,
     /// What to do with what ZRP has no word for.
@@ -53,66 +51,73 @@ struct Builder<'a> {
     robot: Robot,
     /// Per joint of the URDF: its motor.
     motors: Vec<Option<usize>>,
-    /// Per node: the name of the link that it was written for, for messages.
-    link_of_node: Vec<String>,
-    /// The bodies in the order in which they were written.
-    bodies: Vec<neighbors::Written>,
+    /// Per link: the node that carries its collision shapes, if it has any.
+    shapes_of: Vec<Option<usize>>,
     /// Collision shapes so far.
     shapes: usize,
-    /// How many bytes of meshes may still be read.
-    meshes: u64,
+    /// The mesh files.
+    meshes: Meshes<'a>,
+    /// Whether primitives are fitted to meshes.
+    fits: bool,
+    /// What the links collide with in the file's own words.
+    surfaces: Vec<LinkSurface>,
 }
 
-/// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on, the body before.
-type Todo = (usize, Isometry3<f64>, Option<usize>, Option<usize>);
+/// What a URDF becomes.
+pub(super) struct Built {
+    /// The robot.
+    pub robot: Robot,
+    /// Meshes and shapes of the links that have any.
+    pub surfaces: Vec<LinkSurface>,
+}
 
-/// The robot, and per node the name of the link it belongs to.
+/// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on.
+type Todo = (usize, Isometry3<f64>, Option<usize>);
+
+/// Writes the robot. Without `fits` nothing is fitted to meshes: the surfaces alone are wanted.
 pub(super) fn build(
     source: &Source,
-    places: &Places,
-    urdf: &urdf_rs::Robot,
+    urdf: &Document,
     tree: &Tree,
     options: &UrdfOptions,
+    fits: bool,
     warnings: &mut Vec<FileError>,
-) -> Result<(Robot, Vec<String>), FileError> {
-    let name = if urdf.name.trim().is_empty() { "robot" } else { urdf.name.trim() };
-    let part = options.part.clone().unwrap_or_else(|| name.to_owned());
+) -> Result<Built, FileError> {
+    let part = options.part.clone().unwrap_or_else(|| urdf.name.clone());
     let robot = Robot {
-        name: name.to_owned(),
+        name: urdf.name.clone(),
         parts: vec![Part { name: part, motors: 0..0, root_node: Some(0), clauses: Vec::new() }],
         motors: Vec::new(),
         nodes: Vec::new(),
         markers: Vec::new(),
         pairs: NodePairs::default(),
+        left_out: None,
     };
     let motors = vec![None; urdf.joints.len()];
     let mut b = Builder {
         source,
-        places,
         urdf,
         tree,
         options,
         warnings,
         robot,
         motors,
-        link_of_node: Vec::new(),
-        bodies: Vec::new(),
+        shapes_of: vec![None; urdf.links.len()],
         shapes: 0,
-        meshes: mesh::MAX_TOGETHER,
+        meshes: Meshes::new(options),
+        fits,
+        surfaces: Vec::new(),
     };
     // Motors first: a mimic joint may come before its source in the tree.
     b.create_motors();
-    let mut todo = vec![(tree.root, Isometry3::identity(), None, None)];
-    while let Some((link, frame, parent, before)) = todo.pop() {
+    let mut todo = vec![(tree.root, Isometry3::identity(), None)];
+    while let Some((link, frame, parent)) = todo.pop() {
         let body = b.body(link, frame)?;
-        todo.extend(b.emit(&body, parent, before)?.into_iter().rev());
+        todo.extend(b.emit(&body, parent)?.into_iter().rev());
     }
-    // The balls on joints take part in the adjacency filter, so pairs are made after them.
-    neighbors::mark_joints(&mut b.robot, &b.bodies);
-    let near_root = pairs::near_root(&b.robot.nodes);
-    b.robot.nodes.iter_mut().zip(near_root).for_each(|(n, near)| n.near_root = near);
-    b.robot.pairs = pairs::node_pairs(&b.robot.nodes);
-    Ok((b.robot, b.link_of_node))
+    // From here on the robot lists what is not tested; whoever knows of more (an SRDF, a search) adds it in the same way.
+    b.robot.leave_out(neighbors::neighbors(urdf, tree, &b.shapes_of));
+    Ok(Built { robot: b.robot, surfaces: b.surfaces })
 }
 
 impl Builder<'_> {
@@ -121,14 +126,17 @@ impl Builder<'_> {
         let mut todo = vec![self.tree.root];
         while let Some(link) = todo.pop() {
             for &joint in &self.tree.leaving[link] {
-                if let Some((min, max)) = self.tree.limits[joint] {
+                if let Some(limits) = self.tree.limits[joint] {
+                    let (min, max) = (limits.motion.encoder(limits.min), limits.motion.encoder(limits.max));
                     self.motors[joint] = Some(self.robot.motors.len());
                     self.robot.motors.push(Motor {
-                        name: self.urdf.joints[joint].name.trim().to_owned(),
+                        name: self.urdf.joints[joint].name.clone(),
                         part: 0,
                         min,
                         max,
                         home: 0_f64.clamp(min, max),
+                        motion: limits.motion,
+                        continuous: limits.continuous,
                         joints: Vec::new(),
                         is_part_root: self.robot.motors.is_empty(),
                     });
@@ -142,7 +150,7 @@ impl Builder<'_> {
     /// Collects what fixed joints hold together with a link. `frame` is `root_from_link` at zero.
     ///
     /// # Errors
-    /// If an origin or axis is not finite, or an axis has no direction.
+    /// If an axis has no direction.
     fn body(&self, link: usize, frame: Isometry3<f64>) -> Result<Body, FileError> {
         let mut body = Body { links: Vec::new(), joints: Vec::new() };
         let mut todo = vec![(link, frame)];
@@ -151,20 +159,19 @@ impl Builder<'_> {
             for &joint in &self.tree.leaving[link] {
                 let what = &self.urdf.joints[joint];
                 let bad = || {
-                    let message = format!("the origin or axis of joint `{}` is not a finite number", what.name);
-                    let at = self.places.of("joint", what.name.trim());
-                    self.source.error(at, message, "write finite numbers; the axis must not be zero")
+                    let message = format!("the axis of joint `{}` has no direction", what.name);
+                    self.source.error(what.at.clone(), message, "write three numbers that are not all zero")
                 };
-                let at_joint = frame * pose(&what.origin).ok_or_else(bad)?;
+                let at_joint = frame * what.origin;
                 match self.tree.drives[joint] {
                     Drive::Fixed(0.0) => todo.push((self.tree.child[joint], at_joint)),
-                    // A joint without range turns once and for all; its child hangs there like on a fixed one.
-                    Drive::Fixed(angle) => {
-                        let turn = UnitQuaternion::from_axis_angle(&axis(&what.axis.xyz.0).ok_or_else(bad)?, angle);
-                        todo.push((self.tree.child[joint], at_joint * turn));
+                    // A joint without range moves once and for all; its child hangs there like on a fixed one.
+                    Drive::Fixed(position) => {
+                        let moved = motion(what).by(&axis(&what.axis).ok_or_else(bad)?, position);
+                        todo.push((self.tree.child[joint], at_joint * moved));
                     }
-                    Drive::Turns { .. } => {
-                        axis(&what.axis.xyz.0).ok_or_else(bad)?;
+                    Drive::Moves { .. } => {
+                        axis(&what.axis).ok_or_else(bad)?;
                         body.joints.push((joint, at_joint));
                     }
                 }
@@ -174,7 +181,7 @@ impl Builder<'_> {
     }
 
     /// Writes a body's nodes under the joint `parent`; returns what is to follow.
-    fn emit(&mut self, body: &Body, parent: Option<usize>, before: Option<usize>) -> Result<Vec<Todo>, FileError> {
+    fn emit(&mut self, body: &Body, parent: Option<usize>) -> Result<Vec<Todo>, FileError> {
         let Some(&(first, frame)) = body.links.first() else { return Ok(Vec::new()) };
         let start = frame.translation.vector;
         // The body's own link ends at the first point that something needs.
@@ -183,35 +190,27 @@ impl Builder<'_> {
         // saves that one a link of its own.
         let offset = points.into_iter().find(|v| v.norm() > SAME_POINT).unwrap_or(Vector3::new(0.0, 0.0, STUB));
         let node = self.node(first, parent, NodeKind::Link { offset })?;
-        for (link, link_frame) in &body.links {
-            for collision in &self.urdf.links[*link].collision {
-                if self.shapes >= MAX_SHAPES {
-                    let name = self.urdf.links[*link].name.trim();
-                    let message = format!("the robot has more than {MAX_SHAPES} collision shapes");
-                    let help = "cover what is small by one larger shape";
-                    return Err(self.source.error(self.places.of("link", name), message, help));
-                }
-                self.shapes += 1;
-                if let Some(mut solid) = self.shape(*link, collision)? {
-                    // Shapes sit at the start of the body's link, which has the orientation of the root.
-                    solid.pose = Translation3::from(-start) * link_frame * solid.pose;
-                    self.robot.nodes[node].solids.push(solid);
-                }
-            }
-        }
-        let this = self.bodies.len();
-        self.bodies.push(neighbors::Written { node, start, joint: parent, before });
+        self.robot.nodes[node].name = Some(self.link_name(first).into());
         let end = start + offset;
         for (link, link_frame) in &body.links {
-            let at = link_frame.translation.vector;
-            let place = if (at - start).norm() <= SAME_POINT {
+            let (solids, at) = (self.solids(*link, link_frame.rotation)?, link_frame.translation.vector);
+            // A link with shapes has a node of its own, which is named after it: so every shape knows the link that it is from.
+            let shared = *link == first || (solids.is_empty() && (at - start).norm() <= SAME_POINT);
+            let place = if shared {
                 node
             } else {
                 let at_point = self.connect(*link, node, at - end)?;
-                self.node(*link, Some(at_point), NodeKind::Link { offset: Vector3::new(0.0, 0.0, STUB) })?
+                let place =
+                    self.node(*link, Some(at_point), NodeKind::Link { offset: Vector3::new(0.0, 0.0, STUB) })?;
+                self.robot.nodes[place].name = Some(self.link_name(*link).into());
+                place
             };
+            if !solids.is_empty() {
+                self.shapes_of[*link] = Some(place);
+            }
+            self.robot.nodes[place].solids.extend(solids);
             self.robot.markers.push(Marker {
-                name: self.urdf.links[*link].name.trim().to_owned(),
+                name: self.link_name(*link).to_owned(),
                 node: place,
                 part: 0,
                 normal: Unit::new_normalize(link_frame.rotation * Vector3::z()),
@@ -222,10 +221,67 @@ impl Builder<'_> {
         let mut next = Vec::new();
         for (joint, child_frame) in &body.joints {
             let at_point = self.connect(first, node, child_frame.translation.vector - end)?;
-            let turning = self.joint(first, *joint, child_frame, at_point)?;
-            next.push((self.tree.child[*joint], *child_frame, Some(turning), Some(this)));
+            let moving = self.joint(first, *joint, child_frame, at_point)?;
+            next.push((self.tree.child[*joint], *child_frame, Some(moving)));
         }
         Ok(next)
+    }
+
+    /// A link's name, without blanks around it.
+    fn link_name(&self, link: usize) -> &str {
+        &self.urdf.links[link].name
+    }
+
+    /// A link's collision shapes: those that the file gives, and those that are fitted to its meshes. Nodes have the orientation of
+    /// the root, so that only what is turned against that is left of a link's frame: `turn`, which is `root_from_link` at zero.
+    ///
+    /// # Errors
+    /// At the link, if there are too many or one of them is no shape.
+    fn solids(&mut self, link: usize, turn: UnitQuaternion<f64>) -> Result<Vec<Primitive>, FileError> {
+        let urdf = self.urdf;
+        let Link { name, at, collisions, .. } = &urdf.links[link];
+        let mut own = LinkSurface { link: name.clone(), turn, meshes: Vec::new(), solids: Vec::new() };
+        for collision in collisions {
+            match &collision.geometry {
+                Geometry::Mesh { filename, .. } if self.options.drop_meshes => {
+                    let message = format!("link `{name}`: the mesh {filename} is left out");
+                    let help = "give the link a shape in the converted file";
+                    self.warnings.push(self.source.warning(collision.at.clone(), message, help));
+                }
+                Geometry::Mesh { filename, scale } => {
+                    let mesh = self.mesh(name, collision, filename, scale)?;
+                    own.meshes.push(placed(&mesh, scale, &collision.origin));
+                }
+                _ => own.solids.push(self.shape(link, collision)?),
+            }
+        }
+        let solids = if self.fits { self.fitted(link, &own)? } else { Vec::new() };
+        self.shapes += solids.len();
+        if self.shapes > MAX_SHAPES {
+            let message = format!("the robot has more than {MAX_SHAPES} collision shapes");
+            return Err(self.source.error(at.clone(), message, "cover what is small by one larger shape"));
+        }
+        if !own.meshes.is_empty() || !own.solids.is_empty() {
+            self.surfaces.push(own);
+        }
+        Ok(solids)
+    }
+
+    /// The shapes of a link, with a warning where those around its meshes are not as near as they should be.
+    fn fitted(&mut self, link: usize, own: &LinkSurface) -> Result<Vec<Primitive>, FileError> {
+        let Link { name, at, .. } = &self.urdf.links[link];
+        let options = &self.options.fit;
+        let (shapes, overshoot) = own.fitted(options).map_err(|why| {
+            let help = "leave meshes out with --drop-meshes, or give the link a box, cylinder or sphere";
+            self.source.error(at.clone(), format!("the meshes of link `{name}`: {why}"), help)
+        })?;
+        if overshoot > options.overshoot {
+            let (most, is) = (options.overshoot * 1e3, overshoot * 1e3);
+            let message = format!("link `{name}`: its {} shapes stick out by {is:.0} mm, not {most:.0}", shapes.len());
+            let help = "allow more shapes with --shapes N, or edit those of this link in the converted file";
+            self.warnings.push(self.source.warning(at.clone(), message, help));
+        }
+        Ok(shapes)
     }
 
     /// The node whose children start `offset` beyond the end of `from`: `from` itself, or a new link.
@@ -236,16 +292,19 @@ impl Builder<'_> {
     /// Writes a moving joint under the node `parent`; `frame` is `root_from_joint` at zero. Returns its node, or the parent if nothing
     /// can move it.
     fn joint(&mut self, link: usize, joint: usize, frame: &Isometry3<f64>, parent: usize) -> Result<usize, FileError> {
-        let mut direction = frame.rotation * axis(&self.urdf.joints[joint].axis.xyz.0).unwrap_or(Vector3::z_axis());
-        let Drive::Turns { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
-        let (Some(motor), Some((lo, hi))) = (self.motors[source], self.tree.limits[source]) else { return Ok(parent) };
-        // The angles at the motor's limits, which a mimic joint may have in reverse.
-        let (mut min, mut max) = (factor * lo + offset, factor * hi + offset);
+        let mut direction = frame.rotation * axis(&self.urdf.joints[joint].axis).unwrap_or(Vector3::z_axis());
+        let Drive::Moves { source, factor, offset } = self.tree.drives[joint] else { return Ok(parent) };
+        let (Some(motor), Some(limits)) = (self.motors[source], self.tree.limits[source]) else { return Ok(parent) };
+        // The positions at the motor's limits, which a mimic joint may have in reverse. They are in the joint's own unit, whatever the
+        // motor's: a finger may slide while its leader turns.
+        let (mut min, mut max) = (factor * limits.min + offset, factor * limits.max + offset);
         if min > max {
             // The format wants limits in order: turn the axis round.
             (direction, min, max) = (-direction, -min, -max);
         }
-        let node = self.node(link, Some(parent), NodeKind::Joint { axis: direction, motor, min, max, length: 1.0 })?;
+        let motion = motion(&self.urdf.joints[joint]);
+        let kind = NodeKind::Joint { motion, axis: direction, motor, min, max, length: 1.0 };
+        let node = self.node(link, Some(parent), kind)?;
         self.robot.motors[motor].joints.push(node);
         Ok(node)
     }
@@ -256,54 +315,29 @@ impl Builder<'_> {
     /// If there are too many; the link is pointed at.
     fn node(&mut self, link: usize, parent: Option<usize>, kind: NodeKind) -> Result<usize, FileError> {
         let index = self.robot.nodes.len();
-        let name = self.urdf.links[link].name.trim();
         if index >= MAX_NODES {
             let message = format!("the robot needs more than {MAX_NODES} nodes");
-            return Err(self.source.error(self.places.of("link", name), message, "merge or remove links"));
+            return Err(self.source.error(self.urdf.links[link].at.clone(), message, "merge or remove links"));
         }
         let (solids, fields) = (Vec::new(), Vec::new());
-        let node = Node { parent, part: 0, kind, solids, fields, no_self_collision: false, near_root: false };
+        let node =
+            Node { name: None, parent, part: 0, kind, solids, fields, no_self_collision: false, near_root: false };
         self.robot.nodes.push(node);
-        self.link_of_node.push(name.to_owned());
         Ok(index)
     }
 
-    /// A collision shape in its link's frame.
-    fn shape(&mut self, link: usize, collision: &urdf_rs::Collision) -> Result<Option<Primitive>, FileError> {
-        let name = self.urdf.links[link].name.trim();
-        let at = self.places.of("link", name);
-        let bad = |message: String, help: &str| self.source.error(at.clone(), message, help);
-        let number = |what: &str| {
-            bad(format!("link `{name}`: a collision {what}"), "write finite numbers, and sizes above zero")
-        };
-        let place = pose(&collision.origin).ok_or_else(|| number("origin is not finite"))?;
+    /// A collision shape that is no mesh, in its link's frame.
+    fn shape(&self, link: usize, collision: &Collision) -> Result<Primitive, FileError> {
+        let name = self.urdf.links[link].name.as_str();
+        let place = collision.origin;
         // URDF's cylinders and capsules lie along z, ours along y.
         let along_z = place * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
         let (shape, pose) = match &collision.geometry {
             Geometry::Sphere { radius } => (Shape::Sphere { radius: *radius }, place),
-            Geometry::Box { size } => (Shape::Box { size: Vector3::from(size.0) }, place),
+            Geometry::Box { size } => (Shape::Box { size: *size }, place),
             Geometry::Cylinder { radius, length } => (Shape::Cylinder { radius: *radius, height: *length }, along_z),
             Geometry::Capsule { radius, length } => (Shape::Capsule { radius: *radius, height: *length }, along_z),
-            Geometry::Mesh { filename, .. } if self.options.drop_meshes => {
-                let message = format!("link `{name}`: the mesh {filename} is left out");
-                self.warnings.push(self.source.warning(
-                    at.clone(),
-                    message,
-                    "give the link a shape in the converted file",
-                ));
-                return Ok(None);
-            }
-            Geometry::Mesh { filename, scale } => {
-                let scale = Vector3::from(scale.map_or([1.0; 3], |s| s.0));
-                let fitted = mesh::points(filename, &self.options.mesh_folders, &mut self.meshes)
-                    .and_then(|points| fit::fit(points.iter().map(|p| p.component_mul(&scale))))
-                    .map_err(|why| {
-                        let help = "name the folder of the meshes with --meshes DIR, leave meshes out with --drop-meshes, \
-                                    or give the link a box, cylinder or sphere";
-                        bad(format!("link `{name}`: the mesh {filename} {why}"), help)
-                    })?;
-                (fitted.shape, place * fitted.pose)
-            }
+            Geometry::Mesh { filename, .. } => return Err(self.bad_mesh(name, collision, filename, "is no shape")),
         };
         let sizes = match shape {
             Shape::Sphere { radius } => [radius; 3],
@@ -311,22 +345,49 @@ impl Builder<'_> {
             Shape::Box { size } => size.into(),
         };
         if sizes.iter().any(|s| !(s.is_finite() && *s > 0.0 && *s < 1e6)) {
-            return Err(number("shape has a size that is not above zero"));
+            let message = format!("link `{name}`: a collision shape has a size that is not above zero");
+            return Err(self.source.error(collision.at.clone(), message, "write finite numbers, and sizes above zero"));
         }
-        Ok(Some(Primitive { shape, pose }))
+        Ok(Primitive { shape, pose })
+    }
+
+    /// The mesh of a collision, with a warning if its size is odd.
+    fn mesh(
+        &mut self,
+        link: &str,
+        collision: &Collision,
+        file: &str,
+        scale: &Vector3<f64>,
+    ) -> Result<Rc<Mesh>, FileError> {
+        let mesh = self.meshes.get(file).map_err(|why| self.bad_mesh(link, collision, file, &why))?;
+        if let Some(odd) = mesh::odd_size(&mesh, scale) {
+            let message = format!("link `{link}`: the mesh {file} {odd}");
+            let help = "if so, write scale=\"0.001 0.001 0.001\" into its <mesh>";
+            self.warnings.push(self.source.warning(collision.at.clone(), message, help));
+        }
+        Ok(mesh)
+    }
+
+    fn bad_mesh(&self, link: &str, collision: &Collision, file: &str, why: &str) -> FileError {
+        self.source.error(collision.at.clone(), format!("link `{link}`: the mesh {file} {why}"), mesh::remedy(file))
+    }
+}
+
+/// A mesh in its link's frame, meters.
+fn placed(mesh: &Mesh, scale: &Vector3<f64>, link_from_mesh: &Isometry3<f64>) -> Mesh {
+    let place = |v: &Vector3<f64>| link_from_mesh.transform_point(&v.component_mul(scale).into()).coords;
+    Mesh { vertices: mesh.vertices.iter().map(place).collect(), triangles: mesh.triangles.clone() }
+}
+
+/// How a joint of the file moves.
+fn motion(joint: &Joint) -> JointMotion {
+    match joint.joint_type {
+        JointType::Prismatic => JointMotion::Slide,
+        _ => JointMotion::Turn,
     }
 }
 
 /// A joint's axis in its own frame, if it has a direction.
-fn axis(xyz: &[f64; 3]) -> Option<Unit<Vector3<f64>>> {
-    let v = Vector3::from(*xyz);
-    v.iter().all(|c| c.is_finite()).then(|| Unit::try_new(v, 1e-9)).flatten()
-}
-
-/// `parent_from_here`: fixed axes roll, pitch, yaw.
-fn pose(origin: &Pose) -> Option<Isometry3<f64>> {
-    let ([x, y, z], [roll, pitch, yaw]) = (origin.xyz.0, origin.rpy.0);
-    let sane = [x, y, z, roll, pitch, yaw].iter().all(|v| v.is_finite() && v.abs() < 1e6);
-    let turn = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-    sane.then(|| Isometry3::from_parts(Translation3::new(x, y, z), turn))
+fn axis(xyz: &Vector3<f64>) -> Option<Unit<Vector3<f64>>> {
+    Unit::try_new(*xyz, 1e-9)
 }

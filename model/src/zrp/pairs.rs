@@ -60,7 +60,7 @@ pub(crate) fn node_pairs(nodes: &[Node]) -> NodePairs {
 }
 
 /// The outermost `noSelfCollision` node above or at each node.
-fn quiet_subtrees(nodes: &[Node]) -> Vec<Option<usize>> {
+pub(crate) fn quiet_subtrees(nodes: &[Node]) -> Vec<Option<usize>> {
     let mut quiet: Vec<Option<usize>> = Vec::with_capacity(nodes.len());
     for (i, node) in nodes.iter().enumerate() {
         let above = node.parent.and_then(|p| quiet[p]);

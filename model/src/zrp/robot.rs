@@ -5,12 +5,15 @@
 
 use super::constraint::Member;
 use super::element::{Element, Warnings};
+use super::left_out::PairList;
+use super::motion::{self, MotorMotion};
 use super::xml::{Token, Tokens};
 use super::{geometry, pairs};
 use crate::error::{FileError, Loaded, Source};
 use crate::{Clause, Marker, Motor, Node, NodeKind, NodePairs, Part, Robot};
 use nalgebra::{Unit, Vector3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 /// More nodes are refused: the pair tables grow with the square.
 const MAX_NODES: usize = 2048;
@@ -23,8 +26,8 @@ const MAX_SLOTS: i64 = 4096;
 
 /// The name of the outermost element, as the format writes it; compared without case.
 const ROOT: &str = "ZeroPositionKinematicTree";
-/// What `link` and `joint` have in common: direction, length, the radii of their own shapes, and flags.
-const NODE: &[&str] = &["x", "y", "z", "length", "radius", "field", "noSelfCollision", "capsule"];
+/// What `link` and `joint` have in common: name, direction, length, the radii of their own shapes, and flags.
+const NODE: &[&str] = &["name", "x", "y", "z", "length", "radius", "field", "noSelfCollision", "capsule"];
 
 /// Reads a robot.
 ///
@@ -65,6 +68,7 @@ enum Open {
     Motor { before: Option<usize> },
     Node { before: Option<usize> },
     Clause { element: Element },
+    Pairs,
     Other,
 }
 
@@ -81,6 +85,8 @@ struct RobotReader {
     parts: Vec<PartBuilder>,
     /// In order of creation; [`RobotReader::finish`] puts them in pose order.
     motors: Vec<Motor>,
+    /// Per motor, how it was found out what its encoder counts.
+    motions: Vec<MotorMotion>,
     /// In order of their start tags.
     nodes: Vec<Node>,
     /// In order of appearance.
@@ -93,6 +99,10 @@ struct RobotReader {
     motor: Option<usize>,
     /// The node that the next one hangs on.
     node: Option<usize>,
+    /// Names of nodes so far.
+    node_names: BTreeSet<Arc<str>>,
+    /// The pairs that are left out, once there is a `pairs` element.
+    left_out: Option<PairList>,
     /// The clause of the open `constraintList`.
     clause: Option<Vec<Member>>,
     /// What was odd so far.
@@ -116,11 +126,13 @@ impl RobotReader {
             "marker" => self.marker(&e)?,
             "constraintlist" => self.clause(e),
             "constraint" => self.constraint(e)?,
+            "pairs" => self.pairs(&e)?,
+            "leaveout" => self.leave_out(e)?,
             name => match geometry::shape_attributes(name) {
                 Some(sizes) => self.shape(&e, sizes)?,
                 None => {
                     let help = "known are bodypart, motor, joint, link, sphere, cylinder, box, capsule, marker, \
-                                constraintList and constraint";
+                                constraintList, constraint, pairs and leaveOut";
                     let message = format!("<{}> is not known; it is ignored", e.written);
                     self.warnings.add(|| e.warning_at("", message, help));
                     Open::Other
@@ -157,7 +169,7 @@ impl RobotReader {
                     Some(part) => self.parts[part].clauses.push(clause),
                 }
             }
-            Some(Open::Other) | None => {}
+            Some(Open::Pairs | Open::Other) | None => {}
         }
         Ok(())
     }
@@ -220,9 +232,9 @@ impl RobotReader {
 
     /// Makes a motor current, a new one or one that is known by its name. Only its first mention has limits that count.
     ///
-    /// Its limits are encoder degrees in the file and rad from here on; without any it goes from -1 to 1 degree.
+    /// Its limits are encoder units in the file and rad from here on; without any it goes from -1 to 1 unit.
     fn motor(&mut self, e: &Element) -> Result<Open, FileError> {
-        e.warn_unknown(&[&["name", "idx", "minPos", "maxPos", "home"]], &mut self.warnings);
+        e.warn_unknown(&[&["name", "idx", "minPos", "maxPos", "home"], motion::MOTOR], &mut self.warnings);
         let part = self.current_part(e)?;
         let name = e.name_attr()?;
         let before = self.motor;
@@ -270,6 +282,7 @@ impl RobotReader {
                 }
             }
         }
+        let motion = MotorMotion::read(e, &mut self.warnings)?;
         // The first in the file, not the one of index 0: chains of the Jacobian end at it, as in the original.
         let is_part_root = builder.first_motor.is_none();
         builder.first_motor.get_or_insert(index);
@@ -279,9 +292,12 @@ impl RobotReader {
             min: min.to_radians(),
             max: max.to_radians(),
             home: home.clamp(min, max).to_radians(),
+            motion: motion.stated(),
+            continuous: motion.continuous,
             joints: Vec::new(),
             is_part_root,
         });
+        self.motions.push(motion);
         self.motor = Some(index);
         Ok(Open::Motor { before })
     }
@@ -316,9 +332,11 @@ impl RobotReader {
         };
         // The own cylinder of a link reaches from its start to its end; that of a joint lies about its origin.
         let center = if is_joint { Vector3::zeros() } else { axis / 2.0 };
+        let name = self.node_name(e)?;
         let capsule = e.flag("capsule", &mut self.warnings);
         let automatic = |radius: f64| geometry::automatic(radius, height, &axis, center, capsule);
         self.nodes.push(Node {
+            name,
             parent: self.node,
             part,
             kind,
@@ -332,20 +350,31 @@ impl RobotReader {
         Ok(Open::Node { before })
     }
 
-    /// What a joint turns about and how far: `axis` in its own frame, limits in degrees, which are angles at the motor's limits and
-    /// not limits of their own.
-    fn joint(&mut self, e: &Element, axis: Unit<Vector3<f64>>, length: f64) -> Result<NodeKind, FileError> {
-        if let Some(kind) = e.get("type").filter(|t| !["", "revolute"].contains(&t.value.trim())) {
-            let message = format!("joints of type \"{}\" are not supported", kind.value);
-            return Err(e.error_at("type", message, "only revolute joints are; leave `type` out"));
+    /// The name of a link or joint, if it has one.
+    fn node_name(&mut self, e: &Element) -> Result<Option<Arc<str>>, FileError> {
+        if e.get("name").is_none() {
+            return Ok(None);
         }
-        let Some(motor) = self.motor else {
+        let name: Arc<str> = e.name_attr()?.into();
+        if !self.node_names.insert(name.clone()) {
+            let message = format!("there is a link or joint `{name}` already");
+            return Err(e.error_at("name", message, "give each link and joint of a robot its own name, or none"));
+        }
+        Ok(Some(name))
+    }
+
+    /// What a joint moves about or along and how far: `axis` in its own frame, limits in degrees or meters, which are positions at
+    /// the motor's limits and not limits of their own.
+    fn joint(&mut self, e: &Element, axis: Unit<Vector3<f64>>, length: f64) -> Result<NodeKind, FileError> {
+        let motion = motion::of_joint(e)?;
+        let Some(index) = self.motor else {
             return Err(e.error("<joint> is outside any motor", "put it into a <motor name=\"...\">"));
         };
-        let (min, max) = limits(e, "the joint", -180.0, 180.0)?;
-        self.motors[motor].joints.push(self.nodes.len());
-        let (min, max) = (min.to_radians(), max.to_radians());
-        Ok(NodeKind::Joint { axis, motor, min, max, length })
+        let (min, max) = motion::limits_of_joint(e, motion)?;
+        let motor = &mut self.motors[index];
+        self.motions[index].joins(e, motor, motion, (min, max))?;
+        motor.joints.push(self.nodes.len());
+        Ok(NodeKind::Joint { motion, axis, motor: index, min, max, length })
     }
 
     /// A shape on the current node: solid, or part of the force field.
@@ -408,6 +437,26 @@ impl RobotReader {
         Ok(Open::Other)
     }
 
+    /// The list of pairs that are left out begins, or goes on.
+    fn pairs(&mut self, e: &Element) -> Result<Open, FileError> {
+        e.warn_unknown(&[], &mut self.warnings);
+        if self.open.len() != 1 {
+            let help = format!("put it directly into <{ROOT}>: it is about the whole robot");
+            return Err(e.error("<pairs> is within another element", help));
+        }
+        self.left_out.get_or_insert_default();
+        Ok(Open::Pairs)
+    }
+
+    /// One pair that is left out.
+    fn leave_out(&mut self, e: Element) -> Result<Open, FileError> {
+        match (&mut self.left_out, self.open.last()) {
+            (Some(list), Some(Open::Pairs)) => list.push(e, &mut self.warnings)?,
+            _ => return Err(e.error("<leaveOut> is outside <pairs>", "put it into a <pairs> element")),
+        }
+        Ok(Open::Other)
+    }
+
     /// Puts the motors in pose order, resolves the constraints and makes the pair tables.
     fn finish(mut self, source: &Source) -> Result<Loaded<Robot>, FileError> {
         // Pose order is part by part and by index, whatever the order of creation: `order[new] = old`.
@@ -440,15 +489,17 @@ impl RobotReader {
         let pairs: NodePairs = pairs::node_pairs(&self.nodes);
         let motors = order.iter().map(|i| self.motors[*i].clone()).collect();
         let name = self.name.unwrap_or_else(|| "robot".to_owned());
-        let robot = Robot { name, parts, motors, nodes: self.nodes, markers: self.markers, pairs };
+        let left_out = self.left_out.map(|list| list.resolve(&self.nodes)).transpose()?;
+        let mut robot = Robot { name, parts, motors, nodes: self.nodes, markers: self.markers, pairs, left_out: None };
+        if let Some(list) = left_out {
+            robot.leave_out(list);
+        }
         Ok(Loaded { value: robot, warnings: self.warnings.0 })
     }
 }
 
-/// Both limits in degrees, as written.
-///
-/// `minPos` and `maxPos`, each with its default.
-fn limits(e: &Element, what: &str, min: f64, max: f64) -> Result<(f64, f64), FileError> {
+/// Both limits as written: `minPos` and `maxPos`, each with its default.
+pub(super) fn limits(e: &Element, what: &str, min: f64, max: f64) -> Result<(f64, f64), FileError> {
     let min = e.number("minPos")?.unwrap_or(min);
     let max = e.number("maxPos")?.unwrap_or(max);
     if min > max {

@@ -8,7 +8,7 @@ mod world;
 pub use world::write_world;
 
 use super::geometry;
-use crate::{Marker, Node, NodeKind, Primitive, Robot, Shape};
+use crate::{JointMotion, Marker, Motor, Node, NodeKind, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -95,7 +95,22 @@ impl Writer<'_> {
                 Todo::Node(node) => self.node(node, &mut todo),
             }
         }
+        self.left_out();
         self.close("ZeroPositionKinematicTree");
+    }
+
+    /// The pairs that are left out, if the robot lists them.
+    fn left_out(&mut self) {
+        let robot = self.robot;
+        let Some(list) = &robot.left_out else { return };
+        self.open("pairs");
+        for pair in list {
+            let name =
+                |node: usize| robot.nodes.get(node).and_then(|n| n.name.as_deref()).map_or(String::new(), escape);
+            let (a, b) = (name(pair.nodes.0), name(pair.nodes.1));
+            self.line(&format!("leaveOut a=\"{a}\" b=\"{b}\" reason=\"{}\"", escape(&pair.reason)));
+        }
+        self.close("pairs");
     }
 
     /// A part's motors, the root motor first, and its constraints.
@@ -108,12 +123,13 @@ impl Writer<'_> {
         for m in motors {
             let motor = &self.robot.motors[m];
             self.line(&format!(
-                "motor name=\"{}\" idx=\"{}\" minPos=\"{}\" maxPos=\"{}\" home=\"{}\"",
+                "motor name=\"{}\" idx=\"{}\" minPos=\"{}\" maxPos=\"{}\" home=\"{}\"{}",
                 escape(&motor.name),
                 m - part.motors.start,
                 degrees(motor.min),
                 degrees(motor.max),
-                degrees(motor.home)
+                degrees(motor.home),
+                motion(self.robot, motor)
             ));
         }
         for clause in &part.clauses {
@@ -249,16 +265,36 @@ fn close(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
     (a.translation.vector - b.translation.vector).norm() < 1e-14 && a.rotation.angle_to(&b.rotation) < 1e-14
 }
 
-/// The attributes of a link or joint: its axis or offset in meters, its limits in degrees, its own shapes.
+/// What a motor's tag says of its motion: nothing, where the reader finds it out from its joints.
+fn motion(robot: &Robot, motor: &Motor) -> String {
+    let of = |joint: &usize| match robot.nodes.get(*joint)?.kind {
+        NodeKind::Joint { motion, .. } => Some(motion),
+        NodeKind::Link { .. } => None,
+    };
+    let mut joints: Vec<JointMotion> = motor.joints.iter().filter_map(of).collect();
+    joints.dedup();
+    let word = match (motor.motion, &joints[..]) {
+        (JointMotion::Turn, []) => "",
+        (own, [one]) if own == *one => "",
+        (JointMotion::Turn, _) => " type=\"revolute\"",
+        (JointMotion::Slide, _) => " type=\"prismatic\"",
+    };
+    format!("{word}{}", if motor.continuous { " continuous=\"true\"" } else { "" })
+}
+
+/// The attributes of a link or joint: its name, its axis or offset in meters, its limits in degrees or meters, its own shapes.
 fn node_attributes(node: &Node) -> String {
-    let mut out = match &node.kind {
+    let mut out = node.name.as_ref().map_or(String::new(), |name| format!(" name=\"{}\"", escape(name)));
+    out += &match &node.kind {
         NodeKind::Link { offset } => vector(offset, ["x", "y", "z"]),
-        NodeKind::Joint { axis, min, max, length, .. } => format!(
-            "{} length=\"{length}\" minPos=\"{}\" maxPos=\"{}\"",
-            vector(axis, ["x", "y", "z"]),
-            degrees(*min),
-            degrees(*max)
-        ),
+        NodeKind::Joint { motion, axis, min, max, length, .. } => {
+            let axis = vector(axis, ["x", "y", "z"]);
+            let (kind, min, max) = match motion {
+                JointMotion::Turn => ("", degrees(*min), degrees(*max)),
+                JointMotion::Slide => (" type=\"prismatic\"", min.to_string(), max.to_string()),
+            };
+            format!("{kind}{axis} length=\"{length}\" minPos=\"{min}\" maxPos=\"{max}\"")
+        }
     };
     let automatic = automatic_shapes(node);
     for (name, first) in [

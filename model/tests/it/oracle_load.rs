@@ -161,7 +161,7 @@ fn loads_the_same(name: &str) {
                 assert_eq!(theirs["type"], "link", "{what}");
                 *offset
             }
-            NodeKind::Joint { axis, motor, min, max, length } => {
+            NodeKind::Joint { axis, motor, min, max, length, .. } => {
                 assert_eq!(theirs["type"], "joint", "{what}");
                 assert_eq!(theirs["motor"], robot.motors[*motor].name.as_str(), "{what}");
                 assert_near(min.to_degrees(), theirs["min_deg"].as_f64().unwrap(), 1e-5, &what);

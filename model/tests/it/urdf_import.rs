@@ -1,6 +1,8 @@
 //! URDF import: the same kinematics, the same shapes, and clear words for what cannot be converted.
 
-use mobee_model::{Robot, Scene, Shape, UrdfOptions, load_robot, load_urdf, parse_robot, parse_urdf, write_robot};
+use mobee_model::{
+    JointMotion, Motor, Robot, Scene, Shape, UrdfOptions, load_robot, load_urdf, parse_robot, parse_urdf, write_robot,
+};
 use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -30,7 +32,13 @@ fn urdf_frames(urdf: &urdf_rs::Robot, angles: &BTreeMap<String, f64>) -> BTreeMa
             let origin =
                 Matrix4::new_translation(&joint.origin.xyz.0.into()) * rpy(joint.origin.rpy.0).to_homogeneous();
             let turn = Rotation3::new(Vector3::from(joint.axis.xyz.0).normalize() * angle(joint)).to_homogeneous();
-            let turn = if joint.joint_type == urdf_rs::JointType::Fixed { Matrix4::identity() } else { turn };
+            let turn = match joint.joint_type {
+                urdf_rs::JointType::Fixed => Matrix4::identity(),
+                urdf_rs::JointType::Prismatic => {
+                    Matrix4::new_translation(&(Vector3::from(joint.axis.xyz.0).normalize() * angle(joint)))
+                }
+                _ => turn,
+            };
             let frame = parent * origin * turn;
             frames.insert(joint.child.link.clone(), frame);
         }
@@ -38,12 +46,20 @@ fn urdf_frames(urdf: &urdf_rs::Robot, angles: &BTreeMap<String, f64>) -> BTreeMa
     frames
 }
 
+/// Rad, or meters of a motor that slides, from rad of encoder.
+fn in_joint_units(motor: &Motor, q: f64) -> f64 {
+    match motor.motion {
+        JointMotion::Turn => q,
+        JointMotion::Slide => q.to_degrees() / 1000.0,
+    }
+}
+
 /// At random poses every link's origin and z axis are where the URDF has them.
 fn kinematics_agree(urdf: &urdf_rs::Robot, robot: &Robot, poses: usize) {
     let mut random = ChaCha8Rng::seed_from_u64(3);
     for _ in 0..poses {
         let q: Vec<f64> = robot.motors.iter().map(|m| random.random_range(m.min..=m.max)).collect();
-        let angles = robot.motors.iter().zip(&q).map(|(m, q)| (m.name.clone(), *q)).collect();
+        let angles = robot.motors.iter().zip(&q).map(|(m, q)| (m.name.clone(), in_joint_units(m, *q))).collect();
         let frames = urdf_frames(urdf, &angles);
         let markers = robot.markers_at(&q);
         assert_eq!(markers.len(), frames.len());
@@ -98,7 +114,7 @@ fn shapes_stay_in_their_place() {
     assert!((lower * Point3::new(0.0, 0.07, 0.0) - expected).norm() < 1e-9);
 }
 
-/// Neighbors are left alone, all others are tested.
+/// Neighbors are left alone, all others are tested, also those that are fixed to a neighbor.
 #[test]
 fn bodies_beyond_the_next_are_tested() {
     let robot = load_urdf(data("bent_arm.urdf"), &UrdfOptions::default()).unwrap().value;
@@ -107,11 +123,14 @@ fn bodies_beyond_the_next_are_tested() {
     let upper = node(Shape::Cylinder { radius: 0.03, height: 0.2 });
     let lower = node(Shape::Cylinder { radius: 0.03, height: 0.14 });
     let hand = node(Shape::Box { size: Vector3::new(0.03, 0.05, 0.04) });
-    for pair in [(base, hand), (upper, hand), (base, lower)] {
+    let plate = node(Shape::Sphere { radius: 0.035 });
+    for pair in [(base, hand), (upper, hand), (base, lower), (lower, hand)] {
         assert!(robot.pairs.reflex.contains(&pair), "{pair:?}");
     }
-    for pair in [(upper, lower), (lower, hand)] {
+    for pair in [(upper, lower), (plate, hand)] {
         assert!(!robot.pairs.reflex.contains(&pair), "{pair:?}");
+        let left_out = robot.left_out.iter().flatten().find(|l| l.nodes == pair).expect("it is listed");
+        assert!(left_out.reason.starts_with("neighbors, joined by "), "{left_out:?}");
     }
     let scene = Scene::new(vec![(Arc::new(robot), Isometry3::identity())], vec![]).unwrap();
     assert!(scene.static_contacts().is_empty());
@@ -120,7 +139,8 @@ fn bodies_beyond_the_next_are_tested() {
 #[test]
 fn a_mesh_becomes_a_shape_around_it_or_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let obj = "v 0 0 0\nv 0.2 0 0\nv 0 0.3 0\nv 0 0 0.4\nv 0.2 0.3 0\nv 0.2 0 0.4\nv 0 0.3 0.4\nv 0.2 0.3 0.4\n";
+    let obj = "v 0 0 0\nv 0.2 0 0\nv 0 0.3 0\nv 0 0 0.4\nv 0.2 0.3 0\nv 0.2 0 0.4\nv 0 0.3 0.4\nv 0.2 0.3 0.4\n\
+               f 1 2 5 3\nf 4 6 8 7\nf -8 -7 -3 -5\n";
     std::fs::write(folder.path().join("brick.obj"), obj).unwrap();
     let text = |file: &str| {
         format!(
@@ -138,7 +158,7 @@ fn a_mesh_becomes_a_shape_around_it_or_is_refused() {
     }
     let refused = parse_urdf("r.urdf", &text("package://any/none.stl"), &options).unwrap_err();
     assert!(refused.message().contains("link `brick`") && refused.message().contains("none.stl"), "{refused}");
-    assert!(refused.remedy().contains("--meshes"), "{refused:?}");
+    assert!(refused.remedy().contains("--package any=DIR"), "{refused:?}");
     let dropped = parse_urdf("r.urdf", &text("none.stl"), &UrdfOptions { drop_meshes: true, ..Default::default() });
     assert_eq!(dropped.unwrap().warnings.len(), 1);
 }
@@ -159,8 +179,8 @@ fn what_cannot_be_converted_is_named_with_its_place() {
         ("<!DOCTYPE x [<!ENTITY a \"b\">]><robot name=\"r\"/>".into(), 1, "document type"),
         ("<robot name=\"r\"><link name=\"a\"/>\n<link name=\"a\"/></robot>".into(), 2, "already"),
         (two_links(""), 1, "2 links have no parent"),
-        (two_links(&format!("<joint name=\"j\" type=\"prismatic\">{ends}{limit}</joint>")), 3, "prismatic"),
-        (two_links(&format!("<joint name=\"j\" type=\"bent\">{ends}{limit}</joint>")), 1, "bent"),
+        (two_links(&format!("<joint name=\"j\" type=\"planar\">{ends}{limit}</joint>")), 3, "planar"),
+        (two_links(&format!("<joint name=\"j\" type=\"bent\">{ends}{limit}</joint>")), 3, "bent"),
         (two_links("<joint name=\"j\" type=\"fixed\"><parent link=\"a\"/><child link=\"c\"/></joint>"), 3, "`c`"),
         (two_links(&format!("<joint name=\"j\" type=\"fixed\">{ends}</joint>\n<joint name=\"k\" type=\"fixed\">{ends}</joint>")), 4, "more than one parent"),
         (two_links(&format!("<joint name=\"j\" type=\"revolute\">{ends}<limit lower=\"1\" upper=\"-1\" effort=\"1\" velocity=\"1\"/></joint>")), 3, "limits"),
@@ -180,15 +200,63 @@ fn what_cannot_be_converted_is_named_with_its_place() {
     assert!(parse_urdf("r.urdf", &deep, &UrdfOptions::default()).unwrap_err().to_string().contains("nested"));
 }
 
+fn joint(kind: &str, limits: &str) -> String {
+    let ends = "<parent link=\"a\"/><child link=\"b\"/>";
+    let text = two_links(&format!("<joint name=\"j\" type=\"{kind}\">{ends}<axis xyz=\"0 0 1\"/>{limits}</joint>"));
+    assert!(text.lines().count() == 4);
+    text
+}
+
 #[test]
-fn prismatic_joints_can_be_held_at_zero() {
-    let text = two_links(
-        "<joint name=\"j\" type=\"prismatic\"><parent link=\"a\"/><child link=\"b\"/><limit lower=\"0\" upper=\"1\" effort=\"1\" velocity=\"1\"/></joint>",
-    );
+fn what_no_motor_moves_stands_still() {
     let options = UrdfOptions { fix_unsupported: true, part: Some("arm".into()), ..Default::default() };
-    let loaded = parse_urdf("r.urdf", &text, &options).unwrap();
-    assert_eq!((loaded.warnings.len(), loaded.value.motors.len()), (1, 0));
-    assert_eq!(loaded.value.parts[0].name, "arm");
+    for kind in ["planar", "floating"] {
+        let loaded = parse_urdf("r.urdf", &joint(kind, ""), &options).unwrap();
+        assert_eq!((loaded.warnings.len(), loaded.value.motors.len()), (1, 0), "{kind}");
+        assert_eq!(loaded.value.parts[0].name, "arm");
+    }
+    let floating = parse_urdf("r.urdf", &joint("floating", ""), &UrdfOptions::default()).unwrap();
+    assert_eq!(floating.warnings.len(), 1, "a floating base needs no option");
+}
+
+#[test]
+fn a_joint_without_end_gets_limits_that_its_file_may_have() {
+    let huge = "<limit lower=\"-1e16\" upper=\"1e16\" effort=\"1\" velocity=\"1\"/>";
+    for text in [joint("continuous", ""), joint("revolute", huge)] {
+        let robot = parse_urdf("r.urdf", &text, &UrdfOptions::default()).unwrap().value;
+        assert!(robot.motors[0].continuous && robot.motors[0].home == 0.0);
+        let again = parse_robot("again.xml", &write_robot(&robot)).unwrap();
+        assert!(again.warnings.is_empty() && again.value.motors == robot.motors, "{:?}", again.warnings);
+    }
+    let slide = parse_urdf("r.urdf", &joint("prismatic", huge), &UrdfOptions::default()).unwrap();
+    assert_eq!(slide.warnings.len(), 1);
+    parse_robot("again.xml", &write_robot(&slide.value)).unwrap();
+}
+
+/// A gripper: one finger slides with a lever that turns, the other against it, by their own files' numbers.
+#[test]
+fn fingers_that_slide_follow_a_leader_that_turns() {
+    let link = |name: &str| {
+        format!("<link name=\"{name}\"><collision><geometry><sphere radius=\"0.01\"/></geometry></collision></link>")
+    };
+    let joint = |name: &str, kind: &str, child: &str, more: &str| {
+        format!(
+            "<joint name=\"{name}\" type=\"{kind}\"><parent link=\"palm\"/><child link=\"{child}\"/><axis xyz=\"0 1 0\"/>\
+             <limit lower=\"0\" upper=\"0.8\" effort=\"1\" velocity=\"1\"/>{more}</joint>"
+        )
+    };
+    let text = ["palm", "lever", "left", "right"].map(link).concat()
+        + &joint("left", "prismatic", "left", "<mimic joint=\"drive\" multiplier=\"0.05\"/>")
+        + &joint("right", "prismatic", "right", "<mimic joint=\"drive\" multiplier=\"-0.05\" offset=\"0.01\"/>")
+        + &joint("drive", "revolute", "lever", "");
+    let text = format!("<robot name=\"gripper\">{text}</robot>");
+    let robot = parse_urdf("gripper.urdf", &text, &UrdfOptions::default()).unwrap().value;
+    let again = parse_robot("again.xml", &write_robot(&robot)).unwrap();
+    assert!(again.warnings.is_empty(), "{:?}", again.warnings);
+    kinematics_agree(&urdf_rs::read_from_string(&text).unwrap(), &robot, 100);
+    kinematics_agree(&urdf_rs::read_from_string(&text).unwrap(), &again.value, 100);
+    assert_eq!(robot.motors.len(), 1);
+    assert_eq!((robot.motors[0].name.as_str(), robot.motors[0].motion), ("drive", JointMotion::Turn));
 }
 
 /// `MOBEE_URDF=FILE` tries a real one (such as those of the PyPI package icub-models) beside the test's own.

@@ -48,7 +48,7 @@ fn each_mistake_is_told_at_its_place() {
     points_at(&robot("<sphere/>"), "sphere", "no `radius`");
     points_at(&robot("<link x=\"1\" radius=\"-2\"/>"), "-2", "negative");
     points_at(&robot("<joint x=\"1\" minPos=\"5\" maxPos=\"-5\"/>"), "5\" maxPos", "limits reversed");
-    points_at(&robot("<joint x=\"1\" type=\"prismatic\"/>"), "prismatic", "not supported");
+    points_at(&robot("<joint x=\"1\" type=\"screw\"/>"), "screw", "not supported");
     points_at(&robot("<link x=\"1\" x=\"2\"/>"), "x=\"2\"", "twice");
     points_at(&robot("<link x=\"&own;\"/>"), "&own;", "cannot be read");
     points_at(&robot("<link x=\"1\">"), "</joint>", "closes <link>");

@@ -9,6 +9,7 @@ use std::sync::Arc;
 /// An arm in the x-y plane: joints about z, links of 0.3 m along x, a ball of 4 cm at the end of each link.
 pub fn arm(joints: usize) -> Arc<Robot> {
     let node = |parent, kind, solids| Node {
+        name: None,
         parent,
         part: 0,
         kind,
@@ -22,13 +23,15 @@ pub fn arm(joints: usize) -> Arc<Robot> {
     for i in 0..joints {
         let parent = nodes.len().checked_sub(1);
         let axis = Unit::new_normalize(Vector3::z());
-        let kind = NodeKind::Joint { axis, motor: i, min: -PI, max: PI, length: 0.05 };
+        let kind = NodeKind::Joint { motion: JointMotion::Turn, axis, motor: i, min: -PI, max: PI, length: 0.05 };
         motors.push(Motor {
             name: format!("joint{i}"),
             part: 0,
             min: -PI,
             max: PI,
             home: 0.0,
+            motion: JointMotion::Turn,
+            continuous: false,
             joints: vec![nodes.len()],
             is_part_root: i == 0,
         });
@@ -48,6 +51,7 @@ pub fn arm(joints: usize) -> Arc<Robot> {
         nodes,
         markers: vec![marker],
         pairs: NodePairs::default(),
+        left_out: None,
     })
 }
 

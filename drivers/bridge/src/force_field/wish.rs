@@ -1,6 +1,6 @@
 //! What a force field can be told, and forces at a marker as forces of joints.
 
-use mobee_model::{NodeKind, Robot};
+use mobee_model::{JointMotion, NodeKind, Robot};
 use nalgebra::Vector3;
 
 /// What a part's force field is told.
@@ -42,13 +42,16 @@ pub(super) fn joint_forces(
     while let Some(at) = walk {
         let Some((node, frame)) = robot.nodes.get(at).zip(frames.get(at)) else { break };
         walk = node.parent;
-        let NodeKind::Joint { axis, motor, min, max, .. } = &node.kind else { continue };
+        let NodeKind::Joint { motion, axis, motor, min, max, .. } = &node.kind else { continue };
         let Some(m) = robot.motors.get(*motor) else { continue };
         let axis = frame.rotation * **axis;
-        let lever = axis.cross(&(here - frame.translation.vector));
+        let felt = match motion {
+            JointMotion::Turn => axis.cross(&(here - frame.translation.vector)).dot(force) + axis.dot(torque),
+            JointMotion::Slide => axis.dot(force),
+        };
         let share = if m.max > m.min { (max - min) / (m.max - m.min) } else { 0.0 };
         if let Some(slot) = motor.checked_sub(motors.start).and_then(|i| forces.get_mut(i)) {
-            *slot += share * (lever.dot(force) + axis.dot(torque));
+            *slot += share * felt;
         }
         if m.is_part_root {
             break;

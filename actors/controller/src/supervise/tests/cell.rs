@@ -25,8 +25,8 @@ fn rules(kind: Kind) -> Arc<Rules> {
 
 fn one_motor() -> Robot {
     let part = Part { name: "p".into(), motors: 0..1, root_node: None, clauses: Vec::new() };
-    let (parts, motors) = (vec![part], Vec::new());
-    Robot { name: "r".into(), parts, motors, nodes: Vec::new(), markers: Vec::new(), pairs: NodePairs::default() }
+    let (parts, motors, pairs) = (vec![part], Vec::new(), NodePairs::default());
+    Robot { name: "r".into(), parts, motors, nodes: Vec::new(), markers: Vec::new(), pairs, left_out: None }
 }
 
 #[derive(Clone, Debug)]

@@ -1,0 +1,169 @@
+//! A part of the mesh and the shape that encloses it.
+
+use super::enclose::{self, Cover, THICKER};
+use super::filled::Filled;
+use super::probe::{self, COARSE, MEDIUM};
+use super::soup::Triangle;
+use crate::Shape;
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// Half as many extreme points of a piece stand for all of its corners while shapes are tried.
+const DIRECTIONS: usize = 48;
+/// A cylinder must be so much nearer to be taken: it takes several times longer to test.
+const CYLINDER: f64 = 1.3;
+/// A box must be so much nearer than a ball or capsule.
+const BOX: f64 = 1.1;
+/// Turns by which an enclosing shape is improved, rad.
+const TURNS: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
+
+/// A shape, and how far it is outside the mesh.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tried {
+    /// The shape.
+    pub cover: Cover,
+    /// The largest distance from the mesh, meters.
+    pub worst: f64,
+    /// The mean distance, meters.
+    pub mean: f64,
+    /// What is to be small, meters: the bound is on the worst, but each mean millimeter costs free space.
+    pub cost: f64,
+}
+
+/// Measures a shape at points in so many rows.
+pub(super) fn tried(cover: Cover, rows: usize, filled: &Filled) -> Tried {
+    let points = probe::points(&cover, rows);
+    let (mut worst, mut sum): (f64, f64) = (0.0, 0.0);
+    for p in &points {
+        let outside = filled.outside(p);
+        worst = worst.max(outside);
+        sum += outside;
+    }
+    let mean = sum / points.len() as f64;
+    let factor = match cover.shape {
+        Shape::Sphere { .. } | Shape::Capsule { .. } => 1.0,
+        Shape::Box { .. } => BOX,
+        Shape::Cylinder { .. } => CYLINDER,
+    };
+    Tried { cover, worst, mean, cost: (worst + mean) * factor }
+}
+
+/// The better of two.
+fn better(a: Tried, b: Tried) -> Tried {
+    if b.cost < a.cost { b } else { a }
+}
+
+/// The best of all kinds around the points along the axes of some frames; `None` without points.
+pub(super) fn best(points: &[Vector3<f64>], turns: &[UnitQuaternion<f64>], filled: &Filled) -> Option<Tried> {
+    if points.is_empty() {
+        return None;
+    }
+    let all = turns.iter().flat_map(|turn| enclose::all_kinds(points, turn));
+    all.map(|cover| tried(cover, COARSE, filled)).reduce(better)
+}
+
+/// The shape moved and turned as long as that improves it.
+fn refined(points: &[Vector3<f64>], from: Tried, filled: &Filled) -> Tried {
+    let mut best = from;
+    for by in TURNS {
+        for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
+            for by in [by, -by] {
+                let pose = best.cover.pose * UnitQuaternion::from_axis_angle(&axis, by);
+                let turned = enclose::around(points, &Cover { pose, ..best.cover });
+                best = better(best, tried(turned, COARSE, filled));
+            }
+        }
+        let centered = enclose::centered(points, &best.cover);
+        best = better(best, tried(centered, COARSE, filled));
+        if let Shape::Capsule { radius, .. } = centered.shape {
+            for by in THICKER {
+                let shape = Shape::Capsule { radius: radius * by, height: 0.0 };
+                best = better(best, tried(enclose::around(points, &Cover { shape, ..centered }), COARSE, filled));
+            }
+        }
+    }
+    best
+}
+
+/// A part of the mesh.
+pub(super) struct Piece {
+    /// Its triangles, clipped.
+    pub triangles: Vec<Triangle>,
+    /// Points spread evenly over them.
+    pub samples: Vec<Vector3<f64>>,
+    /// Its extreme corners.
+    pub extremes: Vec<Vector3<f64>>,
+    /// What encloses it.
+    pub tried: Tried,
+}
+
+impl Piece {
+    /// Encloses triangles; `like` is a frame that may suit, besides the link's and that of the principal axes. `None` without
+    /// triangles.
+    pub fn new(
+        triangles: Vec<Triangle>,
+        samples: Vec<Vector3<f64>>,
+        like: &UnitQuaternion<f64>,
+        filled: &Filled,
+    ) -> Option<Self> {
+        let extremes = extremes(triangles.iter().flatten());
+        let turns = [UnitQuaternion::identity(), enclose::principal_axes(spread(&samples, &extremes)), *like];
+        let rough = best(&extremes, &turns, filled)?;
+        let fine = refined(&extremes, rough, filled);
+        // Corners between the extreme ones may stick out a little.
+        let corners: Vec<Vector3<f64>> = triangles.iter().flatten().copied().collect();
+        let tried = tried(enclose::around(&corners, &fine.cover), MEDIUM, filled);
+        Some(Self { triangles, samples, extremes, tried })
+    }
+
+    /// Both in one.
+    pub fn merged(mut self, other: Self, filled: &Filled) -> Option<Self> {
+        self.triangles.extend(other.triangles);
+        self.samples.extend(other.samples);
+        Self::new(self.triangles, self.samples, &other.tried.cover.pose.rotation, filled)
+    }
+}
+
+/// Where principal axes come from: points spread evenly, if there are enough.
+pub(super) fn spread<'a>(samples: &'a [Vector3<f64>], extremes: &'a [Vector3<f64>]) -> &'a [Vector3<f64>] {
+    if samples.len() < 12 { extremes } else { samples }
+}
+
+/// The points that lie farthest in some of many directions, each once.
+pub(super) fn extremes<'a>(points: impl Iterator<Item = &'a Vector3<f64>>) -> Vec<Vector3<f64>> {
+    let directions = directions();
+    let mut most = [(f64::INFINITY, f64::NEG_INFINITY); DIRECTIONS];
+    let mut found = [[Vector3::zeros(); 2]; DIRECTIONS];
+    for p in points {
+        for (direction, ((low, high), found)) in directions.iter().zip(most.iter_mut().zip(&mut found)) {
+            let along = direction.dot(p);
+            if along < *low {
+                (*low, found[0]) = (along, *p);
+            }
+            if along > *high {
+                (*high, found[1]) = (along, *p);
+            }
+        }
+    }
+    let mut out: Vec<Vector3<f64>> =
+        if most[0].0.is_finite() { found.into_iter().flatten().collect() } else { Vec::new() };
+    let order =
+        |a: &Vector3<f64>, b: &Vector3<f64>| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
+    out.sort_by(order);
+    out.dedup();
+    out
+}
+
+/// Directions spread evenly over half a ball: a spiral.
+fn directions() -> [Vector3<f64>; DIRECTIONS] {
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    std::array::from_fn(|i| {
+        // The axes first: most parts have faces there.
+        if i < 3 {
+            return Vector3::ith(i, 1.0);
+        }
+        let y = (i as f64 - 2.5) / (DIRECTIONS - 3) as f64;
+        let (sin, cos) = (golden * i as f64).sin_cos();
+        let r = (1.0 - y * y).max(0.0).sqrt();
+        Vector3::new(r * cos, y, r * sin)
+    })
+}

@@ -1,0 +1,269 @@
+//! The search for few shapes near the mesh: split the worst piece, as long as that is needed; then merge what one shape can hold.
+
+use super::FitOptions;
+use super::enclose::{Cover, principal_axes};
+use super::filled::Filled;
+use super::piece::{self, Piece, Tried, spread};
+use super::soup::{Soup, Triangle, split};
+use nalgebra::{UnitQuaternion, Vector3};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// About how many points stand for the surface when planes are tried.
+const SAMPLES: f64 = 2500.0;
+/// Where planes are tried, as shares of a piece's extent along an axis.
+const CUTS: [f64; 7] = [0.12, 0.25, 0.37, 0.5, 0.63, 0.75, 0.88];
+/// How many pieces more than allowed there are before they are merged.
+const MORE: usize = 10;
+/// How often released triangles may make room for more splits.
+const ROUNDS: usize = 2;
+/// The share of the bound that a search keeps to: it measures at few points.
+const AIM: f64 = 0.9;
+
+/// Shapes that together contain all triangles: the best result of several searches.
+pub(super) fn cover(soup: &Soup, filled: &Filled, options: &FitOptions) -> Vec<Cover> {
+    let mut best: Option<(f64, Vec<Cover>)> = None;
+    let parts = soup.connected().len();
+    for plan in PLANS.iter().filter(|p| p.connected || parts > 1) {
+        let pieces = search(soup, filled, options, *plan);
+        let cost = total(&pieces, options);
+        if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+            best = Some((cost, pieces.iter().map(|p| p.tried.cover).collect()));
+        }
+        // A mesh that one shape holds has no better cover.
+        if pieces.len() < 2 {
+            break;
+        }
+    }
+    best.map_or(Vec::new(), |(_, covers)| covers)
+}
+
+/// How to search: greedy choices that are good for one mesh are not for another.
+#[derive(Clone, Copy)]
+struct Plan {
+    /// Whether to begin with the connected parts of the mesh.
+    connected: bool,
+    /// How much the sides of a plane count by their size, against the worse one of them.
+    sides: f64,
+}
+
+/// What is tried.
+const PLANS: [Plan; 3] =
+    [Plan { connected: true, sides: 1.0 }, Plan { connected: true, sides: 0.0 }, Plan { connected: false, sides: 1.0 }];
+
+/// One search.
+fn search(soup: &Soup, filled: &Filled, options: &FitOptions, plan: Plan) -> Vec<Piece> {
+    let (bound, count) = (options.overshoot * AIM, options.primitives.max(1));
+    let mut pieces = start(soup, filled, count, plan);
+    // Greedy planes are not the best ones: of more pieces, merged again, the boundaries remain that matter.
+    split_all(&mut pieces, count + MORE, bound, plan, filled);
+    merge_all(&mut pieces, count, bound, filled);
+    for _ in 0..ROUNDS {
+        release_all(&mut pieces, filled);
+        split_all(&mut pieces, count, bound, plan, filled);
+    }
+    merge_all(&mut pieces, count, bound, filled);
+    pieces
+}
+
+/// What a cover costs, meters: the bound comes first, then few shapes and free space.
+fn total(pieces: &[Piece], options: &FitOptions) -> f64 {
+    let worst = pieces.iter().map(|p| p.tried.worst).fold(0.0, f64::max);
+    let samples: usize = pieces.iter().map(|p| p.samples.len()).sum();
+    let mean: f64 = pieces.iter().map(|p| p.tried.mean * p.samples.len() as f64).sum();
+    let share = pieces.len() as f64 / options.primitives.max(1) as f64;
+    worst.max(options.overshoot) + mean / samples.max(1) as f64 + 0.1 * options.overshoot * share
+}
+
+/// Leaves to other pieces what their shapes contain anyway, where the own shape then comes nearer; drops pieces of which nothing
+/// remains.
+fn release_all(pieces: &mut Vec<Piece>, filled: &Filled) {
+    let mut order: Vec<usize> = (0..pieces.len()).collect();
+    order.sort_by(|a, b| pieces[*b].tried.cost.total_cmp(&pieces[*a].tried.cost));
+    let mut gone = vec![false; pieces.len()];
+    for this in order {
+        let holder = |t: &Triangle| {
+            (0..pieces.len()).find(|i| *i != this && !gone[*i] && t.iter().all(|p| pieces[*i].tried.cover.contains(p)))
+        };
+        let piece = &pieces[this];
+        let held: Vec<Option<usize>> = piece.triangles.iter().map(holder).collect();
+        if held.iter().all(Option::is_none) {
+            continue;
+        }
+        let own = piece.triangles.iter().zip(&held).filter(|(_, h)| h.is_none()).map(|(t, _)| *t).collect::<Vec<_>>();
+        let outside = |p: &Vector3<f64>| holder(&[*p; 3]).is_none();
+        let samples: Vec<Vector3<f64>> = piece.samples.iter().filter(|p| outside(p)).copied().collect();
+        let like = piece.tried.cover.pose.rotation;
+        let smaller = Piece::new(own, samples, &like, filled);
+        if smaller.as_ref().is_some_and(|s| s.tried.cost >= piece.tried.cost) {
+            continue;
+        }
+        let released: Vec<(usize, Triangle)> =
+            piece.triangles.iter().zip(&held).filter_map(|(t, h)| Some(((*h)?, *t))).collect();
+        let mut changed = BTreeSet::new();
+        for (to, triangle) in released {
+            pieces[to].triangles.push(triangle);
+            changed.insert(to);
+        }
+        changed.into_iter().for_each(|i| pieces[i].extremes = piece::extremes(pieces[i].triangles.iter().flatten()));
+        match smaller {
+            Some(smaller) => pieces[this] = smaller,
+            None => gone[this] = true,
+        }
+    }
+    let mut gone = gone.into_iter();
+    pieces.retain(|_| !gone.next().unwrap_or(false));
+}
+
+/// The connected parts of the mesh, if they are few; else all of it.
+fn start(soup: &Soup, filled: &Filled, count: usize, plan: Plan) -> Vec<Piece> {
+    let mut parts = soup.connected();
+    if !plan.connected || parts.len() > 2 * count {
+        parts = vec![soup.triangles.clone()];
+    }
+    let total: f64 = soup.triangles.iter().map(area).sum();
+    let piece = |triangles: Vec<Triangle>| {
+        let samples = samples(&triangles, total);
+        Piece::new(triangles, samples, &UnitQuaternion::identity(), filled)
+    };
+    parts.into_iter().filter_map(piece).collect()
+}
+
+/// The area of a triangle, square meters.
+fn area([a, b, c]: &Triangle) -> f64 {
+    (b - a).cross(&(c - a)).norm() / 2.0
+}
+
+/// Points spread evenly over triangles, so dense that the whole mesh of the given area has [`SAMPLES`].
+fn samples(triangles: &[Triangle], total: f64) -> Vec<Vector3<f64>> {
+    let (mut out, mut due) = (Vec::new(), 0.0);
+    for triangle @ [a, b, c] in triangles {
+        due += area(triangle) / total.max(f64::MIN_POSITIVE) * SAMPLES;
+        while due >= 1.0 {
+            due -= 1.0;
+            // Powers of the plastic number spread points evenly over a square (Roberts 2018), and folding puts them on a triangle.
+            let n = out.len() as f64;
+            let (u, v) = ((n * 0.754_877_666_246_692_8).fract(), (n * 0.569_840_290_998_053_2).fract());
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            out.push(a + (b - a) * u + (c - a) * v);
+        }
+    }
+    out
+}
+
+/// Splits the piece that is worst, until none is beyond the bound or there are enough.
+fn split_all(pieces: &mut Vec<Piece>, count: usize, bound: f64, plan: Plan, filled: &Filled) {
+    // Specks that no plane parts.
+    let mut whole = BTreeSet::new();
+    while pieces.len() < count {
+        let beyond = (0..pieces.len()).filter(|i| pieces[*i].tried.worst > bound && !whole.contains(i));
+        let Some(worst) = beyond.max_by(|a, b| pieces[*a].tried.worst.total_cmp(&pieces[*b].tried.worst)) else {
+            return;
+        };
+        let piece = &pieces[worst];
+        let like = piece.tried.cover.pose.rotation;
+        let halves = best_plane(piece, plan, filled).and_then(|(normal, at)| {
+            let [low, high] = parts(piece, &normal, at);
+            Piece::new(low.0, low.1, &like, filled).zip(Piece::new(high.0, high.1, &like, filled))
+        });
+        if let Some((low, high)) = halves {
+            pieces[worst] = low;
+            pieces.push(high);
+        } else {
+            whole.insert(worst);
+        }
+    }
+}
+
+/// Triangles and samples on both sides of a plane.
+fn parts(piece: &Piece, normal: &Vector3<f64>, at: f64) -> [(Vec<Triangle>, Vec<Vector3<f64>>); 2] {
+    let (mut low, mut high) = (Vec::new(), Vec::new());
+    piece.triangles.iter().for_each(|t| split(t, normal, at, &mut low, &mut high));
+    let (below, above) = piece.samples.iter().partition(|p| normal.dot(p) <= at);
+    [(low, below), (high, above)]
+}
+
+/// The plane that leaves the best two sides, judged by samples.
+fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64>, f64)> {
+    let turn = piece.tried.cover.pose.rotation;
+    let mut axes: Vec<Vector3<f64>> = (0..3).map(|i| turn * Vector3::ith(i, 1.0)).collect();
+    let own = (0..3).map(|i| Vector3::ith(i, 1.0));
+    let new = own.filter(|a: &Vector3<f64>| axes.iter().all(|b| a.dot(b).abs() < 0.99)).collect::<Vec<_>>();
+    axes.extend(new);
+    let points: Vec<Vector3<f64>> = piece.samples.iter().chain(&piece.extremes).copied().collect();
+    let mut best: Option<(f64, Vector3<f64>, f64, f64)> = None;
+    let attempt = |normal: &Vector3<f64>, at: f64| {
+        let (below, above): (Vec<_>, Vec<_>) = points.iter().partition(|p| normal.dot(p) <= at);
+        let (a, b) = side(&below, &turn, filled).zip(side(&above, &turn, filled))?;
+        let share = below.len() as f64 / points.len() as f64;
+        let mean = |f: fn(&Tried) -> f64| f(&a) * share + f(&b) * (1.0 - share);
+        Some(a.cost.max(b.cost) + mean(|t| t.mean) + plan.sides * mean(|t| t.cost))
+    };
+    for normal in axes {
+        let along = piece.extremes.iter().map(|p| normal.dot(p));
+        let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), a| (l.min(a), h.max(a)));
+        // What is thin already has nothing to be split.
+        if high - low < 1e-3 {
+            continue;
+        }
+        for share in CUTS {
+            let at = low + (high - low) * share;
+            if let Some(cost) = attempt(&normal, at)
+                && best.is_none_or(|(least, ..)| cost < least)
+            {
+                best = Some((cost, normal, at, high - low));
+            }
+        }
+    }
+    for step in [0.06, 0.03, 0.015] {
+        let (_, normal, at, extent) = best?;
+        for at in [at - step * extent, at + step * extent] {
+            if let Some(cost) = attempt(&normal, at)
+                && best.is_none_or(|(least, ..)| cost < least)
+            {
+                best = Some((cost, normal, at, extent));
+            }
+        }
+    }
+    best.map(|(_, normal, at, _)| (normal, at))
+}
+
+/// What would enclose the points on one side of a plane, about.
+fn side(points: &[Vector3<f64>], turn: &UnitQuaternion<f64>, filled: &Filled) -> Option<Tried> {
+    let extremes = piece::extremes(points.iter());
+    piece::best(&extremes, &[*turn, principal_axes(spread(points, &extremes))], filled)
+}
+
+/// Merges pairs of pieces as long as one shape within the bound holds both, and further until there are no more than `count`.
+fn merge_all(pieces: &mut Vec<Piece>, count: usize, bound: f64, filled: &Filled) {
+    // What one shape around each pair would cost; only pairs with a new piece are tried anew.
+    let mut known: BTreeMap<(usize, usize), Tried> = BTreeMap::new();
+    let mut alive: Vec<Option<Piece>> = std::mem::take(pieces).into_iter().map(Some).collect();
+    let mut new: Vec<usize> = (0..alive.len()).collect();
+    loop {
+        for &a in &new {
+            for b in 0..alive.len() {
+                let (a, b) = (a.min(b), a.max(b));
+                if a != b
+                    && let (Some(p), Some(q)) = (&alive[a], &alive[b])
+                    && !known.contains_key(&(a, b))
+                {
+                    known.extend(together(p, q, filled).map(|t| ((a, b), t)));
+                }
+            }
+        }
+        let crowded = alive.iter().flatten().count() > count;
+        let fits = known.iter().filter(|(_, t)| crowded || t.worst <= bound * 0.95);
+        let Some((&(a, b), _)) = fits.min_by(|x, y| x.1.cost.total_cmp(&y.1.cost)) else { break };
+        known.retain(|(i, j), _| ![*i, *j].iter().any(|k| *k == a || *k == b));
+        let merged = alive[a].take().zip(alive[b].take()).and_then(|(first, second)| first.merged(second, filled));
+        alive.push(merged);
+        new = vec![alive.len() - 1];
+    }
+    pieces.extend(alive.into_iter().flatten());
+}
+
+/// What would enclose two pieces.
+fn together(a: &Piece, b: &Piece, filled: &Filled) -> Option<Tried> {
+    let points: Vec<Vector3<f64>> = a.extremes.iter().chain(&b.extremes).copied().collect();
+    piece::best(&points, &[a, b].map(|p| p.tried.cover.pose.rotation), filled)
+}

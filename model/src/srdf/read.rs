@@ -1,0 +1,185 @@
+//! SRDF text to data.
+
+use super::{EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint};
+use crate::error::{FileError, Loaded, Source};
+use crate::xml::{self, XmlElement};
+use std::path::Path;
+
+/// Files above this size are refused, bytes.
+const MAX_BYTES: u64 = 16 << 20;
+/// More warnings are dropped: nobody reads them.
+const MAX_WARNINGS: usize = 100;
+
+/// Reads an SRDF file; `tree` is that of the URDF it belongs to.
+///
+/// # Errors
+/// If the file is no SRDF, or something in it has no name or no number, with its place and a remedy. Names that the URDF does not
+/// have are warnings: what hangs on them has no effect.
+pub fn load_srdf(path: impl AsRef<Path>, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
+    read(&Source::read(path.as_ref(), MAX_BYTES)?, tree)
+}
+
+/// Reads SRDF text; `name` stands for the file in messages.
+///
+/// # Errors
+/// As [`load_srdf`].
+pub fn parse_srdf(name: &str, text: &str, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
+    read(&Source::new(name, text), tree)
+}
+
+fn read(source: &Source, tree: &LinkTree) -> Result<Loaded<Srdf>, FileError> {
+    let root = xml::parse(source)?;
+    if root.name != "robot" {
+        let message = format!("<{}> does not begin an SRDF", root.name);
+        return Err(source.error(root.at, message, "an SRDF begins with <robot name=\"...\">"));
+    }
+    if let Some(link) = root.children.iter().find(|c| c.name == "link" || c.name.starts_with("xacro:")) {
+        let message = format!("<{}> directly in <robot>: this is no SRDF", link.name);
+        let help = "give the robot's .srdf file; expand one that is written for xacro with `xacro FILE > robot.srdf`";
+        return Err(source.error(link.at.clone(), message, help));
+    }
+    let mut reading = Reading { source, tree, warnings: Vec::new(), srdf: Srdf::default() };
+    reading.srdf.name = root.get("name").unwrap_or_default().to_owned();
+    for element in &root.children {
+        reading.element(element)?;
+    }
+    reading.check_groups(&root);
+    Ok(Loaded { value: reading.srdf, warnings: reading.warnings })
+}
+
+/// What is read so far.
+struct Reading<'a> {
+    source: &'a Source,
+    tree: &'a LinkTree,
+    warnings: Vec<FileError>,
+    srdf: Srdf,
+}
+
+impl Reading<'_> {
+    fn element(&mut self, element: &XmlElement) -> Result<(), FileError> {
+        match element.name.as_str() {
+            "group" => self.group(element)?,
+            "group_state" => self.state(element)?,
+            "disable_collisions" => self.pair(element)?,
+            "virtual_joint" => {
+                let joint = VirtualJoint {
+                    name: self.required(element, "name")?,
+                    joint_type: self.required(element, "type")?,
+                    parent_frame: self.required(element, "parent_frame")?,
+                    child_link: self.link(element, "child_link")?,
+                };
+                self.srdf.virtual_joints.push(joint);
+            }
+            "end_effector" => {
+                let end_effector = EndEffector {
+                    name: self.required(element, "name")?,
+                    parent_link: self.link(element, "parent_link")?,
+                    group: self.required(element, "group")?,
+                    parent_group: element.get("parent_group").map(str::to_owned),
+                };
+                self.srdf.end_effectors.push(end_effector);
+            }
+            "passive_joint" => {
+                let joint = self.joint(element, "name")?;
+                self.srdf.passive_joints.push(joint);
+            }
+            // Whoever wrote such a tag expects something of it. Others are for other programs.
+            name if name.starts_with("disable") || name.starts_with("enable") => {
+                self.warn(element, format!("<{name}> has no effect"), "name each pair in <disable_collisions>");
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn group(&mut self, element: &XmlElement) -> Result<(), FileError> {
+        let mut group = SrdfGroup { name: self.required(element, "name")?, ..SrdfGroup::default() };
+        if self.srdf.groups.iter().any(|g| g.name == group.name) {
+            let message = format!("there is a group `{}` already", group.name);
+            return Err(self.source.error(element.at.clone(), message, "give each one a name of its own"));
+        }
+        for member in &element.children {
+            match member.name.as_str() {
+                "joint" => group.joints.push(self.joint(member, "name")?),
+                "link" => group.links.push(self.link(member, "name")?),
+                "chain" => group.chains.push((self.link(member, "base_link")?, self.link(member, "tip_link")?)),
+                "group" => group.groups.push(self.required(member, "name")?),
+                _ => {}
+            }
+        }
+        self.srdf.groups.push(group);
+        Ok(())
+    }
+
+    fn state(&mut self, element: &XmlElement) -> Result<(), FileError> {
+        let (name, group) = (self.required(element, "name")?, element.get("group").map(str::to_owned));
+        let mut state = SrdfState { name, group, ..SrdfState::default() };
+        for joint in element.all("joint") {
+            let name = self.joint(joint, "name")?;
+            let text = self.required(joint, "value")?;
+            let numbers: Option<Vec<f64>> = text.split_whitespace().map(|w| w.parse().ok()).collect();
+            let Some(numbers) = numbers.filter(|n| n.iter().all(|v| v.is_finite())) else {
+                let message = format!("the position of `{name}` is `{text}`, which is not a finite number");
+                return Err(self.source.error(joint.at.clone(), message, "write radians, or meters if it slides"));
+            };
+            state.positions.insert(name, numbers);
+        }
+        self.srdf.states.push(state);
+        Ok(())
+    }
+
+    fn pair(&mut self, element: &XmlElement) -> Result<(), FileError> {
+        let (a, b) = (self.link(element, "link1")?, self.link(element, "link2")?);
+        let reason = element.get("reason").unwrap_or_default().to_owned();
+        self.srdf.disabled.insert(if a <= b { (a, b) } else { (b, a) }, reason);
+        Ok(())
+    }
+
+    /// Warns of groups that are named and not there.
+    fn check_groups(&mut self, root: &XmlElement) {
+        let there = |name: &str| self.srdf.groups.iter().any(|g| g.name == name);
+        let mut missing = Vec::new();
+        for element in &root.children {
+            let names = match element.name.as_str() {
+                "group" => element.all("group").filter_map(|g| g.get("name")).collect(),
+                "group_state" | "end_effector" => element.get("group").into_iter().collect::<Vec<_>>(),
+                _ => Vec::new(),
+            };
+            missing.extend(names.into_iter().filter(|n| !there(n)).map(|n| (element, n)));
+        }
+        for (element, name) in missing {
+            self.warn(element, format!("there is no group `{name}`"), "correct the name, or add the group");
+        }
+    }
+
+    /// The name of a link, which the URDF should have.
+    fn link(&mut self, element: &XmlElement, attribute: &str) -> Result<String, FileError> {
+        let name = self.required(element, attribute)?;
+        if !self.tree.has_link(&name) {
+            self.warn(element, format!("the URDF has no link `{name}`"), "correct the name, or remove it");
+        }
+        Ok(name)
+    }
+
+    /// The name of a joint, which the URDF should have, or the file itself as a virtual joint.
+    fn joint(&mut self, element: &XmlElement, attribute: &str) -> Result<String, FileError> {
+        let name = self.required(element, attribute)?;
+        if !self.tree.has_joint(&name) && !self.srdf.virtual_joints.iter().any(|j| j.name == name) {
+            self.warn(element, format!("the URDF has no joint `{name}`"), "correct the name, or remove it");
+        }
+        Ok(name)
+    }
+
+    fn required(&self, element: &XmlElement, name: &str) -> Result<String, FileError> {
+        element.get(name).filter(|v| !v.is_empty()).map(str::to_owned).ok_or_else(|| {
+            let message = format!("<{}> without `{name}`", element.name);
+            self.source.error(element.at.clone(), message, format!("write {name}=\"...\" into its tag"))
+        })
+    }
+
+    fn warn(&mut self, element: &XmlElement, message: String, help: &str) {
+        if self.warnings.len() < MAX_WARNINGS {
+            self.warnings.push(self.source.warning(element.at.clone(), message, help));
+        }
+    }
+}

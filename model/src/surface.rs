@@ -1,0 +1,201 @@
+//! Contact by the meshes themselves: the truth that fitted shapes are compared with, and far too slow for anything else.
+
+use crate::engine::distance;
+use crate::{FitOptions, Mesh, Primitive, Robot, Shape, fit_link};
+use nalgebra::{Isometry3, UnitQuaternion};
+use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::query::intersection_test;
+use parry3d_f64::shape::{Ball, Capsule, Cuboid, Cylinder, SharedShape, TriMesh};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// What a link collides with, in its own frame.
+#[derive(Clone, Debug, Default)]
+pub struct LinkSurface {
+    /// The link's name, which is that of a marker of the robot.
+    pub link: String,
+    /// `root_from_link` with all joints at zero, the rotation alone: nodes have the root's orientation there, links have their own.
+    pub turn: UnitQuaternion<f64>,
+    /// Its meshes: surfaces, so that what is within touches nothing.
+    pub meshes: Vec<Mesh>,
+    /// Its primitive shapes: solid.
+    pub solids: Vec<Primitive>,
+}
+
+impl LinkSurface {
+    /// The link's shapes, with primitives fitted to its meshes, as they lie on its node; and how far the primitives stick out, meters.
+    ///
+    /// # Errors
+    /// As [`fit_link`].
+    pub fn fitted(&self, options: &FitOptions) -> Result<(Vec<Primitive>, f64), String> {
+        let fitted = if self.meshes.is_empty() { None } else { Some(fit_link(&self.meshes, options)?) };
+        let overshoot = fitted.as_ref().map_or(0.0, |f| f.overshoot);
+        let all = self.solids.iter().cloned().chain(fitted.into_iter().flat_map(|f| f.primitives));
+        let turned = |p: Primitive| Primitive { pose: self.turn * p.pose, ..p };
+        Ok((all.map(turned).collect(), overshoot))
+    }
+}
+
+/// The surfaces of a robot's links, ready to be asked which of them meet.
+///
+/// # Example
+/// ```no_run
+/// # use mobee_model::{LinkSurface, Robot, Surfaces, random_poses};
+/// # fn example(robot: &Robot, links: &[LinkSurface]) -> Result<(), String> {
+/// let surfaces = Surfaces::new(robot, links)?;
+/// let in_contact = random_poses(robot, 2012).take(1000).filter(|q| surfaces.meet(&surfaces.frames(robot, q), 0, 1)).count();
+/// # Ok(())
+/// # }
+/// ```
+pub struct Surfaces {
+    /// In the order in which they were given.
+    links: Vec<Link>,
+}
+
+/// One of them.
+struct Link {
+    /// Its name.
+    name: String,
+    /// The node of its marker.
+    node: usize,
+    /// `node_from_link`.
+    turn: UnitQuaternion<f64>,
+    /// Its meshes.
+    meshes: Vec<TriMesh>,
+    /// Its primitives, as we know them and as parry does.
+    solids: Vec<(Primitive, SharedShape, Pose)>,
+    /// The box around all of it, in its frame.
+    bounds: Aabb,
+}
+
+impl Surfaces {
+    /// # Errors
+    /// A link that is no marker of the robot, or a mesh without triangles or with coordinates that are no numbers.
+    pub fn new(robot: &Robot, links: &[LinkSurface]) -> Result<Self, String> {
+        let links = links.iter().map(|l| Link::new(robot, l)).collect::<Result<_, _>>()?;
+        Ok(Self { links })
+    }
+
+    /// The links' names, in the order in which they were given; everything else speaks of them by index.
+    pub fn links(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.links.iter().map(|l| l.name.as_str())
+    }
+
+    /// `world_from_link` of every link at the pose `q`; the robot stands at the world's origin.
+    pub fn frames(&self, robot: &Robot, q: &[f64]) -> Vec<Isometry3<f64>> {
+        let mut nodes = Vec::with_capacity(robot.nodes.len());
+        robot.forward(q, &mut nodes);
+        self.links.iter().map(|l| nodes[l.node] * l.turn).collect()
+    }
+
+    /// Whether the surfaces of links `a` and `b` meet, given `world_from_link` of all.
+    pub fn meet(&self, frames: &[Isometry3<f64>], a: usize, b: usize) -> bool {
+        let a_from_b = frames[a].inv_mul(&frames[b]);
+        let (a, b) = (&self.links[a], &self.links[b]);
+        let pose = pose(&a_from_b);
+        if !a.bounds.intersects(&b.bounds.transform_by(&pose)) {
+            return false;
+        }
+        let meshes = || a.meshes.iter().any(|m| b.meshes.iter().any(|n| cross(m, n, &pose)));
+        let first = || a.meshes.iter().any(|m| b.solids.iter().any(|s| enters(m, s, &pose)));
+        let second = || b.meshes.iter().any(|m| a.solids.iter().any(|s| enters(m, s, &pose.inverse())));
+        let touch =
+            |s: &Primitive, t: &Primitive| distance(&s.shape, &s.pose, &t.shape, &(a_from_b * t.pose)).distance <= 0.0;
+        let solids = || a.solids.iter().any(|s| b.solids.iter().any(|t| touch(&s.0, &t.0)));
+        meshes() || first() || second() || solids()
+    }
+
+    /// Those of the pairs that meet, in the same order.
+    pub fn meeting(&self, frames: &[Isometry3<f64>], pairs: &[(usize, usize)]) -> Vec<(usize, usize)> {
+        pairs.iter().copied().filter(|(a, b)| self.meet(frames, *a, *b)).collect()
+    }
+}
+
+impl Link {
+    /// Looks the link up and prepares its shapes.
+    fn new(robot: &Robot, link: &LinkSurface) -> Result<Self, String> {
+        let name = &link.link;
+        let marker = robot.markers.iter().find(|m| m.name == *name);
+        let node = marker.ok_or_else(|| format!("link `{name}` is not in the robot"))?.node;
+        let meshes: Vec<TriMesh> = link.meshes.iter().map(prepared).collect::<Option<_>>().ok_or_else(|| {
+            format!("a mesh of link `{name}` has no triangles, or corners that are not there or not finite")
+        })?;
+        let known = |p: &Primitive| (p.clone(), shared(&p.shape), pose(&p.pose));
+        let solids: Vec<_> = link.solids.iter().map(known).collect();
+        let boxes = meshes.iter().map(|m| m.local_aabb()).chain(solids.iter().map(|s| s.1.compute_aabb(&s.2)));
+        let bounds = boxes.reduce(|a, b| a.merged(&b)).unwrap_or_else(Aabb::new_invalid);
+        Ok(Self { name: name.clone(), node, turn: link.turn, meshes, solids, bounds })
+    }
+}
+
+/// Poses within the limits of all motors, each as likely as any other; equal seeds give equal poses.
+pub fn random_poses(robot: &Robot, seed: u64) -> impl Iterator<Item = Vec<f64>> + '_ {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    std::iter::repeat_with(move || {
+        let drawn = |(min, max): (f64, f64), share: f64| min + (max - min) * share;
+        robot.motors.iter().map(|m| drawn(m.range(), random.random::<f64>())).collect()
+    })
+}
+
+/// A mesh as parry has it, if it is one.
+fn prepared(mesh: &Mesh) -> Option<TriMesh> {
+    let corners = mesh.vertices.len();
+    let sound = mesh.vertices.iter().flatten().all(|c| c.is_finite())
+        && mesh.triangles.iter().flatten().all(|i| (*i as usize) < corners);
+    let vertices = || mesh.vertices.iter().map(|v| Vector::new(v.x, v.y, v.z)).collect();
+    sound.then(|| TriMesh::new(vertices(), mesh.triangles.clone()).ok()).flatten()
+}
+
+/// A shape as parry has it.
+fn shared(shape: &Shape) -> SharedShape {
+    match *shape {
+        Shape::Sphere { radius } => SharedShape::new(Ball::new(radius)),
+        Shape::Cylinder { radius, height } => SharedShape::new(Cylinder::new(height / 2.0, radius)),
+        Shape::Box { size } => SharedShape::new(Cuboid::new(Vector::new(size.x, size.y, size.z) / 2.0)),
+        Shape::Capsule { radius, height } => SharedShape::new(Capsule::new_y(height / 2.0, radius)),
+    }
+}
+
+/// A pose as parry has it.
+fn pose(isometry: &Isometry3<f64>) -> Pose {
+    Pose::from_parts(isometry.translation.vector.into(), isometry.rotation.into())
+}
+
+/// Whether two surfaces cross.
+fn cross(a: &TriMesh, b: &TriMesh, a_from_b: &Pose) -> bool {
+    let near = a.bvh().leaf_pairs(b.bvh(), |n, m| n.aabb().intersects(&m.aabb().transform_by(a_from_b)));
+    let corner = |p: Vector| a_from_b * p;
+    near.into_iter().any(|(i, j)| {
+        let (t, u) = (a.triangle(i), b.triangle(j));
+        triangles_meet(&[t.a, t.b, t.c], &[corner(u.a), corner(u.b), corner(u.c)])
+    })
+}
+
+/// Whether a mesh enters a solid shape.
+fn enters(mesh: &TriMesh, (_, shape, place): &(Primitive, SharedShape, Pose), mesh_from_other: &Pose) -> bool {
+    // All pairs of our shapes are supported, so there is no error to be told of.
+    intersection_test(&Pose::IDENTITY, mesh, &(*mesh_from_other * *place), shape.as_ref())
+        .is_ok_and(|hit| hit.intersecting)
+}
+
+/// Whether two triangles have a point in common: unless an axis separates them, which for convex polyhedra is a normal of a
+/// face or a cross product of two edges, and for flat ones also a normal of an edge in its plane.
+fn triangles_meet(a: &[Vector; 3], b: &[Vector; 3]) -> bool {
+    let edges = |t: &[Vector; 3]| [t[1] - t[0], t[2] - t[1], t[0] - t[2]];
+    let (of_a, of_b) = (edges(a), edges(b));
+    let (up_a, up_b) = (of_a[0].cross(of_a[1]), of_b[0].cross(of_b[1]));
+    let parted = |axis: Vector| {
+        let span = |t: &[Vector; 3]| {
+            let along = t.map(|p| axis.dot(p));
+            (along[0].min(along[1]).min(along[2]), along[0].max(along[1]).max(along[2]))
+        };
+        let ((low_a, high_a), (low_b, high_b)) = (span(a), span(b));
+        high_a < low_b || high_b < low_a
+    };
+    !(parted(up_a)
+        || parted(up_b)
+        || of_a.iter().any(|e| of_b.iter().any(|f| parted(e.cross(*f))))
+        || of_a.iter().any(|e| parted(e.cross(up_a)))
+        || of_b.iter().any(|e| parted(e.cross(up_b))))
+}

@@ -1,0 +1,92 @@
+//! Contact by the fitted shapes against contact by the meshes that these were fitted to.
+
+use super::Subject;
+use crate::{Robot, SceneError, Surfaces, random_poses};
+use std::collections::BTreeMap;
+
+/// How a pair of links fared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ContactCounts {
+    /// Poses at which the shapes touched and the meshes did not, at poses that are free by the meshes.
+    pub falsely: usize,
+    /// Poses at which the meshes met and the shapes did not: none, if the shapes hold the meshes.
+    pub missed: usize,
+    /// Poses at which the meshes met.
+    pub met: usize,
+}
+
+/// Contact by shapes against contact by meshes, at random poses of a robot with itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Comparison {
+    /// How many poses.
+    pub poses: usize,
+    /// Those in contact by the meshes, in pairs that are tested.
+    pub by_meshes: usize,
+    /// Those in contact by the robot's shapes.
+    pub by_shapes: usize,
+    /// Those in contact by the shapes and free by the meshes.
+    pub falsely: usize,
+    /// Those in contact by the meshes and free by the shapes.
+    pub missed: usize,
+    /// The same for each tested pair of links for which there is something to tell, by their names.
+    pub pairs: BTreeMap<(String, String), ContactCounts>,
+    /// Pairs that are left out though their meshes met, with the number of poses: harmless only for neighbors.
+    pub left_out_met: BTreeMap<(String, String), usize>,
+}
+
+impl Comparison {
+    /// Of the poses that are free by the meshes, the share that the shapes block, 0 to 1.
+    pub fn blocked_share(&self) -> f64 {
+        self.falsely as f64 / (self.poses - self.by_meshes).max(1) as f64
+    }
+}
+
+/// Compares a robot's shapes with the meshes of its links at random poses; equal seeds give equal answers.
+///
+/// # Errors
+/// If the robot can't stand in a scene.
+pub fn compare(
+    robot: &Robot,
+    surfaces: &Surfaces,
+    (poses, seed): (usize, u64),
+    progress: &mut dyn FnMut(f64),
+) -> Result<Comparison, SceneError> {
+    let subject = Subject::new(robot, surfaces)?;
+    let names: Vec<&str> = surfaces.links().collect();
+    let named = |(a, b): (usize, usize)| {
+        let name = |node: usize| subject.surface_of.get(&node).map_or("?", |s| names[*s]).to_owned();
+        (name(a), name(b))
+    };
+    let tested: Vec<_> = subject.tested().into_iter().filter_map(|p| Some((p, subject.surfaces(p)?))).collect();
+    let spared = robot.left_out.iter().flatten().map(|l| l.nodes);
+    let spared: Vec<_> = spared.filter_map(|p| Some((p, subject.surfaces(p)?))).collect();
+    let mut out = Comparison { poses, ..Comparison::default() };
+    for (done, q) in random_poses(robot, seed).take(poses).enumerate() {
+        let (near, frames) = (subject.near(&q, 0.0), surfaces.frames(robot, &q));
+        let mut meeting = Vec::new();
+        for (pair, (a, b)) in &tested {
+            if surfaces.meet(&frames, *a, *b) {
+                meeting.push(*pair);
+                let counts = out.pairs.entry(named(*pair)).or_default();
+                counts.met += 1;
+                counts.missed += usize::from(!near.contains_key(pair));
+            }
+        }
+        for (pair, (a, b)) in &spared {
+            if surfaces.meet(&frames, *a, *b) {
+                *out.left_out_met.entry(named(*pair)).or_default() += 1;
+            }
+        }
+        out.by_meshes += usize::from(!meeting.is_empty());
+        out.by_shapes += usize::from(!near.is_empty());
+        out.missed += usize::from(meeting.iter().any(|p| !near.contains_key(p)) && near.is_empty());
+        if meeting.is_empty() && !near.is_empty() {
+            out.falsely += 1;
+            near.keys().for_each(|pair| out.pairs.entry(named(*pair)).or_default().falsely += 1);
+        }
+        if done % 64 == 0 {
+            progress(done as f64 / poses.max(1) as f64);
+        }
+    }
+    Ok(out)
+}

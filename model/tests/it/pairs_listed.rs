@@ -1,0 +1,81 @@
+//! Promises: a robot that lists what is not tested has everything else tested; what is listed survives a file; a name that does not
+//! exist is told with its place and what was meant.
+
+use mobee_model::{LeftOut, Robot, Scene, parse_robot, write_robot};
+use nalgebra::Isometry3;
+use std::sync::Arc;
+
+/// Three links in a row, the last with a bump that is fixed to it.
+fn robot(pairs: &str) -> String {
+    format!(
+        r#"<ZeroPositionKinematicTree robotName="r"><bodypart name="p">
+<link name="base" z="0.3" radius="0.05"><motor name="a" minPos="-90" maxPos="90"><joint y="1">
+<link name="upper" z="0.3" radius="0.05"><motor name="b" minPos="-90" maxPos="90"><joint y="1">
+<link name="fore" z="0.3" radius="0.05"><link name="hand" z="0.1" radius="0.05"/></link>
+</joint></motor></link></joint></motor></link>
+</bodypart>
+{pairs}
+</ZeroPositionKinematicTree>"#
+    )
+}
+
+fn names(robot: &Robot) -> Vec<(&str, &str)> {
+    let name = |n: usize| robot.nodes[n].name.as_deref().unwrap_or("?");
+    robot.pairs.reflex.iter().map(|(a, b)| (name(*a), name(*b))).collect()
+}
+
+#[test]
+fn everything_that_can_move_is_tested_but_what_is_left_out() {
+    let listed = "<pairs><leaveOut a=\"upper\" b=\"base\" reason=\"neighbors\"/></pairs>";
+    let robot = parse_robot("r.xml", &robot(listed)).unwrap().value;
+    let expected = [("base", "fore"), ("base", "hand"), ("upper", "fore"), ("upper", "hand")];
+    assert_eq!(names(&robot), expected, "and nothing within the rigid body of fore and hand");
+    let left_out = robot.left_out.as_deref().unwrap();
+    assert_eq!((left_out.len(), left_out[0].reason.as_str()), (1, "neighbors"));
+    let near: Vec<bool> = robot.nodes.iter().map(|n| n.near_root).collect();
+    let base = near.iter().take_while(|n| **n).count();
+    assert_eq!(base, 2, "the base is what no joint moves: its link and the first joint's own shapes");
+    assert!(near[base..].iter().all(|n| !n));
+}
+
+#[test]
+fn without_a_list_the_formats_own_filter_decides() {
+    let robot = parse_robot("r.xml", &robot("")).unwrap().value;
+    assert_eq!(robot.left_out, None);
+    assert!(names(&robot).len() < 4);
+}
+
+#[test]
+fn a_list_survives_a_file_and_can_be_extended() {
+    let mut robot = parse_robot("r.xml", &robot("<pairs/>")).unwrap().value;
+    assert_eq!(names(&robot).len(), 5);
+    let named = |robot: &Robot, name: &str| robot.node_named(name).unwrap();
+    let nodes = (named(&robot, "hand"), named(&robot, "base"));
+    let pair = |reason: &str| LeftOut { nodes, reason: reason.into() };
+    robot.leave_out([pair("never \"meet\" <in 10,000 poses>"), pair("again")]);
+    let again = parse_robot("again.xml", &write_robot(&robot)).unwrap();
+    assert!(again.warnings.is_empty(), "{:?}", again.warnings);
+    assert_eq!((&again.value.pairs, &again.value.left_out), (&robot.pairs, &robot.left_out));
+    assert_eq!(names(&robot).len(), 4);
+    assert_eq!(robot.left_out.as_ref().map(Vec::len), Some(1), "the first reason stays");
+    let scene = Scene::new(vec![(Arc::new(robot), Isometry3::identity())], vec![]).unwrap();
+    let met = scene.contacts(&scene.home(), 1.0);
+    assert!(met.iter().any(|c| scene.shape_name(c.pair.1) == "r:fore#0"), "{met:?}");
+}
+
+#[test]
+fn a_mistake_in_the_list_is_told_at_its_place() {
+    let cases = [
+        ("<pairs><leaveOut a=\"upper\" b=\"bsae\"/></pairs>", "`bsae`", "did you mean `base`"),
+        ("<pairs><leaveOut a=\"upper\"/></pairs>", "no `b`", "name both"),
+        ("<pairs><leaveOut a=\"upper\" b=\"upper\"/></pairs>", "twice", "remove"),
+        ("<leaveOut a=\"upper\" b=\"base\"/>", "outside <pairs>", "put it into"),
+        ("<bodypart name=\"p\"><pairs/></bodypart>", "within another", "directly into"),
+        ("<bodypart name=\"p\"><link name=\"base\" z=\"1\"/></bodypart>", "already", "its own name"),
+    ];
+    for (pairs, message, remedy) in cases {
+        let error = parse_robot("r.xml", &robot(pairs)).expect_err(pairs);
+        assert!(error.message().contains(message) && error.remedy().contains(remedy), "{error}\n{}", error.remedy());
+        assert_eq!(error.line(), 7, "{error}");
+    }
+}

@@ -1,0 +1,78 @@
+//! Robots that people own: every URDF of `example-robot-data` and `icub-models` converts, or is told to be broken and why.
+//!
+//! `tests/robots/install.sh` fetches them; `MOBEE_ROBOTS` names the folder.
+
+use mobee_model::{UrdfOptions, load_urdf, parse_robot, write_robot};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// The files that are broken or incomplete in themselves, with what is said about each.
+const BROKEN: &[(&str, usize, &str)] = &[
+    // its hands are macros whose joints were renamed, their leaders not
+    ("alex_psyonic_hands.urdf", 1030, "joint `Left_index_q2` mimics `index_q1`, which does not exist"),
+    (
+        "ur_description/urdf/ur3.urdf",
+        6,
+        "there is no link: this is what xacro makes of a file that only defines macros",
+    ),
+];
+
+/// The installed robots; none, with a printed reason, where they could not be fetched.
+pub fn installed() -> Option<PathBuf> {
+    let home = std::env::var_os("MOBEE_ROBOTS").map(PathBuf::from);
+    let home = home.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache/mobee/robots-1")))?;
+    if home.join(".installed").exists() {
+        return Some(home.join("share"));
+    }
+    eprintln!("SKIPPED: no robots in {}; tests/robots/install.sh fetches them", home.display());
+    None
+}
+
+/// All files below a folder with this extension, in order.
+pub fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
+    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    entries.sort();
+    let (folders, entries): (Vec<_>, Vec<_>) = entries.into_iter().partition(|p| p.is_dir());
+    let here = entries.into_iter().filter(|p| p.extension().is_some_and(|e| e == extension));
+    folders.iter().flat_map(|f| files(f, extension)).chain(here).collect()
+}
+
+#[test]
+fn every_robot_converts_or_is_told_to_be_broken() {
+    let Some(share) = installed() else { return };
+    let files = files(&share, "urdf");
+    assert_eq!(files.len(), 85, "69 of example-robot-data 6.0.0 and 16 of icub-models 3.2.0");
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut wrong = Vec::new();
+        while let Some(path) = files.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let name = path.strip_prefix(&share).unwrap().display().to_string();
+            if let Err(what) = judge(&name, path) {
+                wrong.push(format!("{name}: {what}"));
+            }
+        }
+        wrong
+    };
+    let mut wrong: Vec<String> = std::thread::scope(|s| {
+        let threads: Vec<_> = (0..2).map(|_| s.spawn(work)).collect();
+        threads.into_iter().flat_map(|t| t.join().unwrap()).collect()
+    });
+    wrong.sort();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Whether a file converts to a robot that can be read back, or is broken in the way that is known of it.
+fn judge(name: &str, path: &Path) -> Result<(), String> {
+    let broken = BROKEN.iter().find(|(file, ..)| name.ends_with(file));
+    match (load_urdf(path, &UrdfOptions::default()), broken) {
+        (Ok(loaded), None) => {
+            let text = write_robot(&loaded.value);
+            parse_robot("converted.xml", &text).map_err(|e| format!("cannot be read back: {e}"))?;
+            Ok(())
+        }
+        (Ok(_), Some(_)) => Err("converts, and is in the list of broken files".to_owned()),
+        (Err(e), None) => Err(format!("{e} ({})", e.remedy())),
+        (Err(e), Some((_, line, message))) if e.line() == *line && e.message().contains(message) => Ok(()),
+        (Err(e), Some(_)) => Err(format!("is broken in another way than is known: {e}")),
+    }
+}

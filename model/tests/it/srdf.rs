@@ -1,0 +1,153 @@
+//! SRDF: groups, poses and pairs lead to the robot's motors and links, and what does not fit the URDF is told.
+
+use super::robots_corpus::{files, installed};
+use mobee_model::{
+    LinkTree, Srdf, UrdfOptions, load_link_tree, load_srdf, load_urdf, parse_link_tree, parse_srdf, parse_urdf,
+};
+
+/// base -shoulder-> upper -elbow-> lower -mount-> hand -finger-> tip, and a head on the base.
+fn urdf() -> String {
+    let link = |n: &str| format!("<link name=\"{n}\"/>");
+    let joint = |name: &str, kind: &str, parent: &str, child: &str| {
+        format!(
+            "<joint name=\"{name}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{child}\"/>\
+             <origin xyz=\"0 0 0.1\"/><limit lower=\"-1\" upper=\"2\" effort=\"1\" velocity=\"1\"/></joint>"
+        )
+    };
+    let links: String = ["base", "upper", "lower", "hand", "tip", "head"].map(link).concat();
+    let joints = joint("shoulder", "revolute", "base", "upper")
+        + &joint("elbow", "revolute", "upper", "lower")
+        + &joint("mount", "fixed", "lower", "hand")
+        + &joint("finger", "revolute", "hand", "tip")
+        + &joint("neck", "revolute", "base", "head");
+    format!("<robot name=\"r\">{links}{joints}</robot>")
+}
+
+fn tree() -> LinkTree {
+    parse_link_tree("r.urdf", &urdf()).unwrap()
+}
+
+fn read(inner: &str) -> (Srdf, Vec<String>) {
+    let loaded = parse_srdf("r.srdf", &format!("<robot name=\"r\">\n{inner}</robot>"), &tree()).unwrap();
+    (loaded.value, loaded.warnings.iter().map(ToString::to_string).collect())
+}
+
+#[test]
+fn a_group_is_the_motors_of_its_joints_links_chains_and_groups() {
+    let (srdf, warnings) = read(
+        "<group name=\"chain\"><chain base_link=\"base\" tip_link=\"hand\"/></group>\
+         <group name=\"middle\"><chain base_link=\"upper\" tip_link=\"tip\"/></group>\
+         <group name=\"links\"><link name=\"base\"/><link name=\"head\"/></group>\
+         <group name=\"joints\"><joint name=\"elbow\"/><joint name=\"mount\"/></group>\
+         <group name=\"all\"><group name=\"chain\"/><group name=\"links\"/><group name=\"joints\"/></group>\
+         <group name=\"circle\"><group name=\"circle\"/><group name=\"all\"/></group>",
+    );
+    assert!(warnings.is_empty(), "{warnings:?}");
+    let robot = parse_urdf("r.urdf", &urdf(), &UrdfOptions::default()).unwrap().value;
+    let motors = |group: &str| -> Vec<&str> {
+        srdf.motors_of(group, &tree(), &robot).iter().map(|m| robot.motors[*m].name.as_str()).collect()
+    };
+    assert_eq!(motors("chain"), ["shoulder", "elbow"]);
+    assert_eq!(motors("middle"), ["elbow", "finger"]);
+    assert_eq!(motors("links"), ["neck"]);
+    assert_eq!(motors("joints"), ["elbow"]);
+    assert_eq!(motors("all"), ["shoulder", "neck", "elbow"]);
+    assert_eq!(motors("circle"), motors("all"));
+    assert!(motors("none").is_empty());
+}
+
+#[test]
+fn a_named_pose_is_put_into_home_within_the_limits() {
+    let (srdf, _) = read(
+        "<group name=\"arm\"><joint name=\"elbow\"/></group><group name=\"rest\"><joint name=\"neck\"/></group>\
+         <group_state name=\"ready\" group=\"arm\"><joint name=\"elbow\" value=\"1\"/></group_state>\
+         <group_state name=\"Home\" group=\"arm\"><joint name=\"elbow\" value=\"0.5\"/></group_state>\
+         <group_state name=\"Home\" group=\"rest\"><joint name=\"neck\" value=\"3\"/><joint name=\"elbow\" value=\"1 2\"/></group_state>",
+    );
+    let robot = parse_urdf("r.urdf", &urdf(), &UrdfOptions::default()).unwrap().value;
+    assert_eq!(srdf.home(), Some("Home"));
+    assert_eq!(srdf.pose("Home", &robot), Some(vec![0.0, 2.0, 0.5, 0.0]));
+    assert_eq!(srdf.pose("none", &robot), None);
+}
+
+#[test]
+fn a_pair_is_left_out_for_its_reason_whichever_comes_first() {
+    let (srdf, _) = read(
+        "<disable_collisions link1=\"tip\" link2=\"head\" reason=\"Never\"/>\
+         <disable_collisions link1=\"base\" link2=\"upper\" reason=\"Adjacent\"/>",
+    );
+    assert_eq!(srdf.disabled_reason("head", "tip"), Some("Never"));
+    assert_eq!(srdf.disabled_reason("upper", "base"), Some("Adjacent"));
+    assert_eq!(srdf.disabled_reason("tip", "base"), None);
+}
+
+#[test]
+fn names_that_the_urdf_does_not_have_are_warned_of_at_their_place() {
+    let (_, warnings) = read(
+        "<virtual_joint name=\"root\" type=\"floating\" parent_frame=\"world\" child_link=\"base\"/>\n\
+         <group name=\"g\"><joint name=\"root\"/><joint name=\"knee\"/></group>\n\
+         <disable_collisions link1=\"foot\" link2=\"base\"/>\n\
+         <group_state name=\"s\" group=\"legs\"/>\n\
+         <disable_default_collisions link=\"base\"/>\n\
+         <gripper name=\"for another program\"/>",
+    );
+    let expected = [
+        "r.srdf:3:37: the URDF has no joint `knee`",
+        "r.srdf:4:1: the URDF has no link `foot`",
+        "r.srdf:6:1: <disable_default_collisions> has no effect",
+        "r.srdf:5:1: there is no group `legs`",
+    ];
+    assert_eq!(warnings, expected);
+}
+
+#[test]
+fn what_is_wrong_in_an_srdf_is_told_with_its_place() {
+    let cases = [
+        ("", "no element"),
+        ("<sdf/>", "does not begin an SRDF"),
+        ("<robot><link name=\"a\"/></robot>", "this is no SRDF"),
+        ("<robot><xacro:include/></robot>", "this is no SRDF"),
+        ("<robot><group/></robot>", "<group> without `name`"),
+        ("<robot><group name=\"a\"/><group name=\"a\"/></robot>", "already"),
+        ("<robot><group name=\"a\"><chain base_link=\"base\"/></group></robot>", "without `tip_link`"),
+        ("<robot><disable_collisions link1=\"base\"/></robot>", "without `link2`"),
+        ("<robot><group_state group=\"a\"/></robot>", "without `name`"),
+        (
+            "<robot><group_state name=\"a\" group=\"b\"><joint name=\"elbow\" value=\"nan\"/></group_state></robot>",
+            "`nan`",
+        ),
+        (
+            "<robot><group_state name=\"a\" group=\"b\"><joint name=\"elbow\" value=\"\"/></group_state></robot>",
+            "without `value`",
+        ),
+        ("<!DOCTYPE robot [<!ENTITY a \"b\">]><robot/>", "document type"),
+        ("<robot><group name=\"a&#x9b;31m\"/></robot>", "hidden character"),
+        ("<robot>", "never closed"),
+    ];
+    for (text, expected) in cases {
+        let error = parse_srdf("r.srdf", text, &tree()).expect_err(text);
+        assert!(error.message().contains(expected) && !error.remedy().is_empty(), "{text}: {error:?}");
+    }
+    let many = format!("<robot>{}</robot>", "<passive_joint name=\"x\"/>".repeat(30_000));
+    assert_eq!(parse_srdf("r.srdf", &many, &tree()).unwrap().warnings.len(), 100);
+}
+
+/// What the owners of robots write is read, and knows the links and joints of the robot it lies beside.
+#[test]
+fn the_srdf_files_of_other_people_are_read() {
+    let Some(share) = installed() else { return };
+    let all = files(&share, "srdf");
+    assert_eq!(all.len(), 38);
+    for path in all {
+        let srdf = load_srdf(&path, &LinkTree::default()).unwrap().value;
+        assert!(!srdf.groups.is_empty() || !srdf.states.is_empty() || !srdf.disabled.is_empty(), "{}", path.display());
+    }
+    let robots = share.join("example-robot-data/robots");
+    let (urdf, srdf) = (robots.join("talos_data/robots/talos_reduced.urdf"), robots.join("talos_data/srdf/talos.srdf"));
+    let tree = load_link_tree(&urdf).unwrap();
+    let loaded = load_srdf(srdf, &tree).unwrap();
+    let robot = load_urdf(urdf, &UrdfOptions::default()).unwrap().value;
+    let motors = |group: &str| loaded.value.motors_of(group, &tree, &robot).len();
+    assert_eq!(["l_leg", "l_arm", "head", "torso", "all_legs"].map(motors), [6, 7, 2, 2, 12], "{:?}", loaded.warnings);
+    assert!(loaded.value.pose("half_sitting", &robot).unwrap().iter().any(|q| *q != 0.0));
+}

@@ -1,0 +1,274 @@
+//! A robot from a URDF, ready to run: shapes around its meshes, pairs that need no test, a home that is free.
+//!
+//! ```text
+//! URDF ──> shapes ──> tried at random poses ──> pairs left out ──┬──> home ──> robot file
+//! SRDF ──────────────── pairs, named poses ──────────────────────┘
+//!                 links that block too much are fitted closer
+//! ```
+
+use indicatif::{ProgressBar, ProgressStyle};
+use miette::{Report, miette};
+use mobee_model::{
+    FileError, FitOptions, LeftOut, LinkSurface, Robot, Srdf, Surfaces, UrdfOptions, UrdfRobot, compare, find_home,
+    load_link_tree, load_srdf, load_urdf, spared_pairs,
+};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// How free the home pose should be, meters: twice the margin of the reflex. Where parts are built closer, what lets the robot start.
+const HOME_CLEARANCES: [f64; 2] = [0.020, 0.013];
+/// A pair of links that blocks more of the free poses than this is fitted closer.
+const BLOCKS_TOO_MUCH: f64 = 0.004;
+/// How close, and by how many shapes a link: first so, then so.
+const CLOSER: [FitOptions; 2] =
+    [FitOptions { overshoot: 0.004, primitives: 24 }, FitOptions { overshoot: 0.002, primitives: 64 }];
+/// How many poses show which links block too much.
+const GLANCE: usize = 1000;
+
+/// How a URDF is read, and what is made of it.
+#[derive(clap::Args, Clone, Debug)]
+pub struct ImportArgs {
+    /// The SRDF that belongs to it: pairs of links that need no test, named poses (home among them), groups.
+    #[arg(long, value_name = "FILE")]
+    pub srdf: Option<PathBuf>,
+    /// Where a package is that the URDF names as `package://NAME/...` (repeatable).
+    #[arg(long, value_name = "NAME=DIR", value_parser = package)]
+    package: Vec<(String, PathBuf)>,
+    /// Also search this folder for packages and meshes (repeatable). Those of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH and the
+    /// five above the URDF are always searched.
+    #[arg(long, value_name = "DIR")]
+    meshes: Vec<PathBuf>,
+    /// Leave out meshes instead of fitting shapes around them.
+    #[arg(long)]
+    drop_meshes: bool,
+    /// Hold planar joints at zero instead of refusing them (a floating base stands still anyhow).
+    #[arg(long)]
+    fix_unsupported: bool,
+    /// Name of the body part that contains all motors (default: the robot's name).
+    #[arg(long, value_name = "NAME")]
+    part: Option<String>,
+    /// How far the shapes around a mesh may stick out of it, millimeters.
+    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = millimeters)]
+    overshoot: f64,
+    /// How many shapes a link may have.
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=64))]
+    shapes: u16,
+    /// How many random poses are tried to find the pairs of links that need no test; 0: none.
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    poses: usize,
+}
+
+/// What became of a URDF.
+pub struct Imported {
+    /// The robot.
+    pub robot: Robot,
+    /// What the SRDF says, and the motors of each of its groups.
+    pub groups: BTreeMap<String, Vec<usize>>,
+    /// What was odd in the files.
+    pub warnings: Vec<FileError>,
+    /// What was decided, a line each.
+    pub decided: Vec<String>,
+}
+
+impl ImportArgs {
+    /// The options of the reader.
+    ///
+    /// # Errors
+    /// If a folder does not exist.
+    pub fn options(&self) -> Result<UrdfOptions, Report> {
+        if let Some(folder) = self.meshes.iter().find(|f| !f.is_dir()) {
+            return Err(miette!(
+                help = "give the folder that holds the meshes",
+                "--meshes {}: no such folder",
+                folder.display()
+            ));
+        }
+        Ok(UrdfOptions {
+            part: self.part.clone(),
+            packages: self.package.iter().cloned().collect(),
+            mesh_folders: self.meshes.iter().cloned().chain(ros_folders()).collect(),
+            drop_meshes: self.drop_meshes,
+            fix_unsupported: self.fix_unsupported,
+            fit: FitOptions { overshoot: self.overshoot / 1e3, primitives: usize::from(self.shapes) },
+        })
+    }
+
+    /// Reads the URDF and makes a robot of it that can run.
+    ///
+    /// # Errors
+    /// If a file can't be read or converted, with place and remedy.
+    pub fn import(&self, urdf: &Path) -> Result<Imported, Report> {
+        let options = self.options()?;
+        let bar = Steps::new();
+        bar.step("fits shapes to meshes");
+        let loaded = load_urdf(urdf, &options)?;
+        let (UrdfRobot { mut robot, surfaces: links }, mut warnings) = (loaded.value, loaded.warnings);
+        let mut decided = Vec::new();
+        let srdf = match &self.srdf {
+            None => None,
+            Some(path) => {
+                let tree = load_link_tree(urdf)?;
+                let srdf = load_srdf(path, &tree)?;
+                warnings.extend(srdf.warnings);
+                Some((srdf.value, tree))
+            }
+        };
+        if let Some((srdf, _)) = &srdf {
+            robot.leave_out(disabled(srdf, &robot));
+        }
+        let surfaces = Surfaces::new(&robot, &links).map_err(|why| miette!("{}: {why}", urdf.display()))?;
+        if self.poses > 0 {
+            fit_closer(&mut robot, &links, &surfaces, &bar)?.into_iter().for_each(|line| decided.push(line));
+            bar.step("tries pairs of links at random poses");
+            let spared = spared_pairs(&robot, &surfaces, (self.poses, SEED), &mut |share| bar.show(share))
+                .map_err(|e| miette!("{e}"))?;
+            robot.leave_out(spared);
+        }
+        bar.step("looks for a home that is free");
+        decided.push(self.settle_home(&mut robot, srdf.as_ref().map(|(srdf, _)| srdf))?);
+        let groups = srdf.iter().flat_map(|(srdf, tree)| srdf.groups.iter().map(move |g| (srdf, tree, g)));
+        let groups = groups.map(|(srdf, tree, g)| (g.name.clone(), srdf.motors_of(&g.name, tree, &robot))).collect();
+        Ok(Imported { robot, groups, warnings, decided })
+    }
+
+    /// Puts the robot's home where it is free; says where that is.
+    fn settle_home(&self, robot: &mut Robot, srdf: Option<&Srdf>) -> Result<String, Report> {
+        let named = srdf.and_then(|s| Some((s.home()?, s.pose(s.home()?, robot)?)));
+        let (name, wanted) = match named {
+            Some((name, q)) => (format!("the SRDF's pose `{name}`"), q),
+            None => ("the zero pose".to_owned(), robot.home()),
+        };
+        let mut said = String::new();
+        for clearance in HOME_CLEARANCES {
+            let home = find_home(robot, &wanted, clearance, SEED).map_err(|e| miette!("{e}"))?;
+            let free = home.clearance * 1e3;
+            said = match (home.as_wanted, home.clearance >= clearance) {
+                (true, true) => format!("home: {name}, free by {free:.0} mm"),
+                (false, true) => format!("home: near {name}, which is not free by {free:.0} mm"),
+                _ => format!("home: no pose near {name} is free by more than {free:.0} mm, so the robot may not start"),
+            };
+            robot.motors.iter_mut().zip(&home.q).for_each(|(motor, q)| motor.home = *q);
+            if home.clearance >= clearance {
+                break;
+            }
+        }
+        Ok(said)
+    }
+}
+
+/// One seed for all: what was found can be found again.
+pub const SEED: u64 = 2012;
+
+/// The pairs that the SRDF knows to need no test, as far as both links have shapes.
+fn disabled(srdf: &Srdf, robot: &Robot) -> Vec<LeftOut> {
+    let of = |((a, b), reason): (&(String, String), &String)| {
+        let nodes = (robot.node_named(a)?, robot.node_named(b)?);
+        Some(LeftOut { nodes, reason: format!("SRDF: {reason}") })
+    };
+    srdf.disabled.iter().filter_map(of).collect()
+}
+
+/// Fits links closer to their meshes that block poses which are free. Says which.
+fn fit_closer(
+    robot: &mut Robot,
+    links: &[LinkSurface],
+    surfaces: &Surfaces,
+    bar: &Steps,
+) -> Result<Vec<String>, Report> {
+    let mut closer = BTreeMap::new();
+    for options in CLOSER {
+        bar.step("looks for links that block too much");
+        let blocking = blocking_links(robot, surfaces, bar)?;
+        bar.step("fits them closer");
+        for link in links.iter().filter(|l| !l.meshes.is_empty() && blocking.contains(&l.link)) {
+            let Some(node) = robot.node_named(&link.link) else { continue };
+            let (shapes, overshoot) = link.fitted(&options).map_err(|why| miette!("link `{}`: {why}", link.link))?;
+            closer.insert(link.link.clone(), (shapes.len(), overshoot * 1e3));
+            robot.nodes[node].solids = shapes;
+        }
+    }
+    let said = |(link, (shapes, overshoot)): (String, (usize, f64))| {
+        format!(
+            "link {link}: fitted closer, as it blocked poses that are free: {shapes} shapes within {overshoot:.0} mm"
+        )
+    };
+    Ok(closer.into_iter().map(said).collect())
+}
+
+/// The links whose shapes block poses that are free by their meshes, pairs that need no test aside.
+fn blocking_links(robot: &Robot, surfaces: &Surfaces, bar: &Steps) -> Result<BTreeSet<String>, Report> {
+    let mut glance = robot.clone();
+    let half = |from: f64| move |share: f64| bar.show(from + share / 2.0);
+    let spared = spared_pairs(&glance, surfaces, (GLANCE, SEED), &mut half(0.0)).map_err(|e| miette!("{e}"))?;
+    let always_near = spared.iter().filter(|l| l.reason.starts_with("never")).map(|l| l.nodes);
+    let name = |node: usize| robot.nodes.get(node).and_then(|n| n.name.as_deref()).unwrap_or_default().to_owned();
+    let always_near: BTreeSet<_> = always_near.map(|(a, b)| (name(a), name(b))).collect();
+    glance.leave_out(spared);
+    let seen = compare(&glance, surfaces, (GLANCE, SEED), &mut half(0.5)).map_err(|e| miette!("{e}"))?;
+    let free = (seen.poses - seen.by_meshes).max(1) as f64;
+    let too_much = seen.pairs.iter().filter(|(_, counts)| counts.falsely as f64 / free > BLOCKS_TOO_MUCH);
+    // What the meshes do now and then, and the shapes always, is the shapes' fault.
+    let at_times = always_near.iter().filter(|pair| seen.left_out_met.get(*pair).is_none_or(|met| *met < seen.poses));
+    let blocking = too_much.map(|(pair, _)| pair).chain(at_times);
+    Ok(blocking.flat_map(|(a, b)| [a.clone(), b.clone()]).collect())
+}
+
+/// `NAME=DIR`, where the folder exists.
+fn package(text: &str) -> Result<(String, PathBuf), String> {
+    let (name, folder) = text.split_once('=').ok_or("write NAME=DIR, such as ur_description=../ur_description")?;
+    let folder = PathBuf::from(folder);
+    if !folder.is_dir() {
+        return Err(format!("{} is no folder", folder.display()));
+    }
+    Ok((name.to_owned(), folder))
+}
+
+/// A length above zero.
+fn millimeters(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| "give a number of millimeters".to_owned())?;
+    if (0.1..=1000.0).contains(&number) { Ok(number) } else { Err("give 0.1 to 1000 mm".into()) }
+}
+
+/// Where ROS 1 and ROS 2 keep packages, as their set-up scripts say.
+fn ros_folders() -> Vec<PathBuf> {
+    let folders =
+        |name: &str| std::env::var_os(name).map(|v| std::env::split_paths(&v).collect::<Vec<_>>()).unwrap_or_default();
+    let shares = folders("AMENT_PREFIX_PATH").into_iter().map(|prefix| prefix.join("share"));
+    folders("ROS_PACKAGE_PATH").into_iter().chain(shares).collect()
+}
+
+/// A progress bar for one step after the other. Silent when standard error is no terminal.
+pub struct Steps(ProgressBar);
+
+impl Steps {
+    /// A bar that is empty.
+    pub fn new() -> Steps {
+        let bar = ProgressBar::new(1000);
+        let style = ProgressStyle::with_template("{bar:30}  {msg}");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Steps(bar)
+    }
+
+    /// Begins a step.
+    pub fn step(&self, what: &'static str) {
+        self.0.set_message(what);
+        self.0.set_position(0);
+    }
+
+    /// The share of the step that is done.
+    pub fn show(&self, share: f64) {
+        self.0.set_position((share * 1000.0) as u64);
+    }
+}
+
+impl Default for Steps {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Drop for Steps {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
