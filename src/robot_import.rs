@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Report, miette};
 use mobee_model::{
     FileError, FitOptions, LeftOut, LinkSurface, Robot, Srdf, Surfaces, UrdfOptions, UrdfRobot, compare, find_home,
-    load_link_tree, load_srdf, load_urdf, spared_pairs,
+    load_link_tree, load_srdf, load_urdf_with_surfaces, spared_pairs,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -101,7 +101,7 @@ impl ImportArgs {
         let options = self.options()?;
         let bar = Steps::new();
         bar.step("fits shapes to meshes");
-        let loaded = load_urdf(urdf, &options)?;
+        let loaded = load_urdf_with_surfaces(urdf, &options)?;
         let (UrdfRobot { mut robot, surfaces: links }, mut warnings) = (loaded.value, loaded.warnings);
         let mut decided = Vec::new();
         let srdf = match &self.srdf {

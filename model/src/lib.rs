@@ -60,6 +60,6 @@ pub use srdf::{
 };
 pub use surface::{LinkSurface, Surfaces, random_poses};
 pub use survey::{Comparison, ContactCounts, HomePose, compare, find_home, spared_pairs};
-pub use urdf::{UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, parse_urdf};
+pub use urdf::{UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, load_urdf_with_surfaces, parse_urdf};
 pub use watch::{Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

@@ -65,7 +65,15 @@ pub struct UrdfRobot {
 ///
 /// # Errors
 /// The first mistake in the file, or the first thing that cannot be converted, with its place and a remedy.
-pub fn load_urdf(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<UrdfRobot>, FileError> {
+pub fn load_urdf(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
+    load_urdf_with_surfaces(path, options).map(without_surfaces)
+}
+
+/// As [`load_urdf`], with what the shapes were fitted to.
+///
+/// # Errors
+/// As [`load_urdf`].
+pub fn load_urdf_with_surfaces(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<Loaded<UrdfRobot>, FileError> {
     read(&Source::read(path.as_ref(), MAX_BYTES)?, &with_folders_above(path.as_ref(), options), true)
 }
 
@@ -91,8 +99,13 @@ fn with_folders_above(path: &Path, options: &UrdfOptions) -> UrdfOptions {
 ///
 /// # Errors
 /// As [`load_urdf`].
-pub fn parse_urdf(name: &str, text: &str, options: &UrdfOptions) -> Result<Loaded<UrdfRobot>, FileError> {
-    read(&Source::new(name, text), options, true)
+pub fn parse_urdf(name: &str, text: &str, options: &UrdfOptions) -> Result<Loaded<Robot>, FileError> {
+    read(&Source::new(name, text), options, true).map(without_surfaces)
+}
+
+/// The robot alone.
+fn without_surfaces(loaded: Loaded<UrdfRobot>) -> Loaded<Robot> {
+    Loaded { value: loaded.value.robot, warnings: loaded.warnings }
 }
 
 /// From text to robot; each step refuses what the next could not bear.
