@@ -296,6 +296,11 @@ mod tests {
             timed(&half.map(|(at, share)| (at, 12.5 * share))).len()
         };
         assert_eq!((pause(0.05, 0.05), pause(0.04, 0.06), pause(0.04, 0.2)), (1, 0, 0));
+        let mark_in_a_pause = [(-0.4, 0.05), (0.0, 0.15), (0.04, 0.3), (0.08, 0.45), (0.12, 0.55)];
+        assert!(
+            timed(&mark_in_a_pause.map(|(at, share)| (at, 12.5 * share))).is_empty(),
+            "nobody knows when it was passed"
+        );
     }
 
     /// A joint that is told too short a way, too short a time or no speed at all is not timed; nor is one that does something else since.

@@ -199,6 +199,7 @@ async fn a_board_that_was_let_go_hears_nothing_more() {
     // while its answer to a question is on its way, and something is owed
     rig.known(|known| known.owed.changes(Restored::Speed, &[0]));
     rig.cell.let_go();
+    rig.after(100).await;
     rig.halts();
     rig.after(300).await;
     rig.end.send_replace(true);
