@@ -10,8 +10,9 @@
 //!      └── the opposite direction failed ──> Doubtful (planned over only if there is no other way)
 //! ```
 //!
-//! An edge is a straight line in joint space, the short way round for motors without end, and sweeps the same poses in both directions, so an edge driven to its end tells
-//! the same of its opposite, if that was never driven. A failure tells less, as the motion broke off at its first contact.
+//! An edge is a straight line in joint space, the short way round for motors without end, and sweeps the same poses in both
+//! directions, so an edge driven to its end tells the same of its opposite, if that was never driven. A failure tells less, as the
+//! motion broke off at its first contact.
 
 mod file;
 pub mod neighbors;
