@@ -5,7 +5,7 @@
 //! that was rolled back is just one that failed.
 //!
 //! ```text
-//! View, MotionEnd ──> agents ──> walk ──> roadmap ──> neighbors
+//! View, MotionEnd ──> agents ──> walk ──> roadmap ──> neighbors ──> short_way
 //!                        │         └────> escape
 //!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
 //! ```
@@ -19,3 +19,4 @@ pub mod agents;
 pub mod group;
 pub mod planners;
 pub mod roadmap;
+pub mod short_way;

@@ -10,8 +10,9 @@
 //!      └── the opposite direction failed ──> Doubtful (planned over only if there is no other way)
 //! ```
 //!
-//! An edge is a straight line in joint space and sweeps the same poses in both directions, so an edge driven to its end tells
-//! the same of its opposite, if that was never driven. A failure tells less, as the motion broke off at its first contact.
+//! An edge is a straight line in joint space, the short way round for motors without end, and sweeps the same poses in both
+//! directions, so an edge driven to its end tells the same of its opposite, if that was never driven. A failure tells less, as the
+//! motion broke off at its first contact.
 
 mod file;
 pub mod neighbors;
@@ -22,8 +23,10 @@ pub mod walk;
 
 pub use file::VERSION;
 
-use crate::roadmap::neighbors::{Neighbors, distance, neighbors};
+use crate::roadmap::neighbors::{Neighbors, neighbors};
+use crate::short_way::JointMetric;
 use mobee_contract::{EdgeState, Note, Target};
+use mobee_model::Robot;
 use petgraph::algo::{Measure, astar, dijkstra};
 use petgraph::stable_graph::{NodeIndex, StableDiGraph};
 use petgraph::visit::{EdgeRef, IntoEdgeReferences};
@@ -80,6 +83,7 @@ const _: fn() = || {
 /// Poses and edges for one group of a robot's motors.
 pub struct Roadmap {
     motors: Vec<usize>,
+    metric: JointMetric,
     graph: StableDiGraph<Vertex, Edge, u32>,
     ledger: BTreeMap<(u32, u32), Edge>,
     near: Box<dyn Neighbors>,
@@ -87,10 +91,11 @@ pub struct Roadmap {
 }
 
 impl Roadmap {
-    /// An empty roadmap for these motors (indices into `Robot::motors`).
-    pub fn new(motors: Vec<usize>) -> Roadmap {
-        let near = neighbors(motors.len());
-        Roadmap { motors, graph: StableDiGraph::default(), ledger: BTreeMap::new(), near, notes: Vec::new() }
+    /// An empty roadmap for these motors (indices into `Robot::motors`) of a robot.
+    pub fn new(motors: Vec<usize>, robot: &Robot) -> Roadmap {
+        let metric = JointMetric::of(&motors, robot);
+        let near = neighbors(motors.len(), &metric);
+        Roadmap { motors, metric, graph: StableDiGraph::default(), ledger: BTreeMap::new(), near, notes: Vec::new() }
     }
 
     /// The motors that its poses tell apart.
@@ -224,7 +229,7 @@ impl Roadmap {
         let here = self.group(pose);
         let (_, id) = *self.near.knn(&here, 1).first()?;
         let there = self.group(&self.vertex(id)?.q);
-        here.iter().zip(&there).all(|(a, b)| (a - b).abs() <= tolerance).then_some(id)
+        self.metric.is_within(&here, &there, tolerance).then_some(id)
     }
 
     /// All vertices from near to far of a whole pose.
@@ -237,7 +242,7 @@ impl Roadmap {
         let goal = NodeIndex::new(to as usize);
         let aim = self.group(&self.graph.node_weight(goal)?.q);
         let left = |n: NodeIndex| {
-            let there = self.graph.node_weight(n).map(|v| distance(&self.group(&v.q), &aim));
+            let there = self.graph.node_weight(n).map(|v| self.metric.distance(&self.group(&v.q), &aim));
             Cost { doubtful: 0, length: there.unwrap_or(0.0) }
         };
         let start = NodeIndex::new(from as usize);
@@ -259,10 +264,10 @@ impl Roadmap {
 
     fn cost(&self, from: NodeIndex, to: NodeIndex, edge: &Edge) -> Cost {
         let q = |n| self.graph.node_weight(n).map(|v| self.group(&v.q)).unwrap_or_default();
-        Cost { doubtful: u32::from(edge.state == EdgeState::Doubtful), length: distance(&q(from), &q(to)) }
+        Cost { doubtful: u32::from(edge.state == EdgeState::Doubtful), length: self.metric.distance(&q(from), &q(to)) }
     }
 
-    /// The commit that drives to a vertex.
+    /// The commit that drives to a vertex, in the vertex's own turn: see [`nearest_target`](crate::short_way::nearest_target).
     pub fn target(&self, to: u32, speed: f64) -> Option<Target> {
         let q = self.group(&self.vertex(to)?.q);
         Some(Target { motors: self.motors.clone(), q, speed })
@@ -323,10 +328,11 @@ impl Roadmap {
 
 impl Clone for Roadmap {
     fn clone(&self) -> Roadmap {
-        let mut near = neighbors(self.motors.len());
+        let mut near = neighbors(self.motors.len(), &self.metric);
         self.vertices().for_each(|(id, v)| near.add(id, &self.group(&v.q)));
         Roadmap {
             motors: self.motors.clone(),
+            metric: self.metric.clone(),
             graph: self.graph.clone(),
             ledger: self.ledger.clone(),
             near,

@@ -368,7 +368,10 @@ mod tests {
         let scene = Arc::new(compose(config, &source).unwrap().scene);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut draw = || -> Vec<Pose> {
-            let any = |m: &mobee_model::Motor, rng: &mut ChaCha8Rng| rng.random_range(m.min..=m.max);
+            let any = |m: &mobee_model::Motor, rng: &mut ChaCha8Rng| {
+                let (min, max) = m.range();
+                rng.random_range(min..=max)
+            };
             scene.robots().iter().map(|r| r.motors.iter().map(|m| any(m, &mut rng)).collect()).collect()
         };
         let of = |s: ShapeId| if let ShapeId::Robot { robot, .. } = s { robot } else { 9 };

@@ -119,7 +119,8 @@ impl Actor<'_> {
             for m in &stage.motors {
                 let share = 0.1 + 0.8 * self.random(1000) as f64 / 1000.0;
                 if let (Some(slot), Some(motor)) = (q.get_mut(*m), stage.robot.motors.get(*m)) {
-                    *slot = motor.min + share * (motor.max - motor.min);
+                    let (min, max) = motor.range();
+                    *slot = min + share * (max - min);
                 }
             }
             if self.touching(&q, 2.0 * MARGIN).is_empty() {

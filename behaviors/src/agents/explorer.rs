@@ -5,7 +5,7 @@ use crate::group;
 use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::*;
-use mobee_model::Robot;
+use mobee_model::{Motor, Robot};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use schemars::JsonSchema;
@@ -124,7 +124,7 @@ impl Explorer {
         ])?;
         let (motors, ranges, speed, tolerance, hand) = (motors?, ranges?, speed?, tolerance?, hand?);
         let seed = settings.seed.unwrap_or(context.seed);
-        let walker = Walker::new(Roadmap::new(motors), speed, tolerance, seed);
+        let walker = Walker::new(Roadmap::new(motors, &robot), speed, tolerance, seed);
         let rng = ChaCha8Rng::seed_from_u64(seed);
         Ok(Explorer { robot, ranges, settings, hand, walker, drawn: 0, sampled: false, seed, rng })
     }
@@ -140,9 +140,8 @@ impl Explorer {
         let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
         // a motor of no concern that stands at home but for the noise of its encoder counts as standing there
         let near_home = 1f64.to_radians();
-        let homes = self.robot.motors.iter().map(|m| m.home);
-        let base: Vec<f64> =
-            view.pose().iter().zip(homes).map(|(q, h)| if (q - h).abs() <= near_home { h } else { *q }).collect();
+        let at_home = |(q, m): (&f64, &Motor)| if m.way(*q, m.home).abs() <= near_home { m.home } else { *q };
+        let base: Vec<f64> = view.pose().iter().zip(&self.robot.motors).map(at_home).collect();
         let all = self.settings.samples;
         let round = self.drawn.saturating_add(all.div_ceil(ROUNDS));
         while self.walker.map.len() < self.settings.vertices
@@ -260,7 +259,7 @@ impl Agent for Explorer {
             match self.walker.step(last.take(), view) {
                 WalkStep::Do(intent) => return intent,
                 WalkStep::At(at) => match self.choose(at) {
-                    Some(Choice::Drive(to)) => return self.walker.drive(at, to),
+                    Some(Choice::Drive(to)) => return self.walker.drive(at, to, view),
                     Some(Choice::Goto(goal)) => self.walker.goto(goal),
                     None => {
                         return Intent::Done(

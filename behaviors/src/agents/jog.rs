@@ -2,6 +2,7 @@
 
 use super::{Dice, open, seal};
 use crate::group;
+use crate::short_way::{nearest_position, nearest_target};
 use mobee_contract::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -164,7 +165,7 @@ impl Jog {
         let q = drawn.iter().map(|(_, (min, max), _)| self.rng.random_range(*min..=*max)).collect();
         let motors = drawn.iter().map(|(m, ..)| *m).collect();
         let speeds = drawn.iter().map(|(.., speed)| *speed).collect();
-        Intent::MoveEach(Target { motors, q, speed: self.settings.speed }, speeds)
+        Intent::MoveEach(nearest_target(view, Target { motors, q, speed: self.settings.speed }), speeds)
     }
 
     /// Motors join the stream, or get another speed.
@@ -172,6 +173,10 @@ impl Jog {
         for (m, range, speed) in self.draw(view) {
             let speed = if self.rng.random() { speed } else { -speed };
             let q = view.pose().get(m).copied().unwrap_or(range.0);
+            // the range in the turn that the motor is in
+            let middle = (range.0 + range.1) / 2.0;
+            let turns = nearest_position(view, m, middle) - middle;
+            let range = group::allowed((range.0 + turns, range.1 + turns), view.axes.get(m));
             stream.motors.entry(m).or_insert(Led { range, q, speed }).speed = speed;
         }
         let turn = self.rng.random_range(TURNS);

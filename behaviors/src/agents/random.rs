@@ -2,6 +2,7 @@
 
 use super::{Dice, open, seal};
 use crate::group;
+use crate::short_way::nearest_target;
 use mobee_contract::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -83,7 +84,7 @@ impl Random {
     fn draw(&mut self, view: &View) -> Target {
         let allowed = self.ranges.iter().map(|(m, min, max)| group::allowed((*min, *max), view.axes.get(*m)));
         let q = allowed.map(|(min, max)| self.rng.random_range(min..=max)).collect();
-        Target { motors: self.motors.clone(), q, speed: self.settings.speed }
+        nearest_target(view, Target { motors: self.motors.clone(), q, speed: self.settings.speed })
     }
 }
 

@@ -261,8 +261,8 @@ fn map(settings: &RoadmapSettings, robot: &Robot) -> Result<Roadmap, KindError> 
     let named: BTreeSet<usize> = poses.iter().flatten().map(|(m, _)| *m).collect();
     let mut map = match &settings.map {
         Some(value) => Roadmap::import(value, robot).map_err(|e| e.under("map"))?,
-        None if settings.motors.is_empty() => Roadmap::new(named.iter().copied().collect()),
-        None => Roadmap::new(group::motors("motors", &settings.motors, robot)?),
+        None if settings.motors.is_empty() => Roadmap::new(named.iter().copied().collect(), robot),
+        None => Roadmap::new(group::motors("motors", &settings.motors, robot)?, robot),
     };
     if let Some(stranger) = named.iter().find(|m| !map.motors().contains(m)) {
         let name = robot.motors.get(*stranger).map_or("?", |m| m.name.as_str());

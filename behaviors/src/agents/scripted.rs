@@ -2,6 +2,7 @@
 
 use super::{open, seal};
 use crate::group;
+use crate::short_way::nearest_target;
 use mobee_contract::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -84,7 +85,7 @@ impl Scripted {
 }
 
 impl Agent for Scripted {
-    fn next(&mut self, last: Option<MotionEnd>, _view: &View) -> Intent {
+    fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
         let state = &mut self.state;
         if let Some(end) = last {
             let here = self.poses.get(state.next);
@@ -102,7 +103,9 @@ impl Agent for Scripted {
             (state.next, state.round) = (0, state.round.saturating_add(1));
         }
         match self.poses.get(state.next) {
-            Some((target, _)) if self.repeat == 0 || state.round < self.repeat => Intent::MoveTo(target.clone()),
+            Some((target, _)) if self.repeat == 0 || state.round < self.repeat => {
+                Intent::MoveTo(nearest_target(view, target.clone()))
+            }
             _ => Intent::Done(Summary {
                 text: format!("{} poses reached, {} missed", state.reached, state.failed),
                 figures: vec![("reached".into(), state.reached.into()), ("missed".into(), state.failed.into())],

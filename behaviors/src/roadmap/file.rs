@@ -106,7 +106,7 @@ impl Roadmap {
             }
             motors.push(motor);
         }
-        let mut map = Roadmap::new(motors);
+        let mut map = Roadmap::new(motors, robot);
         for (i, v) in file.vertices.into_iter().enumerate() {
             check_vertex(&format!("vertices[{i}]"), i, &v, robot)?;
             map.add(Vertex { name: v.name, q: v.q_rad, at: v.at_m });

@@ -1,13 +1,15 @@
-//! Nearest neighbors in joint space, behind one interface: a kd-tree up to ten dimensions, a flat scan above.
+//! Nearest neighbors in joint space, behind one interface: a kd-tree up to ten dimensions, a flat scan above and where motors turn
+//! without end.
 //!
-//! Both answer alike: exact Euclidean distances, equal distances ordered by id. A run therefore does not depend on which
+//! Both answer alike: exact distances, equal distances ordered by id. A run therefore does not depend on which
 //! of them serves it, nor on the order in which points came.
 
+use crate::short_way::JointMetric;
 use kiddo::{MutableKdTree, SquaredEuclidean};
 use std::collections::BTreeMap;
 use std::num::NonZero;
 
-/// Points with ids, asked for those nearest to a query. Distances are Euclidean, in the unit of the coordinates.
+/// Points with ids, asked for those nearest to a query. Distances are those of a [`JointMetric`], rad.
 pub trait Neighbors: Send {
     /// Adds a point, or moves the one that has this id. Missing coordinates count as 0, surplus ones are ignored.
     fn add(&mut self, id: u32, q: &[f64]);
@@ -23,13 +25,18 @@ pub trait Neighbors: Send {
     }
 }
 
-/// The structure that suits a dimension: kd-trees lose to a plain scan above about ten (kiddo's own advice, measured).
-pub fn neighbors(dimension: usize) -> Box<dyn Neighbors> {
+/// The structure that suits a dimension: kd-trees lose to a plain scan above about ten (kiddo's own advice, measured), and know no
+/// metric but the plain one.
+pub fn neighbors(dimension: usize, metric: &JointMetric) -> Box<dyn Neighbors> {
+    let flat = || Box::new(Flat { metric: metric.clone(), ..Flat::default() });
+    if !metric.is_plain() {
+        return flat();
+    }
     macro_rules! by_dimension {
         ($($n:literal)*) => {
             match dimension {
                 $($n => Box::new(Tree::<$n>::default()),)*
-                _ => Box::new(Flat::default()),
+                _ => flat(),
             }
         };
     }
@@ -39,6 +46,7 @@ pub fn neighbors(dimension: usize) -> Box<dyn Neighbors> {
 /// Looks at every point: the right thing in many dimensions, and the reference for the tree.
 #[derive(Clone, Debug, Default)]
 pub struct Flat {
+    metric: JointMetric,
     points: BTreeMap<u32, Vec<f64>>,
 }
 
@@ -52,7 +60,7 @@ impl Neighbors for Flat {
     }
 
     fn knn(&self, q: &[f64], k: usize) -> Vec<(f64, u32)> {
-        nearest(self.points.iter().map(|(id, p)| (distance(p, q), *id)).collect(), k)
+        nearest(self.points.iter().map(|(id, p)| (self.metric.distance(p, q), *id)).collect(), k)
     }
 
     fn len(&self) -> usize {
@@ -108,18 +116,13 @@ impl<const N: usize> Neighbors for Tree<N> {
         let found = tree.query(&q).nearest_n::<SquaredEuclidean<f64>>(wanted).execute();
         let reach = found.iter().map(|f| f.distance).fold(0.0, f64::max).sqrt() + 4.0 * JITTER * (N as f64).sqrt();
         let near = tree.query(&q).within::<SquaredEuclidean<f64>>(reach * reach).unsorted().execute();
-        let exact = |id: u32| self.flat.points.get(&id).map(|p| (distance(p, &q), id));
+        let exact = |id: u32| self.flat.points.get(&id).map(|p| (self.flat.metric.distance(p, &q), id));
         nearest(near.iter().filter_map(|f| exact(f.item)).collect(), k)
     }
 
     fn len(&self) -> usize {
         self.flat.len()
     }
-}
-
-/// Euclidean distance over the coordinates both have.
-pub fn distance(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum::<f64>().sqrt()
 }
 
 fn nearest(mut all: Vec<(f64, u32)>, k: usize) -> Vec<(f64, u32)> {
@@ -169,7 +172,7 @@ mod tests {
     proptest! {
         #[test]
         fn tree_and_scan_agree_with_brute_force((d, all, q) in points(), k in 0usize..15, gone in 0u32..200) {
-            let mut tree = neighbors(d);
+            let mut tree = neighbors(d, &JointMetric::default());
             all.iter().enumerate().for_each(|(i, p)| tree.add(i as u32, p));
             tree.remove(gone);
             let queries = std::iter::once(&q).chain(all.iter().take(5));
@@ -188,7 +191,8 @@ mod tests {
 
         #[test]
         fn order_of_arrival_does_not_matter((d, all, q) in points(), k in 1usize..12) {
-            let (mut forward, mut backward) = (neighbors(d), neighbors(d));
+            let plain = JointMetric::default();
+            let (mut forward, mut backward) = (neighbors(d, &plain), neighbors(d, &plain));
             all.iter().enumerate().for_each(|(i, p)| forward.add(i as u32, p));
             all.iter().enumerate().rev().for_each(|(i, p)| backward.add(i as u32, p));
             prop_assert_eq!(forward.knn(&q, k), backward.knn(&q, k));

@@ -27,12 +27,17 @@ fn robot(motors: usize) -> Robot {
 }
 
 fn map(points: &[Vec<f64>], k: usize) -> Roadmap {
-    let mut map = Roadmap::new((0..points[0].len()).collect());
+    let motors = points[0].len();
+    let mut map = Roadmap::new((0..motors).collect(), &robot(motors));
     for q in points {
         map.add(Vertex { name: None, q: q.clone(), at: [0.0; 3] });
     }
     map.join_nearest(k);
     map
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    JointMetric::default().distance(a, b)
 }
 
 fn points() -> impl Strategy<Value = Vec<Vec<f64>>> {
@@ -180,4 +185,28 @@ fn hostile_files_are_refused_with_the_place() {
         let error = Roadmap::import(&bad, &robot(1)).err().unwrap_or_else(|| panic!("{bad} was taken"));
         assert_eq!(error.path, place, "{error:?}");
     }
+}
+
+#[test]
+fn neighbors_places_and_plans_know_no_seam_where_a_motor_has_no_end() {
+    let mut robot = robot(1);
+    (robot.motors[0].continuous, robot.motors[0].min, robot.motors[0].max) = (true, -600.0, 600.0);
+    let deg = |deg: f64| vec![deg.to_radians()];
+    let joined = |robot: &Robot| {
+        let mut map = Roadmap::new(vec![0], robot);
+        for q in [170.0, -170.0, 100.0, 0.0] {
+            map.add(Vertex { name: None, q: deg(q), at: [0.0; 3] });
+        }
+        map.join_nearest(1);
+        map
+    };
+    for map in [joined(&robot), joined(&robot).clone()] {
+        assert_eq!(map.plan(0, 1), Some(vec![0, 1]));
+        assert!((map.reach(0)[&1].length - 20f64.to_radians()).abs() < 1e-12);
+        assert_eq!(map.by_distance(&deg(-179.0)), [1, 0, 2, 3]);
+        assert_eq!([190.0, -190.0, 530.0].map(|q| map.at(&deg(q), 1e-6)), [Some(1), Some(0), Some(0)]);
+    }
+    // a single turn has two ends
+    (robot.motors[0].min, robot.motors[0].max) = (-std::f64::consts::PI, std::f64::consts::PI);
+    assert_eq!(joined(&robot).edge(0, 1), None);
 }

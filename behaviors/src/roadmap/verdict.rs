@@ -51,7 +51,8 @@ pub fn judge(map: &Roadmap, scene: &Scene, robot: usize, poses: &[Pose], clearan
     let mut report = VerdictReport::default();
     for (from, to, edge) in map.edges().into_iter().filter(|(.., e)| e.driven) {
         let (Some(a), Some(b)) = (map.vertex(from), map.vertex(to)) else { continue };
-        let line = scene.line(robot, poses, &a.q, &b.q, STEP, clearance);
+        let end = scene.robots().get(robot).map_or(b.q.clone(), |r| r.nearest_equivalent(&a.q, &b.q));
+        let line = scene.line(robot, poses, &a.q, &end, STEP, clearance);
         let reached = edge.state == EdgeState::Feasible;
         let law = line.constraint.map(|(part, clause)| {
             let part = scene.robots().get(robot).and_then(|r| r.parts.get(part)).map_or("?", |p| p.name.as_str());

@@ -11,6 +11,7 @@
 use crate::group::cause;
 use crate::planners::escape::{caught, escape, line_free};
 use crate::roadmap::Roadmap;
+use crate::short_way::{nearest_position, nearest_target};
 use mobee_contract::{EdgeState, Intent, MotionEnd, Note, Target, View};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -106,8 +107,8 @@ impl Walker {
     }
 
     /// Drives an edge that begins where the robot rests.
-    pub fn drive(&mut self, from: u32, to: u32) -> Intent {
-        self.follow(vec![from, to])
+    pub fn drive(&mut self, from: u32, to: u32, view: &View) -> Intent {
+        self.follow(vec![from, to], view)
     }
 
     /// What it has done so far.
@@ -147,7 +148,7 @@ impl Walker {
         (self.progress.last, self.progress.connects) = (Some(at), 0);
         match self.progress.goal {
             Some(goal) if goal != at => match self.map.plan(at, goal) {
-                Some(path) => WalkStep::Do(self.follow(path)),
+                Some(path) => WalkStep::Do(self.follow(path, view)),
                 None => {
                     self.progress.goal = None;
                     self.show(Vec::new());
@@ -189,8 +190,9 @@ impl Walker {
     }
 
     fn escape(&mut self, view: &View) -> WalkStep {
-        let toward: Vec<_> =
-            self.progress.last.and_then(|id| self.map.vertex(id)).map(|v| v.q.clone()).into_iter().collect();
+        let nearest = |q: &Vec<f64>| q.iter().enumerate().map(|(m, q)| nearest_position(view, m, *q)).collect();
+        let last = self.progress.last.and_then(|id| self.map.vertex(id));
+        let toward: Vec<Vec<f64>> = last.map(|v| nearest(&v.q)).into_iter().collect();
         let tries = self.progress.escapes;
         let seed = self.seed.wrapping_add(u64::from(tries));
         let way = (tries < ESCAPES).then(|| escape(view, self.map.motors(), &toward, self.speed, seed)).flatten();
@@ -223,7 +225,7 @@ impl Walker {
             return WalkStep::Lost("no vertex of the roadmap can be reached from where the robot rests".to_owned());
         }
         let to = rest.remove(chosen);
-        let Some(target) = self.map.target(to, self.speed) else {
+        let Some(target) = self.target(to, view) else {
             return WalkStep::Lost(format!("there is no vertex {to}"));
         };
         self.log(format!("connecting to vertex {to}"));
@@ -234,15 +236,20 @@ impl Walker {
 
     /// The robot's pose with the group at a vertex.
     fn whole(&self, id: u32, view: &View) -> Option<Vec<f64>> {
-        Some(self.map.target(id, self.speed)?.pose(view.pose()).to_vec())
+        Some(self.target(id, view)?.pose(view.pose()).to_vec())
     }
 
-    fn follow(&mut self, path: Vec<u32>) -> Intent {
+    /// The commit that drives to a vertex, the short way from where the robot is.
+    fn target(&self, to: u32, view: &View) -> Option<Target> {
+        Some(nearest_target(view, self.map.target(to, self.speed)?))
+    }
+
+    fn follow(&mut self, path: Vec<u32>, view: &View) -> Intent {
         let (Some(from), Some(to)) = (path.first().copied(), path.get(1).copied()) else { return Intent::Stop };
-        let Some(Target { motors, q, speed }) = self.map.target(to, self.speed) else { return Intent::Stop };
+        let Some(target) = self.target(to, view) else { return Intent::Stop };
         self.progress.doing = Doing::Driving { from, to };
         self.show(path);
-        Intent::MoveTo(Target { motors, q, speed })
+        Intent::MoveTo(target)
     }
 
     /// Tells the plan if it is news (empty: there is none any more); the rest of the plan that was told before is no news.

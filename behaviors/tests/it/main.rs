@@ -3,5 +3,6 @@
 mod explorer;
 mod icub;
 mod roadmap_agent;
+mod short_way;
 mod simple_agents;
 mod world;

@@ -55,6 +55,21 @@ pub fn arm(joints: usize) -> Arc<Robot> {
     })
 }
 
+/// The same arm with joints that turn without end, and encoders that count a hundred turns either way.
+pub fn endless_arm(joints: usize) -> Arc<Robot> {
+    let mut robot = arm(joints);
+    let of = Arc::make_mut(&mut robot);
+    for motor in &mut of.motors {
+        (motor.continuous, motor.min, motor.max) = (true, -200.0 * PI, 200.0 * PI);
+    }
+    for node in &mut of.nodes {
+        if let NodeKind::Joint { min, max, .. } = &mut node.kind {
+            (*min, *max) = (-200.0 * PI, 200.0 * PI);
+        }
+    }
+    robot
+}
+
 /// A ball in the world.
 pub fn ball(name: &str, x: f64, y: f64, radius: f64, class: ObjectClass) -> Object {
     Object {
