@@ -35,6 +35,7 @@ impl Bench {
             nodes: vec![],
             markers: vec![],
             pairs: Default::default(),
+            left_out: None,
         };
         let axes = vec![axis("a"), axis("b"), axis("c")];
         let period = std::time::Duration::from_millis(10);
