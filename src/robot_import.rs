@@ -9,11 +9,13 @@
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Report, miette};
 use mobee_model::{
-    FileError, FitOptions, LeftOut, LinkSurface, Robot, Srdf, Surfaces, UrdfOptions, UrdfRobot, compare, find_home,
-    load_link_tree, load_srdf, load_urdf_with_surfaces, spared_pairs,
+    FileError, FitOptions, LeftOut, LinkSurface, Robot, Scene, Srdf, Surfaces, UrdfOptions, UrdfRobot, compare,
+    find_home, load_link_tree, load_srdf, load_urdf_with_surfaces, spared_pairs,
 };
+use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// How free the home pose should be, meters: twice the margin of the reflex. Where parts are built closer, what lets the robot start.
 const HOME_CLEARANCES: [f64; 2] = [0.020, 0.013];
@@ -21,7 +23,7 @@ const HOME_CLEARANCES: [f64; 2] = [0.020, 0.013];
 const BLOCKS_TOO_MUCH: f64 = 0.004;
 /// How close, and by how many shapes a link: first so, then so.
 const CLOSER: [FitOptions; 2] =
-    [FitOptions { overshoot: 0.004, primitives: 24 }, FitOptions { overshoot: 0.002, primitives: 64 }];
+    [FitOptions { overshoot: 0.004, primitives: 24 }, FitOptions { overshoot: 0.003, primitives: 40 }];
 /// How many poses show which links block too much.
 const GLANCE: usize = 1000;
 
@@ -180,11 +182,17 @@ fn fit_closer(
         bar.step("looks for links that block too much");
         let blocking = blocking_links(robot, surfaces, bar)?;
         bar.step("fits them closer");
+        let before = (robot.clone(), closer.clone());
         for link in links.iter().filter(|l| !l.meshes.is_empty() && blocking.contains(&l.link)) {
             let Some(node) = robot.node_named(&link.link) else { continue };
             let (shapes, overshoot) = link.fitted(&options).map_err(|why| miette!("link `{}`: {why}", link.link))?;
             closer.insert(link.link.clone(), (shapes.len(), overshoot * 1e3));
             robot.nodes[node].solids = shapes;
+        }
+        // With all of them there may be more pairs of shapes than a scene takes.
+        if Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new()).is_err() {
+            (*robot, closer) = before;
+            break;
         }
     }
     let said = |(link, (shapes, overshoot)): (String, (usize, f64))| {

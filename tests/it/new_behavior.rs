@@ -1,6 +1,6 @@
 //! `mobee new` writes a file that is ready to run, wherever the program is installed, and writes over nothing.
 
-use super::common::{mobee_in, said};
+use super::common::{HOLD, mobee_in, said};
 use std::path::Path;
 use std::process::Output;
 
@@ -51,3 +51,43 @@ fn nothing_is_written_over() {
     }
     assert_eq!(std::fs::read_to_string(dir.path().join("one.toml")).expect("the behavior"), first);
 }
+
+#[test]
+fn a_robot_of_ones_own_explores_from_its_urdf_without_an_edit() {
+    let dir = tempfile::tempdir().expect("a folder");
+    std::fs::write(dir.path().join("rail.urdf"), RAIL_ARM).expect("written");
+    std::fs::write(dir.path().join("arm.srdf"), ARM_GROUP).expect("written");
+    let made = mobee(dir.path(), &["new", "pick", "--robot", "rail.urdf", "--srdf", "arm.srdf", "--poses", "500"]);
+    assert!(made.status.success(), "{}", said(&made));
+    assert!(said(&made).contains("the SRDF's group `arm` (3)"), "{}", said(&made));
+    let ran = mobee(dir.path(), &["run", "pick.toml", "--for", "600", "--no-record", "--out", "run", "--json"]);
+    assert!(ran.status.success(), "{}", said(&ran));
+    let checked = mobee(dir.path(), &["check", "run"]);
+    assert!(checked.status.success() && said(&checked).contains(HOLD), "{}", said(&checked));
+    let summary: serde_json::Value = serde_json::from_str(&said(&ran)).expect("a summary");
+    assert!(summary.to_string().contains("\"hard_contacts\":0"), "{summary}");
+    let again = mobee(dir.path(), &["new", "pick", "--robot", "rail.urdf"]);
+    assert_eq!(again.status.code(), Some(2));
+    assert!(said(&again).contains("pick.toml exists already"), "{}", said(&again));
+    let compared = mobee(dir.path(), &["model", "compare", "rail.xml", "rail.urdf", "--at", "500"]);
+    assert!(compared.status.success() && said(&compared).contains("missed 0"), "{}", said(&compared));
+}
+
+/// An arm of three motors on a rail, one of which slides and one turns without end; its home at zero touches the post.
+const RAIL_ARM: &str = r#"<robot name="rail arm">
+  <link name="base"><collision><origin xyz="0 0 0.05"/><geometry><box size="0.6 0.1 0.1"/></geometry></collision></link>
+  <link name="post"><collision><origin xyz="0.2 0 0.2"/><geometry><box size="0.05 0.05 0.3"/></geometry></collision></link>
+  <link name="sled"><collision><origin xyz="0 0 0.15"/><geometry><box size="0.08 0.08 0.06"/></geometry></collision></link>
+  <link name="turret"><collision><origin xyz="0 0 0.05"/><geometry><cylinder radius="0.03" length="0.1"/></geometry></collision></link>
+  <link name="arm"><collision><origin xyz="0.12 0 0"/><geometry><box size="0.24 0.04 0.04"/></geometry></collision></link>
+  <joint name="bolt" type="fixed"><parent link="base"/><child link="post"/></joint>
+  <joint name="rail" type="prismatic"><parent link="base"/><child link="sled"/><axis xyz="1 0 0"/>
+    <limit lower="-0.2" upper="0.05" effort="1" velocity="0.2"/></joint>
+  <joint name="pan" type="continuous"><origin xyz="0 0 0.18"/><parent link="sled"/><child link="turret"/><axis xyz="0 0 1"/></joint>
+  <joint name="lift" type="revolute"><origin xyz="0 0 0.1"/><parent link="turret"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="-1.2" upper="0.9" effort="1" velocity="1"/></joint>
+</robot>
+"#;
+
+const ARM_GROUP: &str = r#"<robot name="rail arm"><group name="arm"><chain base_link="base" tip_link="arm"/></group></robot>
+"#;

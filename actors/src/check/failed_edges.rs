@@ -3,10 +3,11 @@
 //! Which edge a motion drives is told by the plan, in which its target is a vertex. An agent that died, or makes way for another,
 //! was told nothing.
 
-use super::{Found, Invariant, near};
+use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
 use mobee_contract::{CommitId, EdgeState, Event, Note, Outcome, SwapStep};
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 
 /// How far the target of a commit may be from its vertex, rad.
 const SAME: f64 = 1e-9;
@@ -34,8 +35,11 @@ struct Walk {
 impl Walk {
     /// The edge of the plan that leads to this target of these motors.
     fn edge(&self, target: &[f64], motors: &[(usize, f64)]) -> Option<Edge> {
-        let group = |q: &[f64]| motors.iter().filter_map(|(m, _)| q.get(*m)).copied().collect::<Vec<f64>>();
-        let leads = |to: &u32| self.vertices.get(to).is_some_and(|q| near(&group(q), &group(target), SAME));
+        // Of a motor that turns without end the target may be whole turns from the vertex: the same place by a shorter way.
+        let same = |a: f64, b: f64| ((a - b) - TAU * ((a - b) / TAU).round()).abs() <= SAME;
+        let at =
+            |q: &[f64]| motors.iter().all(|(m, _)| q.get(*m).zip(target.get(*m)).is_some_and(|(a, b)| same(*a, *b)));
+        let leads = |to: &u32| self.vertices.get(to).is_some_and(|q| at(q));
         let mut edges = self.plan.iter().zip(self.plan.iter().skip(1));
         edges.find(|(_, to)| leads(to)).map(|(from, to)| (*from, *to))
     }

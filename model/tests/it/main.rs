@@ -14,6 +14,7 @@ mod robots_oracle;
 mod slides;
 mod srdf;
 mod surfaces;
+mod survey;
 mod turns;
 mod urdf_import;
 mod urdf_nasty;

@@ -1,0 +1,84 @@
+//! Random poses tell which pairs of links need no test, what shapes touch falsely, and where a robot can begin.
+
+use mobee_model::{
+    FitOptions, Robot, Scene, Surfaces, UrdfOptions, compare, find_home, load_urdf_with_surfaces, spared_pairs,
+};
+use nalgebra::Isometry3;
+use std::sync::Arc;
+
+/// A slider that moves in the hollow of an angle iron: by their meshes the two never meet, though one shape around each does.
+fn hollow() -> (Robot, Surfaces) {
+    let folder = tempfile::tempdir().unwrap();
+    let iron = "v 0 0 0\nv 0.2 0 0\nv 0.2 0.2 0\nv 0 0.2 0\nv 0 0 0.2\nv 0 0.2 0.2\nf 1 2 3 4\nf 1 4 6 5\n";
+    let slider = "v 0 0 0\nv 0.03 0 0\nv 0 0.03 0\nv 0 0 0.03\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n";
+    std::fs::write(folder.path().join("iron.obj"), iron).unwrap();
+    std::fs::write(folder.path().join("slider.obj"), slider).unwrap();
+    let mesh = |file: &str, xyz: &str| {
+        format!("<collision><origin xyz=\"{xyz}\"/><geometry><mesh filename=\"{file}\"/></geometry></collision>")
+    };
+    let text = format!(
+        "<robot name=\"r\"><link name=\"base\">{}</link><link name=\"stem\"/><link name=\"slider\">{}</link>\
+         <joint name=\"turn\" type=\"revolute\"><parent link=\"base\"/><child link=\"stem\"/><axis xyz=\"0 1 0\"/>\
+         <limit lower=\"-0.01\" upper=\"0.01\" effort=\"1\" velocity=\"1\"/></joint>\
+         <joint name=\"slide\" type=\"prismatic\"><parent link=\"stem\"/><child link=\"slider\"/><axis xyz=\"0 1 0\"/>\
+         <limit lower=\"0\" upper=\"0.1\" effort=\"1\" velocity=\"1\"/></joint></robot>",
+        mesh("iron.obj", "0 0 0"),
+        mesh("slider.obj", "0.05 0.02 0.05"),
+    );
+    let path = folder.path().join("r.urdf");
+    std::fs::write(&path, text).unwrap();
+    let fit = FitOptions { overshoot: 1.0, primitives: 1 };
+    let loaded = load_urdf_with_surfaces(path, &UrdfOptions { fit, ..UrdfOptions::default() }).unwrap().value;
+    let surfaces = Surfaces::new(&loaded.robot, &loaded.surfaces).unwrap();
+    (loaded.robot, surfaces)
+}
+
+#[test]
+fn what_never_meets_and_few_motors_move_is_spared_with_its_reason() {
+    let (mut robot, surfaces) = hollow();
+    // neighbors are looked through, so that this pair is tested again only without its line
+    robot.left_out = None;
+    robot.leave_out([]);
+    let found = spared_pairs(&robot, &surfaces, (300, 1), &mut |_| ()).unwrap();
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].reason.contains("300 poses"), "{found:?}");
+    assert_eq!(found, spared_pairs(&robot, &surfaces, (300, 1), &mut |_| ()).unwrap(), "equal seeds, equal answers");
+}
+
+#[test]
+fn false_contacts_are_counted_and_none_is_missed() {
+    let (mut robot, surfaces) = hollow();
+    robot.left_out = None;
+    robot.leave_out([]);
+    let seen = compare(&robot, &surfaces, (300, 2), &mut |_| ()).unwrap();
+    assert_eq!((seen.poses, seen.by_meshes, seen.missed), (300, 0, 0), "{seen:?}");
+    assert_eq!(seen.falsely, seen.by_shapes);
+    assert!(seen.falsely > 100 && seen.blocked_share() > 0.3, "{seen:?}");
+    let pair = ("base".to_owned(), "slider".to_owned());
+    assert_eq!(seen.pairs[&pair].falsely, seen.falsely, "{seen:?}");
+}
+
+#[test]
+fn home_is_where_it_is_wanted_or_the_nearest_pose_that_is_free() {
+    let robot = mobee_model::parse_robot("r.xml", ARM).unwrap().value;
+    let scene = Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new()).unwrap();
+    let free = [1.0];
+    let as_wanted = find_home(&robot, &free, 0.02, 7).unwrap();
+    assert!(as_wanted.as_wanted && as_wanted.q == free, "{as_wanted:?}");
+    let moved = find_home(&robot, &[0.0], 0.02, 7).unwrap();
+    assert!(!moved.as_wanted && scene.free(&[&moved.q], 0.0199), "{moved:?}");
+    // a little nearer to the wanted pose it is not free any more
+    assert!(!scene.free(&[&[moved.q[0] * 0.95]], 0.02), "{moved:?}");
+    let nowhere = find_home(&robot, &[0.0], 5.0, 7).unwrap();
+    assert!(nowhere.clearance < 5.0 && nowhere.clearance > 0.0, "the freest there is: {nowhere:?}");
+}
+
+/// A hand that lies on the base at zero and swings away from it.
+const ARM: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="r"><bodypart name="arm">
+  <motor name="swing" minPos="-90" maxPos="90" home="0"/>
+  <link name="base" x="0.4"><box width="0.1" height="0.1" depth="0.1"/>
+    <motor name="swing"><joint z="1" length="0.01" minPos="-90" maxPos="90">
+      <link name="hand" x="0.1"><box width="0.1" height="0.1" depth="0.1" px="-0.4"/></link>
+    </joint></motor></link>
+</bodypart><pairs/></ZeroPositionKinematicTree>
+"#;
