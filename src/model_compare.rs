@@ -1,6 +1,6 @@
 //! `mobee model compare`: contact by a robot's shapes against contact by the meshes of its URDF.
 
-use crate::robot_import::{ImportArgs, SEED, Steps};
+use crate::robot_import::{SEED, Steps, UrdfArgs};
 use crate::terminal;
 use miette::{Report, miette};
 use mobee_model::{Comparison, Surfaces, compare, load_robot, load_surfaces};
@@ -17,12 +17,12 @@ pub struct CompareArgs {
     urdf: PathBuf,
     /// How many random poses.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
-    at: u32,
+    poses: u32,
     /// The seed of the poses.
     #[arg(long, default_value_t = SEED)]
     seed: u64,
     #[command(flatten)]
-    import: ImportArgs,
+    read: UrdfArgs,
 }
 
 /// Compares, and prints what came of it.
@@ -31,13 +31,13 @@ pub struct CompareArgs {
 /// If a file can't be read, or the two are not of one robot.
 pub fn command(args: &CompareArgs) -> Result<ExitCode, Report> {
     let robot = load_robot(&args.robot)?.value;
-    let links = load_surfaces(&args.urdf, &args.import.options()?)?.value;
+    let links = load_surfaces(&args.urdf, &args.read.options()?)?.value;
     let surfaces = Surfaces::new(&robot, &links).map_err(|why| {
         miette!(help = "compare a robot file with the URDF it was converted from", "{}: {why}", args.urdf.display())
     })?;
     let bar = Steps::new();
     bar.step("compares shapes with meshes");
-    let seen = compare(&robot, &surfaces, (args.at as usize, args.seed), &mut |share| bar.show(share))
+    let seen = compare(&robot, &surfaces, (args.poses as usize, args.seed), &mut |share| bar.show(share))
         .map_err(|e| miette!("{e}"))?;
     drop(bar);
     terminal::out(&text(&seen));

@@ -27,12 +27,9 @@ const CLOSER: [FitOptions; 2] =
 /// How many poses show which links block too much.
 const GLANCE: usize = 1000;
 
-/// How a URDF is read, and what is made of it.
+/// How a URDF is read.
 #[derive(clap::Args, Clone, Debug)]
-pub struct ImportArgs {
-    /// The SRDF that belongs to it: pairs of links that need no test, named poses (home among them), groups.
-    #[arg(long, value_name = "FILE")]
-    pub srdf: Option<PathBuf>,
+pub struct UrdfArgs {
     /// Where a package is that the URDF names as `package://NAME/...` (repeatable).
     #[arg(long, value_name = "NAME=DIR", value_parser = package)]
     package: Vec<(String, PathBuf)>,
@@ -46,6 +43,16 @@ pub struct ImportArgs {
     /// Hold planar joints at zero instead of refusing them (a floating base stands still anyhow).
     #[arg(long)]
     fix_unsupported: bool,
+}
+
+/// How a URDF is read, and what is made of it.
+#[derive(clap::Args, Clone, Debug)]
+pub struct ImportArgs {
+    /// The SRDF that belongs to it: pairs of links that need no test, named poses (home among them), groups.
+    #[arg(long, value_name = "FILE")]
+    pub srdf: Option<PathBuf>,
+    #[command(flatten)]
+    read: UrdfArgs,
     /// Name of the body part that contains all motors (default: the robot's name).
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
@@ -72,7 +79,7 @@ pub struct Imported {
     pub decided: Vec<String>,
 }
 
-impl ImportArgs {
+impl UrdfArgs {
     /// The options of the reader.
     ///
     /// # Errors
@@ -86,21 +93,24 @@ impl ImportArgs {
             ));
         }
         Ok(UrdfOptions {
-            part: self.part.clone(),
+            part: None,
             packages: self.package.iter().cloned().collect(),
             mesh_folders: self.meshes.iter().cloned().chain(ros_folders()).collect(),
             drop_meshes: self.drop_meshes,
             fix_unsupported: self.fix_unsupported,
-            fit: FitOptions { overshoot: self.overshoot / 1e3, primitives: usize::from(self.shapes) },
+            fit: FitOptions::default(),
         })
     }
+}
 
+impl ImportArgs {
     /// Reads the URDF and makes a robot of it that can run.
     ///
     /// # Errors
     /// If a file can't be read or converted, with place and remedy.
     pub fn import(&self, urdf: &Path) -> Result<Imported, Report> {
-        let options = self.options()?;
+        let fit = FitOptions { overshoot: self.overshoot / 1e3, primitives: usize::from(self.shapes) };
+        let options = UrdfOptions { part: self.part.clone(), fit, ..self.read.options()? };
         let bar = Steps::new();
         bar.step("fits shapes to meshes");
         let loaded = load_urdf_with_surfaces(urdf, &options)?;

@@ -69,7 +69,7 @@ fn a_robot_of_ones_own_explores_from_its_urdf_without_an_edit() {
     let again = mobee(dir.path(), &["new", "pick", "--robot", "rail.urdf"]);
     assert_eq!(again.status.code(), Some(2));
     assert!(said(&again).contains("pick.toml exists already"), "{}", said(&again));
-    let compared = mobee(dir.path(), &["model", "compare", "rail.xml", "rail.urdf", "--at", "500"]);
+    let compared = mobee(dir.path(), &["model", "compare", "rail.xml", "rail.urdf", "--poses", "500"]);
     assert!(compared.status.success() && said(&compared).contains("missed 0"), "{}", said(&compared));
 }
 
