@@ -15,10 +15,10 @@ pub(crate) use bodies::Bodies;
 pub use edit::{Edit, SceneError};
 pub use line::LineVerdict;
 pub use report::{ContactKind, ReportedContact};
-pub(crate) use skeleton::Skeleton;
+pub use skeleton::{Hinge, Skeleton};
 pub(crate) use world::World;
 
-use crate::engine::{DefaultEngine, Engine};
+use crate::engine::{Collider, DefaultEngine, Engine, IndexPair};
 use crate::robot::Robot;
 use crate::shape::Primitive;
 use nalgebra::{Isometry3, Point3};
@@ -228,6 +228,23 @@ impl<E: Engine> Scene<E> {
                 None => format!("object{object}#{shape}"),
             },
         }
+    }
+    /// The robots as what moves, in their order. Their frames are numbered through: those of the first robot, then those of the
+    /// second, and the world itself is the last.
+    pub fn skeletons(&self) -> &[Skeleton] {
+        &self.bodies.skeletons
+    }
+    /// All solid shapes, those of the robots before those of the obstacles, on frames as [`Scene::skeletons`] numbers them.
+    pub fn colliders(&self) -> impl Iterator<Item = &Collider> {
+        self.world.solids.iter().map(|solid| &solid.collider)
+    }
+    /// The reflex pairs that can move against each other, as indices into [`Scene::colliders`]: what every query tests.
+    pub fn pairs(&self) -> &[IndexPair] {
+        &self.world.pairs
+    }
+    /// Who a collider is.
+    pub fn shape_id(&self, collider: u32) -> Option<ShapeId> {
+        self.world.solids.get(collider as usize).map(|solid| solid.id)
     }
     /// The robots, prepared.
     pub(crate) fn bodies(&self) -> &Bodies {

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 ///
 /// What is constant between two moving joints is multiplied once, here, and not at every pose.
 #[derive(Clone, Debug)]
-pub(crate) struct Skeleton {
+pub struct Skeleton {
     /// `world_from_robot`: frame 0.
     pub base: Isometry3<f64>,
     /// The joint that carries frame `i + 1`; a joint's parent frame has a lower number than its own.
@@ -23,7 +23,7 @@ pub(crate) struct Skeleton {
 
 /// A joint that moves: a hinge proper, or a slide.
 #[derive(Clone, Debug)]
-pub(crate) struct Hinge {
+pub struct Hinge {
     /// The frame it is fixed to.
     pub parent: usize,
     /// Whether it turns or slides.
@@ -48,7 +48,7 @@ pub(crate) struct Hinge {
 
 impl Hinge {
     /// Where it stands at a pose of the robot, rad or meters; positions beyond the limits count as the limit.
-    fn position(&self, pose: &[f64]) -> f64 {
+    pub fn position(&self, pose: &[f64]) -> f64 {
         let q = pose.get(self.motor).copied().unwrap_or(self.home);
         self.min + (q.max(self.limits.0).min(self.limits.1) - self.limits.0) * self.gain
     }

@@ -1,0 +1,124 @@
+//! Poses per second and core: [`FastScene::free`] against [`Scene::free`], the same shapes, pairs and poses, in interleaved rounds.
+//!
+//! On random poses, and on straight lines of 64 poses between them. Robots: those that ship, the original `icub.xml` where the shared
+//! reference data is (`MOBEE_SHARED`, or `../shared`), and the files that are given:
+//! `cargo bench -p mobee-fast --bench verdicts -- ur5.xml panda.xml`. Every verdict is compared; `MOBEE_POSES` sets how many.
+#![allow(clippy::disallowed_methods)] // a measurement of the processor
+
+use mobee_fast::{FastScene, InstructionSet};
+use mobee_model::{Robot, Scene, load_robot, load_world, random_poses};
+use nalgebra::Isometry3;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Rounds; the median and the extremes are reported.
+const ROUNDS: usize = 7;
+/// Poses of a line.
+const LINE: usize = 64;
+
+fn main() {
+    let given = std::env::args().skip(1).filter(|a| !a.starts_with("--")).map(PathBuf::from);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let shared = std::env::var_os("MOBEE_SHARED").map_or_else(|| root.join("../shared"), PathBuf::from).join("reference");
+    let own = ["icub", "katana"].map(|name| root.join(format!("configs/robots/{name}.xml")));
+    let reference = ["mobee-original-data/icub.xml", "mobee-oracle/edge/edge_a.xml"].map(|file| shared.join(file));
+    let count = std::env::var("MOBEE_POSES").ok().and_then(|n| n.parse().ok()).unwrap_or(20_000);
+    println!("{}", header());
+    for file in reference.into_iter().chain(own).chain(given) {
+        let Ok(robot) = load_robot(&file) else {
+            println!("{}: not there, or not a robot", file.display());
+            continue;
+        };
+        let robot = Arc::new(robot.value);
+        let scene = |objects| Scene::new(vec![(robot.clone(), Isometry3::identity())], objects).expect("a scene");
+        let name = file.iter().rev().take(2).map(|p| p.to_string_lossy()).collect::<Vec<_>>();
+        let name = format!("{}/{}", name[1], name[0]);
+        compare(&name, &robot, &scene(Vec::new()), count);
+        let world = shared.join("mobee-oracle/icub/world20.xml");
+        if name.contains("icub.xml")
+            && let Ok(objects) = load_world(world)
+        {
+            compare(&format!("{name}, 20 obstacles"), &robot, &scene(objects.value), count);
+        }
+    }
+}
+
+fn header() -> String {
+    format!(
+        "{:44} {:7} {:>6} {:>8} {:>6} {:>9}  {:>8}  {:>26}  {:>22}  {:>8}",
+        "robot", "poses", "free", "pairs", "pruned", "lanes", "ratio", "fast, poses/s min med max", "scalar, poses/s", "doubtful"
+    )
+}
+
+/// Random poses, or straight lines between random ones.
+fn poses(robot: &Robot, count: usize, lines: bool) -> Vec<f64> {
+    let mut random = random_poses(robot, 7);
+    if !lines {
+        return random.take(count).flatten().collect();
+    }
+    let ends: Vec<Vec<f64>> = random.by_ref().take(count / LINE + 1).collect();
+    let between = |pair: &[Vec<f64>]| {
+        let (from, to) = (pair[0].clone(), pair[1].clone());
+        // A fifth of the way: about as long as a roadmap's edges.
+        let at = move |i: usize| 0.2 * i as f64 / LINE as f64;
+        (0..LINE).flat_map(move |i| from.iter().zip(&to).map(|(a, b)| a + (b - a) * at(i)).collect::<Vec<_>>()).collect::<Vec<_>>()
+    };
+    ends.windows(2).flat_map(between).collect()
+}
+
+fn compare(name: &str, robot: &Robot, scene: &Scene, count: usize) {
+    for lines in [false, true] {
+        let poses = poses(robot, count, lines);
+        let motors = robot.motors.len();
+        let count = poses.len() / motors;
+        let sets = InstructionSet::available();
+        let mut fast: Vec<FastScene> =
+            sets.iter().map(|set| FastScene::with_instructions(scene, 0.0, *set).expect("it compiles")).collect();
+        let (mut scalar_rates, mut rates) = (Vec::new(), vec![Vec::new(); fast.len()]);
+        let (mut expected, mut free) = (Vec::new(), Vec::new());
+        for _ in 0..ROUNDS {
+            // A slice of them is enough for the slow one, but for the first round, which compares all.
+            let slice = if expected.is_empty() { count } else { count.min(4000) };
+            let start = Instant::now();
+            let verdicts: Vec<bool> =
+                poses.chunks_exact(motors).take(slice).map(|pose| scene.free(&[pose], 0.0)).collect();
+            scalar_rates.push(slice as f64 / start.elapsed().as_secs_f64());
+            if expected.is_empty() {
+                expected = verdicts;
+            }
+            for (fast, rates) in fast.iter_mut().zip(&mut rates) {
+                let start = Instant::now();
+                fast.free(&poses, &mut free).expect("whole poses");
+                rates.push(count as f64 / start.elapsed().as_secs_f64());
+                assert!(free == expected, "{name}: verdicts differ");
+            }
+        }
+        let share = expected.iter().filter(|free| **free).count() as f64 / count as f64;
+        let scalar = sorted(scalar_rates);
+        for (fast, rates) in fast.iter().zip(rates) {
+            let (rates, figures) = (sorted(rates), fast.figures());
+            println!(
+                "{name:44} {:7} {:5.1}% {:8} {:6} {:>9}  {:7.1}x  {:8.0} {:8.0} {:8.0}  {:6.0} {:7.0} {:7.0}  {:.4}%",
+                if lines { "lines" } else { "random" },
+                100.0 * share,
+                figures.pairs,
+                figures.pruned,
+                format!("{:?}", fast.instructions()),
+                rates[ROUNDS / 2] / scalar[ROUNDS / 2],
+                rates[0],
+                rates[ROUNDS / 2],
+                rates[ROUNDS - 1],
+                scalar[0],
+                scalar[ROUNDS / 2],
+                scalar[ROUNDS - 1],
+                100.0 * figures.doubtful as f64 / figures.poses as f64
+            );
+        }
+    }
+}
+
+fn sorted(mut rates: Vec<f64>) -> Vec<f64> {
+    rates.sort_by(f64::total_cmp);
+    rates
+}

@@ -1,0 +1,338 @@
+//! From a scene to a program.
+//!
+//! ```text
+//! skeletons ──follow──> frames ──┐                          groups of solids, balls, regions
+//! colliders ─────────────────────┼──> pairs that can meet ──> steps, most telling pairs first
+//! ```
+
+use crate::bound::{REFERENCE, TESTS, U};
+use crate::chain::{LaneFrame, follow};
+use crate::program::{Ball, FlatClause, Form, Group, PairTest, Program, Solid};
+use crate::steps::Layout;
+use crate::sweep::{Sphere, least_distance};
+use mobee_model::{Collider, Scene, Shape};
+use nalgebra::{Isometry3, Vector3};
+use std::ops::Range;
+
+/// A subtree is a region of its own, placed only when something comes near, if the ball that holds it at every pose is smaller than
+/// this share of the robot's: a hand is, an arm is not. A matter of speed alone.
+const REGION: f64 = 0.2;
+/// A region has at least so many frames with solids.
+const REGION_FRAMES: usize = 3;
+
+/// A program, and what its steps can be ordered anew by.
+pub(crate) struct Compiled {
+    pub program: Program,
+    pub layout: Layout,
+    /// Pairs that can never meet, left out.
+    pub pruned: usize,
+    /// The frames as they were chosen, for tests.
+    pub frames: Vec<LaneFrame>,
+}
+
+/// A solid in its lane frame.
+struct Sized {
+    frame: usize,
+    pose: Isometry3<f64>,
+    shape: Shape,
+    /// How far any of its points is displaced by rounding, meters.
+    error: f64,
+}
+
+impl Sized {
+    fn ball(&self) -> Sphere {
+        Sphere { center: self.pose.translation.vector, radius: self.shape.bounding_radius() }
+    }
+}
+
+/// Compiles a scene for one clearance, meters.
+pub(crate) fn compile(scene: &Scene, clearance: f64) -> Compiled {
+    let frames = frames(scene);
+    let colliders: Vec<&Collider> = scene.colliders().collect();
+    let sized: Vec<Sized> = colliders.iter().map(|c| sized(c, &frames)).collect();
+    let (pairs, pruned) = pairs_that_can_meet(scene, &sized, &frames, clearance);
+    let used = |s: &usize| pairs.iter().any(|(a, b)| *a == *s || *b == *s);
+    let mut order: Vec<usize> = (0..sized.len()).filter(used).collect();
+    order.sort_by_key(|s| sized[*s].frame);
+    let groups = groups(&order, &sized, &frames);
+    let regions = regions(&frames, &groups, &order, &sized, &pairs);
+    let mut program = Program { frames: frames.len(), ..Program::default() };
+    place_frames(&mut program, &frames, &regions, &order, &sized);
+    constraints(&mut program, scene);
+    place_solids(&mut program, &order, &sized, &groups, &frames);
+    let mut layout = Layout::new(&groups, clearance);
+    for range in &groups {
+        let balls: Vec<Sphere> = order[range.clone()].iter().map(|s| sized[*s].ball()).collect();
+        let frame = sized[order[range.start]].frame;
+        let region = regions.iter().position(|r| r.has[frame]);
+        add_ball(&mut program, &mut layout, &frames, (frame, Sphere::around(&balls)), Some(region));
+    }
+    for region in &regions {
+        add_ball(&mut program, &mut layout, &frames, (region.root, region.ball), None);
+    }
+    list_balls(&mut program);
+    let place = |s: usize| order.iter().position(|o| *o == s).unwrap_or_default();
+    for &(a, b) in &pairs {
+        let test = pair_test((place(a), &sized[a]), (place(b), &sized[b]), (a as u32, b as u32), clearance);
+        program.pairs.push(test);
+    }
+    layout.solids = order.iter().map(|s| (sized[*s].ball().radius, sized[*s].error)).collect();
+    program.steps = layout.steps(&program, &vec![0; program.pairs.len()]);
+    Compiled { program, layout, pruned, frames }
+}
+
+/// The frames of all robots and the world, numbered as the scene does.
+fn frames(scene: &Scene) -> Vec<LaneFrame> {
+    let (mut frames, mut motors) = (Vec::new(), 0);
+    for (skeleton, robot) in scene.skeletons().iter().zip(scene.robots()) {
+        follow(skeleton, motors, &mut frames);
+        motors += robot.motors.len();
+    }
+    frames.push(LaneFrame::world());
+    frames
+}
+
+fn sized(collider: &Collider, frames: &[LaneFrame]) -> Sized {
+    let frame = &frames[collider.frame];
+    let pose = frame.choice.inverse() * collider.pose;
+    let error = frame.bound.solid(pose.translation.vector.norm(), collider.shape.bounding_radius());
+    Sized { frame: collider.frame, pose, shape: collider.shape, error }
+}
+
+/// The scene's pairs but for those that are proved to keep apart, and how many these are.
+fn pairs_that_can_meet(
+    scene: &Scene,
+    sized: &[Sized],
+    frames: &[LaneFrame],
+    clearance: f64,
+) -> (Vec<(usize, usize)>, usize) {
+    let meet = |&(a, b): &(usize, usize)| {
+        let (a, b) = (&sized[a], &sized[b]);
+        // A little more, for the rounding of this here and of the reference.
+        least_distance(frames, (a.frame, a.ball()), (b.frame, b.ball())) <= clearance + REFERENCE
+    };
+    let all = scene.pairs().iter().map(|(a, b)| (*a as usize, *b as usize));
+    let pairs: Vec<_> = all.filter(meet).collect();
+    let pruned = scene.pairs().len() - pairs.len();
+    (pairs, pruned)
+}
+
+/// Ranges of `order` (solids by frame): those of one moving frame, and each fixed solid alone, since they may stand anywhere.
+fn groups(order: &[usize], sized: &[Sized], frames: &[LaneFrame]) -> Vec<Range<usize>> {
+    let mut groups: Vec<Range<usize>> = Vec::new();
+    for (i, s) in order.iter().enumerate() {
+        let frame = sized[*s].frame;
+        match groups.last_mut() {
+            Some(last) if sized[order[last.start]].frame == frame && frames[frame].carried.is_some() => last.end = i + 1,
+            _ => groups.push(i..i + 1),
+        }
+    }
+    groups
+}
+
+/// A subtree that is placed on demand.
+pub(crate) struct Region {
+    /// Its uppermost frame, which is always placed.
+    pub root: usize,
+    /// Per frame of the scene: whether it is in the region, the root included.
+    pub has: Vec<bool>,
+    /// Holds it at every pose; in the root's frame.
+    pub ball: Sphere,
+}
+
+/// Subtrees that are small at every pose and have no pairs of their own.
+fn regions(
+    frames: &[LaneFrame],
+    groups: &[Range<usize>],
+    order: &[usize],
+    sized: &[Sized],
+    pairs: &[(usize, usize)],
+) -> Vec<Region> {
+    let below = |root: usize| {
+        let mut has = vec![false; frames.len()];
+        has[root] = true;
+        for f in root + 1..frames.len() {
+            has[f] = frames[f].carried.as_ref().is_some_and(|c| has[c.parent]);
+        }
+        has
+    };
+    let ball = |root: usize, has: &[bool]| {
+        let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
+        Sphere::around(&inside.map(|s| s.ball().swept(frames, s.frame, root)).collect::<Vec<_>>())
+    };
+    let mut regions: Vec<Region> = Vec::new();
+    let mut whole = 0.0;
+    for (root, frame) in frames.iter().enumerate() {
+        if frame.carried.is_none() {
+            whole = ball(root, &below(root)).radius;
+            continue;
+        }
+        let has = below(root);
+        let solid_frames = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count();
+        if solid_frames < REGION_FRAMES || regions.iter().any(|r| r.has[root]) {
+            continue;
+        }
+        let own_pairs = pairs.iter().any(|(a, b)| has[sized[*a].frame] && has[sized[*b].frame]);
+        let held = ball(root, &has);
+        if held.radius <= REGION * whole && !own_pairs {
+            regions.push(Region { root, has, ball: held });
+        }
+    }
+    regions
+}
+
+/// Joints that carry anything, region by region.
+fn place_frames(program: &mut Program, frames: &[LaneFrame], regions: &[Region], order: &[usize], sized: &[Sized]) {
+    let mut live = vec![false; frames.len()];
+    for s in order {
+        live[sized[*s].frame] = true;
+    }
+    for (f, frame) in frames.iter().enumerate().rev() {
+        match &frame.carried {
+            Some(carried) => live[carried.parent] |= live[f],
+            None => program.fixed_frames.push((f, columns(&frame.fixed))),
+        }
+    }
+    let region = |f: usize| regions.iter().position(|r| r.has[f] && r.root != f).map_or(0, |r| r + 1);
+    for r in 0..=regions.len() {
+        let first = program.joints.len();
+        let own = frames.iter().enumerate().filter(|(f, _)| live[*f] && region(*f) == r);
+        program.joints.extend(own.filter_map(|(_, frame)| frame.carried.as_ref()).map(|c| c.joint.clone()));
+        program.regions.push(first..program.joints.len());
+    }
+}
+
+/// Axes x, y, z and origin.
+fn columns(pose: &Isometry3<f64>) -> [f32; 12] {
+    let numbers = pose.to_homogeneous();
+    std::array::from_fn(|i| numbers[(i % 3, i / 3)] as f32)
+}
+
+fn constraints(program: &mut Program, scene: &Scene) {
+    for robot in scene.robots() {
+        let first = program.limits.len();
+        program.limits.extend(robot.motors.iter().map(|m| (m.min, m.max)));
+        for clause in robot.parts.iter().flat_map(|part| &part.clauses) {
+            let degrees = 1f64.to_degrees();
+            let flat = |h: &mobee_model::HalfSpace| (h.terms.iter().map(|(m, a)| (first + m, a * degrees)).collect(), h.b);
+            let members: Vec<(Vec<(usize, f64)>, f64)> = clause.0.iter().map(flat).collect();
+            let size = |(terms, b): &(Vec<(usize, f64)>, f64)| {
+                let most = |m: usize| program.limits.get(m).map_or(0.0, |(low, high)| low.abs().max(high.abs()));
+                terms.iter().map(|(m, a)| a.abs() * most(*m)).sum::<f64>() + b.abs()
+            };
+            let doubt = 1e-12 * members.iter().map(size).fold(1.0, f64::max);
+            program.clauses.push(FlatClause { members, doubt });
+        }
+    }
+}
+
+fn place_solids(
+    program: &mut Program,
+    order: &[usize],
+    sized: &[Sized],
+    groups: &[Range<usize>],
+    frames: &[LaneFrame],
+) {
+    for solid in order.iter().map(|s| &sized[*s]) {
+        let (axes, form) = form(&solid.shape, inset(solid));
+        let axes: Vec<[f32; 3]> = axes.iter().map(|axis| single(&(solid.pose.rotation * axis))).collect();
+        let first_axis = program.axes;
+        program.axes += axes.len();
+        let center = single(&solid.pose.translation.vector);
+        program.solids.push(Solid { frame: solid.frame, center, axes, first_axis, form });
+    }
+    for range in groups {
+        let fixed = frames[sized[order[range.start]].frame].carried.is_none();
+        program.groups.push(Group { solids: range.clone(), fixed });
+    }
+}
+
+fn single(v: &Vector3<f64>) -> [f32; 3] {
+    v.map(|x| x as f32).into()
+}
+
+/// By how much a core is smaller than its shape: so that overlapping shapes can be told by cores that meet, more than rounding
+/// can make of it; and no more than the shape has.
+fn inset(solid: &Sized) -> f64 {
+    let thin = match solid.shape {
+        Shape::Sphere { .. } | Shape::Capsule { .. } => return 0.0,
+        Shape::Cylinder { radius, height } => radius.min(height / 2.0),
+        Shape::Box { size } => size.min() / 2.0,
+    };
+    (4.0 * (solid.error + REFERENCE)).min(thin / 2.0)
+}
+
+/// Axes and sizes.
+fn form(shape: &Shape, inset: f64) -> (Vec<Vector3<f64>>, Form) {
+    let y = vec![Vector3::y()];
+    match *shape {
+        Shape::Sphere { radius } => (y, Form::Round { half: 0.0, radius: radius as f32 }),
+        Shape::Capsule { radius, height } => (y, Form::Round { half: (height / 2.0) as f32, radius: radius as f32 }),
+        Shape::Cylinder { radius, height } => {
+            (y, Form::Cylinder { half: (height / 2.0) as f32, radius: radius as f32, inset: inset as f32 })
+        }
+        Shape::Box { size } => {
+            let long = size.imax();
+            let order = [long, (long + 1) % 3, (long + 2) % 3];
+            let axes = order.map(|i| Vector3::ith(i, 1.0)).to_vec();
+            (axes, Form::Box { half: order.map(|i| (size[i] / 2.0) as f32), inset: inset as f32 })
+        }
+    }
+}
+
+fn add_ball(
+    program: &mut Program,
+    layout: &mut Layout,
+    frames: &[LaneFrame],
+    (frame, ball): (usize, Sphere),
+    group: Option<Option<usize>>,
+) {
+    program.balls.push(Ball { frame, center: single(&ball.center) });
+    let error = frames[frame].bound.solid(ball.center.norm(), 0.0);
+    layout.add_ball(ball.radius, error, group);
+}
+
+/// Which balls are on which frame.
+fn list_balls(program: &mut Program) {
+    program.ball_order = (0..program.balls.len()).collect();
+    program.ball_order.sort_by_key(|b| program.balls[*b].frame);
+    let frame = |b: &usize| program.balls[*b].frame;
+    program.frame_balls = (0..program.frames)
+        .map(|f| {
+            let order = &program.ball_order;
+            order.partition_point(|b| frame(b) < f)..order.partition_point(|b| frame(b) <= f)
+        })
+        .collect();
+}
+
+/// The thresholds of a pair.
+fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance: f64) -> PairTest {
+    let [(left, x), (right, y)] = [a, b];
+    let round = [x, y].map(|s| matches!(s.shape, Shape::Sphere { .. } | Shape::Capsule { .. }));
+    let is_round = round[0] && round[1];
+    let balls = x.ball().radius + y.ball().radius;
+    let band = x.error + y.error + TESTS * (balls + clearance) + if is_round { 1e-9 } else { REFERENCE };
+    let capsules = [x, y].map(|s| s.shape.bounding_capsule());
+    let radii: f64 = capsules.iter().map(|c| c.radius).sum();
+    // How far the cores of `distance.rs` are inside their shapes.
+    let inside: f64 = [x, y].map(|s| if s.is_round() { s.shape.bounding_capsule().radius } else { inset(s) }).iter().sum();
+    let round_radii: f64 = [x, y].map(|s| if s.is_round() { s.shape.bounding_capsule().radius } else { 0.0 }).iter().sum();
+    let up = |x: f64| (x * (1.0 + 4.0 * U)) as f32;
+    PairTest {
+        a: left,
+        b: right,
+        ids,
+        ball_squared: up((balls + clearance + band).powi(2)),
+        half: capsules.map(|c| c.half_axis.norm() as f32),
+        outer: up(radii + clearance + band),
+        inner: ((inside + clearance - band) * (1.0 - 4.0 * U)) as f32,
+        apart: up(round_radii + clearance + band),
+        round: is_round,
+    }
+}
+
+impl Sized {
+    fn is_round(&self) -> bool {
+        matches!(self.shape, Shape::Sphere { .. } | Shape::Capsule { .. })
+    }
+}

@@ -1,0 +1,170 @@
+//! Two solids, sixteen times: surely apart, surely not, or in doubt.
+//!
+//! No answer trusts the way it was found. *Not free* is witnessed by two points, one of each core, that are near; *free* by a
+//! direction along which the supports of the two shapes are apart:
+//!
+//! ```text
+//! g·(a - b) - support of A along g - support of B along g  >  |g| · clearance
+//! ```
+//!
+//! Points and direction may be the nearest ones or not, a bad one only leaves a lane in doubt. So only the rounding of these two tests
+//! themselves counts, and that is in the thresholds (`bound.rs`).
+
+use crate::kernel::Block;
+use crate::lanes::{Lanes, Mask};
+use crate::program::{Form, PairTest, Program, Solid};
+use crate::vector::{Rows3, V3};
+
+/// Projections before a pair is left to the reference.
+const ROUNDS: usize = 12;
+
+/// What is known of a pair.
+#[derive(Clone, Copy)]
+pub(crate) struct Found {
+    pub touching: Mask,
+    pub doubtful: Mask,
+}
+
+/// A solid in its place.
+#[derive(Clone, Copy)]
+struct Placed<'a, L> {
+    form: Form,
+    center: V3<L>,
+    /// One, or three for a box.
+    axes: &'a [Rows3],
+}
+
+/// Tests a pair in the lanes that count.
+#[inline(always)]
+pub(crate) fn test_pair<L: Lanes>(program: &Program, block: &Block, pair: &PairTest, live: Mask) -> Found {
+    let (a, b) = (placed::<L>(program, block, pair.a), placed::<L>(program, block, pair.b));
+    let between = a.center.minus(b.center);
+    let mut near = between.squared().below(L::splat(pair.ball_squared)) & live;
+    if near == 0 {
+        return Found { touching: 0, doubtful: 0 };
+    }
+    // Axes of the capsules that hold them, their nearest points, and the direction from the second to the first.
+    let (u, v) = (V3::<L>::load(&a.axes[0]), V3::<L>::load(&b.axes[0]));
+    let half = pair.half.map(L::splat);
+    let (s, t) = nearest(between, u, v, half);
+    let g = between.along(u, s).against(v, t);
+    let squared = g.squared();
+    let reach = half[0] * g.dot(u).abs() + half[1] * g.dot(v).abs();
+    near &= !apart(g.dot(between) - reach, squared, pair.outer);
+    if pair.round {
+        let touching = touching(squared, pair.inner) & near;
+        return Found { touching, doubtful: near & !touching };
+    }
+    if near == 0 {
+        return Found { touching: 0, doubtful: 0 };
+    }
+    project_to_and_fro(&a, &b, a.center.along(u, s), pair, near)
+}
+
+#[inline(always)]
+fn placed<'a, L: Lanes>(program: &Program, block: &'a Block, index: usize) -> Placed<'a, L> {
+    let solid: &Solid = &program.solids[index];
+    let center = V3::load(&block.centers[program.balls.len() + index]);
+    Placed { form: solid.form, center, axes: &block.axes[solid.first_axis..] }
+}
+
+/// Whether supports are apart by more than `distance` along a direction of this squared length.
+#[inline(always)]
+fn apart<L: Lanes>(gap: L, squared: L, distance: f32) -> Mask {
+    L::splat(0.0).below(gap) & (squared * L::splat(distance * distance)).below(gap * gap)
+}
+
+/// Whether points of this squared distance are nearer than `distance`.
+#[inline(always)]
+fn touching<L: Lanes>(squared: L, distance: f32) -> Mask {
+    if distance > 0.0 { squared.below(L::splat(distance * distance)) } else { 0 }
+}
+
+/// Where two segments come nearest, as ways along their unit axes from their middles; `between` points from the second middle to the
+/// first. After Ericson, *Real-Time Collision Detection*, 5.1.9, without branches: where they are parallel any point will do, and the
+/// last line makes the best of whatever came before.
+#[inline(always)]
+fn nearest<L: Lanes>(between: V3<L>, u: V3<L>, v: V3<L>, half: [L; 2]) -> (L, L) {
+    let (uv, ur, vr) = (u.dot(v), u.dot(between), v.dot(between));
+    let sine_squared = uv.neg_mul_add(uv, L::splat(1.0)).max(L::splat(1e-7));
+    let s = (uv * vr - ur).div(sine_squared).clamp(half[0]);
+    let t = uv.mul_add(s, vr).clamp(half[1]);
+    (uv.mul_add(t, L::splat(0.0) - ur).clamp(half[0]), t)
+}
+
+/// Alternating projections from core to core, with Nesterov's momentum: they go to the nearest points, and on the way every
+/// pair of points and every direction is tried as a witness.
+#[inline(always)]
+fn project_to_and_fro<L: Lanes>(
+    a: &Placed<L>,
+    b: &Placed<L>,
+    start: V3<L>,
+    pair: &PairTest,
+    mut near: Mask,
+) -> Found {
+    let between = a.center.minus(b.center);
+    let (mut from, mut last, mut found) = (start, start, 0);
+    for round in 0..ROUNDS {
+        let on_b = project(b, from);
+        let on_a = project(a, on_b);
+        let g = on_a.minus(on_b);
+        let squared = g.squared();
+        let hit = touching(squared, pair.inner) & near;
+        let gap = g.dot(between) - support(a, g) - support(b, g);
+        found |= hit;
+        near &= !(hit | apart(gap, squared, pair.apart));
+        if near == 0 {
+            break;
+        }
+        from = on_a.along(on_a.minus(last), L::splat(round as f32 / (round as f32 + 3.0)));
+        last = on_a;
+    }
+    Found { touching: found, doubtful: near }
+}
+
+/// The point of a solid's core nearest to a point.
+#[inline(always)]
+fn project<L: Lanes>(solid: &Placed<L>, point: V3<L>) -> V3<L> {
+    let way = point.minus(solid.center);
+    let axis = |i: usize| V3::<L>::load(&solid.axes[i]);
+    match solid.form {
+        Form::Round { half, .. } => solid.center.along(axis(0), axis(0).dot(way).clamp(L::splat(half))),
+        Form::Cylinder { half, radius, inset } => {
+            let u = axis(0);
+            let along = u.dot(way);
+            let across = way.against(u, along);
+            let length = across.squared().sqrt().max(L::splat(1e-12));
+            let share = L::splat(radius - inset).div(length).min(L::splat(1.0));
+            solid.center.along(u, along.clamp(L::splat(half - inset))).along(across, share)
+        }
+        Form::Box { half, inset } => {
+            let mut at = solid.center;
+            for (i, half) in half.into_iter().enumerate() {
+                at = at.along(axis(i), axis(i).dot(way).clamp(L::splat(half - inset)));
+            }
+            at
+        }
+    }
+}
+
+/// How far a solid reaches from its center along a direction, times that direction's length; without the radius of round ones.
+#[inline(always)]
+fn support<L: Lanes>(solid: &Placed<L>, g: V3<L>) -> L {
+    let axis = |i: usize| V3::<L>::load(&solid.axes[i]);
+    match solid.form {
+        Form::Round { half, .. } => L::splat(half) * g.dot(axis(0)).abs(),
+        Form::Cylinder { half, radius, .. } => {
+            let along = g.dot(axis(0));
+            // As a vector: from the lengths alone it would be lost to rounding where g is along the axis.
+            let across = g.against(axis(0), along).squared().sqrt();
+            L::splat(half) * along.abs() + L::splat(radius) * across
+        }
+        Form::Box { half, .. } => {
+            let mut sum = L::splat(0.0);
+            for (i, half) in half.into_iter().enumerate() {
+                sum = L::splat(half).mul_add(g.dot(axis(i)).abs(), sum);
+            }
+            sum
+        }
+    }
+}

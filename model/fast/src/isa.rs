@@ -1,0 +1,79 @@
+//! Which vector instructions a block is judged with: asked of the processor once, when a scene is compiled.
+
+use crate::kernel::{Block, judge};
+#[cfg(target_arch = "x86_64")]
+use crate::lanes::{Avx2, Avx512};
+use crate::lanes::{Mask, Portable};
+use crate::program::Program;
+
+/// A set of vector instructions that [`crate::FastScene`] has been compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum InstructionSet {
+    /// Whatever every processor of the kind has.
+    Portable,
+    /// AVX2 with FMA, x86-64.
+    Avx2,
+    /// AVX-512 (F, DQ, VL, BW), x86-64.
+    Avx512,
+}
+
+impl InstructionSet {
+    /// Those that this processor has, the best last.
+    pub fn available() -> Vec<Self> {
+        let mut all = vec![Self::Portable];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+                all.push(Self::Avx2);
+                let rest = is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl");
+                if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") && rest {
+                    all.push(Self::Avx512);
+                }
+            }
+        }
+        all
+    }
+}
+
+/// Runs the kernel. The value says that the processor has the instructions: only [`checked`] makes one.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Runner(InstructionSet);
+
+/// A runner, if the processor has the instructions.
+pub(crate) fn checked(set: InstructionSet) -> Option<Runner> {
+    InstructionSet::available().contains(&set).then_some(Runner(set))
+}
+
+impl Runner {
+    pub fn set(self) -> InstructionSet {
+        self.0
+    }
+
+    /// See [`judge`].
+    pub fn judge(self, program: &Program, block: &mut Block, asked: Mask) -> Mask {
+        match self.0 {
+            InstructionSet::Portable => judge::<Portable>(program, block, asked),
+            // SAFETY: whoever made this value has asked the processor.
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2 => unsafe { judge_avx2(program, block, asked) },
+            // SAFETY: whoever made this value has asked the processor.
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512 => unsafe { judge_avx512(program, block, asked) },
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => judge::<Portable>(program, block, asked),
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn judge_avx2(program: &Program, block: &mut Block, asked: Mask) -> Mask {
+    judge::<Avx2>(program, block, asked)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
+fn judge_avx512(program: &Program, block: &mut Block, asked: Mask) -> Mask {
+    judge::<Avx512>(program, block, asked)
+}

@@ -1,0 +1,252 @@
+//! The kernel: sixteen poses through a program. One source for all instruction sets.
+
+use crate::distance::test_pair;
+use crate::lanes::{Lanes, Mask, Row, WIDTH, WideRow};
+use crate::program::{Bend, FlatClause, Joint, Motion, Program, Step};
+use crate::vector::{Rows3, V3};
+
+/// What the kernel reads and writes: allocated once, used again for every block.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Block {
+    /// Per motor: its position in every lane, within its limits, rad of encoder. What the kernel is given.
+    pub motors: Vec<WideRow>,
+    /// Per frame: its axes x, y, z and its origin, world frame.
+    pub frames: Vec<[Rows3; 4]>,
+    /// Centers of balls, then of solids, world frame.
+    pub centers: Vec<Rows3>,
+    /// Axes of solids, world frame.
+    pub axes: Vec<Rows3>,
+    regions_placed: Vec<bool>,
+    groups_placed: Vec<bool>,
+    /// Lanes in which rounding could decide about a pair: (pair, lanes).
+    pub doubts: Vec<(usize, Mask)>,
+    /// Lanes in which it could decide about constraints.
+    pub doubtful_constraints: Mask,
+    /// Per pair, in how many lanes it decided; empty unless evidence is gathered.
+    pub decided: Vec<u32>,
+}
+
+impl Block {
+    /// Room for a program's poses, with all in place that no pose moves.
+    pub fn new(program: &Program) -> Self {
+        let mut block = Block {
+            motors: vec![WideRow::default(); program.limits.len()],
+            frames: vec![Default::default(); program.frames],
+            centers: vec![Default::default(); program.balls.len() + program.solids.len()],
+            axes: vec![Default::default(); program.axes],
+            regions_placed: vec![false; program.regions.len()],
+            groups_placed: vec![false; program.groups.len()],
+            ..Block::default()
+        };
+        for (frame, numbers) in &program.fixed_frames {
+            for (row, x) in block.frames[*frame].iter_mut().flatten().zip(numbers) {
+                *row = Row([*x; WIDTH]);
+            }
+            place_balls::<crate::lanes::Portable>(program, &mut block, *frame);
+        }
+        for (g, _) in program.groups.iter().enumerate().filter(|(_, group)| group.fixed) {
+            place_group::<crate::lanes::Portable>(program, &mut block, g);
+        }
+        block
+    }
+}
+
+/// Judges the lanes of a block that are asked for.
+///
+/// # Returns
+/// The lanes that surely touch or violate a constraint. Of the others those are free that are in no doubt: see
+/// [`Block::doubts`].
+#[inline(always)]
+pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask) -> Mask {
+    block.doubts.clear();
+    block.doubtful_constraints = 0;
+    let mut live = asked & !violated::<L>(program, block);
+    for (placed, group) in block.groups_placed.iter_mut().zip(&program.groups) {
+        *placed = group.fixed;
+    }
+    block.regions_placed.fill(false);
+    place_region::<L>(program, block, 0);
+    let mut at = 0;
+    while let Some(step) = program.steps.get(at) {
+        at += 1;
+        match *step {
+            Step::Near { a, b, within_squared, skip } => {
+                let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
+                if between.squared().below(L::splat(within_squared)) & live == 0 {
+                    at = skip;
+                }
+            }
+            Step::Region(region) => place_region::<L>(program, block, region),
+            Step::Group(group) => {
+                if !block.groups_placed[group] {
+                    block.groups_placed[group] = true;
+                    place_group::<L>(program, block, group);
+                }
+            }
+            Step::Pair(index) => {
+                let found = test_pair::<L>(program, block, &program.pairs[index], live);
+                if found.touching | found.doubtful != 0 {
+                    live &= !found.touching;
+                    if found.doubtful != 0 {
+                        block.doubts.push((index, found.doubtful));
+                    }
+                    if let Some(count) = block.decided.get_mut(index) {
+                        *count += found.touching.count_ones();
+                    }
+                    if live == 0 {
+                        break;
+                    }
+                }
+            }
+        }
+    }
+    asked & !live
+}
+
+/// Puts the frames of a region in place, and the balls on them.
+#[inline(always)]
+fn place_region<L: Lanes>(program: &Program, block: &mut Block, region: usize) {
+    if std::mem::replace(&mut block.regions_placed[region], true) {
+        return;
+    }
+    for joint in &program.joints[program.regions[region].clone()] {
+        place_frame::<L>(block, joint);
+        place_balls::<L>(program, block, joint.frame);
+    }
+}
+
+#[inline(always)]
+fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint) {
+    let parent = &block.frames[joint.parent];
+    let [mut x, mut y, mut z, origin] = [0, 1, 2, 3].map(|i| V3::<L>::load(&parent[i]));
+    let mut origin = moved(origin, [x, y, z], joint.shift);
+    let q = &block.motors[joint.motor];
+    match joint.motion {
+        Motion::Turn { about_z, about_x } => {
+            (x, y) = bend(x, y, about_z);
+            (y, z) = bend(y, z, about_x);
+            let (mut sine, mut cosine) = (Row::default(), Row::default());
+            sine_cosine::<L>(q, joint, &mut sine, &mut cosine);
+            (x, y) = turn(x, y, L::load(&cosine), L::load(&sine));
+        }
+        Motion::Slide { along } => {
+            let mut way = Row::default();
+            for (way, q) in way.0.iter_mut().zip(&q.0) {
+                *way = (joint.start + (q - joint.low) * joint.gain) as f32;
+            }
+            let zero = V3 { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
+            origin = origin.along(moved(zero, [x, y, z], along), L::load(&way));
+        }
+    }
+    let frame = &mut block.frames[joint.frame];
+    x.store(&mut frame[0]);
+    y.store(&mut frame[1]);
+    z.store(&mut frame[2]);
+    origin.store(&mut frame[3]);
+}
+
+/// A point, moved by a constant vector of a frame with these axes.
+#[inline(always)]
+fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V3<L> {
+    let mut at = point;
+    for (axis, by) in axes.into_iter().zip(by) {
+        if by != 0.0 {
+            at = at.along(axis, L::splat(by));
+        }
+    }
+    at
+}
+
+/// Two axes of a frame, turned toward each other.
+#[inline(always)]
+fn turn<L: Lanes>(u: V3<L>, v: V3<L>, cosine: L, sine: L) -> (V3<L>, V3<L>) {
+    (u.times(cosine).along(v, sine), v.times(cosine).against(u, sine))
+}
+
+#[inline(always)]
+fn bend<L: Lanes>(u: V3<L>, v: V3<L>, by: Bend) -> (V3<L>, V3<L>) {
+    match by {
+        Bend::None => (u, v),
+        Bend::Quarter => (v, u.negated()),
+        Bend::By { cosine, sine } => turn(u, v, L::splat(cosine), L::splat(sine)),
+    }
+}
+
+#[inline(always)]
+fn place_balls<L: Lanes>(program: &Program, block: &mut Block, frame: usize) {
+    for &ball in &program.ball_order[program.frame_balls[frame].clone()] {
+        let [x, y, z, origin] = [0, 1, 2, 3].map(|i| V3::<L>::load(&block.frames[frame][i]));
+        moved(origin, [x, y, z], program.balls[ball].center).store(&mut block.centers[ball]);
+    }
+}
+
+#[inline(always)]
+fn place_group<L: Lanes>(program: &Program, block: &mut Block, group: usize) {
+    let zero = V3 { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
+    for s in program.groups[group].solids.clone() {
+        let solid = &program.solids[s];
+        let [x, y, z, origin] = [0, 1, 2, 3].map(|i| V3::<L>::load(&block.frames[solid.frame][i]));
+        moved(origin, [x, y, z], solid.center).store(&mut block.centers[program.balls.len() + s]);
+        for (axis, rows) in solid.axes.iter().zip(&mut block.axes[solid.first_axis..]) {
+            moved(zero, [x, y, z], *axis).store(rows);
+        }
+    }
+}
+
+/// Sine and cosine of a joint's angle, each right to half a unit of `f32`.
+///
+/// The angle is reduced to an eighth of a turn and the series summed in `f64` (remainders below 2e-9 and 2e-10), so that neither the
+/// size of the angle nor the polynomial adds to the error. A plain loop: the compiler makes vectors of it.
+#[inline(always)]
+fn sine_cosine<L: Lanes>(q: &WideRow, joint: &Joint, sine: &mut Row, cosine: &mut Row) {
+    use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
+    /// Adding it rounds to a whole number and leaves that in the lowest bits.
+    const ROUND: f64 = 6_755_399_441_055_744.0;
+    let fma = |a: f64, b: f64, c: f64| if L::FUSED { a.mul_add(b, c) } else { a * b + c };
+    for i in 0..WIDTH {
+        let angle = joint.start + (q.0[i] - joint.low) * joint.gain;
+        let rounded = fma(angle, FRAC_2_PI, ROUND);
+        let quarter = rounded.to_bits();
+        let r = fma(rounded - ROUND, -FRAC_PI_2, angle);
+        let r2 = r * r;
+        let s = fma(r2, fma(r2, fma(r2, 1.0 / 362_880.0, -1.0 / 5_040.0), 1.0 / 120.0), -1.0 / 6.0);
+        let s = fma(r * r2, s, r);
+        let c = fma(r2, fma(r2, fma(r2, -1.0 / 3_628_800.0, 1.0 / 40_320.0), -1.0 / 720.0), 1.0 / 24.0);
+        let c = fma(r2, fma(r2, c, -0.5), 1.0);
+        let swap = quarter & 1 != 0;
+        let (a, b) = if swap { (c, s) } else { (s, c) };
+        sine.0[i] = f64::from_bits(a.to_bits() ^ ((quarter & 2) << 62)) as f32;
+        cosine.0[i] = f64::from_bits(b.to_bits() ^ ((quarter.wrapping_add(1) & 2) << 62)) as f32;
+    }
+}
+
+/// Lanes that surely violate a constraint; doubtful ones are noted.
+#[inline(always)]
+fn violated<L: Lanes>(program: &Program, block: &mut Block) -> Mask {
+    let mut violated = 0;
+    for clause in &program.clauses {
+        let value = clause_value::<L>(clause, &block.motors);
+        for (i, value) in value.0.iter().enumerate() {
+            violated |= Mask::from(*value < -clause.doubt) << i;
+            block.doubtful_constraints |= Mask::from(value.abs() <= clause.doubt) << i;
+        }
+    }
+    violated
+}
+
+#[inline(always)]
+fn clause_value<L: Lanes>(clause: &FlatClause, motors: &[WideRow]) -> WideRow {
+    let mut greatest = WideRow([f64::NEG_INFINITY; WIDTH]);
+    for (terms, constant) in &clause.members {
+        let mut sum = [*constant; WIDTH];
+        for (motor, factor) in terms {
+            for (sum, q) in sum.iter_mut().zip(&motors[*motor].0) {
+                *sum += factor * q;
+            }
+        }
+        for (greatest, sum) in greatest.0.iter_mut().zip(sum) {
+            *greatest = if sum > *greatest { sum } else { *greatest };
+        }
+    }
+    greatest
+}

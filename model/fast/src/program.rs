@@ -1,0 +1,155 @@
+//! The flat program that a scene is compiled into: data alone, interpreted by `kernel.rs`.
+//!
+//! Numbers that the lanes use are `f32`; joint positions are computed in `f64` up to sine and cosine.
+
+use mobee_model::IndexPair;
+use std::ops::Range;
+
+/// A scene, for one clearance.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Program {
+    /// Per motor of the scene, robot after robot: its limits, rad of encoder.
+    pub limits: Vec<(f64, f64)>,
+    /// What poses must satisfy.
+    pub clauses: Vec<FlatClause>,
+    /// Frames that nothing moves: rows of the rotation's columns, then the origin.
+    pub fixed_frames: Vec<(usize, [f32; 12])>,
+    /// Number of frames.
+    pub frames: usize,
+    /// Moving joints, region by region; a joint stands after the one that carries it.
+    pub joints: Vec<Joint>,
+    /// The joints of each region. The first region is placed at every pose, the others once they are asked for.
+    pub regions: Vec<Range<usize>>,
+    /// All solids, group by group.
+    pub solids: Vec<Solid>,
+    /// Solids on one frame, under one ball.
+    pub groups: Vec<Group>,
+    /// Balls: one per group, then one per region but the first.
+    pub balls: Vec<Ball>,
+    /// Indices of balls by the frame that they are on, `frame_balls[f]` being a range of it.
+    pub ball_order: Vec<usize>,
+    /// See `ball_order`.
+    pub frame_balls: Vec<Range<usize>>,
+    /// Number of rows of three for axes of solids.
+    pub axes: usize,
+    /// Pairs that steps test.
+    pub pairs: Vec<PairTest>,
+    /// What to do, in order.
+    pub steps: Vec<Step>,
+}
+
+/// A joint, and the frame that it carries: `parent · shift · turn about z · turn about x`, then the motion.
+///
+/// Frames are chosen so that every hinge turns about its own z, and z and x turns that are none cost nothing: Denavit and
+/// Hartenberg's choice, found by the compiler.
+#[derive(Clone, Debug)]
+pub(crate) struct Joint {
+    pub frame: usize,
+    pub parent: usize,
+    pub motor: usize,
+    /// The motor's lower limit, rad of encoder.
+    pub low: f64,
+    /// Where the joint stands there, rad or meters.
+    pub start: f64,
+    /// Radians or meters per rad of encoder.
+    pub gain: f64,
+    /// In the parent's frame, meters.
+    pub shift: [f32; 3],
+    pub motion: Motion,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) enum Motion {
+    /// About z, after two constant turns.
+    Turn { about_z: Bend, about_x: Bend },
+    /// Along a direction of the parent's frame, whose axes it keeps.
+    Slide { along: [f32; 3] },
+}
+
+/// A constant turn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Bend {
+    None,
+    /// By a right angle: exact, and only a renaming.
+    Quarter,
+    By { cosine: f32, sine: f32 },
+}
+
+/// A convex shape: the part of space within `radius` of a core. Its center and axes are placed together.
+#[derive(Clone, Debug)]
+pub(crate) struct Solid {
+    pub frame: usize,
+    /// In the frame.
+    pub center: [f32; 3],
+    /// Unit axes in the frame, and where their rows begin: one, or three for a box (the longest edge first).
+    pub axes: Vec<[f32; 3]>,
+    pub first_axis: usize,
+    pub form: Form,
+}
+
+/// Sizes of a solid, meters. Round shapes are exact; the others have a core that is smaller than they are by `Form::inset` all around.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Form {
+    /// Ball (`half` = 0) or capsule.
+    Round { half: f32, radius: f32 },
+    /// Flat-ended.
+    Cylinder { half: f32, radius: f32, inset: f32 },
+    /// Half edges.
+    Box { half: [f32; 3], inset: f32 },
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Group {
+    pub solids: Range<usize>,
+    /// Whether nothing moves it, so that it is placed once and for all.
+    pub fixed: bool,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Ball {
+    pub frame: usize,
+    /// In the frame.
+    pub center: [f32; 3],
+}
+
+/// A half-space clause: violated where no member is above zero.
+#[derive(Clone, Debug)]
+pub(crate) struct FlatClause {
+    /// Per member: (motor of the scene, units per rad of encoder), and the constant.
+    pub members: Vec<(Vec<(usize, f64)>, f64)>,
+    /// Nearer to zero than this the reference decides.
+    pub doubt: f64,
+}
+
+/// Two solids, and the numbers that decide about them, meters (squared where they are named so).
+#[derive(Clone, Debug)]
+pub(crate) struct PairTest {
+    pub a: usize,
+    pub b: usize,
+    /// Who they are to the reference.
+    pub ids: IndexPair,
+    /// Centers farther apart than this: free.
+    pub ball_squared: f32,
+    /// Half lengths of the axes of the capsules that hold them.
+    pub half: [f32; 2],
+    /// Axes of these capsules farther apart than this: free.
+    pub outer: f32,
+    /// Cores nearer than this: not free.
+    pub inner: f32,
+    /// Supports apart by more than this: free.
+    pub apart: f32,
+    /// Whether the capsules are the shapes themselves.
+    pub round: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Step {
+    /// If two centers (balls, then solids) are farther apart than this in every lane that counts: on to step `skip`.
+    Near { a: usize, b: usize, within_squared: f32, skip: usize },
+    /// Place a region, unless it is.
+    Region(usize),
+    /// Place the solids of a group, unless they are.
+    Group(usize),
+    /// Test a pair.
+    Pair(usize),
+}

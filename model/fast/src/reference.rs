@@ -1,0 +1,60 @@
+//! Whoever decides in doubt: the scalar engine, on the one pair that the lanes could not tell.
+
+use mobee_model::{Engine, IndexPair, ScalarEngine, Scene};
+use nalgebra::Isometry3;
+
+/// A scene as the scalar engine has it, and the pose that it was last asked about.
+#[derive(Clone, Debug)]
+pub(crate) struct Reference {
+    scene: Scene,
+    engine: ScalarEngine,
+    placement: <ScalarEngine as Engine>::Placement,
+    frames: Vec<Isometry3<f64>>,
+}
+
+impl Reference {
+    pub fn new(scene: &Scene) -> Self {
+        let colliders: Vec<_> = scene.colliders().copied().collect();
+        let engine = ScalarEngine::prepare(&colliders);
+        Reference { scene: scene.clone(), engine, placement: Default::default(), frames: Vec::new() }
+    }
+
+    /// The motors of each robot, of a pose of all.
+    fn robots<'a>(&'a self, pose: &'a [f64]) -> impl Iterator<Item = &'a [f64]> {
+        let mut rest = pose;
+        self.scene.robots().iter().map(move |robot| {
+            let (own, others) = rest.split_at_checked(robot.motors.len()).unwrap_or((rest, &[]));
+            rest = others;
+            own
+        })
+    }
+
+    /// Whether the pose is free, all of it judged by the scalar engine.
+    pub fn free(&self, pose: &[f64], clearance: f64) -> bool {
+        self.scene.free(&self.robots(pose).collect::<Vec<_>>(), clearance)
+    }
+
+    /// Whether it satisfies all constraints.
+    pub fn satisfies_constraints(&self, pose: &[f64]) -> bool {
+        self.robots(pose).enumerate().all(|(r, own)| self.scene.satisfies_constraints(r, own))
+    }
+
+    /// Whether any of these pairs touches.
+    pub fn any_touches(&mut self, pose: &[f64], pairs: impl Iterator<Item = IndexPair>, clearance: f64) -> bool {
+        let mut frames = std::mem::take(&mut self.frames);
+        frames.clear();
+        for (skeleton, own) in self.scene.skeletons().iter().zip(self.robots(pose)) {
+            skeleton.place(own, &mut frames);
+        }
+        frames.push(Isometry3::identity());
+        self.frames = frames;
+        self.engine.place_frames(&self.frames, &mut self.placement);
+        for pair in pairs {
+            self.engine.place_pair(&mut self.placement, pair);
+            if self.engine.touches(&self.placement, pair, clearance) {
+                return true;
+            }
+        }
+        false
+    }
+}

@@ -1,0 +1,181 @@
+//! The order of tests: from balls around whole hands to single shapes, and what decides most often first.
+//!
+//! ```text
+//! hand near arm?            no: on to the next two
+//!   place the hand
+//!   finger near forearm?    no: on
+//!     place their solids
+//!     solid near forearm?   no: on
+//!       test each pair of shapes
+//! ```
+
+use crate::bound::TESTS;
+use crate::program::{Program, Step};
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Fewer shapes than this on the other side are tested at once.
+const MANY: usize = 3;
+
+/// What is tested as one at first: a whole region, or one group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Unit {
+    Region(usize),
+    Group(usize),
+}
+
+/// What steps are made of.
+#[derive(Clone, Debug)]
+pub(crate) struct Layout {
+    clearance: f64,
+    /// Per group: its region, if it is in one.
+    region: Vec<Option<usize>>,
+    groups: Vec<Range<usize>>,
+    /// Radius and error of each ball: groups, then regions.
+    balls: Vec<(f64, f64)>,
+    /// The same of each solid.
+    pub solids: Vec<(f64, f64)>,
+}
+
+/// Pairs of one group with another: their indices, and in how many lanes they decided.
+#[derive(Default)]
+struct Between {
+    pairs: Vec<usize>,
+    decided: u32,
+}
+
+impl Layout {
+    pub fn new(groups: &[Range<usize>], clearance: f64) -> Self {
+        Layout { clearance, region: Vec::new(), groups: groups.to_vec(), balls: Vec::new(), solids: Vec::new() }
+    }
+
+    /// Balls come in the program's order; those of groups with the region that the group is in, if any.
+    pub fn add_ball(&mut self, radius: f64, error: f64, region: Option<Option<usize>>) {
+        self.balls.push((radius, error));
+        self.region.extend(region);
+    }
+
+    /// The steps, given in how many lanes each pair decided.
+    pub fn steps(&self, program: &Program, decided: &[u32]) -> Vec<Step> {
+        let mut of_solid = vec![0; program.solids.len()];
+        for (g, range) in self.groups.iter().enumerate() {
+            of_solid[range.clone()].fill(g);
+        }
+        let mut units = BTreeMap::<(Unit, Unit), BTreeMap<(usize, usize), Between>>::new();
+        for (p, pair) in program.pairs.iter().enumerate() {
+            let (g, h) = (of_solid[pair.a], of_solid[pair.b]);
+            let (g, h) = if self.unit(g) <= self.unit(h) { (g, h) } else { (h, g) };
+            let between = units.entry((self.unit(g), self.unit(h))).or_default().entry((g, h)).or_default();
+            between.pairs.push(p);
+            between.decided += decided.get(p).copied().unwrap_or(0);
+        }
+        let mut units: Vec<_> = units.into_iter().collect();
+        let telling = |groups: &BTreeMap<_, Between>| groups.values().map(|b| b.decided).sum::<u32>();
+        units.sort_by_key(|(_, groups)| std::cmp::Reverse(telling(groups)));
+        let mut steps = Vec::new();
+        for ((u, v), groups) in units {
+            self.two_units(program, (u, v), groups, decided, &mut steps);
+        }
+        steps
+    }
+
+    fn unit(&self, group: usize) -> Unit {
+        self.region[group].map_or(Unit::Group(group), Unit::Region)
+    }
+
+    fn two_units(
+        &self,
+        program: &Program,
+        (u, v): (Unit, Unit),
+        groups: BTreeMap<(usize, usize), Between>,
+        decided: &[u32],
+        steps: &mut Vec<Step>,
+    ) {
+        let first = steps.len();
+        if u != v {
+            steps.push(self.near(self.unit_ball(u), self.unit_ball(v)));
+        }
+        for unit in [u, v] {
+            if let Unit::Region(r) = unit {
+                steps.push(Step::Region(r + 1));
+            }
+        }
+        let mut groups: Vec<_> = groups.into_iter().collect();
+        groups.sort_by_key(|(_, between)| std::cmp::Reverse(between.decided));
+        let single = matches!((u, v), (Unit::Group(_), Unit::Group(_)));
+        for ((g, h), between) in groups {
+            let inner = steps.len();
+            // Two single groups are the units, and were asked already.
+            if !single {
+                steps.push(self.near(g, h));
+            }
+            steps.extend([Step::Group(g), Step::Group(h)]);
+            self.pairs(program, (g, h), between.pairs, decided, steps);
+            if !single {
+                close(steps, inner);
+            }
+        }
+        if u != v {
+            close(steps, first);
+        }
+    }
+
+    /// All pairs of two groups; where there are many, shape by shape of the first against the second's ball.
+    fn pairs(
+        &self,
+        program: &Program,
+        (g, h): (usize, usize),
+        mut pairs: Vec<usize>,
+        decided: &[u32],
+        steps: &mut Vec<Step>,
+    ) {
+        pairs.sort_by_key(|p| std::cmp::Reverse(decided.get(*p).copied().unwrap_or(0)));
+        let (one, other) = if self.groups[g].len() <= self.groups[h].len() { (g, h) } else { (h, g) };
+        if self.groups[other].len() < MANY {
+            steps.extend(pairs.into_iter().map(Step::Pair));
+            return;
+        }
+        let mine = |p: &usize| {
+            let pair = &program.pairs[*p];
+            if self.groups[one].contains(&pair.a) { pair.a } else { pair.b }
+        };
+        let mut solids: Vec<usize> = Vec::new();
+        for p in &pairs {
+            if !solids.contains(&mine(p)) {
+                solids.push(mine(p));
+            }
+        }
+        for solid in solids {
+            let first = steps.len();
+            steps.push(self.near(program.balls.len() + solid, other));
+            steps.extend(pairs.iter().filter(|p| mine(p) == solid).map(|p| Step::Pair(*p)));
+            close(steps, first);
+        }
+    }
+
+    fn unit_ball(&self, unit: Unit) -> usize {
+        match unit {
+            Unit::Group(g) => g,
+            Unit::Region(r) => self.groups.len() + r,
+        }
+    }
+
+    /// A test of two centers, its end still open.
+    fn near(&self, a: usize, b: usize) -> Step {
+        let size = |i: usize| match i.checked_sub(self.balls.len()) {
+            Some(solid) => self.solids[solid],
+            None => self.balls[i],
+        };
+        let ((r, e), (s, f)) = (size(a), size(b));
+        let within = (r + s + self.clearance) * (1.0 + TESTS) + e + f;
+        Step::Near { a, b, within_squared: (within * within * (1.0 + TESTS)) as f32, skip: 0 }
+    }
+}
+
+/// Lets the step at `first` skip all that came after it.
+fn close(steps: &mut [Step], first: usize) {
+    let end = steps.len();
+    if let Some(Step::Near { skip, .. }) = steps.get_mut(first) {
+        *skip = end;
+    }
+}

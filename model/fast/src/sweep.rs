@@ -1,0 +1,84 @@
+//! Balls that hold a shape at every pose: what proves that a pair can never meet, and when a hand may be left alone.
+
+use crate::chain::{Carried, LaneFrame};
+use nalgebra::{Isometry3, Vector3};
+use std::f64::consts::FRAC_PI_2;
+
+/// A ball in some frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sphere {
+    pub center: Vector3<f64>,
+    pub radius: f64,
+}
+
+impl Sphere {
+    /// A small ball around balls: the center goes toward the farthest one by ever smaller steps (Bădoiu and Clarkson).
+    pub fn around(balls: &[Sphere]) -> Sphere {
+        let Some(first) = balls.first() else { return Sphere { center: Vector3::zeros(), radius: 0.0 } };
+        let mut center = first.center;
+        let reach = |center: &Vector3<f64>, ball: &Sphere| (ball.center - center).norm() + ball.radius;
+        for step in 1..=200 {
+            let far = balls.iter().max_by(|a, b| reach(&center, a).total_cmp(&reach(&center, b)));
+            let toward = far.map_or(Vector3::zeros(), |ball| {
+                let way = ball.center - center;
+                way + way.try_normalize(1e-12).unwrap_or_default() * ball.radius
+            });
+            center += toward / (f64::from(step) + 1.0);
+        }
+        let radius = |center: &Vector3<f64>| balls.iter().map(|b| reach(center, b)).fold(0.0, f64::max);
+        // One ball is its own, which the steps only come near to.
+        if radius(&first.center) <= radius(&center) { center = first.center };
+        Sphere { center, radius: radius(&center) }
+    }
+
+    pub fn moved(self, by: &Isometry3<f64>) -> Sphere {
+        Sphere { center: by.transform_point(&self.center.into()).coords, ..self }
+    }
+
+    /// Where it can be in the frame that carries its own: a circle's arc or a stretch, and the ball around that.
+    fn carried(self, by: &Carried) -> Sphere {
+        let (low, high) = by.range;
+        let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0);
+        match by.slide {
+            Some(along) => Sphere { center: self.center + along * middle, radius: self.radius + half },
+            None => {
+                let (c, off_axis) = (self.center, self.center.xy().norm());
+                let toward = c.y.atan2(c.x) + middle;
+                // The ball around an arc of less than half a circle stands on its chord.
+                let (out, more) = if half < FRAC_PI_2 { (half.cos(), half.sin()) } else { (0.0, 1.0) };
+                let center = Vector3::new(toward.cos() * off_axis * out, toward.sin() * off_axis * out, c.z);
+                Sphere { center, radius: self.radius + off_axis * more }
+            }
+        }
+        .moved(&by.before)
+    }
+
+    /// Where it can be in frame `to`, one that carries its own frame `from`, or that frame itself.
+    pub fn swept(self, frames: &[LaneFrame], from: usize, to: usize) -> Sphere {
+        let (mut ball, mut at) = (self, from);
+        while at != to {
+            let Some(carried) = frames[at].carried.as_ref() else { break };
+            ball = ball.carried(carried);
+            at = carried.parent;
+        }
+        ball
+    }
+}
+
+/// A distance that two balls keep at every pose, meters.
+pub(crate) fn least_distance(frames: &[LaneFrame], a: (usize, Sphere), b: (usize, Sphere)) -> f64 {
+    let up = |frame: usize| {
+        std::iter::successors(Some(frame), |f| frames[*f].carried.as_ref().map(|c| c.parent)).collect::<Vec<_>>()
+    };
+    let (above_a, above_b) = (up(a.0), up(b.0));
+    let common = above_a.iter().find(|f| above_b.contains(f)).copied();
+    let world = |(frame, ball): (usize, Sphere), above: &[usize]| {
+        let base = above.last().copied().unwrap_or(frame);
+        ball.swept(frames, frame, base).moved(&frames[base].fixed)
+    };
+    let (p, q) = match common {
+        Some(common) => (a.1.swept(frames, a.0, common), b.1.swept(frames, b.0, common)),
+        None => (world(a, &above_a), world(b, &above_b)),
+    };
+    (p.center - q.center).norm() - p.radius - q.radius
+}

@@ -1,0 +1,4 @@
+//! Promise: the verdicts of many poses at once are the scalar engine's, pose for pose.
+
+mod scenes;
+mod verdicts;

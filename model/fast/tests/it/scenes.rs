@@ -1,0 +1,115 @@
+//! Scenes to judge: the shipped robots, and robots made up of everything that a file can say.
+
+use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, load_robot, parse_robot};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Equal seeds give equal numbers, 0 to 1.
+pub struct Dice(pub u64);
+
+impl Dice {
+    pub fn roll(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.roll()
+    }
+
+    fn direction(&mut self) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| self.between(-1.0, 1.0)).normalize()
+    }
+
+    pub fn pose(&mut self, within: f64) -> Isometry3<f64> {
+        let turn = UnitQuaternion::from_scaled_axis(self.direction() * self.between(0.0, 3.0));
+        Isometry3::from_parts(Translation3::from(self.direction() * self.between(0.0, within)), turn)
+    }
+
+    pub fn shape(&mut self, kind: usize) -> Shape {
+        let mut size = || self.between(0.02, 0.2);
+        match kind % 4 {
+            0 => Shape::Sphere { radius: size() / 2.0 },
+            1 => Shape::Capsule { radius: size() / 2.0, height: size() },
+            2 => Shape::Cylinder { radius: size() / 2.0, height: size() },
+            _ => Shape::Box { size: Vector3::from_fn(|_, _| size()) },
+        }
+    }
+}
+
+pub fn shipped(name: &str) -> Arc<Robot> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../configs/robots/{name}.xml"));
+    Arc::new(load_robot(path).expect("the robot loads").value)
+}
+
+pub fn alone(robot: Arc<Robot>) -> Scene {
+    Scene::new(vec![(robot, Isometry3::identity())], Vec::new()).expect("a scene")
+}
+
+/// Three arms on a base: hinges about any axis, slides, motors with several joints, and on each link shapes of all kinds.
+pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
+    let mut dice = Dice(seed);
+    let mut text = format!("<ZeroPositionKinematicTree robotName=\"{name}\">");
+    for arm in 0..3 {
+        text += &format!("<bodypart name=\"arm{arm}\">");
+        let mut end = String::from("</bodypart>");
+        for joint in 0..5 {
+            let (way, axis) = (dice.direction() * dice.between(0.05, 0.3), dice.direction());
+            // Right angles, as most robots have them, and any others.
+            let axis = if dice.roll() < 0.5 { Vector3::ith(joint % 3, 1.0) } else { axis };
+            // The last joint of an arm follows the motor of the one before.
+            let motor = if joint == 4 { 3 } else { joint };
+            let slides = joint == 2 && arm == 1;
+            let limits = if slides { "minPos=\"-100\" maxPos=\"150\"" } else { "minPos=\"-110\" maxPos=\"170\"" };
+            let (own, kind) = match (slides, joint) {
+                (true, _) => ("minPos=\"-0.1\" maxPos=\"0.15\"", "type=\"prismatic\""),
+                (false, 4) => ("minPos=\"-20\" maxPos=\"60\"", ""),
+                _ => ("minPos=\"-110\" maxPos=\"170\"", ""),
+            };
+            let shape = |dice: &mut Dice, kind: usize| {
+                let (p, h) = (dice.direction() * 0.05, dice.direction());
+                let place = format!("px=\"{}\" py=\"{}\" pz=\"{}\" hx=\"{}\" hy=\"{}\" hz=\"{}\"", p.x, p.y, p.z, h.x, h.y, h.z);
+                match dice.shape(kind) {
+                    Shape::Sphere { radius } => format!("<sphere radius=\"{radius}\" {place}/>"),
+                    Shape::Capsule { radius, height } => format!("<capsule radius=\"{radius}\" height=\"{height}\" {place}/>"),
+                    Shape::Cylinder { radius, height } => {
+                        format!("<cylinder radius=\"{radius}\" height=\"{height}\" {place}/>")
+                    }
+                    Shape::Box { size } => {
+                        format!("<box width=\"{}\" height=\"{}\" depth=\"{}\" {place}/>", size.x, size.y, size.z)
+                    }
+                }
+            };
+            let shapes: String = (0..1 + joint % 3).map(|i| shape(&mut dice, arm + joint + i)).collect();
+            text += &format!(
+                "<link x=\"{}\" y=\"{}\" z=\"{}\"><motor name=\"m{arm}{motor}\" {limits} {kind}>\
+                 <joint x=\"{}\" y=\"{}\" z=\"{}\" {own} {kind}>\
+                 <link x=\"{}\" y=\"{}\" z=\"{}\" radius=\"0.02\">{shapes}",
+                way.x, way.y, way.z, axis.x, axis.y, axis.z, way.y, way.z, way.x
+            );
+            end = format!("</link></joint></motor></link>{end}");
+        }
+        text += &end;
+    }
+    text += "</ZeroPositionKinematicTree>";
+    Arc::new(parse_robot("made_up.xml", &text).expect("a robot").value)
+}
+
+/// Obstacles of all kinds about the origin, and a table.
+pub fn obstacles(seed: u64, count: usize) -> Vec<Object> {
+    let mut dice = Dice(seed);
+    let mut objects: Vec<Object> = (0..count)
+        .map(|i| {
+            let shapes = vec![Primitive { shape: dice.shape(i), pose: dice.pose(0.1) }];
+            object(format!("o{i}"), dice.pose(1.0), shapes)
+        })
+        .collect();
+    let top = Primitive { shape: Shape::Box { size: Vector3::new(1.0, 1.5, 0.04) }, pose: Isometry3::identity() };
+    objects.push(object("table".into(), Isometry3::translation(0.7, 0.0, -0.2), vec![top]));
+    objects
+}
+
+fn object(name: String, pose: Isometry3<f64>, shapes: Vec<Primitive>) -> Object {
+    Object { name, class: ObjectClass::Obstacle, persistent: false, pose, shapes, color: None }
+}

@@ -1,0 +1,111 @@
+//! Each scene, each set of instructions, pose for pose.
+
+use crate::scenes::{alone, made_up, obstacles, shipped};
+use mobee_fast::{FastError, FastScene, InstructionSet};
+use mobee_model::{Scene, random_poses};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+/// Random poses of all robots of a scene, one after the other.
+fn poses(scene: &Scene, seed: u64, count: usize) -> Vec<f64> {
+    let mut robots: Vec<_> = scene.robots().iter().map(|r| random_poses(r, seed)).collect();
+    (0..count).flat_map(|_| robots.iter_mut().filter_map(Iterator::next).flatten().collect::<Vec<_>>()).collect()
+}
+
+/// What the scalar engine says, pose by pose.
+fn expected(scene: &Scene, poses: &[f64], clearance: f64) -> Vec<bool> {
+    let motors: usize = scene.robots().iter().map(|r| r.motors.len()).sum();
+    let free = |pose: &[f64]| {
+        let mut rest = pose;
+        let split = |robot: &std::sync::Arc<mobee_model::Robot>| {
+            let (own, others) = rest.split_at(robot.motors.len());
+            rest = others;
+            own
+        };
+        scene.free(&scene.robots().iter().map(split).collect::<Vec<_>>(), clearance)
+    };
+    poses.chunks_exact(motors).map(free).collect()
+}
+
+/// Holds every set of instructions to the scalar engine, at two clearances.
+fn agree(name: &str, scene: &Scene, count: usize) {
+    for clearance in [0.0, 0.012] {
+        let poses = poses(scene, 7, count);
+        let expected = expected(scene, &poses, clearance);
+        let share = expected.iter().filter(|free| **free).count() as f64 / count as f64;
+        for set in InstructionSet::available() {
+            let mut fast = FastScene::with_instructions(scene, clearance, set).expect("it compiles");
+            let mut free = Vec::new();
+            fast.free(&poses, &mut free).expect("whole poses");
+            let differ = free.iter().zip(&expected).position(|(a, b)| a != b);
+            assert_eq!(differ, None, "{name}, {set:?}, {clearance} m: the first pose that differs");
+            assert_eq!(free.len(), count);
+            let figures = fast.figures();
+            eprintln!("{name}, {set:?}, {clearance} m: {:.1} % free, {figures:?}", 100.0 * share);
+            assert!(figures.doubtful * 20 <= figures.poses, "the lanes decide: {figures:?}");
+        }
+    }
+}
+
+#[test]
+fn shipped_robots() {
+    for name in ["icub", "katana"] {
+        agree(name, &alone(shipped(name)), 10_000);
+    }
+}
+
+#[test]
+fn shipped_robots_among_obstacles() {
+    for name in ["icub", "katana"] {
+        let scene = Scene::new(vec![(shipped(name), Isometry3::identity())], obstacles(3, 20)).expect("a scene");
+        agree(name, &scene, 3_000);
+    }
+}
+
+#[test]
+fn robots_of_all_shapes_and_joints() {
+    for seed in 0..12 {
+        agree(&format!("made up {seed}"), &alone(made_up("r", seed)), 1_000);
+    }
+}
+
+#[test]
+fn several_robots_in_one_world() {
+    for seed in 0..3 {
+        let turned = Isometry3::from_parts(
+            nalgebra::Translation3::new(0.4, 0.7, 0.1),
+            UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -0.2, 2.0)),
+        );
+        let robots = vec![
+            (made_up("one", seed), Isometry3::identity()),
+            (made_up("two", seed + 50), turned),
+            (shipped("katana"), Isometry3::translation(-0.5, 0.0, 0.0)),
+        ];
+        agree("three robots", &Scene::new(robots, obstacles(seed, 10)).expect("a scene"), 1_000);
+    }
+}
+
+/// A motor beyond its limits counts as at the limit, and so does one that is not a number, unless a constraint asks about it.
+#[test]
+fn poses_that_nothing_has() {
+    let scene = alone(shipped("icub"));
+    let mut poses = poses(&scene, 11, 200);
+    let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300, 0.0];
+    for (i, q) in poses.iter_mut().enumerate().filter(|(i, _)| i % 37 == 0) {
+        *q = odd[i / 37 % odd.len()];
+    }
+    let mut free = Vec::new();
+    FastScene::new(&scene, 0.0).expect("it compiles").free(&poses, &mut free).expect("whole poses");
+    assert_eq!(free, expected(&scene, &poses, 0.0));
+}
+
+#[test]
+fn what_can_not_be_judged_is_refused() {
+    let scene = alone(shipped("katana"));
+    for clearance in [-0.001, f64::NAN, f64::INFINITY] {
+        assert!(matches!(FastScene::new(&scene, clearance), Err(FastError::Clearance(_))));
+    }
+    let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
+    let given = vec![0.0; fast.motors() + 1];
+    let motors = fast.motors();
+    assert_eq!(fast.free(&given, &mut Vec::new()), Err(FastError::Length { given: motors + 1, motors }));
+}
