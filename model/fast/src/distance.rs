@@ -34,6 +34,13 @@ struct Placed<'a, L> {
     axes: &'a [Rows3],
 }
 
+impl<L: Lanes> Placed<'_, L> {
+    #[inline(always)]
+    fn axis(&self, i: usize) -> V3<L> {
+        V3::load(&self.axes[i])
+    }
+}
+
 /// Tests a pair in the lanes that count.
 #[inline(always)]
 pub(crate) fn test_pair<L: Lanes>(program: &Program, block: &Block, pair: &PairTest, live: Mask) -> Found {
@@ -44,8 +51,8 @@ pub(crate) fn test_pair<L: Lanes>(program: &Program, block: &Block, pair: &PairT
         return Found { touching: 0, doubtful: 0 };
     }
     // Axes of the capsules that hold them, their nearest points, and the direction from the second to the first.
-    let (u, v) = (V3::<L>::load(&a.axes[0]), V3::<L>::load(&b.axes[0]));
-    let half = pair.half.map(L::splat);
+    let (u, v) = (a.axis(0), b.axis(0));
+    let half = [L::splat(pair.half[0]), L::splat(pair.half[1])];
     let (s, t) = nearest(between, u, v, half);
     let g = between.along(u, s).against(v, t);
     let squared = g.squared();
@@ -126,11 +133,10 @@ fn project_to_and_fro<L: Lanes>(
 #[inline(always)]
 fn project<L: Lanes>(solid: &Placed<L>, point: V3<L>) -> V3<L> {
     let way = point.minus(solid.center);
-    let axis = |i: usize| V3::<L>::load(&solid.axes[i]);
     match solid.form {
-        Form::Round { half, .. } => solid.center.along(axis(0), axis(0).dot(way).clamp(L::splat(half))),
+        Form::Round { half, .. } => solid.center.along(solid.axis(0), solid.axis(0).dot(way).clamp(L::splat(half))),
         Form::Cylinder { half, radius, inset } => {
-            let u = axis(0);
+            let u = solid.axis(0);
             let along = u.dot(way);
             let across = way.against(u, along);
             let length = across.squared().sqrt().max(L::splat(1e-12));
@@ -139,8 +145,9 @@ fn project<L: Lanes>(solid: &Placed<L>, point: V3<L>) -> V3<L> {
         }
         Form::Box { half, inset } => {
             let mut at = solid.center;
-            for (i, half) in half.into_iter().enumerate() {
-                at = at.along(axis(i), axis(i).dot(way).clamp(L::splat(half - inset)));
+            for i in 0..3 {
+                let u = solid.axis(i);
+                at = at.along(u, u.dot(way).clamp(L::splat(half[i] - inset)));
             }
             at
         }
@@ -150,19 +157,18 @@ fn project<L: Lanes>(solid: &Placed<L>, point: V3<L>) -> V3<L> {
 /// How far a solid reaches from its center along a direction, times that direction's length; without the radius of round ones.
 #[inline(always)]
 fn support<L: Lanes>(solid: &Placed<L>, g: V3<L>) -> L {
-    let axis = |i: usize| V3::<L>::load(&solid.axes[i]);
     match solid.form {
-        Form::Round { half, .. } => L::splat(half) * g.dot(axis(0)).abs(),
+        Form::Round { half, .. } => L::splat(half) * g.dot(solid.axis(0)).abs(),
         Form::Cylinder { half, radius, .. } => {
-            let along = g.dot(axis(0));
+            let along = g.dot(solid.axis(0));
             // As a vector: from the lengths alone it would be lost to rounding where g is along the axis.
-            let across = g.against(axis(0), along).squared().sqrt();
+            let across = g.against(solid.axis(0), along).squared().sqrt();
             L::splat(half) * along.abs() + L::splat(radius) * across
         }
         Form::Box { half, .. } => {
             let mut sum = L::splat(0.0);
-            for (i, half) in half.into_iter().enumerate() {
-                sum = L::splat(half).mul_add(g.dot(axis(i)).abs(), sum);
+            for i in 0..3 {
+                sum = L::splat(half[i]).mul_add(g.dot(solid.axis(i)).abs(), sum);
             }
             sum
         }

@@ -1,4 +1,7 @@
 //! The kernel: sixteen poses through a program. One source for all instruction sets.
+//!
+//! Lanes must not pass through closures and iterator adapters: what is not inlined does not have the instructions switched on, and each operation
+//! becomes a call. Hence plain loops and written-out arrays here and in `distance.rs`, `vector.rs` and `lanes.rs`.
 
 use crate::distance::test_pair;
 use crate::lanes::{Lanes, Mask, Row, WIDTH, WideRow};
@@ -117,8 +120,7 @@ fn place_region<L: Lanes>(program: &Program, block: &mut Block, region: usize) {
 
 #[inline(always)]
 fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint) {
-    let parent = &block.frames[joint.parent];
-    let [mut x, mut y, mut z, origin] = [0, 1, 2, 3].map(|i| V3::<L>::load(&parent[i]));
+    let [mut x, mut y, mut z, origin] = axes_and_origin::<L>(&block.frames[joint.parent]);
     let mut origin = moved(origin, [x, y, z], joint.shift);
     let q = &block.motors[joint.motor];
     match joint.motion {
@@ -149,12 +151,18 @@ fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint) {
 #[inline(always)]
 fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V3<L> {
     let mut at = point;
-    for (axis, by) in axes.into_iter().zip(by) {
-        if by != 0.0 {
-            at = at.along(axis, L::splat(by));
+    for i in 0..3 {
+        if by[i] != 0.0 {
+            at = at.along(axes[i], L::splat(by[i]));
         }
     }
     at
+}
+
+/// A frame's axes and its origin.
+#[inline(always)]
+fn axes_and_origin<L: Lanes>(frame: &[Rows3; 4]) -> [V3<L>; 4] {
+    [V3::load(&frame[0]), V3::load(&frame[1]), V3::load(&frame[2]), V3::load(&frame[3])]
 }
 
 /// Two axes of a frame, turned toward each other.
@@ -175,7 +183,7 @@ fn bend<L: Lanes>(u: V3<L>, v: V3<L>, by: Bend) -> (V3<L>, V3<L>) {
 #[inline(always)]
 fn place_balls<L: Lanes>(program: &Program, block: &mut Block, frame: usize) {
     for &ball in &program.ball_order[program.frame_balls[frame].clone()] {
-        let [x, y, z, origin] = [0, 1, 2, 3].map(|i| V3::<L>::load(&block.frames[frame][i]));
+        let [x, y, z, origin] = axes_and_origin::<L>(&block.frames[frame]);
         moved(origin, [x, y, z], program.balls[ball].center).store(&mut block.centers[ball]);
     }
 }
@@ -185,7 +193,7 @@ fn place_group<L: Lanes>(program: &Program, block: &mut Block, group: usize) {
     let zero = V3 { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
     for s in program.groups[group].solids.clone() {
         let solid = &program.solids[s];
-        let [x, y, z, origin] = [0, 1, 2, 3].map(|i| V3::<L>::load(&block.frames[solid.frame][i]));
+        let [x, y, z, origin] = axes_and_origin::<L>(&block.frames[solid.frame]);
         moved(origin, [x, y, z], solid.center).store(&mut block.centers[program.balls.len() + s]);
         for (axis, rows) in solid.axes.iter().zip(&mut block.axes[solid.first_axis..]) {
             moved(zero, [x, y, z], *axis).store(rows);

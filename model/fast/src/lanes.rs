@@ -65,7 +65,11 @@ pub(crate) struct Portable([f32; WIDTH]);
 impl Portable {
     #[inline(always)]
     fn each(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
-        Portable(std::array::from_fn(|i| f(self.0[i], other.0[i])))
+        let mut all = self.0;
+        for i in 0..WIDTH {
+            all[i] = f(all[i], other.0[i]);
+        }
+        Portable(all)
     }
 }
 
@@ -105,38 +109,42 @@ impl Lanes for Portable {
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        Portable(self.0.map(f32::abs))
+        self.each(self, |x, _| x.abs())
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        Portable(self.0.map(f32::sqrt))
+        self.each(self, |x, _| x.sqrt())
     }
     #[inline(always)]
     fn below(self, other: Self) -> Mask {
-        (0..WIDTH).fold(0, |bits, i| bits | (Mask::from(self.0[i] < other.0[i]) << i))
+        let mut bits = 0;
+        for i in 0..WIDTH {
+            bits |= Mask::from(self.0[i] < other.0[i]) << i;
+        }
+        bits
     }
 }
 
-/// Operators by a function of two.
+/// Operators by their results.
 macro_rules! operators {
-    ($lanes:ty: $add:expr, $sub:expr, $mul:expr) => {
-        operators!($lanes, Add, add, $add);
-        operators!($lanes, Sub, sub, $sub);
-        operators!($lanes, Mul, mul, $mul);
+    ($lanes:ty: |$a:ident, $b:ident| $add:expr, |$c:ident, $d:ident| $sub:expr, |$e:ident, $f:ident| $mul:expr) => {
+        operators!($lanes, Add, add, $a, $b, $add);
+        operators!($lanes, Sub, sub, $c, $d, $sub);
+        operators!($lanes, Mul, mul, $e, $f, $mul);
     };
-    ($lanes:ty, $operator:ident, $name:ident, $function:expr) => {
+    ($lanes:ty, $operator:ident, $name:ident, $a:ident, $b:ident, $result:expr) => {
         impl $operator for $lanes {
             type Output = Self;
             #[inline(always)]
-            fn $name(self, other: Self) -> Self {
-                $function(self, other)
+            fn $name(self, $b: Self) -> Self {
+                let $a = self;
+                $result
             }
         }
     };
 }
 
-operators!(Portable: |a: Portable, b| a.each(b, |x, y| x + y), |a: Portable, b| a.each(b, |x, y| x - y),
-    |a: Portable, b| a.each(b, |x, y| x * y));
+operators!(Portable: |a, b| a.each(b, |x, y| x + y), |a, b| a.each(b, |x, y| x - y), |a, b| a.each(b, |x, y| x * y));
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86::{Avx2, Avx512};
@@ -217,13 +225,17 @@ mod x86 {
         #[inline(always)]
         fn below(self, other: Self) -> Mask {
             // SAFETY: see `Lanes`.
-            let half = |a, b| unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(a, b)) };
-            half(self.0, other.0) as Mask | ((half(self.1, other.1) as Mask) << 8)
+            let (low, high) = unsafe {
+                let (low, high) =
+                    (_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0), _mm256_cmp_ps::<_CMP_LT_OQ>(self.1, other.1));
+                (_mm256_movemask_ps(low), _mm256_movemask_ps(high))
+            };
+            low as Mask | ((high as Mask) << 8)
         }
     }
 
-    operators!(Avx2: |a: Avx2, b: Avx2| halves!(_mm256_add_ps(a, b)), |a: Avx2, b: Avx2| halves!(_mm256_sub_ps(a, b)),
-        |a: Avx2, b: Avx2| halves!(_mm256_mul_ps(a, b)));
+    operators!(Avx2: |a, b| halves!(_mm256_add_ps(a, b)), |a, b| halves!(_mm256_sub_ps(a, b)),
+        |a, b| halves!(_mm256_mul_ps(a, b)));
 
     /// The instruction on its operands.
     macro_rules! whole {
@@ -285,6 +297,6 @@ mod x86 {
         }
     }
 
-    operators!(Avx512: |a: Avx512, b: Avx512| whole!(_mm512_add_ps(a, b)),
-        |a: Avx512, b: Avx512| whole!(_mm512_sub_ps(a, b)), |a: Avx512, b: Avx512| whole!(_mm512_mul_ps(a, b)));
+    operators!(Avx512: |a, b| whole!(_mm512_add_ps(a, b)), |a, b| whole!(_mm512_sub_ps(a, b)),
+        |a, b| whole!(_mm512_mul_ps(a, b)));
 }
