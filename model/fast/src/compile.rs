@@ -77,7 +77,7 @@ pub(crate) fn compile(scene: &Scene, clearance: f64) -> Compiled {
         program.pairs.push(test);
     }
     layout.solids = order.iter().map(|s| (sized[*s].ball().radius, sized[*s].error)).collect();
-    program.steps = layout.steps(&program, &vec![0; program.pairs.len()]);
+    layout.write(&mut program, &[]);
     Compiled { program, layout, pruned, frames }
 }
 

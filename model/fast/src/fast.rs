@@ -113,8 +113,7 @@ impl FastScene {
         let program = Arc::new(program);
         let mut fast = FastScene { program, clearance, runner, block, reference, figures };
         let decided = fast.evidence(scene);
-        let steps = layout.steps(&fast.program, &decided);
-        Arc::make_mut(&mut fast.program).steps = steps;
+        layout.write(Arc::make_mut(&mut fast.program), &decided);
         Ok(fast)
     }
 

@@ -7,6 +7,10 @@ use crate::distance::test_pair;
 use crate::lanes::{Lanes, Mask, Row, WIDTH, WideRow};
 use crate::program::{Bend, FlatClause, Joint, Motion, Program, Step};
 use crate::vector::{Rows3, V3};
+use std::ops::Range;
+
+/// Pairs of units whose balls are asked together.
+const BATCH: usize = 32;
 
 /// What the kernel reads and writes: allocated once, used again for every block.
 #[derive(Clone, Debug, Default)]
@@ -69,13 +73,44 @@ pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask)
     }
     block.regions_placed.fill(false);
     place_region::<L>(program, block, 0);
-    let mut at = 0;
-    while let Some(step) = program.steps.get(at) {
+    for units in program.units.chunks(BATCH) {
+        // All at once and without a branch: which pairs of units are near can't be predicted.
+        let (mut near, mut count) = ([(0, 0); BATCH], 0);
+        for (i, unit) in units.iter().enumerate() {
+            let lanes = nearer::<L>(block, unit.a, unit.b, unit.within_squared);
+            near[count] = (i, lanes);
+            count += usize::from(lanes & live != 0);
+        }
+        for (i, lanes) in &near[..count] {
+            // Meanwhile some lanes may be done.
+            if lanes & live != 0 {
+                live = take_steps::<L>(program, block, units[*i].steps.clone(), live);
+            }
+        }
+        if live == 0 {
+            break;
+        }
+    }
+    asked & !live
+}
+
+/// Lanes in which two centers are nearer than this.
+#[inline(always)]
+fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32) -> Mask {
+    let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
+    between.squared().below(L::splat(within_squared))
+}
+
+/// Takes the steps of two units; returns the lanes that are still alive.
+#[inline(always)]
+fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize>, mut live: Mask) -> Mask {
+    let mut at = steps.start;
+    while at < steps.end {
+        let step = &program.steps[at];
         at += 1;
         match *step {
             Step::Near { a, b, within_squared, skip } => {
-                let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
-                if between.squared().below(L::splat(within_squared)) & live == 0 {
+                if nearer::<L>(block, a, b, within_squared) & live == 0 {
                     at = skip;
                 }
             }
@@ -103,7 +138,7 @@ pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask)
             }
         }
     }
-    asked & !live
+    live
 }
 
 /// Puts the frames of a region in place, and the balls on them.

@@ -34,8 +34,20 @@ pub(crate) struct Program {
     pub axes: usize,
     /// Pairs that steps test.
     pub pairs: Vec<PairTest>,
-    /// What to do, in order.
+    /// What is asked at every pose, in order: whether two whole units are near, and if so what to do.
+    pub units: Vec<UnitTest>,
+    /// What to do, unit by unit.
     pub steps: Vec<Step>,
+}
+
+/// Two units (hands, links, objects) by their balls.
+#[derive(Clone, Debug)]
+pub(crate) struct UnitTest {
+    pub a: usize,
+    pub b: usize,
+    pub within_squared: f32,
+    /// The steps to take if they are near in any lane.
+    pub steps: Range<usize>,
 }
 
 /// A joint, and the frame that it carries: `parent · shift · turn about z · turn about x`, then the motion.

@@ -10,7 +10,7 @@
 //! ```
 
 use crate::bound::TESTS;
-use crate::program::{Program, Step};
+use crate::program::{Program, Step, UnitTest};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -55,8 +55,8 @@ impl Layout {
         self.region.extend(region);
     }
 
-    /// The steps, given in how many lanes each pair decided.
-    pub fn steps(&self, program: &Program, decided: &[u32]) -> Vec<Step> {
+    /// Writes the program's tests of units and their steps, given in how many lanes each pair decided.
+    pub fn write(&self, program: &mut Program, decided: &[u32]) {
         let mut of_solid = vec![0; program.solids.len()];
         for (g, range) in self.groups.iter().enumerate() {
             of_solid[range.clone()].fill(g);
@@ -72,11 +72,14 @@ impl Layout {
         let mut units: Vec<_> = units.into_iter().collect();
         let telling = |groups: &BTreeMap<_, Between>| groups.values().map(|b| b.decided).sum::<u32>();
         units.sort_by_key(|(_, groups)| std::cmp::Reverse(telling(groups)));
-        let mut steps = Vec::new();
+        let (mut tests, mut steps) = (Vec::new(), Vec::new());
         for ((u, v), groups) in units {
+            let first = steps.len();
             self.two_units(program, (u, v), groups, decided, &mut steps);
+            let (a, b) = (self.unit_ball(u), self.unit_ball(v));
+            tests.push(UnitTest { a, b, within_squared: self.within_squared(a, b), steps: first..steps.len() });
         }
-        steps
+        (program.units, program.steps) = (tests, steps);
     }
 
     fn unit(&self, group: usize) -> Unit {
@@ -91,10 +94,6 @@ impl Layout {
         decided: &[u32],
         steps: &mut Vec<Step>,
     ) {
-        let first = steps.len();
-        if u != v {
-            steps.push(self.near(self.unit_ball(u), self.unit_ball(v)));
-        }
         for unit in [u, v] {
             if let Unit::Region(r) = unit {
                 steps.push(Step::Region(r + 1));
@@ -114,9 +113,6 @@ impl Layout {
             if !single {
                 close(steps, inner);
             }
-        }
-        if u != v {
-            close(steps, first);
         }
     }
 
@@ -162,13 +158,18 @@ impl Layout {
 
     /// A test of two centers, its end still open.
     fn near(&self, a: usize, b: usize) -> Step {
+        Step::Near { a, b, within_squared: self.within_squared(a, b), skip: 0 }
+    }
+
+    /// Centers of balls (or solids, after them) that are farther apart have nothing between them.
+    fn within_squared(&self, a: usize, b: usize) -> f32 {
         let size = |i: usize| match i.checked_sub(self.balls.len()) {
             Some(solid) => self.solids[solid],
             None => self.balls[i],
         };
         let ((r, e), (s, f)) = (size(a), size(b));
         let within = (r + s + self.clearance) * (1.0 + TESTS) + e + f;
-        Step::Near { a, b, within_squared: (within * within * (1.0 + TESTS)) as f32, skip: 0 }
+        (within * within * (1.0 + TESTS)) as f32
     }
 }
 
