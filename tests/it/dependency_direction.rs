@@ -10,6 +10,7 @@ use std::process::Command;
 /// Crate, and the crates of ours that it may use.
 const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-model", &[]),
+    ("mobee-fast", &["mobee-model"]),
     ("mobee-contract", &["mobee-model"]),
     ("mobee-behaviors", &["mobee-contract", "mobee-model"]),
     ("mobee-yarp", &[]),
@@ -69,7 +70,7 @@ fn crates_use_only_what_the_table_allows() {
 }
 
 /// The pure crates: what decides has no mailbox, no thread and no socket, whatever comes later.
-const PURE: &[&str] = &["mobee-model", "mobee-contract", "mobee-controller", "mobee-behaviors"];
+const PURE: &[&str] = &["mobee-model", "mobee-fast", "mobee-contract", "mobee-controller", "mobee-behaviors"];
 
 #[test]
 fn pure_crates_know_no_actor_library_and_no_runtime() {

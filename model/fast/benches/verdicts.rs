@@ -20,7 +20,8 @@ const LINE: usize = 64;
 fn main() {
     let given = std::env::args().skip(1).filter(|a| !a.starts_with("--")).map(PathBuf::from);
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let shared = std::env::var_os("MOBEE_SHARED").map_or_else(|| root.join("../shared"), PathBuf::from).join("reference");
+    let shared =
+        std::env::var_os("MOBEE_SHARED").map_or_else(|| root.join("../shared"), PathBuf::from).join("reference");
     let own = ["icub", "katana"].map(|name| root.join(format!("configs/robots/{name}.xml")));
     let reference = ["mobee-original-data/icub.xml", "mobee-oracle/edge/edge_a.xml"].map(|file| shared.join(file));
     let count = std::env::var("MOBEE_POSES").ok().and_then(|n| n.parse().ok()).unwrap_or(20_000);
@@ -47,7 +48,16 @@ fn main() {
 fn header() -> String {
     format!(
         "{:44} {:7} {:>6} {:>8} {:>6} {:>9}  {:>8}  {:>26}  {:>22}  {:>8}",
-        "robot", "poses", "free", "pairs", "pruned", "lanes", "ratio", "fast, poses/s min med max", "scalar, poses/s", "doubtful"
+        "robot",
+        "poses",
+        "free",
+        "pairs",
+        "pruned",
+        "lanes",
+        "ratio",
+        "fast, poses/s min med max",
+        "scalar, poses/s",
+        "doubtful"
     )
 }
 
@@ -62,7 +72,9 @@ fn poses(robot: &Robot, count: usize, lines: bool) -> Vec<f64> {
         let (from, to) = (pair[0].clone(), pair[1].clone());
         // A fifth of the way: about as long as a roadmap's edges.
         let at = move |i: usize| 0.2 * i as f64 / LINE as f64;
-        (0..LINE).flat_map(move |i| from.iter().zip(&to).map(|(a, b)| a + (b - a) * at(i)).collect::<Vec<_>>()).collect::<Vec<_>>()
+        (0..LINE)
+            .flat_map(move |i| from.iter().zip(&to).map(|(a, b)| a + (b - a) * at(i)).collect::<Vec<_>>())
+            .collect::<Vec<_>>()
     };
     ends.windows(2).flat_map(between).collect()
 }

@@ -102,13 +102,7 @@ fn nearest<L: Lanes>(between: V3<L>, u: V3<L>, v: V3<L>, half: [L; 2]) -> (L, L)
 /// Alternating projections from core to core, with Nesterov's momentum: they go to the nearest points, and on the way every
 /// pair of points and every direction is tried as a witness.
 #[inline(always)]
-fn project_to_and_fro<L: Lanes>(
-    a: &Placed<L>,
-    b: &Placed<L>,
-    start: V3<L>,
-    pair: &PairTest,
-    mut near: Mask,
-) -> Found {
+fn project_to_and_fro<L: Lanes>(a: &Placed<L>, b: &Placed<L>, start: V3<L>, pair: &PairTest, mut near: Mask) -> Found {
     let between = a.center.minus(b.center);
     let (mut from, mut last, mut found) = (start, start, 0);
     for round in 0..ROUNDS {

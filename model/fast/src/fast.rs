@@ -122,8 +122,9 @@ impl FastScene {
         self.block.decided = vec![0; self.program.pairs.len()];
         let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SEED)).collect();
         for _ in 0..SAMPLE / WIDTH {
-            let poses: Vec<f64> =
-                (0..WIDTH).flat_map(|_| robots.iter_mut().filter_map(Iterator::next).flatten().collect::<Vec<_>>()).collect();
+            let poses: Vec<f64> = (0..WIDTH)
+                .flat_map(|_| robots.iter_mut().filter_map(Iterator::next).flatten().collect::<Vec<_>>())
+                .collect();
             let asked = self.load(&poses);
             self.runner.judge(&self.program, &mut self.block, asked);
         }
@@ -156,7 +157,7 @@ impl FastScene {
     pub fn free(&mut self, poses: &[f64], free: &mut Vec<bool>) -> Result<(), FastError> {
         free.clear();
         let motors = self.motors();
-        if motors == 0 || poses.len() % motors != 0 {
+        if motors == 0 || !poses.len().is_multiple_of(motors) {
             return Err(FastError::Length { given: poses.len(), motors });
         }
         for poses in poses.chunks(motors * WIDTH) {

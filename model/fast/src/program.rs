@@ -84,7 +84,10 @@ pub(crate) enum Bend {
     None,
     /// By a right angle: exact, and only a renaming.
     Quarter,
-    By { cosine: f32, sine: f32 },
+    By {
+        cosine: f32,
+        sine: f32,
+    },
 }
 
 /// A convex shape: the part of space within `radius` of a core. Its center and axes are placed together.

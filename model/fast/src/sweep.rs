@@ -27,7 +27,9 @@ impl Sphere {
         }
         let radius = |center: &Vector3<f64>| balls.iter().map(|b| reach(center, b)).fold(0.0, f64::max);
         // One ball is its own, which the steps only come near to.
-        if radius(&first.center) <= radius(&center) { center = first.center };
+        if radius(&first.center) <= radius(&center) {
+            center = first.center
+        };
         Sphere { center, radius: radius(&center) }
     }
 

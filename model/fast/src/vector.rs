@@ -45,11 +45,7 @@ impl<L: Lanes> V3<L> {
     /// `self + direction * t`.
     #[inline(always)]
     pub fn along(self, direction: Self, t: L) -> Self {
-        V3 {
-            x: direction.x.mul_add(t, self.x),
-            y: direction.y.mul_add(t, self.y),
-            z: direction.z.mul_add(t, self.z),
-        }
+        V3 { x: direction.x.mul_add(t, self.x), y: direction.y.mul_add(t, self.y), z: direction.z.mul_add(t, self.z) }
     }
 
     /// `self - direction * t`.

@@ -69,10 +69,15 @@ pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
             };
             let shape = |dice: &mut Dice, kind: usize| {
                 let (p, h) = (dice.direction() * 0.05, dice.direction());
-                let place = format!("px=\"{}\" py=\"{}\" pz=\"{}\" hx=\"{}\" hy=\"{}\" hz=\"{}\"", p.x, p.y, p.z, h.x, h.y, h.z);
+                let place = format!(
+                    "px=\"{}\" py=\"{}\" pz=\"{}\" hx=\"{}\" hy=\"{}\" hz=\"{}\"",
+                    p.x, p.y, p.z, h.x, h.y, h.z
+                );
                 match dice.shape(kind) {
                     Shape::Sphere { radius } => format!("<sphere radius=\"{radius}\" {place}/>"),
-                    Shape::Capsule { radius, height } => format!("<capsule radius=\"{radius}\" height=\"{height}\" {place}/>"),
+                    Shape::Capsule { radius, height } => {
+                        format!("<capsule radius=\"{radius}\" height=\"{height}\" {place}/>")
+                    }
                     Shape::Cylinder { radius, height } => {
                         format!("<cylinder radius=\"{radius}\" height=\"{height}\" {place}/>")
                     }
