@@ -73,18 +73,7 @@ pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
                     "px=\"{}\" py=\"{}\" pz=\"{}\" hx=\"{}\" hy=\"{}\" hz=\"{}\"",
                     p.x, p.y, p.z, h.x, h.y, h.z
                 );
-                match dice.shape(kind) {
-                    Shape::Sphere { radius } => format!("<sphere radius=\"{radius}\" {place}/>"),
-                    Shape::Capsule { radius, height } => {
-                        format!("<capsule radius=\"{radius}\" height=\"{height}\" {place}/>")
-                    }
-                    Shape::Cylinder { radius, height } => {
-                        format!("<cylinder radius=\"{radius}\" height=\"{height}\" {place}/>")
-                    }
-                    Shape::Box { size } => {
-                        format!("<box width=\"{}\" height=\"{}\" depth=\"{}\" {place}/>", size.x, size.y, size.z)
-                    }
-                }
+                written(&dice.shape(kind), &place)
             };
             let shapes: String = (0..1 + joint % 3).map(|i| shape(&mut dice, arm + joint + i)).collect();
             text += &format!(
@@ -99,6 +88,37 @@ pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
     }
     text += "</ZeroPositionKinematicTree>";
     Arc::new(parse_robot("made_up.xml", &text).expect("a robot").value)
+}
+
+/// A body that moves freely, three slides and three hinges, and is one shape; beside an obstacle that is another.
+pub fn two_shapes(dice: &mut Dice, kinds: (usize, usize)) -> Scene {
+    let slide = "minPos=\"-2000\" maxPos=\"2000\" type=\"prismatic\"";
+    let turn = "minPos=\"-180\" maxPos=\"180\"";
+    let mut text = String::from("<ZeroPositionKinematicTree robotName=\"body\"><bodypart name=\"p\">");
+    let mut end = String::from("</bodypart><pairs></pairs></ZeroPositionKinematicTree>");
+    for (i, axis) in ["x", "y", "z", "x", "y", "z"].iter().enumerate() {
+        let (motor, joint) =
+            if i < 3 { (slide, "minPos=\"-2\" maxPos=\"2\" type=\"prismatic\"") } else { (turn, turn) };
+        text += &format!("<motor name=\"m{i}\" {motor}><joint {axis}=\"1\" {joint}>");
+        end = format!("</joint></motor>{end}");
+    }
+    text += &format!("<link x=\"0.001\">{}</link>{end}", written(&dice.shape(kinds.0), ""));
+    let robot = Arc::new(parse_robot("body.xml", &text).expect("a robot").value);
+    let shapes = vec![Primitive { shape: dice.shape(kinds.1), pose: dice.pose(0.05) }];
+    let other = object("other".into(), dice.pose(0.3), shapes);
+    Scene::new(vec![(robot, Isometry3::identity())], vec![other]).expect("a scene")
+}
+
+/// A shape as robot files have it, with the attributes of its place.
+fn written(shape: &Shape, place: &str) -> String {
+    match *shape {
+        Shape::Sphere { radius } => format!("<sphere radius=\"{radius}\" {place}/>"),
+        Shape::Capsule { radius, height } => format!("<capsule radius=\"{radius}\" height=\"{height}\" {place}/>"),
+        Shape::Cylinder { radius, height } => format!("<cylinder radius=\"{radius}\" height=\"{height}\" {place}/>"),
+        Shape::Box { size } => {
+            format!("<box width=\"{}\" height=\"{}\" depth=\"{}\" {place}/>", size.x, size.y, size.z)
+        }
+    }
 }
 
 /// Obstacles of all kinds about the origin, and a table.
