@@ -47,7 +47,7 @@ fn main() {
 
 fn header() -> String {
     format!(
-        "{:44} {:7} {:>6} {:>8} {:>6} {:>9}  {:>8}  {:>26}  {:>22}  {:>8}",
+        "{:44} {:7} {:>6} {:>8} {:>6} {:>9}  {:>8}  {:>26}  {:>22}  {:>8}  compiled in",
         "robot",
         "poses",
         "free",
@@ -85,11 +85,17 @@ fn compare(name: &str, robot: &Robot, scene: &Scene, count: usize) {
         let motors = robot.motors.len();
         let count = poses.len() / motors;
         let sets = InstructionSet::available();
+        let start = Instant::now();
+        let begin = processor_time(start);
+        drop(FastScene::new(scene, 0.0));
+        let compiled = processor_time(start) - begin;
         let mut fast: Vec<FastScene> =
             sets.iter().map(|set| FastScene::with_instructions(scene, 0.0, *set).expect("it compiles")).collect();
         let (mut scalar_rates, mut rates) = (Vec::new(), vec![Vec::new(); fast.len()]);
         let (mut expected, mut free) = (Vec::new(), Vec::new());
-        for _ in 0..ROUNDS {
+        // A million poses are for the verdicts.
+        let rounds = if count > 200_000 { 1 } else { ROUNDS };
+        for _ in 0..rounds {
             // A slice of them is enough for the slow one, but for the first round, which compares all.
             let slice = if expected.is_empty() { count } else { count.min(4000) };
             let mut verdicts = Vec::new();
@@ -109,20 +115,21 @@ fn compare(name: &str, robot: &Robot, scene: &Scene, count: usize) {
         for (fast, rates) in fast.iter().zip(rates) {
             let (rates, figures) = (sorted(rates), fast.figures());
             println!(
-                "{name:44} {:7} {:5.1}% {:8} {:6} {:>9}  {:7.1}x  {:8.0} {:8.0} {:8.0}  {:6.0} {:7.0} {:7.0}  {:.4}%",
+                "{name:44} {:7} {:5.1}% {:8} {:6} {:>9}  {:7.1}x  {:8.0} {:8.0} {:8.0}  {:6.0} {:7.0} {:7.0}  {:.4}%  {:.0} ms",
                 if lines { "lines" } else { "random" },
                 100.0 * share,
                 figures.pairs,
                 figures.pruned,
                 format!("{:?}", fast.instructions()),
-                rates[ROUNDS / 2] / scalar[ROUNDS / 2],
+                rates[rounds / 2] / scalar[rounds / 2],
                 rates[0],
-                rates[ROUNDS / 2],
-                rates[ROUNDS - 1],
+                rates[rounds / 2],
+                rates[rounds - 1],
                 scalar[0],
-                scalar[ROUNDS / 2],
-                scalar[ROUNDS - 1],
-                100.0 * figures.doubtful as f64 / figures.poses as f64
+                scalar[rounds / 2],
+                scalar[rounds - 1],
+                100.0 * figures.doubtful as f64 / figures.poses as f64,
+                1e3 * compiled
             );
         }
     }
