@@ -67,7 +67,7 @@ enum Command {
     Sim(sim::SimArgs),
     /// Search for faults: run a behavior in virtual time under seeded random faults, checking all invariants.
     Torture(torture::TortureArgs),
-    /// List the kinds of agents, controllers and drivers that a configuration file can name, with their settings.
+    /// List the kinds of agents, bridges, controllers, drivers and sensors, with their settings.
     Kinds {
         /// Show this kind in full.
         name: Option<String>,

@@ -32,7 +32,7 @@ impl View {
     }
 }
 
-/// A planner. Pure: no clock, no I/O, no randomness but its seed.
+/// What plans a robot's motions. Pure: no clock, no I/O, no randomness but its seed.
 ///
 /// Its motions may well be infeasible: it commits them, and learns from the end of each.
 pub trait Agent: Send {
