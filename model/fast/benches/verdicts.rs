@@ -1,8 +1,10 @@
-//! Poses per second and core: [`FastScene::free`] against [`Scene::free`], the same shapes, pairs and poses, in interleaved rounds.
+//! Poses per second and core: [`FastScene::free`] against [`Scene::free`], the same shapes, pairs and poses, in
+//! interleaved rounds.
 //!
-//! On random poses, and on straight lines of 64 poses between them. Robots: those that ship, the original `icub.xml` where the shared
-//! reference data is (`MOBEE_SHARED`, or `../shared`), and the files that are given:
-//! `cargo bench -p mobee-fast --bench verdicts -- ur5.xml panda.xml`. Every verdict is compared; `MOBEE_POSES` sets how many.
+//! On random poses, and on straight lines of 64 poses between them. Robots: those that ship, the original `icub.xml`
+//! where the shared reference data is (`MOBEE_SHARED`, or `../shared`), and the files that are given:
+//! `cargo bench -p mobee-fast --bench verdicts -- ur5.xml panda.xml`. Every verdict is compared; `MOBEE_POSES` sets how
+//! many.
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
 use mobee_fast::{FastScene, InstructionSet};
@@ -135,7 +137,8 @@ fn compare(name: &str, robot: &Robot, scene: &Scene, count: usize) {
     }
 }
 
-/// Processor time of this thread in seconds: what others do on the machine counts less. Wall clock where there is no such file.
+/// Processor time of this thread in seconds: what others do on the machine counts less. Wall clock where there is no
+/// such file.
 fn processor_time(start: Instant) -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = text.and_then(|t| t.split(' ').next()?.parse::<f64>().ok());

@@ -2,16 +2,17 @@
 //!
 //! With `u = 2^-24`, half a unit of `f32`, and every operation right to a relative `u`:
 //!
-//! * A turn multiplies two columns by `[c -s; s c]`. Sine and cosine (or constants) are wrong by `u` at most, which adds `sqrt(2) u` to the
-//!   rotation's error (spectral norm); the columns are sums of two products, which adds `(1 + sqrt(2)) sqrt(2) u = 3.4 u` where multiplying and adding
-//!   rounds twice. Together 4.9 u; `TURN` = 6 u leaves room for products of errors. Right angles add nothing.
-//! * A shift by `t` adds the rotation's error times `|t|`, and rounding of three sums no longer than `reach + |t|` and of three products:
-//!   below `6 u (reach + |t|)`, where `reach` bounds how far the frame is from the world's origin.
+//! * A turn multiplies two columns by `[c -s; s c]`. Sine and cosine (or constants) are wrong by `u` at most, which
+//!   adds `sqrt(2) u` to the rotation's error (spectral norm); the columns are sums of two products, which adds `(1 +
+//!   sqrt(2)) sqrt(2) u = 3.4 u` where multiplying and adding rounds twice. Together 4.9 u; `TURN` = 6 u leaves room
+//!   for products of errors. Right angles add nothing.
+//! * A shift by `t` adds the rotation's error times `|t|`, and rounding of three sums no longer than `reach + |t|` and
+//!   of three products: below `6 u (reach + |t|)`, where `reach` bounds how far the frame is from the world's origin.
 //! * A solid is displaced by its center's error and, at its far end, by its axes' error times its size.
 //! * The tests of `distance.rs` add less than `16 u` times the sizes of what they add up; `TESTS` is twice that.
 //!
-//! All of it is linear, so a chain of n hinges is wrong by about `n · 6 u` in rotation: 1e-5 rad and some 2e-5 m at the fingers of a humanoid.
-//! What was measured is a tenth of that (`tests.rs` holds each frame to its bound).
+//! All of it is linear, so a chain of n hinges is wrong by about `n · 6 u` in rotation: 1e-5 m at the fingers of the
+//! iCub. What was measured is a seventh of that (`tests.rs` holds each frame to its bound).
 
 use nalgebra::Vector3;
 
@@ -23,7 +24,8 @@ const TURN: f64 = 6.0 * U;
 const SHIFT: f64 = 6.0 * U;
 /// Rounding of a test of two solids, relative to their sizes and the clearance.
 pub(crate) const TESTS: f64 = 32.0 * U;
-/// How exact the reference is itself where it measures by iteration (pairs with a cylinder or box): twice its stated 1e-6 m.
+/// How exact the reference is itself where it measures by iteration (pairs with a cylinder or box): twice its stated
+/// 1e-6 m.
 pub(crate) const REFERENCE: f64 = 2e-6;
 
 /// What is known of a frame (or a point on it) in the lanes.
@@ -52,7 +54,8 @@ impl Bound {
         Bound { place: self.place + self.turn * by + SHIFT * reach, reach, ..self }
     }
 
-    /// How far any point of a solid is displaced, meters: its center at `center` in the frame, and no point farther than `size` from that.
+    /// How far any point of a solid is displaced, meters: its center at `center` in the frame, and no point farther
+    /// than `size` from that.
     pub fn solid(self, center: f64, size: f64) -> f64 {
         self.shifted(center).place + 2.0 * (self.turn + 2.0 * SHIFT) * size
     }

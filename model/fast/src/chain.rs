@@ -1,8 +1,8 @@
 //! Robots as chains that the lanes can follow cheaply: which frame of a moving body is the one to compute.
 //!
-//! A body's own frame F is as its file has it. The lanes compute L = F·K instead, with a constant K of the compiler's choice: z along the hinge that
-//! carries the body, and x so that the first hinge on the body is reached by one turn about x. This is Denavit and Hartenberg's
-//! choice; it spares most products of rotations.
+//! A body's own frame F is as its file has it. The lanes compute L = F·K instead, with a constant K of the compiler's
+//! choice: z along the hinge that carries the body, and x so that the first hinge on the body is reached by one turn
+//! about x. This is Denavit and Hartenberg's choice; it spares most products of rotations.
 
 use crate::bound::Bound;
 use crate::program::{Bend, Joint, Motion};
@@ -94,7 +94,8 @@ impl Bend {
     }
 }
 
-/// The frames of one robot, numbered on from those that are there. Motors are numbered over the scene, from `first_motor`.
+/// The frames of one robot, numbered on from those that are there. Motors are numbered over the scene, from
+/// `first_motor`.
 pub(crate) fn follow(skeleton: &Skeleton, first_motor: usize, frames: &mut Vec<LaneFrame>) {
     let first = frames.len();
     // By how much each frame is turned about its z so that its first hinge is reached without a turn about z.

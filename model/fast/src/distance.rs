@@ -1,14 +1,14 @@
 //! Two solids, sixteen times: surely apart, surely not, or in doubt.
 //!
-//! No answer trusts the way it was found. *Not free* is witnessed by two points, one of each core, that are near; *free* by a
-//! direction along which the supports of the two shapes are apart:
+//! No answer trusts the way it was found. *Not free* is witnessed by two points, one of each core, that are near;
+//! *free* by a direction along which the supports of the two shapes are apart:
 //!
 //! ```text
 //! g·(a - b) - support of A along g - support of B along g  >  |g| · clearance
 //! ```
 //!
-//! Points and direction may be the nearest ones or not, a bad one only leaves a lane in doubt. So only the rounding of these two tests
-//! themselves counts, and that is in the thresholds (`bound.rs`).
+//! Points and direction may be the nearest ones or not, a bad one only leaves a lane in doubt. So only the rounding of
+//! these two tests themselves counts, and that is in the thresholds (`bound.rs`).
 
 use crate::kernel::Block;
 use crate::lanes::{Lanes, Mask};
@@ -87,9 +87,9 @@ fn touching<L: Lanes>(squared: L, distance: f32) -> Mask {
     if distance > 0.0 { squared.below(L::splat(distance * distance)) } else { 0 }
 }
 
-/// Where two segments come nearest, as ways along their unit axes from their middles; `between` points from the second middle to the
-/// first. After Ericson, *Real-Time Collision Detection*, 5.1.9, without branches: where they are parallel any point will do, and the
-/// last line makes the best of whatever came before.
+/// Where two segments come nearest, as ways along their unit axes from their middles; `between` points from the second
+/// middle to the first. After Ericson, *Real-Time Collision Detection*, 5.1.9, without branches: where they are
+/// parallel any point will do, and the last line makes the best of whatever came before.
 #[inline(always)]
 fn nearest<L: Lanes>(between: V3<L>, u: V3<L>, v: V3<L>, half: [L; 2]) -> (L, L) {
     let (uv, ur, vr) = (u.dot(v), u.dot(between), v.dot(between));
@@ -99,8 +99,8 @@ fn nearest<L: Lanes>(between: V3<L>, u: V3<L>, v: V3<L>, half: [L; 2]) -> (L, L)
     (uv.mul_add(t, L::splat(0.0) - ur).clamp(half[0]), t)
 }
 
-/// Alternating projections from core to core, with Nesterov's momentum: they go to the nearest points, and on the way every
-/// pair of points and every direction is tried as a witness.
+/// Alternating projections from core to core, with Nesterov's momentum: they go to the nearest points, and on the way
+/// every pair of points and every direction is tried as a witness.
 #[inline(always)]
 fn project_to_and_fro<L: Lanes>(a: &Placed<L>, b: &Placed<L>, start: V3<L>, pair: &PairTest, mut near: Mask) -> Found {
     let between = a.center.minus(b.center);
@@ -148,7 +148,8 @@ fn project<L: Lanes>(solid: &Placed<L>, point: V3<L>) -> V3<L> {
     }
 }
 
-/// How far a solid reaches from its center along a direction, times that direction's length; without the radius of round ones.
+/// How far a solid reaches from its center along a direction, times that direction's length; without the radius of
+/// round ones.
 #[inline(always)]
 fn support<L: Lanes>(solid: &Placed<L>, g: V3<L>) -> L {
     match solid.form {

@@ -82,7 +82,8 @@ pub struct FastScene {
 }
 
 impl FastScene {
-    /// Compiles a scene with its robots where they stand and its obstacles as they are, for the best instructions of this processor.
+    /// Compiles a scene with its robots where they stand and its obstacles as they are, for the best instructions of
+    /// this processor.
     ///
     /// # Arguments
     /// * `clearance`: as for [`Scene::free`], meters: pairs must be farther apart.
@@ -91,7 +92,7 @@ impl FastScene {
     /// If the clearance is negative or not finite.
     ///
     /// # Performance
-    /// Some milliseconds for a humanoid. Compile anew when the world changes.
+    /// Ten milliseconds for a humanoid. Compile anew when the world changes.
     pub fn new(scene: &Scene, clearance: f64) -> Result<Self, FastError> {
         let best = InstructionSet::available().pop().unwrap_or(InstructionSet::Portable);
         Self::with_instructions(scene, clearance, best)

@@ -1,7 +1,8 @@
 //! The kernel: sixteen poses through a program. One source for all instruction sets.
 //!
-//! Lanes must not pass through closures and iterator adapters: what is not inlined does not have the instructions switched on, and each operation
-//! becomes a call. Hence plain loops and written-out arrays here and in `distance.rs`, `vector.rs` and `lanes.rs`.
+//! Lanes must not pass through closures and iterator adapters: what is not inlined does not have the instructions
+//! switched on, and each operation becomes a call. Hence plain loops and written-out arrays here and in `distance.rs`,
+//! `vector.rs` and `lanes.rs`.
 
 use crate::distance::test_pair;
 use crate::lanes::{Lanes, Mask, Row, WIDTH, WideRow};
@@ -238,8 +239,9 @@ fn place_group<L: Lanes>(program: &Program, block: &mut Block, group: usize) {
 
 /// Sine and cosine of a joint's angle, each right to half a unit of `f32`.
 ///
-/// The angle is reduced to an eighth of a turn and the series summed in `f64` (remainders below 2e-9 and 2e-10), so that neither the
-/// size of the angle nor the polynomial adds to the error. A plain loop: the compiler makes vectors of it.
+/// The angle is reduced to an eighth of a turn and the series summed in `f64` (remainders below 2e-9 and 2e-10), so
+/// that neither the size of the angle nor the polynomial adds to the error. A plain loop: the compiler makes vectors of
+/// it.
 #[inline(always)]
 fn sine_cosine<L: Lanes>(q: &WideRow, joint: &Joint, sine: &mut Row, cosine: &mut Row) {
     use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};

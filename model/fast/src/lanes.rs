@@ -1,8 +1,8 @@
 //! Sixteen numbers at a time, one pose in each lane: the few operations that the kernel is written in.
 //!
-//! The kernel is one generic source. With [`Avx512`] a [`Lanes`] is one register, with [`Avx2`] two, with [`Portable`] an array that the
-//! compiler makes of it what it can. All do the same operations in the same order; the first two therefore agree bit for bit, and the
-//! portable one differs from them only by rounding twice where they multiply and add at once.
+//! The kernel is one generic source. With [`Avx512`] a [`Lanes`] is one register, with [`Avx2`] two, with [`Portable`]
+//! an array that the compiler makes of it what it can. All do the same operations in the same order; the portable one
+//! rounds twice where the others multiply and add at once.
 
 use std::ops::{Add, Mul, Sub};
 
@@ -24,8 +24,9 @@ pub(crate) struct WideRow(pub [f64; WIDTH]);
 
 /// A number per lane, in registers.
 ///
-/// Everything is inlined into a function that has the instructions switched on (`isa.rs`): the only places that name a kind of lanes
-/// are there, behind the check that the processor has them, and that is what makes the `unsafe` blocks below sound.
+/// Everything is inlined into a function that has the instructions switched on (`isa.rs`): the only places that name a
+/// kind of lanes are there, behind the check that the processor has them, and that is what makes the `unsafe` blocks
+/// below sound.
 pub(crate) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
     /// Whether multiplying and adding at once is an instruction; where it is not, it would be a call.
     const FUSED: bool;

@@ -1,26 +1,31 @@
 //! *Free or not* for many poses at once: what planners ask a hundred thousand times, sixteen poses at a time.
 //!
-//! [`FastScene`] compiles a scene once, for one clearance, into a flat program of joints and tests, and runs sixteen poses through it
-//! together: one pose per lane of the processor's vector registers.
+//! [`FastScene`] compiles a scene once, for one clearance, into a flat program of joints and tests, and runs sixteen
+//! poses through it together: one pose per lane of the processor's vector registers.
 //!
 //! # The promise
-//! **Verdicts are the scalar engine's** ([`mobee_model::Scene::free`]). The lanes compute in `f32`, but decide only what is beyond
-//! doubt; what their rounding could decide, the scalar engine is asked about, pair by pair.
+//! **Verdicts are the scalar engine's** ([`mobee_model::Scene::free`]). The lanes compute in `f32`, but decide only
+//! what is beyond doubt; what their rounding could decide, the scalar engine is asked about, pair by pair.
 //!
 //! # Method
 //! ```text
-//! poses ──transpose──> angles ──f64──> sine, cosine ──f32──> frames ──> balls ──near──> shapes ──near──> two shapes
-//!                                                                                                touching | free | doubt ──> scalar engine
+//! poses ──> angles ──f64──> sine, cosine ──f32──> frames ──> balls ──near──> shapes ──near──> two shapes
+//!                                                     touching | free | in doubt ──> scalar engine
 //! ```
-//! * **Kinematics** (`chain.rs`): constant transforms are folded; each frame is chosen so that its hinge turns about z and most constant
-//!   turns vanish or are right angles.
-//! * **Pairs** (`sweep.rs`): a pair is dropped if the balls that hold its shapes *at every pose within the limits* are apart: a proof, not a sample.
-//! * **Balls** (`steps.rs`): two hands, two links, then two shapes are asked only if their balls meet in a lane. A hand's fingers are not even
-//!   placed unless something is near the hand. What decided most often in a seeded sample is asked first.
-//! * **Two shapes** (`distance.rs`): capsules and balls by the closed form of two segments; cylinders and boxes by projections to and fro. Whatever is
-//!   found is *checked*: two near points prove a contact, a direction that separates proves that there is none.
-//! * **Rounding** (`bound.rs`): a worst-case bound is carried along each chain while it is compiled, and goes into the thresholds.
-//! * **Instructions** (`isa.rs`): AVX-512, AVX2 or none, chosen at run time; one source, generic over the lanes (`lanes.rs`).
+//! * **Kinematics** (`chain.rs`): constant transforms are folded; each frame is chosen so that its hinge turns about z
+//!   and most constant turns vanish or are right angles.
+//! * **Pairs** (`sweep.rs`): a pair is dropped if the balls that hold its shapes *at every pose within the limits* are
+//!   apart: a proof, not a sample.
+//! * **Balls** (`steps.rs`): two hands, two links, then two shapes are asked only if their balls meet in a lane. A
+//!   hand's fingers are not even placed unless something is near the hand. What decided most often in a seeded sample
+//!   is asked first.
+//! * **Two shapes** (`distance.rs`): capsules and balls by the closed form of two segments; cylinders and boxes by
+//!   projections to and fro. Whatever is found is *checked*: two near points prove a contact, a direction that
+//!   separates proves that there is none.
+//! * **Rounding** (`bound.rs`): a worst-case bound is carried along each chain while it is compiled, and goes into the
+//!   thresholds.
+//! * **Instructions** (`isa.rs`): AVX-512, AVX2 or none, chosen at run time; one source, generic over the lanes
+//!   (`lanes.rs`).
 //!
 //! This is the one crate that uses `unsafe`: for vector instructions, in `lanes.rs` and `isa.rs` alone.
 

@@ -52,8 +52,8 @@ pub(crate) struct UnitTest {
 
 /// A joint, and the frame that it carries: `parent · shift · turn about z · turn about x`, then the motion.
 ///
-/// Frames are chosen so that every hinge turns about its own z, and z and x turns that are none cost nothing: Denavit and
-/// Hartenberg's choice, found by the compiler.
+/// Frames are chosen so that every hinge turns about its own z, and z and x turns that are none cost nothing: Denavit
+/// and Hartenberg's choice, found by the compiler.
 #[derive(Clone, Debug)]
 pub(crate) struct Joint {
     pub frame: usize,
@@ -102,7 +102,8 @@ pub(crate) struct Solid {
     pub form: Form,
 }
 
-/// Sizes of a solid, meters. Round shapes are exact; the others have a core that is smaller than they are by `Form::inset` all around.
+/// Sizes of a solid, meters. Round shapes are exact; the others have a core that is smaller than they are by
+/// `Form::inset` all around.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Form {
     /// Ball (`half` = 0) or capsule.

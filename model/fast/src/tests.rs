@@ -25,7 +25,8 @@ fn scene(name: &str) -> (Arc<Robot>, Scene) {
 fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &Block, &[usize])) {
     let (robot, scene) = scene(name);
     let mut compiled = compile(&scene, 10.0);
-    // Everything is near at ten meters, but nothing touches by then that would end the block: only frames are asked for here.
+    // Everything is near at ten meters, but nothing touches by then that would end the block: only frames are asked for
+    // here.
     compiled.program.units.clear();
     compiled.program.regions.truncate(1);
     compiled.program.regions[0] = 0..compiled.program.joints.len();

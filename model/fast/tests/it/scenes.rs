@@ -47,7 +47,8 @@ pub fn alone(robot: Arc<Robot>) -> Scene {
     Scene::new(vec![(robot, Isometry3::identity())], Vec::new()).expect("a scene")
 }
 
-/// Three arms on a base: hinges about any axis, slides, motors with several joints, and on each link shapes of all kinds.
+/// Three arms on a base: hinges about any axis, slides, motors with several joints, and on each link shapes of all
+/// kinds.
 pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
     let mut dice = Dice(seed);
     let mut text = format!("<ZeroPositionKinematicTree robotName=\"{name}\">");

@@ -68,8 +68,8 @@ fn robots_of_all_shapes_and_joints() {
     }
 }
 
-/// Two shapes of each kind pushed together until they touch, and then looked at a little before and after: from a centimeter to a
-/// tenth of a micrometer, flat on flat and corner on rim.
+/// Two shapes of each kind pushed together until they touch, and then looked at a little before and after: from a
+/// centimeter to a tenth of a micrometer, flat on flat and corner on rim.
 #[test]
 fn shapes_at_the_verge_of_contact() {
     let mut dice = Dice(1);
@@ -112,7 +112,8 @@ fn shapes_at_the_verge_of_contact() {
     }
     eprintln!("{doubtful} of {judged} in doubt");
     assert!(judged > 10_000, "they touch: {judged}");
-    // All are that are nearer than the errors: two distances of seven, and those of a micrometer or ten for the most part.
+    // All are that are nearer than the errors: two distances of seven, and those of a micrometer or ten for the most
+    // part.
     assert!((judged / 4..judged * 3 / 4).contains(&doubtful), "{doubtful} of {judged}");
 }
 
@@ -132,7 +133,8 @@ fn several_robots_in_one_world() {
     }
 }
 
-/// A motor beyond its limits counts as at the limit, and so does one that is not a number, unless a constraint asks about it.
+/// A motor beyond its limits counts as at the limit, and so does one that is not a number, unless a constraint asks
+/// about it.
 #[test]
 fn poses_that_nothing_has() {
     let scene = alone(shipped("icub"));
