@@ -190,8 +190,8 @@ mod tests {
         let moves = |joints, values, relative| Set::Move { joints, values, relative };
         let cases = [
             (moves(group(), vec![250.0, 30.0], false), "[set] [posg] 2 (1 0) (0.25 30.0)"),
-            (moves(Joints::One(1), vec![-5.0], true), "[set] [rel] 1 -0.0050000000000000001041"),
-            (moves(Joints::All, vec![1.0, 1.0, 1.0], false), "[set] [poss] (1.0 0.0010000000000000000208 1.0)"),
+            (moves(Joints::One(1), vec![-250.0], true), "[set] [rel] 1 -0.25"),
+            (moves(Joints::All, vec![1.0, 500.0, 1.0], false), "[set] [poss] (1.0 0.5 1.0)"),
             (Set::Velocity(vec![10.0, 500.0, 10.0]), "[set] [vmos] (10.0 0.5 10.0)"),
             (Set::Speed(group(), vec![125.0, 8.0]), "[set] [velg] 2 (1 0) (0.125 8.0)"),
             (Set::Acceleration(group(), vec![125.0, 8.0]), "[set] [accg] 2 (1 0) (0.125 8.0)"),
