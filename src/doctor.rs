@@ -9,8 +9,9 @@ mod moves;
 use crate::compose::{compose, driver_of};
 use crate::config::{Config, Source};
 use mobee_contract::{JointLimits, suggestion};
-use mobee_drivers::{YARP, YarpDriverSettings};
+use mobee_drivers::{YARP, YarpDriverSettings, joint_kind};
 use mobee_yarp::Network;
+use mobee_yarp::board::JointKind;
 use mobee_yarp::config::{self, Env};
 use std::cell::Cell;
 use std::fmt;
@@ -119,7 +120,7 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
         tell(runtime.block_on(boards::robot(robot)));
     }
     if let (Some(file), Some(motor)) = (&args.file, &args.moves) {
-        let behind = robots.iter().flat_map(|r| r.motors.iter().flatten()).map(|(name, _)| name.as_str());
+        let behind = robots.iter().flat_map(|r| r.motors.iter().flatten()).map(|m| m.name.as_str());
         let behind: Vec<&str> = behind.collect();
         let not = |why: String| Finding::bad(format!("{motor} was not moved"), why);
         tell(vec![if worst.get() == Grade::Bad {
@@ -137,8 +138,16 @@ pub fn command(args: &DoctorArgs) -> Result<ExitCode, miette::Report> {
 struct Remote {
     name: String,
     settings: YarpDriverSettings,
-    /// The motors of each of its parts in the model: name and limits, rad.
-    motors: Vec<Vec<(String, JointLimits)>>,
+    /// The motors of each of its parts in the model.
+    motors: Vec<Vec<ModelMotor>>,
+}
+
+/// A motor of the model.
+struct ModelMotor {
+    name: String,
+    kind: JointKind,
+    /// Rad.
+    limits: JointLimits,
 }
 
 /// Checks a file as `mobee check` does, and returns its robots behind YARP.
@@ -165,7 +174,12 @@ fn configuration(file: &Path, set: &[String]) -> (Vec<Finding>, Vec<Remote>) {
                 let of = |part: &str| {
                     let part = model?.parts.iter().find(|p| p.name == part)?;
                     let motors = model?.motors.get(part.motors.clone())?.iter();
-                    Some(motors.map(|m| (m.name.clone(), (m.min, m.max))).collect())
+                    let motor = |m: &mobee_model::Motor| ModelMotor {
+                        name: m.name.clone(),
+                        kind: joint_kind(m.motion),
+                        limits: (m.min, m.max),
+                    };
+                    Some(motors.map(motor).collect())
                 };
                 let motors = settings.parts.iter().map(|p| of(&p.part).unwrap_or_default()).collect();
                 robots.push(Remote { name: robot.name.clone(), settings, motors });

@@ -6,7 +6,6 @@ use crate::signals::Interrupt;
 use miette::Report;
 use mobee_contract::Context;
 use mobee_drivers::{SIM, SimBoard, SimClock, SimSettings};
-use mobee_model::JointMotion;
 use mobee_yarp::board::BoardServer;
 use mobee_yarp::config::{self, Env};
 use mobee_yarp::{NameServer, Network};
@@ -61,11 +60,6 @@ fn boards(args: &SimArgs) -> Result<Vec<(String, SimBoard)>, Report> {
         let prefix = args.prefix.clone().unwrap_or_else(|| format!("/{}Sim", robot.name));
         let model = Config::beside(&source, &robot.model);
         let model = mobee_model::load_robot(&model)?.value;
-        // Boards count meters where the model counts millimeters: unconverted, a position would be a thousandfold.
-        if let Some(motor) = model.motors.iter().find(|m| m.motion == JointMotion::Slide) {
-            let what = format!("motor {} slides, which is not served over YARP yet", motor.name);
-            return Err(source.error(&format!("robot[{i}].model"), what, "use a robot whose motors all turn").into());
-        }
         let seed = derive_seed(config.seed, &format!("{}/driver", robot.name));
         let at = format!("robot[{i}].driver");
         let settings = settings(robot, &at, &source)?;

@@ -55,4 +55,7 @@ pub use sim::{
     Fault, FaultId, Garbage, Imitated, Plant, SIM, SimBoard, SimClock, SimDriver, SimFaults, SimHardware, SimSettings,
     StoppingPath, path, stopping_path,
 };
-pub use yarp::{Moves, PartSettings, Who, WireFault, YARP, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim};
+pub use yarp::{
+    Moves, PartSettings, Who, WireFault, YARP, YarpDriver, YarpDriverSettings, YarpHardware, YarpSim, disagreement,
+    joint_kind,
+};

@@ -43,6 +43,7 @@ mod states;
 mod thread;
 
 pub use driver::YarpDriver;
+pub use layout::{disagreement, joint_kind};
 pub use settings::{Moves, PartSettings, YarpDriverSettings};
 pub use sim::{Who, WireFault, YarpSim};
 

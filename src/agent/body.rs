@@ -6,6 +6,7 @@
 
 use mobee_contract::{Axis, MotionEnd, Move, Target};
 use mobee_model::{Part, Robot};
+use mobee_yarp::board::Units;
 use mobee_yarp::{Bottle, CallError, Carrier, Network, PortError, RpcClient, Value, Vocab};
 use std::ops::Range;
 use std::time::Duration;
@@ -64,6 +65,8 @@ enum Said {
 struct Board {
     port: String,
     motors: Range<usize>,
+    /// What its joints count on the wire.
+    units: Units,
     rpc: RpcClient,
 }
 
@@ -133,8 +136,10 @@ impl Body {
             let own = format!("{prefix}/{name}/agent{}/rpc:o", std::process::id());
             // the first connection must come about; later ones are made anew
             drop(RpcClient::connect(network, &own, &port, Carrier::Tcp).await?);
-            let mut board =
-                Board { rpc: RpcClient::keep(network, &own, &port, Carrier::Tcp), port, motors: motors.clone() };
+            let rpc = RpcClient::keep(network, &own, &port, Carrier::Tcp);
+            let moved = robot.motors.get(motors.clone()).unwrap_or_default();
+            let units = Units::new(moved.iter().map(|m| mobee_drivers::joint_kind(m.motion)));
+            let mut board = Board { rpc, port, motors: motors.clone(), units };
             let said = board.reading(&words(&["get", "axes"])).await?;
             let axes = said.get(2).and_then(Value::as_i64).unwrap_or(-1);
             if usize::try_from(axes) != Ok(motors.len()) {
@@ -159,7 +164,8 @@ impl Body {
                     request.push(Value::Int32(i32::try_from(joint).unwrap_or(i32::MAX)));
                     let said = board.reading(&request).await?;
                     let at = |i: usize| said.get(i).and_then(Value::as_f64).filter(|v| v.is_finite());
-                    *slot = at(2).zip(at(3)).map(|(a, b)| (a.to_radians(), b.to_radians()));
+                    let rad = |v: f64| board.units.kind(joint).from_wire(v).to_radians();
+                    *slot = at(2).zip(at(3)).map(|(a, b)| (rad(a), rad(b)));
                 }
                 let [limits, speeds] = pair;
                 if let Some((min, max)) = limits.filter(|(min, max)| min < max) {
@@ -190,7 +196,11 @@ impl Body {
             let read = said.get(2).and_then(Value::as_list).and_then(Bottle::numbers);
             let slots = q.get_mut(board.motors.clone());
             match read.zip(slots).filter(|(read, slots)| read.len() == slots.len()) {
-                Some((read, slots)) => slots.iter_mut().zip(&read).for_each(|(slot, deg)| *slot = deg.to_radians()),
+                Some((read, slots)) => {
+                    for (joint, (slot, v)) in slots.iter_mut().zip(read).enumerate() {
+                        *slot = board.units.kind(joint).from_wire(v).to_radians();
+                    }
+                }
                 None => {
                     let (port, asked) = (board.port.clone(), request.to_string());
                     return Err(BodyError::Answer { port, asked, said: said.to_string() });
@@ -290,9 +300,11 @@ impl Body {
             let mut share = Share { board: index, joints: Vec::new(), goals: Vec::new(), speeds: Vec::new() };
             for ((motor, to), speed) in motion.motors.iter().zip(&motion.q).zip(speeds) {
                 if board.motors.contains(motor) {
-                    share.joints.push(motor - board.motors.start);
-                    share.goals.push(to.to_degrees());
-                    share.speeds.push(speed.to_degrees().max(LEAST_DEG));
+                    let joint = motor - board.motors.start;
+                    let wire = |v: f64| board.units.kind(joint).to_wire(v);
+                    share.joints.push(joint);
+                    share.goals.push(wire(to.to_degrees()));
+                    share.speeds.push(wire(speed.to_degrees().max(LEAST_DEG)));
                 }
             }
             (!share.joints.is_empty()).then_some(share)
@@ -307,9 +319,9 @@ struct Share {
     board: usize,
     /// Its joints that move.
     joints: Vec<usize>,
-    /// Where to, deg.
+    /// Where to, as the wire has it.
     goals: Vec<f64>,
-    /// How fast, deg/s.
+    /// How fast, as the wire has it.
     speeds: Vec<f64>,
 }
 

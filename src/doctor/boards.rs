@@ -1,8 +1,7 @@
 //! The network: the name server, and the control boards of a robot.
 
-use super::{Finding, PATIENCE, Remote};
-use mobee_contract::JointLimits;
-use mobee_yarp::board::{Ask, Get, LinkState, RemoteBoard, RemoteOptions};
+use super::{Finding, ModelMotor, PATIENCE, Remote};
+use mobee_yarp::board::{Ask, Get, LinkState, RemoteBoard, RemoteOptions, Units};
 use mobee_yarp::config::{self, Env};
 use mobee_yarp::{Carrier, Network};
 use std::time::Duration;
@@ -49,13 +48,7 @@ pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
 }
 
 /// Looks at a board through ports of our own, whose names are gone when it has.
-async fn board(
-    robot: &Remote,
-    network: &Network,
-    port: &str,
-    motors: &[(String, JointLimits)],
-    what: String,
-) -> Vec<Finding> {
+async fn board(robot: &Remote, network: &Network, port: &str, motors: &[ModelMotor], what: String) -> Vec<Finding> {
     let options = RemoteOptions {
         local: format!("/MoBeE/doctor/{}{port}", std::process::id()),
         carrier: robot.settings.carrier.parse().unwrap_or(Carrier::FastTcp),
@@ -72,7 +65,7 @@ async fn looked_at(
     robot: &Remote,
     board: &RemoteBoard,
     port: &str,
-    motors: &[(String, JointLimits)],
+    motors: &[ModelMotor],
     what: String,
 ) -> Vec<Finding> {
     let mut link = board.link();
@@ -92,9 +85,15 @@ async fn looked_at(
         return vec![Finding::bad(format!("{what}: {axes} joints, {} in the model", motors.len()), remedy)];
     }
     let mut found = Vec::new();
-    let limits = motors.iter().zip(facts.iter()).filter_map(|((name, model), fact)| {
-        let (min, max) = fact.limits?;
-        Some((name.as_str(), *model, (min.to_radians(), max.to_radians())))
+    let units = Units::new(motors.iter().map(|m| m.kind));
+    for (joint, (motor, fact)) in motors.iter().zip(facts.iter()).enumerate() {
+        let joint = format!("joint {joint} of {port}");
+        let wrong = mobee_drivers::disagreement(fact.kind, motor.kind, &motor.name, &joint);
+        found.extend(wrong.map(|[what, remedy]| Finding::bad(what, remedy)));
+    }
+    let limits = motors.iter().zip(facts.iter()).enumerate().filter_map(|(joint, (motor, fact))| {
+        let (min, max) = units.facts_from_wire(joint, fact).limits?;
+        Some((motor.name.as_str(), motor.limits, (min.to_radians(), max.to_radians())))
     });
     if let Some(less) = mobee_contract::narrowed(limits) {
         let remedy = "the narrower limits apply; put them into the model too if they are the robot's";

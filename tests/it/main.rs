@@ -22,6 +22,7 @@ mod resume_evidence;
 mod same_seed_same_run;
 mod schema;
 mod shipped_behaviors;
+mod slides_over_yarp;
 mod swap_over_yarp;
 mod through_the_filter;
 mod torture_seeds;

@@ -3,8 +3,9 @@
 // It opens a robot's part by `remote_controlboard`, moves it to one pose after the other, and polls for the end of each
 // motion. Whatever fails, it says so and tries the call again until it works.
 //
-//   reach --remote /MoBeE/icub/right_arm --local /reach [--carrier tcp] [--speed 20] --pose "(j0 j1 ...)" --pose ...
+//   reach --remote /MoBeE/icub/right_arm --local /reach [--carrier tcp] [--speed 20] [--facts yes] --pose "(j0 j1 ...)" --pose ...
 //
+// With --facts it first prints a line for each joint: `joint J TYPE MIN MAX`, and after each motion `at K (q0 q1 ...)`.
 // Prints one line per event: `axes N`, `moving K`, `reached K`, `failed K`, `again K MILLISECONDS`, `bye`.
 
 #include <yarp/dev/ControlBoardInterfaces.h>
@@ -42,6 +43,7 @@ int main(int argc, char* argv[])
     std::string remote, local = "/reach", carrier = "tcp";
     double speed = 20.0;
     int rounds = 1;
+    bool facts = false;
     std::vector<yarp::os::Bottle> poses;
     for (int i = 1; i + 1 < argc; i += 2) {
         const std::string key = argv[i], value = argv[i + 1];
@@ -53,6 +55,8 @@ int main(int argc, char* argv[])
             carrier = value;
         } else if (key == "--speed") {
             speed = std::atof(value.c_str());
+        } else if (key == "--facts") {
+            facts = true;
         } else if (key == "--rounds") {
             rounds = std::atoi(value.c_str());
         } else if (key == "--pose") {
@@ -81,6 +85,18 @@ int main(int argc, char* argv[])
     int axes = 0;
     position->getAxes(&axes);
     std::printf("axes %d\n", axes);
+    yarp::dev::IAxisInfo* info = nullptr;
+    for (int j = 0; facts && j < axes; ++j) {
+        yarp::dev::JointTypeEnum type = yarp::dev::VOCAB_JOINTTYPE_UNKNOWN;
+        double min = 0.0, max = 0.0;
+        if (!driver.view(info) || !info->getJointType(j, type) || !limits->getLimits(j, &min, &max)) {
+            return give_up("the joints are not told");
+        }
+        const char* word = type == yarp::dev::VOCAB_JOINTTYPE_PRISMATIC ? "prismatic"
+            : type == yarp::dev::VOCAB_JOINTTYPE_REVOLUTE               ? "revolute"
+                                                                        : "unknown";
+        std::printf("joint %d %s %.3f %.3f\n", j, word, min, max);
+    }
 
     int k = 0;
     for (int round = 0; round < rounds; ++round) {
@@ -133,6 +149,13 @@ int main(int argc, char* argv[])
                     away = std::fmax(away, std::fabs(q[j] - target[j]));
                 }
                 std::printf("reached %d %.3f\n", k, away);
+                if (facts) {
+                    std::printf("at %d", k);
+                    for (int j = 0; j < n; ++j) {
+                        std::printf(" %.4f", q[j]);
+                    }
+                    std::printf("\n");
+                }
             }
             ++k;
         }

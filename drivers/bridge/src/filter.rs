@@ -116,7 +116,10 @@ impl FilterCore {
     /// A filter for all parts of a robot, standing at `q` (rad), whose clients may use this share of each motor's greatest
     /// speed.
     pub fn new(name: &str, robot: &Robot, board: &Board, q: &[f64], speed: f64) -> FilterCore {
-        let axis = |(i, axis)| BoardAxis::at_rest(axis, q.get(i).copied().unwrap_or_default());
+        let axis = |(i, axis): (usize, &mobee_contract::Axis)| {
+            let motion = robot.motors.get(i).map(|motor| motor.motion).unwrap_or_default();
+            BoardAxis::at_rest(axis, motion, q.get(i).copied().unwrap_or_default())
+        };
         let axes: Vec<BoardAxis> = board.axes.iter().enumerate().map(axis).collect();
         let part = |part: &mobee_model::Part| PartBoard {
             motors: part.motors.clone(),
@@ -136,7 +139,7 @@ impl FilterCore {
         self.agent.clone()
     }
 
-    /// The reference speeds and accelerations that a real board has (deg/s, deg/s^2), read once at the start.
+    /// The reference speeds and accelerations that a real board has (deg/s, deg/s^2; mm where a joint slides), read once at the start.
     pub fn learn(&mut self, part: usize, speeds: &[f64], accelerations: &[f64]) {
         let Some(part) = self.parts.get_mut(part) else { return };
         for (axis, speed) in part.axes.iter_mut().zip(speeds) {
@@ -262,7 +265,8 @@ impl FilterCore {
         let Some(part) = self.parts.get(client.part) else { return Err(BoardReply::Refused) };
         let axes = |joints: &[usize]| joints.iter().map(|j| part.axes.get(*j)).collect::<Vec<_>>();
         let references = |joints: &[usize], of: fn(&BoardAxis) -> Option<f64>| {
-            KnownBetter::References(axes(joints).into_iter().map(|axis| axis.and_then(of)).collect())
+            let known = |axis: Option<&BoardAxis>| axis.and_then(|axis| Some((of(axis)?, axis.motion)));
+            KnownBetter::References(axes(joints).into_iter().map(known).collect())
         };
         Ok(match question {
             Question::Done(joints) => {

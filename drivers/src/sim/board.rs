@@ -4,11 +4,14 @@
 //! rpc:i, command:i ──> SimBoard ──Command──> the simulated board of one part (SimHardware)
 //! state:o, stateExt:o <── Shadow <── its readings
 //! ```
+//! The model's motors count millimeters where they slide; boards, and so this one, meters ([`SimBoard::counting`]).
 //! It behaves as boards do: it moves as it is told without a lease of anybody's, in the mode it is in, at the reference speeds it was given.
 
-use crate::{Imitated, SimHardware, SimSettings};
+use crate::{Imitated, SimHardware, SimSettings, joint_kind};
 use mobee_contract::{Command, Context, ControlMode, Driver, DriverFault, Hardware, KindError, Move, Sample, Time};
-use mobee_yarp::board::{Ask, Device, Get, Joints, Quantity, Reply, Set, Shadow, ShadowAxis, Streamed, mode, reply};
+use mobee_yarp::board::{
+    Ask, Device, Get, JointKind, Joints, Quantity, Reply, Set, Shadow, ShadowAxis, Streamed, Units, mode, reply,
+};
 use mobee_yarp::{Bottle, Dialect, JointData, Message, Stamp, Vocab};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -81,7 +84,9 @@ impl SimBoard {
             let seed = context.seed.wrapping_add(i as u64);
             let hardware = SimHardware::with_axes(axes.to_vec(), start, settings, seed);
             let lost = |e: DriverFault| KindError::new("", e.to_string(), "");
-            boards.push(SimBoard::new(&part.name, hardware, clock).map_err(lost)?);
+            let motors = context.robot.motors.get(part.motors.clone()).unwrap_or_default();
+            let units = Units::new(motors.iter().map(|m| joint_kind(m.motion)));
+            boards.push(SimBoard::new(&part.name, hardware, clock).map_err(lost)?.counting(&units));
         }
         Ok(boards)
     }
@@ -103,6 +108,14 @@ impl SimBoard {
         }
         let state = State { hardware, driver, shadow, last: None, answers: Stamp::default(), states: Stamp::default() };
         Ok(SimBoard { part: part.to_owned(), state: Mutex::new(state), clock })
+    }
+
+    /// The same board with joints of these kinds: it tells them, and counts meters where one slides.
+    pub fn counting(self, units: &Units) -> SimBoard {
+        for (j, axis) in self.lock().shadow.axes.iter_mut().enumerate() {
+            axis.count_as(units.kind(j));
+        }
+        self
     }
 
     /// The part's name.
@@ -154,12 +167,12 @@ impl SimBoard {
     }
 }
 
-/// What of a joint outlives whoever set it.
+/// What of a joint outlives whoever set it: degrees, meters where it slides.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointSettings {
-    /// Reference speed, deg/s.
+    /// Reference speed.
     pub speed: f64,
-    /// Reference acceleration, deg/s^2.
+    /// Reference acceleration.
     pub acceleration: f64,
     /// Control mode.
     pub mode: Vocab,
@@ -229,9 +242,9 @@ impl State {
         let q = self.last.as_ref().map(|s| s.q.clone());
         for (i, axis) in self.shadow.axes.iter_mut().enumerate() {
             if let Some(q) = q.as_ref().and_then(|q| q.get(i)) {
-                axis.q = q.to_degrees();
+                axis.q = axis.kind.to_wire(q.to_degrees());
             }
-            axis.speed = speeds.get(i).copied().unwrap_or_default().to_degrees();
+            axis.speed = axis.kind.to_wire(speeds.get(i).copied().unwrap_or_default().to_degrees());
             axis.done = done.get(i).copied().unwrap_or_default();
             let known = modes.get(i).map_or(mode::UNKNOWN, |m| word(*m));
             axis.mode = if faulty { mode::HARDWARE_FAULT } else { known };
@@ -245,6 +258,12 @@ impl State {
     /// Whether all these joints are in this mode.
     fn are_in(&self, joints: &[usize], mode: Vocab) -> bool {
         joints.iter().all(|j| self.shadow.axes.get(*j).is_some_and(|a| a.mode == mode))
+    }
+
+    /// The wire's numbers of some joints as the plant has them.
+    fn radians(&self, joints: &[usize], values: &[f64]) -> Vec<f64> {
+        let kind = |j: &usize| self.shadow.axes.get(*j).map_or(JointKind::Unknown, |axis| axis.kind);
+        joints.iter().zip(values).map(|(j, v)| kind(j).from_wire(*v).to_radians()).collect()
     }
 
     fn note(&mut self, joints: &[usize], values: &[f64], slot: fn(&mut ShadowAxis) -> &mut f64) {
@@ -305,7 +324,7 @@ impl State {
                 if !self.are_in(&motors, mode::DIRECT) {
                     return None;
                 }
-                let q = values.iter().map(|d| d.to_radians()).collect();
+                let q = self.radians(&motors, values);
                 self.give(now, &Command::Direct { motors: motors.clone(), q })?;
                 self.note(&motors, values, |a| &mut a.direct_ref);
                 Some(())
@@ -317,7 +336,7 @@ impl State {
         if !self.are_in(joints, mode::POSITION) {
             return None;
         }
-        let q = values.iter().map(|v| v.to_radians()).collect();
+        let q = self.radians(joints, values);
         let command = Move { motors: joints.to_vec(), q, relative, speed: None, acceleration: None };
         self.give(now, &Command::Move(command))?;
         let base = |j: &usize| self.shadow.axes.get(*j).filter(|_| relative).map_or(0.0, |a| a.q);
@@ -330,7 +349,7 @@ impl State {
         if !self.are_in(joints, mode::VELOCITY) {
             return None;
         }
-        let speed = values.iter().map(|v| v.to_radians()).collect();
+        let speed = self.radians(joints, values);
         self.give(now, &Command::Velocity { motors: joints.to_vec(), speed })?;
         self.note(joints, values, |a| &mut a.vel_ref);
         Some(())
@@ -347,7 +366,8 @@ impl State {
         // boards take the amount: a negative speed means the same
         self.note(joints, &values.iter().map(|v| v.abs()).collect::<Vec<f64>>(), slot);
         let of = |get: fn(&ShadowAxis) -> f64| {
-            joints.iter().filter_map(|j| self.shadow.axes.get(*j)).map(|a| get(a).to_radians()).collect()
+            let axes = joints.iter().filter_map(|j| self.shadow.axes.get(*j));
+            axes.map(|a| a.kind.from_wire(get(a)).to_radians()).collect()
         };
         let (speed, acceleration) = (of(|a| a.ref_speed), of(|a| a.ref_acc));
         let given = self.give(now, &Command::Reference { motors: joints.to_vec(), speed, acceleration });

@@ -3,7 +3,7 @@
 use super::answers::Answers;
 use super::found::{Finding, Owed};
 use super::gauge::Gauge;
-use super::layout::Layout;
+use super::layout::{Layout, disagreement};
 use super::motion::Motions;
 use super::pace::Pace;
 use mobee_contract::{AnswerTime, AsFound, Axis, Board, ControlMode, Pose};
@@ -55,11 +55,11 @@ pub struct BoardFacts {
     pub brake: Option<String>,
     /// Whether it was reached and is nobody else's.
     pub reached: bool,
-    /// What it says of its axes.
+    /// What it says of its axes, in its own units.
     pub facts: Option<Arc<[AxisFacts]>>,
     /// The newest state as it came.
     pub told: Option<Arc<RemoteState>>,
-    /// Positions, deg.
+    /// Positions, deg or mm.
     pub q: Vec<f64>,
     /// When they were read, s.
     pub read_at: f64,
@@ -190,14 +190,14 @@ impl SharedBoards {
         self.changed.notify_all();
     }
 
-    /// Waits until all boards can be used and a reading is there, or the time is up.
+    /// Waits until all boards can be used and a reading is there, the robot can't be used at all, or the time is up.
     pub fn wait(&self, patience: Duration) -> MutexGuard<'_, Inner> {
-        let waits = |inner: &mut Inner| !inner.is_ready();
+        let waits = |inner: &mut Inner| !inner.is_ready() && inner.misfit.is_none();
         let waited = self.changed.wait_timeout_while(self.lock(), patience, waits);
         waited.unwrap_or_else(PoisonError::into_inner).0
     }
 
-    /// The greatest speeds of some of a board's joints, deg/s.
+    /// The greatest speeds of some of a board's joints, deg/s or mm/s.
     pub fn greatest(&self, layout: &Layout, board: usize, joints: &[usize]) -> Vec<f64> {
         let inner = self.lock();
         let first = layout.patches.get(board).map_or(0, |p| p.motors.start);
@@ -205,7 +205,7 @@ impl SharedBoards {
         joints.iter().map(|j| axis(j).map_or(f64::INFINITY, |a| a.max_speed.to_degrees())).collect()
     }
 
-    /// Limits of a board's joints, deg.
+    /// Limits of a board's joints, deg or mm.
     pub fn limits(&self, layout: &Layout, board: usize) -> Vec<(f64, f64)> {
         let inner = self.lock();
         let (Some(patch), Some(board)) = (layout.patches.get(board), &inner.board) else { return Vec::new() };
@@ -326,7 +326,7 @@ impl Inner {
 /// The board's description of itself, once all facts are known. Names and the narrower limits count.
 ///
 /// # Errors
-/// A board whose axes don't fit the model.
+/// A board whose axes don't fit the model, or move otherwise.
 pub fn describe(
     layout: &Layout,
     boards: &[BoardFacts],
@@ -347,7 +347,10 @@ pub fn describe(
         if have < want {
             return Err(format!("{port} has {have} axes, but part {} of the model has {want} motors", patch.part));
         }
-        for (axis, fact) in axes.iter_mut().skip(patch.motors.start).take(want).zip(facts.iter()) {
+        for (joint, (axis, fact)) in axes.iter_mut().skip(patch.motors.start).take(want).zip(facts.iter()).enumerate() {
+            let fact = &patch.units.facts_from_wire(joint, fact);
+            disagreement(fact.kind, patch.units.kind(joint), &axis.name, &format!("joint {joint} of {port}"))
+                .map_or(Ok(()), |[what, remedy]| Err(format!("{what}; {remedy}")))?;
             if let Some((min, max)) = fact.limits {
                 (axis.min, axis.max) = (axis.min.max(min.to_radians()), axis.max.min(max.to_radians()));
             }

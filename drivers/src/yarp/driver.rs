@@ -313,7 +313,7 @@ impl Reach {
     }
 }
 
-/// A command as its boards are told it: joints and degrees.
+/// A command as its boards are told it: joints and degrees, or millimeters.
 fn split(layout: &Layout, checked: &CheckedCommand) -> Vec<(usize, Do)> {
     let nothing = |motors: &[usize]| vec![0.0; motors.len()];
     let second = |motors: &[usize], values: &Option<Vec<f64>>| {

@@ -12,7 +12,7 @@ use mobee_contract::AsFound;
 use mobee_yarp::Vocab;
 use mobee_yarp::board::{Joints, Set, mode};
 
-/// How one joint was found; `None`: the board does not tell, or nobody asked it yet. Degrees and seconds.
+/// How one joint was found; `None`: the board does not tell, or nobody asked it yet. Degrees or millimeters, and seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Finding {
     pub mode: Option<Vocab>,

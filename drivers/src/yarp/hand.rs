@@ -10,7 +10,7 @@ use super::layout::{Layout, Patch};
 use super::motion::End;
 use super::remote::Remote;
 use mobee_contract::ControlMode;
-use mobee_yarp::board::{Ask, Get, Joints, LinkState, Set, Streamed, reply};
+use mobee_yarp::board::{Ask, Get, Joints, LinkState, Set, Streamed, Units, reply};
 use mobee_yarp::{Bottle, CallError};
 use speed::JointVelocities;
 use std::sync::Arc;
@@ -47,7 +47,7 @@ pub struct Order {
     pub what: Do,
 }
 
-/// What one board is told: joints, degrees. Lists have the length of `joints`.
+/// What one board is told: joints, degrees or millimeters. Lists have the length of `joints`.
 #[derive(Clone, Debug)]
 pub enum Do {
     /// A position move.
@@ -300,7 +300,7 @@ impl Hand {
                     return Err("it is not in the mode for set-points".into());
                 }
                 self.paced(joints, &self.cell.greatest(&self.layout, self.index, joints));
-                self.board.stream(Streamed::Direct(Joints::Group(joints.clone()), to.clone()));
+                self.stream(Streamed::Direct(Joints::Group(joints.clone()), to.clone()));
                 Ok(())
             }
             Do::Velocity { joints, speed } => {
@@ -324,16 +324,27 @@ impl Hand {
         let ask = Ask::Set(set);
         match self.say(&ask).await {
             Ok(answer) if reply::is_ok(&answer) => Ok(()),
-            Ok(_) => Err(format!("the board answers [fail] to {}", ask.bottle())),
+            Ok(_) => Err(format!("the board answers [fail] to {}", self.units().ask_to_wire(&ask).bottle())),
             Err(error) => Err(error.to_string()),
         }
+    }
+
+    /// What the board's joints count.
+    fn units(&self) -> Units {
+        self.patch().map(|patch| patch.units.clone()).unwrap_or_default()
+    }
+
+    /// Streams set-points, which have no answer.
+    fn stream(&self, command: Streamed) {
+        self.board.stream(self.units().streamed_to_wire(command));
     }
 
     /// Says something to the board, and notes how long its answer took.
     async fn say(&self, ask: &Ask) -> Result<Bottle, CallError> {
         let now = || self.cell.secs(super::cell::instant());
+        let units = self.units();
         let asked = now();
-        let answer = self.board.ask(ask).await;
+        let answer = self.board.ask(&units.ask_to_wire(ask)).await.map(|answer| units.answer_from_wire(ask, answer));
         let came = now();
         if let (Ok(answer), Some(known)) = (&answer, self.cell.lock().boards.get_mut(self.index)) {
             known.answered(asked, came, answer);
@@ -341,7 +352,7 @@ impl Hand {
         answer
     }
 
-    /// So fast these joints may be from now on, deg/s.
+    /// So fast these joints may be from now on, deg/s or mm/s.
     fn paced(&self, joints: &[usize], most: &[f64]) {
         let now = self.cell.secs(super::cell::instant());
         if let Some(known) = self.cell.lock().boards.get_mut(self.index) {
@@ -350,7 +361,7 @@ impl Hand {
         }
     }
 
-    /// These joints are about to move there, deg, at reference speeds, deg/s.
+    /// These joints are about to move there, deg or mm, at reference speeds, deg/s or mm/s.
     fn timed(&self, joints: &[usize], to: &[f64], speed: &[f64]) {
         let mut inner = self.cell.lock();
         let Some(known) = inner.boards.get_mut(self.index) else { return };
@@ -379,7 +390,7 @@ impl Hand {
             known.motions.given(ticket, now);
         }
         drop(inner);
-        self.board.stream(Streamed::Velocity(Joints::Group(joints), speeds));
+        self.stream(Streamed::Velocity(Joints::Group(joints), speeds));
     }
 
     /// Asks for something if nothing was asked for a while: how long the board takes to answer is known at any time.

@@ -1,8 +1,12 @@
-//! Which motor is which joint of which board: the one place where degrees meet radians.
+//! Which motor is which joint of which board, and in which unit: the one place where degrees meet radians.
+//!
+//! Below this, the driver counts degrees where a joint turns and millimeters where it slides. Boards count meters there: `Units` of the
+//! patch convert whatever is said to a board (`Hand::say`, `Hand::stream`) and heard from it (`states.rs`, `describe`).
 
 use super::YarpDriverSettings;
 use mobee_contract::{KindError, suggestion};
-use mobee_model::Robot;
+use mobee_model::{JointMotion, Robot};
+use mobee_yarp::board::{JointKind, Units};
 use std::ops::Range;
 
 /// A board among the robot's motors. Joint `j` of the board is motor `motors.start + j`: the model counts the motors of a
@@ -15,6 +19,8 @@ pub struct Patch {
     pub port: String,
     /// Its motors.
     pub motors: Range<usize>,
+    /// What its joints move like, as the model says.
+    pub units: Units,
 }
 
 /// All boards of a robot.
@@ -47,14 +53,9 @@ impl Layout {
                 let what = format!("{} at {} is there already", p.part, p.port);
                 return Err(KindError::new(format!("parts[{i}]"), what, "give every part one board of its own"));
             }
-            let slides = |m: &&mobee_model::Motor| m.motion == mobee_model::JointMotion::Slide;
-            if let Some(motor) = robot.motors.get(part.motors.clone()).unwrap_or_default().iter().find(slides) {
-                // Boards count meters where the model counts millimeters: unconverted, a target would be a thousandfold.
-                let what = format!("motor {} of part {} slides, which is not driven over YARP yet", motor.name, p.part);
-                let help = "leave the part out, or put the motor into a part of its own";
-                return Err(KindError::new(format!("parts[{i}].part"), what, help));
-            }
-            patches.push(Patch { part: p.part.clone(), port: p.port.clone(), motors: part.motors.clone() });
+            let motors = robot.motors.get(part.motors.clone()).unwrap_or_default();
+            let units = Units::new(motors.iter().map(|m| joint_kind(m.motion)));
+            patches.push(Patch { part: p.part.clone(), port: p.port.clone(), motors: part.motors.clone(), units });
             Ok(())
         }))?;
         Ok(Layout {
@@ -77,7 +78,7 @@ impl Layout {
         Some((board, motor - self.patches.get(board)?.motors.start))
     }
 
-    /// The values of some motors sorted by board: for each board that has any of them, its joints and their values in degrees.
+    /// The values of some motors sorted by board: for each board that has any of them, its joints and their values in degrees or millimeters.
     /// Motors without a board are left out.
     pub fn split(&self, motors: &[usize], values: &[f64]) -> Vec<(usize, Vec<usize>, Vec<f64>)> {
         let mut split: Vec<(usize, Vec<usize>, Vec<f64>)> = Vec::new();
@@ -93,6 +94,31 @@ impl Layout {
         }
         split
     }
+}
+
+/// What a board calls a joint that moves like this.
+pub fn joint_kind(motion: JointMotion) -> JointKind {
+    match motion {
+        JointMotion::Turn => JointKind::Revolute,
+        JointMotion::Slide => JointKind::Prismatic,
+    }
+}
+
+/// What is wrong with a joint that does not move as its motor does in the model, and the remedy: its numbers would mean something else. A board
+/// that does not tell is believed to be as the model says.
+pub fn disagreement(tells: JointKind, model: JointKind, motor: &str, joint: &str) -> Option<[String; 2]> {
+    let in_words = |kind| match kind {
+        JointKind::Prismatic => "slides (meters)",
+        JointKind::Revolute | JointKind::Unknown => "turns (degrees)",
+    };
+    if tells == JointKind::Unknown || tells == model {
+        return None;
+    }
+    let (tells, model) = (in_words(tells), in_words(model));
+    let what = format!("{joint} {tells}, as its board tells, but motor {motor} of the model {model}");
+    let remedy = "correct the type of the joint in the robot file or in the board's configuration, and check that the ports are this \
+                  part's and its joints in this order";
+    Some([what, remedy.into()])
 }
 
 #[cfg(test)]

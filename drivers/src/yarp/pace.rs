@@ -84,7 +84,12 @@ mod tests {
         assert_eq!(pace.exceeded(&[0.0, 90.0], 3.5), None, "it is still slowing down");
         assert_eq!(pace.exceeded(&[0.0, 90.0], 4.0).map(|fast| fast.joint), Some(1), "a second is enough");
         let fast = pace.exceeded(&[0.0, 90.0], 4.5).unwrap();
-        let patch = super::super::layout::Patch { part: "arm".into(), port: "/arm".into(), motors: 2..4 };
+        let patch = super::super::layout::Patch {
+            part: "arm".into(),
+            port: "/arm".into(),
+            motors: 2..4,
+            units: Default::default(),
+        };
         let names = ["a", "b", "shoulder", "elbow"].map(String::from).into();
         let layout = Layout { patches: vec![patch], home: vec![0.0; 4], names, limits: vec![(0.0, 1.0); 4] };
         let words = fast.in_words(&layout, 0);

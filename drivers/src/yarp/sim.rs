@@ -194,7 +194,7 @@ fn described(layout: &Layout, parts: &[Part], settings: &YarpDriverSettings) -> 
     let cell = super::cell::SharedBoards::new(layout);
     let mut inner = cell.lock();
     for (known, part) in inner.boards.iter_mut().zip(parts) {
-        known.facts = Some(far::facts(&part.hardware));
+        known.facts = Some(far::facts(&part.hardware, &part.patch.units));
     }
     let board = describe(layout, &inner.boards, settings).map_err(|why| KindError::new("parts", why, ""))?;
     board.ok_or_else(|| KindError::new("parts", "there is no board", "name at least one"))
@@ -211,8 +211,9 @@ impl SimWire {
             Ok(Arc::new(Far {
                 index,
                 port: part.patch.port.clone(),
-                board: SimBoard::new(&part.patch.part, part.hardware.clone(), clock)?,
+                board: SimBoard::new(&part.patch.part, part.hardware.clone(), clock)?.counting(&part.patch.units),
                 hardware: part.hardware.clone(),
+                units: part.patch.units.clone(),
                 clock,
                 faults: part.faults.clone(),
                 judge: self.judge.clone(),

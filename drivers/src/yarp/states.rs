@@ -51,7 +51,10 @@ pub async fn states(
 fn take(cell: &SharedBoards, layout: &Layout, index: usize, state: &Arc<RemoteState>, at: f64, lost: u64) {
     let mut inner = cell.lock();
     let Some(known) = inner.boards.get_mut(index) else { return };
-    known.q.iter_mut().zip(&state.joints.position.values).for_each(|(slot, q)| *slot = *q);
+    let units = layout.patches.get(index).map(|patch| patch.units.clone()).unwrap_or_default();
+    for (j, (slot, q)) in known.q.iter_mut().zip(&state.joints.position.values).enumerate() {
+        *slot = units.kind(j).from_wire(*q);
+    }
     let words = |slots: &mut Vec<Vocab>, field: &mobee_yarp::JointField<i32>| {
         for (slot, word) in slots.iter_mut().zip(field.valid().unwrap_or_default()) {
             *slot = Vocab(u32::from_le_bytes(word.to_le_bytes()));

@@ -9,5 +9,6 @@ mod way;
 mod yarp_conformance;
 mod yarp_faults;
 mod yarp_left_behind;
+mod yarp_slides;
 mod yarp_stops;
 mod yarp_virtual;

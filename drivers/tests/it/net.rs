@@ -4,10 +4,10 @@
 
 use crate::way::Way;
 use mobee_contract::{Axis, Command, Driver, Move, Sample, Time};
-use mobee_drivers::{SimBoard, SimClock, SimHardware, SimSettings, YarpDriverSettings, YarpHardware};
+use mobee_drivers::{SimBoard, SimClock, SimHardware, SimSettings, YarpDriverSettings, YarpHardware, joint_kind};
 use mobee_model::Robot;
 use mobee_yarp::Network;
-use mobee_yarp::board::{BoardServer, Device};
+use mobee_yarp::board::{BoardServer, Device, Units};
 use mobee_yarp::name::{NameServer, ServerOptions};
 use std::net::SocketAddr;
 use std::sync::{Arc, mpsc};
@@ -34,6 +34,26 @@ const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="two">
 </bodypart>
 </ZeroPositionKinematicTree>"#;
 
+/// A part of three motors, the first and the last of which slide: a rail, a turn, a gripper.
+const SLIDING: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="gantry">
+<bodypart name="arm">
+  <motor name="rail" minPos="-400" maxPos="600"><joint type="prismatic" x="1" minPos="-0.4" maxPos="0.6">
+  <link z="0.2" radius="0.02">
+  <motor name="turn" minPos="-60" maxPos="60"><joint y="1" minPos="-60" maxPos="60">
+  <link z="0.2" radius="0.02">
+  <motor name="gripper" minPos="0" maxPos="40" home="20"><joint type="prismatic" x="1" minPos="0" maxPos="0.04">
+  <link z="0.1" radius="0.02"></link>
+  </joint></motor></link></joint></motor></link></joint></motor>
+</bodypart>
+</ZeroPositionKinematicTree>"#;
+
+/// A robot with motors that slide, and how it is driven.
+pub fn sliding() -> (Robot, YarpDriverSettings) {
+    let settings = YarpDriverSettings::of([("arm", "/two/arm")]);
+    let robot = mobee_model::parse_robot("gantry.xml", SLIDING).unwrap().value;
+    (robot, YarpDriverSettings { max_speed_deg_per_s: 100.0, latency_ms: 80.0, ..settings })
+}
+
 pub fn robot() -> Robot {
     mobee_model::parse_robot("two.xml", ROBOT).unwrap().value
 }
@@ -54,6 +74,7 @@ pub enum Act {
 
 pub struct Net {
     pub robot: Robot,
+    settings: YarpDriverSettings,
     /// The simulated boards themselves, whatever the network does.
     pub boards: Vec<Arc<SimBoard>>,
     /// The way to each of them.
@@ -65,10 +86,17 @@ pub struct Net {
 
 impl Net {
     pub fn start() -> Net {
-        let robot = robot();
+        Net::of(robot(), settings())
+    }
+
+    /// Boards of another robot.
+    pub fn of(robot: Robot, settings: YarpDriverSettings) -> Net {
         let clock = SimClock::start(1.0, 1.79e9);
-        let board =
-            |p: &mobee_model::Part| Arc::new(SimBoard::new(&p.name, simulated(&robot, &p.name), clock).unwrap());
+        let board = |p: &mobee_model::Part| {
+            let units = Units::new(robot.motors[p.motors.clone()].iter().map(|m| joint_kind(m.motion)));
+            let board = SimBoard::new(&p.name, simulated(&robot, &p.name), clock).unwrap();
+            Arc::new(board.counting(&units))
+        };
         let boards: Vec<Arc<SimBoard>> = robot.parts.iter().map(board).collect();
         let ways: Vec<Arc<Way>> = boards.iter().map(|b| Arc::new(Way::to(b.clone()))).collect();
         let (acts, told) = tokio::sync::mpsc::channel(1);
@@ -78,7 +106,7 @@ impl Net {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(live(devices, told, tell));
         });
-        Net { robot, boards, ways, address: ready.recv().unwrap(), acts: Some(acts), thread: Some(thread) }
+        Net { robot, settings, boards, ways, address: ready.recv().unwrap(), acts: Some(acts), thread: Some(thread) }
     }
 
     pub fn act(&self, act: Act) {
@@ -92,10 +120,10 @@ impl Net {
     }
 
     pub fn settings(&self) -> YarpDriverSettings {
-        settings()
+        self.settings.clone()
     }
 
-    /// Where the motors really are, deg.
+    /// Where the motors really are, deg, or m.
     pub fn truth(&self) -> Vec<f64> {
         self.boards.iter().flat_map(|b| b.state().unwrap().1.position.values).collect()
     }
@@ -176,7 +204,10 @@ pub struct Rig {
 
 impl Rig {
     pub fn new() -> Rig {
-        let net = Net::start();
+        Rig::on(Net::start())
+    }
+
+    pub fn on(net: Net) -> Rig {
         let hardware = YarpHardware::on(&net.network(), &net.settings(), &net.robot).unwrap();
         Rig { hardware, begun: tokio::time::Instant::now(), net }
     }

@@ -73,6 +73,21 @@ fn the_robot_behind_a_simulated_wire_keeps_every_promise() {
     assert_eq!(mobee_conformance::failures(&mut || Box::new(Virtual::new())), []);
 }
 
+/// Boards count meters where a motor slides. A factor of a thousand anywhere, in a reading, a move, a set-point, a velocity, a limit or a
+/// reference, would break one promise or another; by moves of the boards and by set-points.
+#[test]
+fn a_robot_that_slides_keeps_every_promise() {
+    for moves in [Moves::Position, Moves::SetPoints] {
+        let (mut robot, settings) = net::sliding();
+        // the suite goes to both limits at 10 mm/s, and waits half a minute for it
+        (robot.motors[0].min, robot.motors[0].max) = (-60_f64.to_radians(), 60_f64.to_radians());
+        let settings = YarpDriverSettings { moves, ..settings };
+        let context = Context { robot: Arc::new(robot), seed: 1 };
+        let bench = || Virtual::with(YarpSim::with_boards(&settings, &context, None).unwrap());
+        assert_eq!(mobee_conformance::failures(&mut || Box::new(bench())), []);
+    }
+}
+
 /// Boards like iCub_SIM's, whose own moves are as fast as they are far, do what any board can by set-points.
 #[test]
 fn a_robot_like_icub_sim_keeps_every_promise_by_set_points() {

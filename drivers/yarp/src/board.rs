@@ -6,7 +6,8 @@
 //! (head, body) ──Streamed::parse──> Streamed                        (command:i, spec section 13)
 //! ```
 //!
-//! Everything here is in degrees and in the board's own joint order.
+//! Everything here is in the board's own joint order, and in its units: degrees where a joint turns, **meters** where it slides. A program that
+//! counts millimeters there converts with [`Units`] (`units.rs`) as it reads and writes.
 
 mod ask;
 mod joints;
@@ -15,12 +16,14 @@ pub mod reply;
 mod server;
 mod shadow;
 mod streamed;
+mod units;
 mod words;
 
 pub use ask::{Ask, Get, Quantity, Set};
 pub use joints::Joints;
 pub use remote::{AxisFacts, LinkState, RemoteBoard, RemoteOptions, RemoteState};
 pub use server::{BoardServer, Device, Reply};
-pub use shadow::{JointKind, Shadow, ShadowAxis};
+pub use shadow::{Shadow, ShadowAxis};
 pub use streamed::Streamed;
+pub use units::{JointKind, Units};
 pub use words::mode;

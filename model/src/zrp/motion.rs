@@ -16,6 +16,9 @@ pub(super) const MOTOR: &[&str] = &["type", "continuous"];
 /// How far a full turn of a motor without end may be from whole turns of its joints, turns: rounding in files.
 const WHOLE: f64 = 1e-6;
 
+/// A joint that slides farther than this is doubted, m, as a mesh of that length is.
+const FAR: f64 = 10.0;
+
 /// What is known of a motor's motion.
 pub(super) struct MotorMotion {
     /// As the motor's own `type` says.
@@ -79,8 +82,12 @@ pub(super) fn of_joint(e: &Element) -> Result<JointMotion, FileError> {
     Ok(word(e, "joints")?.unwrap_or_default())
 }
 
-/// Where a joint stands at its motor's limits, rad or meters.
-pub(super) fn limits_of_joint(e: &Element, motion: JointMotion) -> Result<(f64, f64), FileError> {
+/// Where a joint stands at its motor's limits, rad or meters. Warns of one that slides so far that millimeters may be meant.
+pub(super) fn limits_of_joint(
+    e: &Element,
+    motion: JointMotion,
+    warnings: &mut Warnings,
+) -> Result<(f64, f64), FileError> {
     match motion {
         JointMotion::Turn => {
             limits(e, "the joint", -180.0, 180.0).map(|(min, max)| (min.to_radians(), max.to_radians()))
@@ -90,7 +97,14 @@ pub(super) fn limits_of_joint(e: &Element, motion: JointMotion) -> Result<(f64, 
                 let help = "give both limits in meters: minPos=\"0\" maxPos=\"0.35\"";
                 return Err(e.error(format!("a prismatic joint has no `{missing}`"), help));
             }
-            limits(e, "the joint", 0.0, 0.0)
+            let (min, max) = limits(e, "the joint", 0.0, 0.0)?;
+            if let Some((attr, far)) = [("minPos", min), ("maxPos", max)].into_iter().find(|(_, at)| at.abs() > FAR) {
+                let message = format!("this joint slides to {far} m");
+                let help =
+                    "a prismatic joint's limits are in meters (its motor's in millimeters); check what was meant";
+                warnings.add(|| e.warning_at(attr, message, help));
+            }
+            Ok((min, max))
         }
     }
 }

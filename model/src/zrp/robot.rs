@@ -370,7 +370,7 @@ impl RobotReader {
         let Some(index) = self.motor else {
             return Err(e.error("<joint> is outside any motor", "put it into a <motor name=\"...\">"));
         };
-        let (min, max) = motion::limits_of_joint(e, motion)?;
+        let (min, max) = motion::limits_of_joint(e, motion, &mut self.warnings)?;
         let motor = &mut self.motors[index];
         self.motions[index].joins(e, motor, motion, (min, max))?;
         motor.joints.push(self.nodes.len());

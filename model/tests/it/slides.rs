@@ -236,6 +236,17 @@ fn a_lift_counts_millimeters_and_moves_in_meters() {
     assert!(frames[0].translation.vector.norm() < 1e-12, "a joint's own frame stays");
 }
 
+/// Millimeters in the place of meters are doubted where they stand, and taken: there are long rails.
+#[test]
+fn a_slide_of_sixty_meters_is_doubted_at_its_place() {
+    let read = |joint: &str| parse_robot("lift.xml", &lift("minPos=\"-60\" maxPos=\"60\"", joint)).unwrap();
+    let far = read("type=\"prismatic\" minPos=\"-60\" maxPos=\"60\"").warnings;
+    assert!(far.len() == 1 && far[0].line() == 3 && far[0].to_string().contains("slides to -60 m"), "{far:?}");
+    assert!(far[0].remedy().contains("meters"));
+    assert_eq!(read("type=\"prismatic\" minPos=\"-0.06\" maxPos=\"10\"").warnings.len(), 0);
+    assert_eq!(read("minPos=\"-60\" maxPos=\"60\"").warnings.len(), 0, "degrees");
+}
+
 #[test]
 fn what_makes_no_sense_of_a_slide_is_refused_at_its_place() {
     let cases = [

@@ -129,16 +129,20 @@ pub fn events(run: &Path) -> Vec<Value> {
     journal.lines().filter_map(line).filter(|e| !e.is_null()).collect()
 }
 
-/// The machine may take all processors away for half a second: what is not about stale readings shall not see them.
-const PATIENT: &str = "robot.icub.controller.stale_ms=3000";
-
 impl Run {
     /// Starts it, patient with old readings.
     pub fn start(network: &Network, config: &str) -> Run {
+        Run::of(network, config, "icub")
+    }
+
+    /// Starts it with another robot than the iCub.
+    pub fn of(network: &Network, config: &str, robot: &str) -> Run {
+        // The machine may take all processors away for half a second: what is not about stale readings shall not see them.
+        let patient = format!("robot.{robot}.controller.stale_ms=3000");
         let out = network.path().join("run");
         let child = network
             .command(mobee())
-            .args(["run", config, "--json", "--set", PATIENT, "--out"])
+            .args(["run", config, "--json", "--set", &patient, "--out"])
             .arg(&out)
             .current_dir(env!("CARGO_MANIFEST_DIR"))
             .stdout(Stdio::null())

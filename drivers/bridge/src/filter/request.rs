@@ -1,8 +1,10 @@
 //! What a part's board can be asked through the filter, and what it answers.
 //!
-//! Joints count from 0 in the part's own order. Angles are in degrees here, as clients say them: what they have set is shown to them
-//! again to the last bit.
+//! Joints count from 0 in the part's own order. Positions are in degrees here, as clients say them: what they have set is shown to them
+//! again to the last bit. Where a joint slides they are in millimeters, whatever a protocol counts in: its bridge converts, and so every
+//! "deg" below is "mm" for such a joint.
 
+use mobee_model::JointMotion;
 use std::collections::BTreeSet;
 
 /// A request to a part's board. Lists of values have one for each of the joints.
@@ -113,8 +115,8 @@ pub enum KnownBetter {
     /// The modes that clients have set, of the joints asked about. One that the board is in for reasons of its own (idle, fault,
     /// calibration) is shown as it is.
     Modes(Vec<Option<ClientMode>>),
-    /// The references that clients have set, of the joints asked about, deg/s or deg/s^2.
-    References(Vec<Option<f64>>),
+    /// The references that clients have set, of the joints asked about, deg/s or deg/s^2, and how each joint moves.
+    References(Vec<Option<(f64, JointMotion)>>),
 }
 
 /// A joint of a part's board as the filter keeps and shows it: deg, deg/s, deg/s^2.
@@ -122,6 +124,8 @@ pub enum KnownBetter {
 pub struct BoardAxis {
     /// The joint's name.
     pub name: String,
+    /// How it moves, and so what it counts.
+    pub motion: JointMotion,
     /// Lower limit.
     pub min: f64,
     /// Upper limit.
@@ -183,10 +187,11 @@ impl BoardRequest {
 
 impl BoardAxis {
     /// A joint at rest in position mode, with a tenth of its greatest speed as reference.
-    pub(super) fn at_rest(axis: &mobee_contract::Axis, q: f64) -> BoardAxis {
+    pub(super) fn at_rest(axis: &mobee_contract::Axis, motion: JointMotion, q: f64) -> BoardAxis {
         let (q, max_speed) = (q.to_degrees(), axis.max_speed.to_degrees());
         BoardAxis {
             name: axis.name.clone(),
+            motion,
             min: axis.min.to_degrees(),
             max: axis.max.to_degrees(),
             max_speed,

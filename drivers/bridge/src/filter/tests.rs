@@ -24,7 +24,7 @@ fn a_move_is_a_commit_at_the_references_that_the_client_has_set() {
     assert_eq!(commit.target.motors, [1, 0]);
     assert!((commit.speeds.unwrap()[0].to_degrees() - 20.0).abs() < 1e-9);
     let speeds = BoardRequest::Question(Question::Speeds(vec![0, 1]));
-    assert_eq!(b.ask(1, &speeds), Ok(KnownBetter::References(vec![None, Some(20.0)])));
+    assert_eq!(b.ask(1, &speeds), Ok(KnownBetter::References(vec![None, Some((20.0, Default::default()))])));
     let mode = BoardRequest::Mode { joints: vec![0], modes: vec![ClientMode::Velocity] };
     assert_eq!(b.ask(1, &mode), Err(BoardReply::Accepted));
     let modes = BoardRequest::Question(Question::Modes(vec![1, 0]));

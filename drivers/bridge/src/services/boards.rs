@@ -5,8 +5,8 @@ use crate::filter::{BoardReply, Client, FilterCore, Question, Seen, Step, closed
 use crate::yarp;
 use mobee_contract::{CommitId, Filtered, NativeMessage, Refusal, Running, Status, Verdict};
 use mobee_model::Robot;
-use mobee_yarp::board::{BoardServer, Device, Reply};
-use mobee_yarp::{Bottle, Dialect, JointData, Message, Network, Payload, PortError, Stamp, Value};
+use mobee_yarp::board::{BoardServer, Device, Reply, Units};
+use mobee_yarp::{Bottle, Dialect, JointData, Message, Network, Payload, PortError, Stamp};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -50,9 +50,9 @@ impl Boards {
         for ((index, part), prefix) in model.parts.iter().enumerate().zip(prefixes) {
             let Some(prefix) = prefix else { continue };
             let (jobs, waiting) = mpsc::channel(WAITING);
-            let axes = robot.with(|core, _| core.board(index).len());
+            let units = robot.with(|core, _| yarp::board::units(core.board(index)));
             let (robot, name) = (robot.clone(), part.name.clone());
-            let part = Arc::new(PartFilter { robot, index, name, axes, answers: Mutex::default() });
+            let part = Arc::new(PartFilter { robot, index, name, units, answers: Mutex::default() });
             let device = Arc::new(PartDevice { part: part.clone(), jobs, published: Mutex::default() });
             match BoardServer::open(network, prefix, device, period).await {
                 Ok(server) => boards.servers.push(server),
@@ -105,8 +105,8 @@ struct PartFilter {
     robot: Arc<RobotFilter>,
     index: usize,
     name: String,
-    /// How many joints it has.
-    axes: usize,
+    /// What its joints count on the wire.
+    units: Units,
     /// The stamp of the last answer given on the board's behalf.
     answers: Mutex<Stamp>,
 }
@@ -123,7 +123,7 @@ impl PartFilter {
         };
         // what is no bottle is answered as what is unknown
         let request = message.payload.bottle(dialect).unwrap_or_else(|_| Bottle::of(["", ""]));
-        let asked = yarp::board::parse(&request, self.axes);
+        let asked = yarp::board::parse(&request, &self.units);
         let step = self.robot.with(|core, seen| core.request(&client, &asked, seen));
         match &step {
             Step::Reply(reply) => yarp::board::reply(*reply).into(),
@@ -227,10 +227,7 @@ impl PartFilter {
         loop {
             let (Some(speeds), Some(accelerations)) = (read("vels"), read("accs")) else { return };
             if let (Ok(speeds), Ok(accelerations)) = (speeds.await, accelerations.await) {
-                let values = |bytes: &[u8]| {
-                    let reply = Bottle::decode(bytes, dialect).ok()?;
-                    reply.get(2).and_then(Value::as_list).and_then(Bottle::numbers)
-                };
+                let values = |bytes: &[u8]| yarp::board::references(&Bottle::decode(bytes, dialect).ok()?, &self.units);
                 let (speeds, accelerations) = (values(&speeds.0), values(&accelerations.0));
                 self.robot.with(|core, _| {
                     core.learn(self.index, &speeds.unwrap_or_default(), &accelerations.unwrap_or_default());
@@ -263,7 +260,7 @@ impl Device for PartDevice {
 
     fn command(&self, from: &str, connection: u64, head: Bottle, body: Vec<f64>) {
         let client = Client { part: self.part.index, connection, from, listens: false };
-        let asked = yarp::board::streamed(&head, &body, self.part.axes);
+        let asked = yarp::board::streamed(&head, &body, &self.part.units);
         let step = self.part.robot.with(|core, seen| core.streamed(&client, &asked, seen));
         if let Some(step) = step
             && self.jobs.try_send(Job { connection, from: from.to_owned(), step }).is_err()

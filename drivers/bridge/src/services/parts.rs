@@ -77,8 +77,10 @@ impl RobotPorts {
         let mut parts = Vec::new();
         for (index, part) in model.parts.iter().enumerate() {
             let first = taken.insert(part.name.clone());
-            let prefix =
-                if first { format!("{}/{}", settings.prefix, part.name) } else { format!("{own}/{}", part.name) };
+            // the robot's own ports bear its name, and the filtered board is at ROBOT/PART
+            let is_free = first && running.robots().iter().all(|robot| robot.name() != part.name);
+            let base = if is_free { settings.prefix.clone() } else { format!("{own}/parts") };
+            let prefix = format!("{base}/{}", part.name);
             let handler = Arc::new(Asked(robot.clone(), Whom::Part(index)));
             servers.push(RpcServer::open(network, &format!("{prefix}/rpc"), handler).await.map_err(wrong)?);
             let state = writer(format!("{prefix}/state:o")).await?;

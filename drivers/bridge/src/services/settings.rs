@@ -2,7 +2,7 @@
 
 use crate::force_field::ForceFieldSettings;
 use mobee_contract::{KindError, suggestion};
-use mobee_model::{JointMotion, Robot};
+use mobee_model::Robot;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -171,12 +171,6 @@ impl YarpSettings {
                     KindError::new(format!("force_field.{name}"), what, "give one number per joint of the part")
                 }),
             });
-        }
-        // Boards count meters where the model counts millimeters: unconverted, a target would be a thousandth.
-        let sliding = |r: &Robot| r.motors.iter().find(|m| m.motion == JointMotion::Slide).map(|m| m.name.clone());
-        for (name, motor) in robots.iter().filter(|_| self.filter).filter_map(|r| Some((&r.name, sliding(r)?))) {
-            let what = format!("motor {motor} of robot {name} slides, which is not served over YARP yet");
-            all.push(Err(KindError::new("filter", what, "set filter = false, or use a robot whose motors all turn")));
         }
         for (i, a) in robots.iter().enumerate().filter(|_| self.filter) {
             let twin = robots.iter().take(i).find(|b| self.robot_prefix(&a.name) == self.robot_prefix(&b.name));

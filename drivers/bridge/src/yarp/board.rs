@@ -11,6 +11,9 @@
 //! | fewer than two words | less than a request |
 //! | all else | unknown |
 //!
+//! Boards count meters where a joint slides, the filter millimeters: requests are converted as they are read, answers and states as they are
+//! written. What a board itself says passes as it is.
+//!
 //! Accepted is `[ok]`, refused `[fail]`, malformed `[nak]`; joints that are not done are `[don]` 0.
 
 mod patch;
@@ -19,15 +22,24 @@ mod reads;
 mod tests;
 
 use crate::filter::{BoardAxis, BoardReply, BoardRequest, ClientMode, KnownBetter, Question};
-use mobee_yarp::board::{Ask, Get, Joints, Quantity, Set, Shadow, ShadowAxis, Streamed, mode, reply as words};
-use mobee_yarp::{Bottle, JointData, JointField, Stamp, Vocab};
+use mobee_model::JointMotion;
+use mobee_yarp::board::{
+    Ask, Get, JointKind, Joints, Quantity, Set, Shadow, ShadowAxis, Streamed, Units, mode, reply as words,
+};
+use mobee_yarp::{Bottle, JointData, JointField, Stamp, Value, Vocab};
 
-/// Reads a request of `rpc:i` to a board with so many joints.
-pub(crate) fn parse(request: &Bottle, axes: usize) -> BoardRequest {
+/// What a board's joints count.
+pub(crate) fn units(axes: &[BoardAxis]) -> Units {
+    Units::new(axes.iter().map(|axis| kind(axis.motion)))
+}
+
+/// Reads a request of `rpc:i` to a board with these joints.
+pub(crate) fn parse(request: &Bottle, units: &Units) -> BoardRequest {
     if request.0.len() < 2 {
         return BoardRequest::Incomplete;
     }
-    let asked = Ask::parse(request).filter(|asked| asked.fits(axes));
+    let axes = units.axes();
+    let asked = Ask::parse(request).filter(|asked| asked.fits(axes)).map(|asked| units.ask_from_wire(asked));
     if reads::allowed(request) {
         let question = match asked {
             Some(Ask::Get(get)) => question(&get, axes),
@@ -71,9 +83,10 @@ fn order(set: Set, axes: usize) -> Option<BoardRequest> {
 }
 
 /// Reads a message of `command:i`.
-pub(crate) fn streamed(head: &Bottle, body: &[f64], axes: usize) -> BoardRequest {
+pub(crate) fn streamed(head: &Bottle, body: &[f64], units: &Units) -> BoardRequest {
+    let axes = units.axes();
     let request = Streamed::parse(head, body, axes).and_then(|streamed| {
-        Some(match streamed {
+        Some(match units.streamed_from_wire(streamed) {
             Streamed::Velocity(joints, values) => BoardRequest::Velocity { joints: joints.on(axes)?, values },
             Streamed::Direct(joints, values) => BoardRequest::Direct { joints: joints.on(axes)?, values },
             Streamed::Move(values) => BoardRequest::Move { joints: Joints::All.on(axes)?, values, relative: false },
@@ -102,6 +115,12 @@ pub(crate) fn corrected(known: &KnownBetter, answer: &Bottle) -> Option<Bottle> 
     patch::corrected(known, answer)
 }
 
+/// The references that a board answers, in our units.
+pub(crate) fn references(answer: &Bottle, units: &Units) -> Option<Vec<f64>> {
+    let read = answer.get(2).and_then(Value::as_list).and_then(Bottle::numbers)?;
+    Some(read.into_iter().enumerate().map(|(j, v)| units.kind(j).from_wire(v)).collect())
+}
+
 /// The state that a part's board publishes: whatever the board behind it told, or for a simulated robot what is known; with the
 /// modes that clients have set.
 pub(crate) fn state(axes: &[BoardAxis], told: Option<JointData>) -> JointData {
@@ -114,18 +133,30 @@ pub(crate) fn state(axes: &[BoardAxis], told: Option<JointData>) -> JointData {
 }
 
 fn shadow(axes: &[BoardAxis]) -> Shadow {
-    let axis = |axis: &BoardAxis| ShadowAxis {
-        speed: axis.speed,
-        target: axis.target,
-        ref_speed: axis.ref_speed,
-        ref_acc: axis.ref_acc,
-        mode: vocab(axis.mode),
-        done: axis.done,
-        vel_ref: axis.velocity,
-        direct_ref: axis.direct,
-        ..ShadowAxis::at_rest(axis.name.clone(), axis.min, axis.max, axis.max_speed, axis.q)
+    let axis = |axis: &BoardAxis| {
+        let mut shown = ShadowAxis {
+            speed: axis.speed,
+            target: axis.target,
+            ref_speed: axis.ref_speed,
+            ref_acc: axis.ref_acc,
+            mode: vocab(axis.mode),
+            done: axis.done,
+            vel_ref: axis.velocity,
+            direct_ref: axis.direct,
+            ..ShadowAxis::at_rest(axis.name.clone(), axis.min, axis.max, axis.max_speed, axis.q)
+        };
+        shown.count_as(kind(axis.motion));
+        shown
     };
     Shadow { axes: axes.iter().map(axis).collect() }
+}
+
+/// What a board calls a joint that moves like this.
+fn kind(motion: JointMotion) -> JointKind {
+    match motion {
+        JointMotion::Turn => JointKind::Revolute,
+        JointMotion::Slide => JointKind::Prismatic,
+    }
 }
 
 const MODES: [(ClientMode, Vocab); 4] = [

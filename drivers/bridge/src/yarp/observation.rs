@@ -36,7 +36,8 @@ fn touch(touch: &Touch) -> Vec<Value> {
     list
 }
 
-/// A robot's state: `(time SECONDS) (state WORD) (contacts N) (part NAME (q ...)) ...` with positions in degrees.
+/// A robot's state: `(time SECONDS) (state WORD) (contacts N) (part NAME (q ...)) ...` with positions in degrees, millimeters where a motor
+/// slides.
 pub(crate) fn observation(robot: &Robot, latest: &Latest) -> Bottle {
     let entry = |key: &str, value: Value| Value::List(Bottle(vec![string(key), value]));
     let count = i32::try_from(latest.contacts.len()).unwrap_or(i32::MAX);

@@ -37,7 +37,7 @@ struct Rig {
 
 impl Rig {
     fn new() -> Rig {
-        let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1 };
+        let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1, units: Default::default() };
         let layout =
             Layout { patches: vec![patch], home: vec![0.0], names: vec!["m".into()], limits: vec![(-1.0, 1.0)] };
         let cell = Arc::new(SharedBoards::new(&layout));

@@ -6,7 +6,8 @@ use mobee_yarp::Dialect;
 
 /// Two boards of a motor each.
 fn layout() -> Layout {
-    let patch = |part: &str, motors| Patch { part: part.into(), port: format!("/{part}"), motors };
+    let patch =
+        |part: &str, motors| Patch { part: part.into(), port: format!("/{part}"), motors, units: Default::default() };
     Layout {
         patches: vec![patch("arm", 0..1), patch("leg", 1..2)],
         home: vec![0.0; 2],

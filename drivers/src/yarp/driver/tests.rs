@@ -12,7 +12,8 @@ const FIVE: [&str; 5] = ["pitch", "roll", "alone", "yaw", "elbow"];
 
 /// Two boards of two joints each, and a motor between them that has none.
 fn layout() -> Arc<Layout> {
-    let patch = |part: &str, motors| Patch { part: part.into(), port: format!("/{part}"), motors };
+    let patch =
+        |part: &str, motors| Patch { part: part.into(), port: format!("/{part}"), motors, units: Default::default() };
     let names = FIVE.map(String::from).into();
     Arc::new(Layout {
         patches: vec![patch("arm", 0..2), patch("trunk", 3..5)],

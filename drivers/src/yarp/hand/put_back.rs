@@ -74,7 +74,7 @@ impl Hand {
         if done {
             known.owed.paid(&due);
         } else if answer.is_ok() && known.owed.refused(&due) {
-            let asked = Ask::Set(due.say.clone()).bottle().to_string();
+            let asked = self.units().ask_to_wire(&Ask::Set(due.say.clone())).bottle().to_string();
             tracing::warn!(
                 board = self.board.port(),
                 asked,

@@ -5,7 +5,7 @@ use super::judge::{Judge, Line};
 use crate::sim::SimHardware;
 use crate::{SimBoard, SimClock};
 use mobee_contract::Time;
-use mobee_yarp::board::{Ask, AxisFacts, Device, Get, JointKind, Joints, Quantity, Set, Streamed, reply};
+use mobee_yarp::board::{Ask, AxisFacts, Device, Get, Joints, Quantity, Set, Streamed, Units, reply};
 use mobee_yarp::{Bottle, CallError, JointData, Stamp};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -25,6 +25,8 @@ pub(super) struct Far {
     pub board: SimBoard,
     /// The board itself.
     pub hardware: SimHardware,
+    /// What its joints move like.
+    pub units: Units,
     pub clock: SimClock,
     pub faults: Arc<Mutex<Faults>>,
     pub judge: Arc<Mutex<Judge>>,
@@ -178,19 +180,22 @@ impl Far {
 
     /// What the board says of its axes.
     pub fn facts(&self) -> Arc<[AxisFacts]> {
-        facts(&self.hardware)
+        facts(&self.hardware, &self.units)
     }
 }
 
 /// What a simulated board says of its axes.
-pub(super) fn facts(hardware: &SimHardware) -> Arc<[AxisFacts]> {
-    let axis = |a: &mobee_contract::Axis| AxisFacts {
-        name: a.name.clone(),
-        kind: JointKind::Revolute,
-        limits: Some((a.min.to_degrees(), a.max.to_degrees())),
-        max_speed: Some(a.max_speed.to_degrees()),
+pub(super) fn facts(hardware: &SimHardware, units: &Units) -> Arc<[AxisFacts]> {
+    let axis = |(j, a): (usize, &mobee_contract::Axis)| {
+        let wire = |rad: f64| units.kind(j).to_wire(rad.to_degrees());
+        AxisFacts {
+            name: a.name.clone(),
+            kind: units.kind(j),
+            limits: Some((wire(a.min), wire(a.max))),
+            max_speed: Some(wire(a.max_speed)),
+        }
     };
-    hardware.axes().iter().map(axis).collect()
+    hardware.axes().iter().enumerate().map(axis).collect()
 }
 
 /// A connection that is made anew after every loss, with pauses that grow.

@@ -42,7 +42,7 @@ pub enum Get {
     Interactions(Joints),
 }
 
-/// What there is one number of per joint.
+/// What there is one number of per joint: degrees here, meters where a joint slides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// Encoder, deg.
@@ -63,7 +63,7 @@ pub enum Quantity {
     Direct,
 }
 
-/// Orders. Lists of values have the joints' length where that is known without the board ([`Ask::fits`] for the rest).
+/// Orders. Degrees, meters where a joint slides. Lists of values have the joints' length where that is known without the board ([`Ask::fits`] for the rest).
 #[derive(Clone, Debug, PartialEq)]
 pub enum Set {
     /// A position move, deg.

@@ -24,7 +24,7 @@ pub trait Device: Send + Sync + 'static {
     /// ([`super::Streamed::parse`] does the rest). Expects no answer and must not wait.
     fn command(&self, from: &str, connection: u64, head: Bottle, body: Vec<f64>);
 
-    /// The state now, in degrees, with its stamp; `None`: publish nothing this period.
+    /// The state now, in degrees (meters where a joint slides), with its stamp; `None`: publish nothing this period.
     fn state(&self) -> Option<(Stamp, JointData)>;
 
     /// A connection of a client ended.

@@ -1,40 +1,12 @@
 //! What a board is known to be, and every answer that follows from it (spec section 12.2).
 
+use super::JointKind;
 use super::ask::{Ask, Get, Quantity};
 use super::joints::{Joints, floats, int, vocab_list};
 use super::{mode, reply, words};
 use crate::{Bottle, Stamp, Value, Vocab};
 
-/// What a joint moves like.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum JointKind {
-    /// Turns.
-    #[default]
-    Revolute,
-    /// Slides.
-    Prismatic,
-    /// Not known.
-    Unknown,
-}
-
-impl JointKind {
-    /// The number that boards send: four letters as an integer.
-    pub fn code(self) -> i32 {
-        let letters = match self {
-            JointKind::Revolute => "atrv",
-            JointKind::Prismatic => "atpr",
-            JointKind::Unknown => "unkn",
-        };
-        Vocab::new(letters).0 as i32
-    }
-
-    /// From the number that boards send.
-    pub fn from_code(code: i32) -> JointKind {
-        [JointKind::Revolute, JointKind::Prismatic].into_iter().find(|k| k.code() == code).unwrap_or(JointKind::Unknown)
-    }
-}
-
-/// One joint of a [`Shadow`]: degrees, deg/s, deg/s^2.
+/// One joint of a [`Shadow`] as the wire has it: deg, deg/s, deg/s^2; m, m/s, m/s^2 where it slides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowAxis {
     /// The joint's name.
@@ -94,6 +66,16 @@ impl ShadowAxis {
         }
     }
 
+    /// The same joint as one of another kind: its numbers, which are ours until then, become the wire's.
+    pub fn count_as(&mut self, kind: JointKind) {
+        self.kind = kind;
+        let numbers = [&mut self.min, &mut self.max, &mut self.max_speed, &mut self.q, &mut self.speed, &mut self.acc];
+        let set = [&mut self.target, &mut self.ref_speed, &mut self.ref_acc, &mut self.vel_ref, &mut self.direct_ref];
+        for number in numbers.into_iter().chain(set) {
+            *number = kind.to_wire(*number);
+        }
+    }
+
     fn reading(&self, reading: Quantity) -> f64 {
         match reading {
             Quantity::Encoder => self.q,
@@ -108,7 +90,7 @@ impl ShadowAxis {
     }
 }
 
-/// The state of a board, in degrees and its joint order.
+/// The state of a board, in degrees (meters where a joint slides) and its joint order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shadow {
     /// Its joints.

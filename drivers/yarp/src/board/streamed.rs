@@ -3,7 +3,7 @@
 use super::joints::{Joints, Shape};
 use crate::{Bottle, Value, Vocab};
 
-/// Set-points that expect no answer. Values are finite; degrees.
+/// Set-points that expect no answer. Values are finite; degrees, meters where a joint slides.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Streamed {
     /// Velocities, deg/s.

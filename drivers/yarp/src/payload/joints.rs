@@ -39,7 +39,7 @@ impl<T> Default for JointField<T> {
     }
 }
 
-/// All that a board says of its joints. Units are the board's: degrees and seconds.
+/// All that a board says of its joints. Units are the board's: degrees (meters where a joint slides) and seconds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct JointData {
     /// Joint positions.

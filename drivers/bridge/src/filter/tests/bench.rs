@@ -2,7 +2,7 @@
 
 use super::super::*;
 use mobee_contract::Axis;
-use mobee_model::Part;
+use mobee_model::{JointMotion, Motor, Part};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
@@ -20,6 +20,11 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub fn new() -> Bench {
+        Bench::of([JointMotion::Turn; 3])
+    }
+
+    /// With motors that move like this: 90 degrees or millimeters to either side.
+    pub fn of(motions: [JointMotion; 3]) -> Bench {
         let axis = |name: &str| Axis {
             name: name.into(),
             min: (-90.0_f64).to_radians(),
@@ -27,11 +32,22 @@ impl Bench {
             max_speed: 50.0_f64.to_radians(),
             max_acceleration: 1.0,
         };
+        let motor = |motion| Motor {
+            name: String::new(),
+            part: 0,
+            min: -1.0,
+            max: 1.0,
+            home: 0.0,
+            motion,
+            continuous: false,
+            joints: vec![],
+            is_part_root: false,
+        };
         let part = |name: &str, motors| Part { name: name.into(), motors, root_node: None, clauses: vec![] };
         let robot = Robot {
             name: "toy".into(),
             parts: vec![part("arm", 0..2), part("head", 2..3)],
-            motors: vec![],
+            motors: motions.map(motor).to_vec(),
             nodes: vec![],
             markers: vec![],
             pairs: Default::default(),

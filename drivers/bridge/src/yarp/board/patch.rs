@@ -1,6 +1,6 @@
 //! Where the filter knows better than the board's own words.
 
-use super::{client_mode, vocab};
+use super::{client_mode, kind, vocab};
 use crate::filter::{BoardAxis, KnownBetter};
 use mobee_yarp::{Bottle, JointData, Value, Vocab};
 
@@ -22,7 +22,9 @@ pub(super) fn corrected(known: &KnownBetter, reply: &Bottle) -> Option<Bottle> {
             let theirs = Vocab(u32::try_from(theirs.as_i64()?).ok()?);
             client_mode(theirs).map(|_| Value::Vocab(vocab(*mode)))
         }),
-        KnownBetter::References(values) => overlay(place, values, |value, _| Some(Value::Float64(*value))),
+        KnownBetter::References(values) => {
+            overlay(place, values, |(value, motion), _| Some(Value::Float64(kind(*motion).to_wire(*value))));
+        }
     }
     (changed != *reply).then_some(changed)
 }

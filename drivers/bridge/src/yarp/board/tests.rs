@@ -3,7 +3,6 @@ use super::*;
 use crate::filter::tests::bench::Bench;
 use crate::filter::{Client, Step, closed};
 use mobee_contract::{CommitId, Hold, MotionEnd, Status, Values};
-use mobee_yarp::Value;
 use proptest::prelude::*;
 use std::ops::{Deref, DerefMut};
 
@@ -33,10 +32,16 @@ impl Programs {
         Programs { bench: Bench::new(), asked: vec![], answers: Stamp::default() }
     }
 
+    /// Joint 0 turns, joint 1 slides.
+    fn sliding() -> Programs {
+        let bench = Bench::of([JointMotion::Turn, JointMotion::Slide, JointMotion::Turn]);
+        Programs { bench, ..Programs::new() }
+    }
+
     /// What the shell does with a request on a connection to a simulated robot.
     fn rpc(&mut self, connection: u64, request: &Bottle) -> Bottle {
         let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
-        let asked = parse(request, self.core.board(0).len());
+        let asked = parse(request, &units(self.core.board(0)));
         let step = self.seen(|core, seen| core.request(&client, &asked, seen));
         let Step::Question(question) = &step else { return super::reply(self.act(&client, &step)) };
         self.asked.push(request.clone());
@@ -52,7 +57,7 @@ impl Programs {
     /// What a client gets for the answer of a board that has a protocol of its own; `None`: the answer as it came.
     fn pass(&mut self, request: &str, answer: &str) -> Option<String> {
         let client = Client { part: 0, connection: 1, from: "/me/rpc:o", listens: true };
-        let asked = parse(&bottle(request), self.core.board(0).len());
+        let asked = parse(&bottle(request), &units(self.core.board(0)));
         let BoardRequest::Question(question) = asked else { panic!("no question: {request}") };
         let known = self.seen(|core, seen| core.knows_better(&client, &question, seen)).unwrap();
         corrected(&known, &bottle(answer)).map(|reply| reply.to_string())
@@ -64,14 +69,19 @@ impl Programs {
 
     fn step(&mut self, text: &str) -> Step {
         let client = Client { part: 0, connection: 99, from: "anon", listens: true };
-        let asked = parse(&bottle(text), self.core.board(0).len());
+        let asked = parse(&bottle(text), &units(self.core.board(0)));
         self.seen(|core, seen| core.request(&client, &asked, seen))
     }
 
     fn stream(&mut self, connection: u64, head: &str, body: &[f64]) -> Option<Step> {
-        let asked = streamed(&bottle(head), body, self.core.board(0).len());
+        let asked = streamed(&bottle(head), body, &units(self.core.board(0)));
         self.bench.stream(connection, &asked)
     }
+}
+
+/// Joints that turn.
+fn turning(axes: usize) -> Units {
+    Units::new(vec![JointKind::Revolute; axes])
 }
 
 fn bottle(text: &str) -> Bottle {
@@ -89,6 +99,71 @@ fn a_move_is_a_commit_at_the_clients_own_speed() {
     assert!((commit.speeds.unwrap()[1].to_degrees() - 20.0).abs() < 1e-9);
     let Step::Commit(commit) = b.step("set rel 1 -5") else { panic!("no commit") };
     assert!((commit.target.q[0] - (0.2 - 5.0_f64.to_radians())).abs() < 1e-12, "relative to where the joint is");
+}
+
+/// A program counts meters where a joint slides, as it would at the robot's own board: in what it commands, and in what it reads.
+#[test]
+fn programs_count_meters_where_a_joint_slides() {
+    let mut b = Programs::sliding();
+    let near = |rad: f64, ours: f64| (rad.to_degrees() - ours).abs() < 1e-9;
+    // both motors have limits of 90 units and 50 units a second: degrees here, millimeters there
+    assert_eq!(b.say(1, "[get] [type] 0"), format!("[is] [type] {} [tsta] 1 1.0 [ok]", JointKind::Revolute.code()));
+    assert_eq!(b.say(1, "[get] [type] 1"), format!("[is] [type] {} [tsta] 2 1.0 [ok]", JointKind::Prismatic.code()));
+    let numbers = |said: &str| -> Vec<f64> {
+        let list = |v: &Value| v.as_list().and_then(Bottle::numbers);
+        let values = bottle(said).0.into_iter().skip(2).take_while(|v| v.as_vocab() != Some(Vocab::new("tsta")));
+        values.flat_map(|v| list(&v).unwrap_or_else(|| v.as_f64().into_iter().collect())).collect()
+    };
+    let alike = |read: Vec<f64>, want: &[f64]| {
+        assert!(
+            read.len() == want.len() && read.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-9),
+            "{read:?} {want:?}"
+        );
+    };
+    alike(numbers(&b.say(1, "[get] [llim] 0")), &[-90.0, 90.0]);
+    alike(numbers(&b.say(1, "[get] [llim] 1")), &[-0.09, 0.09]);
+    alike(numbers(&b.say(1, "[get] [vlim] 1")), &[0.0, 0.05]);
+    alike(numbers(&b.say(1, "[get] [encs]")), &[0.1f64.to_degrees(), 0.2f64.to_degrees() / 1000.0]);
+    alike(numbers(&b.say(1, "[get] [vels]")), &[5.0, 0.005]);
+
+    // moves, at the client's own reference speed, which is shown again
+    assert_eq!(b.say(1, "[set] [vels] (20.0 0.02)"), "[ok]");
+    alike(numbers(&b.say(1, "[get] [vels]")), &[20.0, 0.02]);
+    assert_eq!(b.say(1, "[set] [accs] (20.0 0.02)"), "[ok]");
+    alike(numbers(&b.say(1, "[get] [acc] 1")), &[0.02]);
+    let Step::Commit(commit) = b.step("[set] [posg] 2 (1 0) (0.08 10.0)") else { panic!("no commit") };
+    let speeds = commit.speeds.unwrap();
+    assert!(near(commit.target.q[0], 80.0) && near(commit.target.q[1], 10.0), "{:?}", commit.target.q);
+    assert!(near(speeds[0], 20.0) && near(speeds[1], 20.0), "{speeds:?}");
+    let Step::Commit(commit) = b.step("[set] [rel] 1 -0.005") else { panic!("no commit") };
+    assert!(near(commit.target.q[0], 0.2f64.to_degrees() - 5.0));
+    for beyond in ["[set] [pos] 1 0.091", "[set] [pos] 1 80.0", "[set] [poss] (10.0 10.0)", "[set] [rel] 1 0.08"] {
+        assert_eq!(b.step(beyond), Step::Reply(BoardReply::Refused), "{beyond}");
+    }
+
+    // streams: set-points are in range or refused, velocities are capped, in millimeters a second
+    let Some(Step::Stream(s)) = b.stream(7, "[dpog] 2 (0 1)", &[5.0, 0.03]) else { panic!("no stream") };
+    let Values::Position(q) = s.values else { panic!("no positions") };
+    assert!(near(q[0], 5.0) && near(q[1], 30.0), "{q:?}");
+    assert_eq!(b.stream(7, "[dpo] 1", &[30.0]), None, "thirty meters");
+    let Some(Step::Stream(s)) = b.stream(8, "[vmog] 2 (0 1)", &[20.0, 0.02]) else { panic!("no stream") };
+    let Values::Velocity(v) = s.values else { panic!("no velocities") };
+    assert!(near(v[0], 20.0) && near(v[1], 20.0), "{v:?}");
+    let Some(Step::Stream(s)) = b.stream(8, "[vmo] 1", &[20.0]) else { panic!("no stream") };
+    let Values::Velocity(v) = s.values else { panic!("no velocities") };
+    assert!(near(v[0], 50.0), "no faster than 50 mm/s: {v:?}");
+
+    // what the ports publish, for a robot without boards; what a board tells passes as it is
+    let own = state(b.core.board(0), None);
+    alike(own.position.values.clone(), &[0.1f64.to_degrees(), 0.2f64.to_degrees() / 1000.0]);
+    let told = JointData { position: JointField::known(vec![1.0, 0.5]), ..own };
+    alike(state(b.core.board(0), Some(told)).position.values, &[1.0, 0.5]);
+    // and what a board has as references is learned in the filter's units
+    let read = references(&bottle("[is] [vels] (7.0 0.007) [tsta] 1 1.0 [ok]"), &units(b.core.board(0)));
+    alike(read.unwrap(), &[7.0, 7.0]);
+    assert_eq!(b.pass("[get] [encs]", "[is] [encs] (1.0 0.5) [tsta] 1 1.0 [ok]"), None);
+    let corrected = b.pass("[get] [vels]", "[is] [vels] (1.0 0.5) [tsta] 1 1.0 [ok]").unwrap();
+    alike(numbers(&corrected), &[20.0, 0.02]);
 }
 
 #[test]
@@ -337,7 +412,7 @@ proptest! {
                     let shut = closed(b.status);
                     let before = b.asked.len();
                     let client = Client { part: 0, connection, from: "/me/rpc:o", listens: true };
-                    let asked = parse(&request, 2);
+                    let asked = parse(&request, &turning(2));
                     if !shut && let Step::Commit(c) = b.seen(|core, seen| core.request(&client, &asked, seen)) {
                         prop_assert!(c.target.q.iter().all(|q| q.to_degrees().abs() <= 90.0 + 1e-9));
                         prop_assert!(c.speeds.unwrap().iter().all(|s| *s > 0.0 && s.to_degrees() <= 50.0 + 1e-9));
@@ -406,7 +481,8 @@ fn a_client_whose_joints_have_arrived_waits_for_no_other() {
     assert_eq!(b.say(1, "[set] [pos] 0 20.0"), "[ok]");
     assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 0"));
     let gaze = Client { part: 1, connection: 2, from: "/gaze/command:o", listens: false };
-    let step = b.seen(|core, seen| core.streamed(&gaze, &streamed(&bottle("[vmos]"), &[5.0], 1), seen)).unwrap();
+    let step =
+        b.seen(|core, seen| core.streamed(&gaze, &streamed(&bottle("[vmos]"), &[5.0], &turning(1)), seen)).unwrap();
     let verdict = Ok(CommitId(b.next));
     b.seen(|core, seen| core.accepted(&gaze, &step, &verdict, seen));
     assert!(b.say(1, "[get] [don] 0").starts_with("[is] [don] 0"), "not there yet");
@@ -457,6 +533,6 @@ proptest! {
             4 => BoardRequest::Acceleration { joints: some, values: first },
             _ => BoardRequest::Mode { modes: vec![ClientMode::PositionDirect; n], joints: some },
         };
-        prop_assert_eq!(parse(&written(&request).unwrap(), 4), request);
+        prop_assert_eq!(parse(&written(&request).unwrap(), &turning(4)), request);
     }
 }

@@ -190,7 +190,12 @@ pub struct Rig {
 impl Rig {
     /// There is no connection yet.
     pub fn new() -> Rig {
-        let patch = |part: &str, motors| Patch { part: part.into(), port: format!("/{part}"), motors };
+        let patch = |part: &str, motors| Patch {
+            part: part.into(),
+            port: format!("/{part}"),
+            motors,
+            units: Default::default(),
+        };
         let layout = Arc::new(Layout {
             patches: vec![patch("neck", 0..1), patch("arm", 1..3)],
             home: vec![0.0; 3],

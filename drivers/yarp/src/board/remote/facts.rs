@@ -10,7 +10,7 @@ const VERSION: (i64, i64) = (1, 9);
 /// Most axes that are believed.
 const MOST_AXES: usize = 256;
 
-/// What a board says of one axis. Degrees.
+/// What a board says of one axis. Degrees; meters where it slides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisFacts {
     /// Its name; `JOINT3` if the board gives none.
