@@ -22,6 +22,7 @@ pub mod model_compare;
 pub mod model_convert;
 pub mod model_eval;
 pub mod model_info;
+pub mod model_view;
 pub mod new;
 pub mod new_robot;
 pub mod replay;

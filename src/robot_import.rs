@@ -80,6 +80,11 @@ pub struct Imported {
 }
 
 impl UrdfArgs {
+    /// Whether any of them is given.
+    pub fn is_given(&self) -> bool {
+        !self.package.is_empty() || !self.meshes.is_empty() || self.drop_meshes || self.fix_unsupported
+    }
+
     /// The options of the reader.
     ///
     /// # Errors

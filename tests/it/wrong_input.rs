@@ -127,6 +127,12 @@ fn arguments_are_answered_too() {
         (&["inspect", "."], "journal"),
         (&["check", "nowhere"], "nowhere"),
         (&["model", "info", "world.xml"], "world.xml:1"),
+        (&["model", "view", "world.xml"], "world.xml:1"),
+        (&["model", "view", "robot.xml", "--urdf", "nowhere.urdf"], "nowhere.urdf"),
+        (&["model", "view", "robot.xml", "--drop-meshes"], "name the URDF with --urdf"),
+        (&["model", "view", "robot.xml", "--out", "world.xml"], "exists already"),
+        (&["model", "view", "robot.xml", "--out", "no/such/view.rrd"], "no/such/view.rrd"),
+        (&["model", "view", "robot.xml", "--margin", "-1"], "give 0 to 500 mm"),
     ];
     for (args, expected) in cases {
         let out = mobee(dir.path(), args);

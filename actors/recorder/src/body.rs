@@ -9,7 +9,7 @@
 //! world/tiago/lift/slid           one translation per frame, for a joint that slides
 //! ```
 
-use crate::palette;
+use crate::palette::{self, Rgba};
 use crate::shapes::{Shapes, Solid, quaternion, vec3};
 use crate::stream::{Stream, Written};
 use mobee_contract::Time;
@@ -18,6 +18,7 @@ use nalgebra::{Isometry3, Vector3};
 use rerun::external::arrow::array::{Array as _, ArrayRef, FixedSizeListArray, Float32Array, StructArray};
 use rerun::external::arrow::datatypes::{DataType, Field};
 use rerun::{FillMode, SerializedComponentBatch, Transform3D};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// A joint's angle is written again when it changed by more than this, rad (0.05 degrees).
@@ -25,9 +26,30 @@ const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
 /// The same for the way of a joint that slides, meters.
 const SLIDE_STEP: f64 = 5e-5;
 
+/// How a robot is drawn.
+pub(crate) struct Look<'a> {
+    /// Whether its shapes hide what is behind them.
+    pub(crate) fill: FillMode,
+    /// The color of a node's shapes.
+    pub(crate) color: &'a dyn Fn(&Robot, usize) -> Rgba,
+    /// Nodes that carry more than their shapes, which must move with them.
+    pub(crate) carrying: &'a BTreeSet<usize>,
+}
+
+impl Look<'_> {
+    /// As in the recording of a run: solid, a color for each part.
+    pub(crate) const RUN: Look<'static> = Look {
+        fill: FillMode::Solid,
+        color: &|robot, node| palette::part(robot.nodes.get(node).map_or(0, |n| n.part)),
+        carrying: &BTreeSet::new(),
+    };
+}
+
 /// A robot's entities and the joint positions that wait to be sent.
 pub(crate) struct Body {
     joints: Vec<Moving>,
+    /// Where each node sits.
+    pub(crate) seats: Vec<Seat>,
     /// Its shapes, to be painted.
     pub(crate) shapes: Shapes,
 }
@@ -47,9 +69,10 @@ struct Moving {
 
 /// Where a node sits: on which entity, and how far from its origin.
 #[derive(Clone)]
-struct Seat {
-    entity: String,
-    offset: Vector3<f64>,
+pub(crate) struct Seat {
+    pub(crate) entity: String,
+    /// `entity_from_node`: both have the root's orientation at the zero pose.
+    pub(crate) offset: Vector3<f64>,
 }
 
 impl Body {
@@ -57,12 +80,18 @@ impl Body {
     ///
     /// # Errors
     /// In words.
-    pub(crate) fn new(stream: &Stream, robot: &Robot, base: &Isometry3<f64>, index: u16) -> Result<Body, String> {
+    pub(crate) fn new(
+        stream: &Stream,
+        robot: &Robot,
+        base: &Isometry3<f64>,
+        index: u16,
+        look: &Look<'_>,
+    ) -> Result<Body, String> {
         let root = format!("world/{}", entity(&robot.name));
         let place = Transform3D::from_translation_rotation(vec3(&base.translation.vector), quaternion(&base.rotation));
         stream.log_static(&root, &place)?;
-        let moved = moves_shapes(robot);
-        let mut body = Body { joints: Vec::new(), shapes: Shapes::default() };
+        let moved = moves_something(robot, look.carrying);
+        let mut body = Body { joints: Vec::new(), seats: Vec::new(), shapes: Shapes::default() };
         // where children of each node sit, and the solids of each entity
         let mut seats: Vec<Seat> = Vec::with_capacity(robot.nodes.len());
         let mut solids: Vec<(String, Vec<Solid<'_>>)> = Vec::new();
@@ -74,7 +103,7 @@ impl Body {
                     id: ShapeId::Robot { robot: index, node: n as u16, shape: s as u16 },
                     primitive,
                     frame_from_node: Isometry3::translation(seat.offset.x, seat.offset.y, seat.offset.z),
-                    color: palette::part(node.part),
+                    color: (look.color)(robot, n),
                 };
                 match solids.iter_mut().find(|(entity, _)| *entity == seat.entity) {
                     Some((_, list)) => list.push(solid),
@@ -107,8 +136,9 @@ impl Body {
             seats.push(next);
         }
         for (entity, solids) in &solids {
-            body.shapes.add(stream, entity, solids, FillMode::Solid)?;
+            body.shapes.add(stream, entity, solids, look.fill)?;
         }
+        body.seats = seats;
         Ok(body)
     }
 
@@ -171,13 +201,13 @@ fn translations(axis: [f32; 3], ways: &[f32]) -> Option<rerun::SerializedCompone
     batch.partitioned(std::iter::repeat_n(1, ways.len())).ok()
 }
 
-/// Which nodes have shapes in their subtree, themselves not counted.
-fn moves_shapes(robot: &Robot) -> Vec<bool> {
+/// Which nodes have shapes, or what else they carry, in their subtree, themselves not counted.
+fn moves_something(robot: &Robot, carrying: &BTreeSet<usize>) -> Vec<bool> {
     let mut moves = vec![false; robot.nodes.len()];
     for (n, node) in robot.nodes.iter().enumerate().rev() {
         let below = moves.get(n).copied().unwrap_or(false);
         if let Some(parent) = node.parent.and_then(|p| moves.get_mut(p)) {
-            *parent |= below || !node.solids.is_empty();
+            *parent |= below || !node.solids.is_empty() || carrying.contains(&n);
         }
     }
     moves
