@@ -16,6 +16,7 @@ pub mod compose;
 pub mod config;
 pub mod ctl;
 pub mod doctor;
+mod import_inputs;
 pub mod inspect;
 pub mod kinds;
 pub mod model_compare;

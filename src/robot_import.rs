@@ -6,11 +6,12 @@
 //!                 links that block too much are fitted closer
 //! ```
 
+use crate::import_inputs;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Report, miette};
 use mobee_model::{
     FileError, FitOptions, LeftOut, LinkSurface, Robot, RobotParts, Scene, Srdf, Surfaces, UrdfOptions, UrdfRobot,
-    compare, find_home, load_link_tree, load_srdf, load_urdf_with_surfaces, spared_pairs,
+    compare, find_home, load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces, spared_pairs,
 };
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -77,6 +78,8 @@ pub struct Imported {
     pub warnings: Vec<FileError>,
     /// What was decided, a line each.
     pub decided: Vec<String>,
+    /// The number of all that it was made from.
+    pub inputs: String,
 }
 
 impl UrdfArgs {
@@ -150,7 +153,22 @@ impl ImportArgs {
         }
         let groups = srdf.iter().flat_map(|(srdf, tree)| srdf.groups.iter().map(move |g| (srdf, tree, g)));
         let groups = groups.map(|(srdf, tree, g)| (g.name.clone(), srdf.motors_of(&g.name, tree, &robot))).collect();
-        Ok(Imported { robot, groups, warnings, decided })
+        Ok(Imported { robot, groups, warnings, decided, inputs: self.digest(urdf, &links)? })
+    }
+
+    /// Whether a robot file was made from this URDF, its meshes, the SRDF and these options: then there is nothing to fit.
+    ///
+    /// # Errors
+    /// If one of them can't be read.
+    pub fn made(&self, xml: &Path, urdf: &Path) -> Result<bool, Report> {
+        let Some(named) = import_inputs::named(xml) else { return Ok(false) };
+        let links = load_surfaces(urdf, &self.read.options()?)?.value;
+        Ok(named == self.digest(urdf, &links)?)
+    }
+
+    /// The number of all that a robot is made from.
+    fn digest(&self, urdf: &Path, links: &[LinkSurface]) -> Result<String, Report> {
+        import_inputs::digest(&format!("{self:?}"), urdf, self.srdf.as_deref(), links)
     }
 
     /// Puts the robot's home where it is free; says where that is.
