@@ -98,6 +98,7 @@ impl Body {
         let base = Seat { entity: root, offset: Vector3::zeros() };
         for (n, node) in robot.nodes.iter().enumerate() {
             let seat = node.parent.and_then(|p| seats.get(p)).unwrap_or(&base).clone();
+            body.seats.push(seat.clone());
             for (s, primitive) in node.solids.iter().enumerate() {
                 let solid = Solid {
                     id: ShapeId::Robot { robot: index, node: n as u16, shape: s as u16 },
@@ -138,7 +139,6 @@ impl Body {
         for (entity, solids) in &solids {
             body.shapes.add(stream, entity, solids, look.fill)?;
         }
-        body.seats = seats;
         Ok(body)
     }
 
@@ -227,4 +227,27 @@ pub(crate) fn entity(name: &str) -> String {
     let fits = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.');
     let name: String = name.chars().map(|c| if fits(c) { c } else { '_' }).collect();
     if name.is_empty() { "unnamed".to_owned() } else { name }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mobee_model::parse_robot;
+
+    #[test]
+    fn a_node_sits_where_its_shapes_are_and_not_where_its_children_begin() {
+        let text = r#"<ZeroPositionKinematicTree version="1.0" robotName="r"><bodypart name="all">
+            <link z="0.4" radius="0.03"><motor name="turn"><joint z="1">
+            <link x="0.1" radius="0.02"><link x="0.3" radius="0.02"/></link></joint></motor></link>
+            </bodypart></ZeroPositionKinematicTree>"#;
+        let robot = parse_robot("r.xml", text).unwrap().value;
+        let rec = rerun::RecordingStreamBuilder::new("test").memory().unwrap().0;
+        let stream = Stream { rec, root: String::new() };
+        let body = Body::new(&stream, &robot, &Isometry3::identity(), 0, &Look::RUN).unwrap();
+        let seats: Vec<_> = body.seats.iter().map(|s| (s.entity.as_str(), s.offset)).collect();
+        let turned = "world/r/turn/turned";
+        let column = ("world/r", Vector3::zeros());
+        let joint = ("world/r", Vector3::z() * 0.4);
+        assert_eq!(seats, [column, joint, (turned, Vector3::zeros()), (turned, Vector3::x() * 0.1)]);
+    }
 }

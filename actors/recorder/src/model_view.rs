@@ -31,7 +31,7 @@ use sweep::{AT_HOME, Sweep, in_units, sweeps};
 const WRITTEN: Duration = Duration::from_secs(60);
 
 /// How long an axis is drawn, as a share of the way from the eye to the robot.
-const ARROW: f64 = 0.2;
+const ARROW: f64 = 0.4;
 
 /// What is to be looked at.
 #[derive(Clone, Copy, Debug)]

@@ -79,13 +79,13 @@ pub(super) fn near(robot: &Robot, seen: &Seen, margin: f64) -> String {
     if seen.near.is_empty() {
         return out + "None, at home or while one motor moves.\n";
     }
-    out += "| links | how near | motor | where |\n|---|---|---|---|\n";
+    out += "| links | how near | while |\n|---|---|---|\n";
     for Near { links: (a, b), distance: d, motor } in &seen.near {
-        let (name, place) = match motor.and_then(|(m, q)| Some((robot.motors.get(m)?, q))) {
-            None => ("at home".to_owned(), String::new()),
-            Some((motor, q)) => (escaped(&motor.name), in_units(motor, q)),
+        let when = match motor.and_then(|(m, q)| Some((robot.motors.get(m)?, q))) {
+            None => "at home".to_owned(),
+            Some((motor, q)) => format!("{} {}", escaped(&motor.name), in_units(motor, q)),
         };
-        let _ = writeln!(out, "| {} - {} | {} | {name} | {place} |", escaped(a), escaped(b), distance(*d));
+        let _ = writeln!(out, "| {} - {} | {} | {when} |", escaped(a), escaped(b), distance(*d));
     }
     out
 }
