@@ -5,8 +5,8 @@ use miette::Report;
 use mobee::config::{ClockMode, ConfigError};
 use mobee::robot_import::ImportArgs;
 use mobee::{
-    agent, check, config, ctl, doctor, inspect, kinds, model_compare, model_convert, model_eval, model_info, new,
-    new_robot, replay, run, schema, sim, terminal, torture, view, yarp,
+    agent, check, config, ctl, doctor, inspect, kinds, model_compare, model_convert, model_eval, model_info,
+    model_view, new, new_robot, replay, run, schema, sim, terminal, torture, view, yarp,
 };
 use std::io::Write;
 use std::path::PathBuf;
@@ -178,6 +178,8 @@ enum ModelCommand {
     Convert(model_convert::ConvertArgs),
     /// Compare a converted robot with the meshes of its URDF: contacts that its shapes have falsely, and those that they miss.
     Compare(model_compare::CompareArgs),
+    /// Look at a robot in the Rerun viewer: shapes over meshes, motor after motor through its range, what comes near in red.
+    View(model_view::ViewArgs),
 }
 
 fn ctl_at(text: &str) -> Result<run::CtlAt, String> {
@@ -268,6 +270,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
                     done.files.iter().for_each(|f| terminal::out(&format!("{}\n", f.display())));
                 }
                 ModelCommand::Convert(args) => terminal::out(&model_convert::command(&args)?),
+                ModelCommand::View(args) => terminal::out(&model_view::command(&args)?),
                 ModelCommand::Compare(args) => return model_compare::command(&args),
             }
             Ok(ExitCode::SUCCESS)

@@ -1,5 +1,6 @@
 //! `mobee model convert`: a URDF becomes a robot file.
 
+use crate::import_inputs;
 use crate::robot_import::{ImportArgs, Imported};
 use miette::{IntoDiagnostic, Report, WrapErr, miette};
 use mobee_model::{Robot, parse_robot, write_robot};
@@ -12,11 +13,11 @@ use std::path::{Path, PathBuf};
 pub struct ConvertArgs {
     /// The URDF file (expand macros with xacro first).
     urdf: PathBuf,
-    /// The robot file to write; it must not exist yet.
+    /// The robot file to write. One that exists is kept: if it was made from the same files and options, nothing is to be done.
     xml: PathBuf,
     #[command(flatten)]
     import: ImportArgs,
-    /// Replace the robot file if it exists.
+    /// Convert anew and replace the robot file if it exists.
     #[arg(long)]
     force: bool,
 }
@@ -28,6 +29,9 @@ pub struct ConvertArgs {
 /// half-written.
 pub fn command(args: &ConvertArgs) -> Result<String, Report> {
     if args.xml.exists() && !args.force {
+        if args.import.made(&args.xml, &args.urdf)? {
+            return Ok(format!("{}: made from the same files and options; nothing to fit\n", args.xml.display()));
+        }
         return Err(miette!(
             help = "name another file, or replace it with --force",
             "{} exists already",
@@ -49,6 +53,7 @@ pub fn text(urdf: &Path, xml: &Path, imported: &Imported) -> Result<String, Repo
     let from = urdf.file_name().unwrap_or_default().to_string_lossy();
     let mut note = format!("Converted from {from} by `mobee model convert`.\n");
     imported.decided.iter().for_each(|line| note = format!("{note}  {line}\n"));
+    note = format!("{note}  {}\n", import_inputs::line(&imported.inputs));
     // two hyphens would end a comment
     let note = format!("<!--\n  {}-->\n", note.replace("--", "- -"));
     let text = match text.split_once("?>\n") {

@@ -6,11 +6,12 @@
 //!                 links that block too much are fitted closer
 //! ```
 
+use crate::import_inputs;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Report, miette};
 use mobee_model::{
-    FileError, FitOptions, LeftOut, LinkSurface, Robot, Scene, Srdf, Surfaces, UrdfOptions, UrdfRobot, compare,
-    find_home, load_link_tree, load_srdf, load_urdf_with_surfaces, spared_pairs,
+    FileError, FitOptions, LeftOut, LinkSurface, Robot, RobotParts, Scene, Srdf, Surfaces, UrdfOptions, UrdfRobot,
+    compare, find_home, load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces, spared_pairs,
 };
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -53,7 +54,7 @@ pub struct ImportArgs {
     pub srdf: Option<PathBuf>,
     #[command(flatten)]
     read: UrdfArgs,
-    /// Name of the body part that contains all motors (default: the robot's name).
+    /// Name of the one body part that contains all motors (default: a part for each group of the SRDF, or one of the robot's name).
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
     /// How far the shapes around a mesh may stick out of it, millimeters.
@@ -77,9 +78,16 @@ pub struct Imported {
     pub warnings: Vec<FileError>,
     /// What was decided, a line each.
     pub decided: Vec<String>,
+    /// The number of all that it was made from.
+    pub inputs: String,
 }
 
 impl UrdfArgs {
+    /// Whether any of them is given.
+    pub fn is_given(&self) -> bool {
+        !self.package.is_empty() || !self.meshes.is_empty() || self.drop_meshes || self.fix_unsupported
+    }
+
     /// The options of the reader.
     ///
     /// # Errors
@@ -138,9 +146,29 @@ impl ImportArgs {
         }
         bar.step("looks for a home that is free");
         decided.push(self.settle_home(&mut robot, srdf.as_ref().map(|(srdf, _)| srdf))?);
+        // Last, as poses have another order then.
+        if let Some((srdf, tree)) = srdf.as_ref().filter(|_| self.part.is_none()) {
+            let parts = srdf.parts(tree, &robot);
+            decided.extend(divide(&mut robot, &parts));
+        }
         let groups = srdf.iter().flat_map(|(srdf, tree)| srdf.groups.iter().map(move |g| (srdf, tree, g)));
         let groups = groups.map(|(srdf, tree, g)| (g.name.clone(), srdf.motors_of(&g.name, tree, &robot))).collect();
-        Ok(Imported { robot, groups, warnings, decided })
+        Ok(Imported { robot, groups, warnings, decided, inputs: self.digest(urdf, &links)? })
+    }
+
+    /// Whether a robot file was made from this URDF, its meshes, the SRDF and these options: then there is nothing to fit.
+    ///
+    /// # Errors
+    /// If one of them can't be read.
+    pub fn made(&self, xml: &Path, urdf: &Path) -> Result<bool, Report> {
+        let Some(named) = import_inputs::named(xml) else { return Ok(false) };
+        let links = load_surfaces(urdf, &self.read.options()?)?.value;
+        Ok(named == self.digest(urdf, &links)?)
+    }
+
+    /// The number of all that a robot is made from.
+    fn digest(&self, urdf: &Path, links: &[LinkSurface]) -> Result<String, Report> {
+        import_inputs::digest(&format!("{self:?}"), urdf, self.srdf.as_deref(), links)
     }
 
     /// Puts the robot's home where it is free; says where that is.
@@ -178,6 +206,21 @@ fn disabled(srdf: &Srdf, robot: &Robot) -> Vec<LeftOut> {
         Some(LeftOut { nodes, reason: format!("SRDF: {reason}") })
     };
     srdf.disabled.iter().filter_map(of).collect()
+}
+
+/// Divides the motors among parts; says how, unless there is one part as without an SRDF.
+fn divide(robot: &mut Robot, parts: &RobotParts) -> Option<String> {
+    robot.divide(&parts.parts);
+    let [first, ..] = parts.parts.as_slice() else { return None };
+    if parts.parts.len() == 1 && first.0 == robot.name {
+        return None;
+    }
+    let named: Vec<String> = parts.parts.iter().map(|(name, motors)| format!("{name} ({})", motors.len())).collect();
+    let mut said = format!("parts, by the SRDF's groups: {}", named.join(", "));
+    if !parts.passed_over.is_empty() {
+        said += &format!("; not {}, which overlap with these", parts.passed_over.join(", "));
+    }
+    Some(said)
 }
 
 /// Fits links closer to their meshes that block poses which are free. Says which.

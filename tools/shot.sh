@@ -36,7 +36,8 @@ HOME="$home" XDG_CONFIG_HOME="$home" XDG_DATA_HOME="$home" XDG_CACHE_HOME="$home
     "$viewer" --headless --window-size "$size" --port "$port" "$recording" > "$home/log" 2>&1 &
 pid=$!
 
-# the viewer loads while it draws, and without a graphics card it draws slowly: done when two pictures are the same
+# the viewer loads while it draws, and without a graphics card it draws slowly: done when two pictures are the same, or
+# after the eighth, since a recording that plays (that of a model) never rests
 "$python" - "$port" "$home" "$picture" << 'PY' || { tail -n 20 "$home/log" >&2; exit 1; }
 import os, sys, time
 from rerun.experimental import ViewerClient
@@ -45,7 +46,8 @@ port, home, picture = sys.argv[1:]
 end = time.monotonic() + 240
 client = None
 last = None
-while time.monotonic() < end:
+taken = 0
+while time.monotonic() < end and taken < 8:
     time.sleep(3)
     try:
         client = client or ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
@@ -67,6 +69,7 @@ while time.monotonic() < end:
         open(picture, "wb").write(now)
         sys.exit(0)
     last = now
+    taken += 1
 if last:
     open(picture, "wb").write(last)
     sys.exit(0)

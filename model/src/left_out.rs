@@ -4,6 +4,7 @@
 //! converted is not built the way it expects, so its file says it: everything is tested that can move against each other, but what
 //! is left out by name, each with its reason, so that a person can overrule it.
 
+use crate::zrp::left_out_tag;
 use crate::zrp::pairs::quiet_subtrees;
 use crate::{LeftOut, Node, NodePairs, Robot};
 use std::collections::BTreeSet;
@@ -28,6 +29,14 @@ impl Robot {
         }
         self.left_out = Some(all);
         self.pair_up(&known);
+    }
+
+    /// The line for the `pairs` of the robot's file that leaves this pair out. None if one of the two has no name, or if the file has
+    /// no such list: a first line would put all other pairs to the test, which the filter of the format now leaves out.
+    pub fn leave_out_line(&self, (a, b): (usize, usize), reason: &str) -> Option<String> {
+        self.left_out.as_ref()?;
+        let name = |node: usize| self.nodes.get(node)?.name.as_deref();
+        Some(format!("<{}/>", left_out_tag((name(a)?, name(b)?), reason)))
     }
 
     /// Makes the pairs of all bodies but those left out, and says which nodes are the base.

@@ -6,6 +6,7 @@
 //! robot.srdf ──load_srdf───────────────────┴─> Srdf ──(Robot)──> motors of a group, home pose, pairs by link names
 //! ```
 
+mod parts;
 mod read;
 mod resolve;
 

@@ -21,6 +21,7 @@ use crate::error::{FileError, Loaded, Source};
 use crate::{Object, Robot};
 use std::path::Path;
 
+pub(crate) use write::left_out_tag;
 pub use write::{write_robot, write_world};
 
 /// Files above this size are refused, bytes.

@@ -7,6 +7,9 @@ use mobee_model::{Contact, Scene, ShapeId};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+/// So many pairs of links in each other's way are named with what leaves them out; of more, something else is wrong.
+const LINES: usize = 5;
+
 /// All of them.
 pub(super) fn all(
     config: &Config,
@@ -63,16 +66,56 @@ impl Poses<'_> {
                 Some(Some(start)) => (format!("robot[{i}].driver.{}", start.path), "at the start"),
                 _ => (format!("robot[{i}].model"), "at home"),
             };
-            let what = format!("{when}, {}", self.words(&c, r.controller.margin_mm));
+            let others = self.near_in_itself(i, &poses, r.controller.margin_mm);
             let itself = matches!(c.pair, (ShapeId::Robot { robot: a, .. }, ShapeId::Robot { robot: b, .. }) if a == b);
+            let mut what = format!("{when}, {}", self.words(&c, r.controller.margin_mm));
+            if itself && others.len() > 1 {
+                what += &format!("; {} pairs of its links are as near", others.len());
+            }
             let help = match itself {
-                true => {
-                    "let it start elsewhere (`start_deg` of the driver `sim`, `home` in the robot's file), or choose a smaller margin"
-                }
-                false => "move the object or the robot's base, or choose a smaller margin",
+                true => self.free_itself(i, &others),
+                false => "move the object or the robot's base, or choose a smaller margin".to_owned(),
             };
             wrong.push(self.source.error(&path, what, help));
         }
+    }
+
+    /// The pairs of a robot's own nodes that are nearer than the margin, the nearest first.
+    fn near_in_itself(&self, robot: usize, poses: &[mobee_contract::Pose], margin_mm: f64) -> Vec<(usize, usize)> {
+        let own = |id: ShapeId| match id {
+            ShapeId::Robot { robot: r, node, .. } if usize::from(r) == robot => Some(usize::from(node)),
+            _ => None,
+        };
+        let mut all = self.scene.contacts(poses, margin_mm * 1e-3);
+        all.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+        let mut pairs = Vec::new();
+        for pair in all.iter().filter_map(|c| Some((own(c.pair.0)?, own(c.pair.1)?))) {
+            if !pairs.contains(&pair) {
+                pairs.push(pair);
+            }
+        }
+        pairs
+    }
+
+    /// What to do about a robot that is in its own way: among others, the lines that leave the pairs out, as its file has them.
+    fn free_itself(&self, robot: usize, pairs: &[(usize, usize)]) -> String {
+        let mut help =
+            "let it start elsewhere (`start_deg` of the driver `sim`, `home` in the robot's file), or choose a \
+                        smaller margin"
+                .to_owned();
+        let of = self.scene.robots().get(robot).zip(self.config.robot.get(robot));
+        let Some((model, r)) = of else { return help };
+        let line = |pair: &(usize, usize)| model.leave_out_line(*pair, "can't hurt each other");
+        let lines: Vec<String> = pairs.iter().take(LINES).filter_map(line).collect();
+        if !lines.is_empty() {
+            let file = r.model.display();
+            help += &format!(
+                ". Only where two links can't hurt each other, however they meet: write into <pairs> of {file}, so that they are \
+                 never tested, {}",
+                lines.join(" ")
+            );
+        }
+        help
     }
 
     /// Poses that an agent's settings name, while the other robots are at home.

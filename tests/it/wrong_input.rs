@@ -127,6 +127,12 @@ fn arguments_are_answered_too() {
         (&["inspect", "."], "journal"),
         (&["check", "nowhere"], "nowhere"),
         (&["model", "info", "world.xml"], "world.xml:1"),
+        (&["model", "view", "world.xml"], "world.xml:1"),
+        (&["model", "view", "robot.xml", "--urdf", "nowhere.urdf"], "nowhere.urdf"),
+        (&["model", "view", "robot.xml", "--drop-meshes"], "name the URDF with --urdf"),
+        (&["model", "view", "robot.xml", "--out", "world.xml"], "exists already"),
+        (&["model", "view", "robot.xml", "--out", "no/such/view.rrd"], "no/such/view.rrd"),
+        (&["model", "view", "robot.xml", "--margin", "-1"], "give 0 to 500 mm"),
     ];
     for (args, expected) in cases {
         let out = mobee(dir.path(), args);
@@ -134,6 +140,39 @@ fn arguments_are_answered_too() {
         assert_eq!(out.status.code(), Some(2), "{args:?}: {said}");
         assert!(said.contains(expected), "{args:?} says {expected:?}:\n{said}");
     }
+}
+
+/// A robot whose last link stands in its base at home, as its file lists no more pairs than it must.
+const FOLDED: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="folded">
+  <pairs><leaveOut a="base" b="arm" reason="neighbors"/><leaveOut a="arm" b="tool" reason="neighbors"/></pairs>
+  <bodypart name="all">
+    <link name="base" z="0.2" radius="0.03">
+      <motor name="M_first" minPos="-30" maxPos="60" home="0">
+        <joint z="1" minPos="-30" maxPos="60"><link name="arm" x="0.3" radius="0.02">
+          <motor name="M_second" minPos="-30" maxPos="30"><joint z="1"><link name="tool" x="-0.3" radius="0.02"/></joint></motor>
+        </link></joint>
+      </motor>
+    </link>
+  </bodypart>
+</ZeroPositionKinematicTree>"#;
+
+#[test]
+fn a_robot_that_is_in_its_own_way_is_told_the_line_that_helps() {
+    let dir = folder("behavior.toml", "", "");
+    std::fs::write(dir.path().join("robot.xml"), FOLDED).expect("a file");
+    let out = mobee(dir.path(), &["check", "behavior.toml"]);
+    let said: String = String::from_utf8_lossy(&out.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert_eq!(out.status.code(), Some(2), "{said}");
+    for part in ["edge:base#0", "edge:tool#0", "can't hurt each other", "<pairs>", "robot.xml"] {
+        assert!(said.contains(part) || said.contains(&part.replace("edge", "folded")), "{part:?} in {said}");
+    }
+    let line = said.split_once("<leaveOut").and_then(|(_, rest)| rest.split_once("/>")).map(|(inside, _)| inside);
+    let line = format!("<leaveOut{}/>", line.expect("a line to write"));
+    assert!(line.contains("a=\"base\" b=\"tool\""), "{line}");
+    std::fs::write(dir.path().join("robot.xml"), FOLDED.replacen("<pairs>", &format!("<pairs>{line}"), 1))
+        .expect("a file");
+    let out = mobee(dir.path(), &["check", "behavior.toml"]);
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
 }
 
 #[test]

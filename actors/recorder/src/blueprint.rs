@@ -3,9 +3,12 @@
 //! Rerun's own builder can't set a view's eye, background or time range, so the few archetypes that a blueprint is made
 //! of are logged here directly, into a stream of their own that goes ahead of the data.
 
+mod model;
+
 use crate::front::Front;
 use crate::stream::{TIMELINE, Written, in_words};
-use rerun::blueprint::components::{ContainerKind, PanelState, PlayState};
+pub(crate) use model::send_model;
+use rerun::blueprint::components::{ContainerKind, LoopMode, PanelState, PlayState};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes as look;
 use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, TextLogColumn, VisibleTimeRange};
@@ -38,15 +41,20 @@ pub(crate) struct Shown {
     pub(crate) bounds: Option<[f32; 4]>,
 }
 
-/// Writes the layout, all pages side by side, and makes it the active one.
+/// Writes the layout of a run's recording, all pages side by side.
 pub(crate) fn send(rec: &RecordingStream, pages: &[Page]) -> Written {
+    publish(rec, |print| print.write(pages))
+}
+
+/// Writes a layout and makes it the active one.
+fn publish(rec: &RecordingStream, write: impl FnOnce(&mut Print<'_>) -> Written) -> Written {
     let info = rec.store_info().ok_or("the recording is switched off (environment variable RERUN)")?;
     let application = info.application_id().clone();
     let (layout, storage) =
         RecordingStreamBuilder::new(application).blueprint().memory().map_err(|e| in_words("its layout", &e))?;
     layout.set_time_sequence("blueprint", 0);
     let mut print = Print { rec: &layout, ids: 0 };
-    print.write(pages)?;
+    write(&mut print)?;
     let messages = storage.take();
     let id: StoreId = messages.first().map(|m| m.store_id().clone()).ok_or("the layout is empty")?;
     let command = BlueprintActivationCommand { blueprint_id: id, make_active: true, make_default: true };
@@ -87,6 +95,11 @@ impl Print<'_> {
         if places.len() > 1 {
             self.container(ContainerKind::Horizontal, "Runs", &places, &vec![1.0; places.len()])?;
         }
+        self.frame(PanelState::Collapsed, PlayState::Following)
+    }
+
+    /// What is around the views: all of the window but the time line is theirs. Comes last, as the last box holds all others.
+    fn frame(&mut self, time_line: PanelState, play: PlayState) -> Written {
         let viewport = look::ViewportBlueprint::new()
             .with_root_container(rerun::blueprint::components::RootContainer(uuid(self.ids)))
             .with_auto_layout(false)
@@ -95,10 +108,12 @@ impl Print<'_> {
         let collapsed = look::PanelBlueprint::new().with_state(PanelState::Collapsed);
         self.log("blueprint_panel", &collapsed)?;
         self.log("selection_panel", &collapsed)?;
+        let looped = if play == PlayState::Playing { LoopMode::All } else { LoopMode::Off };
         let time = look::TimePanelBlueprint::new()
-            .with_state(PanelState::Collapsed)
+            .with_state(time_line)
             .with_timeline(TIMELINE)
-            .with_play_state(PlayState::Following);
+            .with_loop_mode(looped)
+            .with_play_state(play);
         self.log("time_panel", &time)
     }
 
@@ -142,7 +157,21 @@ impl Print<'_> {
     fn scene(&mut self, page: &Page, front: &Front) -> Result<Place, String> {
         let Page { root, robots, .. } = page;
         let name = if root.is_empty() { "Robot and world" } else { root.trim_end_matches('/') };
-        let scene = self.view("3D", name, &format!("/{root}world"))?;
+        let scene = self.space(name, &format!("/{root}world"), front)?;
+        let range = VisibleTimeRange(rerun::external::re_sdk_types::datatypes::VisibleTimeRange {
+            timeline: TIMELINE.into(),
+            range: TimeRange { start: around(-TRAIL_SECS), end: around(0) },
+        });
+        for trail in robots.iter().flat_map(|r| &r.trails) {
+            let path = format!("{scene}/ViewContents/overrides/{root}{trail}/visualizers");
+            self.log(&path, &look::VisibleTimeRanges::new([range.clone()]))?;
+        }
+        Ok(scene)
+    }
+
+    /// A space, seen from the front.
+    fn space(&mut self, name: &str, origin: &str, front: &Front) -> Result<Place, String> {
+        let scene = self.view("3D", name, origin)?;
         let eye = look::EyeControls3D::new()
             .with_position(front.eye)
             .with_look_target(front.target)
@@ -156,14 +185,6 @@ impl Print<'_> {
             .with_plane(components::Plane3D::new([0.0, 0.0, 1.0], front.floor))
             .with_color(0xFFFFFF0Cu32);
         self.log(&format!("{scene}/LineGrid3D"), &grid)?;
-        let range = VisibleTimeRange(rerun::external::re_sdk_types::datatypes::VisibleTimeRange {
-            timeline: TIMELINE.into(),
-            range: TimeRange { start: around(-TRAIL_SECS), end: around(0) },
-        });
-        for trail in robots.iter().flat_map(|r| &r.trails) {
-            let path = format!("{scene}/ViewContents/overrides/{root}{trail}/visualizers");
-            self.log(&path, &look::VisibleTimeRanges::new([range.clone()]))?;
-        }
         Ok(scene)
     }
 

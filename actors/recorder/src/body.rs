@@ -9,7 +9,7 @@
 //! world/tiago/lift/slid           one translation per frame, for a joint that slides
 //! ```
 
-use crate::palette;
+use crate::palette::{self, Rgba};
 use crate::shapes::{Shapes, Solid, quaternion, vec3};
 use crate::stream::{Stream, Written};
 use mobee_contract::Time;
@@ -18,6 +18,7 @@ use nalgebra::{Isometry3, Vector3};
 use rerun::external::arrow::array::{Array as _, ArrayRef, FixedSizeListArray, Float32Array, StructArray};
 use rerun::external::arrow::datatypes::{DataType, Field};
 use rerun::{FillMode, SerializedComponentBatch, Transform3D};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// A joint's angle is written again when it changed by more than this, rad (0.05 degrees).
@@ -25,9 +26,30 @@ const STEP: f64 = 0.05 * std::f64::consts::PI / 180.0;
 /// The same for the way of a joint that slides, meters.
 const SLIDE_STEP: f64 = 5e-5;
 
+/// How a robot is drawn.
+pub(crate) struct Look<'a> {
+    /// Whether its shapes hide what is behind them.
+    pub(crate) fill: FillMode,
+    /// The color of a node's shapes.
+    pub(crate) color: &'a dyn Fn(&Robot, usize) -> Rgba,
+    /// Nodes that carry more than their shapes, which must move with them.
+    pub(crate) carrying: &'a BTreeSet<usize>,
+}
+
+impl Look<'_> {
+    /// As in the recording of a run: solid, a color for each part.
+    pub(crate) const RUN: Look<'static> = Look {
+        fill: FillMode::Solid,
+        color: &|robot, node| palette::part(robot.nodes.get(node).map_or(0, |n| n.part)),
+        carrying: &BTreeSet::new(),
+    };
+}
+
 /// A robot's entities and the joint positions that wait to be sent.
 pub(crate) struct Body {
     joints: Vec<Moving>,
+    /// Where each node sits.
+    pub(crate) seats: Vec<Seat>,
     /// Its shapes, to be painted.
     pub(crate) shapes: Shapes,
 }
@@ -47,9 +69,10 @@ struct Moving {
 
 /// Where a node sits: on which entity, and how far from its origin.
 #[derive(Clone)]
-struct Seat {
-    entity: String,
-    offset: Vector3<f64>,
+pub(crate) struct Seat {
+    pub(crate) entity: String,
+    /// `entity_from_node`: both have the root's orientation at the zero pose.
+    pub(crate) offset: Vector3<f64>,
 }
 
 impl Body {
@@ -57,24 +80,31 @@ impl Body {
     ///
     /// # Errors
     /// In words.
-    pub(crate) fn new(stream: &Stream, robot: &Robot, base: &Isometry3<f64>, index: u16) -> Result<Body, String> {
+    pub(crate) fn new(
+        stream: &Stream,
+        robot: &Robot,
+        base: &Isometry3<f64>,
+        index: u16,
+        look: &Look<'_>,
+    ) -> Result<Body, String> {
         let root = format!("world/{}", entity(&robot.name));
         let place = Transform3D::from_translation_rotation(vec3(&base.translation.vector), quaternion(&base.rotation));
         stream.log_static(&root, &place)?;
-        let moved = moves_shapes(robot);
-        let mut body = Body { joints: Vec::new(), shapes: Shapes::default() };
+        let moved = moves_something(robot, look.carrying);
+        let mut body = Body { joints: Vec::new(), seats: Vec::new(), shapes: Shapes::default() };
         // where children of each node sit, and the solids of each entity
         let mut seats: Vec<Seat> = Vec::with_capacity(robot.nodes.len());
         let mut solids: Vec<(String, Vec<Solid<'_>>)> = Vec::new();
         let base = Seat { entity: root, offset: Vector3::zeros() };
         for (n, node) in robot.nodes.iter().enumerate() {
             let seat = node.parent.and_then(|p| seats.get(p)).unwrap_or(&base).clone();
+            body.seats.push(seat.clone());
             for (s, primitive) in node.solids.iter().enumerate() {
                 let solid = Solid {
                     id: ShapeId::Robot { robot: index, node: n as u16, shape: s as u16 },
                     primitive,
                     frame_from_node: Isometry3::translation(seat.offset.x, seat.offset.y, seat.offset.z),
-                    color: palette::part(node.part),
+                    color: (look.color)(robot, n),
                 };
                 match solids.iter_mut().find(|(entity, _)| *entity == seat.entity) {
                     Some((_, list)) => list.push(solid),
@@ -107,7 +137,7 @@ impl Body {
             seats.push(next);
         }
         for (entity, solids) in &solids {
-            body.shapes.add(stream, entity, solids, FillMode::Solid)?;
+            body.shapes.add(stream, entity, solids, look.fill)?;
         }
         Ok(body)
     }
@@ -171,13 +201,13 @@ fn translations(axis: [f32; 3], ways: &[f32]) -> Option<rerun::SerializedCompone
     batch.partitioned(std::iter::repeat_n(1, ways.len())).ok()
 }
 
-/// Which nodes have shapes in their subtree, themselves not counted.
-fn moves_shapes(robot: &Robot) -> Vec<bool> {
+/// Which nodes have shapes, or what else they carry, in their subtree, themselves not counted.
+fn moves_something(robot: &Robot, carrying: &BTreeSet<usize>) -> Vec<bool> {
     let mut moves = vec![false; robot.nodes.len()];
     for (n, node) in robot.nodes.iter().enumerate().rev() {
         let below = moves.get(n).copied().unwrap_or(false);
         if let Some(parent) = node.parent.and_then(|p| moves.get_mut(p)) {
-            *parent |= below || !node.solids.is_empty();
+            *parent |= below || !node.solids.is_empty() || carrying.contains(&n);
         }
     }
     moves
@@ -197,4 +227,27 @@ pub(crate) fn entity(name: &str) -> String {
     let fits = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.');
     let name: String = name.chars().map(|c| if fits(c) { c } else { '_' }).collect();
     if name.is_empty() { "unnamed".to_owned() } else { name }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mobee_model::parse_robot;
+
+    #[test]
+    fn a_node_sits_where_its_shapes_are_and_not_where_its_children_begin() {
+        let text = r#"<ZeroPositionKinematicTree version="1.0" robotName="r"><bodypart name="all">
+            <link z="0.4" radius="0.03"><motor name="turn"><joint z="1">
+            <link x="0.1" radius="0.02"><link x="0.3" radius="0.02"/></link></joint></motor></link>
+            </bodypart></ZeroPositionKinematicTree>"#;
+        let robot = parse_robot("r.xml", text).unwrap().value;
+        let rec = rerun::RecordingStreamBuilder::new("test").memory().unwrap().0;
+        let stream = Stream { rec, root: String::new() };
+        let body = Body::new(&stream, &robot, &Isometry3::identity(), 0, &Look::RUN).unwrap();
+        let seats: Vec<_> = body.seats.iter().map(|s| (s.entity.as_str(), s.offset)).collect();
+        let turned = "world/r/turn/turned";
+        let column = ("world/r", Vector3::zeros());
+        let joint = ("world/r", Vector3::z() * 0.4);
+        assert_eq!(seats, [column, joint, (turned, Vector3::zeros()), (turned, Vector3::x() * 0.1)]);
+    }
 }

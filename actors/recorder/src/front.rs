@@ -43,6 +43,12 @@ impl Front {
         let eye = middle + direction.normalize() * (1.05 * size);
         Front { eye: f32s(&eye.coords), target: f32s(&middle.coords), right: f32s(&right), floor: floor as f32 }
     }
+
+    /// How far the eye is from what it looks at, meters.
+    pub(crate) fn distance(&self) -> f64 {
+        let squares = self.eye.iter().zip(self.target).map(|(a, b)| f64::from(a - b).powi(2));
+        squares.sum::<f64>().sqrt()
+    }
 }
 
 /// Where a robot looks, as far as its markers tell; widens the bounds by its shapes.

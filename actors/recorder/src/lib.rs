@@ -11,6 +11,8 @@
 //! Entry::Event ── words, lanes, roadmap ─> rows ───────────────────────┘
 //! ```
 //!
+//! Beside runs it records robot models, to be looked at by who converted one: [`view_model`].
+//!
 //! This is the only crate that depends on Rerun.
 
 mod blueprint;
@@ -21,6 +23,7 @@ mod draw;
 mod front;
 mod layout;
 mod legend;
+mod model_view;
 mod objects;
 mod palette;
 mod poses;
@@ -35,6 +38,7 @@ mod traces;
 mod words;
 
 pub use contents::Contents;
+pub use model_view::{ModelView, Near, Seen, view_model};
 pub use poses::RecordedPoses;
 pub use recorder::Recorder;
 pub use recording::{RecorderError, Recording, Settings};

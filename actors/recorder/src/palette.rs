@@ -18,6 +18,12 @@ pub(crate) const PAST_CONTACT: Rgba = 0xF0322DC0;
 pub(crate) const VERTEX: Rgba = 0xE8ECF4FF;
 /// The plan that is followed.
 pub(crate) const PLAN: Rgba = 0xFF3B30FF;
+/// The meshes that shapes were fitted to.
+pub(crate) const MESH: Rgba = 0xB8BCC4FF;
+/// The axis of the motor that is looked at.
+pub(crate) const AXIS: Rgba = 0xFFD34EFF;
+/// Nothing is near.
+pub(crate) const FREE: Rgba = 0x4B7F5AFF;
 /// Trails of markers, by index.
 const TRAILS: [Rgba; 4] = [0xFFD34EFF, 0x6FE3FFFF, 0xFF9DF0FF, 0xB6FF7AFF];
 
@@ -48,6 +54,19 @@ pub(crate) fn edge(state: EdgeState) -> Rgba {
         EdgeState::Optimistic => 0x8A93A580,
         EdgeState::Doubtful => 0xE0A93CB0,
         EdgeState::Removed => 0xD8605A90,
+    }
+}
+
+/// How near two shapes of a model are: value, words, color.
+pub(crate) const NEARNESS: [(&str, &str, Rgba); 3] =
+    [("free", "nothing near", FREE), ("near", "nearer than the margin", NEAR), ("touch", "shapes touch", HARD)];
+
+/// The value of a distance in that lane, meters; what is farther than the margin counts as infinite.
+pub(crate) fn nearness(distance: f64) -> &'static str {
+    match distance {
+        d if d <= 0.0 => "touch",
+        d if d.is_finite() => "near",
+        _ => "free",
     }
 }
 

@@ -7,13 +7,12 @@ use crate::objects::Objects;
 use crate::palette;
 use crate::recording::{PATIENCE, RecorderError, Recording, Settings};
 use crate::shadow::Shadow;
-use crate::shapes::Touch;
+use crate::shapes::touched;
 use crate::stream::{Stream, Written};
 use crate::words;
 use mobee_contract::{Entry, Event, Sink, Time};
-use mobee_model::{Contact, Scene, ShapeId};
+use mobee_model::{Contact, Scene};
 use rerun::{Points3D, StateChange, TextLog};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -113,16 +112,9 @@ impl Recorder {
 
     /// Paints what is in contact, and marks where.
     fn paint(&mut self) -> Written {
-        let mut touched: BTreeMap<ShapeId, Touch> = BTreeMap::new();
-        let mut places = Vec::new();
-        for contact in self.robots.iter().flat_map(|r| &r.contacts) {
-            let touch = if contact.distance > 0.0 { Touch::Near } else { Touch::Hard };
-            for id in [contact.pair.0, contact.pair.1] {
-                let worst = touched.entry(id).or_insert(touch);
-                *worst = touch.max(*worst);
-            }
-            places.push(middle(contact));
-        }
+        let contacts: Vec<&Contact> = self.robots.iter().flat_map(|r| &r.contacts).collect();
+        let touched = touched(contacts.iter().copied());
+        let places: Vec<_> = contacts.into_iter().map(middle).collect();
         for shadow in &mut self.robots {
             shadow.body.shapes.paint(&self.stream, &touched)?;
         }

@@ -119,10 +119,15 @@ impl Recording {
     /// In words, if the stream refuses.
     pub fn recorder(&self, name: &str) -> Result<Recorder, String> {
         let root = if name.is_empty() { String::new() } else { format!("{}/", entity(name)) };
+        Ok(Recorder::on(self.clone(), self.stream(root, legend::TEXT)?))
+    }
+
+    /// A way into it that begins with the world's axes and a legend.
+    pub(crate) fn stream(&self, root: String, legend: &str) -> Result<Stream, String> {
         let stream = Stream { rec: self.rec.clone(), root };
         stream.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
-        stream.log_static("about", &TextDocument::from_markdown(legend::TEXT))?;
-        Ok(Recorder::on(self.clone(), stream))
+        stream.log_static("about", &TextDocument::from_markdown(legend))?;
+        Ok(stream)
     }
 
     /// Shows a recorder's page as it now is, beside those of the others.

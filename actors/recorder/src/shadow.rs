@@ -1,7 +1,7 @@
 //! What is kept of one robot that is drawn.
 
 use crate::blueprint::Shown;
-use crate::body::{Body, entity};
+use crate::body::{Body, Look, entity};
 use crate::draw::Drawing;
 use crate::palette;
 use crate::roadmap::Roadmap;
@@ -39,7 +39,7 @@ impl Shadow {
         let rollbacks = SeriesLines::new().with_names(["rollbacks"]).with_colors([palette::NEAR]).with_widths([2.0]);
         stream.log_static(&format!("progress/{name}/rollbacks"), &rollbacks)?;
         Ok(Shadow {
-            body: Body::new(stream, robot, base, index as u16)?,
+            body: Body::new(stream, robot, base, index as u16, &Look::RUN)?,
             traces: Traces::new(stream, robot, base)?,
             roadmap: Roadmap::default(),
             drawing: Drawing::new(stream, &name)?,
@@ -69,7 +69,7 @@ impl Shadow {
 }
 
 /// Colors and words of a state lane.
-fn lane(stream: &Stream, path: &str, states: &[(&str, &str, palette::Rgba)]) -> Written {
+pub(crate) fn lane(stream: &Stream, path: &str, states: &[(&str, &str, palette::Rgba)]) -> Written {
     let look = StateConfiguration::new()
         .with_values(states.iter().map(|s| s.0))
         .with_labels(states.iter().map(|s| s.1))

@@ -2,7 +2,7 @@
 
 use crate::palette::{self, Rgba};
 use crate::stream::{Stream, Written};
-use mobee_model::{Primitive, Shape, ShapeId};
+use mobee_model::{Contact, Primitive, Shape, ShapeId};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rerun::{AsComponents, Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, FillMode};
 use std::collections::BTreeMap;
@@ -15,6 +15,19 @@ pub(crate) enum Touch {
     Near,
     /// At distance zero or below.
     Hard,
+}
+
+/// The shapes of these contacts, and how hard each is touched.
+pub(crate) fn touched<'a>(contacts: impl IntoIterator<Item = &'a Contact>) -> BTreeMap<ShapeId, Touch> {
+    let mut touched: BTreeMap<ShapeId, Touch> = BTreeMap::new();
+    for contact in contacts {
+        let touch = if contact.distance > 0.0 { Touch::Near } else { Touch::Hard };
+        for id in [contact.pair.0, contact.pair.1] {
+            let worst = touched.entry(id).or_insert(touch);
+            *worst = touch.max(*worst);
+        }
+    }
+    touched
 }
 
 /// All shapes of one robot or object, with what is needed to paint them.

@@ -105,10 +105,8 @@ impl Writer<'_> {
         let Some(list) = &robot.left_out else { return };
         self.open("pairs");
         for pair in list {
-            let name =
-                |node: usize| robot.nodes.get(node).and_then(|n| n.name.as_deref()).map_or(String::new(), escape);
-            let (a, b) = (name(pair.nodes.0), name(pair.nodes.1));
-            self.line(&format!("leaveOut a=\"{a}\" b=\"{b}\" reason=\"{}\"", escape(&pair.reason)));
+            let name = |node: usize| robot.nodes.get(node).and_then(|n| n.name.as_deref()).unwrap_or_default();
+            self.line(&left_out_tag((name(pair.nodes.0), name(pair.nodes.1)), &pair.reason));
         }
         self.close("pairs");
     }
@@ -381,6 +379,11 @@ fn degrees(radians: f64) -> String {
 }
 
 /// Text as it may stand in an attribute.
+/// The inside of the tag that leaves a pair out.
+pub(crate) fn left_out_tag((a, b): (&str, &str), reason: &str) -> String {
+    format!("leaveOut a=\"{}\" b=\"{}\" reason=\"{}\"", escape(a), escape(b), escape(reason))
+}
+
 fn escape(text: &str) -> String {
     quick_xml::escape::escape(text).into_owned()
 }

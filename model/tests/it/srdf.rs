@@ -2,7 +2,8 @@
 
 use super::robots_corpus::{files, installed};
 use mobee_model::{
-    LinkTree, Srdf, UrdfOptions, load_link_tree, load_srdf, load_urdf, parse_link_tree, parse_srdf, parse_urdf,
+    LinkTree, Part, Robot, Srdf, UrdfOptions, load_link_tree, load_srdf, load_urdf, parse_link_tree, parse_robot,
+    parse_srdf, parse_urdf, write_robot,
 };
 
 /// base -shoulder-> upper -elbow-> lower -mount-> hand -finger-> tip, and a head on the base.
@@ -150,4 +151,44 @@ fn the_srdf_files_of_other_people_are_read() {
     let motors = |group: &str| loaded.value.motors_of(group, &tree, &robot).len();
     assert_eq!(["l_leg", "l_arm", "head", "torso", "all_legs"].map(motors), [6, 7, 2, 2, 12], "{:?}", loaded.warnings);
     assert!(loaded.value.pose("half_sitting", &robot).unwrap().iter().any(|q| *q != 0.0));
+}
+
+#[test]
+fn groups_become_parts_of_which_each_motor_has_one() {
+    let (srdf, _) = read(
+        "<group name=\"all\"><group name=\"arm\"/><group name=\"hand\"/></group>\
+         <group name=\"arm\"><chain base_link=\"base\" tip_link=\"hand\"/></group>\
+         <group name=\"fixed\"><joint name=\"mount\"/></group>\
+         <group name=\"forearm\"><joint name=\"elbow\"/></group>\
+         <group name=\"hand\"><joint name=\"finger\"/></group>",
+    );
+    let mut robot = parse_urdf("r.urdf", &urdf(), &UrdfOptions::default()).unwrap().value;
+    let before = robot.clone();
+    let parts = srdf.parts(&tree(), &robot);
+    assert_eq!(parts.passed_over, ["all", "forearm"]);
+    robot.divide(&parts.parts);
+    let named =
+        |r: &Robot, p: &Part| -> Vec<String> { r.motors[p.motors.clone()].iter().map(|m| m.name.clone()).collect() };
+    let all: Vec<_> = robot.parts.iter().map(|p| (p.name.as_str(), named(&robot, p))).collect();
+    let motors = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<String>>();
+    assert_eq!(all, [("arm", motors(&["shoulder", "elbow"])), ("hand", motors(&["finger"])), ("r", motors(&["neck"]))]);
+    // the same robot but for the order of its motors, also when it is read again
+    let again = parse_robot("r.xml", &write_robot(&robot)).unwrap();
+    assert!(again.warnings.is_empty(), "{:?}", again.warnings);
+    assert_eq!(again.value.parts, robot.parts);
+    assert_eq!(again.value.motors, robot.motors);
+    let pose = |r: &Robot| -> Vec<f64> { r.motors.iter().map(|m| 0.1 * m.name.len() as f64).collect() };
+    for (a, b) in before.markers_at(&pose(&before)).iter().zip(robot.markers_at(&pose(&robot))) {
+        assert!((a.position() - b.position()).norm() < 1e-12, "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn a_division_that_is_none_changes_nothing() {
+    let mut robot = parse_urdf("r.urdf", &urdf(), &UrdfOptions::default()).unwrap().value;
+    let before = robot.clone();
+    for motors in [vec![], vec![0, 1, 2], vec![0, 1, 2, 2], vec![0, 1, 2, 4]] {
+        robot.divide(&[("arm".into(), motors)]);
+        assert_eq!(robot, before);
+    }
 }

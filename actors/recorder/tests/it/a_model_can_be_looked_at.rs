@@ -1,0 +1,83 @@
+//! A recording of a robot model holds its shapes, its meshes and what comes near while one motor moves.
+
+use mobee_model::{LinkSurface, Mesh, Robot, parse_robot};
+use mobee_recorder::{Contents, ModelView, Settings, view_model};
+use nalgebra::{UnitQuaternion, Vector3};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A column, a lift on it that carries an arm, and a tool that the second joint folds onto the column. The lift is without shapes.
+const ROBOT: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="r">
+  <pairs><leaveOut a="arm" b="tool" reason="neighbors, joined by | fold"/></pairs>
+  <bodypart name="all">
+    <link name="column" z="0.4" radius="0.03"><marker name="column"/>
+      <motor name="lift" type="prismatic" minPos="0" maxPos="200" home="50"><joint type="prismatic" z="1" minPos="0" maxPos="0.2">
+        <link name="arm" x="0.3" radius="0.02"><marker name="arm"/>
+          <motor name="fold" minPos="-180" maxPos="180"><joint y="1" minPos="-180" maxPos="180">
+            <link x="0.1"><link name="tool" x="0.3" radius="0.02"><marker name="tool"/></link></link>
+          </joint></motor>
+        </link></joint></motor>
+    </link>
+  </bodypart>
+</ZeroPositionKinematicTree>"#;
+
+fn robot() -> Arc<Robot> {
+    Arc::new(parse_robot("r.xml", ROBOT).unwrap().value)
+}
+
+fn mesh(link: &str) -> LinkSurface {
+    let vertices = vec![Vector3::zeros(), Vector3::x() * 0.1, Vector3::y() * 0.1];
+    let meshes = vec![Mesh { vertices, triangles: vec![[0, 1, 2]] }];
+    LinkSurface { link: link.into(), turn: UnitQuaternion::identity(), meshes, solids: Vec::new() }
+}
+
+fn settings(path: &Path) -> Settings {
+    Settings { path: path.to_owned(), name: "r".into(), index: true, ..Settings::default() }
+}
+
+#[test]
+fn shapes_meshes_motors_and_what_comes_near_are_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("r.rrd");
+    let (robot, meshes) = (robot(), [mesh("arm"), mesh("tool")]);
+    let seen = view_model(&settings(&path), &ModelView { robot: &robot, meshes: &meshes, margin: 0.01 }).unwrap();
+    let contents = Contents::read(&path).unwrap();
+    for entity in [
+        "/world/r/cylinders",
+        "/world/r/lift/slid/cylinders",
+        "/world/r/lift/slid/mesh_arm_0",
+        "/world/r/lift/slid/fold/turned/cylinders",
+        "/world/r/lift/slid/fold/turned/mesh_tool_0",
+        "/world/axis",
+        "/world/near/lines",
+        "/state/motor",
+        "/state/near",
+        "/position",
+        "/now",
+        "/near",
+        "/left_out",
+        "/about",
+    ] {
+        assert!(contents.rows.contains_key(entity), "{entity} is missing in {:#?}", contents.rows.keys());
+    }
+    for moving in ["/world/r/lift/slid", "/world/r/lift/slid/fold/turned"] {
+        assert!(contents.rows[moving] > 100, "{moving}: {:?}", contents.rows.get(moving));
+    }
+    assert_eq!(contents.rows["/world/r/lift/slid/mesh_arm_0"], 1, "a mesh is written once");
+    assert!((contents.until.secs() - seen.secs).abs() < 0.1, "{} of {}", contents.until, seen.secs);
+    // the arm stands on the column all the time; the tool comes to it only as `fold` moves
+    let of = |a: &str, b: &str| seen.near.iter().filter(move |n| n.links == (a.to_owned(), b.to_owned()));
+    assert!(of("column", "arm").any(|n| n.motor.is_none()), "{:?}", seen.near);
+    assert!(of("column", "tool").all(|n| n.motor.is_some_and(|(m, _)| m == 1)), "{:?}", seen.near);
+    assert!(of("column", "tool").any(|n| n.distance < 0.0), "{:?}", seen.near);
+    assert!(seen.near.windows(2).all(|w| w[0].distance <= w[1].distance));
+}
+
+#[test]
+fn a_mesh_of_another_robot_is_refused_and_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("r.rrd");
+    let (robot, meshes) = (robot(), [mesh("wheel")]);
+    let refused = view_model(&settings(&path), &ModelView { robot: &robot, meshes: &meshes, margin: 0.01 });
+    assert!(refused.unwrap_err().contains("`wheel`") && !path.exists());
+}

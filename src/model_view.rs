@@ -1,0 +1,120 @@
+//! `mobee model view`: a robot's shapes over the meshes of its URDF, motor after motor, to be looked at in Rerun.
+
+use crate::robot_import::UrdfArgs;
+use crate::view;
+use miette::{IntoDiagnostic, Report, WrapErr, miette};
+use mobee_model::{LinkSurface, Robot, load_robot, load_surfaces};
+use mobee_recorder::{ModelView, Seen, Settings, view_model};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// More pairs that come near are not printed; the recording has all.
+const PRINTED: usize = 10;
+
+/// What to look at, and where the recording goes.
+#[derive(clap::Args, Clone, Debug)]
+pub struct ViewArgs {
+    /// Robot XML.
+    robot: PathBuf,
+    /// The URDF that it was converted from: its meshes are shown beneath the shapes.
+    #[arg(long, value_name = "FILE")]
+    urdf: Option<PathBuf>,
+    /// Write the recording into this file, and open no viewer.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Replace the recording if it exists.
+    #[arg(long, requires = "out")]
+    force: bool,
+    /// Show pairs in red that are nearer to each other than this, millimeters; the reflex of a robot acts at `controller.margin_mm`.
+    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = margin)]
+    margin: f64,
+    #[command(flatten)]
+    read: UrdfArgs,
+}
+
+/// Writes the recording, opens it unless a file for it was named, and says what came near.
+///
+/// # Errors
+/// If a file can't be read or written, the two are not of one robot, or there is no viewer.
+pub fn command(args: &ViewArgs) -> Result<String, Report> {
+    let robot = Arc::new(load_robot(&args.robot)?.value);
+    let meshes = meshes(args, &robot)?;
+    let out = match &args.out {
+        Some(out) if out.exists() && !args.force => {
+            let help = "name another file, or replace it with --force";
+            return Err(miette!(help = help, "{} exists already", out.display()));
+        }
+        Some(out) => out.clone(),
+        None => passing_file(&args.robot)?,
+    };
+    let settings = Settings {
+        path: out.clone(),
+        name: robot.name.clone(),
+        config: args.robot.display().to_string(),
+        build: env!("CARGO_PKG_VERSION").to_owned(),
+        live: None,
+        index: true,
+    };
+    let view = ModelView { robot: &robot, meshes: &meshes, margin: args.margin * 1e-3 };
+    let seen = view_model(&settings, &view).map_err(|why| miette!("{}: {why}", args.robot.display()))?;
+    let said = summary(&out, &robot, &seen, args.margin);
+    Ok(match args.out {
+        Some(_) => format!("{said}now: mobee view {}\n", out.display()),
+        None => format!("{said}{}\n", view::open(&out)?),
+    })
+}
+
+/// What the links of the URDF collide with, if one was given.
+fn meshes(args: &ViewArgs, robot: &Robot) -> Result<Vec<LinkSurface>, Report> {
+    let Some(urdf) = &args.urdf else {
+        if args.read.is_given() {
+            let help = "name the URDF with --urdf FILE, or leave out the options about how it is read";
+            return Err(miette!(help = help, "there is no URDF to be read"));
+        }
+        return Ok(Vec::new());
+    };
+    let links = load_surfaces(urdf, &args.read.options()?)?.value;
+    match links.iter().find(|l| robot.marker(&l.link).is_none()) {
+        Some(l) => Err(miette!(
+            help = "give the URDF that the robot file was converted from",
+            "{}: link `{}` is not in {}",
+            urdf.display(),
+            l.link,
+            args.robot.display()
+        )),
+        None => Ok(links),
+    }
+}
+
+/// A file for a recording that is looked at once.
+fn passing_file(robot: &Path) -> Result<PathBuf, Report> {
+    let dir = tempfile::Builder::new().prefix("mobee-").tempdir().into_diagnostic();
+    let dir = dir.wrap_err("can't make a folder for the recording; name a file for it with --out FILE")?.keep();
+    Ok(dir.join(robot.file_stem().unwrap_or_default()).with_extension("rrd"))
+}
+
+fn summary(out: &Path, robot: &Robot, seen: &Seen, margin: f64) -> String {
+    let shapes: usize = robot.nodes.iter().map(|n| n.solids.len()).sum();
+    let (motors, count) = (robot.motors.len(), seen.near.len());
+    let mut text = format!(
+        "{}: robot `{}`, {motors} motors, {shapes} shapes, {:.0} s; nearer than {margin} mm: ",
+        out.display(),
+        robot.name,
+        seen.secs
+    );
+    text += if count == 0 { "none\n" } else { "\n" };
+    for near in seen.near.iter().take(PRINTED) {
+        let _ = writeln!(text, "  {}", near.in_words(robot));
+    }
+    if count > PRINTED {
+        let _ = writeln!(text, "  and {} more", count - PRINTED);
+    }
+    text
+}
+
+/// A length of millimeters as `controller.margin_mm` may have it.
+fn margin(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| "give a number of millimeters".to_owned())?;
+    if (0.0..=500.0).contains(&number) { Ok(number) } else { Err("give 0 to 500 mm".into()) }
+}
