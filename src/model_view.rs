@@ -27,7 +27,7 @@ pub struct ViewArgs {
     #[arg(long, requires = "out")]
     force: bool,
     /// Show pairs in red that are nearer to each other than this, millimeters; the reflex of a robot acts at `controller.margin_mm`.
-    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = margin)]
+    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = margin, allow_negative_numbers = true)]
     margin: f64,
     #[command(flatten)]
     read: UrdfArgs,

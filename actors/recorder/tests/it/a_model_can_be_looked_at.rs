@@ -65,11 +65,11 @@ fn shapes_meshes_motors_and_what_comes_near_are_in_it() {
     }
     assert_eq!(contents.rows["/world/r/lift/slid/mesh_arm_0"], 1, "a mesh is written once");
     assert!((contents.until.secs() - seen.secs).abs() < 0.1, "{} of {}", contents.until, seen.secs);
-    // the arm stands on the column all the time; the tool comes to it only as `fold` moves
-    let of = |a: &str, b: &str| seen.near.iter().filter(move |n| n.links == (a.to_owned(), b.to_owned()));
-    assert!(of("column", "arm").any(|n| n.motor.is_none()), "{:?}", seen.near);
+    // the arm comes down on the column as `lift` moves, the tool comes to it as `fold` does, and home is free
+    let of = |a: &'static str, b: &'static str| seen.near.iter().filter(move |n| n.links.0 == a && n.links.1 == b);
+    assert!(of("column", "arm").all(|n| n.motor.is_some_and(|(m, _)| m == 0)), "{:?}", seen.near);
     assert!(of("column", "tool").all(|n| n.motor.is_some_and(|(m, _)| m == 1)), "{:?}", seen.near);
-    assert!(of("column", "tool").any(|n| n.distance < 0.0), "{:?}", seen.near);
+    assert!(of("column", "arm").count() == 1 && of("column", "tool").any(|n| n.distance < 0.0), "{:?}", seen.near);
     assert!(seen.near.windows(2).all(|w| w[0].distance <= w[1].distance));
 }
 
