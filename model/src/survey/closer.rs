@@ -9,7 +9,7 @@
 use super::{Placed, Subject};
 use crate::fit::shared;
 use crate::scene::MAX_PAIRS;
-use crate::{Fit, LinkSurface, Primitive, Robot, SceneError, Surfaces, random_poses};
+use crate::{Fit, FitOptions, LinkSurface, Primitive, Robot, SceneError, Surfaces, random_poses};
 use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,6 +19,8 @@ const AT_ONCE: usize = 32;
 const NEAR_WORST: f64 = 0.25;
 /// No more places than this are claimed of a shape: so many of each contact, so many of all.
 const PLACES: (usize, usize) = (16, 200);
+/// How links are fitted anew that would be left out otherwise.
+const CLOSE_FIT: FitOptions = FitOptions { overshoot: 0.003, primitives: 40 };
 /// Where it is nearer to its mesh than this, a shape has nothing to give, meters.
 const CLOSE: f64 = 6e-4;
 /// A shape also gives what the other could give rather, if its distance from its mesh is not less than this share of the other's.
@@ -69,10 +71,12 @@ pub fn fit_closer(
     progress: &mut dyn FnMut(f64),
 ) -> Result<Vec<Nearer>, SceneError> {
     let half = |from: f64, share: f64| from + share / 2.0;
-    let falsely = falsely_touching(&Subject::new(robot, surfaces)?, surfaces, (poses, seed), &mut |share| {
-        progress(half(0.0, share));
-    });
+    let (falsely, always_near) =
+        falsely_touching(&Subject::new(robot, surfaces)?, surfaces, (poses, seed), &mut |share| {
+            progress(half(0.0, share));
+        });
     let mut work = Work::new(robot, links, fits, falsely, goal.shapes);
+    work.refit(&always_near);
     let end = goal.falsely * work.falsely.len() as f64;
     let mut begin = None;
     loop {
@@ -110,8 +114,8 @@ fn falsely_touching(
     surfaces: &Surfaces,
     (poses, seed): (usize, u64),
     progress: &mut dyn FnMut(f64),
-) -> Vec<Falsely> {
-    let (mut all, mut met) = (Vec::new(), BTreeSet::new());
+) -> (Vec<Falsely>, Vec<NodePair>) {
+    let (mut all, mut met) = (Vec::new(), BTreeMap::<NodePair, usize>::new());
     let mut near = BTreeMap::<(usize, usize), usize>::new();
     for (done, q) in random_poses(subject.robot, seed).take(poses).enumerate() {
         let (placed, frames) = (subject.place(&q), surfaces.frames(subject.robot, &q));
@@ -125,19 +129,23 @@ fn falsely_touching(
         // the shapes hold the meshes: where they are apart, so are these
         let meet = |pair: &(usize, usize)| subject.surfaces(*pair).is_none_or(|(a, b)| surfaces.meet(&frames, a, b));
         let (meeting, falsely): (Vec<NodePair>, Vec<NodePair>) = touching.into_iter().partition(meet);
-        met.extend(meeting.iter().copied());
+        meeting.iter().for_each(|pair| *met.entry(*pair).or_default() += 1);
         all.push((Falsely { q, pairs: falsely }, meeting));
         if done % 64 == 0 {
             progress(done as f64 / poses.max(1) as f64);
         }
     }
-    let needs_test =
-        |pair: &(usize, usize)| met.contains(pair) || subject.robot.movers(Some(pair.0), Some(pair.1)).len() > COVERED;
+    let needs_test = |pair: &(usize, usize)| {
+        met.contains_key(pair) || subject.robot.movers(Some(pair.0), Some(pair.1)).len() > COVERED
+    };
     // what is always near is left out later, and blocks nothing then
     let free = |meeting: &[(usize, usize)]| meeting.iter().all(|pair| near.get(pair) == Some(&poses));
     let mut all: Vec<Falsely> = all.into_iter().filter(|(_, meeting)| free(meeting)).map(|(f, _)| f).collect();
     all.iter_mut().for_each(|f| f.pairs.retain(needs_test));
-    all
+    // what the meshes do now and then, and the shapes always, is the shapes' fault
+    let at_times = |pair: &NodePair| met.get(pair).is_some_and(|count| *count < poses);
+    let always_near = near.iter().filter(|(pair, count)| **count == poses && at_times(pair));
+    (all, always_near.map(|(pair, _)| *pair).collect())
 }
 
 /// What is being fitted.
@@ -172,6 +180,22 @@ impl<'a> Work<'a> {
         let pairs = robot.pairs.reflex.iter().map(|(a, b)| shapes(*a) * shapes(*b)).sum();
         let before = fits.iter().map(|(link, fit)| (link.clone(), fit.count())).collect();
         Self { robot, fits, links, falsely, most, pairs, stuck: BTreeSet::new(), before }
+    }
+
+    /// Fits whole links closer whose shapes are always near each other and whose meshes are not: they would be left out.
+    fn refit(&mut self, pairs: &[NodePair]) {
+        let nodes: BTreeSet<usize> = pairs.iter().flat_map(|(a, b)| [*a, *b]).collect();
+        for node in nodes {
+            let Some(link) = self.links.get(&node) else { continue };
+            let Ok(fit) = Fit::new(&link.meshes, &CLOSE_FIT) else { continue };
+            let shapes = link.shapes(Some(&fit));
+            let more = shapes.len().saturating_sub(self.robot.nodes[node].solids.len()) * self.facing(node);
+            if self.pairs + more <= MAX_PAIRS {
+                self.pairs += more;
+                self.robot.nodes[node].solids = shapes;
+                self.fits.insert(link.link.clone(), fit);
+            }
+        }
     }
 
     /// What of the shapes still touches falsely; poses at which nothing does are done with.
