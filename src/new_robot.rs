@@ -38,7 +38,7 @@ pub fn command(name: &str, from: &str, urdf: &Path, import: &ImportArgs) -> Resu
     let texts = [
         (&robot, model_convert::text(urdf, &robot, &imported)?),
         (&world, WORLD.to_owned()),
-        (&behavior, behavior_text(&stem, &imported.robot, model, &motors)),
+        (&behavior, behavior_text(&stem, &imported, model, &motors)),
         (&schema, crate::schema::text()),
     ];
     for (file, text) in &texts {
@@ -63,7 +63,8 @@ const WORLD: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 </WorldList>
 "#;
 
-fn behavior_text(stem: &str, robot: &Robot, model: &str, motors: &[String]) -> String {
+fn behavior_text(stem: &str, imported: &Imported, model: &str, motors: &[String]) -> String {
+    let robot: &Robot = &imported.robot;
     let sound = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '_' };
     let name: String = robot.name.chars().map(sound).collect();
     // what TOML writes between quotes is what it reads
@@ -82,7 +83,7 @@ world.file = "{stem}-world.xml"
 [[robot]]
 name = "{name}"
 model = {model}
-controller = {{ period_ms = 20, history = 6000 }} # the history holds a minute of poses
+controller = {{ period_ms = 20, history = 6000{margin} }} # the history holds a minute of poses{why}
 driver = {{ kind = "sim" }}
 
 [robot.agent]
@@ -94,6 +95,8 @@ speed = 0.1
 "#,
         model = text(&format!("{model}.xml")),
         motors = motors.join(", "),
+        margin = imported.margin_mm.map(|mm| format!(", margin_mm = {mm:.1}")).unwrap_or_default(),
+        why = if imported.margin_mm.is_some() { "; no home is free by the default margin of 10 mm" } else { "" },
     )
 }
 

@@ -1,32 +1,28 @@
 //! A robot from a URDF, ready to run: shapes around its meshes, pairs that need no test, a home that is free.
 //!
 //! ```text
-//! URDF ──> shapes ──> tried at random poses ──> pairs left out ──┬──> home ──> robot file
-//! SRDF ──────────────── pairs, named poses ──────────────────────┘
-//!                 links that block too much are fitted closer
+//! URDF ──> shapes ──> those that touch falsely at random poses fitted closer ──> pairs left out ──┬──> home ──> robot file
+//! SRDF ──────────────────────────────────────────────────────── pairs, named poses ──────────────┘
 //! ```
 
 use crate::import_inputs;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Report, miette};
 use mobee_model::{
-    FileError, FitOptions, LeftOut, LinkSurface, Robot, RobotParts, Scene, Srdf, Surfaces, UrdfOptions, UrdfRobot,
-    compare, find_home, load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces, spared_pairs,
+    Closer, FileError, FitOptions, LeftOut, LinkSurface, Nearer, Robot, RobotParts, Srdf, Surfaces, UrdfOptions,
+    UrdfRobot, find_home, fit_closer, load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces, spared_pairs,
 };
-use nalgebra::Isometry3;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// How free the home pose should be, meters: twice the margin of the reflex. Where parts are built closer, what lets the robot start.
 const HOME_CLEARANCES: [f64; 2] = [0.020, 0.013];
-/// A pair of links that blocks more of the free poses than this is fitted closer.
-const BLOCKS_TOO_MUCH: f64 = 0.004;
-/// How close, and by how many shapes a link: first so, then so.
-const CLOSER: [FitOptions; 2] =
-    [FitOptions { overshoot: 0.004, primitives: 24 }, FitOptions { overshoot: 0.003, primitives: 40 }];
-/// How many poses show which links block too much.
-const GLANCE: usize = 1000;
+/// By how much home is freer than the margin, at least, millimeters: plans keep 2 mm more than the margin.
+const BEYOND_MARGIN: f64 = 2.5;
+/// Shapes are fitted closer until so few poses are left at which some touch falsely, with no more shapes a link than this.
+const CLOSER: Closer = Closer { falsely: 0.003, shapes: 80 };
+/// How many poses show which shapes touch falsely.
+const GLANCE: usize = 6000;
 
 /// How a URDF is read.
 #[derive(clap::Args, Clone, Debug)]
@@ -76,6 +72,8 @@ pub struct Imported {
     pub groups: BTreeMap<String, Vec<usize>>,
     /// What was odd in the files.
     pub warnings: Vec<FileError>,
+    /// The margin of the reflex that lets the robot start, whole millimeters, if home is not free by what the default needs.
+    pub margin_mm: Option<f64>,
     /// What was decided, a line each.
     pub decided: Vec<String>,
     /// The number of all that it was made from.
@@ -122,7 +120,7 @@ impl ImportArgs {
         let bar = Steps::new();
         bar.step("fits shapes to meshes");
         let loaded = load_urdf_with_surfaces(urdf, &options)?;
-        let (UrdfRobot { mut robot, surfaces: links }, mut warnings) = (loaded.value, loaded.warnings);
+        let (UrdfRobot { mut robot, surfaces: links, mut fits }, mut warnings) = (loaded.value, loaded.warnings);
         let mut decided = Vec::new();
         let srdf = match &self.srdf {
             None => None,
@@ -138,14 +136,18 @@ impl ImportArgs {
         }
         let surfaces = Surfaces::new(&robot, &links).map_err(|why| miette!("{}: {why}", urdf.display()))?;
         if self.poses > 0 {
-            fit_closer(&mut robot, &links, &surfaces, &bar)?.into_iter().for_each(|line| decided.push(line));
+            bar.step("fits shapes closer that touch falsely");
+            let all = (links.as_slice(), &mut fits);
+            let nearer = fit_closer(&mut robot, all, &surfaces, &CLOSER, (GLANCE, SEED), &mut |share| bar.show(share));
+            decided.extend(nearer.map_err(|e| miette!("{e}"))?.iter().map(said));
             bar.step("tries pairs of links at random poses");
             let spared = spared_pairs(&robot, &surfaces, (self.poses, SEED), &mut |share| bar.show(share))
                 .map_err(|e| miette!("{e}"))?;
             robot.leave_out(spared);
         }
         bar.step("looks for a home that is free");
-        decided.push(self.settle_home(&mut robot, srdf.as_ref().map(|(srdf, _)| srdf))?);
+        let (home, margin_mm) = self.settle_home(&mut robot, srdf.as_ref().map(|(srdf, _)| srdf))?;
+        decided.push(home);
         // Last, as poses have another order then.
         if let Some((srdf, tree)) = srdf.as_ref().filter(|_| self.part.is_none()) {
             let parts = srdf.parts(tree, &robot);
@@ -153,7 +155,7 @@ impl ImportArgs {
         }
         let groups = srdf.iter().flat_map(|(srdf, tree)| srdf.groups.iter().map(move |g| (srdf, tree, g)));
         let groups = groups.map(|(srdf, tree, g)| (g.name.clone(), srdf.motors_of(&g.name, tree, &robot))).collect();
-        Ok(Imported { robot, groups, warnings, decided, inputs: self.digest(urdf, &links)? })
+        Ok(Imported { robot, groups, warnings, margin_mm, decided, inputs: self.digest(urdf, &links)? })
     }
 
     /// Whether a robot file was made from this URDF, its meshes, the SRDF and these options: then there is nothing to fit.
@@ -171,28 +173,32 @@ impl ImportArgs {
         import_inputs::digest(&format!("{self:?}"), urdf, self.srdf.as_deref(), links)
     }
 
-    /// Puts the robot's home where it is free; says where that is.
-    fn settle_home(&self, robot: &mut Robot, srdf: Option<&Srdf>) -> Result<String, Report> {
+    /// Puts the robot's home where it is free; says where that is, and the margin that it needs if not the default.
+    fn settle_home(&self, robot: &mut Robot, srdf: Option<&Srdf>) -> Result<(String, Option<f64>), Report> {
         let named = srdf.and_then(|s| Some((s.home()?, s.pose(s.home()?, robot)?)));
         let (name, wanted) = match named {
             Some((name, q)) => (format!("the SRDF's pose `{name}`"), q),
             None => ("the zero pose".to_owned(), robot.home()),
         };
-        let mut said = String::new();
+        let (mut said, mut margin) = (String::new(), None);
         for clearance in HOME_CLEARANCES {
             let home = find_home(robot, &wanted, clearance, SEED).map_err(|e| miette!("{e}"))?;
             let free = home.clearance * 1e3;
             said = match (home.as_wanted, home.clearance >= clearance) {
                 (true, true) => format!("home: {name}, free by {free:.0} mm"),
                 (false, true) => format!("home: near {name}, which is not free by {free:.0} mm"),
-                _ => format!("home: no pose near {name} is free by more than {free:.0} mm, so the robot may not start"),
+                _ => format!("home: no pose near {name} was found that is free by more than {free:.0} mm"),
             };
+            margin = (home.clearance < clearance).then(|| (free - BEYOND_MARGIN).floor()).filter(|mm| *mm >= 1.0);
             robot.motors.iter_mut().zip(&home.q).for_each(|(motor, q)| motor.home = *q);
             if home.clearance >= clearance {
                 break;
             }
         }
-        Ok(said)
+        if let Some(mm) = margin {
+            said += &format!(", so the margin of the reflex must be {mm:.0} mm or less");
+        }
+        Ok((said, margin))
     }
 }
 
@@ -223,55 +229,12 @@ fn divide(robot: &mut Robot, parts: &RobotParts) -> Option<String> {
     Some(said)
 }
 
-/// Fits links closer to their meshes that block poses which are free. Says which.
-fn fit_closer(
-    robot: &mut Robot,
-    links: &[LinkSurface],
-    surfaces: &Surfaces,
-    bar: &Steps,
-) -> Result<Vec<String>, Report> {
-    let mut closer = BTreeMap::new();
-    for options in CLOSER {
-        bar.step("looks for links that block too much");
-        let blocking = blocking_links(robot, surfaces, bar)?;
-        bar.step("fits them closer");
-        let before = (robot.clone(), closer.clone());
-        for link in links.iter().filter(|l| !l.meshes.is_empty() && blocking.contains(&l.link)) {
-            let Some(node) = robot.node_named(&link.link) else { continue };
-            let (shapes, overshoot) = link.fitted(&options).map_err(|why| miette!("link `{}`: {why}", link.link))?;
-            closer.insert(link.link.clone(), (shapes.len(), overshoot * 1e3));
-            robot.nodes[node].solids = shapes;
-        }
-        // With all of them there may be more pairs of shapes than a scene takes.
-        if Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new()).is_err() {
-            (*robot, closer) = before;
-            break;
-        }
-    }
-    let said = |(link, (shapes, overshoot)): (String, (usize, f64))| {
-        format!(
-            "link {link}: fitted closer, as it blocked poses that are free: {shapes} shapes within {overshoot:.0} mm"
-        )
-    };
-    Ok(closer.into_iter().map(said).collect())
-}
-
-/// The links whose shapes block poses that are free by their meshes, pairs that need no test aside.
-fn blocking_links(robot: &Robot, surfaces: &Surfaces, bar: &Steps) -> Result<BTreeSet<String>, Report> {
-    let mut glance = robot.clone();
-    let half = |from: f64| move |share: f64| bar.show(from + share / 2.0);
-    let spared = spared_pairs(&glance, surfaces, (GLANCE, SEED), &mut half(0.0)).map_err(|e| miette!("{e}"))?;
-    let always_near = spared.iter().filter(|l| l.reason.starts_with("never")).map(|l| l.nodes);
-    let name = |node: usize| robot.nodes.get(node).and_then(|n| n.name.as_deref()).unwrap_or_default().to_owned();
-    let always_near: BTreeSet<_> = always_near.map(|(a, b)| (name(a), name(b))).collect();
-    glance.leave_out(spared);
-    let seen = compare(&glance, surfaces, (GLANCE, SEED), &mut half(0.5)).map_err(|e| miette!("{e}"))?;
-    let free = (seen.poses - seen.by_meshes).max(1) as f64;
-    let too_much = seen.pairs.iter().filter(|(_, counts)| counts.falsely as f64 / free > BLOCKS_TOO_MUCH);
-    // What the meshes do now and then, and the shapes always, is the shapes' fault.
-    let at_times = always_near.iter().filter(|pair| seen.left_out_met.get(*pair).is_none_or(|met| *met < seen.poses));
-    let blocking = too_much.map(|(pair, _)| pair).chain(at_times);
-    Ok(blocking.flat_map(|(a, b)| [a.clone(), b.clone()]).collect())
+/// What became of a link that was fitted closer.
+fn said(Nearer { link, shapes: (before, after), overshoot }: &Nearer) -> String {
+    let within = overshoot * 1e3;
+    format!(
+        "link {link}: fitted closer, as its shapes touched falsely: {after} shapes, not {before}, within {within:.0} mm"
+    )
 }
 
 /// `NAME=DIR`, where the folder exists.

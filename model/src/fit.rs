@@ -16,15 +16,21 @@
 //! parry's convex decomposition (VHACD) is not used: its parts approximate the mesh within voxels, so that holding every triangle
 //! needs the clipped triangles all the same.
 
+//!
+//! A fit can be brought nearer where it is known to be in the way ([`Fit::yield_to`]): the shape that is gives way to places that
+//! should be free, if need be by two in its stead, and all others stay.
+
 mod enclose;
 mod filled;
 mod piece;
 mod probe;
 mod search;
 mod soup;
+mod yielding;
 
 use crate::{Mesh, Primitive};
 use enclose::Cover;
+pub(crate) use yielding::shared;
 
 /// How near and how many.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,14 +82,49 @@ pub struct Fitted {
 /// # Ok::<(), String>(())
 /// ```
 pub fn fit_link(meshes: &[Mesh], options: &FitOptions) -> Result<Fitted, String> {
-    let soup = soup::Soup::new(meshes)?;
-    let filled = filled::Filled::new(&soup);
-    let covers = search::cover(&soup, &filled, options);
-    let covers: Vec<Cover> = covers.iter().map(|c| c.grown(soup.slack + ROUNDING)).collect();
-    let mesh = filled.exact(&soup);
-    let overshoot = covers.iter().map(|c| mesh.overshoot(c)).fold(0.0, f64::max);
-    let primitives = covers.iter().map(|c| Primitive { shape: c.shape, pose: c.pose }).collect();
-    Ok(Fitted { primitives, overshoot })
+    let fit = Fit::new(meshes, options)?;
+    Ok(Fitted { primitives: fit.primitives(), overshoot: fit.overshoot() })
+}
+
+/// Primitives around the meshes of a link, with all that it takes to bring them nearer.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// How far a place is outside the mesh, about.
+    filled: filled::Filled,
+    /// The same exactly.
+    exact: filled::Exact,
+    /// What each primitive encloses.
+    pieces: Vec<piece::Piece>,
+    /// By how much the primitives are larger than what encloses the pieces, meters.
+    slack: f64,
+}
+
+impl Fit {
+    /// Fits primitives to meshes as [`fit_link`] does.
+    ///
+    /// # Errors
+    /// As [`fit_link`].
+    pub fn new(meshes: &[Mesh], options: &FitOptions) -> Result<Self, String> {
+        let soup = soup::Soup::new(meshes)?;
+        let filled = filled::Filled::new(&soup);
+        let pieces = search::cover(&soup, &filled, options);
+        Ok(Self { exact: filled::Exact::new(&soup), filled, pieces, slack: soup.slack + ROUNDING })
+    }
+
+    /// They contain every triangle, in the frame of the meshes.
+    pub fn primitives(&self) -> Vec<Primitive> {
+        self.covers().map(|c| Primitive { shape: c.shape, pose: c.pose }).collect()
+    }
+
+    /// See [`Fitted::overshoot`].
+    pub fn overshoot(&self) -> f64 {
+        self.covers().map(|c| self.exact.overshoot(&c, &self.filled)).fold(0.0, f64::max)
+    }
+
+    /// The shapes as they are given away.
+    fn covers(&self) -> impl Iterator<Item = Cover> + '_ {
+        self.pieces.iter().map(|p| p.tried.cover.grown(self.slack))
+    }
 }
 
 /// Covers what clipping and turning round off, meters: coordinates end at 10 km.

@@ -46,7 +46,7 @@ pub use engine::{
 };
 pub use error::{Excerpt, FileError, Loaded};
 pub use field::Field;
-pub use fit::{FitOptions, Fitted, fit_link};
+pub use fit::{Fit, FitOptions, Fitted, fit_link};
 pub use kinematics::MarkerPose;
 pub use law::{ForceLaw, Influences, JointLaw};
 pub use mesh::Mesh;
@@ -61,7 +61,7 @@ pub use srdf::{
     parse_srdf,
 };
 pub use surface::{LinkSurface, Surfaces, random_poses};
-pub use survey::{Comparison, ContactCounts, HomePose, compare, find_home, spared_pairs};
+pub use survey::{Closer, Comparison, ContactCounts, HomePose, Nearer, compare, find_home, fit_closer, spared_pairs};
 pub use urdf::{UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, load_urdf_with_surfaces, parse_urdf};
 pub use watch::{Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

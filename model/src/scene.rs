@@ -11,7 +11,7 @@ mod skeleton;
 mod travel;
 mod world;
 
-pub(crate) use bodies::Bodies;
+pub(crate) use bodies::{Bodies, MAX_PAIRS};
 pub use edit::{Edit, SceneError};
 pub use line::LineVerdict;
 pub use report::{ContactKind, ReportedContact};

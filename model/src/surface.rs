@@ -1,7 +1,7 @@
 //! Contact by the meshes themselves: the truth that fitted shapes are compared with, and far too slow for anything else.
 
 use crate::engine::distance;
-use crate::{FitOptions, Mesh, Primitive, Robot, Shape, fit_link};
+use crate::{Fit, Mesh, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, UnitQuaternion};
 use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use parry3d_f64::math::{Pose, Vector};
@@ -24,16 +24,10 @@ pub struct LinkSurface {
 }
 
 impl LinkSurface {
-    /// The link's shapes, with primitives fitted to its meshes, as they lie on its node; and how far the primitives stick out, meters.
-    ///
-    /// # Errors
-    /// As [`fit_link`].
-    pub fn fitted(&self, options: &FitOptions) -> Result<(Vec<Primitive>, f64), String> {
-        let fitted = if self.meshes.is_empty() { None } else { Some(fit_link(&self.meshes, options)?) };
-        let overshoot = fitted.as_ref().map_or(0.0, |f| f.overshoot);
-        let all = self.solids.iter().cloned().chain(fitted.into_iter().flat_map(|f| f.primitives));
-        let turned = |p: Primitive| Primitive { pose: self.turn * p.pose, ..p };
-        Ok((all.map(turned).collect(), overshoot))
+    /// The link's shapes as they lie on its node: those that the file gives, then those that are fitted to its meshes.
+    pub fn shapes(&self, fit: Option<&Fit>) -> Vec<Primitive> {
+        let all = self.solids.iter().cloned().chain(fit.into_iter().flat_map(Fit::primitives));
+        all.map(|p| Primitive { pose: self.turn * p.pose, ..p }).collect()
     }
 }
 

@@ -21,7 +21,7 @@ mod neighbors;
 mod tree;
 
 use crate::error::{FileError, Loaded, Source};
-use crate::{FitOptions, LinkSurface, Robot};
+use crate::{Fit, FitOptions, LinkSurface, Robot};
 use build::Built;
 use document::Document;
 pub use mesh::load_mesh;
@@ -57,6 +57,8 @@ pub struct UrdfRobot {
     pub robot: Robot,
     /// Meshes and shapes as the file gives them, of each link that has any.
     pub surfaces: Vec<LinkSurface>,
+    /// What was fitted to the meshes of each link that has any.
+    pub fits: BTreeMap<String, Fit>,
 }
 
 /// Reads a robot from a URDF file.
@@ -113,10 +115,10 @@ fn read(source: &Source, options: &UrdfOptions, fits: bool) -> Result<Loaded<Urd
     let urdf = document::read(source)?;
     let mut warnings = Vec::new();
     let tree = tree::Tree::new(source, &urdf, options, &mut warnings)?;
-    let Built { robot, surfaces } = build::build(source, &urdf, &tree, options, fits, &mut warnings)?;
+    let Built { robot, surfaces, fits } = build::build(source, &urdf, &tree, options, fits, &mut warnings)?;
     warn_of_shapelessness(source, &urdf, &mut warnings);
     warnings.truncate(MAX_WARNINGS);
-    Ok(Loaded { value: UrdfRobot { robot, surfaces }, warnings })
+    Ok(Loaded { value: UrdfRobot { robot, surfaces, fits }, warnings })
 }
 
 /// Per link of a URDF: the joint that leads to it and the link that the joint leaves; none for a root.

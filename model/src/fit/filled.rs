@@ -7,7 +7,7 @@ use super::probe;
 use super::soup::{Soup, Triangle, bounds};
 use nalgebra::Vector3;
 use parry3d_f64::math::Vector;
-use parry3d_f64::query::PointQuery;
+use parry3d_f64::query::{PointQuery, Ray, RayCast};
 use parry3d_f64::shape::TriMesh;
 
 /// About how many cells the grid has.
@@ -17,10 +17,13 @@ const BORDER: f64 = 2.0;
 /// A cell from which so many of the 26 directions end at the mesh is inside: one need not see it everywhere, since meshes have gaps.
 const SEEN: u8 = 22;
 
+/// How far is looked, meters: beyond all meshes.
+const FAR: f64 = 1e5;
 /// The height of what was a line, as a share of its length.
 const HAIR: f64 = 1e-5;
 
 /// A grid over the mesh with the distance of each cell from it.
+#[derive(Clone, Debug)]
 pub(super) struct Filled {
     /// The center of the first cell, meters.
     start: Vector3<f64>,
@@ -30,6 +33,8 @@ pub(super) struct Filled {
     count: [usize; 3],
     /// Distance from the mesh, meters; zero inside. x runs fastest.
     distance: Vec<f32>,
+    /// Places that shapes should leave free, though they may be near the mesh.
+    pub claimed: Vec<Vector3<f64>>,
 }
 
 impl Filled {
@@ -42,7 +47,7 @@ impl Filled {
         let width = (size.product() / CELLS).cbrt().max(size.max() / 250.0);
         let start = low.add_scalar(-BORDER * width);
         let count = [0, 1, 2].map(|i| (size[i] / width + 2.0 * BORDER).ceil() as usize + 1);
-        let mut grid = Self { start, width, count, distance: Vec::new() };
+        let mut grid = Self { start, width, count, distance: Vec::new(), claimed: Vec::new() };
         let mut solid = vec![false; count.iter().product()];
         for triangle in soup.triangles.iter().chain(&soup.lids) {
             grid.mark(triangle, &mut solid);
@@ -146,13 +151,12 @@ impl Filled {
         beyond + along_y(0) * (1.0 - part[2]) + along_y(z) * part[2]
     }
 
-    /// What measures exactly.
-    pub fn exact<'a>(&'a self, soup: &Soup) -> Exact<'a> {
-        let triangles = soup.triangles.iter().chain(&soup.lids).flat_map(opened);
-        let corners: Vec<Vector> = triangles.map(|p| Vector::new(p.x, p.y, p.z)).collect();
-        let count = u32::try_from(corners.len() / 3).unwrap_or(0);
-        let indices = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-        Exact { filled: self, mesh: TriMesh::new(corners, indices).ok() }
+    /// The share of the claimed places that a shape holds.
+    pub fn taken(&self, cover: &Cover) -> f64 {
+        if self.claimed.is_empty() {
+            return 0.0;
+        }
+        self.claimed.iter().filter(|p| cover.contains(p)).count() as f64 / self.claimed.len() as f64
     }
 }
 
@@ -199,27 +203,54 @@ fn lower_envelope(line: &[f64]) -> Vec<f64> {
 }
 
 /// Distances from the triangles themselves.
-pub(super) struct Exact<'a> {
-    /// Knows what is inside.
-    filled: &'a Filled,
+#[derive(Clone, Debug)]
+pub(super) struct Exact {
     /// All triangles and lids.
     mesh: Option<TriMesh>,
 }
 
-impl Exact<'_> {
+impl Exact {
+    /// Prepares all triangles and lids.
+    pub fn new(soup: &Soup) -> Self {
+        let triangles = soup.triangles.iter().chain(&soup.lids).flat_map(opened);
+        let corners: Vec<Vector> = triangles.map(|p| Vector::new(p.x, p.y, p.z)).collect();
+        let count = u32::try_from(corners.len() / 3).unwrap_or(0);
+        let indices = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        Self { mesh: TriMesh::new(corners, indices).ok() }
+    }
+
     /// The largest distance of the primitive's surface from the mesh, meters, among many points of it.
-    pub fn overshoot(&self, cover: &Cover) -> f64 {
-        probe::points(cover, probe::FINE).iter().map(|p| self.outside(p)).fold(0.0, f64::max)
+    pub fn overshoot(&self, cover: &Cover, filled: &Filled) -> f64 {
+        probe::points(cover, probe::FINE).iter().map(|p| self.outside(p, filled)).fold(0.0, f64::max)
     }
 
     /// How far a place is outside the mesh, meters.
-    fn outside(&self, place: &Vector3<f64>) -> f64 {
+    fn outside(&self, place: &Vector3<f64>, filled: &Filled) -> f64 {
         // From hollows only the grid knows, and it may be wrong by the diagonal of a cell.
-        let coarse = self.filled.outside(place);
-        if coarse <= 0.0 {
-            return 0.0;
-        }
-        let fine = self.mesh.as_ref().map(|m| m.distance_to_local_point(Vector::new(place.x, place.y, place.z), true));
-        fine.map_or(coarse, |fine| fine.min(coarse + self.filled.width))
+        let coarse = filled.outside(place);
+        if coarse <= 0.0 { 0.0 } else { self.distance(place).map_or(coarse, |fine| fine.min(coarse + filled.width)) }
+    }
+
+    /// How far a place is from the mesh, meters; zero within it. Near its surface, where the grid is too coarse to know, looking along
+    /// the axes tells.
+    pub fn gap(&self, place: &Vector3<f64>, filled: &Filled) -> f64 {
+        let coarse = filled.outside(place);
+        let fine = self.distance(place).unwrap_or(coarse);
+        let within = coarse <= filled.width && (fine > 2.0 * filled.width || self.surrounds(place));
+        if within { 0.0 } else { fine }
+    }
+
+    /// Whether the mesh is seen in all directions of the axes but one, at least.
+    fn surrounds(&self, place: &Vector3<f64>) -> bool {
+        let from = Vector::new(place.x, place.y, place.z);
+        let axes = [Vector::X, Vector::Y, Vector::Z];
+        let sees = |to: Vector| self.mesh.as_ref().is_some_and(|m| m.intersects_local_ray(&Ray::new(from, to), FAR));
+        axes.iter().flat_map(|axis| [*axis, -*axis]).filter(|to| sees(*to)).count() >= 5
+    }
+
+    /// How far a place is from the nearest triangle, meters, on whichever side.
+    pub fn distance(&self, place: &Vector3<f64>) -> Option<f64> {
+        let place = Vector::new(place.x, place.y, place.z);
+        self.mesh.as_ref().map(|m| m.distance_to_local_point(place, true))
     }
 }

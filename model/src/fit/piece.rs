@@ -13,6 +13,8 @@ const DIRECTIONS: usize = 48;
 const CYLINDER: f64 = 1.3;
 /// A box must be so much nearer than a ball or capsule.
 const BOX: f64 = 1.1;
+/// What a shape costs that holds all places which others claim, meters.
+const CLAIMED: f64 = 0.006;
 /// Turns by which an enclosing shape is improved, rad.
 const TURNS: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 
@@ -31,25 +33,36 @@ pub(super) struct Tried {
 
 /// Measures a shape at points in so many rows.
 pub(super) fn tried(cover: Cover, rows: usize, filled: &Filled) -> Tried {
-    let points = probe::points(&cover, rows);
-    let (mut worst, mut sum): (f64, f64) = (0.0, 0.0);
-    for p in &points {
-        let outside = filled.outside(p);
-        worst = worst.max(outside);
-        sum += outside;
-    }
-    let mean = sum / points.len() as f64;
+    let (worst, mean, cost) = measured(&cover, rows, filled, f64::INFINITY).unwrap_or_default();
+    Tried { cover, worst, mean, cost }
+}
+
+/// The worst and the mean distance of a shape, and its cost; `None` as soon as that is no less than what another costs.
+fn measured(cover: &Cover, rows: usize, filled: &Filled, other: f64) -> Option<(f64, f64, f64)> {
     let factor = match cover.shape {
         Shape::Sphere { .. } | Shape::Capsule { .. } => 1.0,
         Shape::Box { .. } => BOX,
         Shape::Cylinder { .. } => CYLINDER,
     };
-    Tried { cover, worst, mean, cost: (worst + mean) * factor }
+    let points = probe::points(cover, rows);
+    let count = points.len() as f64;
+    let (mut worst, mut sum): (f64, f64) = (0.0, 0.0);
+    for p in &points {
+        let outside = filled.outside(p);
+        worst = worst.max(outside);
+        sum += outside;
+        if (worst + sum / count) * factor >= other {
+            return None;
+        }
+    }
+    let mean = sum / count;
+    let cost = (worst + mean) * factor + CLAIMED * filled.taken(cover);
+    (cost < other).then_some((worst, mean, cost))
 }
 
-/// The better of two.
-fn better(a: Tried, b: Tried) -> Tried {
-    if b.cost < a.cost { b } else { a }
+/// The better of a shape that was tried and another.
+fn better(a: Tried, cover: Cover, filled: &Filled) -> Tried {
+    measured(&cover, COARSE, filled, a.cost).map_or(a, |(worst, mean, cost)| Tried { cover, worst, mean, cost })
 }
 
 /// The best of all kinds around the points along the axes of some frames; `None` without points.
@@ -58,7 +71,9 @@ pub(super) fn best(points: &[Vector3<f64>], turns: &[UnitQuaternion<f64>], fille
         return None;
     }
     let all = turns.iter().flat_map(|turn| enclose::all_kinds(points, turn));
-    all.map(|cover| tried(cover, COARSE, filled)).reduce(better)
+    all.fold(None, |best, cover| {
+        Some(best.map_or_else(|| tried(cover, COARSE, filled), |best| better(best, cover, filled)))
+    })
 }
 
 /// The shape moved and turned as long as that improves it.
@@ -69,15 +84,15 @@ fn refined(points: &[Vector3<f64>], from: Tried, filled: &Filled) -> Tried {
             for by in [by, -by] {
                 let pose = best.cover.pose * UnitQuaternion::from_axis_angle(&axis, by);
                 let turned = enclose::around(points, &Cover { pose, ..best.cover });
-                best = better(best, tried(turned, COARSE, filled));
+                best = better(best, turned, filled);
             }
         }
         let centered = enclose::centered(points, &best.cover);
-        best = better(best, tried(centered, COARSE, filled));
+        best = better(best, centered, filled);
         if let Shape::Capsule { radius, .. } = centered.shape {
             for by in THICKER {
                 let shape = Shape::Capsule { radius: radius * by, height: 0.0 };
-                best = better(best, tried(enclose::around(points, &Cover { shape, ..centered }), COARSE, filled));
+                best = better(best, enclose::around(points, &Cover { shape, ..centered }), filled);
             }
         }
     }
@@ -85,6 +100,7 @@ fn refined(points: &[Vector3<f64>], from: Tried, filled: &Filled) -> Tried {
 }
 
 /// A part of the mesh.
+#[derive(Clone, Debug)]
 pub(super) struct Piece {
     /// Its triangles, clipped.
     pub triangles: Vec<Triangle>,
@@ -94,6 +110,8 @@ pub(super) struct Piece {
     pub extremes: Vec<Vector3<f64>>,
     /// What encloses it.
     pub tried: Tried,
+    /// Whether it gave way to others already.
+    pub reshaped: bool,
 }
 
 impl Piece {
@@ -112,7 +130,7 @@ impl Piece {
         // Corners between the extreme ones may stick out a little.
         let corners: Vec<Vector3<f64>> = triangles.iter().flatten().copied().collect();
         let tried = tried(enclose::around(&corners, &fine.cover), MEDIUM, filled);
-        Some(Self { triangles, samples, extremes, tried })
+        Some(Self { triangles, samples, extremes, tried, reshaped: false })
     }
 
     /// Both in one.

@@ -1,7 +1,7 @@
 //! The search for few shapes near the mesh: split the worst piece, as long as that is needed; then merge what one shape can hold.
 
 use super::FitOptions;
-use super::enclose::{Cover, principal_axes};
+use super::enclose::principal_axes;
 use super::filled::Filled;
 use super::piece::{self, Piece, Tried, spread};
 use super::soup::{Soup, Triangle, split};
@@ -20,26 +20,27 @@ const ROUNDS: usize = 2;
 const AIM: f64 = 0.9;
 
 /// Shapes that together contain all triangles: the best result of several searches.
-pub(super) fn cover(soup: &Soup, filled: &Filled, options: &FitOptions) -> Vec<Cover> {
-    let mut best: Option<(f64, Vec<Cover>)> = None;
+pub(super) fn cover(soup: &Soup, filled: &Filled, options: &FitOptions) -> Vec<Piece> {
+    let mut best: Option<(f64, Vec<Piece>)> = None;
     let parts = soup.connected().len();
     for plan in PLANS.iter().filter(|p| p.connected || parts > 1) {
         let pieces = search(soup, filled, options, *plan);
         let cost = total(&pieces, options);
-        if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-            best = Some((cost, pieces.iter().map(|p| p.tried.cover).collect()));
-        }
         // A mesh that one shape holds has no better cover.
-        if pieces.len() < 2 {
+        let simple = pieces.len() < 2;
+        if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+            best = Some((cost, pieces));
+        }
+        if simple {
             break;
         }
     }
-    best.map_or(Vec::new(), |(_, covers)| covers)
+    best.map_or(Vec::new(), |(_, pieces)| pieces)
 }
 
 /// How to search: greedy choices that are good for one mesh are not for another.
 #[derive(Clone, Copy)]
-struct Plan {
+pub(super) struct Plan {
     /// Whether to begin with the connected parts of the mesh.
     connected: bool,
     /// How much the sides of a plane count by their size, against the worse one of them.
@@ -47,7 +48,7 @@ struct Plan {
 }
 
 /// What is tried.
-const PLANS: [Plan; 3] =
+pub(super) const PLANS: [Plan; 3] =
     [Plan { connected: true, sides: 1.0 }, Plan { connected: true, sides: 0.0 }, Plan { connected: false, sides: 1.0 }];
 
 /// One search.
@@ -122,22 +123,22 @@ fn start(soup: &Soup, filled: &Filled, count: usize, plan: Plan) -> Vec<Piece> {
     }
     let total: f64 = soup.triangles.iter().map(area).sum();
     let piece = |triangles: Vec<Triangle>| {
-        let samples = samples(&triangles, total);
+        let samples = samples(&triangles, total, SAMPLES);
         Piece::new(triangles, samples, &UnitQuaternion::identity(), filled)
     };
     parts.into_iter().filter_map(piece).collect()
 }
 
 /// The area of a triangle, square meters.
-fn area([a, b, c]: &Triangle) -> f64 {
+pub(super) fn area([a, b, c]: &Triangle) -> f64 {
     (b - a).cross(&(c - a)).norm() / 2.0
 }
 
-/// Points spread evenly over triangles, so dense that the whole mesh of the given area has [`SAMPLES`].
-fn samples(triangles: &[Triangle], total: f64) -> Vec<Vector3<f64>> {
+/// Points spread evenly over triangles, so dense that a total area has so many.
+pub(super) fn samples(triangles: &[Triangle], total: f64, count: f64) -> Vec<Vector3<f64>> {
     let (mut out, mut due) = (Vec::new(), 0.0);
     for triangle @ [a, b, c] in triangles {
-        due += area(triangle) / total.max(f64::MIN_POSITIVE) * SAMPLES;
+        due += area(triangle) / total.max(f64::MIN_POSITIVE) * count;
         while due >= 1.0 {
             due -= 1.0;
             // Powers of the plastic number spread points evenly over a square (Roberts 2018), and folding puts them on a triangle.
@@ -160,18 +161,21 @@ fn split_all(pieces: &mut Vec<Piece>, count: usize, bound: f64, plan: Plan, fill
             return;
         };
         let piece = &pieces[worst];
-        let like = piece.tried.cover.pose.rotation;
-        let halves = best_plane(piece, plan, filled).and_then(|(normal, at)| {
-            let [low, high] = parts(piece, &normal, at);
-            Piece::new(low.0, low.1, &like, filled).zip(Piece::new(high.0, high.1, &like, filled))
-        });
-        if let Some((low, high)) = halves {
+        if let Some((low, high)) = halves(piece, plan, filled) {
             pieces[worst] = low;
             pieces.push(high);
         } else {
             whole.insert(worst);
         }
     }
+}
+
+/// A piece in two, at the best plane.
+pub(super) fn halves(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Piece, Piece)> {
+    let like = piece.tried.cover.pose.rotation;
+    let (normal, at) = best_plane(piece, plan, filled)?;
+    let [low, high] = parts(piece, &normal, at);
+    Piece::new(low.0, low.1, &like, filled).zip(Piece::new(high.0, high.1, &like, filled))
 }
 
 /// Triangles and samples on both sides of a plane.
@@ -191,9 +195,13 @@ fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64
     axes.extend(new);
     let points: Vec<Vector3<f64>> = piece.samples.iter().chain(&piece.extremes).copied().collect();
     let mut best: Option<(f64, Vector3<f64>, f64, f64)> = None;
-    let attempt = |normal: &Vector3<f64>, at: f64| {
+    let attempt = |normal: &Vector3<f64>, at: f64, least: f64| {
         let (below, above): (Vec<_>, Vec<_>) = points.iter().partition(|p| normal.dot(p) <= at);
-        let (a, b) = side(&below, &turn, filled).zip(side(&above, &turn, filled))?;
+        let a = side(&below, &turn, filled)?;
+        if a.cost >= least {
+            return None;
+        }
+        let b = side(&above, &turn, filled)?;
         let share = below.len() as f64 / points.len() as f64;
         let mean = |f: fn(&Tried) -> f64| f(&a) * share + f(&b) * (1.0 - share);
         Some(a.cost.max(b.cost) + mean(|t| t.mean) + plan.sides * mean(|t| t.cost))
@@ -207,8 +215,9 @@ fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64
         }
         for share in CUTS {
             let at = low + (high - low) * share;
-            if let Some(cost) = attempt(&normal, at)
-                && best.is_none_or(|(least, ..)| cost < least)
+            let least = best.map_or(f64::INFINITY, |(least, ..)| least);
+            if let Some(cost) = attempt(&normal, at, least)
+                && cost < least
             {
                 best = Some((cost, normal, at, high - low));
             }
@@ -217,8 +226,9 @@ fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64
     for step in [0.06, 0.03, 0.015] {
         let (_, normal, at, extent) = best?;
         for at in [at - step * extent, at + step * extent] {
-            if let Some(cost) = attempt(&normal, at)
-                && best.is_none_or(|(least, ..)| cost < least)
+            let least = best.map_or(f64::INFINITY, |(least, ..)| least);
+            if let Some(cost) = attempt(&normal, at, least)
+                && cost < least
             {
                 best = Some((cost, normal, at, extent));
             }

@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// More pairs that may touch are refused: they could not be watched many times a second.
-const MAX_PAIRS: usize = 1 << 18;
+pub(crate) const MAX_PAIRS: usize = 1 << 18;
 
 /// A shape of a robot or an object.
 #[derive(Clone, Debug)]

@@ -57,7 +57,7 @@ pub fn compare(
         let name = |node: usize| subject.surface_of.get(&node).map_or("?", |s| names[*s]).to_owned();
         (name(a), name(b))
     };
-    let tested: Vec<_> = subject.tested().into_iter().filter_map(|p| Some((p, subject.surfaces(p)?))).collect();
+    let tested: Vec<_> = subject.tested.iter().filter_map(|p| Some((*p, subject.surfaces(*p)?))).collect();
     let spared = robot.left_out.iter().flatten().map(|l| l.nodes);
     let spared: Vec<_> = spared.filter_map(|p| Some((p, subject.surfaces(p)?))).collect();
     let mut out = Comparison { poses, ..Comparison::default() };

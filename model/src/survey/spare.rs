@@ -1,14 +1,9 @@
 //! Pairs of links that need no test.
 
 use super::Subject;
+use super::closer::{COVERED, NEAR};
 use crate::{LeftOut, Robot, SceneError, Surfaces, random_poses};
 use std::collections::BTreeMap;
-
-/// What stays nearer than this at every pose can't be told from a contact, meters: the reflex acts at a centimeter, and lets go of a
-/// contact 2 mm farther out.
-const NEAR: f64 = 0.012;
-/// So many motors between two links at the most, and thousands of poses cover all that these two can do against each other.
-const COVERED: usize = 3;
 
 /// What is known of a pair that was tried.
 #[derive(Clone, Copy, Default)]

@@ -10,8 +10,11 @@ use super::mesh::{self, Meshes};
 use super::tree::{Drive, Tree};
 use super::{UrdfOptions, neighbors};
 use crate::error::{FileError, Source};
-use crate::{JointMotion, LinkSurface, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape};
+use crate::{
+    Fit, JointMotion, LinkSurface, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape,
+};
 use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
+use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
 use std::rc::Rc;
 
@@ -61,6 +64,8 @@ struct Builder<'a> {
     fits: bool,
     /// What the links collide with in the file's own words.
     surfaces: Vec<LinkSurface>,
+    /// What was fitted to the meshes of each link.
+    fitted: BTreeMap<String, Fit>,
 }
 
 /// What a URDF becomes.
@@ -69,6 +74,8 @@ pub(super) struct Built {
     pub robot: Robot,
     /// Meshes and shapes of the links that have any.
     pub surfaces: Vec<LinkSurface>,
+    /// What was fitted to the meshes of each link.
+    pub fits: BTreeMap<String, Fit>,
 }
 
 /// What is still to be written: a link that begins a body, its frame at zero, the joint it hangs on.
@@ -107,6 +114,7 @@ pub(super) fn build(
         meshes: Meshes::new(options),
         fits,
         surfaces: Vec::new(),
+        fitted: BTreeMap::new(),
     };
     // Motors first: a mimic joint may come before its source in the tree.
     b.create_motors();
@@ -117,7 +125,7 @@ pub(super) fn build(
     }
     // From here on the robot lists what is not tested; whoever knows of more (an SRDF, a search) adds it in the same way.
     b.robot.leave_out(neighbors::neighbors(urdf, tree, &b.shapes_of));
-    Ok(Built { robot: b.robot, surfaces: b.surfaces })
+    Ok(Built { robot: b.robot, surfaces: b.surfaces, fits: b.fitted })
 }
 
 impl Builder<'_> {
@@ -269,12 +277,17 @@ impl Builder<'_> {
 
     /// The shapes of a link, with a warning where those around its meshes are not as near as they should be.
     fn fitted(&mut self, link: usize, own: &LinkSurface) -> Result<Vec<Primitive>, FileError> {
+        if own.meshes.is_empty() {
+            return Ok(own.shapes(None));
+        }
         let Link { name, at, .. } = &self.urdf.links[link];
         let options = &self.options.fit;
-        let (shapes, overshoot) = own.fitted(options).map_err(|why| {
+        let fit = Fit::new(&own.meshes, options).map_err(|why| {
             let help = "leave meshes out with --drop-meshes, or give the link a box, cylinder or sphere";
             self.source.error(at.clone(), format!("the meshes of link `{name}`: {why}"), help)
         })?;
+        let (shapes, overshoot) = (own.shapes(Some(&fit)), fit.overshoot());
+        self.fitted.insert(name.clone(), fit);
         if overshoot > options.overshoot {
             let (most, is) = (options.overshoot * 1e3, overshoot * 1e3);
             let message = format!("link `{name}`: its {} shapes stick out by {is:.0} mm, not {most:.0}", shapes.len());

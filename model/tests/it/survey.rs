@@ -1,13 +1,21 @@
 //! Random poses tell which pairs of links need no test, what shapes touch falsely, and where a robot can begin.
 
 use mobee_model::{
-    FitOptions, Robot, Scene, Surfaces, UrdfOptions, compare, find_home, load_urdf_with_surfaces, spared_pairs,
+    Closer, FitOptions, Robot, Scene, Surfaces, UrdfOptions, UrdfRobot, compare, find_home, fit_closer,
+    load_urdf_with_surfaces, spared_pairs,
 };
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
 /// A slider that moves in the hollow of an angle iron: by their meshes the two never meet, though one shape around each does.
 fn hollow() -> (Robot, Surfaces) {
+    let loaded = iron_and_slider(0.01);
+    let surfaces = Surfaces::new(&loaded.robot, &loaded.surfaces).unwrap();
+    (loaded.robot, surfaces)
+}
+
+/// The slider turns in the hollow, too, by so many rad to either side.
+fn iron_and_slider(turn: f64) -> UrdfRobot {
     let folder = tempfile::tempdir().unwrap();
     let iron = "v 0 0 0\nv 0.2 0 0\nv 0.2 0.2 0\nv 0 0.2 0\nv 0 0 0.2\nv 0 0.2 0.2\nf 1 2 3 4\nf 1 4 6 5\n";
     let slider = "v 0 0 0\nv 0.03 0 0\nv 0 0.03 0\nv 0 0 0.03\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n";
@@ -19,7 +27,7 @@ fn hollow() -> (Robot, Surfaces) {
     let text = format!(
         "<robot name=\"r\"><link name=\"base\">{}</link><link name=\"stem\"/><link name=\"slider\">{}</link>\
          <joint name=\"turn\" type=\"revolute\"><parent link=\"base\"/><child link=\"stem\"/><axis xyz=\"0 1 0\"/>\
-         <limit lower=\"-0.01\" upper=\"0.01\" effort=\"1\" velocity=\"1\"/></joint>\
+         <limit lower=\"-{turn}\" upper=\"{turn}\" effort=\"1\" velocity=\"1\"/></joint>\
          <joint name=\"slide\" type=\"prismatic\"><parent link=\"stem\"/><child link=\"slider\"/><axis xyz=\"0 1 0\"/>\
          <limit lower=\"0\" upper=\"0.1\" effort=\"1\" velocity=\"1\"/></joint></robot>",
         mesh("iron.obj", "0 0 0"),
@@ -28,9 +36,7 @@ fn hollow() -> (Robot, Surfaces) {
     let path = folder.path().join("r.urdf");
     std::fs::write(&path, text).unwrap();
     let fit = FitOptions { overshoot: 1.0, primitives: 1 };
-    let loaded = load_urdf_with_surfaces(path, &UrdfOptions { fit, ..UrdfOptions::default() }).unwrap().value;
-    let surfaces = Surfaces::new(&loaded.robot, &loaded.surfaces).unwrap();
-    (loaded.robot, surfaces)
+    load_urdf_with_surfaces(path, &UrdfOptions { fit, ..UrdfOptions::default() }).unwrap().value
 }
 
 #[test]
@@ -56,6 +62,28 @@ fn false_contacts_are_counted_and_none_is_missed() {
     assert!(seen.falsely > 100 && seen.blocked_share() > 0.3, "{seen:?}");
     let pair = ("base".to_owned(), "slider".to_owned());
     assert_eq!(seen.pairs[&pair].falsely, seen.falsely, "{seen:?}");
+}
+
+#[test]
+fn shapes_that_touch_falsely_are_fitted_closer_and_still_hold_the_meshes() {
+    // turned so far it touches the iron at times, so that the pair needs a test
+    let closer = || {
+        let UrdfRobot { mut robot, surfaces: links, mut fits } = iron_and_slider(0.9);
+        robot.left_out = None;
+        robot.leave_out([]);
+        let surfaces = Surfaces::new(&robot, &links).unwrap();
+        let before = compare(&robot, &surfaces, (300, 3), &mut |_| ()).unwrap();
+        let goal = Closer { falsely: 0.0, shapes: 8 };
+        let all = (links.as_slice(), &mut fits);
+        let told = fit_closer(&mut robot, all, &surfaces, &goal, (600, 1), &mut |_| ()).unwrap();
+        assert!(told.iter().all(|n| n.shapes.0 == 1 && n.shapes.1 <= 8), "{told:?}");
+        assert!(told.iter().any(|n| n.link == "base"), "{told:?}");
+        let after = compare(&robot, &surfaces, (300, 3), &mut |_| ()).unwrap();
+        assert_eq!((before.missed, after.missed, after.by_meshes), (0, 0, before.by_meshes));
+        assert!(before.blocked_share() > 0.3 && after.blocked_share() < 0.1, "{before:?} {after:?}");
+        robot
+    };
+    assert_eq!(closer(), closer(), "equal seeds, equal robots");
 }
 
 #[test]

@@ -1,0 +1,354 @@
+//! Shapes fitted closer where they touch falsely, and only there.
+//!
+//! ```text
+//! random poses ──> those at which shapes touch and meshes do not ──> places that both shapes hold
+//!       ^                                                                       │
+//!       └──── shapes that hold most of them give way, in one piece or two <─────┘
+//! ```
+
+use super::{Placed, Subject};
+use crate::fit::shared;
+use crate::scene::MAX_PAIRS;
+use crate::{Fit, FitOptions, LinkSurface, Primitive, Robot, SceneError, Surfaces, random_poses};
+use nalgebra::{Point3, Vector3};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// How many shapes give way before it is looked again what that changed.
+const AT_ONCE: usize = 32;
+/// A shape gives way if it touches falsely at this share of the poses of the worst, at least.
+const NEAR_WORST: f64 = 0.25;
+/// No more places than this are claimed of a shape: so many of each contact, so many of all.
+const PLACES: (usize, usize) = (16, 200);
+/// How links are fitted anew that would be left out otherwise.
+const CLOSE_FIT: FitOptions = FitOptions { overshoot: 0.003, primitives: 40 };
+/// Where it is nearer to its mesh than this, a shape has nothing to give, meters.
+const CLOSE: f64 = 6e-4;
+/// A shape also gives what the other could give rather, if its distance from its mesh is not less than this share of the other's.
+const SHARED_FAULT: f64 = 0.5;
+/// What stays nearer than this at every pose can't be told from a contact, meters: the reflex acts at a centimeter, and lets go of a
+/// contact 2 mm farther out.
+pub(super) const NEAR: f64 = 0.012;
+/// So many motors between two links at the most, and thousands of poses cover all that these two can do against each other.
+pub(super) const COVERED: usize = 3;
+
+/// How close shapes are to be fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Closer {
+    /// At what share of the poses that are free by the meshes shapes may touch falsely.
+    pub falsely: f64,
+    /// How many shapes a link may have.
+    pub shapes: usize,
+}
+
+/// A link that was fitted closer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Nearer {
+    /// Its name.
+    pub link: String,
+    /// How many shapes were around its meshes, and how many are.
+    pub shapes: (usize, usize),
+    /// As [`crate::Fitted::overshoot`], now.
+    pub overshoot: f64,
+}
+
+/// Fits those shapes of links closer that touch at random poses where the meshes do not.
+///
+/// Pairs that need no test (see [`crate::spared_pairs`]) do not count. Of two shapes that touch falsely the one gives way that is
+/// farther from its mesh; it is replaced by one or two that still hold its part of the mesh. Ends where few poses are left, or no
+/// shape can give way or be added.
+///
+/// # Arguments
+/// * `links`, `fits`: what was fitted to the links' meshes, as [`crate::load_urdf_with_surfaces`] gives them.
+///
+/// # Errors
+/// If the robot can't stand in a scene.
+pub fn fit_closer(
+    robot: &mut Robot,
+    (links, fits): (&[LinkSurface], &mut BTreeMap<String, Fit>),
+    surfaces: &Surfaces,
+    goal: &Closer,
+    (poses, seed): (usize, u64),
+    progress: &mut dyn FnMut(f64),
+) -> Result<Vec<Nearer>, SceneError> {
+    let half = |from: f64, share: f64| from + share / 2.0;
+    let (falsely, always_near) =
+        falsely_touching(&Subject::new(robot, surfaces)?, surfaces, (poses, seed), &mut |share| {
+            progress(half(0.0, share));
+        });
+    let mut work = Work::new(robot, links, fits, falsely, goal.shapes);
+    work.refit(&always_near);
+    let end = goal.falsely * work.falsely.len() as f64;
+    let mut begin = None;
+    loop {
+        let touches = work.look(surfaces)?;
+        let left = work.falsely.len();
+        let begin = *begin.get_or_insert(left);
+        progress(half(0.5, (begin - left) as f64 / begin.max(1) as f64));
+        if left as f64 <= end || !work.give_way(&touches) {
+            return Ok(work.told());
+        }
+    }
+}
+
+/// Two nodes.
+type NodePair = (usize, usize);
+
+/// A pose at which no meshes meet.
+struct Falsely {
+    q: Vec<f64>,
+    /// The pairs of nodes whose shapes touch.
+    pairs: Vec<(usize, usize)>,
+}
+
+/// Two shapes that touch falsely, each by its node and its number there.
+struct Touch {
+    /// Index of the pose.
+    pose: usize,
+    /// Who.
+    shapes: [(usize, usize); 2],
+}
+
+/// The random poses that are free by the meshes, with the pairs whose shapes touch falsely, as far as they need a test.
+fn falsely_touching(
+    subject: &Subject<'_>,
+    surfaces: &Surfaces,
+    (poses, seed): (usize, u64),
+    progress: &mut dyn FnMut(f64),
+) -> (Vec<Falsely>, Vec<NodePair>) {
+    let (mut all, mut met) = (Vec::new(), BTreeMap::<NodePair, usize>::new());
+    let mut near = BTreeMap::<(usize, usize), usize>::new();
+    for (done, q) in random_poses(subject.robot, seed).take(poses).enumerate() {
+        let (placed, frames) = (subject.place(&q), surfaces.frames(subject.robot, &q));
+        let mut touching = Vec::new();
+        for pair in &subject.tested {
+            if let Some(distance) = subject.distance(&placed, *pair, NEAR) {
+                *near.entry(*pair).or_default() += 1;
+                touching.extend((distance <= 0.0).then_some(*pair));
+            }
+        }
+        // the shapes hold the meshes: where they are apart, so are these
+        let meet = |pair: &(usize, usize)| subject.surfaces(*pair).is_none_or(|(a, b)| surfaces.meet(&frames, a, b));
+        let (meeting, falsely): (Vec<NodePair>, Vec<NodePair>) = touching.into_iter().partition(meet);
+        meeting.iter().for_each(|pair| *met.entry(*pair).or_default() += 1);
+        all.push((Falsely { q, pairs: falsely }, meeting));
+        if done % 64 == 0 {
+            progress(done as f64 / poses.max(1) as f64);
+        }
+    }
+    let needs_test = |pair: &(usize, usize)| {
+        met.contains_key(pair) || subject.robot.movers(Some(pair.0), Some(pair.1)).len() > COVERED
+    };
+    // what is always near is left out later, and blocks nothing then
+    let free = |meeting: &[(usize, usize)]| meeting.iter().all(|pair| near.get(pair) == Some(&poses));
+    let mut all: Vec<Falsely> = all.into_iter().filter(|(_, meeting)| free(meeting)).map(|(f, _)| f).collect();
+    all.iter_mut().for_each(|f| f.pairs.retain(needs_test));
+    // what the meshes do now and then, and the shapes always, is the shapes' fault
+    let at_times = |pair: &NodePair| met.get(pair).is_some_and(|count| *count < poses);
+    let always_near = near.iter().filter(|(pair, count)| **count == poses && at_times(pair));
+    (all, always_near.map(|(pair, _)| *pair).collect())
+}
+
+/// What is being fitted.
+struct Work<'a> {
+    robot: &'a mut Robot,
+    fits: &'a mut BTreeMap<String, Fit>,
+    /// Per node with a fit: its link.
+    links: BTreeMap<usize, &'a LinkSurface>,
+    /// The poses that are left.
+    falsely: Vec<Falsely>,
+    /// How many shapes a link may have.
+    most: usize,
+    /// How many pairs of shapes there are.
+    pairs: usize,
+    /// Shapes that can't give way, by node and number.
+    stuck: BTreeSet<(usize, usize)>,
+    /// How many shapes were fitted to each link before.
+    before: BTreeMap<String, usize>,
+}
+
+impl<'a> Work<'a> {
+    fn new(
+        robot: &'a mut Robot,
+        links: &'a [LinkSurface],
+        fits: &'a mut BTreeMap<String, Fit>,
+        falsely: Vec<Falsely>,
+        most: usize,
+    ) -> Self {
+        let fitted = links.iter().filter(|l| fits.contains_key(&l.link));
+        let links = fitted.filter_map(|l| Some((robot.node_named(&l.link)?, l))).collect();
+        let shapes = |node: usize| robot.nodes[node].solids.len();
+        let pairs = robot.pairs.reflex.iter().map(|(a, b)| shapes(*a) * shapes(*b)).sum();
+        let before = fits.iter().map(|(link, fit)| (link.clone(), fit.count())).collect();
+        Self { robot, fits, links, falsely, most, pairs, stuck: BTreeSet::new(), before }
+    }
+
+    /// Fits whole links closer whose shapes are always near each other and whose meshes are not: they would be left out.
+    fn refit(&mut self, pairs: &[NodePair]) {
+        let nodes: BTreeSet<usize> = pairs.iter().flat_map(|(a, b)| [*a, *b]).collect();
+        for node in nodes {
+            let Some(link) = self.links.get(&node) else { continue };
+            let Ok(fit) = Fit::new(&link.meshes, &CLOSE_FIT) else { continue };
+            let shapes = link.shapes(Some(&fit));
+            let more = shapes.len().saturating_sub(self.robot.nodes[node].solids.len()) * self.facing(node);
+            if self.pairs + more <= MAX_PAIRS {
+                self.pairs += more;
+                self.robot.nodes[node].solids = shapes;
+                self.fits.insert(link.link.clone(), fit);
+            }
+        }
+    }
+
+    /// What of the shapes still touches falsely; poses at which nothing does are done with.
+    fn look(&mut self, surfaces: &Surfaces) -> Result<Vec<Touch>, SceneError> {
+        let subject = Subject::new(self.robot, surfaces)?;
+        let (mut touches, mut pose) = (Vec::new(), 0);
+        self.falsely.retain_mut(|f| {
+            let placed: Placed = subject.place(&f.q);
+            f.pairs.retain(|(a, b)| {
+                let count = touches.len();
+                let found = subject.touching(&placed, (*a, *b));
+                touches.extend(found.map(|(i, j)| Touch { pose, shapes: [(*a, i), (*b, j)] }));
+                touches.len() > count
+            });
+            pose += usize::from(!f.pairs.is_empty());
+            !f.pairs.is_empty()
+        });
+        Ok(touches)
+    }
+
+    /// The number of a shape among those that were fitted.
+    fn fitted(&self, (node, shape): (usize, usize)) -> Option<(&'a LinkSurface, usize)> {
+        let link = self.links.get(&node)?;
+        Some((link, shape.checked_sub(link.solids.len())?))
+    }
+
+    /// Whether a shape may be replaced by two.
+    fn can_give(&self, shape: (usize, usize)) -> bool {
+        !self.stuck.contains(&shape)
+            && self.fitted(shape).is_some_and(|(link, _)| self.fits[&link.link].count() < self.most)
+            && self.pairs + self.facing(shape.0) <= MAX_PAIRS
+    }
+
+    /// How many shapes those of a node are tested against: so many pairs another one there adds.
+    fn facing(&self, node: usize) -> usize {
+        let other = |(a, b): &(usize, usize)| if *a == node { Some(*b) } else { (*b == node).then_some(*a) };
+        self.robot.pairs.reflex.iter().filter_map(other).map(|n| self.robot.nodes[n].solids.len()).sum()
+    }
+
+    /// Lets the shapes give way that touch most often; answers whether there are any.
+    fn give_way(&mut self, touches: &[Touch]) -> bool {
+        loop {
+            let worst = self.worst(touches);
+            if worst.is_empty() {
+                return false;
+            }
+            let mut gave = false;
+            for (shape, places) in self.claims(touches, &worst) {
+                if !self.can_give(shape) {
+                    continue;
+                }
+                gave |= self.give(shape, places);
+            }
+            if gave {
+                return true;
+            }
+        }
+    }
+
+    /// The shapes that touch at most poses, of those that may be replaced.
+    fn worst(&self, touches: &[Touch]) -> BTreeSet<(usize, usize)> {
+        let mut poses: BTreeMap<(usize, usize), (usize, usize)> = BTreeMap::new();
+        for touch in touches {
+            for shape in touch.shapes {
+                // each pose once: they come in order
+                let (count, last) = poses.entry(shape).or_insert((0, usize::MAX));
+                *count += usize::from(*last != touch.pose);
+                *last = touch.pose;
+            }
+        }
+        let mut worst: Vec<_> = poses.into_iter().map(|(shape, (count, _))| (count, shape)).collect();
+        worst.retain(|(_, shape)| self.can_give(*shape));
+        worst.sort_by_key(|(count, shape)| (std::cmp::Reverse(*count), *shape));
+        let most = worst.first().map_or(0, |(count, _)| *count) as f64;
+        let near = |(count, _): &(usize, _)| *count as f64 >= NEAR_WORST * most;
+        worst.into_iter().take(AT_ONCE).take_while(near).map(|(_, shape)| shape).collect()
+    }
+
+    /// The places that each of these shapes should leave, in its link's frame.
+    fn claims(&self, touches: &[Touch], of: &BTreeSet<(usize, usize)>) -> BTreeMap<(usize, usize), Vec<Vector3<f64>>> {
+        let mut claims: BTreeMap<_, Vec<_>> = of.iter().map(|shape| (*shape, Vec::new())).collect();
+        let (mut frames, mut placed) = (Vec::new(), usize::MAX);
+        for touch in touches.iter().filter(|t| t.shapes.iter().any(|s| of.contains(s))) {
+            if placed != touch.pose {
+                self.robot.forward(&self.falsely[touch.pose].q, &mut frames);
+                placed = touch.pose;
+            }
+            let [a, b] = touch.shapes;
+            let a_from_b = frames[a.0].inv_mul(&frames[b.0]);
+            let shape = |(node, shape): (usize, usize)| &self.robot.nodes[node].solids[shape];
+            let other = Primitive { pose: a_from_b * shape(b).pose, ..shape(b).clone() };
+            let places = shared(shape(a), &other);
+            for place in places.iter().step_by(places.len().div_ceil(PLACES.0).max(1)) {
+                let at = [*place, a_from_b.inverse_transform_point(&Point3::from(*place)).coords];
+                for (shape, place) in self.at_fault(touch.shapes, at) {
+                    if let Some(all) = claims.get_mut(&shape) {
+                        all.push(place);
+                    }
+                }
+            }
+        }
+        for places in claims.values_mut() {
+            let step = places.len().div_ceil(PLACES.1).max(1);
+            *places = places.iter().step_by(step).copied().collect();
+        }
+        claims
+    }
+
+    /// Which of two shapes should leave a place that both hold, given in the frame of either's node; answered in its link's.
+    fn at_fault(
+        &self,
+        shapes: [(usize, usize); 2],
+        at: [Vector3<f64>; 2],
+    ) -> impl Iterator<Item = ((usize, usize), Vector3<f64>)> {
+        let place = |k: usize| self.links.get(&shapes[k].0).map(|l| l.turn.inverse_transform_vector(&at[k]));
+        let measured = |k: usize, far: fn(&Fit, &Vector3<f64>) -> f64| {
+            let fit = self.fitted(shapes[k]).map(|(link, _)| &self.fits[&link.link]);
+            fit.zip(place(k)).map_or(0.0, |(fit, place)| far(fit, &place))
+        };
+        let mut gaps = [0, 1].map(|k| measured(k, Fit::gap));
+        if gaps.iter().all(|gap| *gap < CLOSE) {
+            // deep in a hollow, or in the other: no matter what counts as filled
+            gaps = [0, 1].map(|k| measured(k, Fit::distance));
+        }
+        let gives = [0, 1].map(|k| {
+            let (own, other) = (gaps[k], gaps[1 - k]);
+            own >= CLOSE && (own >= SHARED_FAULT * other || !self.can_give(shapes[1 - k]))
+        });
+        let found = [0, 1].map(|k| place(k).filter(|_| gives[k]).map(|place| (shapes[k], place)));
+        found.into_iter().flatten()
+    }
+
+    /// Lets a shape give way; one that can't is not asked again.
+    fn give(&mut self, shape: (usize, usize), places: Vec<Vector3<f64>>) -> bool {
+        let Some((link, number)) = self.fitted(shape) else { return false };
+        let Some(fit) = self.fits.get_mut(&link.link) else { return false };
+        if places.is_empty() || !fit.yield_to(number, places) {
+            self.stuck.insert(shape);
+            return false;
+        }
+        let shapes = link.shapes(Some(fit));
+        let more = shapes.len() - self.robot.nodes[shape.0].solids.len();
+        self.pairs += more * self.facing(shape.0);
+        self.robot.nodes[shape.0].solids = shapes;
+        true
+    }
+
+    /// Which links are nearer to their meshes now.
+    fn told(self) -> Vec<Nearer> {
+        let nearer = |(link, before): (String, usize)| {
+            let fit = self.fits.get(&link).filter(|f| f.count() > before)?;
+            Some(Nearer { shapes: (before, fit.count()), overshoot: fit.overshoot(), link })
+        };
+        self.before.into_iter().filter_map(nearer).collect()
+    }
+}
