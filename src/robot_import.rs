@@ -209,7 +209,7 @@ pub const SEED: u64 = 2012;
 fn disabled(srdf: &Srdf, robot: &Robot) -> Vec<LeftOut> {
     let of = |((a, b), reason): (&(String, String), &String)| {
         let nodes = (robot.node_named(a)?, robot.node_named(b)?);
-        Some(LeftOut { nodes, reason: format!("SRDF: {reason}") })
+        Some(LeftOut { nodes, reason: format!("SRDF: {reason}").trim_end_matches([':', ' ']).to_owned() })
     };
     srdf.disabled.iter().filter_map(of).collect()
 }
