@@ -26,14 +26,15 @@ python=${PYTHON:-python3}
 # the viewer remembers layouts in the home folder, so it gets a fresh one
 home=$(mktemp -d)
 pid=
-cleanup() { [ -z "$pid" ] || kill "$pid" 2> /dev/null || true; rm -rf "$home"; }
+# the viewer is a script with the program as its child: both must end
+cleanup() { [ -z "$pid" ] || kill -- "-$pid" 2> /dev/null || true; rm -rf "$home"; }
 trap cleanup EXIT
 rm -f "$picture"
 mkdir -p "$(dirname "$picture")"
 port=$((20000 + RANDOM % 20000))
 HOME="$home" XDG_CONFIG_HOME="$home" XDG_DATA_HOME="$home" XDG_CACHE_HOME="$home" RUST_LOG=error \
     WGPU_BACKEND=vulkan VK_ICD_FILENAMES="$driver" \
-    "$viewer" --headless --window-size "$size" --port "$port" "$recording" > "$home/log" 2>&1 &
+    setsid "$viewer" --headless --window-size "$size" --port "$port" "$recording" > "$home/log" 2>&1 &
 pid=$!
 
 # the viewer loads while it draws, and without a graphics card it draws slowly: done when two pictures are the same, or
