@@ -4,7 +4,7 @@ use crate::robot_import::UrdfArgs;
 use crate::view;
 use miette::{IntoDiagnostic, Report, WrapErr, miette};
 use mobee_model::{LinkSurface, Robot, load_robot, load_surfaces};
-use mobee_recorder::{ModelView, Seen, Settings, view_model};
+use mobee_recorder::{ModelView, SeenModel, Settings, view_model};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -94,7 +94,7 @@ fn passing_file(robot: &Path) -> Result<PathBuf, Report> {
     Ok(dir.join(robot.file_stem().unwrap_or_default()).with_extension("rrd"))
 }
 
-fn summary(out: &Path, robot: &Robot, seen: &Seen, margin: f64) -> String {
+fn summary(out: &Path, robot: &Robot, seen: &SeenModel, margin: f64) -> String {
     let shapes: usize = robot.nodes.iter().map(|n| n.solids.len()).sum();
     let (motors, count) = (robot.motors.len(), seen.near.len());
     let mut text = format!(

@@ -38,7 +38,7 @@ mod traces;
 mod words;
 
 pub use contents::Contents;
-pub use model_view::{ModelView, Near, Seen, view_model};
+pub use model_view::{ModelView, NearLinks, SeenModel, view_model};
 pub use poses::RecordedPoses;
 pub use recorder::Recorder;
 pub use recording::{RecorderError, Recording, Settings};

@@ -46,7 +46,7 @@ pub struct ModelView<'a> {
 
 /// Two links that come nearer than the margin.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Near {
+pub struct NearLinks {
     /// Their names.
     pub links: (String, String),
     /// How near they come, meters; negative if they overlap.
@@ -55,7 +55,7 @@ pub struct Near {
     pub motor: Option<(usize, f64)>,
 }
 
-impl Near {
+impl NearLinks {
     /// In words, such as `base - wrist: 3.2 mm (elbow at 120.0°)`.
     pub fn in_words(&self, robot: &Robot) -> String {
         let (a, b) = &self.links;
@@ -69,18 +69,18 @@ impl Near {
 
 /// What was found while the motors moved.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct SeenModel {
     /// How long the recording is, seconds.
     pub secs: f64,
     /// Pairs of links that come near, the deepest first, each once at home and once for each motor.
-    pub near: Vec<Near>,
+    pub near: Vec<NearLinks>,
 }
 
 /// Writes the recording.
 ///
 /// # Errors
 /// In words: if the file can't be written, a link with meshes is not in the robot, or the robot makes no scene.
-pub fn view_model(settings: &Settings, view: &ModelView<'_>) -> Result<Seen, String> {
+pub fn view_model(settings: &Settings, view: &ModelView<'_>) -> Result<SeenModel, String> {
     let scene = Scene::new(vec![(Arc::clone(view.robot), Isometry3::identity())], Vec::new());
     let scene = Arc::new(scene.map_err(|e| e.to_string())?);
     let links = meshes::nodes(view.robot, view.meshes).map_err(|link| format!("link `{link}` is not in the robot"))?;
@@ -121,7 +121,7 @@ struct Show<'a> {
 }
 
 impl Show<'_> {
-    fn all(&mut self, margin: f64) -> Result<Seen, String> {
+    fn all(&mut self, margin: f64) -> Result<SeenModel, String> {
         let sweeps = sweeps(self.robot);
         self.lanes(&sweeps)?;
         let left_out = TextDocument::from_markdown(words::left_out(self.robot));
@@ -239,15 +239,15 @@ impl Show<'_> {
         self.stream.log("world/axis", &arrows)
     }
 
-    fn seen(&self, end: Time) -> Seen {
+    fn seen(&self, end: Time) -> SeenModel {
         let name = |n| words::link(self.robot, n);
-        let near = self.found.iter().map(|(((a, b), motor), (distance, place))| Near {
+        let near = self.found.iter().map(|(((a, b), motor), (distance, place))| NearLinks {
             links: (name(*a), name(*b)),
             distance: *distance,
             motor: motor.map(|m| (m, *place)),
         });
-        let mut near: Vec<Near> = near.collect();
+        let mut near: Vec<NearLinks> = near.collect();
         near.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-        Seen { secs: end.secs(), near }
+        SeenModel { secs: end.secs(), near }
     }
 }

@@ -1,7 +1,7 @@
 //! What is said beside the picture, in Markdown.
 
 use super::sweep::in_units;
-use super::{Near, Seen};
+use super::{NearLinks, SeenModel};
 use mobee_model::{Contact, Robot, ShapeId};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -73,14 +73,14 @@ pub(super) fn now(robot: &Robot, moving: Option<(usize, f64)>, contacts: &[Conta
 }
 
 /// What came near in the whole sweep, the deepest first.
-pub(super) fn near(robot: &Robot, seen: &Seen, margin: f64) -> String {
+pub(super) fn near(robot: &Robot, seen: &SeenModel, margin: f64) -> String {
     let mm = margin * 1e3;
     let mut out = format!("# What comes near\n\nPairs of links nearer than the margin of {mm} mm.\n\n");
     if seen.near.is_empty() {
         return out + "None, at home or while one motor moves.\n";
     }
     out += "| links | how near | while |\n|---|---|---|\n";
-    for Near { links: (a, b), distance: d, motor } in &seen.near {
+    for NearLinks { links: (a, b), distance: d, motor } in &seen.near {
         let when = match motor.and_then(|(m, q)| Some((robot.motors.get(m)?, q))) {
             None => "at home".to_owned(),
             Some((motor, q)) => format!("{} {}", escaped(&motor.name), in_units(motor, q)),
