@@ -185,9 +185,10 @@ impl<'a> Work<'a> {
     /// Fits whole links closer whose shapes are always near each other and whose meshes are not: they would be left out.
     fn refit(&mut self, pairs: &[NodePair]) {
         let nodes: BTreeSet<usize> = pairs.iter().flat_map(|(a, b)| [*a, *b]).collect();
+        let close = FitOptions { primitives: CLOSE_FIT.primitives.min(self.most), ..CLOSE_FIT };
         for node in nodes {
             let Some(link) = self.links.get(&node) else { continue };
-            let Ok(fit) = Fit::new(&link.meshes, &CLOSE_FIT) else { continue };
+            let Ok(fit) = Fit::new(&link.meshes, &close) else { continue };
             let shapes = link.shapes(Some(&fit));
             let more = shapes.len().saturating_sub(self.robot.nodes[node].solids.len()) * self.facing(node);
             if self.pairs + more <= MAX_PAIRS {
