@@ -1,6 +1,6 @@
 //! `mobee model view`: a robot's shapes over the meshes of its URDF, motor after motor, to be looked at in Rerun.
 
-use crate::robot_import::UrdfArgs;
+use crate::robot_import::{UrdfArgs, millimeters};
 use crate::view;
 use miette::{IntoDiagnostic, Report, WrapErr, miette};
 use mobee_model::{LinkSurface, Robot, load_robot, load_surfaces};
@@ -27,7 +27,7 @@ pub struct ViewArgs {
     #[arg(long, requires = "out")]
     force: bool,
     /// Show pairs in red that are nearer to each other than this, millimeters; the reflex of a robot acts at `controller.margin_mm`.
-    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = margin, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = millimeters(0.0, 500.0), allow_negative_numbers = true)]
     margin: f64,
     #[command(flatten)]
     read: UrdfArgs,
@@ -111,10 +111,4 @@ fn summary(out: &Path, robot: &Robot, seen: &SeenModel, margin: f64) -> String {
         let _ = writeln!(text, "  and {} more", count - PRINTED);
     }
     text
-}
-
-/// A length of millimeters as `controller.margin_mm` may have it.
-fn margin(text: &str) -> Result<f64, String> {
-    let number: f64 = text.parse().map_err(|_| "give a number of millimeters".to_owned())?;
-    if (0.0..=500.0).contains(&number) { Ok(number) } else { Err("give 0 to 500 mm".into()) }
 }

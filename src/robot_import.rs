@@ -54,7 +54,7 @@ pub struct ImportArgs {
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
     /// How far the shapes around a mesh may stick out of it, millimeters.
-    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = millimeters)]
+    #[arg(long, value_name = "MM", default_value_t = 10.0, value_parser = millimeters(0.1, 1000.0))]
     overshoot: f64,
     /// How many shapes a link may have.
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=64))]
@@ -247,10 +247,12 @@ fn package(text: &str) -> Result<(String, PathBuf), String> {
     Ok((name.to_owned(), folder))
 }
 
-/// A length above zero.
-fn millimeters(text: &str) -> Result<f64, String> {
-    let number: f64 = text.parse().map_err(|_| "give a number of millimeters".to_owned())?;
-    if (0.1..=1000.0).contains(&number) { Ok(number) } else { Err("give 0.1 to 1000 mm".into()) }
+/// Reads a length within these bounds.
+pub fn millimeters(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let number: f64 = text.parse().map_err(|_| "give a number of millimeters".to_owned())?;
+        if (min..=max).contains(&number) { Ok(number) } else { Err(format!("give {min} to {max} mm")) }
+    }
 }
 
 /// Where ROS 1 and ROS 2 keep packages, as their set-up scripts say.

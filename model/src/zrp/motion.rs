@@ -6,7 +6,6 @@
 //! ```
 
 use super::element::{Element, Warnings};
-use super::robot::limits;
 use crate::error::FileError;
 use crate::{JointMotion, Motor};
 use std::f64::consts::TAU;
@@ -120,4 +119,19 @@ fn word(e: &Element, what: &str) -> Result<Option<JointMotion>, FileError> {
             Err(e.error_at("type", message, "write `revolute` or `prismatic`; revolute may be left out"))
         }
     }
+}
+
+/// Both limits as written: `minPos` and `maxPos`, each with its default.
+pub(super) fn limits(e: &Element, what: &str, min: f64, max: f64) -> Result<(f64, f64), FileError> {
+    let min = e.number("minPos")?.unwrap_or(min);
+    let max = e.number("maxPos")?.unwrap_or(max);
+    if min > max {
+        let attr = if e.get("minPos").is_some() { "minPos" } else { "maxPos" };
+        return Err(e.error_at(
+            attr,
+            format!("limits reversed: {what} has minPos {min} above maxPos {max}"),
+            "give both limits, the smaller as minPos",
+        ));
+    }
+    Ok((min, max))
 }

@@ -3,32 +3,21 @@
 //! Reading is one pass without look-ahead. What refers forward (a constraint to motors that follow, a motor to its place in the
 //! part) is kept as written and resolved at the end of the file, where all is known.
 
+mod elements;
+
 use super::constraint::Member;
 use super::element::{Element, Warnings};
 use super::left_out::PairList;
-use super::motion::{self, MotorMotion};
+use super::motion::MotorMotion;
 use super::xml::{Token, Tokens};
 use super::{geometry, pairs};
 use crate::error::{FileError, Loaded, Source};
 use crate::{Clause, Marker, Motor, Node, NodeKind, NodePairs, Part, Robot};
-use nalgebra::{Unit, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// More nodes are refused: the pair tables grow with the square.
-const MAX_NODES: usize = 2048;
-/// More shapes of all nodes together are refused.
-const MAX_SHAPES: usize = 4096;
-/// More parts, motors or markers are refused, of each kind.
-const MAX_NAMES: usize = 4096;
-/// Motor slots per part.
-const MAX_SLOTS: i64 = 4096;
-
 /// The name of the outermost element, as the format writes it; compared without case.
 const ROOT: &str = "ZeroPositionKinematicTree";
-/// What `link` and `joint` have in common: name, direction, length, the radii of their own shapes, and flags.
-const NODE: &[&str] = &["name", "x", "y", "z", "length", "radius", "field", "noSelfCollision", "capsule"];
-
 /// Reads a robot.
 ///
 /// # Errors
@@ -197,266 +186,6 @@ impl RobotReader {
         Ok(())
     }
 
-    /// Makes a part current, a new one or one that is known by its name.
-    fn bodypart(&mut self, element: Element) -> Result<Open, FileError> {
-        element.warn_unknown(&[&["name"]], &mut self.warnings);
-        let name = element.name_attr()?;
-        let known = self.parts.iter().position(|p| p.name == name);
-        if known.is_none() {
-            room_for_one(&element, self.parts.len())?;
-        }
-        let part = known.unwrap_or_else(|| {
-            self.parts.push(PartBuilder {
-                name,
-                slots: Vec::new(),
-                first_motor: None,
-                root_node: None,
-                clauses: Vec::new(),
-                around: self.part,
-            });
-            self.parts.len() - 1
-        });
-        self.part = Some(part);
-        Ok(Open::Part { part, element })
-    }
-
-    /// The current part, or an error at an element that needs one.
-    fn current_part(&self, e: &Element) -> Result<usize, FileError> {
-        self.part.ok_or_else(|| {
-            e.error(
-                format!("<{}> is outside any body part", e.written),
-                "put it into a <bodypart name=\"...\">; after a part's end the part around its first mention goes on",
-            )
-        })
-    }
-
-    /// Makes a motor current, a new one or one that is known by its name. Only its first mention has limits that count.
-    ///
-    /// Its limits are encoder units in the file and rad from here on; without any it goes from -1 to 1 unit.
-    fn motor(&mut self, e: &Element) -> Result<Open, FileError> {
-        e.warn_unknown(&[&["name", "idx", "minPos", "maxPos", "home"], motion::MOTOR], &mut self.warnings);
-        let part = self.current_part(e)?;
-        let name = e.name_attr()?;
-        let before = self.motor;
-        if let Some(known) = self.motors.iter().position(|m| m.name == name) {
-            self.motor = Some(known);
-            return Ok(Open::Motor { before });
-        }
-        room_for_one(e, self.motors.len())?;
-        let (min, max) = limits(e, "the motor", -1.0, 1.0)?;
-        let home = e.number_or_zero("home")?;
-        if (home < min || home > max) && e.get("home").is_some() {
-            let message = format!("home {home} is outside the limits {min} to {max}; the nearer limit is taken");
-            self.warnings.add(|| e.warning_at("home", message, "give a home position within minPos and maxPos"));
-        }
-        let index = self.motors.len();
-        let builder = &mut self.parts[part];
-        // The index is the motor's place in its part, not in the file: motors may be written in any order, and a board that
-        // is asked for motor 3 must mean the same joint whoever wrote the file.
-        let slot = e.integer("idx")?.unwrap_or(-1);
-        if slot < -1 {
-            let message = format!("motor index {slot} is below 0");
-            return Err(e.error_at(
-                "idx",
-                message,
-                "count the motors of a part from 0; -1 stands for the next that is free",
-            ));
-        }
-        if slot >= MAX_SLOTS {
-            return Err(e.error_at(
-                "idx",
-                format!("motor index {slot} is too large"),
-                "count the motors of a part from 0",
-            ));
-        }
-        match usize::try_from(slot) {
-            Err(_) => builder.slots.push(Some(index)),
-            Ok(slot) => {
-                if builder.slots.len() <= slot {
-                    builder.slots.resize(slot + 1, None);
-                }
-                if let Some(other) = builder.slots[slot].replace(index) {
-                    let other = &self.motors[other].name;
-                    let message = format!("index {slot} of part `{}` is taken by motor `{other}`", builder.name);
-                    return Err(e.error_at("idx", message, "give each motor of a part its own idx"));
-                }
-            }
-        }
-        let motion = MotorMotion::read(e, &mut self.warnings)?;
-        // The first in the file, not the one of index 0: chains of the Jacobian end at it, as in the original.
-        let is_part_root = builder.first_motor.is_none();
-        builder.first_motor.get_or_insert(index);
-        self.motors.push(Motor {
-            name,
-            part,
-            min: min.to_radians(),
-            max: max.to_radians(),
-            home: home.clamp(min, max).to_radians(),
-            motion: motion.stated(),
-            continuous: motion.continuous,
-            joints: Vec::new(),
-            is_part_root,
-        });
-        self.motions.push(motion);
-        self.motor = Some(index);
-        Ok(Open::Motor { before })
-    }
-
-    /// A link or a joint: a node below the current one, with the shapes that its `radius` and `field` stand for.
-    fn tree_node(&mut self, e: &Element) -> Result<Open, FileError> {
-        let is_joint = e.name == "joint";
-        let own: &[&str] = if is_joint { &["type", "minPos", "maxPos"] } else { &[] };
-        e.warn_unknown(&[NODE, own], &mut self.warnings);
-        let part = self.current_part(e)?;
-        let index = self.nodes.len();
-        if index >= MAX_NODES {
-            let message = format!("the robot has more than {MAX_NODES} links and joints");
-            return Err(e.error(message, "leave out what does not move or collide"));
-        }
-        let direction = e.vector(["x", "y", "z"])?;
-        let Some(unit) = Unit::try_new(direction, geometry::ZERO) else {
-            return Err(e.error(
-                format!("<{}> has no direction: x, y and z are all 0", e.written),
-                "give at least one of x, y, z; leave the node out if it does nothing",
-            ));
-        };
-        // `length` overrules the direction's own, and a negative one turns the direction round. One that is zero is as good
-        // as none, or the node would have no axis.
-        let length = e.number("length")?.filter(|h| h.abs() > geometry::ZERO);
-        let height = length.map_or(direction.norm(), f64::abs);
-        let axis: Vector3<f64> = length.map_or(direction, |h| *unit * h);
-        let kind = if is_joint {
-            self.joint(e, if length.is_some_and(|h| h < 0.0) { -unit } else { unit }, height)?
-        } else {
-            NodeKind::Link { offset: axis }
-        };
-        // The own cylinder of a link reaches from its start to its end; that of a joint lies about its origin.
-        let center = if is_joint { Vector3::zeros() } else { axis / 2.0 };
-        let name = self.node_name(e)?;
-        let capsule = e.flag("capsule", &mut self.warnings);
-        let automatic = |radius: f64| geometry::automatic(radius, height, &axis, center, capsule);
-        self.nodes.push(Node {
-            name,
-            parent: self.node,
-            part,
-            kind,
-            solids: e.optional_size("radius")?.map(automatic).into_iter().collect(),
-            fields: e.optional_size("field")?.map(automatic).into_iter().collect(),
-            no_self_collision: e.flag("noSelfCollision", &mut self.warnings),
-            near_root: false,
-        });
-        self.parts[part].root_node.get_or_insert(index);
-        let before = self.node.replace(index);
-        Ok(Open::Node { before })
-    }
-
-    /// The name of a link or joint, if it has one.
-    fn node_name(&mut self, e: &Element) -> Result<Option<Arc<str>>, FileError> {
-        if e.get("name").is_none() {
-            return Ok(None);
-        }
-        let name: Arc<str> = e.name_attr()?.into();
-        if !self.node_names.insert(name.clone()) {
-            let message = format!("there is a link or joint `{name}` already");
-            return Err(e.error_at("name", message, "give each link and joint of a robot its own name, or none"));
-        }
-        Ok(Some(name))
-    }
-
-    /// What a joint moves about or along and how far: `axis` in its own frame, limits in degrees or meters, which are positions at
-    /// the motor's limits and not limits of their own.
-    fn joint(&mut self, e: &Element, axis: Unit<Vector3<f64>>, length: f64) -> Result<NodeKind, FileError> {
-        let motion = motion::of_joint(e)?;
-        let Some(index) = self.motor else {
-            return Err(e.error("<joint> is outside any motor", "put it into a <motor name=\"...\">"));
-        };
-        let (min, max) = motion::limits_of_joint(e, motion, &mut self.warnings)?;
-        let motor = &mut self.motors[index];
-        self.motions[index].joins(e, motor, motion, (min, max))?;
-        motor.joints.push(self.nodes.len());
-        Ok(NodeKind::Joint { motion, axis, motor: index, min, max, length })
-    }
-
-    /// A shape on the current node: solid, or part of the force field.
-    fn shape(&mut self, e: &Element, sizes: &'static [&'static str]) -> Result<Open, FileError> {
-        e.warn_unknown(&[sizes, geometry::POSE, &["field"]], &mut self.warnings);
-        let Some(node) = self.node else {
-            let message = format!("<{}> is outside any link or joint", e.written);
-            return Err(e.error(message, "put it into the <link> or <joint> that carries it"));
-        };
-        let primitive = geometry::primitive(e)?;
-        let field = e.flag("field", &mut self.warnings);
-        let node = &mut self.nodes[node];
-        let list = if field { &mut node.fields } else { &mut node.solids };
-        if self.shapes >= MAX_SHAPES {
-            let message = format!("the robot has more than {MAX_SHAPES} shapes");
-            return Err(e.error(message, "cover what is small by one larger shape"));
-        }
-        list.push(primitive);
-        self.shapes += 1;
-        Ok(Open::Other)
-    }
-
-    /// A marker at the origin of the current node. It belongs to the current part, which need not be the node's.
-    fn marker(&mut self, e: &Element) -> Result<Open, FileError> {
-        e.warn_unknown(&[&["name", "nx", "ny", "nz", "tracer"]], &mut self.warnings);
-        let part = self.current_part(e)?;
-        let Some(node) = self.node else {
-            let help = "put it into the <link> or <joint> that carries it";
-            return Err(e.error("<marker> is outside any link or joint", help));
-        };
-        let name = e.name_attr()?;
-        if self.markers.iter().any(|m| m.name == name) {
-            let message = format!("there is a marker `{name}` already");
-            return Err(e.error_at("name", message, "give each marker of a robot its own name"));
-        }
-        room_for_one(e, self.markers.len())?;
-        let normal = Unit::try_new(e.vector(["nx", "ny", "nz"])?, geometry::ZERO).unwrap_or(Vector3::x_axis());
-        let tracer = e.integer("tracer")?.unwrap_or(5).clamp(1, 10_000) as u32;
-        self.markers.push(Marker { name, node, part, normal, tracer });
-        Ok(Open::Other)
-    }
-
-    /// A `constraintList` opens: a disjunction, whose members follow.
-    fn clause(&mut self, element: Element) -> Open {
-        if self.part.is_none() {
-            let message = "<constraintList> is outside any body part; it is ignored";
-            self.warnings.add(|| element.warning_at("", message, "put it into the part whose motors it is about"));
-        }
-        self.clause = Some(Vec::new());
-        Open::Clause { element }
-    }
-
-    /// One half-space of the open clause.
-    fn constraint(&mut self, e: Element) -> Result<Open, FileError> {
-        e.warn_unknown(&[Member::ATTRIBUTES], &mut self.warnings);
-        let Some(clause) = &mut self.clause else {
-            return Err(e.error("<constraint> is outside a constraintList", "put it into a <constraintList>"));
-        };
-        clause.push(Member::read(e)?);
-        Ok(Open::Other)
-    }
-
-    /// The list of pairs that are left out begins, or goes on.
-    fn pairs(&mut self, e: &Element) -> Result<Open, FileError> {
-        e.warn_unknown(&[], &mut self.warnings);
-        if self.open.len() != 1 {
-            let help = format!("put it directly into <{ROOT}>: it is about the whole robot");
-            return Err(e.error("<pairs> is within another element", help));
-        }
-        self.left_out.get_or_insert_default();
-        Ok(Open::Pairs)
-    }
-
-    /// One pair that is left out.
-    fn leave_out(&mut self, e: Element) -> Result<Open, FileError> {
-        match (&mut self.left_out, self.open.last()) {
-            (Some(list), Some(Open::Pairs)) => list.push(e, &mut self.warnings)?,
-            _ => return Err(e.error("<leaveOut> is outside <pairs>", "put it into a <pairs> element")),
-        }
-        Ok(Open::Other)
-    }
-
     /// Puts the motors in pose order, resolves the constraints and makes the pair tables.
     fn finish(mut self, source: &Source) -> Result<Loaded<Robot>, FileError> {
         // Pose order is part by part and by index, whatever the order of creation: `order[new] = old`.
@@ -496,30 +225,4 @@ impl RobotReader {
         }
         Ok(Loaded { value: robot, warnings: self.warnings.0 })
     }
-}
-
-/// Both limits as written: `minPos` and `maxPos`, each with its default.
-pub(super) fn limits(e: &Element, what: &str, min: f64, max: f64) -> Result<(f64, f64), FileError> {
-    let min = e.number("minPos")?.unwrap_or(min);
-    let max = e.number("maxPos")?.unwrap_or(max);
-    if min > max {
-        let attr = if e.get("minPos").is_some() { "minPos" } else { "maxPos" };
-        return Err(e.error_at(
-            attr,
-            format!("limits reversed: {what} has minPos {min} above maxPos {max}"),
-            "give both limits, the smaller as minPos",
-        ));
-    }
-    Ok((min, max))
-}
-
-/// Refuses one more than fits: a file of many gigabytes must not become as many names.
-fn room_for_one(e: &Element, present: usize) -> Result<(), FileError> {
-    if present < MAX_NAMES {
-        return Ok(());
-    }
-    Err(e.error(
-        format!("the robot has more than {MAX_NAMES} of <{}>", e.written),
-        "leave out those that are not needed",
-    ))
 }

@@ -1,0 +1,160 @@
+//! The robot that is surveyed, alone in the world.
+
+use crate::{Collider, DefaultEngine, Engine, Near, Primitive, Robot, Scene, SceneError, Shape, Surfaces};
+use nalgebra::{Isometry3, Point3, Vector3};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// The robot alone in the world, and which of its nodes has which surface.
+///
+/// A scene tests every two shapes. At random poses most links are far from each other, so here boxes around all shapes of a link are
+/// looked at first.
+pub(super) struct Subject<'a> {
+    pub(super) robot: &'a Robot,
+    engine: DefaultEngine,
+    /// Per node: its shapes' numbers in the engine.
+    shapes: Vec<Range<u32>>,
+    /// Per node: what holds its shapes, in its frame.
+    hulls: Vec<Hull>,
+    /// The pairs of nodes that are tested and can move against each other.
+    pub(super) tested: Vec<(usize, usize)>,
+    /// Per node: its link's index in the surfaces.
+    pub(super) surface_of: BTreeMap<usize, usize>,
+}
+
+/// A box and a ball around all shapes of a node, in its frame.
+struct Hull {
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+    /// Center and radius.
+    ball: (Point3<f64>, f64),
+    /// Center and radius of the ball around each shape.
+    balls: Vec<(Point3<f64>, f64)>,
+}
+
+/// All shapes at one pose.
+pub(super) struct Placed {
+    /// `world_from_node`.
+    frames: Vec<Isometry3<f64>>,
+    placement: <DefaultEngine as Engine>::Placement,
+}
+
+impl Hull {
+    fn new(shapes: &[Primitive]) -> Self {
+        let balls = shapes.iter().map(|s| (Point3::from(s.pose.translation.vector), s.shape.bounding_radius()));
+        let balls: Vec<_> = balls.collect();
+        let start = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+        let (low, high) = shapes.iter().fold(start, |(low, high), s| {
+            let (half, at) = (half_extent(s), s.pose.translation.vector);
+            (low.inf(&(at - half)), high.sup(&(at + half)))
+        });
+        let ball = if balls.is_empty() {
+            (Point3::origin(), f64::NEG_INFINITY)
+        } else {
+            (Point3::from((low + high) / 2.0), (high - low).norm() / 2.0)
+        };
+        Self { low, high, ball, balls }
+    }
+
+    /// How far a point in the node's frame is from the box, meters.
+    fn distance(&self, p: &Point3<f64>) -> f64 {
+        (self.low - p.coords).sup(&(p.coords - self.high)).map(|d| d.max(0.0)).norm()
+    }
+}
+
+/// Half the edges of the box along the node's axes that holds a shape.
+fn half_extent(p: &Primitive) -> Vector3<f64> {
+    let turn = p.pose.rotation.to_rotation_matrix().into_inner().abs();
+    match p.shape {
+        Shape::Box { size } => turn * (size / 2.0),
+        shape => {
+            let capsule = shape.bounding_capsule();
+            turn * capsule.half_axis.abs() + Vector3::repeat(capsule.radius)
+        }
+    }
+}
+
+impl<'a> Subject<'a> {
+    pub(super) fn new(robot: &'a Robot, surfaces: &Surfaces) -> Result<Self, SceneError> {
+        // whatever a scene refuses is refused here, too
+        Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new())?;
+        let by_name: BTreeMap<&str, usize> = surfaces.links().enumerate().map(|(i, name)| (name, i)).collect();
+        let of = |(i, node): (usize, &crate::Node)| Some((i, *by_name.get(node.name.as_deref()?)?));
+        let surface_of = robot.nodes.iter().enumerate().filter_map(of).collect();
+        let (mut shapes, mut colliders) = (Vec::new(), Vec::new());
+        for (frame, node) in robot.nodes.iter().enumerate() {
+            let first = colliders.len() as u32;
+            colliders.extend(node.solids.iter().map(|s| Collider { shape: s.shape, frame, pose: s.pose }));
+            shapes.push(first..colliders.len() as u32);
+        }
+        let hulls = robot.nodes.iter().map(|n| Hull::new(&n.solids)).collect();
+        let tested = robot.pairs.reflex.iter().copied().filter(|(a, b)| robot.moves(*a, *b)).collect();
+        Ok(Self { robot, engine: DefaultEngine::prepare(&colliders), shapes, hulls, tested, surface_of })
+    }
+
+    pub(super) fn place(&self, q: &[f64]) -> Placed {
+        let mut placed = Placed { frames: Vec::with_capacity(self.robot.nodes.len()), placement: Default::default() };
+        self.robot.forward(q, &mut placed.frames);
+        self.engine.place(&placed.frames, &mut placed.placement);
+        placed
+    }
+
+    /// The shapes of two nodes that may be nearer than a margin, by their numbers on their nodes.
+    fn facing(&self, placed: &Placed, (a, b): (usize, usize), margin: f64) -> Option<[Vec<usize>; 2]> {
+        let (x, y) = (&self.hulls[a], &self.hulls[b]);
+        let apart = (placed.frames[a] * x.ball.0 - placed.frames[b] * y.ball.0).norm();
+        if apart > x.ball.1 + y.ball.1 + margin {
+            return None;
+        }
+        let a_from_b = placed.frames[a].inv_mul(&placed.frames[b]);
+        let near = |of: &Hull, to: &Hull, to_from_of: &Isometry3<f64>| -> Vec<usize> {
+            let near = |(_, (center, radius)): &(usize, &(Point3<f64>, f64))| {
+                to.distance(&(to_from_of * center)) <= radius + margin
+            };
+            of.balls.iter().enumerate().filter(near).map(|(i, _)| i).collect()
+        };
+        let facing = [near(x, y, &a_from_b.inverse()), near(y, x, &a_from_b)];
+        facing.iter().all(|f| !f.is_empty()).then_some(facing)
+    }
+
+    /// The smallest distance of the shapes of two nodes, if that is less than a margin (meters) or they touch.
+    pub(super) fn distance(&self, placed: &Placed, (a, b): (usize, usize), margin: f64) -> Option<f64> {
+        let [of_a, of_b] = self.facing(placed, (a, b), margin)?;
+        let mut least = None;
+        for i in &of_a {
+            for j in &of_b {
+                let pair = (self.shapes[a].start + *i as u32, self.shapes[b].start + *j as u32);
+                if let Near::Within(near) = self.engine.near(&placed.placement, pair, least.unwrap_or(margin))
+                    && (near.distance < margin || near.distance <= 0.0)
+                {
+                    least = Some(near.distance.min(least.unwrap_or(f64::INFINITY)));
+                }
+            }
+        }
+        least
+    }
+
+    /// The shapes of two nodes that touch, by their numbers on their nodes.
+    pub(super) fn touching<'s>(
+        &'s self,
+        placed: &'s Placed,
+        (a, b): (usize, usize),
+    ) -> impl Iterator<Item = (usize, usize)> + 's {
+        let [of_a, of_b] = self.facing(placed, (a, b), 0.0).unwrap_or_default();
+        let pair = move |i: usize, j: usize| (self.shapes[a].start + i as u32, self.shapes[b].start + j as u32);
+        let all = (0..of_a.len() * of_b.len()).map(move |k| (of_a[k / of_b.len()], of_b[k % of_b.len()]));
+        all.filter(move |(i, j)| self.engine.touches(&placed.placement, pair(*i, *j), 0.0))
+    }
+
+    /// The pairs of nodes whose shapes are nearer than a margin (meters), each with the smallest distance.
+    pub(super) fn near(&self, q: &[f64], margin: f64) -> BTreeMap<(usize, usize), f64> {
+        let placed = self.place(q);
+        self.tested.iter().filter_map(|pair| Some((*pair, self.distance(&placed, *pair, margin)?))).collect()
+    }
+
+    /// Two nodes as links of the surfaces, if both have one.
+    pub(super) fn surfaces(&self, (a, b): (usize, usize)) -> Option<(usize, usize)> {
+        Some((*self.surface_of.get(&a)?, *self.surface_of.get(&b)?))
+    }
+}
