@@ -73,7 +73,13 @@ fn validate(name: &str, map: &Map, scene: &Scene, sampled: bool) {
         for ((way, fast), times) in ways.iter_mut().zip(&mut times) {
             times.push(time(|| fast.certify(&edges, &mut verdicts).expect("whole edges")));
             if round == 0 {
-                println!("{name}, {way}: {}", shares(&verdicts));
+                let figures = fast.figures();
+                let per_edge = figures.intervals as f64 / verdicts.len() as f64;
+                println!(
+                    "{name}, {way}: {}; {per_edge:.1} intervals per edge, {} asked of the scalar engine",
+                    shares(&verdicts),
+                    figures.stuck
+                );
             }
         }
         if sampled {

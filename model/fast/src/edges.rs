@@ -9,10 +9,11 @@
 //! ```
 //! All edges are halved in step, so that lanes are full and no verdict depends on which edges came together.
 
+use crate::bound::REFERENCE;
 use crate::fast::{FastError, FastScene};
 use crate::intervals::NONE;
 use crate::lanes::{Mask, WIDTH};
-use crate::program::Program;
+use crate::program::{Program, Step};
 use mobee_model::Pair;
 
 /// An interval is not halved further when nothing moves more than this against anything else from its middle to either
@@ -182,11 +183,10 @@ impl FastScene {
     /// Judges sixteen intervals; those that are not proved go to `next`, still whole.
     fn judge_block(&mut self, edges: &[f64], block: &[Interval], level: u32, all: &mut Edges) {
         let (motors, parts) = (self.motors(), f64::from(1u32 << level));
-        let middle = |interval: &Interval| (f64::from(interval.index) + 0.5) / parts;
         for (lane, interval) in block.iter().enumerate() {
             let edge = &edges[interval.edge as usize * 2 * motors..][..2 * motors];
             let (from, to) = edge.split_at(motors);
-            let at = middle(interval);
+            let at = middle(interval, level);
             for m in 0..motors {
                 let step = to[m] - from[m];
                 let (low, high) = self.program.limits[m];
@@ -196,6 +196,8 @@ impl FastScene {
         }
         self.ask(block, all);
         self.runner.sweep(&self.program, &mut self.block, &mut self.intervals);
+        self.figures.intervals += block.len() as u64;
+        self.resolve_stuck(edges, block, level, &mut all.pose);
         for (lane, interval) in block.iter().enumerate() {
             let bit = 1 << lane;
             let first = all.next_units.len() as u32;
@@ -206,7 +208,7 @@ impl FastScene {
                 continue;
             }
             all.next.push(Interval { first, end, ..*interval });
-            let at = middle(interval);
+            let at = middle(interval, level);
             let state = &mut all.states[interval.edge as usize];
             let mut pair = Some(self.intervals.touching[lane]).filter(|pair| *pair != NONE);
             if pair.is_none() && level >= state.levels {
@@ -240,12 +242,36 @@ impl FastScene {
         }
     }
 
-    /// The pair, of those that rounding could decide about in a lane, that touches according to the scalar engine.
-    fn in_doubt(&mut self, edges: &[f64], edge: usize, at: f64, lane: usize, pose: &mut Vec<f64>) -> Option<usize> {
+    /// Asks the scalar engine about what the lanes could not tell.
+    fn resolve_stuck(&mut self, edges: &[f64], block: &[Interval], level: u32, pose: &mut Vec<f64>) {
+        let stuck = std::mem::take(&mut self.intervals.stuck);
+        for (unit, step, lanes) in &stuck {
+            let Step::Pair(pair) = self.program.steps[*step] else { continue };
+            for (lane, interval) in block.iter().enumerate().filter(|(lane, _)| lanes >> lane & 1 != 0) {
+                let margin = self.clearance + self.intervals.motion(&self.program, *step, lane) + REFERENCE;
+                self.figures.stuck += 1;
+                self.pose_at(edges, interval.edge as usize, middle(interval, level), pose);
+                if self.reference.any_touches(pose, [self.program.pairs[pair].ids].into_iter(), margin) {
+                    match self.intervals.open.iter_mut().find(|(open, _)| open == unit) {
+                        Some((_, open)) => *open |= 1 << lane,
+                        None => self.intervals.open.push((*unit, 1 << lane)),
+                    }
+                }
+            }
+        }
+        self.intervals.stuck = stuck;
+    }
+
+    fn pose_at(&self, edges: &[f64], edge: usize, at: f64, pose: &mut Vec<f64>) {
         let motors = self.motors();
         let (from, to) = edges[edge * 2 * motors..][..2 * motors].split_at(motors);
         pose.clear();
         pose.extend(from.iter().zip(to).map(|(a, b)| a + (b - a) * at));
+    }
+
+    /// The pair, of those that rounding could decide about in a lane, that touches according to the scalar engine.
+    fn in_doubt(&mut self, edges: &[f64], edge: usize, at: f64, lane: usize, pose: &mut Vec<f64>) -> Option<usize> {
+        self.pose_at(edges, edge, at, pose);
         let doubts = self.intervals.doubts.iter().filter(|(_, lanes)| lanes >> lane & 1 != 0);
         let mut pairs = doubts.map(|(pair, _)| *pair);
         pairs.find(|p| self.reference.any_touches(pose, [self.program.pairs[*p].ids].into_iter(), self.clearance))
@@ -307,6 +333,11 @@ impl FastScene {
     }
 }
 
+/// Where the middle of an interval is on its edge.
+fn middle(interval: &Interval, level: u32) -> f64 {
+    (f64::from(interval.index) + 0.5) / f64::from(1u32 << level)
+}
+
 /// The next level: both halves of what is not proved, but for what comes after a contact; and what is too short to be
 /// halved, or too much.
 fn halve(all: &mut Edges, level: u32) {
@@ -326,7 +357,7 @@ fn halve(all: &mut Edges, level: u32) {
                 }
             }
         } else if let Some(interval) = of_edge.first().filter(|_| counted > 0) {
-            let at = (f64::from(interval.index) + 0.5) / parts;
+            let at = middle(interval, level);
             if state.blocked.is_none_or(|b| at < b.at) {
                 state.uncertified = Some(state.uncertified.map_or(at, |u| u.min(at)));
             }
