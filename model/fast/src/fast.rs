@@ -198,6 +198,7 @@ impl FastScene {
         if motors == 0 || !poses.len().is_multiple_of(motors) {
             return Err(FastError::Length { given: poses.len(), motors });
         }
+        self.block.forget(&self.program);
         for poses in poses.chunks(motors * WIDTH) {
             let count = poses.len() / motors;
             let all = Mask::MAX >> (WIDTH - count);
