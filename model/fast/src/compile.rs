@@ -104,6 +104,12 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
     }
     // A ball that turns about its center is the same.
     movers.movers.extend(regions.iter().map(|r| Mover { frame: r.root, ends: vec![Sphere { radius: 0.0, ..r.ball }] }));
+    program.extents = vec![0.0; program.balls.len()];
+    program.extents.extend(order.iter().map(|s| {
+        let ends = sized[*s].ends();
+        let far = |end: &Sphere| (end.center - sized[*s].pose.translation.vector).norm() + end.radius;
+        (ends.iter().map(far).fold(0.0, f64::max) * (1.0 + 4.0 * U)) as f32
+    }));
     movers.movers.extend(order.iter().map(|s| Mover { frame: sized[*s].frame, ends: sized[*s].ends() }));
     Compiled { program, layout, pruned, movers }
 }

@@ -11,9 +11,9 @@
 
 use crate::bound::REFERENCE;
 use crate::fast::{FastError, FastScene};
-use crate::intervals::NONE;
+use crate::intervals::{NONE, Stuck};
 use crate::lanes::{Mask, WIDTH};
-use crate::program::{Program, Step};
+use crate::program::Program;
 use mobee_model::Pair;
 
 /// An interval is not halved further when nothing moves more than this against anything else from its middle to either
@@ -167,6 +167,7 @@ impl FastScene {
     fn keep_still(&mut self, edges: &[f64], all: &mut Edges) {
         let motors = self.motors();
         self.block.forget(&self.program);
+        self.intervals.motions.forget();
         all.moving.clear();
         let Some(first) = edges.get(..motors) else { return };
         for pose in edges.chunks_exact(motors) {
@@ -180,7 +181,7 @@ impl FastScene {
             if still {
                 let (low, high) = self.program.limits[m];
                 self.block.motors[m].0 = [q.max(low).min(high); WIDTH];
-                self.intervals.half[m].0 = [0.0; WIDTH];
+                self.intervals.motions.steps[m].0 = [0.0; WIDTH];
             } else {
                 all.moving.push(m);
             }
@@ -262,7 +263,7 @@ impl FastScene {
                 let step = to[m] - from[m];
                 let (low, high) = self.program.limits[m];
                 self.block.motors[m].0[lane] = (from[m] + step * at).max(low).min(high);
-                self.intervals.half[m].0[lane] = (step.abs() * 0.5 / parts) as f32;
+                self.intervals.motions.steps[m].0[lane] = (step * 0.5 / parts) as f32;
             }
         }
         self.ask(block, all);
@@ -316,13 +317,12 @@ impl FastScene {
     /// Asks the scalar engine about what the lanes could not tell.
     fn resolve_stuck(&mut self, edges: &[f64], block: &[Interval], level: u32, pose: &mut Vec<f64>) {
         let stuck = std::mem::take(&mut self.intervals.stuck);
-        for (unit, step, lanes) in &stuck {
-            let Step::Pair(pair) = self.program.steps[*step] else { continue };
+        for Stuck { unit, pair, lanes, motion } in &stuck {
             for (lane, interval) in block.iter().enumerate().filter(|(lane, _)| lanes >> lane & 1 != 0) {
-                let margin = self.clearance + self.intervals.motion(&self.program, *step, lane) + REFERENCE;
+                let margin = self.clearance + f64::from(motion.0[lane]) + REFERENCE;
                 self.figures.stuck += 1;
                 self.pose_at(edges, interval.edge as usize, middle(interval, level), pose);
-                if self.reference.any_touches(pose, [self.program.pairs[pair].ids].into_iter(), margin) {
+                if self.reference.any_touches(pose, [self.program.pairs[*pair].ids].into_iter(), margin) {
                     match self.intervals.open.iter_mut().find(|(open, _)| open == unit) {
                         Some((_, open)) => *open |= 1 << lane,
                         None => self.intervals.open.push((*unit, 1 << lane)),

@@ -150,7 +150,7 @@ impl FastScene {
         let decided = fast.evidence(scene);
         let program = Arc::make_mut(&mut fast.program);
         layout.write(program, &decided);
-        layout.write_sums(program, &mut movers);
+        layout.write_motions(program, &mut movers);
         (fast.intervals, fast.edges) = (Intervals::new(program), Edges::new(program));
         Ok(fast)
     }

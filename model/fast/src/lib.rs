@@ -40,6 +40,7 @@ mod isa;
 mod kernel;
 mod lanes;
 mod levers;
+mod motion;
 mod program;
 mod reference;
 mod steps;
