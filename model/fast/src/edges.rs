@@ -299,11 +299,15 @@ impl FastScene {
     /// What the lanes ask about, unit by unit.
     fn ask(&mut self, block: &[Interval], all: &mut Edges) {
         self.intervals.asked.clear();
-        for (lane, interval) in block.iter().enumerate() {
-            for unit in &all.units[interval.first as usize..interval.end as usize] {
-                all.lanes[*unit as usize] |= 1 << lane;
+        let mut lane = 0;
+        // Halves, and edges that begin, share their units.
+        for alike in block.chunk_by(|a, b| a.first == b.first) {
+            let lanes = (Mask::MAX >> (WIDTH - alike.len())) << lane;
+            for unit in &all.units[alike[0].first as usize..alike[0].end as usize] {
+                all.lanes[*unit as usize] |= lanes;
                 all.wanted[*unit as usize / 64] |= 1 << (unit % 64);
             }
+            lane += alike.len();
         }
         for (word, bits) in all.wanted.iter_mut().enumerate() {
             while *bits != 0 {
