@@ -193,15 +193,15 @@ fn regions(
         }
         has
     };
-    let ball = |root: usize, has: &[bool]| {
+    let inside = |root: usize, has: &[bool]| -> Vec<Sphere> {
         let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
-        Sphere::around(&inside.map(|s| s.ball().swept(frames, s.frame, root)).collect::<Vec<_>>())
+        inside.map(|s| s.ball().swept(frames, s.frame, root)).collect()
     };
     let mut regions: Vec<Region> = Vec::new();
     let mut whole = 0.0;
     for (root, frame) in frames.iter().enumerate() {
         if frame.carried.is_none() {
-            whole = ball(root, &below(root)).radius;
+            whole = Sphere::around(&inside(root, &below(root))).radius;
             continue;
         }
         let has = below(root);
@@ -210,7 +210,13 @@ fn regions(
             continue;
         }
         let own_pairs = pairs.iter().any(|(a, b)| has[sized[*a].frame] && has[sized[*b].frame]);
-        let held = ball(root, &has);
+        let inside = inside(root, &has);
+        // Most are far larger, which two of the balls show.
+        let wide = |ball: &Sphere| (ball.center - inside[0].center).norm() + ball.radius + inside[0].radius;
+        if inside.iter().any(|ball| wide(ball) > 2.0 * REGION * whole) {
+            continue;
+        }
+        let held = Sphere::around(&inside);
         if held.radius <= REGION * whole && !own_pairs {
             regions.push(Region { root, has, ball: held });
         }

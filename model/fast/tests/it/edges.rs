@@ -122,7 +122,7 @@ fn short_edges_of_shipped_robots_among_obstacles() {
         let scene =
             (3..200).map(among).find(|scene| scene.free(&scene.home(), 0.0)).expect("obstacles beside the base");
         for clearance in [0.0, 0.012] {
-            let edges = edges(&scene, 5, 300, 0.02);
+            let edges = edges(&scene, 5, 120, 0.02);
             let [free, blocked, _] = hold(name, &scene, &edges, clearance, (STEP, REACH));
             assert!(clearance > 0.0 || free > 0.02 && blocked > 0.02, "both kinds: {free}, {blocked}");
         }
