@@ -24,7 +24,7 @@ mod measure;
 
 use map::{Map, is_object, object};
 use measure::{processor_time, sorted};
-use mobee_fast::{EdgeVerdict, FastScene};
+use mobee_fast::{EdgeVerdict, FastScene, InstructionSet};
 use mobee_model::{Scene, Shape, load_robot};
 use nalgebra::{Isometry3, Vector3};
 use std::path::Path;
@@ -100,7 +100,11 @@ fn validate(name: &str, map: &Map, scene: &Scene, sampled: bool) {
     let samples = samples(map);
     let poses: usize = samples.iter().map(Vec::len).sum::<usize>() / whole.motors();
     let (mut yes_or_no, mut quick) = (whole.clone(), Vec::new());
-    let mut ways = [("continuous", whole.clone()), ("continuous, self only", own), ("continuous, world only", world)];
+    let with = |set| FastScene::with_instructions(scene, 0.0, set).expect("it compiles");
+    let others = InstructionSet::available().into_iter().filter(|set| *set != whole.instructions());
+    let parts = [("continuous", whole.clone()), ("continuous, self only", own), ("continuous, world only", world)];
+    let mut ways = parts.map(|(way, fast)| (way.to_string(), fast)).to_vec();
+    ways.extend(others.map(|set| (format!("continuous, {set:?}"), with(set))));
     let mut times = vec![Vec::new(); ways.len()];
     let (mut free, mut discrete, mut scalar) = (whole, Vec::new(), Vec::new());
     let (mut verdicts, mut answers) = (Vec::new(), Vec::new());
