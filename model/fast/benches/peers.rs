@@ -8,13 +8,16 @@
 //! ```
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
+mod measure;
+#[path = "../../../benches/peers/peer.rs"]
+mod peer;
+
+use measure::{processor_time, sorted};
 use mobee_fast::{FastScene, InstructionSet};
-use mobee_model::{JointMotion, Object, Robot, Scene, Shape, load_robot, load_world, random_poses};
+use mobee_model::{Object, Robot, Scene, Shape, load_robot, load_world, random_poses};
 use nalgebra::Isometry3;
-use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use peer::{Folder, Peer, described};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -35,63 +38,20 @@ fn main() {
     let robot = Arc::new(load_robot(robot).expect("a robot").value);
     let world = std::env::var_os("MOBEE_WORLD").map(PathBuf::from);
     let objects = world.map(|w| load_world(w).expect("a world").value).unwrap_or_default();
-    let folder = std::env::temp_dir().join(format!("mobee-peer-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).expect("a folder");
+    let folder = Folder::new();
     match kind.as_str() {
         "edges" => edges(&robot, objects, &folder, peer),
         "poses" => poses(&robot, objects, &folder, peer),
         other => println!("edges or poses, not {other}"),
     }
-    std::fs::remove_dir_all(&folder).expect("the folder goes");
 }
 
 fn scene(robot: &Arc<Robot>, objects: Vec<Object>) -> Scene {
     Scene::new(vec![(robot.clone(), Isometry3::identity())], objects).expect("a scene")
 }
 
-/// A checker in a process of its own.
-struct Peer {
-    child: Child,
-    to: ChildStdin,
-    from: BufReader<ChildStdout>,
-    /// What it says of itself.
-    ready: Vec<String>,
-}
-
-impl Peer {
-    fn start(words: &[String], folder: &Path) -> Peer {
-        let (program, rest) = words.split_first().expect("a peer's command");
-        let mut command = Command::new(program);
-        command.args(rest).arg(folder).stdin(Stdio::piped()).stdout(Stdio::piped());
-        let mut child = command.spawn().expect("the peer starts");
-        let (to, from) = (child.stdin.take().expect("its input"), child.stdout.take().expect("its output"));
-        let mut peer = Peer { child, to, from: BufReader::new(from), ready: Vec::new() };
-        peer.ready = peer.line();
-        peer
-    }
-
-    fn line(&mut self) -> Vec<String> {
-        let mut line = String::new();
-        self.from.read_line(&mut line).expect("its answer");
-        line.split_whitespace().map(str::to_owned).collect()
-    }
-
-    /// What it does in a second.
-    fn rate(&mut self) -> f64 {
-        writeln!(self.to).expect("it is asked");
-        self.line().first().and_then(|n| n.parse().ok()).expect("a rate")
-    }
-}
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        self.child.kill().ok();
-        self.child.wait().ok();
-    }
-}
-
 /// Straight lines of one length, sampled as VAMP samples them.
-fn edges(robot: &Arc<Robot>, mut objects: Vec<Object>, folder: &Path, peer: &[String]) {
+fn edges(robot: &Arc<Robot>, mut objects: Vec<Object>, folder: &Folder, peer: &[String]) {
     // it knows its robots by name, and has no shapes of objects but balls
     objects.retain(|o| o.shapes.iter().all(|s| matches!(s.shape, Shape::Sphere { .. })));
     let balls = objects.iter().flat_map(|o| o.shapes.iter().map(|s| (o.pose * s.pose, s.shape.bounding_radius())));
@@ -99,15 +59,15 @@ fn edges(robot: &Arc<Robot>, mut objects: Vec<Object>, folder: &Path, peer: &[St
         let at = at.translation.vector;
         [at.x, at.y, at.z, radius].map(|x| x as f32)
     });
-    write(folder, "spheres.f32", obstacles.flat_map(f32::to_le_bytes).collect());
+    folder.write("spheres.f32", obstacles.flat_map(f32::to_le_bytes).collect());
     let scene = scene(robot, objects);
     let edges = lines(robot);
     let numbers = edges.iter().flatten().flatten().map(|x| *x as f32);
-    write(folder, "edges.f32", numbers.flat_map(f32::to_le_bytes).collect());
+    folder.write("edges.f32", numbers.flat_map(f32::to_le_bytes).collect());
     let mut peer = Peer::start(peer, folder);
     let known: Vec<f64> = peer.ready.iter().skip(1).filter_map(|w| w.parse().ok()).collect();
     let [rake, resolution] = known[..] else { panic!("a rake and a resolution") };
-    let theirs = std::fs::read(folder.join("verdicts")).expect("verdicts");
+    let theirs = folder.read("verdicts");
 
     let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
     let sampled: Vec<Vec<f64>> = edges.iter().map(|edge| samples(edge, rake, resolution)).collect();
@@ -125,7 +85,7 @@ fn edges(robot: &Arc<Robot>, mut objects: Vec<Object>, folder: &Path, peer: &[St
         println!("edge {i}: {verdict}; by the scalar engine {:.1e} m, {}", line.min_distance, pair.unwrap_or_default());
     }
     let both: Vec<u8> = ours.iter().zip(&theirs).map(|(a, b)| u8::from(*a) & b).collect();
-    write(folder, "asked", both.clone());
+    folder.write("asked", both.clone());
     println!(
         "{}: {} edges of {LENGTH} rad, {} with equal verdicts, {} free for both; the peer checks {rake} at once",
         robot.name,
@@ -164,16 +124,15 @@ fn samples([from, to]: &[Vec<f64>; 2], rake: f64, resolution: f64) -> Vec<f64> {
 }
 
 /// Random poses, all and the free ones.
-fn poses(robot: &Arc<Robot>, objects: Vec<Object>, folder: &Path, peer: &[String]) {
+fn poses(robot: &Arc<Robot>, objects: Vec<Object>, folder: &Folder, peer: &[String]) {
     let scene = scene(robot, objects);
     // of constraints between motors the peer knows nothing
     let fit = random_poses(robot, 7).filter(|q| scene.satisfies_constraints(0, q));
     let drawn: Vec<Vec<f64>> = fit.take(POSES).collect();
-    write(folder, "scene.json", described(&scene).to_string().into_bytes());
-    let joints = drawn.iter().flat_map(|q| scene.skeletons()[0].joints.iter().map(|j| j.position(q)));
-    write(folder, "poses.f64", joints.flat_map(f64::to_le_bytes).collect());
+    folder.write("scene.json", described(&scene).to_string().into_bytes());
+    folder.write("poses.f64", drawn.iter().flatten().copied().flat_map(f64::to_le_bytes).collect());
     let mut peer = Peer::start(peer, folder);
-    let theirs = std::fs::read(folder.join("verdicts")).expect("verdicts");
+    let theirs = folder.read("verdicts");
     let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
     let mut free = Vec::new();
     fast.free(&drawn.concat(), &mut free).expect("whole poses");
@@ -187,35 +146,10 @@ fn poses(robot: &Arc<Robot>, objects: Vec<Object>, folder: &Path, peer: &[String
     );
     for only_free in [false, true] {
         let asked: Vec<u8> = free.iter().map(|f| u8::from(*f || !only_free)).collect();
-        write(folder, "asked", asked.clone());
+        folder.write("asked", asked.clone());
         let poses: Vec<f64> = drawn.iter().zip(&asked).filter(|(_, a)| **a == 1).flat_map(|(q, _)| q.clone()).collect();
         compare(&scene, &poses, &mut peer, if only_free { "free poses" } else { "random poses" });
     }
-}
-
-/// What coal needs to build the same scene.
-fn described(scene: &Scene) -> Value {
-    let pose = |p: &Isometry3<f64>| {
-        let (t, r) = (p.translation.vector, p.rotation.coords);
-        json!([t.x, t.y, t.z, r.x, r.y, r.z, r.w])
-    };
-    let skeleton = &scene.skeletons()[0];
-    let mut frames = vec![json!({ "parent": null, "at": pose(&skeleton.base) })];
-    frames.extend(skeleton.joints.iter().map(|j| {
-        let motion = if matches!(j.motion, JointMotion::Turn) { "turn" } else { "slide" };
-        json!({ "parent": j.parent, "at": pose(&j.at), "axis": j.axis.as_slice(), "motion": motion })
-    }));
-    frames.push(json!({ "parent": null, "at": pose(&Isometry3::identity()) }));
-    let shapes = scene.colliders().map(|c| {
-        let (kind, sizes) = match c.shape {
-            Shape::Sphere { radius } => ("sphere", vec![radius]),
-            Shape::Capsule { radius, height } => ("capsule", vec![radius, height]),
-            Shape::Cylinder { radius, height } => ("cylinder", vec![radius, height]),
-            Shape::Box { size } => ("box", size.iter().copied().collect()),
-        };
-        json!({ "kind": kind, "sizes": sizes, "frame": c.frame, "pose": pose(&c.pose) })
-    });
-    json!({ "frames": frames, "shapes": shapes.collect::<Vec<_>>(), "pairs": scene.pairs() })
 }
 
 /// Rounds in turn, with each set of instructions.
@@ -224,11 +158,10 @@ fn compare(scene: &Scene, poses: &[f64], peer: &mut Peer, what: &str) {
         let mut fast = FastScene::with_instructions(scene, 0.0, set).expect("it compiles");
         let (mut ours, mut theirs, mut free) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..ROUNDS {
-            theirs.push(peer.rate());
+            theirs.extend(peer.ask().first());
             ours.push(rate(poses.len() / fast.motors(), || fast.free(poses, &mut free).expect("whole poses")));
         }
-        ours.sort_by(f64::total_cmp);
-        theirs.sort_by(f64::total_cmp);
+        let (ours, theirs) = (sorted(ours), sorted(theirs));
         println!(
             "{what:14} {:>9} {:8.2}x  ours, a second: {:9.0} {:9.0} {:9.0}  peer: {:9.0} {:9.0} {:9.0} (least, median, most)",
             format!("{set:?}"),
@@ -255,14 +188,4 @@ fn rate(count: usize, mut run: impl FnMut()) -> f64 {
             return (runs * count) as f64 / spent;
         }
     }
-}
-
-fn processor_time(start: Instant) -> f64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-    let nanoseconds = text.and_then(|t| t.split(' ').next()?.parse::<f64>().ok());
-    nanoseconds.map_or_else(|| start.elapsed().as_secs_f64(), |ns| ns * 1e-9)
-}
-
-fn write(folder: &Path, name: &str, bytes: Vec<u8>) {
-    std::fs::write(folder.join(name), bytes).expect("it is written");
 }
