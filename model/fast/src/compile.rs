@@ -8,7 +8,8 @@
 use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
-use crate::program::{Ball, FlatClause, Form, Group, PairTest, Program, Solid};
+use crate::limits::constraints;
+use crate::program::{Ball, Form, Group, PairTest, Program, Solid};
 use crate::steps::Layout;
 use crate::sweep::{Sphere, least_distance};
 use mobee_model::{Collider, IndexPair, Scene, Shape};
@@ -271,25 +272,6 @@ fn place_frames(program: &mut Program, frames: &[LaneFrame], regions: &[Region],
 fn columns(pose: &Isometry3<f64>) -> [f32; 12] {
     let numbers = pose.to_homogeneous();
     std::array::from_fn(|i| numbers[(i % 3, i / 3)] as f32)
-}
-
-fn constraints(program: &mut Program, scene: &Scene) {
-    for robot in scene.robots() {
-        let first = program.limits.len();
-        program.limits.extend(robot.motors.iter().map(|m| (m.min, m.max)));
-        for clause in robot.parts.iter().flat_map(|part| &part.clauses) {
-            let degrees = 1f64.to_degrees();
-            let flat =
-                |h: &mobee_model::HalfSpace| (h.terms.iter().map(|(m, a)| (first + m, a * degrees)).collect(), h.b);
-            let members: Vec<(Vec<(usize, f64)>, f64)> = clause.0.iter().map(flat).collect();
-            let size = |(terms, b): &(Vec<(usize, f64)>, f64)| {
-                let most = |m: usize| program.limits.get(m).map_or(0.0, |(low, high)| low.abs().max(high.abs()));
-                terms.iter().map(|(m, a)| a.abs() * most(*m)).sum::<f64>() + b.abs()
-            };
-            let doubt = 1e-12 * members.iter().map(size).fold(1.0, f64::max);
-            program.clauses.push(FlatClause { members, doubt });
-        }
-    }
 }
 
 fn place_solids(

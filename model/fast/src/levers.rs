@@ -13,7 +13,7 @@ use crate::bound::U;
 use crate::chain::LaneFrame;
 use crate::program::{Lever, Relative};
 use crate::sweep::{Sphere, common};
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Rounding of a sum of levers times steps, and of what it is added to, in the lanes; as `bound.rs` has it, with room
@@ -35,7 +35,7 @@ pub(crate) struct Movers {
     pub frames: Vec<LaneFrame>,
     /// Balls of groups, of regions, then solids: as steps number them.
     pub movers: Vec<Mover>,
-    known: HashMap<(usize, Option<usize>), u32>,
+    known: BTreeMap<(usize, Option<usize>), u32>,
     /// One sum each: a range of levers. The first is empty.
     pub sums: Vec<Range<usize>>,
     pub levers: Vec<Lever>,
@@ -43,7 +43,7 @@ pub(crate) struct Movers {
 
 impl Movers {
     pub fn new(frames: Vec<LaneFrame>) -> Self {
-        Movers { frames, sums: vec![0..0], ..Movers::default() }
+        Movers { frames, sums: vec![Range::default()], ..Movers::default() }
     }
 
     /// How two movers move against each other.
