@@ -151,10 +151,8 @@ impl Roadmap {
 
     /// Joins every pose to its `k` nearest ones, in both directions.
     pub fn join_nearest(&mut self, k: usize) {
-        for id in 0..self.len() as u32 {
-            let Some(q) = self.vertex(id).map(|v| self.group(&v.q)) else { continue };
-            let near = self.near.knn(&q, k.saturating_add(1));
-            for (_, other) in near.into_iter().filter(|(_, other)| *other != id).take(k) {
+        for (id, near) in self.near.knn_all(k) {
+            for (_, other) in near {
                 self.join(id, other);
             }
         }

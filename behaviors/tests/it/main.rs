@@ -2,6 +2,8 @@
 
 mod explorer;
 mod icub;
+mod plan_agent;
+mod planners;
 mod roadmap_agent;
 mod short_way;
 mod simple_agents;
