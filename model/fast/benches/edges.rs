@@ -54,6 +54,30 @@ fn main() {
     validate("20 obstacles", &map, &scene, true);
     validate("20 obstacles and a table", &map, &with_table, false);
     one_object(&map, &scene);
+    long_edges(&map, &scene);
+}
+
+/// Edges from anywhere in the map to anywhere, all at once and one by one.
+fn long_edges(map: &Map, scene: &Scene) {
+    let mut dice = map::Dice(1);
+    let mut pick = || map.poses[(dice.roll() * map.poses.len() as f64) as usize].clone();
+    let edges: Vec<f64> = (0..2_000).flat_map(|_| pick()).collect();
+    let mut fast = FastScene::new(scene, 0.0).expect("it compiles");
+    let (mut verdicts, mut verdict, mut free) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut together, mut alone, mut quick) = (Vec::new(), Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        together.push(time(|| fast.certify(&edges, &mut verdicts).expect("whole edges")));
+        quick.push(time(|| fast.edges_free(&edges, &mut free).expect("whole edges")));
+        alone.push(time(|| {
+            for edge in edges.chunks_exact(2 * map.robot.motors.len()) {
+                fast.certify(edge, &mut verdict).expect("a whole edge");
+            }
+        }));
+    }
+    println!("1,000 long edges: {}", shares(&verdicts));
+    report("1,000 long edges", together, 1.0);
+    report("1,000 long edges, yes or no", quick, 1.0);
+    report("1,000 long edges, one by one", alone, 1.0);
 }
 
 /// All of it in rounds: the times of each way.
@@ -65,17 +89,25 @@ fn validate(name: &str, map: &Map, scene: &Scene, sampled: bool) {
     let world = FastScene::of_pairs(scene, 0.0, of_object).expect("it compiles");
     let samples = samples(map);
     let poses: usize = samples.iter().map(Vec::len).sum::<usize>() / whole.motors();
+    let (mut yes_or_no, mut quick) = (whole.clone(), Vec::new());
     let mut ways = [("continuous", whole.clone()), ("continuous, self only", own), ("continuous, world only", world)];
     let mut times = vec![Vec::new(); ways.len()];
     let (mut free, mut discrete, mut scalar) = (whole, Vec::new(), Vec::new());
-    let mut verdicts = Vec::new();
+    let (mut verdicts, mut answers) = (Vec::new(), Vec::new());
     for round in 0..ROUNDS {
         for ((way, fast), times) in ways.iter_mut().zip(&mut times) {
             times.push(time(|| fast.certify(&edges, &mut verdicts).expect("whole edges")));
             if round == 0 {
-                println!("{name}, {way}: {}", shares(&verdicts));
+                let figures = fast.figures();
+                let per_edge = figures.intervals as f64 / verdicts.len() as f64;
+                println!(
+                    "{name}, {way}: {}; {per_edge:.1} intervals per edge, {} asked of the scalar engine",
+                    shares(&verdicts),
+                    figures.stuck
+                );
             }
         }
+        quick.push(time(|| yes_or_no.edges_free(&edges, &mut answers).expect("whole edges")));
         if sampled {
             discrete.push(time(|| {
                 let mut verdicts = Vec::new();
@@ -90,6 +122,7 @@ fn validate(name: &str, map: &Map, scene: &Scene, sampled: bool) {
     for ((way, _), times) in ways.iter().zip(times) {
         report(&format!("{name}, {way}"), times, continuous);
     }
+    report(&format!("{name}, continuous, yes or no"), quick, continuous);
     if sampled {
         report(&format!("{name}, {poses} samples in lanes, all of each edge"), discrete, continuous);
         report(&format!("{name}, Scene::line_free at 1 mm, by every {SLICE}th edge"), scalar, continuous);

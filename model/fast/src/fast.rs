@@ -55,6 +55,10 @@ pub struct FastFigures {
     pub poses: u64,
     /// Of these, the ones that the scalar engine was asked about.
     pub doubtful: u64,
+    /// Intervals of edges judged.
+    pub intervals: u64,
+    /// How often the scalar engine was asked about a pair on one.
+    pub stuck: u64,
 }
 
 /// A scene compiled for one clearance: judges many poses at once.
@@ -90,7 +94,7 @@ pub struct FastScene {
     pub(crate) intervals: Intervals,
     pub(crate) edges: Edges,
     pub(crate) reference: Reference,
-    figures: FastFigures,
+    pub(crate) figures: FastFigures,
 }
 
 impl FastScene {
@@ -194,6 +198,7 @@ impl FastScene {
         if motors == 0 || !poses.len().is_multiple_of(motors) {
             return Err(FastError::Length { given: poses.len(), motors });
         }
+        self.block.forget(&self.program);
         for poses in poses.chunks(motors * WIDTH) {
             let count = poses.len() / motors;
             let all = Mask::MAX >> (WIDTH - count);

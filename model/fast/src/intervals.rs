@@ -28,6 +28,8 @@ pub(crate) struct Intervals {
     pub touching: [usize; WIDTH],
     /// Pairs of which rounding could decide whether they touch at the middle, and in which lanes.
     pub doubts: Vec<(usize, Mask)>,
+    /// What the lanes could not tell: unit, step of its pair, and in which lanes. It counts as free above.
+    pub stuck: Vec<(u32, usize, Mask)>,
     /// Per sum of levers: what it comes to.
     sums: Vec<Row>,
     /// Whether it was summed up for these intervals.
@@ -43,6 +45,11 @@ impl Intervals {
             ..Intervals::default()
         }
     }
+
+    /// How far the two of a step move against each other in a lane, meters.
+    pub fn motion(&self, program: &Program, step: usize, lane: usize) -> f64 {
+        program.step_sums[step].iter().map(|sum| f64::from(self.sums[*sum as usize].0[lane])).sum()
+    }
 }
 
 /// Judges the intervals that are asked for, the block's motors being at their middles.
@@ -50,6 +57,7 @@ impl Intervals {
 pub(crate) fn sweep<L: Lanes>(program: &Program, block: &mut Block, intervals: &mut Intervals) {
     intervals.open.clear();
     intervals.doubts.clear();
+    intervals.stuck.clear();
     intervals.touching = [NONE; WIDTH];
     intervals.summed.fill(false);
     start_placing::<L>(program, block);
@@ -156,7 +164,10 @@ fn take_steps<L: Lanes>(
                 }
                 let pair = &program.pairs[index];
                 let found: Found = test_pair::<L, true>(program, block, pair, lanes, motion(intervals, sums));
-                open |= found.open;
+                open |= found.open & !found.stuck;
+                if found.stuck != 0 {
+                    intervals.stuck.push((unit as u32, at - 1, found.stuck));
+                }
                 if found.doubtful != 0 {
                     intervals.doubts.push((index, found.doubtful));
                 }

@@ -25,20 +25,22 @@ pub fn all(map: &Map, objects: &[Object]) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../configs/robots/{name}.xml"));
         let robot = Arc::new(load_robot(file).expect("the robot loads").value);
         let scene = Scene::new(vec![(robot.clone(), Isometry3::identity())], objects.to_vec()).expect("a scene");
-        let short = random_edges(&robot, &scene, SHORT, 0.03);
-        check(&format!("{name}, short edges"), &scene, &short);
-        check(&format!("{name}, long edges"), &scene, &random_edges(&robot, &scene, LONG, 1.0));
+        check(&format!("{name}, short edges"), &scene, &random_edges(&robot, &scene, SHORT, Some(0.023)));
+        check(&format!("{name}, long edges"), &scene, &random_edges(&robot, &scene, LONG, None));
     }
 }
 
-/// From free poses, a share of the way to other random poses.
-fn random_edges(robot: &Robot, scene: &Scene, count: usize, share: f64) -> Vec<f64> {
+/// From free poses toward other random poses: all the way, or until the hand has gone about so many meters.
+fn random_edges(robot: &Robot, scene: &Scene, count: usize, hand_path: Option<f64>) -> Vec<f64> {
     let mut free = random_poses(robot, 3).filter(|pose| scene.free(&[pose], 0.0));
     let mut others = random_poses(robot, 4);
     let mut edges = Vec::new();
     for (from, to) in free.by_ref().zip(others.by_ref()).take(count) {
+        let at = |share: f64| from.iter().zip(&to).map(|(a, b)| a + (b - a) * share).collect::<Vec<f64>>();
+        let hand = |share: f64| scene.node_transforms(&[at(share)])[0].last().expect("a hand").translation.vector;
+        let share = hand_path.map_or(1.0, |path| (path * 1e-3 / (hand(1e-3) - hand(0.0)).norm()).min(1.0));
         edges.extend_from_slice(&from);
-        edges.extend(from.iter().zip(&to).map(|(a, b)| a + (b - a) * share));
+        edges.extend(at(share));
     }
     edges
 }

@@ -35,6 +35,8 @@ pub struct Map {
 /// Where the hand may be, frame of the robot (x backward, y to its right, z up), meters.
 const OVER_THE_TABLE: [(f64, f64); 2] = [(-0.45, -0.15), (-0.25, 0.55)];
 const HEIGHT: f64 = 0.08;
+/// How far motors are put off before each reach, rad.
+const SPREAD: f64 = 0.08;
 /// Neighbors of each pose.
 const NEIGHBORS: usize = 8;
 
@@ -58,7 +60,9 @@ impl Map {
             if near.is_some_and(|i| (map.hands[i] - target).norm() < 0.004) {
                 continue;
             }
-            let start = near.map_or_else(|| map.robot.home(), |i| map.poses[i].clone());
+            // Not quite alike: the paper's search leaves the arm free to reach a place in many ways.
+            let mut start = near.map_or_else(|| map.robot.home(), |i| map.poses[i].clone());
+            map.motors.iter().for_each(|m| start[*m] += dice.between(-SPREAD, SPREAD));
             if let Some(pose) = map.reach(start, target)
                 && scene.free(&[&pose], 0.002)
             {
