@@ -11,10 +11,13 @@
 //! certified in the scene as it is at that moment. What was removed by experience, and the places that are avoided, come back when the
 //! world has changed (I11).
 
+mod settings;
+mod tour;
 mod ways;
 
-use super::named::{self, NamedPose};
-use super::{open, seal};
+pub use settings::PlanSettings;
+
+use super::{named, open, seal};
 use crate::group;
 use crate::planners::escape::{caught, escape};
 use crate::planners::{JointPath, NoPath, PathEnd};
@@ -22,65 +25,13 @@ use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::*;
 use mobee_model::{Motor, Robot};
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
+use tour::Going;
 use ways::{Leg, Spent, Ways};
 
-/// Settings of the kind `plan`.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PlanSettings {
-    /// The poses that can be gone to, each with a unique name.
-    pub poses: Vec<NamedPose>,
-    /// Names of parts or motors that the planner moves; default: those that the poses name. The other motors stay where they are.
-    #[serde(default)]
-    pub motors: Vec<String>,
-    /// The poses to go to, in order.
-    pub goals: Vec<String>,
-    /// How many times to repeat the tour; 0: forever.
-    #[serde(default = "once")]
-    pub repeat: u32,
-    /// How long to rest at each goal, seconds.
-    #[serde(default)]
-    pub wait_s: f64,
-    /// Share of each motor's maximum speed, above 0 and up to 1.
-    #[serde(default = "tenth")]
-    pub speed: f64,
-    /// How near every motor must be to a pose for the robot to count as at that pose, degrees.
-    #[serde(default = "half")]
-    pub tolerance_deg: f64,
-    /// The most straight lines between two poses that the planner may judge for one plan.
-    #[serde(default = "budget")]
-    pub budget: u64,
-    /// Seed of the plans; default: derived from the run's seed.
-    #[serde(default)]
-    pub seed: Option<u64>,
-    /// The marker whose position represents each pose in pictures of the plans; default: the one that most of the motors move.
-    #[serde(default)]
-    pub hand: Option<String>,
-}
-
-fn once() -> u32 {
-    1
-}
-
-fn tenth() -> f64 {
-    0.1
-}
-
-fn half() -> f64 {
-    0.5
-}
-
-fn budget() -> u64 {
-    20_000
-}
-
-/// The largest budget: a typing error must not stop the robot for hours.
-const MOST_BUDGET: u64 = 10_000_000;
 /// Plans made for one goal before it counts as missed.
 const PLANS: u32 = 20;
 /// Of these, the ones that may end without a path.
@@ -112,27 +63,6 @@ pub struct PlanAgent {
     state: Going,
 }
 
-/// What a successor must know besides the map.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Going {
-    next: usize,
-    round: u32,
-    reached: u32,
-    missed: u32,
-    /// Goals reached in this round: a round without any is the last.
-    in_round: u32,
-    /// Whether the robot is on its way to `next`.
-    under_way: bool,
-    /// Plans made for this goal, and those of them that found nothing.
-    plans: u32,
-    in_vain: u32,
-    off_map: u32,
-    escapes: u32,
-    /// The world in which edges were removed.
-    epoch: Option<u64>,
-}
-
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
@@ -153,7 +83,7 @@ impl PlanAgent {
         let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
         let wait = group::seconds("wait_s", settings.wait_s);
         let hand = group::marker("hand", settings.hand.as_deref(), &robot);
-        let budget = check_budget(settings.budget);
+        let budget = settings.check_budget();
         let map = named::map(None, &settings.motors, &settings.poses, &robot);
         let tour = map.and_then(|map| Ok((named::goals(&map, &settings.goals)?, map)));
         KindError::gather([
@@ -204,8 +134,8 @@ impl PlanAgent {
 
     /// A world that has changed forgives all that failed in the old one.
     fn forgive(&mut self, view: &View) {
-        let before = self.state.epoch.replace(view.scene.epoch());
-        if before == self.state.epoch {
+        let now = view.scene.epoch();
+        if self.state.epoch.replace(now).is_none_or(|before| before == now) {
             return;
         }
         let all = self.walker.map.edges();
@@ -301,29 +231,8 @@ impl PlanAgent {
 
     /// Goes on to the next goal of the tour.
     fn advance(&mut self, reached: bool) {
-        let going = &mut self.state;
-        going.reached = going.reached.saturating_add(u32::from(reached));
-        going.missed = going.missed.saturating_add(u32::from(!reached));
-        going.in_round = going.in_round.saturating_add(u32::from(reached));
-        (going.next, going.under_way) = (going.next + 1, false);
-        (going.plans, going.in_vain, going.escapes) = (0, 0, 0);
+        self.state.advance(reached);
         self.route.clear();
-    }
-
-    /// The goal to go to, or why there is none.
-    fn goal(&mut self) -> Result<u32, &'static str> {
-        if self.state.next >= self.goals.len() {
-            if self.state.in_round == 0 {
-                return Err("no goal can be reached any more");
-            }
-            (self.state.next, self.state.in_round) = (0, 0);
-            self.state.round = self.state.round.saturating_add(1);
-        }
-        if self.repeat > 0 && self.state.round >= self.repeat {
-            return Err("the tour is done");
-        }
-        self.state.under_way = true;
-        self.goals.get(self.state.next).copied().ok_or("there is no goal")
     }
 
     fn summary(&mut self, text: &str) -> Intent {
@@ -371,7 +280,7 @@ impl Agent for PlanAgent {
                     return Intent::Wait(self.wait);
                 }
             }
-            match self.goal() {
+            match self.state.goal(&self.goals, self.repeat) {
                 Err(why) => return self.summary(why),
                 Ok(goal) if goal == at => {}
                 Ok(goal) => match self.go(at, goal, view) {
@@ -417,14 +326,6 @@ impl Agent for PlanAgent {
         self.route.clear();
         Ok(())
     }
-}
-
-fn check_budget(budget: u64) -> Result<(), KindError> {
-    if (1..=MOST_BUDGET).contains(&budget) {
-        return Ok(());
-    }
-    let help = format!("give a number of straight lines from 1 to {MOST_BUDGET}, such as 20000");
-    Err(KindError::new("budget", format!("{budget} is not a valid budget"), help))
 }
 
 fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {

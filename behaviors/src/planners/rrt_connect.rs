@@ -5,7 +5,6 @@
 //! extended to at once, and the other tree is led toward all that were reached at once, because lines that are judged together are
 //! hardly dearer than one. What comes out depends on the problem alone, not on how lines are judged.
 
-use super::space::is_free;
 use super::tree::Tree;
 use super::{JointPath, JointSpace, NoPath, PlanProgress, Planner, PlanningProblem, apart, between};
 use rand::SeedableRng;
@@ -150,7 +149,7 @@ impl Search<'_> {
     fn certify(&mut self, tree: usize, steps: &[(u32, Vec<f64>)]) -> Result<Vec<bool>, NoPath> {
         self.pay(steps.len())?;
         let edges = steps.iter().map(|(from, pose)| (self.trees[tree].pose(*from), pose.as_slice()));
-        Ok(self.space.certify(edges).iter().map(is_free).collect())
+        Ok(self.space.free_lines(edges))
     }
 
     /// Whether so many more lines may be judged.

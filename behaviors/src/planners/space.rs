@@ -213,6 +213,11 @@ impl JointSpace {
         &self.verdicts
     }
 
+    /// Which of these straight lines are free.
+    pub fn free_lines<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> Vec<bool> {
+        self.certify(edges).iter().map(is_free).collect()
+    }
+
     /// Whether all of these straight lines are free.
     pub fn all_free<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> bool {
         self.certify(edges).iter().all(is_free)

@@ -2,6 +2,7 @@
 
 mod explorer;
 mod icub;
+mod join;
 mod plan_agent;
 mod planners;
 mod roadmap_agent;

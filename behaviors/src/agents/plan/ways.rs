@@ -101,7 +101,10 @@ impl Ways {
         let begun = space.evaluations();
         let problem = PlanningProblem { start: space.within(leg.here), goal, seed, budget: self.budget };
         let found = RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(()));
-        let found = found.map(|path| shorten(space, path, seed, self.budget));
+        let found = found.map(|path| {
+            let left = self.budget.saturating_sub(path.evaluations);
+            shorten(space, path, seed, left)
+        });
         self.spent.lines = self.spent.lines.saturating_add(space.evaluations() - begun);
         found
     }
