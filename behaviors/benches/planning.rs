@@ -114,7 +114,9 @@ fn search(dimension: usize) {
     map.join_nearest(K);
     let metric = JointMetric::default();
     let mut graph = DiGraph::<(), f64>::new();
-    points.iter().for_each(|_| drop(graph.add_node(())));
+    for _ in &points {
+        graph.add_node(());
+    }
     for (a, b, _) in map.edges() {
         let length = metric.distance(&points[a as usize], &points[b as usize]);
         graph.add_edge(NodeIndex::new(a as usize), NodeIndex::new(b as usize), length);

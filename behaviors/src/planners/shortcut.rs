@@ -3,16 +3,15 @@
 //! First the shortest way over the path's own way-points: all straight lines between them that are free. Then lines between
 //! random points of it (Geraerts and Overmars, *Creating High-quality Paths for Motion Planning*, 2007), as long as they gain something.
 
-use super::space::is_free;
 use super::{JointPath, JointSpace, apart, between};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Shortcuts that are tried at once, of which the best is taken.
-const WIDTH: usize = 16;
+const WIDTH: usize = 5;
 /// Rounds of random shortcuts, and how many in a row may gain nothing.
-const ROUNDS: usize = 60;
-const IN_VAIN: usize = 4;
+const ROUNDS: usize = 40;
+const IN_VAIN: usize = 3;
 /// The share of the path's length that a shortcut must gain.
 const GAIN: f64 = 1e-3;
 /// Way-points beyond which the lines between all of them are too many.
@@ -52,9 +51,9 @@ fn over_its_points(space: &mut JointSpace, poses: Vec<Vec<f64>>, end: u64) -> Ve
     }
     // in the turn that the path has there, or the poses behind a shortcut would be in another
     let far = |(i, j): (usize, usize)| apart(&poses[i], &poses[j]);
-    let free = space.certify(lines.iter().map(|(i, j)| (poses[*i].as_slice(), poses[*j].as_slice())));
+    let free = space.free_lines(lines.iter().map(|(i, j)| (poses[*i].as_slice(), poses[*j].as_slice())));
     let mut ways: Vec<Vec<usize>> = (0..n).map(|j| j.checked_sub(1).into_iter().collect()).collect();
-    for ((i, j), _) in lines.iter().zip(free).filter(|(_, verdict)| is_free(verdict)) {
+    for ((i, j), _) in lines.iter().zip(free).filter(|(_, free)| *free) {
         ways[*j].push(*i);
     }
     let mut best: Vec<(f64, usize)> = vec![(0.0, 0)];
@@ -103,7 +102,7 @@ fn best_shortcut(
         return None;
     }
     let edges = tries.iter().flat_map(|(_, new, ..)| new.windows(2).map(|w| (w[0].as_slice(), w[1].as_slice())));
-    let free: Vec<bool> = space.certify(edges).chunks(3).map(|three| three.iter().all(is_free)).collect();
+    let free: Vec<bool> = space.free_lines(edges).chunks(3).map(|three| three.iter().all(|free| *free)).collect();
     let good = tries.into_iter().zip(free).filter(|(_, free)| *free).map(|(try_, _)| try_);
     let best = good.reduce(|a, b| if b.0 > a.0 { b } else { a });
     Some(best.map(|(_, new, i, j)| {

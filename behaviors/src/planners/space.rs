@@ -1,6 +1,6 @@
 //! The joint space of a group of motors in a scene: where straight lines are judged.
 
-use super::{NoPath, PathEnd, PlanningProblem, apart};
+use super::{NoPath, PathEnd, PlanningProblem, apart, between};
 use crate::group::allowed;
 use crate::short_way::JointMetric;
 use mobee_contract::{Axis, View};
@@ -172,23 +172,33 @@ impl JointSpace {
 
     /// Judges poses of the group: which are free.
     pub fn free<'a>(&mut self, poses: impl IntoIterator<Item = &'a [f64]>) -> &[bool] {
+        self.look(poses);
+        self.evaluations += self.free.len() as u64;
+        &self.free
+    }
+
+    fn look<'a>(&mut self, poses: impl IntoIterator<Item = &'a [f64]>) {
         self.edges.clear();
         let mut count = 0;
         for pose in poses {
             whole(&mut self.edges, &self.rest, &self.columns, pose);
             count += 1;
         }
-        self.evaluations += count as u64;
         if self.fast.free(&self.edges, &mut self.free).is_err() {
             // can't be: they are whole poses
             self.free = vec![false; count];
         }
-        &self.free
     }
 
     /// Judges straight lines, one verdict for each, in order. Several at once are hardly dearer than one. A line that is not the short
     /// way of a motor without end, or passes a place that is avoided, is uncertified.
     pub fn certify<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> &[EdgeVerdict] {
+        self.judge(edges);
+        self.evaluations += self.verdicts.len() as u64;
+        &self.verdicts
+    }
+
+    fn judge<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) {
         self.edges.clear();
         let mut near = Vec::new();
         for (from, to) in edges {
@@ -200,7 +210,6 @@ impl JointSpace {
                 long.or_else(|| self.avoided.iter().find_map(|(pose, radius)| self.passes(from, to, pose, *radius))),
             );
         }
-        self.evaluations += near.len() as u64;
         if self.fast.certify(&self.edges, &mut self.verdicts).is_err() {
             // can't be: they are whole poses
             self.verdicts = near.iter().map(|_| EdgeVerdict::Uncertified { at: 0.0 }).collect();
@@ -210,26 +219,43 @@ impl JointSpace {
                 *verdict = EdgeVerdict::Uncertified { at };
             }
         }
-        &self.verdicts
     }
 
-    /// Which of these straight lines are free.
+    /// Which of these straight lines are free, as [`JointSpace::certify`] has it, but quicker where many are not: a few poses of each are
+    /// looked at first, since it does not matter where a line is blocked.
     pub fn free_lines<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> Vec<bool> {
-        self.certify(edges).iter().map(is_free).collect()
+        let edges: Vec<(&[f64], &[f64])> = edges.into_iter().collect();
+        self.evaluations += edges.len() as u64;
+        let mut open: Vec<usize> = (0..edges.len()).collect();
+        for shares in [&[1.0][..], &[0.5], &[0.25, 0.75, 0.125, 0.375, 0.625, 0.875]] {
+            let lines = open.iter().filter_map(|i| edges.get(*i));
+            let poses: Vec<Vec<f64>> = lines.flat_map(|(a, b)| shares.iter().map(|t| between(a, b, *t))).collect();
+            self.look(poses.iter().map(Vec::as_slice));
+            let mut free = self.free.chunks(shares.len()).map(|all| all.iter().all(|free| *free));
+            open.retain(|_| free.next().unwrap_or(false));
+        }
+        self.judge(open.iter().filter_map(|i| edges.get(*i).copied()));
+        let mut free = vec![false; edges.len()];
+        for (i, verdict) in open.into_iter().zip(&self.verdicts) {
+            if let Some(free) = free.get_mut(i) {
+                *free = is_free(verdict);
+            }
+        }
+        free
     }
 
     /// Whether all of these straight lines are free.
     pub fn all_free<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> bool {
-        self.certify(edges).iter().all(is_free)
+        self.free_lines(edges).into_iter().all(|free| free)
     }
 
     /// Where a straight line comes within `radius` of a pose, as a share of it.
     fn passes(&self, from: &[f64], to: &[f64], pose: &[f64], radius: f64) -> Option<f64> {
         let length = apart(from, to);
-        let pose = self.toward(&super::between(from, to, 0.5), pose);
+        let pose = self.toward(&between(from, to, 0.5), pose);
         let along: f64 = from.iter().zip(to).zip(&pose).map(|((a, b), p)| (p - a) * (b - a)).sum();
         let share = if length > 0.0 { (along / (length * length)).clamp(0.0, 1.0) } else { 0.0 };
-        (apart(&super::between(from, to, share), &pose) < radius).then_some(share)
+        (apart(&between(from, to, share), &pose) < radius).then_some(share)
     }
 
     /// The ends of a problem, the goal in the turn nearest to the start.
@@ -267,7 +293,7 @@ impl JointSpace {
 }
 
 /// Whether a straight line may be driven.
-pub(super) fn is_free(verdict: &EdgeVerdict) -> bool {
+fn is_free(verdict: &EdgeVerdict) -> bool {
     matches!(verdict, EdgeVerdict::Free)
 }
 

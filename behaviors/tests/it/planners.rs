@@ -5,6 +5,7 @@ use mobee_behaviors::planners::{
     JointPath, JointSpace, NoPath, PathEnd, PlanProgress, Planner, PlanningProblem, RrtConnect, shorten,
 };
 use mobee_contract::Axis;
+use mobee_fast::EdgeVerdict;
 use mobee_model::{Clause, HalfSpace, Object, ObjectClass, Robot, Scene};
 use proptest::prelude::*;
 use std::f64::consts::{PI, TAU};
@@ -104,7 +105,9 @@ proptest! {
         let edges: Vec<_> = poses.windows(2).map(|w| (w[0].as_slice(), w[1].as_slice())).collect();
         let together = space.certify(edges.clone()).to_vec();
         let alone: Vec<_> = edges.iter().map(|edge| space.certify([*edge])[0]).collect();
-        prop_assert_eq!(together, alone);
+        prop_assert_eq!(&together, &alone);
+        let quick = space.free_lines(edges.clone());
+        prop_assert_eq!(quick, together.iter().map(|v| *v == EdgeVerdict::Free).collect::<Vec<_>>());
         let together = space.free(poses.iter().map(Vec::as_slice)).to_vec();
         let alone: Vec<_> = poses.iter().map(|q| space.free([q.as_slice()])[0]).collect();
         prop_assert_eq!(together, alone);
