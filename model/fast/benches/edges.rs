@@ -6,6 +6,16 @@
 //! cargo bench -p mobee-fast --bench edges
 //! MOBEE_CHECK=1 cargo bench -p mobee-fast --bench edges   # 21,000 edges of each robot beside samples at 0.1 mm; minutes
 //! ```
+//!
+//! # Measured
+//! 25,989 edges (the hand goes 18 mm in the mean), AVX-512, one core of a busy machine, processor time, medians of seven
+//! rounds: all pairs 118 ms (yes or no 72 ms), self only 32 ms, 20 obstacles only 92 ms, one object 14 ms; 506,815
+//! samples in lanes 300 ms, and `Scene::line_free` 71 times as long as the first. 5.5 intervals per edge, 0.03 %
+//! uncertified. With a table of half a square meter under the hand 182 ms (87 ms). Without velocities in the bounds
+//! (`motion.rs`), levers alone, it was 1.9 times as long at 3.8 times the intervals.
+//!
+//! Beside samples at 0.1 mm, none missed on any of these; uncertified 0.035 % of 20,000 edges of the map, 1 of 1,000 long
+//! ones; Panda 0.010 % of 20,000 edges of 23 mm, none of 1,000 long ones; UR5 0.005 %, none.
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
 mod check;

@@ -8,7 +8,8 @@
 use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
-use crate::program::{Ball, FlatClause, Form, Group, PairTest, Program, Solid};
+use crate::limits::constraints;
+use crate::program::{Ball, Form, Group, PairTest, Program, Solid};
 use crate::steps::Layout;
 use crate::sweep::{Sphere, least_distance};
 use mobee_model::{Collider, IndexPair, Scene, Shape};
@@ -104,6 +105,12 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
     }
     // A ball that turns about its center is the same.
     movers.movers.extend(regions.iter().map(|r| Mover { frame: r.root, ends: vec![Sphere { radius: 0.0, ..r.ball }] }));
+    program.extents = vec![0.0; program.balls.len()];
+    program.extents.extend(order.iter().map(|s| {
+        let ends = sized[*s].ends();
+        let far = |end: &Sphere| (end.center - sized[*s].pose.translation.vector).norm() + end.radius;
+        (ends.iter().map(far).fold(0.0, f64::max) * (1.0 + 4.0 * U)) as f32
+    }));
     movers.movers.extend(order.iter().map(|s| Mover { frame: sized[*s].frame, ends: sized[*s].ends() }));
     Compiled { program, layout, pruned, movers }
 }
@@ -236,25 +243,6 @@ fn place_frames(program: &mut Program, frames: &[LaneFrame], regions: &[Region],
 fn columns(pose: &Isometry3<f64>) -> [f32; 12] {
     let numbers = pose.to_homogeneous();
     std::array::from_fn(|i| numbers[(i % 3, i / 3)] as f32)
-}
-
-fn constraints(program: &mut Program, scene: &Scene) {
-    for robot in scene.robots() {
-        let first = program.limits.len();
-        program.limits.extend(robot.motors.iter().map(|m| (m.min, m.max)));
-        for clause in robot.parts.iter().flat_map(|part| &part.clauses) {
-            let degrees = 1f64.to_degrees();
-            let flat =
-                |h: &mobee_model::HalfSpace| (h.terms.iter().map(|(m, a)| (first + m, a * degrees)).collect(), h.b);
-            let members: Vec<(Vec<(usize, f64)>, f64)> = clause.0.iter().map(flat).collect();
-            let size = |(terms, b): &(Vec<(usize, f64)>, f64)| {
-                let most = |m: usize| program.limits.get(m).map_or(0.0, |(low, high)| low.abs().max(high.abs()));
-                terms.iter().map(|(m, a)| a.abs() * most(*m)).sum::<f64>() + b.abs()
-            };
-            let doubt = 1e-12 * members.iter().map(size).fold(1.0, f64::max);
-            program.clauses.push(FlatClause { members, doubt });
-        }
-    }
 }
 
 fn place_solids(

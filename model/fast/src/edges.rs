@@ -9,11 +9,10 @@
 //! ```
 //! All edges are halved in step, so that lanes are full and no verdict depends on which edges came together.
 
-use crate::bound::REFERENCE;
+use crate::edge_block::middle;
 use crate::fast::{FastError, FastScene};
-use crate::intervals::NONE;
 use crate::lanes::{Mask, WIDTH};
-use crate::program::{Program, Step};
+use crate::program::Program;
 use mobee_model::Pair;
 
 /// An interval is not halved further when nothing moves more than this against anything else from its middle to either
@@ -32,8 +31,6 @@ const MOST_OPEN: usize = 2048;
 const MOST_START: u32 = 8;
 /// Edges that are halved in step.
 const TOGETHER: usize = 2048;
-/// How far beyond a limit, rad of encoder, counts as at it: rounding of units.
-const AT_LIMIT: f64 = 1e-9;
 
 /// What a straight line in joint space is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,44 +59,44 @@ pub struct Obstruction {
 
 /// A part of an edge that is not proved yet: the `index`-th of `2^level`.
 #[derive(Clone, Copy, Debug)]
-struct Interval {
-    edge: u32,
-    index: u32,
+pub(crate) struct Interval {
+    pub edge: u32,
+    pub index: u32,
     /// Units to ask: a range of [`Edges::units`].
-    first: u32,
-    end: u32,
+    pub first: u32,
+    pub end: u32,
 }
 
 /// What is known of an edge.
 #[derive(Clone, Copy, Debug)]
-struct State {
+pub(crate) struct State {
     /// At which level of halving it begins, and at which the resolution is reached.
-    start: u32,
-    levels: u32,
+    pub start: u32,
+    pub levels: u32,
     /// Where it is blocked first, as far as is known.
-    blocked: Option<Obstruction>,
+    pub blocked: Option<Obstruction>,
     /// The first place that was not proved.
-    uncertified: Option<f64>,
+    pub uncertified: Option<f64>,
 }
 
 /// Buffers, used again for every call.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Edges {
-    states: Vec<State>,
-    open: Vec<Interval>,
-    next: Vec<Interval>,
+    pub states: Vec<State>,
+    pub open: Vec<Interval>,
+    pub next: Vec<Interval>,
     /// Units of the intervals of this level, and of the next.
-    units: Vec<u32>,
-    next_units: Vec<u32>,
+    pub units: Vec<u32>,
+    pub next_units: Vec<u32>,
     /// Per unit: the lanes that ask about it.
-    lanes: Vec<Mask>,
+    pub lanes: Vec<Mask>,
     /// A bit per unit that any lane asks about.
-    wanted: Vec<u64>,
+    pub wanted: Vec<u64>,
     /// Edges that begin at a later level, that one first; the next ones last.
-    waiting: Vec<(u32, u32)>,
+    pub waiting: Vec<(u32, u32)>,
     /// Motors that any edge moves.
-    moving: Vec<usize>,
-    pose: Vec<f64>,
+    pub moving: Vec<usize>,
+    pub pose: Vec<f64>,
 }
 
 impl Edges {
@@ -167,6 +164,7 @@ impl FastScene {
     fn keep_still(&mut self, edges: &[f64], all: &mut Edges) {
         let motors = self.motors();
         self.block.forget(&self.program);
+        self.intervals.motions.forget();
         all.moving.clear();
         let Some(first) = edges.get(..motors) else { return };
         for pose in edges.chunks_exact(motors) {
@@ -180,7 +178,7 @@ impl FastScene {
             if still {
                 let (low, high) = self.program.limits[m];
                 self.block.motors[m].0 = [q.max(low).min(high); WIDTH];
-                self.intervals.half[m].0 = [0.0; WIDTH];
+                self.intervals.motions.steps[m].0 = [0.0; WIDTH];
             } else {
                 all.moving.push(m);
             }
@@ -250,163 +248,6 @@ impl FastScene {
         }
         state
     }
-
-    /// Judges sixteen intervals; those that are not proved go to `next`, still whole.
-    fn judge_block(&mut self, edges: &[f64], block: &[Interval], level: u32, all: &mut Edges) {
-        let (motors, parts) = (self.motors(), f64::from(1u32 << level));
-        for (lane, interval) in block.iter().enumerate() {
-            let edge = &edges[interval.edge as usize * 2 * motors..][..2 * motors];
-            let (from, to) = edge.split_at(motors);
-            let at = middle(interval, level);
-            for &m in &all.moving {
-                let step = to[m] - from[m];
-                let (low, high) = self.program.limits[m];
-                self.block.motors[m].0[lane] = (from[m] + step * at).max(low).min(high);
-                self.intervals.half[m].0[lane] = (step.abs() * 0.5 / parts) as f32;
-            }
-        }
-        self.ask(block, all);
-        self.runner.sweep(&self.program, &mut self.block, &mut self.intervals);
-        self.figures.intervals += block.len() as u64;
-        self.resolve_stuck(edges, block, level, &mut all.pose);
-        for (lane, interval) in block.iter().enumerate() {
-            let bit = 1 << lane;
-            let first = all.next_units.len() as u32;
-            let open = self.intervals.open.iter().filter(|(_, lanes)| lanes & bit != 0);
-            all.next_units.extend(open.map(|(unit, _)| *unit));
-            let end = all.next_units.len() as u32;
-            if end == first {
-                continue;
-            }
-            all.next.push(Interval { first, end, ..*interval });
-            let at = middle(interval, level);
-            let state = &mut all.states[interval.edge as usize];
-            let mut pair = Some(self.intervals.touching[lane]).filter(|pair| *pair != NONE);
-            if pair.is_none() && level >= state.levels {
-                pair = self.in_doubt(edges, interval.edge as usize, at, lane, &mut all.pose);
-            }
-            if let Some(pair) = pair
-                && state.blocked.is_none_or(|b| at < b.at)
-            {
-                let (a, b) = self.program.pairs[pair].ids;
-                let ids = self.reference.shape_id(a).zip(self.reference.shape_id(b));
-                state.blocked = Some(Obstruction { at, pair: ids });
-            }
-        }
-    }
-
-    /// What the lanes ask about, unit by unit.
-    fn ask(&mut self, block: &[Interval], all: &mut Edges) {
-        self.intervals.asked.clear();
-        for (lane, interval) in block.iter().enumerate() {
-            for unit in &all.units[interval.first as usize..interval.end as usize] {
-                all.lanes[*unit as usize] |= 1 << lane;
-                all.wanted[*unit as usize / 64] |= 1 << (unit % 64);
-            }
-        }
-        for (word, bits) in all.wanted.iter_mut().enumerate() {
-            while *bits != 0 {
-                let unit = word * 64 + bits.trailing_zeros() as usize;
-                *bits &= *bits - 1;
-                self.intervals.asked.push((unit as u32, std::mem::take(&mut all.lanes[unit])));
-            }
-        }
-    }
-
-    /// Asks the scalar engine about what the lanes could not tell.
-    fn resolve_stuck(&mut self, edges: &[f64], block: &[Interval], level: u32, pose: &mut Vec<f64>) {
-        let stuck = std::mem::take(&mut self.intervals.stuck);
-        for (unit, step, lanes) in &stuck {
-            let Step::Pair(pair) = self.program.steps[*step] else { continue };
-            for (lane, interval) in block.iter().enumerate().filter(|(lane, _)| lanes >> lane & 1 != 0) {
-                let margin = self.clearance + self.intervals.motion(&self.program, *step, lane) + REFERENCE;
-                self.figures.stuck += 1;
-                self.pose_at(edges, interval.edge as usize, middle(interval, level), pose);
-                if self.reference.any_touches(pose, [self.program.pairs[pair].ids].into_iter(), margin) {
-                    match self.intervals.open.iter_mut().find(|(open, _)| open == unit) {
-                        Some((_, open)) => *open |= 1 << lane,
-                        None => self.intervals.open.push((*unit, 1 << lane)),
-                    }
-                }
-            }
-        }
-        self.intervals.stuck = stuck;
-    }
-
-    fn pose_at(&self, edges: &[f64], edge: usize, at: f64, pose: &mut Vec<f64>) {
-        let motors = self.motors();
-        let (from, to) = edges[edge * 2 * motors..][..2 * motors].split_at(motors);
-        pose.clear();
-        pose.extend(from.iter().zip(to).map(|(a, b)| a + (b - a) * at));
-    }
-
-    /// The pair, of those that rounding could decide about in a lane, that touches according to the scalar engine.
-    fn in_doubt(&mut self, edges: &[f64], edge: usize, at: f64, lane: usize, pose: &mut Vec<f64>) -> Option<usize> {
-        self.pose_at(edges, edge, at, pose);
-        let doubts = self.intervals.doubts.iter().filter(|(_, lanes)| lanes >> lane & 1 != 0);
-        let mut pairs = doubts.map(|(pair, _)| *pair);
-        pairs.find(|p| self.reference.any_touches(pose, [self.program.pairs[*p].ids].into_iter(), self.clearance))
-    }
-
-    /// Where a line first is beyond a motor's limit.
-    fn first_beyond_limits(&self, from: &[f64], to: &[f64]) -> Option<(f64, bool)> {
-        let mut first: Option<f64> = None;
-        for ((a, b), (low, high)) in from.iter().zip(to).zip(&self.program.limits) {
-            let inside = |q: &f64| *q >= low - AT_LIMIT && *q <= high + AT_LIMIT;
-            let at = match (inside(a), inside(b)) {
-                (true, true) => continue,
-                (false, _) => 0.0,
-                // Not before the place where it is beyond: rounding may not turn it back.
-                (true, false) => {
-                    let limit = if b > high { high + AT_LIMIT } else { low - AT_LIMIT };
-                    (((limit - a) / (b - a)) + 1e-12).clamp(0.0, 1.0)
-                }
-            };
-            let at = if at.is_nan() { 0.0 } else { at };
-            first = Some(first.map_or(at, |f| f.min(at)));
-        }
-        first.map(|at| (at, true))
-    }
-
-    /// Where a line first violates a constraint, and whether it surely does there. Half-spaces are linear, so each
-    /// clause is violated on one interval.
-    fn first_violation(&self, from: &[f64], to: &[f64]) -> Option<(f64, bool)> {
-        let mut first: Option<(f64, bool)> = None;
-        for clause in &self.program.clauses {
-            let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
-            for (terms, constant) in &clause.members {
-                let value = |q: &[f64]| terms.iter().map(|(m, a)| a * q[*m]).sum::<f64>() + constant - clause.doubt;
-                let (v0, v1) = (value(from), value(to));
-                match (v0 > 0.0, v1 > 0.0) {
-                    (true, true) => leave = -1.0,
-                    (true, false) => enter = enter.max(v0 / (v0 - v1)),
-                    (false, true) => leave = leave.min(v0 / (v0 - v1)),
-                    (false, false) => {}
-                }
-            }
-            if enter > leave || first.is_some_and(|(at, sure)| sure && at <= enter) {
-                continue;
-            }
-            let violated = |at: &f64| {
-                let pose: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + (b - a) * at).collect();
-                !self.reference.satisfies_constraints(&pose)
-            };
-            let candidates = [enter, (enter + 1e-9).min(leave), (enter + leave) / 2.0, leave];
-            let found = candidates.iter().find(|at| violated(at));
-            first = match (found, first) {
-                (Some(at), Some((other, true))) => Some((at.min(other), true)),
-                (Some(at), _) => Some((*at, true)),
-                (None, None) => Some((enter, false)),
-                (None, known) => known,
-            };
-        }
-        first
-    }
-}
-
-/// Where the middle of an interval is on its edge.
-fn middle(interval: &Interval, level: u32) -> f64 {
-    (f64::from(interval.index) + 0.5) / f64::from(1u32 << level)
 }
 
 /// The next level: both halves of what is not proved, but for what comes after a contact; and what is too short to be

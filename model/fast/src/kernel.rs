@@ -140,7 +140,9 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
                     at = skip;
                 }
             }
-            Step::Region(region) => place_region::<L>(program, block, region),
+            Step::Region(region) => {
+                place_region::<L>(program, block, region);
+            }
             Step::Group(group) => place_group::<L>(program, block, group),
             Step::Pair(index) => {
                 let found = test_pair::<L, false>(program, block, &program.pairs[index], live, L::splat(0.0));
@@ -163,10 +165,13 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
 }
 
 /// Puts the frames of a region in place, and the balls on them.
+///
+/// # Returns
+/// Whether it was not yet.
 #[inline(always)]
-pub(crate) fn place_region<L: Lanes>(program: &Program, block: &mut Block, region: usize) {
+pub(crate) fn place_region<L: Lanes>(program: &Program, block: &mut Block, region: usize) -> bool {
     if std::mem::replace(&mut block.regions_placed[region], true) {
-        return;
+        return false;
     }
     for j in program.regions[region].clone() {
         let joint = &program.joints[j];
@@ -176,6 +181,7 @@ pub(crate) fn place_region<L: Lanes>(program: &Program, block: &mut Block, regio
             block.kept[joint.frame] = block.still[joint.motor] && block.kept[joint.parent];
         }
     }
+    true
 }
 
 #[inline(always)]
@@ -218,7 +224,7 @@ fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint, index: usize) {
 
 /// A point, moved by a constant vector of a frame with these axes.
 #[inline(always)]
-fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V3<L> {
+pub(crate) fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V3<L> {
     let mut at = point;
     for i in 0..3 {
         if by[i] != 0.0 {

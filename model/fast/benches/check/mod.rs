@@ -10,8 +10,6 @@ use std::sync::Arc;
 /// Short edges, on which a hand goes about 23 mm, and long ones.
 const SHORT: usize = 20_000;
 const LONG: usize = 1_000;
-/// No point of any of these robots is farther than this from any axis that moves it here, meters.
-const REACH: f64 = 1.3;
 
 pub fn all(map: &Map, objects: &[Object]) {
     let scene = map.scene(objects.to_vec());
@@ -45,6 +43,21 @@ fn random_edges(robot: &Robot, scene: &Scene, count: usize, hand_path: Option<f6
     edges
 }
 
+/// How far any link goes, meters.
+fn longest_way(scene: &Scene, from: &[f64], to: &[f64]) -> f64 {
+    let places = |k: usize| {
+        let pose: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + (b - a) * k as f64 / 16.0).collect();
+        scene.node_transforms(&[pose]).concat()
+    };
+    let mut ways = vec![0.0; places(0).len()];
+    for k in 0..16 {
+        for (way, (a, b)) in ways.iter_mut().zip(places(k).iter().zip(&places(k + 1))) {
+            *way += (a.translation.vector - b.translation.vector).norm();
+        }
+    }
+    ways.into_iter().fold(0.0, f64::max)
+}
+
 fn check(name: &str, scene: &Scene, edges: &[f64]) {
     let mut fast = FastScene::new(scene, 0.0).expect("it compiles");
     let length = 2 * fast.motors();
@@ -54,8 +67,7 @@ fn check(name: &str, scene: &Scene, edges: &[f64]) {
     for (edge, verdict) in edges.chunks_exact(length).zip(&verdicts) {
         let (from, to) = edge.split_at(length / 2);
         let at = |share: f64| from.iter().zip(to).map(move |(a, b)| a + (b - a) * share);
-        let way: f64 = from.iter().zip(to).map(|(a, b)| (b - a).abs() * REACH).sum();
-        let steps = (way / 1e-4).ceil().max(1.0);
+        let steps = (longest_way(scene, from, to) / 1e-4).ceil().max(1.0);
         let poses: Vec<f64> = (0..=steps as usize).flat_map(|k| at(k as f64 / steps)).collect();
         fast.free(&poses, &mut free).expect("whole poses");
         samples += free.len();

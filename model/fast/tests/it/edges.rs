@@ -146,7 +146,7 @@ fn edges_of_all_shapes() {
         for _ in 0..3 {
             let scene = two_shapes(&mut dice, (kinds / 4, kinds % 4));
             let mut at = |i: usize| (dice.roll() - 0.5) * if i % 6 < 3 { 800f64.to_radians() } else { 6.0 };
-            let edges: Vec<f64> = (0..20 * 12).map(|i| at(i)).collect();
+            let edges: Vec<f64> = (0..20 * 12).map(&mut at).collect();
             let shares = hold(&format!("kinds {} and {}", kinds / 4, kinds % 4), &scene, &edges, 0.012, (STEP, BODY));
             (0..3).for_each(|i| all[i] += shares[i] / 48.0);
         }
