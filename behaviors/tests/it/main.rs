@@ -2,6 +2,9 @@
 
 mod explorer;
 mod icub;
+mod join;
+mod plan_agent;
+mod planners;
 mod roadmap_agent;
 mod short_way;
 mod simple_agents;
