@@ -8,6 +8,8 @@
 //! View, MotionEnd ──> agents ──> walk ──> roadmap ──> neighbors ──> short_way
 //!                        │         └────> escape
 //!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
+//!
+//! scene, table ──> table_map ──search──> poses ──> roadmap
 //! ```
 //!
 //! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `scripted`, `random`, `jog`. A program must name this
@@ -17,6 +19,9 @@
 
 pub mod agents;
 pub mod group;
+pub mod map_file;
 pub mod planners;
 pub mod roadmap;
+pub mod search;
 pub mod short_way;
+pub mod table_map;

@@ -21,8 +21,7 @@ mod tests;
 pub mod verdict;
 pub mod walk;
 
-pub use file::VERSION;
-
+use crate::map_file::TriedMotion;
 use crate::roadmap::neighbors::{Neighbors, neighbors};
 use crate::short_way::JointMetric;
 use mobee_contract::{EdgeState, Note, Target};
@@ -88,6 +87,10 @@ pub struct Roadmap {
     ledger: BTreeMap<(u32, u32), Edge>,
     near: Box<dyn Neighbors>,
     notes: Vec<Note>,
+    /// What its file says of the world and the hand.
+    about: file::About,
+    /// Motions that were tried, in order.
+    tried: Vec<TriedMotion>,
 }
 
 impl Roadmap {
@@ -95,7 +98,16 @@ impl Roadmap {
     pub fn new(motors: Vec<usize>, robot: &Robot) -> Roadmap {
         let metric = JointMetric::of(&motors, robot);
         let near = neighbors(motors.len(), &metric);
-        Roadmap { motors, metric, graph: StableDiGraph::default(), ledger: BTreeMap::new(), near, notes: Vec::new() }
+        Roadmap {
+            motors,
+            metric,
+            graph: StableDiGraph::default(),
+            ledger: BTreeMap::new(),
+            near,
+            notes: Vec::new(),
+            about: file::About::default(),
+            tried: Vec::new(),
+        }
     }
 
     /// The motors that its poses tell apart.
@@ -275,6 +287,7 @@ impl Roadmap {
 
     /// An edge was driven to its end: it is feasible, and so is its opposite unless that one failed itself.
     pub fn succeeded(&mut self, from: u32, to: u32) {
+        self.tried.push(TriedMotion { run: None, from, to, reached: true, cause: None });
         self.change(from, to, |e| *e = Edge { state: EdgeState::Feasible, driven: true, cause: None });
         self.change(to, from, |e| e.state = EdgeState::Feasible);
     }
@@ -285,6 +298,7 @@ impl Roadmap {
         let (a, b) = (NodeIndex::new(from as usize), NodeIndex::new(to as usize));
         let Some(edge) = self.graph.find_edge(a, b) else { return };
         self.graph.remove_edge(edge);
+        self.tried.push(TriedMotion { run: None, from, to, reached: false, cause: cause.clone() });
         let removed = Edge { state: EdgeState::Removed, driven: true, cause };
         self.note(from, to, &removed);
         self.ledger.insert((from, to), removed);
@@ -337,6 +351,8 @@ impl Clone for Roadmap {
             ledger: self.ledger.clone(),
             near,
             notes: self.notes.clone(),
+            about: self.about.clone(),
+            tried: self.tried.clone(),
         }
     }
 }
