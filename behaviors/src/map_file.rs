@@ -22,14 +22,17 @@
 //!
 //! Version 1, as earlier runs wrote it, has no digests, verdicts and trials; it is read as it always was.
 
+mod certify;
 mod identity;
 mod merge;
 mod place;
 mod read;
 mod text;
 
+pub use certify::certify;
 pub use identity::{robot_digest, world_digest};
 pub use merge::{MergeRefusal, merge};
+pub use place::span;
 pub use read::MapFault;
 
 use mobee_contract::EdgeState;
@@ -137,6 +140,19 @@ pub enum StoredVerdict {
         /// Where, as a share of the way.
         at: f64,
     },
+}
+
+impl StoredVerdict {
+    /// What is in the way, for people: an object's name, `itself`, `a limit`, `uncertified`; none if nothing is.
+    pub fn blocked_by(&self) -> Option<&str> {
+        match self {
+            StoredVerdict::Free => None,
+            StoredVerdict::Uncertified { .. } => Some("uncertified"),
+            StoredVerdict::Blocked { object: Some(object), .. } => Some(object),
+            StoredVerdict::Blocked { between: Some(_), .. } => Some("itself"),
+            StoredVerdict::Blocked { .. } => Some("a limit"),
+        }
+    }
 }
 
 /// A motion along an edge that was tried.

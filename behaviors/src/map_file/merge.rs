@@ -151,10 +151,10 @@ fn join(edges: &mut BTreeMap<(u32, u32), MapEdge>, edge: MapEdge) {
     let known = edges.entry((edge.from, edge.to)).or_insert_with(|| edge.clone());
     let rank = |e: &MapEdge| {
         let state = match e.state {
-            EdgeState::Optimistic => 0,
             EdgeState::Doubtful => 1,
             EdgeState::Feasible => 2,
             EdgeState::Removed => 3,
+            _ => 0,
         };
         (state, e.driven, e.cause.clone())
     };

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 /// The span of a value of a JSON document: that at the steps of a path such as `edges[3].from`, or of the nearest thing
 /// around it that there is. The text must be valid JSON.
-pub(super) fn span(text: &str, path: &str) -> Range<usize> {
+pub fn span(text: &str, path: &str) -> Range<usize> {
     let path = path.replace('[', ".").replace(']', "");
     let mut reader = Reader { bytes: text.as_bytes(), at: 0 };
     let mut span = reader.value();

@@ -2,7 +2,9 @@
 
 mod explorer;
 mod icub;
+mod map_files;
 mod roadmap_agent;
 mod short_way;
 mod simple_agents;
+mod table_map;
 mod world;
