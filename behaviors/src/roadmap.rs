@@ -23,8 +23,7 @@ mod tests;
 pub mod verdict;
 pub mod walk;
 
-pub use file::VERSION;
-
+use crate::map_file::TriedMotion;
 use crate::roadmap::neighbors::{Neighbors, neighbors};
 use crate::short_way::JointMetric;
 use mobee_contract::{EdgeState, Note, Target};
@@ -36,6 +35,9 @@ use search::{Buffers, Links};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::Add;
+
+/// The most motions that are remembered one by one; the edges know what came of the others.
+const MOST_TRIED: usize = 1000;
 
 /// A pose of the roadmap.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,6 +97,10 @@ pub struct Roadmap {
     ledger: BTreeMap<(u32, u32), Edge>,
     near: Box<dyn Neighbors>,
     notes: Vec<Note>,
+    /// What its file says of the world and the hand.
+    about: file::About,
+    /// The newest motions that were tried, in order.
+    tried: Vec<TriedMotion>,
 }
 
 impl Roadmap {
@@ -107,8 +113,8 @@ impl Roadmap {
     fn empty(motors: Vec<usize>, metric: JointMetric) -> Roadmap {
         let near = neighbors(motors.len(), &metric);
         let (links, search) = (Links::new(motors.len()), RefCell::default());
-        let (graph, ledger, notes) = Default::default();
-        Roadmap { motors, metric, graph, links, search, ledger, near, notes }
+        let (graph, ledger, notes, about, tried) = Default::default();
+        Roadmap { motors, metric, graph, links, search, ledger, near, notes, about, tried }
     }
 
     /// The motors that its poses tell apart.
@@ -289,6 +295,7 @@ impl Roadmap {
 
     /// An edge was driven to its end: it is feasible, and so is its opposite unless that one failed itself.
     pub fn succeeded(&mut self, from: u32, to: u32) {
+        self.log(TriedMotion { run: None, from, to, reached: true, cause: None });
         self.change(from, to, |e| *e = Edge { state: EdgeState::Feasible, driven: true, cause: None });
         self.change(to, from, |e| e.state = EdgeState::Feasible);
     }
@@ -299,6 +306,7 @@ impl Roadmap {
         if !self.unlink(from, to) {
             return;
         }
+        self.log(TriedMotion { run: None, from, to, reached: false, cause: cause.clone() });
         let removed = Edge { state: EdgeState::Removed, driven: true, cause };
         self.note(from, to, &removed);
         self.ledger.insert((from, to), removed);
@@ -307,6 +315,13 @@ impl Roadmap {
                 e.state = EdgeState::Doubtful;
             }
         });
+    }
+
+    /// A motion was tried. A tour without end must not fill the memory, nor each snapshot of its agent.
+    fn log(&mut self, motion: TriedMotion) {
+        let surplus = (self.tried.len() + 1).saturating_sub(MOST_TRIED);
+        self.tried.drain(..surplus);
+        self.tried.push(motion);
     }
 
     /// Takes a removed edge back as an optimistic one, because the world changed (I11). Answers whether there was one.
@@ -354,6 +369,8 @@ impl Clone for Roadmap {
             ledger: self.ledger.clone(),
             near,
             notes: self.notes.clone(),
+            about: self.about.clone(),
+            tried: self.tried.clone(),
         }
     }
 }
