@@ -190,6 +190,8 @@ impl PastRobot {
     fn note(&mut self, note: &Note) {
         match note {
             Note::Vertex { .. } => self.notes.push(note.clone()),
+            // what blocks an edge now is found out anew; what the robot knew of it stays
+            Note::Edge { state: EdgeState::Blocked, from, to, .. } if self.edges.contains_key(&(*from, *to)) => {}
             Note::Edge { from, to, .. } => {
                 let known = *self.edges.entry((*from, *to)).or_insert(self.notes.len());
                 match self.notes.get_mut(known) {
