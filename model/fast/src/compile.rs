@@ -7,11 +7,12 @@
 
 use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
+use crate::levers::{Mover, Movers};
 use crate::program::{Ball, FlatClause, Form, Group, PairTest, Program, Solid};
 use crate::steps::Layout;
 use crate::sweep::{Sphere, least_distance};
-use mobee_model::{Collider, Scene, Shape};
-use nalgebra::{Isometry3, Vector3};
+use mobee_model::{Collider, IndexPair, Scene, Shape};
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::ops::Range;
 
 /// A subtree is a region of its own, placed only when something comes near, if the ball that holds it at every pose is
@@ -27,9 +28,8 @@ pub(crate) struct Compiled {
     pub layout: Layout,
     /// Pairs that can never meet, left out.
     pub pruned: usize,
-    /// The frames as they were chosen.
-    #[cfg(test)]
-    pub frames: Vec<LaneFrame>,
+    /// What moves, and the frames as they were chosen.
+    pub movers: Movers,
 }
 
 /// A solid in its lane frame.
@@ -45,14 +45,29 @@ impl Sized {
     fn ball(&self) -> Sphere {
         Sphere { center: self.pose.translation.vector, radius: self.shape.bounding_radius() }
     }
+
+    /// Balls that hold the extreme points of its core.
+    fn ends(&self) -> Vec<Sphere> {
+        let at = |v: Vector3<f64>, radius: f64| Sphere { center: (self.pose * Point3::from(v)).coords, radius };
+        let signs = [1.0, -1.0];
+        match self.shape {
+            Shape::Sphere { .. } => vec![at(Vector3::zeros(), 0.0)],
+            Shape::Capsule { height, .. } => signs.map(|s| at(Vector3::y() * (s * height / 2.0), 0.0)).to_vec(),
+            Shape::Cylinder { radius, height } => signs.map(|s| at(Vector3::y() * (s * height / 2.0), radius)).to_vec(),
+            Shape::Box { size } => {
+                let corner = |i: usize| Vector3::from_fn(|k, _| signs[(i >> k) & 1] * size[k] / 2.0);
+                (0..8).map(|i| at(corner(i), 0.0)).collect()
+            }
+        }
+    }
 }
 
-/// Compiles a scene for one clearance, meters.
-pub(crate) fn compile(scene: &Scene, clearance: f64) -> Compiled {
+/// Compiles a scene, or these pairs of it, for one clearance, meters.
+pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Compiled {
     let frames = frames(scene);
     let colliders: Vec<&Collider> = scene.colliders().collect();
     let sized: Vec<Sized> = colliders.iter().map(|c| sized(c, &frames)).collect();
-    let (pairs, pruned) = pairs_that_can_meet(scene, &sized, &frames, clearance);
+    let (pairs, pruned) = pairs_that_can_meet(kept, &sized, &frames, clearance);
     let used = |s: &usize| pairs.iter().any(|(a, b)| *a == *s || *b == *s);
     let mut order: Vec<usize> = (0..sized.len()).filter(used).collect();
     order.sort_by_key(|s| sized[*s].frame);
@@ -80,13 +95,17 @@ pub(crate) fn compile(scene: &Scene, clearance: f64) -> Compiled {
     }
     layout.solids = order.iter().map(|s| (sized[*s].ball().radius, sized[*s].error)).collect();
     layout.write(&mut program, &[]);
-    Compiled {
-        program,
-        layout,
-        pruned,
-        #[cfg(test)]
-        frames,
+    let mut movers = Movers::new(frames);
+    for range in &groups {
+        let solids: Vec<&Sized> = order[range.clone()].iter().map(|s| &sized[*s]).collect();
+        let center = program.balls[movers.movers.len()].center.map(f64::from).into();
+        let ends = solids.iter().flat_map(|s| s.ends()).chain([Sphere { center, radius: 0.0 }]).collect();
+        movers.movers.push(Mover { frame: solids[0].frame, ends });
     }
+    // A ball that turns about its center is the same.
+    movers.movers.extend(regions.iter().map(|r| Mover { frame: r.root, ends: vec![Sphere { radius: 0.0, ..r.ball }] }));
+    movers.movers.extend(order.iter().map(|s| Mover { frame: sized[*s].frame, ends: sized[*s].ends() }));
+    Compiled { program, layout, pruned, movers }
 }
 
 /// The frames of all robots and the world, numbered as the scene does.
@@ -107,9 +126,9 @@ fn sized(collider: &Collider, frames: &[LaneFrame]) -> Sized {
     Sized { frame: collider.frame, pose, shape: collider.shape, error }
 }
 
-/// The scene's pairs but for those that are proved to keep apart, and how many these are.
+/// The pairs but for those that are proved to keep apart, and how many these are.
 fn pairs_that_can_meet(
-    scene: &Scene,
+    kept: &[IndexPair],
     sized: &[Sized],
     frames: &[LaneFrame],
     clearance: f64,
@@ -119,9 +138,9 @@ fn pairs_that_can_meet(
         // A little more, for the rounding of this here and of the reference.
         least_distance(frames, (a.frame, a.ball()), (b.frame, b.ball())) <= clearance + REFERENCE
     };
-    let all = scene.pairs().iter().map(|(a, b)| (*a as usize, *b as usize));
+    let all = kept.iter().map(|(a, b)| (*a as usize, *b as usize));
     let pairs: Vec<_> = all.filter(meet).collect();
-    let pruned = scene.pairs().len() - pairs.len();
+    let pruned = kept.len() - pairs.len();
     (pairs, pruned)
 }
 

@@ -24,8 +24,9 @@ pub(crate) struct Block {
     pub centers: Vec<Rows3>,
     /// Axes of solids, world frame.
     pub axes: Vec<Rows3>,
-    regions_placed: Vec<bool>,
-    groups_placed: Vec<bool>,
+    /// Per region and group: whether it is placed.
+    pub regions_placed: Vec<bool>,
+    pub groups_placed: Vec<bool>,
     /// Lanes in which rounding could decide about a pair: (pair, lanes).
     pub doubts: Vec<(usize, Mask)>,
     /// Lanes in which it could decide about constraints.
@@ -69,11 +70,7 @@ pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask)
     block.doubts.clear();
     block.doubtful_constraints = 0;
     let mut live = asked & !violated::<L>(program, block);
-    for (placed, group) in block.groups_placed.iter_mut().zip(&program.groups) {
-        *placed = group.fixed;
-    }
-    block.regions_placed.fill(false);
-    place_region::<L>(program, block, 0);
+    start_placing::<L>(program, block);
     for units in program.units.chunks(BATCH) {
         // All at once and without a branch: which pairs of units are near can't be predicted.
         let (mut near, mut count) = ([(0, 0); BATCH], 0);
@@ -93,6 +90,16 @@ pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask)
         }
     }
     asked & !live
+}
+
+/// Takes away what the last poses moved, and puts in place what is asked for at every pose.
+#[inline(always)]
+pub(crate) fn start_placing<L: Lanes>(program: &Program, block: &mut Block) {
+    for (placed, group) in block.groups_placed.iter_mut().zip(&program.groups) {
+        *placed = group.fixed;
+    }
+    block.regions_placed.fill(false);
+    place_region::<L>(program, block, 0);
 }
 
 /// Lanes in which two centers are nearer than this.
@@ -116,14 +123,9 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
                 }
             }
             Step::Region(region) => place_region::<L>(program, block, region),
-            Step::Group(group) => {
-                if !block.groups_placed[group] {
-                    block.groups_placed[group] = true;
-                    place_group::<L>(program, block, group);
-                }
-            }
+            Step::Group(group) => place_group::<L>(program, block, group),
             Step::Pair(index) => {
-                let found = test_pair::<L>(program, block, &program.pairs[index], live);
+                let found = test_pair::<L, false>(program, block, &program.pairs[index], live, L::splat(0.0));
                 if found.touching | found.doubtful != 0 {
                     live &= !found.touching;
                     if found.doubtful != 0 {
@@ -144,7 +146,7 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
 
 /// Puts the frames of a region in place, and the balls on them.
 #[inline(always)]
-fn place_region<L: Lanes>(program: &Program, block: &mut Block, region: usize) {
+pub(crate) fn place_region<L: Lanes>(program: &Program, block: &mut Block, region: usize) {
     if std::mem::replace(&mut block.regions_placed[region], true) {
         return;
     }
@@ -225,7 +227,10 @@ fn place_balls<L: Lanes>(program: &Program, block: &mut Block, frame: usize) {
 }
 
 #[inline(always)]
-fn place_group<L: Lanes>(program: &Program, block: &mut Block, group: usize) {
+pub(crate) fn place_group<L: Lanes>(program: &Program, block: &mut Block, group: usize) {
+    if std::mem::replace(&mut block.groups_placed[group], true) {
+        return;
+    }
     let zero = V3 { x: L::splat(0.0), y: L::splat(0.0), z: L::splat(0.0) };
     for s in program.groups[group].solids.clone() {
         let solid = &program.solids[s];

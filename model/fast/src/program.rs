@@ -38,6 +38,24 @@ pub(crate) struct Program {
     pub units: Vec<UnitTest>,
     /// What to do, unit by unit.
     pub steps: Vec<Step>,
+    /// How far things move: sums of levers times motors' steps. The first is empty: what stands still.
+    pub sums: Vec<Range<usize>>,
+    /// See `sums`.
+    pub levers: Vec<Lever>,
+    /// Per unit: the sums that bound how far the two move against each other.
+    pub unit_sums: Vec<[u32; 2]>,
+    /// The same per step, for those that compare two things.
+    pub step_sums: Vec<[u32; 2]>,
+    /// Per motor: how far anything moves against anything at most, meters per rad of encoder.
+    pub reach: Vec<f64>,
+}
+
+/// What one motor adds to a sum.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lever {
+    pub motor: usize,
+    /// Meters per rad of encoder.
+    pub reach: f32,
 }
 
 /// Two units (hands, links, objects) by their balls.

@@ -10,6 +10,7 @@
 //! ```
 
 use crate::bound::TESTS;
+use crate::levers::Movers;
 use crate::program::{Program, Step, UnitTest};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -53,6 +54,29 @@ impl Layout {
     pub fn add_ball(&mut self, radius: f64, error: f64, region: Option<Option<usize>>) {
         self.balls.push((radius, error));
         self.region.extend(region);
+    }
+
+    /// Writes how far the two of each test move against each other, once tests have their order.
+    pub fn write_sums(&self, program: &mut Program, movers: &mut Movers) {
+        let solid = |s: usize| self.balls.len() + s;
+        program.unit_sums = program.units.iter().map(|unit| movers.between(unit.a, unit.b)).collect();
+        let of_step = |step: &Step| match *step {
+            Step::Near { a, b, .. } => movers.between(a, b),
+            Step::Pair(p) => movers.between(solid(program.pairs[p].a), solid(program.pairs[p].b)),
+            Step::Region(_) | Step::Group(_) => [0, 0],
+        };
+        program.step_sums = program.steps.iter().map(of_step).collect();
+        (program.sums, program.levers) = (movers.sums.clone(), movers.levers.clone());
+        program.reach = vec![0.0; program.limits.len()];
+        let mut both = vec![0.0; program.limits.len()];
+        for [a, b] in program.unit_sums.iter().chain(&program.step_sums) {
+            let levers = |sum: &u32| &program.levers[program.sums[*sum as usize].clone()];
+            levers(a).iter().chain(levers(b)).for_each(|lever| both[lever.motor] += f64::from(lever.reach));
+            for lever in levers(a).iter().chain(levers(b)) {
+                let reach = &mut program.reach[lever.motor];
+                *reach = reach.max(std::mem::take(&mut both[lever.motor]));
+            }
+        }
     }
 
     /// Writes the program's tests of units and their steps, given in how many lanes each pair decided.

@@ -24,7 +24,7 @@ fn scene(name: &str) -> (Arc<Robot>, Scene) {
 /// Calls with the poses that lanes were given, and the block that they were judged in, for each set of instructions.
 fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &Block, &[usize])) {
     let (robot, scene) = scene(name);
-    let mut compiled = compile(&scene, 10.0);
+    let mut compiled = compile(&scene, scene.pairs(), 10.0);
     // Everything is near at ten meters, but nothing touches by then that would end the block: only frames are asked for
     // here.
     compiled.program.units.clear();
@@ -43,7 +43,7 @@ fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &B
                 }
             }
             runner.judge(&compiled.program, &mut block, Mask::MAX);
-            look(&scene, &compiled.frames, &poses, &block, &frames);
+            look(&scene, &compiled.movers.frames, &poses, &block, &frames);
         }
     }
 }
@@ -81,7 +81,7 @@ fn frames_keep_to_their_bounds() {
 fn a_pair_keeps_the_distance_that_is_proved() {
     for name in ["icub", "katana"] {
         let (robot, scene) = scene(name);
-        let frames = compile(&scene, 0.0).frames;
+        let frames = compile(&scene, scene.pairs(), 0.0).movers.frames;
         let balls: Vec<(usize, Sphere)> = scene
             .colliders()
             .map(|c| {
@@ -120,7 +120,7 @@ fn a_ball_holds_the_balls_it_is_around() {
 #[test]
 fn fingers_are_a_region_of_their_own() {
     let (_, scene) = scene("icub");
-    let regions = compile(&scene, 0.0).program.regions;
+    let regions = compile(&scene, scene.pairs(), 0.0).program.regions;
     let fingers: Vec<usize> =
         regions.iter().skip(1).map(|joints| joints.len()).filter(|joints| *joints >= 15).collect();
     assert_eq!(fingers.len(), 2, "two hands: {regions:?}");
