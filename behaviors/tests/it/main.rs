@@ -5,4 +5,6 @@ mod icub;
 mod roadmap_agent;
 mod short_way;
 mod simple_agents;
+mod validation;
+mod validity;
 mod world;
