@@ -8,6 +8,7 @@
 //! View, MotionEnd ──> agents ──> walk ──> roadmap ──> neighbors ──> short_way
 //!                        │         └────> escape
 //!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
+//!                                         walk ──> validation ──> validity: roadmap + scene ──> which edges are blocked
 //! ```
 //!
 //! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `scripted`, `random`, `jog`. A program must name this

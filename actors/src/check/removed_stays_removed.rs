@@ -24,12 +24,19 @@ impl Invariant for RemovedStaysRemoved {
         match note {
             Note::Edge { from, to, state, .. } => {
                 let edge = (*from, *to);
+                blocked.remove(&edge);
                 match state {
-                    EdgeState::Removed => drop(removed.insert(edge)),
-                    EdgeState::Optimistic | EdgeState::Feasible => drop(removed.remove(&edge)),
-                    EdgeState::Doubtful | EdgeState::Blocked => {}
+                    EdgeState::Removed => {
+                        removed.insert(edge);
+                    }
+                    EdgeState::Blocked => {
+                        blocked.insert(edge);
+                    }
+                    EdgeState::Optimistic | EdgeState::Feasible => {
+                        removed.remove(&edge);
+                    }
+                    EdgeState::Doubtful => {}
                 }
-                if *state == EdgeState::Blocked { blocked.insert(edge) } else { blocked.remove(&edge) };
             }
             Note::Plan { path } => {
                 for (from, to) in path.iter().zip(path.iter().skip(1)) {

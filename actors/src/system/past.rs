@@ -2,7 +2,7 @@
 
 use super::RunCounts;
 use crate::record::journal::JournalLine;
-use mobee_contract::{AsFound, Cause, CommitId, Event, Note, Pose, Status, Time};
+use mobee_contract::{AsFound, Cause, CommitId, EdgeState, Event, Note, Pose, Status, Time};
 use mobee_controller::gate::Gate;
 use mobee_controller::ledger::{Ledger, Motion, Open, Places, SafePose};
 use mobee_model::{Edit, Scene};

@@ -71,7 +71,8 @@ impl Validator {
             self.failed.remove(&(*from, *to));
             map.readmit(*from, *to);
         }
-        let mut due: BTreeSet<_> = news.edges.into_iter().chain(again.iter().map(|(a, b)| edge_between(*a, *b))).collect();
+        let mut due: BTreeSet<_> =
+            news.edges.into_iter().chain(again.iter().map(|(a, b)| edge_between(*a, *b))).collect();
         let count = map.edge_count();
         if self.mode == Validation::Verified && (news.forgotten || count != self.certified) {
             self.certified = count;
@@ -94,10 +95,22 @@ impl Validator {
         }
         let edges: Vec<_> = path.iter().zip(path.iter().skip(1)).map(|(a, b)| edge_between(*a, *b)).collect();
         self.validity.certify(map, edges.iter().copied());
-        for edge in &edges {
-            self.apply(map, *edge, &view.scene);
+        let mut all_free = true;
+        for (a, b) in edges {
+            match self.validity.verdict((a, b)) {
+                Some(EdgeVerdict::Free) => {}
+                Some(_) => {
+                    self.apply(map, (a, b), &view.scene);
+                }
+                // nobody could be asked: it must leave the map all the same, or it is planned over for ever
+                None => {
+                    map.block(a, b, None);
+                    map.block(b, a, None);
+                }
+            }
+            all_free &= self.validity.verdict((a, b)) == Some(&EdgeVerdict::Free);
         }
-        edges.iter().all(|edge| self.validity.verdict(*edge) == Some(&EdgeVerdict::Free))
+        all_free
     }
 
     /// An edge failed when driven: remembers the objects that the view, or the model, has in its way.

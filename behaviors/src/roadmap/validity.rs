@@ -48,6 +48,8 @@ pub struct Validity {
     boxes: Vec<WorldBox>,
     /// The edges that each object blocks.
     blocks: BTreeMap<u32, Vec<usize>>,
+    /// How often an edge was certified against an object.
+    asked: u64,
 }
 
 struct KnownEdge {
@@ -79,6 +81,8 @@ pub struct ValidityFigures {
     pub index_bytes: usize,
     /// Memory of their poses and verdicts, bytes.
     pub edge_bytes: usize,
+    /// How often an edge was certified against an object so far.
+    pub asked: u64,
 }
 
 impl Validity {
@@ -120,7 +124,10 @@ impl Validity {
         let first = self.edges.len();
         for (a, b) in edges {
             let edge = edge_between(a, b);
-            let Some(way) = way(map, &world.scene, world.robot, edge).filter(|_| !self.slots.contains_key(&edge)) else { continue };
+            let Some(way) = way(map, &world.scene, world.robot, edge).filter(|_| !self.slots.contains_key(&edge))
+            else {
+                continue;
+            };
             let (from, to) = way.split_at(way.len() / 2);
             world.limbs.sweep(from, to, &mut self.boxes);
             self.ways.extend(way);
@@ -148,6 +155,7 @@ impl Validity {
         let free = |slot: &usize| self.edges.get(*slot).is_some_and(|edge| edge.own == EdgeVerdict::Free);
         let touched: Vec<usize> = touched(&self.boxes, world.limbs.len(), &region, range).filter(free).collect();
         let size = 2 * self.motors.len();
+        self.asked += touched.len() as u64;
         let ways = touched.iter().filter_map(|slot| self.ways.get(slot * size..(slot + 1) * size));
         let verdicts = world.certify_object(object, ways);
         let mut blocked = Vec::new();
@@ -179,7 +187,8 @@ impl Validity {
         let blocks: usize = self.edges.iter().map(|e| e.blocked_by.capacity() * size_of::<(u32, EdgeVerdict)>()).sum();
         let edge = size_of::<KnownEdge>() + size_of::<(EdgeEnds, usize)>();
         let edge_bytes = self.edges.len() * edge + blocks + size_of_val(&self.ways[..]);
-        ValidityFigures { edges: self.edges.len(), limbs, index_bytes: size_of_val(&self.boxes[..]), edge_bytes }
+        let index_bytes = size_of_val(&self.boxes[..]);
+        ValidityFigures { edges: self.edges.len(), limbs, index_bytes, edge_bytes, asked: self.asked }
     }
 }
 

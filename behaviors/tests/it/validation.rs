@@ -186,10 +186,10 @@ fn a_successor_finds_out_anew_what_is_blocked_and_the_map_itself_does_not_tell()
 
 #[test]
 fn a_mode_that_does_not_exist_is_told() {
-    for (name, settings) in [("roadmap", tour(json!({ "validation": "sometimes" }))), (
-        "explorer",
-        json!({ "motors": ["arm"], "validation": "sometimes" }),
-    )] {
+    for (name, settings) in [
+        ("roadmap", tour(json!({ "validation": "sometimes" }))),
+        ("explorer", json!({ "motors": ["arm"], "validation": "sometimes" })),
+    ] {
         let error = try_kind(name, &arm(2), 1, settings).err().expect("an error");
         assert!(error.path == "validation" && error.what.contains("lazy"), "{error:?}");
     }

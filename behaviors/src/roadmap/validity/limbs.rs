@@ -15,6 +15,9 @@
 //! (Differentiate `x' = sum of angle_i * axis_i x (x - p_i)` once more.) So the box around a limb at the ends of all pieces, widened by
 //! that, holds every point of it at every pose between. `reach` is [`Scene::levers`], which holds at every pose.
 
+#[cfg(test)]
+mod tests;
+
 use mobee_model::{Collider, Engine, Hinge, JointMotion, Scene, Shape, Skeleton};
 use nalgebra::{Isometry3, Vector3};
 
@@ -124,7 +127,9 @@ impl Limbs {
         let most = bends.iter().copied().fold(0.0, f64::max);
         let pieces = (most / (8.0 * SAG)).sqrt().ceil().clamp(1.0, MOST_PIECES);
         let first = boxes.len();
-        boxes.extend(self.limbs.iter().map(|_| [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY]));
+        boxes.extend(self.limbs.iter().map(|_| {
+            [f32::INFINITY, f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY]
+        }));
         let mut bodies = Vec::with_capacity(self.hinges.len() + 1);
         let mut q = from.to_vec();
         for piece in 0..=pieces as u32 {

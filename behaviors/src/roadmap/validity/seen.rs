@@ -54,7 +54,8 @@ impl SeenWorld {
 
     /// Whether the view shows the same robots at rest in the same places, so that only objects can have changed.
     pub fn is_of(&self, view: &View, motors: &[usize]) -> bool {
-        let same = |(r, (a, b)): (usize, (&Arc<_>, &Arc<_>))| Arc::ptr_eq(a, b) && self.scene.base(r) == view.scene.base(r);
+        let same =
+            |(r, (a, b)): (usize, (&Arc<_>, &Arc<_>))| Arc::ptr_eq(a, b) && self.scene.base(r) == view.scene.base(r);
         let rests = |(m, (a, b)): (usize, (&f64, &f64))| motors.contains(&m) || (a - b).abs() <= RESTING;
         self.robot == view.robot
             && self.clearance == view.clearance
@@ -110,7 +111,8 @@ impl SeenWorld {
         let judge = seen.judge.get_or_insert_with(|| {
             let carried = self.limbs.carried(&self.scene);
             let moves = |i: u32| carried.get(i as usize).is_some_and(|body| *body > 0);
-            let is_it = |i: u32| matches!(self.scene.shape_id(i), Some(ShapeId::Object { object: o, .. }) if o == object);
+            let is_it =
+                |i: u32| matches!(self.scene.shape_id(i), Some(ShapeId::Object { object: o, .. }) if o == object);
             Judge::new(&self.scene, self.clearance, |i, j| (moves(i) && is_it(j)) || (moves(j) && is_it(i)))
         });
         judge.certify(&mut self.poses, ways)
