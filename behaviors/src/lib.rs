@@ -7,12 +7,13 @@
 //! ```text
 //! View, MotionEnd ──> agents ──> walk ──> roadmap ──> neighbors ──> short_way
 //!                        │         └────> escape
+//!                        ├──> planners: RRT-Connect, shortcuts ──> JointSpace ──> mobee-fast
 //!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
 //!
 //! scene, table ──> table_map ──search──> poses ──> roadmap
 //! ```
 //!
-//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `scripted`, `random`, `jog`. A program must name this
+//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `scripted`, `random`, `jog`. A program must name this
 //! crate (`use mobee_behaviors as _;`), or the linker drops them.
 //!
 //! Units: radians, meters, seconds; degrees only in settings, named `_deg`.

@@ -97,7 +97,7 @@ impl Roadmap {
         if edge.state == EdgeState::Removed {
             self.ledger.insert((from, to), edge);
         } else {
-            self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), edge);
+            self.link(from, to, edge);
         }
     }
 }

@@ -11,8 +11,9 @@ use crate::reference::Reference;
 use mobee_model::{IndexPair, Scene, random_poses};
 use std::sync::Arc;
 
-/// Poses that the order of tests is learned from.
+/// Most poses that the order of tests is learned from, and how many for each pair: few pairs are in order soon.
 const SAMPLE: usize = 4096;
+const SAMPLE_PAIR: usize = 8;
 /// Their seed: equal scenes have equal programs.
 const SEED: u64 = 1;
 
@@ -150,7 +151,7 @@ impl FastScene {
         let decided = fast.evidence(scene);
         let program = Arc::make_mut(&mut fast.program);
         layout.write(program, &decided);
-        layout.write_sums(program, &mut movers);
+        layout.write_motions(program, &mut movers);
         (fast.intervals, fast.edges) = (Intervals::new(program), Edges::new(program));
         Ok(fast)
     }
@@ -159,7 +160,7 @@ impl FastScene {
     fn evidence(&mut self, scene: &Scene) -> Vec<u32> {
         self.block.decided = vec![0; self.program.pairs.len()];
         let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SEED)).collect();
-        for _ in 0..SAMPLE / WIDTH {
+        for _ in 0..SAMPLE.min(SAMPLE_PAIR * self.program.pairs.len()) / WIDTH {
             let poses: Vec<f64> = (0..WIDTH)
                 .flat_map(|_| robots.iter_mut().filter_map(Iterator::next).flatten().collect::<Vec<_>>())
                 .collect();
@@ -198,6 +199,7 @@ impl FastScene {
         if motors == 0 || !poses.len().is_multiple_of(motors) {
             return Err(FastError::Length { given: poses.len(), motors });
         }
+        self.block.forget(&self.program);
         for poses in poses.chunks(motors * WIDTH) {
             let count = poses.len() / motors;
             let all = Mask::MAX >> (WIDTH - count);
