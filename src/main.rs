@@ -208,8 +208,8 @@ fn clock(text: &str) -> Result<ClockMode, String> {
 /// How the panic message of a failed print begins.
 const NO_OUTPUT: &str = "failed printing to stdout";
 /// The log filter unless `MOBEE_LOG` is set: warnings, except those of Rerun's encoder and of its connection to a viewer, whose
-/// errors the recorder reports.
-const LOG: &str = "warn,re_log_encoding=error,re_grpc_client=off";
+/// errors the recorder reports, and of the kd-tree, which finds its own leaves odd while its answers are exact.
+const LOG: &str = "warn,re_log_encoding=error,re_grpc_client=off,kiddo=off";
 /// The same for `mobee torture`, where parts fail by the dozen, on purpose.
 const TORTURE_LOG: &str = "off";
 

@@ -106,7 +106,8 @@ fn a_turned_function_is_searched_alike_by_xnes() {
     equal(&run(Xnes::new(start, 1.0, 8, 7), ellipsoid), &run(turned, |x| ellipsoid(&back(x))), back);
 }
 
-/// The medians that these equations gave in another implementation, and by how much one of five seeds may differ.
+/// The medians of five seeds that these equations gave in another implementation. Five others differ by some percent; along
+/// Rosenbrock's bent valley, by a third.
 #[test]
 fn they_converge_in_about_the_evaluations_of_the_equations() {
     let one = |d: usize| vec![1.0; d];
@@ -121,7 +122,8 @@ fn they_converge_in_about_the_evaluations_of_the_equations() {
         ("xNES, ellipsoid 10", evaluations(|seed| xnes(one(10), seed), ellipsoid), 9000),
         ("SNES, ellipsoid 10", evaluations(|seed| snes(one(10), seed), ellipsoid), 2690),
     ];
-    let far: Vec<_> = found.iter().filter(|(_, n, known)| n.abs_diff(*known) * 4 > *known).collect();
+    let allowed = |name: &str, known: usize| known * if name.contains("Rosenbrock") { 35 } else { 8 } / 100;
+    let far: Vec<_> = found.iter().filter(|(name, n, known)| n.abs_diff(*known) > allowed(name, *known)).collect();
     assert!(far.is_empty(), "{far:?} of {found:?}");
 }
 
