@@ -88,6 +88,11 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
     for region in &regions {
         add_ball(&mut program, &mut layout, &frames, (region.root, region.ball), None);
     }
+    let branches = branches(&frames, &regions, &groups, &order, &sized);
+    for branch in &branches {
+        add_ball(&mut program, &mut layout, &frames, (branch.root, branch.ball), None);
+        layout.add_branch(groups.iter().map(|g| branch.has[sized[order[g.start]].frame]));
+    }
     list_balls(&mut program);
     let place = |s: usize| order.iter().position(|o| *o == s).unwrap_or_default();
     for &(a, b) in &pairs {
@@ -104,7 +109,9 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
         movers.movers.push(Mover { frame: solids[0].frame, ends });
     }
     // A ball that turns about its center is the same.
-    movers.movers.extend(regions.iter().map(|r| Mover { frame: r.root, ends: vec![Sphere { radius: 0.0, ..r.ball }] }));
+    movers.movers.extend(
+        regions.iter().chain(&branches).map(|r| Mover { frame: r.root, ends: vec![Sphere { radius: 0.0, ..r.ball }] }),
+    );
     program.extents = vec![0.0; program.balls.len()];
     program.extents.extend(order.iter().map(|s| {
         let ends = sized[*s].ends();
@@ -167,9 +174,9 @@ fn groups(order: &[usize], sized: &[Sized], frames: &[LaneFrame]) -> Vec<Range<u
     groups
 }
 
-/// A subtree that is placed on demand.
+/// A subtree that is small at every pose: a hand, which is placed on demand, or a finger of it.
 pub(crate) struct Region {
-    /// Its uppermost frame, which is always placed.
+    /// Its uppermost frame; a hand's is always placed.
     pub root: usize,
     /// Per frame of the scene: whether it is in the region, the root included.
     pub has: Vec<bool>,
@@ -185,32 +192,20 @@ fn regions(
     sized: &[Sized],
     pairs: &[(usize, usize)],
 ) -> Vec<Region> {
-    let below = |root: usize| {
-        let mut has = vec![false; frames.len()];
-        has[root] = true;
-        for f in root + 1..frames.len() {
-            has[f] = frames[f].carried.as_ref().is_some_and(|c| has[c.parent]);
-        }
-        has
-    };
-    let inside = |root: usize, has: &[bool]| -> Vec<Sphere> {
-        let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
-        inside.map(|s| s.ball().swept(frames, s.frame, root)).collect()
-    };
     let mut regions: Vec<Region> = Vec::new();
     let mut whole = 0.0;
     for (root, frame) in frames.iter().enumerate() {
         if frame.carried.is_none() {
-            whole = Sphere::around(&inside(root, &below(root))).radius;
+            whole = Sphere::around(&balls_of(frames, root, &below(frames, root), order, sized)).radius;
             continue;
         }
-        let has = below(root);
+        let has = below(frames, root);
         let solid_frames = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count();
         if solid_frames < REGION_FRAMES || regions.iter().any(|r| r.has[root]) {
             continue;
         }
         let own_pairs = pairs.iter().any(|(a, b)| has[sized[*a].frame] && has[sized[*b].frame]);
-        let inside = inside(root, &has);
+        let inside = balls_of(frames, root, &has, order, sized);
         // Most are far larger, which two of the balls show.
         let wide = |ball: &Sphere| (ball.center - inside[0].center).norm() + ball.radius + inside[0].radius;
         if inside.iter().any(|ball| wide(ball) > 2.0 * REGION * whole) {
@@ -222,6 +217,41 @@ fn regions(
         }
     }
     regions
+}
+
+/// What hangs on a region's root by one joint, and has several groups: the fingers of a hand.
+fn branches(
+    frames: &[LaneFrame],
+    regions: &[Region],
+    groups: &[Range<usize>],
+    order: &[usize],
+    sized: &[Sized],
+) -> Vec<Region> {
+    let of = |region: &Region, root: usize| {
+        frames[root].carried.as_ref().filter(|c| c.parent == region.root)?;
+        let has = below(frames, root);
+        let several = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count() > 1;
+        let ball = || Sphere::around(&balls_of(frames, root, &has, order, sized));
+        let ball = several.then(ball)?;
+        Some(Region { root, has, ball })
+    };
+    regions.iter().flat_map(|region| (0..frames.len()).filter_map(move |root| of(region, root))).collect()
+}
+
+/// Per frame: whether it is in the subtree of this one, itself included.
+fn below(frames: &[LaneFrame], root: usize) -> Vec<bool> {
+    let mut has = vec![false; frames.len()];
+    has[root] = true;
+    for f in root + 1..frames.len() {
+        has[f] = frames[f].carried.as_ref().is_some_and(|c| has[c.parent]);
+    }
+    has
+}
+
+/// What holds each solid of a subtree at every pose; in its root's frame.
+fn balls_of(frames: &[LaneFrame], root: usize, has: &[bool], order: &[usize], sized: &[Sized]) -> Vec<Sphere> {
+    let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
+    inside.map(|s| s.ball().swept(frames, s.frame, root)).collect()
 }
 
 /// Joints that carry anything, region by region.
