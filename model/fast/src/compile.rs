@@ -10,18 +10,12 @@ use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
 use crate::limits::constraints;
 use crate::program::{Ball, Form, Group, PairTest, Program, Solid};
+use crate::regions::{Region, branches, regions};
 use crate::steps::Layout;
 use crate::sweep::{Sphere, least_distance};
 use mobee_model::{Collider, IndexPair, Scene, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::ops::Range;
-
-/// A subtree is a region of its own, placed only when something comes near, if the ball that holds it at every pose is
-/// smaller than this share of the robot's: a hand is, an arm is not. A matter of speed alone. Of 0, 0.08, 0.12, 0.16
-/// and 0.2 this one was the best along lines, at twice the speed of none, and 0.08 a little better at random poses.
-const REGION: f64 = 0.12;
-/// A region has at least so many frames with solids.
-const REGION_FRAMES: usize = 3;
 
 /// A program, and what its steps can be ordered anew by.
 pub(crate) struct Compiled {
@@ -34,8 +28,8 @@ pub(crate) struct Compiled {
 }
 
 /// A solid in its lane frame.
-struct Sized {
-    frame: usize,
+pub(crate) struct Sized {
+    pub frame: usize,
     pose: Isometry3<f64>,
     shape: Shape,
     /// How far any of its points is displaced by rounding, meters.
@@ -43,7 +37,7 @@ struct Sized {
 }
 
 impl Sized {
-    fn ball(&self) -> Sphere {
+    pub fn ball(&self) -> Sphere {
         Sphere { center: self.pose.translation.vector, radius: self.shape.bounding_radius() }
     }
 
@@ -172,86 +166,6 @@ fn groups(order: &[usize], sized: &[Sized], frames: &[LaneFrame]) -> Vec<Range<u
         }
     }
     groups
-}
-
-/// A subtree that is small at every pose: a hand, which is placed on demand, or a finger of it.
-pub(crate) struct Region {
-    /// Its uppermost frame; a hand's is always placed.
-    pub root: usize,
-    /// Per frame of the scene: whether it is in the region, the root included.
-    pub has: Vec<bool>,
-    /// Holds it at every pose; in the root's frame.
-    pub ball: Sphere,
-}
-
-/// Subtrees that are small at every pose and have no pairs of their own.
-fn regions(
-    frames: &[LaneFrame],
-    groups: &[Range<usize>],
-    order: &[usize],
-    sized: &[Sized],
-    pairs: &[(usize, usize)],
-) -> Vec<Region> {
-    let mut regions: Vec<Region> = Vec::new();
-    let mut whole = 0.0;
-    for (root, frame) in frames.iter().enumerate() {
-        if frame.carried.is_none() {
-            whole = Sphere::around(&balls_of(frames, root, &below(frames, root), order, sized)).radius;
-            continue;
-        }
-        let has = below(frames, root);
-        let solid_frames = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count();
-        if solid_frames < REGION_FRAMES || regions.iter().any(|r| r.has[root]) {
-            continue;
-        }
-        let own_pairs = pairs.iter().any(|(a, b)| has[sized[*a].frame] && has[sized[*b].frame]);
-        let inside = balls_of(frames, root, &has, order, sized);
-        // Most are far larger, which two of the balls show.
-        let wide = |ball: &Sphere| (ball.center - inside[0].center).norm() + ball.radius + inside[0].radius;
-        if inside.iter().any(|ball| wide(ball) > 2.0 * REGION * whole) {
-            continue;
-        }
-        let held = Sphere::around(&inside);
-        if held.radius <= REGION * whole && !own_pairs {
-            regions.push(Region { root, has, ball: held });
-        }
-    }
-    regions
-}
-
-/// What hangs on a region's root by one joint, and has several groups: the fingers of a hand.
-fn branches(
-    frames: &[LaneFrame],
-    regions: &[Region],
-    groups: &[Range<usize>],
-    order: &[usize],
-    sized: &[Sized],
-) -> Vec<Region> {
-    let of = |region: &Region, root: usize| {
-        frames[root].carried.as_ref().filter(|c| c.parent == region.root)?;
-        let has = below(frames, root);
-        let several = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count() > 1;
-        let ball = || Sphere::around(&balls_of(frames, root, &has, order, sized));
-        let ball = several.then(ball)?;
-        Some(Region { root, has, ball })
-    };
-    regions.iter().flat_map(|region| (0..frames.len()).filter_map(move |root| of(region, root))).collect()
-}
-
-/// Per frame: whether it is in the subtree of this one, itself included.
-fn below(frames: &[LaneFrame], root: usize) -> Vec<bool> {
-    let mut has = vec![false; frames.len()];
-    has[root] = true;
-    for f in root + 1..frames.len() {
-        has[f] = frames[f].carried.as_ref().is_some_and(|c| has[c.parent]);
-    }
-    has
-}
-
-/// What holds each solid of a subtree at every pose; in its root's frame.
-fn balls_of(frames: &[LaneFrame], root: usize, has: &[bool], order: &[usize], sized: &[Sized]) -> Vec<Sphere> {
-    let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
-    inside.map(|s| s.ball().swept(frames, s.frame, root)).collect()
 }
 
 /// Joints that carry anything, region by region.

@@ -51,6 +51,7 @@ mod limits;
 mod motion;
 mod program;
 mod reference;
+mod regions;
 mod steps;
 mod sweep;
 #[cfg(test)]
