@@ -9,6 +9,9 @@
 //!                        │         └────> escape
 //!                        ├──> planners: RRT-Connect, shortcuts ──> JointSpace ──> mobee-fast
 //!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
+//!                                         walk ──> validation ──> validity: roadmap + scene ──> which edges are blocked
+//!
+//! scene, table ──> table_map ──search──> poses ──> roadmap
 //! ```
 //!
 //! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `scripted`, `random`, `jog`. A program must name this
@@ -18,6 +21,9 @@
 
 pub mod agents;
 pub mod group;
+pub mod map_file;
 pub mod planners;
 pub mod roadmap;
+pub mod search;
 pub mod short_way;
+pub mod table_map;

@@ -195,12 +195,12 @@ fn an_edge_driven_to_its_end_stays_feasible_when_its_opposite_fails() {
 fn hostile_files_are_refused_with_the_place() {
     let good = map(&[vec![0.0], vec![1.0]], 1).export(&robot(1));
     let cases: [(&str, Value, &str); 11] = [
-        ("/version", json!(2), "version"),
+        ("/version", json!(3), "version"),
         ("/version", json!("1"), "version"),
         ("/motors/0", json!("m9"), "motors[0]"),
         ("/motors", json!(["m0", "m0"]), "motors[1]"),
         ("/vertices/1/id", json!(7), "vertices[1].id"),
-        ("/vertices/0/q_rad", json!([]), "vertices[0].q_rad"),
+        ("/vertices/1/q_rad", json!([]), "vertices[1].q_rad"),
         ("/vertices/0/q_rad", json!([99.0]), "vertices[0].q_rad[0]"),
         ("/vertices/0/q_rad", json!([null]), "vertices[0].q_rad[0]"),
         ("/edges/0/to", json!(5), "edges[0].to"),
