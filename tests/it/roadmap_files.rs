@@ -160,5 +160,5 @@ fn what_is_no_map_of_this_robot_is_refused_with_its_place() {
     let wrong = ["roadmap", "build", SETTINGS, "--out", text(&bad), "--force", "--set", "spacing_mm=-3"];
     assert!(complaint(&wrong).contains("-3 is out of bounds"));
     let wrong = ["roadmap", "build", "configs/behaviors/explore.toml", "--out", text(&bad), "--force"];
-    assert!(complaint(&wrong).contains("no key"));
+    assert!(complaint(&wrong).contains("`table` is missing"));
 }
