@@ -2,9 +2,10 @@
 
 use crate::model_convert;
 use crate::new::{SCHEMA, file_stem};
-use crate::robot_import::{ImportArgs, Imported};
+use crate::robot_import::{ImportArgs, Imported, plain_name};
 use miette::{IntoDiagnostic, Report, WrapErr, miette};
 use mobee_model::Robot;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// With more motors than this, an exploration by trial reaches little of what there is.
@@ -65,8 +66,7 @@ const WORLD: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 
 fn behavior_text(stem: &str, imported: &Imported, model: &str, motors: &[String]) -> String {
     let robot: &Robot = &imported.robot;
-    let sound = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '_' };
-    let name: String = robot.name.chars().map(sound).collect();
+    let name = plain_name(&robot.name);
     // what TOML writes between quotes is what it reads
     let text = |s: &str| toml::Value::String(s.to_owned()).to_string();
     let motors: Vec<String> = motors.iter().map(|m| text(m)).collect();
@@ -92,12 +92,31 @@ motors = [{motors}]
 vertices = 20
 neighbors = 10
 speed = 0.1
-"#,
+{poses}"#,
+        poses = poses_text(&imported.poses),
         model = text(&format!("{model}.xml")),
         motors = motors.join(", "),
         margin = imported.margin_mm.map(|mm| format!(", margin_mm = {mm:.1}")).unwrap_or_default(),
         why = if imported.margin_mm.is_some() { "; no home is free by the default margin of 10 mm" } else { "" },
     )
+}
+
+/// An agent that goes through the SRDF's named poses, for whoever wants it instead: as a comment.
+fn poses_text(poses: &BTreeMap<String, Vec<(String, f64)>>) -> String {
+    if poses.is_empty() {
+        return String::new();
+    }
+    let text = |s: &str| toml::Value::String(s.to_owned()).to_string();
+    let mut out = "\n# The SRDF's named poses; an agent that goes from one to the next, instead of the one above:\n\
+                   # [robot.agent]\n# kind = \"scripted\"\n# poses = [\n"
+        .to_owned();
+    for (name, motors) in poses {
+        let q: Vec<String> = motors.iter().map(|(motor, q)| format!("{} = {q:.2}", text(motor))).collect();
+        // a name from outside may not end the comment
+        let name: String = name.chars().filter(|c| !c.is_control()).collect();
+        out += &format!("#   {{ q_deg = {{ {} }} }}, # {name}\n", q.join(", "));
+    }
+    out + "# ]\n"
 }
 
 /// The motors to explore with, and whose they are: the SRDF's arm, or the longest chain.

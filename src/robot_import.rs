@@ -9,10 +9,11 @@ use crate::import_inputs;
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Report, miette};
 use mobee_model::{
-    Closer, FileError, FitOptions, LeftOut, LinkSurface, Nearer, Robot, RobotParts, Srdf, Surfaces, UrdfOptions,
-    UrdfRobot, find_home, fit_closer, load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces, spared_pairs,
+    Closer, FileError, FitOptions, LeftOut, LinkSurface, Nearer, Robot, RobotParts, Srdf, Surfaces, UpAxis,
+    UrdfOptions, UrdfRobot, find_home, fit_closer, load_link_tree, load_srdf, load_surfaces, load_urdf_with_surfaces,
+    spared_pairs,
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// How free the home pose should be, meters: twice the margin of the reflex. Where parts are built closer, what lets the robot start.
@@ -21,6 +22,8 @@ const HOME_CLEARANCES: [f64; 2] = [0.020, 0.013];
 const BEYOND_MARGIN: f64 = 2.5;
 /// Shapes are fitted closer until so few poses are left at which some touch falsely, with no more shapes a link than this.
 const CLOSER: Closer = Closer { falsely: 0.003, shapes: 80 };
+/// No more motors are named that home moves.
+const MOST_TOLD: usize = 8;
 /// How many poses show which shapes touch falsely.
 const GLANCE: usize = 6000;
 
@@ -37,6 +40,10 @@ pub struct UrdfArgs {
     /// Leave out meshes instead of fitting shapes around them.
     #[arg(long)]
     drop_meshes: bool,
+    /// Whether COLLADA meshes that declare y as up are turned: `respect` or `ignore` that; by default, whichever brings the links'
+    /// centers of mass nearer to their meshes.
+    #[arg(long, value_name = "WORD", value_parser = up_axis)]
+    up_axis: Option<UpAxis>,
     /// Hold planar joints at zero instead of refusing them (a floating base stands still anyhow).
     #[arg(long)]
     fix_unsupported: bool,
@@ -70,6 +77,8 @@ pub struct Imported {
     pub robot: Robot,
     /// What the SRDF says, and the motors of each of its groups.
     pub groups: BTreeMap<String, Vec<usize>>,
+    /// The named poses of the SRDF: of each motor that it is about, name and position, degrees or millimeters.
+    pub poses: BTreeMap<String, Vec<(String, f64)>>,
     /// What was odd in the files.
     pub warnings: Vec<FileError>,
     /// The margin of the reflex that lets the robot start, whole millimeters, if home is not free by what the default needs.
@@ -83,7 +92,11 @@ pub struct Imported {
 impl UrdfArgs {
     /// Whether any of them is given.
     pub fn is_given(&self) -> bool {
-        !self.package.is_empty() || !self.meshes.is_empty() || self.drop_meshes || self.fix_unsupported
+        !self.package.is_empty()
+            || !self.meshes.is_empty()
+            || self.drop_meshes
+            || self.up_axis.is_some()
+            || self.fix_unsupported
     }
 
     /// The options of the reader.
@@ -103,6 +116,7 @@ impl UrdfArgs {
             packages: self.package.iter().cloned().collect(),
             mesh_folders: self.meshes.iter().cloned().chain(ros_folders()).collect(),
             drop_meshes: self.drop_meshes,
+            up_axis: self.up_axis.unwrap_or_default(),
             fix_unsupported: self.fix_unsupported,
             fit: FitOptions::default(),
         })
@@ -153,9 +167,11 @@ impl ImportArgs {
             let parts = srdf.parts(tree, &robot);
             decided.extend(divide(&mut robot, &parts));
         }
+        decided.extend(name_parts(&mut robot));
         let groups = srdf.iter().flat_map(|(srdf, tree)| srdf.groups.iter().map(move |g| (srdf, tree, g)));
         let groups = groups.map(|(srdf, tree, g)| (g.name.clone(), srdf.motors_of(&g.name, tree, &robot))).collect();
-        Ok(Imported { robot, groups, warnings, margin_mm, decided, inputs: self.digest(urdf, &links)? })
+        let poses = srdf.iter().flat_map(|(srdf, _)| named_poses(srdf, &robot)).collect();
+        Ok(Imported { robot, groups, poses, warnings, margin_mm, decided, inputs: self.digest(urdf, &links)? })
     }
 
     /// Whether a robot file was made from this URDF, its meshes, the SRDF and these options: then there is nothing to fit.
@@ -184,9 +200,14 @@ impl ImportArgs {
         for clearance in HOME_CLEARANCES {
             let home = find_home(robot, &wanted, clearance, SEED).map_err(|e| miette!("{e}"))?;
             let free = home.clearance * 1e3;
-            said = match (home.as_wanted, home.clearance >= clearance) {
-                (true, true) => format!("home: {name}, free by {free:.0} mm"),
-                (false, true) => format!("home: near {name}, which is not free by {free:.0} mm"),
+            said = match (home.moved.as_slice(), home.clearance >= clearance) {
+                ([], true) => format!("home: {name}, free by {free:.0} mm"),
+                (moved, true) => {
+                    let moved = told(robot, moved);
+                    format!(
+                        "home: {name} is not free by {free:.0} mm; as near to it as is, with few motors moved: {moved}"
+                    )
+                }
                 _ => format!("home: no pose near {name} was found that is free by more than {free:.0} mm"),
             };
             margin = (home.clearance < clearance).then(|| (free - BEYOND_MARGIN).floor()).filter(|mm| *mm >= 1.0);
@@ -214,6 +235,16 @@ fn disabled(srdf: &Srdf, robot: &Robot) -> Vec<LeftOut> {
     srdf.disabled.iter().filter_map(of).collect()
 }
 
+/// The SRDF's named poses, as people write them.
+fn named_poses(srdf: &Srdf, robot: &Robot) -> BTreeMap<String, Vec<(String, f64)>> {
+    let of = |name: &str| {
+        let stated = srdf.stated(name, robot).into_iter();
+        stated.filter_map(|(m, q)| Some((robot.motors.get(m)?.name.clone(), q.to_degrees()))).collect::<Vec<_>>()
+    };
+    let all = srdf.states.iter().map(|s| (s.name.clone(), of(&s.name)));
+    all.filter(|(_, motors)| !motors.is_empty()).collect()
+}
+
 /// Divides the motors among parts; says how, unless there is one part as without an SRDF.
 fn divide(robot: &mut Robot, parts: &RobotParts) -> Option<String> {
     robot.divide(&parts.parts);
@@ -229,12 +260,57 @@ fn divide(robot: &mut Robot, parts: &RobotParts) -> Option<String> {
     Some(said)
 }
 
+/// A name that ports and behaviors can have: of letters, digits, `-` and `_`, which also stands for all others.
+pub(crate) fn plain_name(name: &str) -> String {
+    let sound = |c: char| if c.is_ascii_alphanumeric() || "-_".contains(c) { c } else { '_' };
+    name.chars().map(sound).collect()
+}
+
+/// Gives parts names that ports can have; says which have another one now.
+fn name_parts(robot: &mut Robot) -> Vec<String> {
+    let mut taken: BTreeSet<String> = robot.parts.iter().map(|p| p.name.clone()).collect();
+    let mut said = Vec::new();
+    for part in &mut robot.parts {
+        let plain = plain_name(&part.name);
+        if plain == part.name {
+            continue;
+        }
+        let numbered = (2..).map(|i| format!("{plain}_{i}"));
+        let name = std::iter::once(plain.clone()).chain(numbered).find(|n| taken.insert(n.clone())).unwrap_or_default();
+        said.push(format!("part {:?} is called `{name}`, as its ports could not have that name", part.name));
+        part.name = name;
+    }
+    said
+}
+
+/// Which motors are elsewhere, and by how much in their units.
+fn told(robot: &Robot, moved: &[(usize, f64)]) -> String {
+    let one = |(m, by): &(usize, f64)| {
+        let motor = robot.motors.get(*m)?;
+        Some(format!("{} by {:.0} {}", motor.name, by.to_degrees(), motor.motion.unit()))
+    };
+    let mut all: Vec<String> = moved.iter().take(MOST_TOLD).filter_map(one).collect();
+    if moved.len() > all.len() {
+        all.push(format!("and {} more", moved.len() - all.len()));
+    }
+    all.join(", ")
+}
+
 /// What became of a link that was fitted closer.
 fn said(Nearer { link, shapes: (before, after), overshoot }: &Nearer) -> String {
     let within = overshoot * 1e3;
     format!(
         "link {link}: fitted closer, as its shapes touched falsely: {after} shapes, not {before}, within {within:.0} mm"
     )
+}
+
+/// What to make of a declared axis.
+fn up_axis(text: &str) -> Result<UpAxis, String> {
+    match text {
+        "respect" => Ok(UpAxis::Respect),
+        "ignore" => Ok(UpAxis::Ignore),
+        _ => Err("say `respect` or `ignore`".to_owned()),
+    }
 }
 
 /// `NAME=DIR`, where the folder exists.

@@ -9,6 +9,7 @@
 //!                        │         └────> escape
 //!                        ├──> planners: RRT-Connect, shortcuts ──> JointSpace ──> mobee-fast
 //!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
+//!                                         walk ──> validation ──> validity: roadmap + scene ──> which edges are blocked
 //!
 //! scene, table ──> table_map ──search──> poses ──> roadmap
 //! ```

@@ -13,13 +13,19 @@
 //! An edge is a straight line in joint space, the short way round for motors without end, and sweeps the same poses in both
 //! directions, so an edge driven to its end tells the same of its opposite, if that was never driven. A failure tells less, as the
 //! motion broke off at its first contact.
+//!
+//! Beside that, what blocks an edge in the model's present world can be certified (`validation.rs`): such an edge is `Blocked`, in the
+//! ledger too, and comes back as what it was believed to be once the world has changed.
 
+mod blocked;
 mod file;
 pub mod join;
 pub mod neighbors;
 mod search;
 #[cfg(test)]
 mod tests;
+pub mod validation;
+pub mod validity;
 pub mod verdict;
 pub mod walk;
 
@@ -35,6 +41,9 @@ use search::{Buffers, Links};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::Add;
+
+/// The most motions that are remembered one by one; the edges know what came of the others.
+const MOST_TRIED: usize = 1000;
 
 /// A pose of the roadmap.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,7 +105,7 @@ pub struct Roadmap {
     notes: Vec<Note>,
     /// What its file says of the world and the hand.
     about: file::About,
-    /// Motions that were tried, in order.
+    /// The newest motions that were tried, in order.
     tried: Vec<TriedMotion>,
 }
 
@@ -142,7 +151,13 @@ impl Roadmap {
                 Note::Vertex { id, q, at } if *id as usize == self.len() => {
                     self.add(Vertex { name: None, q: q.clone(), at: *at });
                 }
+                // what blocks an edge is found out anew
+                Note::Edge { from, to, state: EdgeState::Blocked, .. } if self.edge(*from, *to).is_none() => {
+                    self.restore(*from, *to, Edge::NEW);
+                }
+                Note::Edge { state: EdgeState::Blocked, .. } => {}
                 Note::Edge { from, to, state, cause } => {
+                    self.ledger.remove(&(*from, *to));
                     self.unlink(*from, *to);
                     let driven = matches!(state, EdgeState::Feasible | EdgeState::Removed);
                     self.restore(*from, *to, Edge { state: *state, driven, cause: cause.clone() });
@@ -171,11 +186,11 @@ impl Roadmap {
         self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), edge);
     }
 
-    /// Takes an edge out; answers whether it was there.
-    fn unlink(&mut self, from: u32, to: u32) -> bool {
+    /// Takes an edge out, if it is there.
+    fn unlink(&mut self, from: u32, to: u32) -> Option<Edge> {
         self.links.remove(from, to);
         let known = self.graph.find_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize));
-        known.is_some_and(|edge| self.graph.remove_edge(edge).is_some())
+        known.and_then(|edge| self.graph.remove_edge(edge))
     }
 
     /// Joins every pose to its `k` nearest ones, in both directions.
@@ -292,7 +307,7 @@ impl Roadmap {
 
     /// An edge was driven to its end: it is feasible, and so is its opposite unless that one failed itself.
     pub fn succeeded(&mut self, from: u32, to: u32) {
-        self.tried.push(TriedMotion { run: None, from, to, reached: true, cause: None });
+        self.log(TriedMotion { run: None, from, to, reached: true, cause: None });
         self.change(from, to, |e| *e = Edge { state: EdgeState::Feasible, driven: true, cause: None });
         self.change(to, from, |e| e.state = EdgeState::Feasible);
     }
@@ -300,10 +315,11 @@ impl Roadmap {
     /// An edge failed when driven: that very edge leaves the graph for the ledger; its opposite becomes doubtful unless
     /// it was driven to its end itself.
     pub fn failed(&mut self, from: u32, to: u32, cause: Option<String>) {
-        if !self.unlink(from, to) {
+        self.unblock(from, to);
+        if self.unlink(from, to).is_none() {
             return;
         }
-        self.tried.push(TriedMotion { run: None, from, to, reached: false, cause: cause.clone() });
+        self.log(TriedMotion { run: None, from, to, reached: false, cause: cause.clone() });
         let removed = Edge { state: EdgeState::Removed, driven: true, cause };
         self.note(from, to, &removed);
         self.ledger.insert((from, to), removed);
@@ -314,10 +330,18 @@ impl Roadmap {
         });
     }
 
+    /// A motion was tried. A tour without end must not fill the memory, nor each snapshot of its agent.
+    fn log(&mut self, motion: TriedMotion) {
+        let surplus = (self.tried.len() + 1).saturating_sub(MOST_TRIED);
+        self.tried.drain(..surplus);
+        self.tried.push(motion);
+    }
+
     /// Takes a removed edge back as an optimistic one, because the world changed (I11). Answers whether there was one.
     pub fn readmit(&mut self, from: u32, to: u32) -> bool {
-        let there = self.ledger.remove(&(from, to)).is_some();
+        let there = self.edge(from, to).is_some_and(|e| e.state == EdgeState::Removed);
         if there {
+            self.ledger.remove(&(from, to));
             self.link(from, to, Edge::NEW);
             self.note(from, to, &Edge::NEW);
         }

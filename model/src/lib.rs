@@ -62,6 +62,8 @@ pub use srdf::{
 };
 pub use surface::{LinkSurface, Surfaces, random_poses};
 pub use survey::{Closer, Comparison, ContactCounts, HomePose, Nearer, compare, find_home, fit_closer, spared_pairs};
-pub use urdf::{UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, load_urdf_with_surfaces, parse_urdf};
+pub use urdf::{
+    UpAxis, UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, load_urdf_with_surfaces, parse_urdf,
+};
 pub use watch::{Watch, WatchCounters};
 pub use zrp::{load_robot, load_world, parse_robot, parse_world, write_robot, write_world};

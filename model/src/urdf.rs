@@ -19,6 +19,7 @@ mod document;
 mod mesh;
 mod neighbors;
 mod tree;
+mod upright;
 
 use crate::error::{FileError, Loaded, Source};
 use crate::{Fit, FitOptions, LinkSurface, Robot};
@@ -44,10 +45,26 @@ pub struct UrdfOptions {
     pub mesh_folders: Vec<PathBuf>,
     /// Leave out meshes, with a warning, rather than refuse those that cannot be read.
     pub drop_meshes: bool,
+    /// Whether the `up_axis` of COLLADA meshes counts.
+    pub up_axis: UpAxis,
     /// Hold planar joints at zero, with a warning, rather than refuse them. Floating ones stand still anyhow.
     pub fix_unsupported: bool,
     /// How near to the meshes the shapes must be that are fitted to them, and how many a link may have.
     pub fit: FitOptions,
+}
+
+/// Whether COLLADA meshes that declare y as up are turned so that it becomes z.
+///
+/// The tools that most URDF files were drawn with pass over what a mesh declares; a few files were drawn with tools that do not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum UpAxis {
+    /// If the links' centers of mass lie much nearer to their meshes then.
+    #[default]
+    Guess,
+    /// No.
+    Ignore,
+    /// Yes.
+    Respect,
 }
 
 /// A robot made from a URDF, and the surfaces that its shapes were fitted to.

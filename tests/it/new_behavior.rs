@@ -66,11 +66,22 @@ fn a_robot_of_ones_own_explores_from_its_urdf_without_an_edit() {
     assert!(checked.status.success() && said(&checked).contains(HOLD), "{}", said(&checked));
     let summary: serde_json::Value = serde_json::from_str(&said(&ran)).expect("a summary");
     assert!(summary.to_string().contains("\"hard_contacts\":0"), "{summary}");
+    // the SRDF's poses are there for the taking
+    let text = std::fs::read_to_string(dir.path().join("pick.toml")).expect("the behavior");
+    let (explorer, poses) = text.split_once("[robot.agent]\nkind = \"explorer\"").expect("an agent");
+    let (_, poses) = poses.split_once("the one above:\n").expect("poses");
+    let uncommented: String = poses.lines().flat_map(|l| [l.strip_prefix("# ").unwrap_or(l), "\n"]).collect();
+    std::fs::write(dir.path().join("poses.toml"), explorer.to_owned() + &uncommented).expect("written");
+    let posed = mobee(dir.path(), &["run", "poses.toml", "--for", "60", "--no-record", "--out", "posed", "--json"]);
+    assert!(posed.status.success() && said(&posed).contains("\"commits\":2"), "{}", said(&posed));
     let again = mobee(dir.path(), &["new", "pick", "--robot", "rail.urdf"]);
     assert_eq!(again.status.code(), Some(2));
     assert!(said(&again).contains("pick.toml exists already"), "{}", said(&again));
     let compared = mobee(dir.path(), &["model", "compare", "rail.xml", "rail.urdf", "--poses", "500"]);
     assert!(compared.status.success() && said(&compared).contains("missed 0"), "{}", said(&compared));
+    // without groups there is one part, of the robot's name, which here could be no port's
+    let alone = mobee(dir.path(), &["model", "convert", "rail.urdf", "alone.xml", "--poses", "0"]);
+    assert!(said(&alone).contains("part \"rail arm\" is called `rail_arm`"), "{}", said(&alone));
 }
 
 /// The whole corpus takes hours; `tools/corpus` alone goes through it.
@@ -102,5 +113,7 @@ const RAIL_ARM: &str = r#"<robot name="rail arm">
 </robot>
 "#;
 
-const ARM_GROUP: &str = r#"<robot name="rail arm"><group name="arm"><chain base_link="base" tip_link="arm"/></group></robot>
+const ARM_GROUP: &str = r#"<robot name="rail arm"><group name="arm"><chain base_link="base" tip_link="arm"/></group>
+  <group_state name="left" group="arm"><joint name="rail" value="-0.1"/><joint name="lift" value="0.2"/></group_state>
+  <group_state name="up" group="arm"><joint name="lift" value="-0.5"/></group_state></robot>
 "#;

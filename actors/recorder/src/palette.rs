@@ -64,6 +64,7 @@ pub(crate) fn edge(state: EdgeState) -> Rgba {
         EdgeState::Optimistic => 0x8A93A580,
         EdgeState::Doubtful => 0xE0A93CB0,
         EdgeState::Removed => 0xD8605A90,
+        EdgeState::Blocked => 0xF0322DB0,
     }
 }
 

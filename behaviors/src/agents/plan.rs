@@ -320,8 +320,7 @@ impl Agent for PlanAgent {
             let what = "map: the map is one of other motors, or lacks a goal".to_owned();
             return Err(Refusal::State { what });
         }
-        self.walker.map = map;
-        self.walker.resume(state.progress);
+        self.walker.resume(map, state.progress);
         (self.placed, self.state, self.ways.spent) = (true, state.going, state.spent);
         self.route.clear();
         Ok(())

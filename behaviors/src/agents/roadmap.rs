@@ -4,6 +4,7 @@ use super::named::{self, NamedPose};
 use super::{open, seal};
 use crate::group;
 use crate::roadmap::Roadmap;
+use crate::roadmap::validation::Validation;
 use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use mobee_contract::*;
 use mobee_model::Robot;
@@ -44,6 +45,10 @@ pub struct RoadmapSettings {
     /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
     pub speed: f64,
+    /// Whether edges are just tried (`optimistic`), or certified in the model before they are driven (`lazy`) or planned over
+    /// (`verified`).
+    #[serde(default)]
+    pub validation: Validation,
     /// How near every motor must be to a pose of the roadmap for the robot to count as at that pose, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
@@ -122,7 +127,7 @@ impl RoadmapAgent {
             tour.as_ref().map(drop).map_err(Clone::clone),
         ])?;
         let (speed, tolerance, wait, hand, (goals, map)) = (speed?, tolerance?, wait?, hand?, tour?);
-        let walker = Walker::new(map, speed, tolerance, context.seed);
+        let walker = Walker::new(map, speed, tolerance, context.seed).with_validation(settings.validation);
         let own = settings.poses.len();
         Ok(RoadmapAgent {
             robot,
@@ -163,7 +168,9 @@ impl RoadmapAgent {
             ("motions_along_edges", f64::from(progress.driven)),
             ("motions_failed", f64::from(progress.failed)),
         ];
-        let figures = figures.into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
+        let blocked = edges.iter().filter(|(.., e)| e.state == EdgeState::Blocked).count();
+        let blocked = self.walker.validator().certifies().then_some(("edges_blocked", blocked as f64));
+        let figures = figures.into_iter().chain(blocked).map(|(name, n)| (name.to_owned(), n)).collect();
         Intent::Done(Summary { text: text.to_owned(), figures })
     }
 }
@@ -211,6 +218,10 @@ impl Agent for RoadmapAgent {
         Intent::Wait(Duration::from_secs(1))
     }
 
+    fn revise(&mut self, view: &View) -> Option<Intent> {
+        self.walker.revise(view)
+    }
+
     fn notes(&mut self) -> Vec<Note> {
         self.walker.notes()
     }
@@ -236,8 +247,7 @@ impl Agent for RoadmapAgent {
             let what = "map: the roadmap is one of other motors, or lacks a goal".to_owned();
             return Err(Refusal::State { what });
         }
-        self.walker.map = map;
-        self.walker.resume(state.progress);
+        self.walker.resume(map, state.progress);
         (self.placed, self.tour) = (true, state.tour);
         Ok(())
     }

@@ -57,8 +57,8 @@ fn over_its_points(space: &mut JointSpace, poses: Vec<Vec<f64>>, end: u64) -> Ve
         ways[*j].push(*i);
     }
     let mut best: Vec<(f64, usize)> = vec![(0.0, 0)];
-    for j in 1..n {
-        let reached = ways[j].iter().map(|i| (best[*i].0 + far((*i, j)), *i));
+    for (j, from) in ways.iter().enumerate().skip(1) {
+        let reached = from.iter().map(|i| (best[*i].0 + far((*i, j)), *i));
         best.push(reached.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).unwrap_or((f64::INFINITY, j - 1)));
     }
     let mut kept = vec![n - 1];

@@ -56,8 +56,11 @@ impl Roadmap {
             let mut out: Vec<_> = self.graph.edges(NodeIndex::new(id as usize)).collect();
             out.reverse();
             all.extend(out.into_iter().map(|e| file(id, e.target().index() as u32, e.weight())));
+            // what blocks an edge is the world's matter: whoever takes the map up finds it out anew
+            all.extend(self.blocked_out(id).map(|(to, e)| file(id, to, &e)));
         }
-        all.extend(self.ledger.iter().map(|((a, b), e)| file(*a, *b, e)));
+        let removed = self.ledger.iter().filter(|(_, e)| e.state == EdgeState::Removed);
+        all.extend(removed.map(|((a, b), e)| file(*a, *b, e)));
         all
     }
 
@@ -93,6 +96,7 @@ impl Roadmap {
         if self.vertex(from).is_none() || self.vertex(to).is_none() {
             return;
         }
+        let edge = if edge.state == EdgeState::Blocked { Edge { state: EdgeState::Optimistic, ..edge } } else { edge };
         self.note(from, to, &edge);
         if edge.state == EdgeState::Removed {
             self.ledger.insert((from, to), edge);

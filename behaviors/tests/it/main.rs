@@ -10,4 +10,6 @@ mod roadmap_agent;
 mod short_way;
 mod simple_agents;
 mod table_map;
+mod validation;
+mod validity;
 mod world;

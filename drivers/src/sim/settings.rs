@@ -127,8 +127,9 @@ impl SimSettings {
             };
             let (min, max) = (motor.min.to_degrees(), motor.max.to_degrees());
             if !(*deg >= min - 1e-6 && *deg <= max + 1e-6) {
-                let what = format!("{deg} deg is outside the limits of {name}");
-                return Err(KindError::new(path, what, format!("give a position from {min:.3} to {max:.3} deg")));
+                let unit = motor.motion.unit();
+                let what = format!("{deg} {unit} is outside the limits of {name}");
+                return Err(KindError::new(path, what, format!("give a position from {min:.3} to {max:.3} {unit}")));
             }
             *slot = deg.to_radians().clamp(motor.min, motor.max);
             Ok(())

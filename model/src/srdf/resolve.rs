@@ -109,6 +109,17 @@ impl Srdf {
         (!states.is_empty()).then(|| robot.motors.iter().map(of).collect())
     }
 
+    /// The motors that a named pose is about, each with its position within its limits, rad of encoder. Empty if no pose has this name.
+    pub fn stated(&self, name: &str, robot: &Robot) -> Vec<(usize, f64)> {
+        let states = self.states.iter().filter(|s| s.name == name);
+        let joints: BTreeSet<&str> = states
+            .flat_map(|s| s.positions.iter().filter(|(_, q)| q.len() == 1).map(|(joint, _)| joint.as_str()))
+            .collect();
+        let Some(pose) = self.pose(name, robot) else { return Vec::new() };
+        let motors = robot.motors.iter().zip(pose).enumerate();
+        motors.filter(|(_, (motor, _))| joints.contains(motor.name.as_str())).map(|(m, (_, q))| (m, q)).collect()
+    }
+
     /// The name of the pose to begin with: `home`, or one of the names that such a pose has elsewhere.
     pub fn home(&self) -> Option<&str> {
         let named = |name: &&str| self.states.iter().find(|s| s.name.eq_ignore_ascii_case(name));

@@ -1,6 +1,6 @@
 //! A pose to begin at.
 
-use crate::{Robot, Scene, SceneError, random_poses};
+use crate::{Motor, Robot, Scene, SceneError, random_poses};
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
@@ -8,8 +8,12 @@ use std::sync::Arc;
 const TRIES: usize = 400;
 /// Shares of the way to a random pose at which the search looks, nearest first.
 const STEPS: [f64; 6] = [0.05, 0.1, 0.2, 0.4, 0.7, 1.0];
-/// How often the way back to the wanted pose is halved.
-const HALVINGS: usize = 12;
+/// So many free poses are brought near the wanted one; the nearest counts.
+const CANDIDATES: usize = 5;
+/// How often all motors are led back.
+const ROUNDS: usize = 3;
+/// How often a motor's way back is halved.
+const HALVINGS: usize = 8;
 
 /// A pose to begin at, and how free it is.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,15 +22,17 @@ pub struct HomePose {
     pub q: Vec<f64>,
     /// Distance of the nearest pair there, meters, and no more than was asked for.
     pub clearance: f64,
-    /// Whether it is the wanted one.
-    pub as_wanted: bool,
+    /// The motors that are not where they are wanted to be, and how far they are from there, rad of encoder; the farthest first.
+    pub moved: Vec<(usize, f64)>,
 }
 
 /// The wanted pose if it is free by `clearance` meters, else one near it that is; if there is none, the freest that was found.
 ///
 /// # Method
-/// Random poses are approached from the wanted one, first a little of the way and then more. From the first that is free the way
-/// back is halved as long as it stays free.
+/// Random poses are approached from the wanted one, first a little of the way and then more, until some are free. In each of them
+/// one motor after the other is led back to where it is wanted, all the way if that stays free, or as far as it does: what remains is a
+/// pose of which few motors differ, as a person would choose it. Of these the one counts that is the smallest sum of ways from the
+/// wanted one.
 ///
 /// # Errors
 /// If the robot can't stand in a scene.
@@ -38,31 +44,64 @@ pub fn find_home(robot: &Robot, wanted: &[f64], clearance: f64, seed: u64) -> Re
         if lawful { nearest } else { f64::NEG_INFINITY }
     };
     let within: Vec<f64> = robot.motors.iter().zip(wanted).map(|(m, q)| q.max(m.min).min(m.max)).collect();
-    let at_wanted = free_by(&within);
-    let mut best = HomePose { q: within.clone(), clearance: at_wanted, as_wanted: true };
-    if at_wanted >= clearance {
-        return Ok(best);
-    }
+    let mut freest = (within.clone(), free_by(&within));
+    let mut free = Vec::new();
     let mut random = random_poses(robot, seed);
     for step in STEPS {
+        if freest.1 >= clearance {
+            break;
+        }
         for to in random.by_ref().take(TRIES) {
-            let part = |share: f64| -> Vec<f64> {
-                let toward = |((m, a), b): ((&crate::Motor, &f64), &f64)| a + share * m.way(*a, *b);
-                robot.motors.iter().zip(&within).zip(&to).map(toward).collect()
-            };
-            let there = free_by(&part(step));
-            if there > best.clearance {
-                best = HomePose { q: part(step), clearance: there, as_wanted: false };
+            let part: Vec<f64> =
+                robot.motors.iter().zip(&within).zip(&to).map(|((m, a), b)| a + step * m.way(*a, *b)).collect();
+            let there = free_by(&part);
+            if there > freest.1 {
+                freest = (part.clone(), there);
             }
             if there >= clearance {
-                let (mut blocked, mut free) = (0.0, step);
-                for _ in 0..HALVINGS {
-                    let middle = (blocked + free) / 2.0;
-                    if free_by(&part(middle)) >= clearance { free = middle } else { blocked = middle }
-                }
-                return Ok(HomePose { q: part(free), clearance, as_wanted: false });
+                free.push(part);
+            }
+            if free.len() == CANDIDATES {
+                break;
             }
         }
     }
-    Ok(best)
+    let ways = |q: &[f64]| -> Vec<f64> {
+        robot.motors.iter().zip(&within).zip(q).map(|((m, from), to)| m.way(*from, *to)).collect()
+    };
+    let far = |q: &[f64]| ways(q).iter().map(|way| way.abs()).sum::<f64>();
+    let clear = |q: &[f64]| scene.free(&[q], clearance);
+    let led = free.into_iter().map(|q| led_back(q, &within, &robot.motors, clear));
+    let q = led.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(freest.0);
+    let mut moved: Vec<(usize, f64)> = ways(&q).into_iter().enumerate().filter(|(_, way)| *way != 0.0).collect();
+    moved.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    Ok(HomePose { clearance: free_by(&q), q, moved })
+}
+
+/// A free pose with each motor as near to where it is wanted as the others let it, the farthest first.
+fn led_back(mut q: Vec<f64>, wanted: &[f64], motors: &[Motor], free: impl Fn(&[f64]) -> bool) -> Vec<f64> {
+    for _ in 0..ROUNDS {
+        let before = q.clone();
+        let way = |q: &[f64], m: usize| motors[m].way(q[m], wanted[m]);
+        let mut order: Vec<usize> = (0..motors.len()).filter(|m| way(&q, *m) != 0.0).collect();
+        order.sort_by(|a, b| way(&q, *b).abs().total_cmp(&way(&q, *a).abs()));
+        for m in order {
+            let (from, way) = (q[m], way(&q, m));
+            q[m] = wanted[m];
+            if free(&q) {
+                continue;
+            }
+            let (mut good, mut bad) = (0.0, 1.0);
+            for _ in 0..HALVINGS {
+                let middle = (good + bad) / 2.0;
+                q[m] = from + middle * way;
+                if free(&q) { good = middle } else { bad = middle }
+            }
+            q[m] = from + good * way;
+        }
+        if q == before {
+            break;
+        }
+    }
+    q
 }

@@ -6,9 +6,9 @@
 //! ```
 
 use super::document::{Collision, Document, Geometry, Joint, JointType, Link};
-use super::mesh::{self, Meshes};
+use super::mesh::{self, MeshFile, Meshes};
 use super::tree::{Drive, Tree};
-use super::{UrdfOptions, neighbors};
+use super::{UrdfOptions, neighbors, upright};
 use crate::error::{FileError, Source};
 use crate::{
     Fit, JointMotion, LinkSurface, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape,
@@ -60,6 +60,8 @@ struct Builder<'a> {
     shapes: usize,
     /// The mesh files.
     meshes: Meshes<'a>,
+    /// Whether meshes that declare y as up are turned.
+    turns_y_up: bool,
     /// Whether primitives are fitted to meshes.
     fits: bool,
     /// What the links collide with in the file's own words.
@@ -112,10 +114,12 @@ pub(super) fn build(
         shapes_of: vec![None; urdf.links.len()],
         shapes: 0,
         meshes: Meshes::new(options),
+        turns_y_up: false,
         fits,
         surfaces: Vec::new(),
         fitted: BTreeMap::new(),
     };
+    b.turns_y_up = upright::turns_y_up(source, urdf, options.up_axis, &mut b.meshes, b.warnings);
     // Motors first: a mimic joint may come before its source in the tree.
     b.create_motors();
     let mut todo = vec![(tree.root, Isometry3::identity(), None)];
@@ -257,8 +261,9 @@ impl Builder<'_> {
                     self.warnings.push(self.source.warning(collision.at.clone(), message, help));
                 }
                 Geometry::Mesh { filename, scale } => {
-                    let mesh = self.mesh(name, collision, filename, scale)?;
-                    own.meshes.push(placed(&mesh, scale, &collision.origin));
+                    let file = self.mesh(name, collision, filename, scale)?;
+                    let turn = self.turns_y_up && file.y_up;
+                    own.meshes.push(placed(&file.mesh, turn, scale, &collision.origin));
                 }
                 _ => own.solids.push(self.shape(link, collision)?),
             }
@@ -371,14 +376,14 @@ impl Builder<'_> {
         collision: &Collision,
         file: &str,
         scale: &Vector3<f64>,
-    ) -> Result<Rc<Mesh>, FileError> {
-        let mesh = self.meshes.get(file).map_err(|why| self.bad_mesh(link, collision, file, &why))?;
-        if let Some(odd) = mesh::odd_size(&mesh, scale) {
+    ) -> Result<Rc<MeshFile>, FileError> {
+        let read = self.meshes.get(file).map_err(|why| self.bad_mesh(link, collision, file, &why))?;
+        if let Some(odd) = mesh::odd_size(&read.mesh, scale) {
             let message = format!("link `{link}`: the mesh {file} {odd}");
             let help = "if so, write scale=\"0.001 0.001 0.001\" into its <mesh>";
             self.warnings.push(self.source.warning(collision.at.clone(), message, help));
         }
-        Ok(mesh)
+        Ok(read)
     }
 
     fn bad_mesh(&self, link: &str, collision: &Collision, file: &str, why: &str) -> FileError {
@@ -386,9 +391,10 @@ impl Builder<'_> {
     }
 }
 
-/// A mesh in its link's frame, meters.
-fn placed(mesh: &Mesh, scale: &Vector3<f64>, link_from_mesh: &Isometry3<f64>) -> Mesh {
-    let place = |v: &Vector3<f64>| link_from_mesh.transform_point(&v.component_mul(scale).into()).coords;
+/// A mesh in its link's frame, meters; turned first if its y is up.
+fn placed(mesh: &Mesh, turn: bool, scale: &Vector3<f64>, link_from_mesh: &Isometry3<f64>) -> Mesh {
+    let upright = |v: &Vector3<f64>| if turn { upright::z_up(v) } else { *v };
+    let place = |v: &Vector3<f64>| link_from_mesh.transform_point(&upright(v).component_mul(scale).into()).coords;
     Mesh { vertices: mesh.vertices.iter().map(place).collect(), triangles: mesh.triangles.clone() }
 }
 

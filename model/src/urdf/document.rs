@@ -37,6 +37,8 @@ pub(super) struct Link {
     pub at: Range<usize>,
     /// The shapes that collide.
     pub collisions: Vec<Collision>,
+    /// Its center of mass in its frame, if it says that it has mass there.
+    pub center: Option<Vector3<f64>>,
     /// Whether there is a shape to be looked at.
     pub visual: bool,
 }
@@ -215,7 +217,15 @@ impl Reading<'_> {
     fn link(&self, element: &XmlElement, name: &str) -> Result<Link, FileError> {
         let collisions = element.all("collision").map(|c| self.collision(c, name)).collect::<Result<_, _>>()?;
         let visual = element.child("visual").is_some();
-        Ok(Link { name: name.to_owned(), at: element.at.clone(), collisions, visual })
+        Ok(Link { name: name.to_owned(), at: element.at.clone(), collisions, center: self.center(element), visual })
+    }
+
+    /// A link's center of mass. It only helps to understand the rest, so what can't be read is none.
+    fn center(&self, link: &XmlElement) -> Option<Vector3<f64>> {
+        let inertial = link.child("inertial")?;
+        let mass = self.number(inertial.child("mass")?, "value").ok()??;
+        let center = self.vector(inertial.child("origin")?, "xyz").ok()??;
+        (mass > 0.0).then_some(center)
     }
 
     fn collision(&self, element: &XmlElement, link: &str) -> Result<Collision, FileError> {

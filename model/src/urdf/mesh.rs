@@ -37,11 +37,20 @@ pub(super) struct Meshes<'a> {
     /// Where to look for files.
     options: &'a UrdfOptions,
     /// What was read, by path.
-    read: BTreeMap<PathBuf, Rc<Mesh>>,
+    read: BTreeMap<PathBuf, Rc<MeshFile>>,
     /// How many bytes may still be read.
     bytes: u64,
     /// How many triangles may still be read.
     triangles: usize,
+}
+
+/// What a mesh file contains.
+#[derive(Clone, Debug)]
+pub(super) struct MeshFile {
+    /// Its surface, meters.
+    pub mesh: Mesh,
+    /// Whether the file declares that y is up in it.
+    pub y_up: bool,
 }
 
 impl<'a> Meshes<'a> {
@@ -55,22 +64,22 @@ impl<'a> Meshes<'a> {
     ///
     /// # Errors
     /// What is wrong with it, as the end of a sentence.
-    pub fn get(&mut self, name: &str) -> Result<Rc<Mesh>, String> {
+    pub fn get(&mut self, name: &str) -> Result<Rc<MeshFile>, String> {
         let path = find(name, self.options).ok_or("is not found")?;
         if let Some(mesh) = self.read.get(&path) {
             return Ok(mesh.clone());
         }
-        let (mesh, bytes) = read(&path)?;
+        let (file, bytes) = read(&path)?;
         self.bytes = self
             .bytes
             .checked_sub(bytes)
             .ok_or_else(|| format!("is too much: all meshes together have more than {} MiB", MAX_TOGETHER / MIB))?;
-        self.triangles = self.triangles.checked_sub(mesh.triangles.len()).ok_or_else(|| {
+        self.triangles = self.triangles.checked_sub(file.mesh.triangles.len()).ok_or_else(|| {
             format!("is too much: all meshes together have more than {MAX_TRIANGLES_TOGETHER} triangles")
         })?;
-        let mesh = Rc::new(mesh);
-        self.read.insert(path, mesh.clone());
-        Ok(mesh)
+        let file = Rc::new(file);
+        self.read.insert(path, file.clone());
+        Ok(file)
     }
 }
 
@@ -81,14 +90,14 @@ impl<'a> Meshes<'a> {
 /// If the file can't be read, is of another format, has no surface or more than a million triangles.
 pub fn load_mesh(path: impl AsRef<Path>) -> Result<Mesh, FileError> {
     let path = path.as_ref();
-    read(path).map(|(mesh, _)| mesh).map_err(|why| {
+    read(path).map(|(file, _)| file.mesh).map_err(|why| {
         let help = "check the file in a viewer, and export it anew, as binary STL for example";
         Source::new(&path.display().to_string(), "").error(0..0, format!("the mesh {why}"), help)
     })
 }
 
 /// A mesh file, and how many bytes it has.
-fn read(path: &Path) -> Result<(Mesh, u64), String> {
+fn read(path: &Path) -> Result<(MeshFile, u64), String> {
     let bytes = file::read(path, MAX_BYTES).map_err(|e| format!("cannot be read: {e}"))?;
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     Ok((parse(&extension, &bytes)?, bytes.len() as u64))
@@ -137,10 +146,10 @@ fn find(name: &str, options: &UrdfOptions) -> Option<PathBuf> {
 }
 
 /// Reads a mesh of a format that is known by its file's extension.
-fn parse(extension: &str, bytes: &[u8]) -> Result<Mesh, String> {
-    let mesh = match extension {
-        "stl" => stl::parse(bytes)?,
-        "obj" => obj::parse(bytes)?,
+fn parse(extension: &str, bytes: &[u8]) -> Result<MeshFile, String> {
+    let (mesh, y_up) = match extension {
+        "stl" => (stl::parse(bytes)?, false),
+        "obj" => (obj::parse(bytes)?, false),
         "dae" => dae::parse(bytes)?,
         other => return Err(format!("is of type `{other}`; STL, OBJ and COLLADA (.dae) can be read")),
     };
@@ -151,7 +160,7 @@ fn parse(extension: &str, bytes: &[u8]) -> Result<Mesh, String> {
     if mesh.triangles.is_empty() {
         return Err("has no surface: there is no triangle in it with three corners".to_owned());
     }
-    Ok(mesh)
+    Ok(MeshFile { mesh, y_up })
 }
 
 /// Three numbers in text, if there are so many.

@@ -92,11 +92,20 @@ fn home_is_where_it_is_wanted_or_the_nearest_pose_that_is_free() {
     let scene = Scene::new(vec![(Arc::new(robot.clone()), Isometry3::identity())], Vec::new()).unwrap();
     let free = [1.0];
     let as_wanted = find_home(&robot, &free, 0.02, 7).unwrap();
-    assert!(as_wanted.as_wanted && as_wanted.q == free, "{as_wanted:?}");
+    assert!(as_wanted.moved.is_empty() && as_wanted.q == free, "{as_wanted:?}");
     let moved = find_home(&robot, &[0.0], 0.02, 7).unwrap();
-    assert!(!moved.as_wanted && scene.free(&[&moved.q], 0.0199), "{moved:?}");
+    assert!(moved.moved == [(0, moved.q[0])] && scene.free(&[&moved.q], 0.0199), "{moved:?}");
     // a little nearer to the wanted pose it is not free any more
     assert!(!scene.free(&[&[moved.q[0] * 0.95]], 0.02), "{moved:?}");
+    // a motor that is in nobody's way stays where it is wanted
+    let motor = r#"<motor name="nod" minPos="-90" maxPos="90" home="0"/><link name="base""#;
+    let nod = r#"<motor name="nod"><joint x="1" length="0.01" minPos="-90" maxPos="90"/></motor></link>
+    </joint>"#;
+    let two = ARM.replacen("<link name=\"base", motor, 1).replacen("</link>\n    </joint>", nod, 1);
+    let two = mobee_model::parse_robot("r.xml", &two).unwrap().value;
+    let home = find_home(&two, &[0.0, 0.3], 0.02, 7).unwrap();
+    assert_eq!((home.q[1], home.moved.len(), home.moved[0].0), (0.3, 1, 0), "{home:?}");
+    assert!((home.q[0].abs() - moved.q[0].abs()).abs() < 0.02, "{home:?} {moved:?}");
     let nowhere = find_home(&robot, &[0.0], 5.0, 7).unwrap();
     assert!(nowhere.clearance < 5.0 && nowhere.clearance > 0.0, "the freest there is: {nowhere:?}");
 }

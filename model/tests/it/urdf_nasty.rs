@@ -1,6 +1,6 @@
 //! Nasty URDF and mesh files: a clear error or a warning each, at once and in little memory.
 
-use mobee_model::{FileError, Mesh, UrdfOptions, load_mesh, load_urdf, parse_urdf};
+use mobee_model::{FileError, Mesh, UpAxis, UrdfOptions, load_mesh, load_surfaces, load_urdf, parse_urdf};
 use std::path::Path;
 
 fn mesh(dir: &Path, name: &str, bytes: &[u8]) -> Result<Mesh, FileError> {
@@ -128,6 +128,43 @@ fn a_collada_file_has_its_unit_and_its_nodes_and_is_not_turned_for_its_up_axis()
     assert_eq!(corners(dir.path(), &dae("", "0 1 2", matrix)), [[7.0, 8.0, 9.0], [8.0, 8.0, 9.0], [7.0, 10.0, 9.0]]);
     let twice = mesh(dir.path(), "twice.dae", dae("", "0 1 2", &(SHOWN.to_owned() + nodes)).as_bytes()).unwrap();
     assert_eq!(twice.triangles.len(), 2, "each instance is there");
+}
+
+/// A file does not say which tools it was drawn for. Where the mass of its links is does.
+#[test]
+fn a_collada_mesh_is_turned_upright_if_the_masses_say_so_or_if_asked() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("m.dae"), dae("<up_axis>Y_UP</up_axis>", "0 1 2", SHOWN)).unwrap();
+    // the middle of the triangle is at y = 1 as drawn, and at z = 1 if it is turned
+    let robot = |center: &str, links: usize| -> String {
+        let link = |i: usize| {
+            format!(
+                "<link name=\"l{i}\"><inertial><mass value=\"1\"/><origin xyz=\"{center}\"/></inertial>\
+                 <collision><geometry><mesh filename=\"m.dae\"/></geometry></collision></link>"
+            )
+        };
+        let joint = |i: usize| {
+            format!("<joint name=\"j{i}\" type=\"fixed\"><parent link=\"l0\"/><child link=\"l{i}\"/></joint>")
+        };
+        let all: String = (0..links).map(link).chain((1..links).map(joint)).collect();
+        format!("<robot name=\"r\">{all}</robot>")
+    };
+    let highest = |text: &str, up_axis: UpAxis| {
+        let path = dir.path().join("r.urdf");
+        std::fs::write(&path, text).unwrap();
+        let loaded = load_surfaces(&path, &UrdfOptions { up_axis, ..UrdfOptions::default() }).unwrap();
+        let said = loaded.warnings.iter().any(|w| w.message().contains("turned"));
+        let high = loaded.value[0].meshes[0].vertices.iter().map(|v| v.z).fold(0.0, f64::max);
+        (high, said)
+    };
+    let (drawn, upright) = (robot("0.5 1 0", 3), robot("0.5 0 1", 3));
+    assert_eq!(highest(&drawn, UpAxis::Guess), (0.0, false));
+    assert_eq!(highest(&upright, UpAxis::Guess), (2.0, true));
+    assert_eq!(highest(&upright, UpAxis::Ignore), (0.0, false));
+    assert_eq!(highest(&drawn, UpAxis::Respect), (2.0, false));
+    assert_eq!(highest(&robot("0.5 0 1", 2), UpAxis::Guess), (0.0, false), "two links tell nothing");
+    assert_eq!(highest(&robot("0.5 0.6 0.6", 3), UpAxis::Guess), (0.0, false), "as near either way");
+    assert_eq!(highest(&robot("nobody knows", 3), UpAxis::Guess), (0.0, false));
 }
 
 #[test]

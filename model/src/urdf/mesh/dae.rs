@@ -1,9 +1,9 @@
 //! COLLADA: the surfaces that its scene shows, each where the scene's nodes put it.
 //!
-//! The file's unit counts, its `up_axis` does not. So it is in what people look at and check URDF with: RViz, MoveIt and coal take
-//! a file's unit and the transforms of its nodes, and undo the turn that their common reader makes for `up_axis`. Files are
+//! The file's unit counts, its `up_axis` as a rule does not. So it is in what people look at and check URDF with: RViz, MoveIt and
+//! coal take a file's unit and the transforms of its nodes, and undo the turn that their common reader makes for `up_axis`. Files are
 //! therefore drawn in the link's axes whatever they declare; a third of the COLLADA files of known robots say `Y_UP`, and
-//! turning those would break the robots.
+//! turning those would break most of the robots. For the others see `upright`.
 
 use super::{MAX_TRIANGLES, add_polygon, add_triangle};
 use crate::Mesh;
@@ -21,11 +21,11 @@ const MAX_VERTICES: usize = 3 * MAX_TRIANGLES;
 /// How much text of lists may be read, those counted again that are shown again, bytes.
 const MAX_LISTS: usize = 256 << 20;
 
-/// Reads a COLLADA file.
+/// Reads a COLLADA file; also answers whether it declares that y is up.
 ///
 /// # Errors
 /// What is wrong with it, as the end of a sentence.
-pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, String> {
+pub(super) fn parse(bytes: &[u8]) -> Result<(Mesh, bool), String> {
     let text = std::str::from_utf8(bytes).map_err(|e| format!("is not UTF-8 text at byte {}", e.valid_up_to() + 1))?;
     let source = Source::new("mesh", text.strip_prefix('\u{feff}').unwrap_or(text));
     let root = xml::parse(&source).map_err(|e| format!("cannot be read: line {}: {}", e.line(), e.message()))?;
@@ -46,7 +46,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, String> {
             }
         }
     }
-    Ok(scene.mesh)
+    let up = root.child("asset").and_then(|a| a.child("up_axis")).map(|u| source.text()[u.inner.clone()].trim());
+    Ok((scene.mesh, up == Some("Y_UP")))
 }
 
 /// All elements that have an `id`.
