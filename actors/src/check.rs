@@ -12,7 +12,7 @@
 //! | I8 | stale is not fresh | commits are accepted, and outcomes given, by fresh readings |
 //! | I9 | the retreat is watched | a contact during the retreat stops it within one period |
 //! | I10 | a restart does not move | no motion from a start or restart until the next commit, but a retreat |
-//! | I11 | removed stays removed | no plan leads over a removed edge |
+//! | I11 | removed stays removed | no plan leads over a removed or blocked edge |
 //! | I14 | several robots | while several are retreating, no contact between two of them begins |
 //! | I15 | liveness | once all faults have healed, motions end, filters open, and agents go on |
 //! | I17 | ended means at rest | an outcome is given only while the robot is measured to rest |

@@ -16,6 +16,7 @@ pub use edit::{Edit, SceneError};
 pub use line::LineVerdict;
 pub use report::{ContactKind, ReportedContact};
 pub use skeleton::{Hinge, Skeleton};
+pub use travel::Lever;
 pub(crate) use world::World;
 
 use crate::engine::{Collider, DefaultEngine, Engine, IndexPair};

@@ -12,7 +12,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("mobee-model", &[]),
     ("mobee-fast", &["mobee-model"]),
     ("mobee-contract", &["mobee-model"]),
-    ("mobee-behaviors", &["mobee-contract", "mobee-model"]),
+    ("mobee-behaviors", &["mobee-contract", "mobee-fast", "mobee-model"]),
     ("mobee-yarp", &[]),
     ("mobee-drivers", &["mobee-contract", "mobee-model", "mobee-yarp"]),
     ("mobee-bridge", &["mobee-contract", "mobee-model", "mobee-yarp"]),

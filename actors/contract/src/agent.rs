@@ -200,6 +200,8 @@ pub enum EdgeState {
     Feasible,
     /// Failed when driven, and no longer planned over.
     Removed,
+    /// Not free in the model's present world, as certified: not planned over until the world changes.
+    Blocked,
 }
 
 /// A commit as an agent gives it to the filtered interface.

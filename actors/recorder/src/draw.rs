@@ -9,10 +9,11 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// States as layers, the lower ones first, with widths in the world (meters) and in the flat drawing (its units).
-const LAYERS: [(EdgeState, &str, f32, f32); 4] = [
+const LAYERS: [(EdgeState, &str, f32, f32); 5] = [
     (EdgeState::Removed, "removed", 0.0008, 1.2),
     (EdgeState::Optimistic, "untried", 0.0006, 0.9),
     (EdgeState::Doubtful, "doubtful", 0.0008, 1.5),
+    (EdgeState::Blocked, "blocked", 0.0010, 1.8),
     (EdgeState::Feasible, "feasible", 0.0022, 3.5),
 ];
 /// Dashes of a removed edge.

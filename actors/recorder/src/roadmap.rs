@@ -91,6 +91,8 @@ impl Roadmap {
 /// Which of two opposite directions is shown: what was found out before what is only believed, passable before not.
 fn rank(state: EdgeState) -> u8 {
     match state {
+        // what the world blocks can't be passed, whatever was found out when it was another one
+        EdgeState::Blocked => 4,
         EdgeState::Feasible => 3,
         EdgeState::Doubtful => 2,
         EdgeState::Removed => 1,

@@ -127,6 +127,10 @@ fn note_line<'a>(robot: &'a str, note: &Note) -> Option<(&'a str, Level, String)
             let because = cause.as_ref().map(|c| format!(": {c}")).unwrap_or_default();
             (robot, Level::Warn, format!("edge {from} -> {to} removed{because}"))
         }
+        Note::Edge { from, to, state: EdgeState::Blocked, cause } => {
+            let because = cause.as_ref().map(|c| format!(": {c}")).unwrap_or_default();
+            (robot, Level::Debug, format!("edge {from} -> {to} is blocked{because}"))
+        }
         Note::Edge { .. } => return None,
         Note::Plan { path } if path.is_empty() => return None,
         Note::Plan { path } => {

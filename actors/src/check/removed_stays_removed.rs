@@ -1,4 +1,5 @@
-//! I11: an edge that was removed is in no later plan, until a note states it as optimistic or feasible again.
+//! I11: an edge that was removed is in no later plan, until a note states it as optimistic or feasible again. So with one that the
+//! world blocks: whatever else a note states of it ends that.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -7,22 +8,43 @@ use std::collections::{BTreeMap, BTreeSet};
 
 #[derive(Default)]
 pub(super) struct RemovedStaysRemoved {
-    robots: BTreeMap<String, BTreeSet<(u32, u32)>>,
+    robots: BTreeMap<String, ClosedEdges>,
+}
+
+#[derive(Default)]
+struct ClosedEdges {
+    removed: BTreeSet<(u32, u32)>,
+    blocked: BTreeSet<(u32, u32)>,
 }
 
 impl Invariant for RemovedStaysRemoved {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let Event::Note { robot, note } = &line.event else { return };
-        let removed = self.robots.entry(robot.clone()).or_default();
+        let ClosedEdges { removed, blocked } = self.robots.entry(robot.clone()).or_default();
         match note {
-            Note::Edge { from, to, state: EdgeState::Removed, .. } => drop(removed.insert((*from, *to))),
-            Note::Edge { from, to, state: EdgeState::Optimistic | EdgeState::Feasible, .. } => {
-                removed.remove(&(*from, *to));
+            Note::Edge { from, to, state, .. } => {
+                let edge = (*from, *to);
+                blocked.remove(&edge);
+                match state {
+                    EdgeState::Removed => {
+                        removed.insert(edge);
+                    }
+                    EdgeState::Blocked => {
+                        blocked.insert(edge);
+                    }
+                    EdgeState::Optimistic | EdgeState::Feasible => {
+                        removed.remove(&edge);
+                    }
+                    EdgeState::Doubtful => {}
+                }
             }
             Note::Plan { path } => {
                 for (from, to) in path.iter().zip(path.iter().skip(1)) {
                     if removed.contains(&(*from, *to)) {
                         found.say(format!("{robot}: plans over the edge {from} -> {to}, which was removed"));
+                    }
+                    if blocked.contains(&(*from, *to)) {
+                        found.say(format!("{robot}: plans over the edge {from} -> {to}, which the world blocks"));
                     }
                 }
             }

@@ -2,7 +2,7 @@
 
 use super::RunCounts;
 use crate::record::journal::JournalLine;
-use mobee_contract::{AsFound, Cause, CommitId, Event, Note, Pose, Status, Time};
+use mobee_contract::{AsFound, Cause, CommitId, EdgeState, Event, Note, Pose, Status, Time};
 use mobee_controller::gate::Gate;
 use mobee_controller::ledger::{Ledger, Motion, Open, Places, SafePose};
 use mobee_model::{Edit, Scene};
@@ -190,6 +190,8 @@ impl PastRobot {
     fn note(&mut self, note: &Note) {
         match note {
             Note::Vertex { .. } => self.notes.push(note.clone()),
+            // what blocks an edge now is found out anew; what the robot knew of it stays
+            Note::Edge { state: EdgeState::Blocked, from, to, .. } if self.edges.contains_key(&(*from, *to)) => {}
             Note::Edge { from, to, .. } => {
                 let known = *self.edges.entry((*from, *to)).or_insert(self.notes.len());
                 match self.notes.get_mut(known) {

@@ -568,7 +568,14 @@ fn i10_the_restart_of_an_agent_or_recorder_does_not_hinder_a_rollback() {
 fn i11_a_plan_over_a_removed_edge() {
     let bad = plan(&[2, 0, 1]);
     broken("I11", with(&link(10), std::slice::from_ref(&bad)), Some(&bad), "0 -> 1");
-    assert_eq!(run(with(&link(10), &[plan(&[1, 0]), edge(0, 1, EdgeState::Optimistic), bad])), []);
+    assert_eq!(run(with(&link(10), &[plan(&[1, 0]), edge(0, 1, EdgeState::Optimistic), bad.clone()])), []);
+    // what the world blocks, until it does no more; and that lifts no removal
+    let blocked = edge(2, 0, EdgeState::Blocked);
+    let over = plan(&[2, 0]);
+    broken("I11", with(&link(10), &[blocked.clone(), over.clone()]), Some(&over), "2 -> 0, which the world blocks");
+    assert_eq!(run(with(&link(10), &[blocked, edge(2, 0, EdgeState::Doubtful), over])), []);
+    let again = [edge(0, 1, EdgeState::Blocked), edge(0, 1, EdgeState::Doubtful), bad.clone()];
+    broken("I11", with(&link(10), &again), Some(&bad), "0 -> 1, which was removed");
 }
 
 #[test]

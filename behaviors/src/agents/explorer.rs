@@ -2,6 +2,7 @@
 
 use super::{Dice, open, seal};
 use crate::group;
+use crate::roadmap::validation::Validation;
 use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::*;
@@ -37,6 +38,10 @@ pub struct ExplorerSettings {
     /// The most random poses that are drawn: those that are not free or violate a constraint are thrown away.
     #[serde(default = "many")]
     pub samples: usize,
+    /// Whether edges are just tried (`optimistic`), or certified in the model before they are driven (`lazy`) or planned over
+    /// (`verified`).
+    #[serde(default)]
+    pub validation: Validation,
     /// Seed of all randomness; default: derived from the run's seed.
     #[serde(default)]
     pub seed: Option<u64>,
@@ -125,6 +130,7 @@ impl Explorer {
         let (motors, ranges, speed, tolerance, hand) = (motors?, ranges?, speed?, tolerance?, hand?);
         let seed = settings.seed.unwrap_or(context.seed);
         let walker = Walker::new(Roadmap::new(motors, &robot), speed, tolerance, seed);
+        let walker = walker.with_validation(settings.validation);
         let rng = ChaCha8Rng::seed_from_u64(seed);
         Ok(Explorer { robot, ranges, settings, hand, walker, drawn: 0, sampled: false, seed, rng })
     }
@@ -224,7 +230,9 @@ impl Explorer {
             ("motions_along_edges", progress.driven as usize),
             ("motions_failed", progress.failed as usize),
         ];
-        let figures = figures.into_iter().map(|(name, n)| (name.to_owned(), n as f64)).collect();
+        let blocked = [("edges_blocked", in_state(EdgeState::Blocked))];
+        let blocked = blocked.into_iter().filter(|_| self.walker.validator().certifies());
+        let figures = figures.into_iter().chain(blocked).map(|(name, n)| (name.to_owned(), n as f64)).collect();
         if !lost.is_empty() {
             let names: Vec<String> = lost.iter().map(u32::to_string).collect();
             self.walker.log(format!("vertices that can't be reached: {}", names.join(", ")));
@@ -259,7 +267,11 @@ impl Agent for Explorer {
             match self.walker.step(last.take(), view) {
                 WalkStep::Do(intent) => return intent,
                 WalkStep::At(at) => match self.choose(at) {
-                    Some(Choice::Drive(to)) => return self.walker.drive(at, to, view),
+                    Some(Choice::Drive(to)) => {
+                        if let Some(intent) = self.walker.drive(at, to, view) {
+                            return intent;
+                        }
+                    }
                     Some(Choice::Goto(goal)) => self.walker.goto(goal),
                     None => {
                         return Intent::Done(
@@ -271,6 +283,10 @@ impl Agent for Explorer {
                 WalkStep::Lost(why) => return Intent::Done(self.summary(None, &why)),
             }
         }
+    }
+
+    fn revise(&mut self, view: &View) -> Option<Intent> {
+        self.walker.revise(view)
     }
 
     fn notes(&mut self) -> Vec<Note> {
@@ -299,8 +315,7 @@ impl Agent for Explorer {
         if map.motors() != self.walker.map.motors() {
             return Err(Refusal::State { what: "map.motors: the roadmap is one of other motors".to_owned() });
         }
-        self.walker.map = map;
-        self.walker.resume(state.progress);
+        self.walker.resume(map, state.progress);
         (self.drawn, self.sampled) = (state.drawn, state.sampled);
         (self.seed, self.rng) = (state.dice.seed, state.dice.rng());
         Ok(())

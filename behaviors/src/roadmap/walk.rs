@@ -5,12 +5,14 @@
 //!  step ──> escape ──────> step ──> CONNECT(q_current) ──> step ──> GOTO(goal): plan, drive one edge ──> step ...
 //! ```
 //!
-//! It plans anew at every vertex and commits edge by edge, so the robot's safe pose is always a vertex. WAITFORMOTION is
+//! With a validation mode, paths are certified before they are followed, and what is under way is stopped when an object comes in
+//! its way (`validation.rs`). It plans anew at every vertex and commits edge by edge, so the robot's safe pose is always a vertex. WAITFORMOTION is
 //! the [`MotionEnd`] that the next [`Walker::step`] is given. Nothing but the pose says where the robot is.
 
 use crate::group::cause;
 use crate::planners::escape::{caught, escape, line_free};
 use crate::roadmap::Roadmap;
+use crate::roadmap::validation::{Validation, Validator, WorldChange};
 use crate::short_way::{nearest_position, nearest_target};
 use mobee_contract::{EdgeState, Intent, MotionEnd, Note, Target, View};
 use serde::{Deserialize, Serialize};
@@ -79,6 +81,7 @@ pub struct Walker {
     speed: f64,
     tolerance: f64,
     seed: u64,
+    validator: Validator,
     progress: WalkProgress,
     plan: Vec<u32>,
     notes: Vec<Note>,
@@ -90,6 +93,7 @@ impl Walker {
     /// a vertex for that vertex. The seed serves escapes.
     pub fn new(map: Roadmap, speed: f64, tolerance: f64, seed: u64) -> Walker {
         Walker {
+            validator: Validator::new(Validation::Optimistic, map.motors()),
             map,
             speed,
             tolerance,
@@ -101,14 +105,26 @@ impl Walker {
         }
     }
 
+    /// The same with this validation.
+    pub fn with_validation(mut self, mode: Validation) -> Walker {
+        self.validator = Validator::new(mode, self.map.motors());
+        self
+    }
+
+    /// What is certified of the map.
+    pub fn validator(&self) -> &Validator {
+        &self.validator
+    }
+
     /// GOTO(goal): taken up by the following steps.
     pub fn goto(&mut self, goal: u32) {
         self.progress.goal = Some(goal);
     }
 
-    /// Drives an edge that begins where the robot rests.
-    pub fn drive(&mut self, from: u32, to: u32, view: &View) -> Intent {
-        self.follow(vec![from, to], view)
+    /// Drives an edge that begins where the robot rests; `None` if it is found to be blocked instead.
+    pub fn drive(&mut self, from: u32, to: u32, view: &View) -> Option<Intent> {
+        let admitted = self.validator.admits(&mut self.map, &[from, to], view);
+        admitted.then(|| self.follow(vec![from, to], view))
     }
 
     /// What it has done so far.
@@ -116,9 +132,10 @@ impl Walker {
         &self.progress
     }
 
-    /// Takes over another walker's progress.
-    pub fn resume(&mut self, progress: WalkProgress) {
-        self.progress = progress;
+    /// Takes over another walker's map and progress.
+    pub fn resume(&mut self, map: Roadmap, progress: WalkProgress) {
+        self.validator = self.validator.renewed(&map);
+        (self.map, self.progress) = (map, progress);
     }
 
     /// What changed since the last call, the map's changes first.
@@ -140,6 +157,7 @@ impl Walker {
     /// The robot rests; `last` says how the last motion ended.
     pub fn step(&mut self, last: Option<MotionEnd>, view: &View) -> WalkStep {
         let rest = self.settle(last, view);
+        self.look(view);
         if caught(view) {
             return self.escape(view);
         }
@@ -147,7 +165,7 @@ impl Walker {
         let Some(at) = self.map.at(view.pose(), self.tolerance) else { return self.connect(rest, view) };
         (self.progress.last, self.progress.connects) = (Some(at), 0);
         match self.progress.goal {
-            Some(goal) if goal != at => match self.map.plan(at, goal) {
+            Some(goal) if goal != at => match self.plan(at, goal, view) {
                 Some(path) => WalkStep::Do(self.follow(path, view)),
                 None => {
                     self.progress.goal = None;
@@ -158,6 +176,44 @@ impl Walker {
             _ => {
                 self.progress.goal = None;
                 WalkStep::At(at)
+            }
+        }
+    }
+
+    /// The world may have changed in mid-motion: stops if the rest of the way is not free any more.
+    pub fn revise(&mut self, view: &View) -> Option<Intent> {
+        self.look(view);
+        let to = match &self.progress.doing {
+            Doing::Driving { from, to } => self.is_blocked(*from, *to).then_some(*to),
+            Doing::Connecting { to, .. } => self.validator.certifies().then_some(*to),
+            Doing::Nothing | Doing::Escaping => None,
+        }?;
+        // what blocks an edge may be behind the robot
+        let blocked = self.whole(to, view).is_some_and(|q| !line_free(view, &q));
+        blocked.then(|| {
+            self.log("something came into the way: stopping");
+            Intent::Stop
+        })
+    }
+
+    fn look(&mut self, view: &View) {
+        let WorldChange { blocked, freed } = self.validator.look(&mut self.map, view);
+        if blocked + freed > 0 {
+            self.log(format!("edges that the world blocks: {blocked} more, {freed} again free"));
+        }
+    }
+
+    fn is_blocked(&self, from: u32, to: u32) -> bool {
+        self.map.edge(from, to).is_some_and(|e| e.state == EdgeState::Blocked)
+    }
+
+    /// The shortest way of which every edge is certified, if that is asked for.
+    fn plan(&mut self, from: u32, to: u32, view: &View) -> Option<Vec<u32>> {
+        loop {
+            // each turn takes an edge out of the map, so it ends
+            let path = self.map.plan(from, to)?;
+            if self.validator.admits(&mut self.map, &path, view) {
+                return Some(path);
             }
         }
     }
@@ -178,9 +234,11 @@ impl Walker {
         match (doing, last) {
             (Doing::Driving { from, to }, Some(MotionEnd::Reached)) => self.map.succeeded(from, to),
             (Doing::Driving { from, to }, Some(MotionEnd::Failed)) => {
-                let cause = cause(view);
+                let certified = self.map.edge(from, to).filter(|e| e.state == EdgeState::Blocked);
+                let cause = cause(view).or_else(|| certified.and_then(|e| e.cause.clone()));
                 let why = cause.as_deref().map(|c| format!(": {c}")).unwrap_or_default();
                 self.log(format!("edge {from} -> {to} failed and is removed{why}"));
+                self.validator.failed(from, to, view);
                 self.map.failed(from, to, cause);
             }
             (Doing::Connecting { rest, .. }, Some(MotionEnd::Failed)) => return Some(rest),
@@ -220,7 +278,8 @@ impl Walker {
         }
         let mut rest = rest.unwrap_or_else(|| self.map.by_distance(view.pose()));
         let free = |id: &u32| self.whole(*id, view).is_some_and(|q| line_free(view, &q));
-        let chosen = rest.iter().take(CHECKED).position(free).unwrap_or(0);
+        let chosen = rest.iter().take(CHECKED).position(free);
+        let chosen = chosen.unwrap_or(if self.validator.certifies() { rest.len() } else { 0 });
         if chosen >= rest.len() {
             return WalkStep::Lost("no vertex of the roadmap can be reached from where the robot rests".to_owned());
         }
@@ -244,7 +303,8 @@ impl Walker {
         Some(nearest_target(view, self.map.target(to, self.speed)?))
     }
 
-    fn follow(&mut self, path: Vec<u32>, view: &View) -> Intent {
+    /// Drives the first edge of a path that begins where the robot rests.
+    pub fn follow(&mut self, path: Vec<u32>, view: &View) -> Intent {
         let (Some(from), Some(to)) = (path.first().copied(), path.get(1).copied()) else { return Intent::Stop };
         let Some(target) = self.target(to, view) else { return Intent::Stop };
         self.progress.doing = Doing::Driving { from, to };

@@ -7,6 +7,9 @@
 //! many.
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
+mod measure;
+
+use measure::{processor_time, sorted};
 use mobee_fast::{FastScene, InstructionSet};
 use mobee_model::{Robot, Scene, load_robot, load_world, random_poses};
 use nalgebra::Isometry3;
@@ -137,14 +140,6 @@ fn compare(name: &str, robot: &Robot, scene: &Scene, count: usize) {
     }
 }
 
-/// Processor time of this thread in seconds: what others do on the machine counts less. Wall clock where there is no
-/// such file.
-fn processor_time(start: Instant) -> f64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-    let nanoseconds = text.and_then(|t| t.split(' ').next()?.parse::<f64>().ok());
-    nanoseconds.map_or_else(|| start.elapsed().as_secs_f64(), |ns| ns * 1e-9)
-}
-
 /// How many are done in a second, measured over a twentieth of one at least.
 fn rate(count: usize, mut run: impl FnMut()) -> f64 {
     let (start, mut runs) = (Instant::now(), 0);
@@ -157,9 +152,4 @@ fn rate(count: usize, mut run: impl FnMut()) -> f64 {
             return (runs * count) as f64 / spent;
         }
     }
-}
-
-fn sorted(mut rates: Vec<f64>) -> Vec<f64> {
-    rates.sort_by(f64::total_cmp);
-    rates
 }

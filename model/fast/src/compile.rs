@@ -7,11 +7,13 @@
 
 use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
-use crate::program::{Ball, FlatClause, Form, Group, PairTest, Program, Solid};
+use crate::levers::{Mover, Movers};
+use crate::limits::constraints;
+use crate::program::{Ball, Form, Group, PairTest, Program, Solid};
 use crate::steps::Layout;
 use crate::sweep::{Sphere, least_distance};
-use mobee_model::{Collider, Scene, Shape};
-use nalgebra::{Isometry3, Vector3};
+use mobee_model::{Collider, IndexPair, Scene, Shape};
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::ops::Range;
 
 /// A subtree is a region of its own, placed only when something comes near, if the ball that holds it at every pose is
@@ -27,9 +29,8 @@ pub(crate) struct Compiled {
     pub layout: Layout,
     /// Pairs that can never meet, left out.
     pub pruned: usize,
-    /// The frames as they were chosen.
-    #[cfg(test)]
-    pub frames: Vec<LaneFrame>,
+    /// What moves, and the frames as they were chosen.
+    pub movers: Movers,
 }
 
 /// A solid in its lane frame.
@@ -45,14 +46,29 @@ impl Sized {
     fn ball(&self) -> Sphere {
         Sphere { center: self.pose.translation.vector, radius: self.shape.bounding_radius() }
     }
+
+    /// Balls that hold the extreme points of its core.
+    fn ends(&self) -> Vec<Sphere> {
+        let at = |v: Vector3<f64>, radius: f64| Sphere { center: (self.pose * Point3::from(v)).coords, radius };
+        let signs = [1.0, -1.0];
+        match self.shape {
+            Shape::Sphere { .. } => vec![at(Vector3::zeros(), 0.0)],
+            Shape::Capsule { height, .. } => signs.map(|s| at(Vector3::y() * (s * height / 2.0), 0.0)).to_vec(),
+            Shape::Cylinder { radius, height } => signs.map(|s| at(Vector3::y() * (s * height / 2.0), radius)).to_vec(),
+            Shape::Box { size } => {
+                let corner = |i: usize| Vector3::from_fn(|k, _| signs[(i >> k) & 1] * size[k] / 2.0);
+                (0..8).map(|i| at(corner(i), 0.0)).collect()
+            }
+        }
+    }
 }
 
-/// Compiles a scene for one clearance, meters.
-pub(crate) fn compile(scene: &Scene, clearance: f64) -> Compiled {
+/// Compiles a scene, or these pairs of it, for one clearance, meters.
+pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Compiled {
     let frames = frames(scene);
     let colliders: Vec<&Collider> = scene.colliders().collect();
     let sized: Vec<Sized> = colliders.iter().map(|c| sized(c, &frames)).collect();
-    let (pairs, pruned) = pairs_that_can_meet(scene, &sized, &frames, clearance);
+    let (pairs, pruned) = pairs_that_can_meet(kept, &sized, &frames, clearance);
     let used = |s: &usize| pairs.iter().any(|(a, b)| *a == *s || *b == *s);
     let mut order: Vec<usize> = (0..sized.len()).filter(used).collect();
     order.sort_by_key(|s| sized[*s].frame);
@@ -72,6 +88,11 @@ pub(crate) fn compile(scene: &Scene, clearance: f64) -> Compiled {
     for region in &regions {
         add_ball(&mut program, &mut layout, &frames, (region.root, region.ball), None);
     }
+    let branches = branches(&frames, &regions, &groups, &order, &sized);
+    for branch in &branches {
+        add_ball(&mut program, &mut layout, &frames, (branch.root, branch.ball), None);
+        layout.add_branch(groups.iter().map(|g| branch.has[sized[order[g.start]].frame]));
+    }
     list_balls(&mut program);
     let place = |s: usize| order.iter().position(|o| *o == s).unwrap_or_default();
     for &(a, b) in &pairs {
@@ -80,13 +101,25 @@ pub(crate) fn compile(scene: &Scene, clearance: f64) -> Compiled {
     }
     layout.solids = order.iter().map(|s| (sized[*s].ball().radius, sized[*s].error)).collect();
     layout.write(&mut program, &[]);
-    Compiled {
-        program,
-        layout,
-        pruned,
-        #[cfg(test)]
-        frames,
+    let mut movers = Movers::new(frames);
+    for range in &groups {
+        let solids: Vec<&Sized> = order[range.clone()].iter().map(|s| &sized[*s]).collect();
+        let center = program.balls[movers.movers.len()].center.map(f64::from).into();
+        let ends = solids.iter().flat_map(|s| s.ends()).chain([Sphere { center, radius: 0.0 }]).collect();
+        movers.movers.push(Mover { frame: solids[0].frame, ends });
     }
+    // A ball that turns about its center is the same.
+    movers.movers.extend(
+        regions.iter().chain(&branches).map(|r| Mover { frame: r.root, ends: vec![Sphere { radius: 0.0, ..r.ball }] }),
+    );
+    program.extents = vec![0.0; program.balls.len()];
+    program.extents.extend(order.iter().map(|s| {
+        let ends = sized[*s].ends();
+        let far = |end: &Sphere| (end.center - sized[*s].pose.translation.vector).norm() + end.radius;
+        (ends.iter().map(far).fold(0.0, f64::max) * (1.0 + 4.0 * U)) as f32
+    }));
+    movers.movers.extend(order.iter().map(|s| Mover { frame: sized[*s].frame, ends: sized[*s].ends() }));
+    Compiled { program, layout, pruned, movers }
 }
 
 /// The frames of all robots and the world, numbered as the scene does.
@@ -107,9 +140,9 @@ fn sized(collider: &Collider, frames: &[LaneFrame]) -> Sized {
     Sized { frame: collider.frame, pose, shape: collider.shape, error }
 }
 
-/// The scene's pairs but for those that are proved to keep apart, and how many these are.
+/// The pairs but for those that are proved to keep apart, and how many these are.
 fn pairs_that_can_meet(
-    scene: &Scene,
+    kept: &[IndexPair],
     sized: &[Sized],
     frames: &[LaneFrame],
     clearance: f64,
@@ -119,9 +152,9 @@ fn pairs_that_can_meet(
         // A little more, for the rounding of this here and of the reference.
         least_distance(frames, (a.frame, a.ball()), (b.frame, b.ball())) <= clearance + REFERENCE
     };
-    let all = scene.pairs().iter().map(|(a, b)| (*a as usize, *b as usize));
+    let all = kept.iter().map(|(a, b)| (*a as usize, *b as usize));
     let pairs: Vec<_> = all.filter(meet).collect();
-    let pruned = scene.pairs().len() - pairs.len();
+    let pruned = kept.len() - pairs.len();
     (pairs, pruned)
 }
 
@@ -141,9 +174,9 @@ fn groups(order: &[usize], sized: &[Sized], frames: &[LaneFrame]) -> Vec<Range<u
     groups
 }
 
-/// A subtree that is placed on demand.
+/// A subtree that is small at every pose: a hand, which is placed on demand, or a finger of it.
 pub(crate) struct Region {
-    /// Its uppermost frame, which is always placed.
+    /// Its uppermost frame; a hand's is always placed.
     pub root: usize,
     /// Per frame of the scene: whether it is in the region, the root included.
     pub has: Vec<bool>,
@@ -159,37 +192,59 @@ fn regions(
     sized: &[Sized],
     pairs: &[(usize, usize)],
 ) -> Vec<Region> {
-    let below = |root: usize| {
-        let mut has = vec![false; frames.len()];
-        has[root] = true;
-        for f in root + 1..frames.len() {
-            has[f] = frames[f].carried.as_ref().is_some_and(|c| has[c.parent]);
-        }
-        has
-    };
-    let ball = |root: usize, has: &[bool]| {
-        let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
-        Sphere::around(&inside.map(|s| s.ball().swept(frames, s.frame, root)).collect::<Vec<_>>())
-    };
     let mut regions: Vec<Region> = Vec::new();
     let mut whole = 0.0;
     for (root, frame) in frames.iter().enumerate() {
         if frame.carried.is_none() {
-            whole = ball(root, &below(root)).radius;
+            whole = ball_of(frames, root, &below(frames, root), order, sized).radius;
             continue;
         }
-        let has = below(root);
+        let has = below(frames, root);
         let solid_frames = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count();
         if solid_frames < REGION_FRAMES || regions.iter().any(|r| r.has[root]) {
             continue;
         }
         let own_pairs = pairs.iter().any(|(a, b)| has[sized[*a].frame] && has[sized[*b].frame]);
-        let held = ball(root, &has);
+        let held = ball_of(frames, root, &has, order, sized);
         if held.radius <= REGION * whole && !own_pairs {
             regions.push(Region { root, has, ball: held });
         }
     }
     regions
+}
+
+/// What hangs on a region's root by one joint, and has several groups: the fingers of a hand.
+fn branches(
+    frames: &[LaneFrame],
+    regions: &[Region],
+    groups: &[Range<usize>],
+    order: &[usize],
+    sized: &[Sized],
+) -> Vec<Region> {
+    let of = |region: &Region, root: usize| {
+        let has = below(frames, root);
+        let ball = ball_of(frames, root, &has, order, sized);
+        let parent = frames[root].carried.as_ref().map(|c| c.parent);
+        let several = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count() > 1;
+        (parent == Some(region.root) && several).then_some(Region { root, has, ball })
+    };
+    regions.iter().flat_map(|region| (0..frames.len()).filter_map(move |root| of(region, root))).collect()
+}
+
+/// Per frame: whether it is in the subtree of this one, itself included.
+fn below(frames: &[LaneFrame], root: usize) -> Vec<bool> {
+    let mut has = vec![false; frames.len()];
+    has[root] = true;
+    for f in root + 1..frames.len() {
+        has[f] = frames[f].carried.as_ref().is_some_and(|c| has[c.parent]);
+    }
+    has
+}
+
+/// Holds the solids of a subtree at every pose; in its root's frame.
+fn ball_of(frames: &[LaneFrame], root: usize, has: &[bool], order: &[usize], sized: &[Sized]) -> Sphere {
+    let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
+    Sphere::around(&inside.map(|s| s.ball().swept(frames, s.frame, root)).collect::<Vec<_>>())
 }
 
 /// Joints that carry anything, region by region.
@@ -217,25 +272,6 @@ fn place_frames(program: &mut Program, frames: &[LaneFrame], regions: &[Region],
 fn columns(pose: &Isometry3<f64>) -> [f32; 12] {
     let numbers = pose.to_homogeneous();
     std::array::from_fn(|i| numbers[(i % 3, i / 3)] as f32)
-}
-
-fn constraints(program: &mut Program, scene: &Scene) {
-    for robot in scene.robots() {
-        let first = program.limits.len();
-        program.limits.extend(robot.motors.iter().map(|m| (m.min, m.max)));
-        for clause in robot.parts.iter().flat_map(|part| &part.clauses) {
-            let degrees = 1f64.to_degrees();
-            let flat =
-                |h: &mobee_model::HalfSpace| (h.terms.iter().map(|(m, a)| (first + m, a * degrees)).collect(), h.b);
-            let members: Vec<(Vec<(usize, f64)>, f64)> = clause.0.iter().map(flat).collect();
-            let size = |(terms, b): &(Vec<(usize, f64)>, f64)| {
-                let most = |m: usize| program.limits.get(m).map_or(0.0, |(low, high)| low.abs().max(high.abs()));
-                terms.iter().map(|(m, a)| a.abs() * most(*m)).sum::<f64>() + b.abs()
-            };
-            let doubt = 1e-12 * members.iter().map(size).fold(1.0, f64::max);
-            program.clauses.push(FlatClause { members, doubt });
-        }
-    }
 }
 
 fn place_solids(

@@ -21,9 +21,17 @@ const ROUNDS: usize = 12;
 /// What is known of a pair.
 #[derive(Clone, Copy)]
 pub(crate) struct Found {
+    /// Lanes in which it surely touches.
     pub touching: Mask,
+    /// Lanes in which rounding could decide whether it does.
     pub doubtful: Mask,
+    /// Lanes in which the two may touch once they have moved.
+    pub open: Mask,
+    /// Of these, the ones that more projections may tell more about.
+    pub stuck: Mask,
 }
+
+const APART: Found = Found { touching: 0, doubtful: 0, open: 0, stuck: 0 };
 
 /// A solid in its place.
 #[derive(Clone, Copy)]
@@ -41,14 +49,21 @@ impl<L: Lanes> Placed<'_, L> {
     }
 }
 
-/// Tests a pair in the lanes that count.
+/// Tests a pair in the lanes that count, given how far the two move against each other: by nothing, or in each lane by
+/// so many meters.
 #[inline(always)]
-pub(crate) fn test_pair<L: Lanes>(program: &Program, block: &Block, pair: &PairTest, live: Mask) -> Found {
+pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
+    program: &Program,
+    block: &Block,
+    pair: &PairTest,
+    live: Mask,
+    motion: L,
+) -> Found {
     let (a, b) = (placed::<L>(program, block, pair.a), placed::<L>(program, block, pair.b));
     let between = a.center.minus(b.center);
-    let mut near = between.squared().below(L::splat(pair.ball_squared)) & live;
+    let mut near = within::<L, MOVES>(between.squared(), pair.ball_squared, motion) & live;
     if near == 0 {
-        return Found { touching: 0, doubtful: 0 };
+        return APART;
     }
     // Axes of the capsules that hold them, their nearest points, and the direction from the second to the first.
     let (u, v) = (a.axis(0), b.axis(0));
@@ -57,15 +72,27 @@ pub(crate) fn test_pair<L: Lanes>(program: &Program, block: &Block, pair: &PairT
     let g = between.along(u, s).against(v, t);
     let squared = g.squared();
     let reach = half[0] * g.dot(u).abs() + half[1] * g.dot(v).abs();
-    near &= !apart(g.dot(between) - reach, squared, pair.outer);
+    let gap = g.dot(between) - reach;
+    near &= !apart::<L, MOVES>(gap, squared, pair.outer, motion);
+    if near == 0 {
+        return APART;
+    }
     if pair.round {
         let touching = touching(squared, pair.inner) & near;
-        return Found { touching, doubtful: near & !touching };
+        let free = if MOVES { apart::<L, false>(gap, squared, pair.outer, motion) } else { 0 };
+        return Found { touching, doubtful: near & !touching & !free, open: near, stuck: 0 };
     }
-    if near == 0 {
-        return Found { touching: 0, doubtful: 0 };
+    project_to_and_fro::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion)
+}
+
+/// Whether centers of this squared distance are nearer than that.
+#[inline(always)]
+pub(crate) fn within<L: Lanes, const MOVES: bool>(squared: L, within_squared: f32, motion: L) -> Mask {
+    if !MOVES {
+        return squared.below(L::splat(within_squared));
     }
-    project_to_and_fro(&a, &b, a.center.along(u, s), pair, near)
+    let within = L::splat(within_squared.sqrt()) + motion;
+    squared.below(within * within)
 }
 
 #[inline(always)]
@@ -75,10 +102,16 @@ fn placed<'a, L: Lanes>(program: &Program, block: &'a Block, index: usize) -> Pl
     Placed { form: solid.form, center, axes: &block.axes[solid.first_axis..] }
 }
 
-/// Whether supports are apart by more than `distance` along a direction of this squared length.
+/// Whether supports are apart by more than `distance`, and what they move, along a direction of this squared length.
 #[inline(always)]
-fn apart<L: Lanes>(gap: L, squared: L, distance: f32) -> Mask {
-    L::splat(0.0).below(gap) & (squared * L::splat(distance * distance)).below(gap * gap)
+fn apart<L: Lanes, const MOVES: bool>(gap: L, squared: L, distance: f32, motion: L) -> Mask {
+    let distance_squared = if MOVES {
+        let distance = L::splat(distance) + motion;
+        distance * distance
+    } else {
+        L::splat(distance * distance)
+    };
+    L::splat(0.0).below(gap) & (squared * distance_squared).below(gap * gap)
 }
 
 /// Whether points of this squared distance are nearer than `distance`.
@@ -102,25 +135,43 @@ fn nearest<L: Lanes>(between: V3<L>, u: V3<L>, v: V3<L>, half: [L; 2]) -> (L, L)
 /// Alternating projections from core to core, with Nesterov's momentum: they go to the nearest points, and on the way
 /// every pair of points and every direction is tried as a witness.
 #[inline(always)]
-fn project_to_and_fro<L: Lanes>(a: &Placed<L>, b: &Placed<L>, start: V3<L>, pair: &PairTest, mut near: Mask) -> Found {
+fn project_to_and_fro<L: Lanes, const MOVES: bool>(
+    a: &Placed<L>,
+    b: &Placed<L>,
+    start: V3<L>,
+    pair: &PairTest,
+    near: Mask,
+    motion: L,
+) -> Found {
     let between = a.center.minus(b.center);
-    let (mut from, mut last, mut found) = (start, start, 0);
+    let (mut from, mut last) = (start, start);
+    // Lanes: nothing known yet; may touch once moved; surely touch; may touch as they are.
+    let (mut unknown, mut open, mut found, mut doubtful) = (near, near, 0, near);
     for round in 0..ROUNDS {
         let on_b = project(b, from);
         let on_a = project(a, on_b);
         let g = on_a.minus(on_b);
         let squared = g.squared();
-        let hit = touching(squared, pair.inner) & near;
+        let hit = touching(squared, pair.inner) & unknown;
         let gap = g.dot(between) - support(a, g) - support(b, g);
         found |= hit;
-        near &= !(hit | apart(gap, squared, pair.apart));
-        if near == 0 {
+        let far = apart::<L, MOVES>(gap, squared, pair.apart, motion) & unknown;
+        open &= !far;
+        unknown &= !(hit | far);
+        if MOVES {
+            // Apart as they are, but too near for what they move: no direction will change that.
+            doubtful &= !apart::<L, false>(gap, squared, pair.apart, motion);
+            let inner = (L::splat(pair.inner) + motion).max(L::splat(0.0));
+            unknown &= doubtful | !squared.below(inner * inner);
+        }
+        if unknown == 0 {
             break;
         }
         from = on_a.along(on_a.minus(last), L::splat(round as f32 / (round as f32 + 3.0)));
         last = on_a;
     }
-    Found { touching: found, doubtful: near }
+    let doubtful = if MOVES { doubtful & open & !found } else { unknown };
+    Found { touching: found, doubtful, open, stuck: unknown }
 }
 
 /// The point of a solid's core nearest to a point.

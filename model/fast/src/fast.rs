@@ -1,16 +1,19 @@
 //! A scene compiled for many poses.
 
 use crate::compile::{Compiled, compile};
+use crate::edges::Edges;
+use crate::intervals::Intervals;
 use crate::isa::{InstructionSet, Runner, checked};
 use crate::kernel::Block;
 use crate::lanes::{Mask, WIDTH};
 use crate::program::Program;
 use crate::reference::Reference;
-use mobee_model::{Scene, random_poses};
+use mobee_model::{IndexPair, Scene, random_poses};
 use std::sync::Arc;
 
-/// Poses that the order of tests is learned from.
+/// Most poses that the order of tests is learned from, and how many for each pair: few pairs are in order soon.
 const SAMPLE: usize = 4096;
+const SAMPLE_PAIR: usize = 8;
 /// Their seed: equal scenes have equal programs.
 const SEED: u64 = 1;
 
@@ -32,12 +35,20 @@ pub enum FastError {
         /// Motors of all robots of the scene.
         motors: usize,
     },
+    /// A length that is no multiple of an edge's.
+    #[error("{given} numbers are not a whole number of edges: two poses of {motors} motors each")]
+    Edges {
+        /// How many numbers there were.
+        given: usize,
+        /// Motors of all robots of the scene.
+        motors: usize,
+    },
 }
 
 /// What a scene was compiled to, and what became of the poses so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FastFigures {
-    /// Pairs of shapes of the scene.
+    /// Pairs of shapes that were asked for: all of the scene, unless it was compiled for some.
     pub pairs: usize,
     /// Of these, the ones that were proved to keep apart at every pose.
     pub pruned: usize,
@@ -45,6 +56,10 @@ pub struct FastFigures {
     pub poses: u64,
     /// Of these, the ones that the scalar engine was asked about.
     pub doubtful: u64,
+    /// Intervals of edges judged.
+    pub intervals: u64,
+    /// How often the scalar engine was asked about a pair on one.
+    pub stuck: u64,
 }
 
 /// A scene compiled for one clearance: judges many poses at once.
@@ -73,12 +88,14 @@ pub struct FastFigures {
 /// ```
 #[derive(Clone, Debug)]
 pub struct FastScene {
-    program: Arc<Program>,
-    clearance: f64,
-    runner: Runner,
-    block: Block,
-    reference: Reference,
-    figures: FastFigures,
+    pub(crate) program: Arc<Program>,
+    pub(crate) clearance: f64,
+    pub(crate) runner: Runner,
+    pub(crate) block: Block,
+    pub(crate) intervals: Intervals,
+    pub(crate) edges: Edges,
+    pub(crate) reference: Reference,
+    pub(crate) figures: FastFigures,
 }
 
 impl FastScene {
@@ -94,8 +111,7 @@ impl FastScene {
     /// # Performance
     /// Ten milliseconds for a humanoid. Compile anew when the world changes.
     pub fn new(scene: &Scene, clearance: f64) -> Result<Self, FastError> {
-        let best = InstructionSet::available().pop().unwrap_or(InstructionSet::Portable);
-        Self::with_instructions(scene, clearance, best)
+        Self::with_instructions(scene, clearance, best())
     }
 
     /// As [`FastScene::new`], with chosen instructions: for tests and measurements.
@@ -103,18 +119,40 @@ impl FastScene {
     /// # Errors
     /// As [`FastScene::new`], and if the processor lacks the instructions.
     pub fn with_instructions(scene: &Scene, clearance: f64, set: InstructionSet) -> Result<Self, FastError> {
+        Self::compiled(scene, scene.pairs().to_vec(), clearance, set)
+    }
+
+    /// As [`FastScene::new`], for some pairs alone: a robot with itself, with the world, or with one object. Limits and
+    /// constraints count as before.
+    ///
+    /// # Arguments
+    /// * `keep`: whether a pair counts, by two indices into [`Scene::colliders`] ([`Scene::shape_id`] says who they are).
+    ///   It is asked about each of [`Scene::pairs`].
+    ///
+    /// # Errors
+    /// As [`FastScene::new`].
+    pub fn of_pairs(scene: &Scene, clearance: f64, keep: impl Fn(u32, u32) -> bool) -> Result<Self, FastError> {
+        let kept = scene.pairs().iter().copied().filter(|(a, b)| keep(*a, *b)).collect();
+        Self::compiled(scene, kept, clearance, best())
+    }
+
+    fn compiled(scene: &Scene, kept: Vec<IndexPair>, clearance: f64, set: InstructionSet) -> Result<Self, FastError> {
         if !(0.0..f64::INFINITY).contains(&clearance) {
             return Err(FastError::Clearance(clearance));
         }
         let runner = checked(set).ok_or(FastError::Instructions(set))?;
-        let Compiled { program, layout, pruned, .. } = compile(scene, clearance);
-        let figures = FastFigures { pairs: scene.pairs().len(), pruned, ..FastFigures::default() };
+        let Compiled { program, layout, pruned, mut movers } = compile(scene, &kept, clearance);
+        let figures = FastFigures { pairs: kept.len(), pruned, ..FastFigures::default() };
         let block = Block::new(&program);
-        let reference = Reference::new(scene);
+        let reference = Reference::new(scene, kept);
         let program = Arc::new(program);
-        let mut fast = FastScene { program, clearance, runner, block, reference, figures };
+        let (intervals, edges) = Default::default();
+        let mut fast = FastScene { program, clearance, runner, block, intervals, edges, reference, figures };
         let decided = fast.evidence(scene);
-        layout.write(Arc::make_mut(&mut fast.program), &decided);
+        let program = Arc::make_mut(&mut fast.program);
+        layout.write(program, &decided);
+        layout.write_motions(program, &mut movers);
+        (fast.intervals, fast.edges) = (Intervals::new(program), Edges::new(program));
         Ok(fast)
     }
 
@@ -122,7 +160,7 @@ impl FastScene {
     fn evidence(&mut self, scene: &Scene) -> Vec<u32> {
         self.block.decided = vec![0; self.program.pairs.len()];
         let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SEED)).collect();
-        for _ in 0..SAMPLE / WIDTH {
+        for _ in 0..SAMPLE.min(SAMPLE_PAIR * self.program.pairs.len()) / WIDTH {
             let poses: Vec<f64> = (0..WIDTH)
                 .flat_map(|_| robots.iter_mut().filter_map(Iterator::next).flatten().collect::<Vec<_>>())
                 .collect();
@@ -161,6 +199,7 @@ impl FastScene {
         if motors == 0 || !poses.len().is_multiple_of(motors) {
             return Err(FastError::Length { given: poses.len(), motors });
         }
+        self.block.forget(&self.program);
         for poses in poses.chunks(motors * WIDTH) {
             let count = poses.len() / motors;
             let all = Mask::MAX >> (WIDTH - count);
@@ -214,4 +253,9 @@ impl FastScene {
         }
         finite
     }
+}
+
+/// The best instructions that this processor has.
+fn best() -> InstructionSet {
+    InstructionSet::available().pop().unwrap_or(InstructionSet::Portable)
 }

@@ -1,5 +1,6 @@
 //! Which vector instructions a block is judged with: asked of the processor once, when a scene is compiled.
 
+use crate::intervals::{Intervals, sweep};
 use crate::kernel::{Block, judge};
 #[cfg(target_arch = "x86_64")]
 use crate::lanes::{Avx2, Avx512};
@@ -50,6 +51,21 @@ impl Runner {
         self.0
     }
 
+    /// See [`sweep`].
+    pub fn sweep(self, program: &Program, block: &mut Block, intervals: &mut Intervals) {
+        match self.0 {
+            InstructionSet::Portable => sweep::<Portable>(program, block, intervals),
+            // SAFETY: whoever made this value has asked the processor.
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2 => unsafe { sweep_avx2(program, block, intervals) },
+            // SAFETY: whoever made this value has asked the processor.
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512 => unsafe { sweep_avx512(program, block, intervals) },
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => sweep::<Portable>(program, block, intervals),
+        }
+    }
+
     /// See [`judge`].
     pub fn judge(self, program: &Program, block: &mut Block, asked: Mask) -> Mask {
         match self.0 {
@@ -76,4 +92,16 @@ fn judge_avx2(program: &Program, block: &mut Block, asked: Mask) -> Mask {
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
 fn judge_avx512(program: &Program, block: &mut Block, asked: Mask) -> Mask {
     judge::<Avx512>(program, block, asked)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn sweep_avx2(program: &Program, block: &mut Block, intervals: &mut Intervals) {
+    sweep::<Avx2>(program, block, intervals)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
+fn sweep_avx512(program: &Program, block: &mut Block, intervals: &mut Intervals) {
+    sweep::<Avx512>(program, block, intervals)
 }

@@ -1,6 +1,6 @@
 //! Whoever decides in doubt: the scalar engine, on the one pair that the lanes could not tell.
 
-use mobee_model::{Engine, IndexPair, ScalarEngine, Scene};
+use mobee_model::{Engine, IndexPair, ScalarEngine, Scene, ShapeId};
 use nalgebra::Isometry3;
 
 /// A scene as the scalar engine has it, and the pose that it was last asked about.
@@ -10,13 +10,20 @@ pub(crate) struct Reference {
     engine: ScalarEngine,
     placement: <ScalarEngine as Engine>::Placement,
     frames: Vec<Isometry3<f64>>,
+    /// All pairs that count.
+    pairs: Vec<IndexPair>,
 }
 
 impl Reference {
-    pub fn new(scene: &Scene) -> Self {
+    pub fn new(scene: &Scene, pairs: Vec<IndexPair>) -> Self {
         let colliders: Vec<_> = scene.colliders().copied().collect();
         let engine = ScalarEngine::prepare(&colliders);
-        Reference { scene: scene.clone(), engine, placement: Default::default(), frames: Vec::new() }
+        Reference { scene: scene.clone(), engine, placement: Default::default(), frames: Vec::new(), pairs }
+    }
+
+    /// Who a collider is.
+    pub fn shape_id(&self, collider: u32) -> Option<ShapeId> {
+        self.scene.shape_id(collider)
     }
 
     /// The motors of each robot, of a pose of all.
@@ -30,8 +37,11 @@ impl Reference {
     }
 
     /// Whether the pose is free, all of it judged by the scalar engine.
-    pub fn free(&self, pose: &[f64], clearance: f64) -> bool {
-        self.scene.free(&self.robots(pose).collect::<Vec<_>>(), clearance)
+    pub fn free(&mut self, pose: &[f64], clearance: f64) -> bool {
+        let pairs = std::mem::take(&mut self.pairs);
+        let free = self.satisfies_constraints(pose) && !self.any_touches(pose, pairs.iter().copied(), clearance);
+        self.pairs = pairs;
+        free
     }
 
     /// Whether it satisfies all constraints.

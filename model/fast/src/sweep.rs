@@ -38,7 +38,7 @@ impl Sphere {
     }
 
     /// Where it can be in the frame that carries its own: a circle's arc or a stretch, and the ball around that.
-    fn carried(self, by: &Carried) -> Sphere {
+    pub fn carried(self, by: &Carried) -> Sphere {
         let (low, high) = by.range;
         let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0);
         match by.slide {
@@ -67,20 +67,25 @@ impl Sphere {
     }
 }
 
+/// The frames from one up to the base that carries it, both included.
+fn above(frames: &[LaneFrame], frame: usize) -> impl Iterator<Item = usize> + '_ {
+    std::iter::successors(Some(frame), |f| frames[*f].carried.as_ref().map(|c| c.parent))
+}
+
+/// The uppermost frame that carries both, if any does.
+pub(crate) fn common(frames: &[LaneFrame], a: usize, b: usize) -> Option<usize> {
+    above(frames, a).find(|f| above(frames, b).any(|g| g == *f))
+}
+
 /// A distance that two balls keep at every pose, meters.
 pub(crate) fn least_distance(frames: &[LaneFrame], a: (usize, Sphere), b: (usize, Sphere)) -> f64 {
-    let up = |frame: usize| {
-        std::iter::successors(Some(frame), |f| frames[*f].carried.as_ref().map(|c| c.parent)).collect::<Vec<_>>()
-    };
-    let (above_a, above_b) = (up(a.0), up(b.0));
-    let common = above_a.iter().find(|f| above_b.contains(f)).copied();
-    let world = |(frame, ball): (usize, Sphere), above: &[usize]| {
-        let base = above.last().copied().unwrap_or(frame);
+    let world = |(frame, ball): (usize, Sphere)| {
+        let base = above(frames, frame).last().unwrap_or(frame);
         ball.swept(frames, frame, base).moved(&frames[base].fixed)
     };
-    let (p, q) = match common {
+    let (p, q) = match common(frames, a.0, b.0) {
         Some(common) => (a.1.swept(frames, a.0, common), b.1.swept(frames, b.0, common)),
-        None => (world(a, &above_a), world(b, &above_b)),
+        None => (world(a), world(b)),
     };
     (p.center - q.center).norm() - p.radius - q.radius
 }

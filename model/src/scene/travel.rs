@@ -12,9 +12,9 @@
 //! Only the last hinge knows where the shape is: seen from A, B may have turned it anywhere in a ball of radius rho. The bound
 //! holds at every pose (where B slides, at both ends of its range, and so between them), so it is made once per robot and never again; it is loose by what the arm is bent.
 
-use super::Skeleton;
 use super::skeleton::Hinge;
-use crate::engine::Collider;
+use super::{Scene, Skeleton};
+use crate::engine::{Collider, Engine};
 use crate::robot::JointMotion;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
@@ -31,9 +31,9 @@ pub(crate) struct Term {
 /// A bound: the sum over its terms of `reach * |change of motor|`, meters.
 pub(crate) type Terms = Vec<Term>;
 
-/// A hinge that moves a frame.
+/// A hinge that moves a frame: see [`Scene::levers`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Lever {
+pub struct Lever {
     /// The frame that the hinge carries, within its robot.
     pub frame: usize,
     /// How far the moved frame's shapes go at most, meters per radian of the hinge's motor.
@@ -45,6 +45,14 @@ pub(crate) struct Lever {
 pub(crate) struct Reach {
     /// Per frame: the hinges between it and the base.
     pub levers: Vec<Vec<Lever>>,
+}
+
+impl<E: Engine> Scene<E> {
+    /// The hinges between a frame of a robot (numbered within it, as in its [`Skeleton`]) and the robot's base, from the frame up, each
+    /// with how far it moves the frame's shapes at most, whatever the others do. None for the base itself.
+    pub fn levers(&self, robot: usize, frame: usize) -> &[Lever] {
+        self.bodies().reach.get(robot).and_then(|reach| reach.levers.get(frame)).map_or(&[], Vec::as_slice)
+    }
 }
 
 impl Hinge {

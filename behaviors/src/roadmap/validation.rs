@@ -1,0 +1,181 @@
+//! Validation modes: whether a roadmap's edges are driven to find out, or certified in the model first.
+//!
+//! | mode | certified | when |
+//! |---|---|---|
+//! | `optimistic` | nothing: edges are learned by driving them (the paper) | |
+//! | `lazy` | the edges of a path | before it is driven; one that is blocked is taken out, and another path planned |
+//! | `verified` | all edges | before anything is planned |
+//!
+//! In the last two, an edge that failed when driven is tried again once an object that was in its way has changed (I11). What
+//! is certified is the model's world, with the view's clearance; the reflex is on in every mode.
+
+use super::Roadmap;
+use super::validity::{Validity, edge_between};
+use mobee_contract::{EdgeState, View};
+use mobee_fast::EdgeVerdict;
+use mobee_model::{Pair, Scene, ShapeId};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What is certified before a roadmap's edges are driven.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Validation {
+    /// Nothing: every edge is taken for feasible until it fails.
+    #[default]
+    Optimistic,
+    /// The edges of a path, before it is driven.
+    Lazy,
+    /// The whole map, before anything is planned.
+    Verified,
+}
+
+/// Keeps a roadmap true to the world, as far as its mode says.
+pub struct Validator {
+    mode: Validation,
+    validity: Validity,
+    /// Directed edges that failed when driven, and the objects that were in their way.
+    failed: BTreeMap<(u32, u32), BTreeSet<u32>>,
+    /// Edges of the map when all of them were last certified.
+    certified: usize,
+}
+
+impl Validator {
+    /// For a map of these motors.
+    pub fn new(mode: Validation, motors: &[usize]) -> Validator {
+        Validator { mode, validity: Validity::new(motors), failed: BTreeMap::new(), certified: 0 }
+    }
+
+    /// Whether it certifies anything.
+    pub fn certifies(&self) -> bool {
+        self.mode != Validation::Optimistic
+    }
+
+    /// The mode, for another map: nothing is known of that one.
+    pub fn renewed(&self, map: &Roadmap) -> Validator {
+        Validator::new(self.mode, map.motors())
+    }
+
+    /// Brings the map up to date with the world: edges that an object blocks leave it, those that none blocks any more return.
+    /// Answers how many undirected edges did the one and the other.
+    pub fn look(&mut self, map: &mut Roadmap, view: &View) -> WorldChange {
+        let mut change = WorldChange::default();
+        if !self.certifies() {
+            return change;
+        }
+        let news = self.validity.look(view);
+        let again: Vec<_> =
+            self.failed.iter().filter(|(_, by)| !by.is_disjoint(&news.objects)).map(|(edge, _)| *edge).collect();
+        for (from, to) in &again {
+            self.failed.remove(&(*from, *to));
+            map.readmit(*from, *to);
+        }
+        let mut due: BTreeSet<_> =
+            news.edges.into_iter().chain(again.iter().map(|(a, b)| edge_between(*a, *b))).collect();
+        let count = map.edge_count();
+        if self.mode == Validation::Verified && (news.forgotten || count != self.certified) {
+            self.certified = count;
+            due.extend(map.edges().iter().map(|(a, b, _)| edge_between(*a, *b)));
+            self.validity.certify(map, due.iter().copied());
+        } else if news.forgotten {
+            let blocked = map.edges().into_iter().filter(|(.., e)| e.state == EdgeState::Blocked);
+            due.extend(blocked.map(|(a, b, _)| edge_between(a, b)));
+        }
+        for edge in due {
+            change.count(self.apply(map, edge, &view.scene));
+        }
+        change
+    }
+
+    /// Whether all edges of a path are certified to be free, or nothing has to be. Those that are not leave the map.
+    pub fn admits(&mut self, map: &mut Roadmap, path: &[u32], view: &View) -> bool {
+        if !self.certifies() {
+            return true;
+        }
+        let edges: Vec<_> = path.iter().zip(path.iter().skip(1)).map(|(a, b)| edge_between(*a, *b)).collect();
+        self.validity.certify(map, edges.iter().copied());
+        let mut all_free = true;
+        for (a, b) in edges {
+            match self.validity.verdict((a, b)) {
+                Some(EdgeVerdict::Free) => {}
+                Some(_) => {
+                    self.apply(map, (a, b), &view.scene);
+                }
+                // nobody could be asked: it must leave the map all the same, or it is planned over for ever
+                None => {
+                    map.block(a, b, None);
+                    map.block(b, a, None);
+                }
+            }
+            all_free &= self.validity.verdict((a, b)) == Some(&EdgeVerdict::Free);
+        }
+        all_free
+    }
+
+    /// An edge failed when driven: remembers the objects that the view, or the model, has in its way.
+    pub fn failed(&mut self, from: u32, to: u32, view: &View) {
+        if self.certifies() {
+            let object = |(a, b): Pair| [a, b].into_iter().find_map(object_of);
+            let own = view.contacts.iter().filter(|c| crate::group::involves(view.robot, c));
+            let touched = own.filter_map(|c| object(c.pair));
+            let by = touched.chain(self.validity.blocked_by(edge_between(from, to))).collect();
+            self.failed.insert((from, to), by);
+        }
+    }
+
+    /// What is known of the edges.
+    pub fn validity(&self) -> &Validity {
+        &self.validity
+    }
+
+    /// Lets both directions of an edge be what its verdict says.
+    fn apply(&self, map: &mut Roadmap, (a, b): (u32, u32), scene: &Scene) -> Option<bool> {
+        let both = [(a, b), (b, a)];
+        match self.validity.verdict((a, b)) {
+            None | Some(EdgeVerdict::Free) => {
+                both.map(|(from, to)| map.unblock(from, to)).contains(&true).then_some(false)
+            }
+            Some(verdict) => {
+                let cause = words(verdict, scene);
+                both.map(|(from, to)| map.block(from, to, Some(cause.clone()))).contains(&true).then_some(true)
+            }
+        }
+    }
+}
+
+/// How many undirected edges changed with the world.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WorldChange {
+    /// Blocked now, and not before.
+    pub blocked: usize,
+    /// Not blocked any more.
+    pub freed: usize,
+}
+
+impl WorldChange {
+    fn count(&mut self, blocked: Option<bool>) {
+        self.blocked += usize::from(blocked == Some(true));
+        self.freed += usize::from(blocked == Some(false));
+    }
+}
+
+fn object_of(shape: ShapeId) -> Option<u32> {
+    match shape {
+        ShapeId::Object { object, .. } => Some(object),
+        ShapeId::Robot { .. } => None,
+    }
+}
+
+/// What stands in the way, in words.
+fn words(verdict: &EdgeVerdict, scene: &Scene) -> String {
+    match verdict {
+        EdgeVerdict::Free => "nothing".to_owned(),
+        EdgeVerdict::Blocked(found) => {
+            let who = found.pair.map(|(a, b)| format!("{} and {}", scene.shape_name(a), scene.shape_name(b)));
+            let who = who.unwrap_or_else(|| "a limit or constraint".to_owned());
+            format!("{who} at {:.0} % of the way", 100.0 * found.at)
+        }
+        EdgeVerdict::Uncertified { at } => format!("too near to tell at {:.0} % of the way", 100.0 * at),
+    }
+}

@@ -1,0 +1,189 @@
+//! The world in which edges were certified: what of it has changed, and who judges the robot against each thing in it.
+
+use super::limbs::{Limbs, WorldBox, bounds};
+use mobee_contract::View;
+use mobee_fast::{EdgeVerdict, FastScene};
+use mobee_model::{Object, ObjectClass, Primitive, Scene, ShapeId};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// How far a motor that the map does not move may leave its place before everything is looked at anew, rad: what that moves at the
+/// end of a stretched arm is less than what plans keep beyond the reflex's margin, or a millimeter more.
+const RESTING: f64 = 0.25 * std::f64::consts::PI / 180.0;
+/// How much farther than the clearance an object's region reaches, meters: rounding.
+const ROUNDING: f64 = 1e-5;
+/// Edges that are handed to the judge at once.
+const BATCH: usize = 1024;
+
+/// The world that everything known was found out in.
+pub(super) struct SeenWorld {
+    pub scene: Arc<Scene>,
+    pub robot: usize,
+    clearance: f64,
+    /// The pose of the robot at which its other motors rest.
+    rest: Vec<f64>,
+    pub limbs: Limbs,
+    poses: ScenePoses,
+    /// The robot with itself.
+    own: Judge,
+    objects: BTreeMap<u32, SeenObject>,
+}
+
+/// An object, and who judges the robot against it alone, once that was asked.
+struct SeenObject {
+    object: Arc<Object>,
+    judge: Option<Judge>,
+}
+
+impl SeenWorld {
+    pub fn new(view: &View, motors: &[usize]) -> SeenWorld {
+        let scene = view.scene.clone();
+        let limbs = Limbs::new(&scene, view.robot, motors, view.pose());
+        let carried = limbs.carried(&scene);
+        let owner = |i: u32| scene.shape_id(i).and_then(ShapeId::robot);
+        let own = Judge::new(&scene, view.clearance, |i, j| {
+            let apart = carried.get(i as usize) != carried.get(j as usize);
+            apart && owner(i) == Some(view.robot) && owner(j) == Some(view.robot)
+        });
+        let seen = |o: &Arc<Object>| SeenObject { object: o.clone(), judge: None };
+        let objects = scene.objects().map(|(id, o)| (id, seen(o))).collect();
+        let poses = ScenePoses::new(&scene, view, motors);
+        let (robot, clearance, rest) = (view.robot, view.clearance, view.pose().to_vec());
+        SeenWorld { scene, robot, clearance, rest, limbs, poses, own, objects }
+    }
+
+    /// Whether the view shows the same robots at rest in the same places, so that only objects can have changed.
+    pub fn is_of(&self, view: &View, motors: &[usize]) -> bool {
+        let same =
+            |(r, (a, b)): (usize, (&Arc<_>, &Arc<_>))| Arc::ptr_eq(a, b) && self.scene.base(r) == view.scene.base(r);
+        let rests = |(m, (a, b)): (usize, (&f64, &f64))| motors.contains(&m) || (a - b).abs() <= RESTING;
+        self.robot == view.robot
+            && self.clearance == view.clearance
+            && self.scene.robots().len() == view.scene.robots().len()
+            && self.scene.robots().iter().zip(view.scene.robots()).enumerate().all(same)
+            && self.rest.len() == view.pose().len()
+            && self.rest.iter().zip(view.pose()).enumerate().all(rests)
+    }
+
+    /// Takes over the objects of another scene; answers which of them are not as they were.
+    pub fn update(&mut self, scene: &Arc<Scene>) -> BTreeSet<u32> {
+        let mut changed = BTreeSet::new();
+        let mut objects = BTreeMap::new();
+        for (id, object) in scene.objects() {
+            let known = self.objects.remove(&id).filter(|seen| is_same(&seen.object, object));
+            if known.is_none() {
+                changed.insert(id);
+            }
+            objects.insert(id, known.unwrap_or_else(|| SeenObject { object: object.clone(), judge: None }));
+        }
+        changed.extend(self.objects.keys());
+        (self.objects, self.scene) = (objects, scene.clone());
+        changed
+    }
+
+    /// The objects, whatever they are to the robots.
+    pub fn objects(&self) -> Vec<u32> {
+        self.objects.keys().copied().collect()
+    }
+
+    /// Where an object's shapes are, and the clearance around them: nothing if it is no obstacle.
+    pub fn region(&self, object: u32) -> Vec<WorldBox> {
+        let Some(SeenObject { object, .. }) = self.objects.get(&object) else { return Vec::new() };
+        let around = self.clearance + ROUNDING;
+        let shapes = object.shapes.iter().filter(|_| object.class == ObjectClass::Obstacle);
+        let region = |shape: &Primitive| {
+            let (low, high) = bounds(shape.shape, &(object.pose * shape.pose));
+            let low = low.map(|x| ((x - around) as f32).next_down());
+            let high = high.map(|x| ((x + around) as f32).next_up());
+            [low.x, low.y, low.z, high.x, high.y, high.z]
+        };
+        shapes.map(region).collect()
+    }
+
+    /// Certifies edges of the robot with itself.
+    pub fn certify_own<'a>(&mut self, ways: impl Iterator<Item = &'a [f64]>) -> Vec<EdgeVerdict> {
+        self.own.certify(&mut self.poses, ways)
+    }
+
+    /// Certifies edges against one object.
+    pub fn certify_object<'a>(&mut self, object: u32, ways: impl Iterator<Item = &'a [f64]>) -> Vec<EdgeVerdict> {
+        let Some(seen) = self.objects.get_mut(&object) else { return Vec::new() };
+        let judge = seen.judge.get_or_insert_with(|| {
+            let carried = self.limbs.carried(&self.scene);
+            let moves = |i: u32| carried.get(i as usize).is_some_and(|body| *body > 0);
+            let is_it =
+                |i: u32| matches!(self.scene.shape_id(i), Some(ShapeId::Object { object: o, .. }) if o == object);
+            Judge::new(&self.scene, self.clearance, |i, j| (moves(i) && is_it(j)) || (moves(j) && is_it(i)))
+        });
+        judge.certify(&mut self.poses, ways)
+    }
+}
+
+/// Whether an object is to the robots what it was.
+fn is_same(a: &Arc<Object>, b: &Arc<Object>) -> bool {
+    Arc::ptr_eq(a, b) || (a.pose == b.pose && a.class == b.class && a.shapes == b.shapes)
+}
+
+/// Poses of all robots of a scene, of which only the map's motors change; other robots are at home, where nobody asks about them.
+struct ScenePoses {
+    rest: Vec<f64>,
+    /// Where the map's motors are in it.
+    motors: Vec<usize>,
+    /// Starts and ends, as the judge takes them.
+    edges: Vec<f64>,
+}
+
+impl ScenePoses {
+    fn new(scene: &Scene, view: &View, motors: &[usize]) -> ScenePoses {
+        let first: usize = scene.robots().iter().take(view.robot).map(|r| r.motors.len()).sum();
+        let home = scene.home();
+        let of = |(r, home): (usize, &Arc<[f64]>)| if r == view.robot { view.pose().to_vec() } else { home.to_vec() };
+        let mut rest: Vec<f64> = home.iter().enumerate().flat_map(of).collect();
+        // a motor that rests at its limit may read a little more: nothing that an edge could be blamed for
+        let limits = scene.robots().iter().flat_map(|r| &r.motors);
+        rest.iter_mut().zip(limits).for_each(|(q, m)| *q = q.max(m.min).min(m.max));
+        ScenePoses { rest, motors: motors.iter().map(|m| first + m).collect(), edges: Vec::new() }
+    }
+
+    fn push(&mut self, group: &[f64]) {
+        let start = self.edges.len();
+        self.edges.extend(&self.rest);
+        for (motor, q) in self.motors.iter().zip(group) {
+            if let Some(slot) = self.edges.get_mut(start + motor) {
+                *slot = *q;
+            }
+        }
+    }
+}
+
+/// The pairs that may be to blame for one thing, compiled. Without them (a clearance that is none) nothing is certified.
+struct Judge(Option<FastScene>);
+
+impl Judge {
+    fn new(scene: &Scene, clearance: f64, keep: impl Fn(u32, u32) -> bool) -> Judge {
+        Judge(FastScene::of_pairs(scene, clearance, keep).ok())
+    }
+
+    /// Certifies edges, each given by the map's motors at its start and then at its end.
+    fn certify<'a>(&mut self, poses: &mut ScenePoses, ways: impl Iterator<Item = &'a [f64]>) -> Vec<EdgeVerdict> {
+        let (mut all, mut verdicts) = (Vec::new(), Vec::new());
+        let mut ways = ways.peekable();
+        while ways.peek().is_some() {
+            poses.edges.clear();
+            let mut count = 0;
+            for way in ways.by_ref().take(BATCH) {
+                let (from, to) = way.split_at(way.len() / 2);
+                poses.push(from);
+                poses.push(to);
+                count += 1;
+            }
+            let judged = self.0.as_mut().is_some_and(|fast| fast.certify(&poses.edges, &mut verdicts).is_ok());
+            if judged && verdicts.len() == count {
+                all.append(&mut verdicts);
+            } else {
+                all.extend((0..count).map(|_| EdgeVerdict::Uncertified { at: 0.0 }));
+            }
+        }
+        all
+    }
+}

@@ -1,0 +1,178 @@
+//! The kernel for intervals of edges: sixteen of them, each judged at its middle with what moves on it as a margin.
+//!
+//! A pair that is farther apart at the middle than the clearance and what the two move against each other from there to
+//! either end is free on the whole interval. Lanes know nothing of each other: what is said of an interval is the same
+//! whichever others it shares a block with.
+
+use crate::distance::{Found, test_pair, within};
+use crate::kernel::{Block, place_group, place_region, start_placing};
+use crate::lanes::{Lanes, Mask, Row, WIDTH};
+use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
+use crate::program::{Program, Step, UnitTest};
+use crate::vector::V3;
+
+/// Pairs of units whose balls are asked together.
+const BATCH: usize = 32;
+/// No pair.
+pub(crate) const NONE: usize = usize::MAX;
+
+/// What is asked of sixteen intervals, and what came of it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Intervals {
+    /// What moves how far, from the middle to either end.
+    pub motions: Motions,
+    /// The units to ask about, in which lanes; in rising order.
+    pub asked: Vec<(u32, Mask)>,
+    /// Those that may touch, and in which lanes, in the same order.
+    pub open: Vec<(u32, Mask)>,
+    /// Per lane: the first pair that surely touches at the middle, or [`NONE`].
+    pub touching: [usize; WIDTH],
+    /// Pairs of which rounding could decide whether they touch at the middle, and in which lanes.
+    pub doubts: Vec<(usize, Mask)>,
+    /// What the lanes could not tell, which counts as free above.
+    pub stuck: Vec<Stuck>,
+}
+
+/// A pair that projections can't tell.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stuck {
+    pub unit: u32,
+    pub pair: usize,
+    pub lanes: Mask,
+    /// How far the two move against each other, meters.
+    pub motion: Row,
+}
+
+impl Intervals {
+    pub fn new(program: &Program) -> Self {
+        Intervals { motions: Motions::new(program), ..Intervals::default() }
+    }
+}
+
+/// Judges the intervals that are asked for, the block's motors being at their middles.
+#[inline(always)]
+pub(crate) fn sweep<L: Lanes>(program: &Program, block: &mut Block, intervals: &mut Intervals) {
+    intervals.open.clear();
+    intervals.doubts.clear();
+    intervals.stuck.clear();
+    intervals.touching = [NONE; WIDTH];
+    start_placing::<L>(program, block);
+    start::<L>(program, &mut intervals.motions);
+    place_twists::<L>(program, block, &mut intervals.motions, 0);
+    let mut touching = 0;
+    let mut from = 0;
+    while from < intervals.asked.len() {
+        let to = intervals.asked.len().min(from + BATCH);
+        for i in from..to {
+            sum_up::<L>(program, &mut intervals.motions, &program.unit_motions[intervals.asked[i].0 as usize]);
+        }
+        // All at once and without a branch, as in `kernel.rs`.
+        let (mut near, mut count) = ([(0, 0); BATCH], 0);
+        for (unit, asked) in &intervals.asked[from..to] {
+            let motion = coarse::<L>(&intervals.motions, &program.unit_motions[*unit as usize]);
+            let UnitTest { a, b, within_squared, .. } = program.units[*unit as usize];
+            let lanes = nearer::<L>(block, a, b, within_squared, motion) & asked;
+            near[count] = (*unit, lanes);
+            count += usize::from(lanes != 0);
+        }
+        for (unit, lanes) in &near[..count] {
+            let UnitTest { a, b, within_squared, .. } = program.units[*unit as usize];
+            let between = &program.unit_motions[*unit as usize];
+            let motion = fine::<L>(program, block, &intervals.motions, between, a, b);
+            let lanes = lanes & nearer::<L>(block, a, b, within_squared, motion);
+            // Where something touches already it does not matter what else does, only that it may.
+            let mut open = lanes & touching;
+            if lanes & !touching != 0 {
+                let (hit, may) = take_steps::<L>(program, block, intervals, *unit as usize, lanes & !touching);
+                touching |= hit;
+                open |= may;
+            }
+            if open != 0 {
+                intervals.open.push((*unit, open));
+            }
+        }
+        from = to;
+    }
+}
+
+/// Lanes in which two centers are nearer than this, or may be once they have moved.
+#[inline(always)]
+fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32, motion: L) -> Mask {
+    let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
+    within::<L, true>(between.squared(), within_squared, motion)
+}
+
+/// Takes the steps of two units that are near in these lanes.
+///
+/// # Returns
+/// The lanes in which a pair surely touches, and all in which one may.
+#[inline(always)]
+fn take_steps<L: Lanes>(
+    program: &Program,
+    block: &mut Block,
+    intervals: &mut Intervals,
+    unit: usize,
+    near: Mask,
+) -> (Mask, Mask) {
+    let (mut hit, mut open) = (0, 0);
+    let steps = program.units[unit].steps.clone();
+    // What is near in the step that is open, and up to which step; at most two are open at once.
+    let (mut scopes, mut depth) = ([(near, steps.end); 4], 0);
+    let mut at = steps.start;
+    while at < steps.end {
+        while at >= scopes[depth].1 && depth > 0 {
+            depth -= 1;
+        }
+        let lanes = scopes[depth].0 & !hit;
+        let (step, motions) = (&program.steps[at], &program.step_motions[at]);
+        at += 1;
+        match *step {
+            Step::Near { a, b, within_squared, skip } => {
+                sum_up::<L>(program, &mut intervals.motions, motions);
+                let motion = fine::<L>(program, block, &intervals.motions, motions, a, b);
+                let near = nearer::<L>(block, a, b, within_squared, motion) & lanes;
+                if near == 0 {
+                    at = skip;
+                } else {
+                    depth += 1;
+                    scopes[depth] = (near, skip);
+                }
+            }
+            Step::Region(region) => {
+                if place_region::<L>(program, block, region) {
+                    place_twists::<L>(program, block, &mut intervals.motions, region);
+                }
+            }
+            Step::Group(group) => place_group::<L>(program, block, group),
+            Step::Pair(index) => {
+                if lanes == 0 {
+                    continue;
+                }
+                let pair = &program.pairs[index];
+                sum_up::<L>(program, &mut intervals.motions, motions);
+                let (a, b) = (program.balls.len() + pair.a, program.balls.len() + pair.b);
+                let motion = fine::<L>(program, block, &intervals.motions, motions, a, b);
+                let found: Found = test_pair::<L, true>(program, block, pair, lanes, motion);
+                open |= found.open & !found.stuck;
+                if found.stuck != 0 {
+                    let mut stuck =
+                        Stuck { unit: unit as u32, pair: index, lanes: found.stuck, motion: Row::default() };
+                    motion.store(&mut stuck.motion);
+                    intervals.stuck.push(stuck);
+                }
+                if found.doubtful != 0 {
+                    intervals.doubts.push((index, found.doubtful));
+                }
+                if found.touching != 0 {
+                    hit |= found.touching;
+                    for lane in 0..WIDTH {
+                        if found.touching >> lane & 1 != 0 {
+                            intervals.touching[lane] = index;
+                        }
+                    }
+                }
+            }
+        }
+    }
+    (hit, open)
+}

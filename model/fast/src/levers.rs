@@ -1,0 +1,99 @@
+//! How far solids move when motors do: bounds over all poses within the limits.
+//!
+//! A hinge that turns by an angle moves no point farther than that angle times the point's distance from its axis. That
+//! distance depends on the hinges between; the ball that holds the point at every pose (`sweep.rs`) bounds it. The
+//! radius of a capsule or a ball counts for nothing: turned or not, a ball is the same, so the core alone moves.
+//!
+//! ```text
+//! common ── hinge ── hinge ── a      what moves `common` moves both alike and counts for neither
+//!       └── hinge ── b
+//! ```
+
+use crate::bound::U;
+use crate::chain::LaneFrame;
+use crate::program::{Lever, Relative};
+use crate::sweep::{Sphere, common};
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Rounding of a sum of levers times steps, and of what it is added to, in the lanes; as `bound.rs` has it, with room
+/// for sixty motors.
+const SUMS: f64 = 160.0 * U;
+
+/// Something that moves as one: a ball around a group, around a region, or a solid.
+#[derive(Clone, Debug)]
+pub(crate) struct Mover {
+    pub frame: usize,
+    /// Balls that hold the extreme points of its cores, in its frame: no point of a core goes farther than the farthest
+    /// of these.
+    pub ends: Vec<Sphere>,
+}
+
+/// All movers of a scene, and the sums that were asked for.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Movers {
+    pub frames: Vec<LaneFrame>,
+    /// Balls of groups, of regions, then solids: as steps number them.
+    pub movers: Vec<Mover>,
+    known: BTreeMap<(usize, Option<usize>), u32>,
+    /// One sum each: a range of levers. The first is empty.
+    pub sums: Vec<Range<usize>>,
+    pub levers: Vec<Lever>,
+}
+
+impl Movers {
+    pub fn new(frames: Vec<LaneFrame>) -> Self {
+        Movers { frames, sums: vec![Range::default()], ..Movers::default() }
+    }
+
+    /// How two movers move against each other.
+    pub fn between(&mut self, a: usize, b: usize) -> Relative {
+        let common = common(&self.frames, self.movers[a].frame, self.movers[b].frame);
+        let sums = [self.sum(a, common), self.sum(b, common)];
+        // The world is the last frame.
+        Relative { sums, common: common.unwrap_or(self.frames.len() - 1) as u32 }
+    }
+
+    /// How wrong the lanes can be about a point's velocity, for each radian or meter that a joint moves: by the frames'
+    /// errors, and by rounding along the chain.
+    pub fn slip(&self) -> f64 {
+        let far = |mover: &Mover| mover.ends.iter().map(|e| e.center.norm() + e.radius).fold(0.0, f64::max);
+        let size = self.movers.iter().map(far).fold(0.0, f64::max);
+        let most = |of: fn(&LaneFrame) -> f64| self.frames.iter().map(of).fold(0.0, f64::max);
+        let across = (2.0 * (most(|f| f.bound.reach) + size)).max(1.0);
+        2.0 * most(|f| f.bound.turn) * across + 2.0 * most(|f| f.bound.place) + 1024.0 * U * across
+    }
+
+    fn sum(&mut self, mover: usize, to: Option<usize>) -> u32 {
+        if let Some(known) = self.known.get(&(mover, to)) {
+            return *known;
+        }
+        let found = levers(&self.frames, &self.movers[mover], to);
+        let sum = if found.is_empty() { 0 } else { self.sums.len() as u32 };
+        if sum != 0 {
+            let first = self.levers.len();
+            self.levers.extend(found);
+            self.sums.push(first..self.levers.len());
+        }
+        self.known.insert((mover, to), sum);
+        sum
+    }
+}
+
+/// How far a mover goes at most in frame `to` (which carries it; or else the world), joint by joint outward.
+fn levers(frames: &[LaneFrame], mover: &Mover, to: Option<usize>) -> Vec<Lever> {
+    let (mut ends, mut at) = (mover.ends.clone(), mover.frame);
+    let mut levers: Vec<Lever> = Vec::new();
+    while Some(at) != to {
+        let Some(carried) = frames[at].carried.as_ref() else { break };
+        let off_axis = ends.iter().map(|end| end.center.xy().norm() + end.radius).fold(0.0, f64::max);
+        let way = if carried.slide.is_some() { 1.0 } else { off_axis };
+        let gain = carried.joint.gain.abs() * (1.0 + SUMS);
+        let turn = if carried.slide.is_some() { 0.0 } else { gain };
+        levers.push(Lever { motor: carried.joint.motor, reach: (way * gain) as f32, turn: turn as f32 });
+        ends = ends.iter().map(|end| end.carried(carried)).collect();
+        at = carried.parent;
+    }
+    levers.reverse();
+    levers
+}

@@ -1,0 +1,240 @@
+//! Promise: what is certified free is free at every pose; what is blocked is blocked where it says.
+
+use crate::scenes::{Dice, alone, made_up, obstacles, shipped, two_shapes};
+use mobee_fast::{EdgeVerdict, FastError, FastScene};
+use mobee_model::{Robot, Scene, ShapeId, random_poses};
+use nalgebra::Isometry3;
+use std::sync::Arc;
+
+/// How close samples of short edges are, meters: no point of a robot moves farther between two.
+const STEP: f64 = 1e-4;
+/// How well the place of a contact is known, meters.
+const PLACE: f64 = 1e-3;
+/// No point of any robot here is farther than this from any axis, meters.
+const REACH: f64 = 1.3;
+/// The same of a body that slides 1 mm with a degree.
+const BODY: f64 = 0.12;
+
+/// The poses of all robots, of one list of numbers.
+fn split<'a>(scene: &Scene, pose: &'a [f64]) -> Vec<&'a [f64]> {
+    let mut rest = pose;
+    let own = |robot: &Arc<Robot>| {
+        let (own, others) = rest.split_at(robot.motors.len());
+        rest = others;
+        own
+    };
+    scene.robots().iter().map(own).collect()
+}
+
+fn between(from: &[f64], to: &[f64], at: f64) -> Vec<f64> {
+    from.iter().zip(to).map(|(a, b)| a + (b - a) * at).collect()
+}
+
+/// Edges from random poses, every second one from a pose that is free if one is found: short ones, whose motors go
+/// less than `step` of their range, or long ones to other random poses.
+fn edges(scene: &Scene, seed: u64, count: usize, step: f64) -> Vec<f64> {
+    let mut dice = Dice(seed);
+    let mut robots: Vec<_> = scene.robots().iter().map(|r| random_poses(r, seed)).collect();
+    let mut pose = || robots.iter_mut().filter_map(Iterator::next).flatten().collect::<Vec<f64>>();
+    let mut all = Vec::new();
+    for i in 0..count {
+        let mut from = pose();
+        for _ in 0..(i % 2) * 50 {
+            if scene.free(&split(scene, &from), 0.0) {
+                break;
+            }
+            from = pose();
+        }
+        let to = pose();
+        // A way toward another random pose stays within the limits.
+        let share = if step >= 1.0 { 1.0 } else { step * (0.2 + dice.roll()) };
+        all.extend_from_slice(&from);
+        all.extend(between(&from, &to, share));
+    }
+    all
+}
+
+/// Holds verdicts to dense samples; gives the share of each kind: free, blocked, uncertified.
+fn hold(name: &str, scene: &Scene, edges: &[f64], clearance: f64, (step, reach): (f64, f64)) -> [f64; 3] {
+    let mut fast = FastScene::new(scene, clearance).expect("it compiles");
+    let length = 2 * fast.motors();
+    let (mut verdicts, mut free, mut counts) = (Vec::new(), Vec::new(), [0; 3]);
+    fast.certify(edges, &mut verdicts).expect("whole edges");
+    assert_eq!(verdicts.len(), edges.len() / length);
+    for (e, (edge, verdict)) in edges.chunks_exact(length).zip(&verdicts).enumerate() {
+        let (from, to) = edge.split_at(length / 2);
+        let way: f64 = from.iter().zip(to).map(|(a, b)| (b - a).abs() * reach).sum();
+        let steps = (way / step).ceil().max(1.0);
+        let samples: Vec<f64> = (0..=steps as usize).flat_map(|k| between(from, to, k as f64 / steps)).collect();
+        fast.free(&samples, &mut free).expect("whole poses");
+        let first = free.iter().position(|free| !free).map(|k| k as f64 / steps);
+        match *verdict {
+            EdgeVerdict::Free => {
+                counts[0] += 1;
+                assert_eq!(first, None, "{name}, edge {e}: a missed contact");
+                let some = between(from, to, 0.37);
+                assert!(scene.free(&split(scene, &some), clearance), "{name}, edge {e}: so says the scalar engine");
+            }
+            EdgeVerdict::Blocked(found) => {
+                counts[1] += 1;
+                let pose = between(from, to, found.at);
+                let poses = split(scene, &pose);
+                assert!(!scene.free(&poses, clearance), "{name}, edge {e}: not in contact at {}", found.at);
+                let contacts = scene.contacts(&poses, clearance + 1e-6);
+                match found.pair {
+                    Some(pair) => assert!(contacts.iter().any(|c| c.pair == pair), "{name}, edge {e}: {pair:?}"),
+                    None => assert!((0..poses.len()).any(|r| !scene.satisfies_constraints(r, poses[r]))),
+                }
+                // A contact of less than the resolution may be seen by a sample and not by an interval's middle.
+                let places = |at: f64| scene.node_transforms(&split(scene, &between(from, to, at)));
+                let moved = |first: f64| {
+                    let (then, now) = (places(first).concat(), places(found.at).concat());
+                    let ways = then.iter().zip(&now).map(|(a, b)| (a.translation.vector - b.translation.vector).norm());
+                    ways.fold(0.0, f64::max)
+                };
+                let early = first.is_none_or(|first| found.at <= first || moved(first) < 2.0 * PLACE);
+                let grazed = |at: f64| scene.clearance(&split(scene, &between(from, to, at)), clearance + 0.001);
+                let depth = || first.and_then(grazed).map_or(0.0, |near| clearance - near.distance);
+                assert!(early || depth() < PLACE, "{name}, edge {e}: {} after {first:?}", found.at);
+            }
+            EdgeVerdict::Uncertified { at } => {
+                counts[2] += 1;
+                let near = scene.clearance(&split(scene, &between(from, to, at)), clearance + 2.0 * STEP);
+                assert!(
+                    near.is_some(),
+                    "{name}, edge {e}: nothing is near at {at}, {:?}",
+                    scene.clearance(&split(scene, &between(from, to, at)), 1.0)
+                );
+            }
+        }
+    }
+    let shares = counts.map(|count| f64::from(count) / verdicts.len() as f64);
+    eprintln!("{name}, {clearance} m: {shares:.4?} of {} free, blocked, uncertified", verdicts.len());
+    assert!(shares[2] < 0.01, "{name}: {shares:?}");
+    shares
+}
+
+#[test]
+fn short_edges_of_shipped_robots_among_obstacles() {
+    for name in ["icub", "katana", "panda", "ur5"] {
+        let among =
+            |seed| Scene::new(vec![(shipped(name), Isometry3::identity())], obstacles(seed, 20)).expect("a scene");
+        let scene =
+            (3..200).map(among).find(|scene| scene.free(&scene.home(), 0.0)).expect("obstacles beside the base");
+        for clearance in [0.0, 0.012] {
+            let edges = edges(&scene, 5, 300, 0.02);
+            let [free, blocked, _] = hold(name, &scene, &edges, clearance, (STEP, REACH));
+            assert!(clearance > 0.0 || free > 0.02 && blocked > 0.02, "both kinds: {free}, {blocked}");
+        }
+    }
+}
+
+#[test]
+fn long_edges_of_shipped_robots() {
+    for name in ["icub", "katana", "panda", "ur5"] {
+        let scene = alone(shipped(name));
+        hold(name, &scene, &edges(&scene, 6, 40, 1.0), 0.0, (20.0 * STEP, REACH));
+    }
+}
+
+/// A body of each shape that slides and turns past an obstacle of each shape.
+#[test]
+fn edges_of_all_shapes() {
+    let mut dice = Dice(4);
+    let mut all = [0.0; 3];
+    for kinds in 0..16 {
+        for _ in 0..3 {
+            let scene = two_shapes(&mut dice, (kinds / 4, kinds % 4));
+            let mut at = |i: usize| (dice.roll() - 0.5) * if i % 6 < 3 { 800f64.to_radians() } else { 6.0 };
+            let edges: Vec<f64> = (0..20 * 12).map(&mut at).collect();
+            let shares = hold(&format!("kinds {} and {}", kinds / 4, kinds % 4), &scene, &edges, 0.012, (STEP, BODY));
+            (0..3).for_each(|i| all[i] += shares[i] / 48.0);
+        }
+    }
+    assert!(all[0] > 0.2 && all[1] > 0.2, "both kinds: {all:?}");
+}
+
+/// Slides, motors with several joints, shapes of all kinds, three robots in one world.
+#[test]
+fn edges_of_all_joints() {
+    for seed in [1, 4, 5] {
+        let robots = vec![
+            (made_up("one", seed), Isometry3::identity()),
+            (shipped("katana"), Isometry3::translation(0.7, 0.5, 0.1)),
+        ];
+        let scene = Scene::new(robots, obstacles(seed, 3)).expect("a scene");
+        hold(&format!("made up {seed}"), &scene, &edges(&scene, seed, 60, 0.03), 0.0, (STEP, REACH));
+    }
+}
+
+#[test]
+fn verdicts_do_not_depend_on_company() {
+    let scene = Scene::new(vec![(shipped("icub"), Isometry3::identity())], obstacles(3, 20)).expect("a scene");
+    let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
+    let length = 2 * fast.motors();
+    let edges = [edges(&scene, 1, 200, 0.05), edges(&scene, 2, 20, 1.0)].concat();
+    let (mut together, mut alone, mut verdict) = (Vec::new(), Vec::new(), Vec::new());
+    fast.certify(&edges, &mut together).expect("whole edges");
+    for edge in edges.chunks_exact(length).rev() {
+        fast.certify(edge, &mut verdict).expect("whole edges");
+        alone.extend(verdict.iter().copied());
+    }
+    alone.reverse();
+    assert_eq!(together, alone);
+}
+
+/// Self and world, each alone, make up the whole.
+#[test]
+fn pairs_can_be_certified_apart() {
+    let scene = Scene::new(vec![(shipped("icub"), Isometry3::identity())], obstacles(3, 20)).expect("a scene");
+    let edges = edges(&scene, 9, 300, 0.03);
+    let of_object =
+        |a: u32, b: u32| [a, b].iter().any(|shape| matches!(scene.shape_id(*shape), Some(ShapeId::Object { .. })));
+    let certify = |mut fast: FastScene| {
+        let mut verdicts = Vec::new();
+        fast.certify(&edges, &mut verdicts).expect("whole edges");
+        (verdicts, fast.figures().pairs)
+    };
+    let (whole, all) = certify(FastScene::new(&scene, 0.0).expect("it compiles"));
+    let (own, of_self) = certify(FastScene::of_pairs(&scene, 0.0, |a, b| !of_object(a, b)).expect("it compiles"));
+    let (world, of_world) = certify(FastScene::of_pairs(&scene, 0.0, of_object).expect("it compiles"));
+    assert_eq!(of_self + of_world, all);
+    let at = |verdict: &EdgeVerdict| match verdict {
+        EdgeVerdict::Free => f64::INFINITY,
+        EdgeVerdict::Blocked(found) => found.at,
+        EdgeVerdict::Uncertified { .. } => -1.0,
+    };
+    for ((whole, own), world) in whole.iter().zip(&own).zip(&world) {
+        let first = at(own).min(at(world));
+        assert!(at(whole) == first || at(whole) < 0.0 || first < 0.0, "{whole:?}, {own:?}, {world:?}");
+    }
+}
+
+/// A motor at its limit is free, beyond it is not, and neither is what is not a number.
+#[test]
+fn edges_that_leave_the_limits() {
+    let robot = shipped("katana");
+    let scene = alone(robot.clone());
+    let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
+    let home = robot.home();
+    let mut verdict = |to: &[f64]| {
+        let mut verdicts = Vec::new();
+        fast.certify(&[home.clone(), to.to_vec()].concat(), &mut verdicts).expect("a whole edge");
+        verdicts[0]
+    };
+    assert_eq!(verdict(&home), EdgeVerdict::Free);
+    let mut to = home.clone();
+    to[0] = robot.motors[0].max;
+    assert_eq!(verdict(&to), EdgeVerdict::Free);
+    to[0] = home[0] + 2.0 * (robot.motors[0].max - home[0]);
+    let EdgeVerdict::Blocked(found) = verdict(&to) else { panic!("beyond the limit") };
+    assert!((found.at - 0.5).abs() < 1e-6 && found.pair.is_none(), "{found:?}");
+    for odd in [f64::NAN, f64::INFINITY, -1e300] {
+        to[0] = odd;
+        let EdgeVerdict::Blocked(found) = verdict(&to) else { panic!("{odd}") };
+        assert!(found.at < 1e-6 && found.pair.is_none(), "{found:?}");
+    }
+    let motors = fast.motors();
+    let refused = fast.certify(&vec![0.0; 3 * motors], &mut Vec::new());
+    assert_eq!(refused, Err(FastError::Edges { given: 3 * motors, motors }));
+}
