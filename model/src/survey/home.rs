@@ -56,6 +56,10 @@ pub fn find_home(robot: &Robot, wanted: &[f64], clearance: f64, seed: u64) -> Re
         for to in random.by_ref().take(TRIES) {
             let part: Vec<f64> =
                 robot.motors.iter().zip(&within).zip(&to).map(|((m, a), b)| a + step * m.way(*a, *b)).collect();
+            // Cheaper than how free it is, which in contact is a depth: whether it is freer than the best so far.
+            if !scene.free(&[&part], freest.1.min(clearance)) {
+                continue;
+            }
             let there = free_by(&part);
             if there > freest.1 {
                 freest = (part.clone(), there);
