@@ -8,11 +8,23 @@
 //! ```
 //!
 //! # Measured
-//! 25,989 edges (the hand goes 18 mm in the mean), AVX-512, one core of a busy machine, processor time, medians of seven
-//! rounds: all pairs 118 ms (yes or no 72 ms), self only 32 ms, 20 obstacles only 92 ms, one object 14 ms; 506,815
-//! samples in lanes 300 ms, and `Scene::line_free` 71 times as long as the first. 5.5 intervals per edge, 0.03 %
-//! uncertified. With a table of half a square meter under the hand 182 ms (87 ms). Without velocities in the bounds
-//! (`motion.rs`), levers alone, it was 1.9 times as long at 3.8 times the intervals.
+//! 25,989 edges (the hand goes 18 mm in the mean), one core of a busy machine, processor time, medians of seven rounds:
+//!
+//! | what | AVX-512, ms |
+//! |---|---|
+//! | self and 20 obstacles, 5.5 intervals per edge, 0.03 % uncertified | 114 (AVX2: 143, portable: 307) |
+//! | the same, yes or no | 71 |
+//! | self only | 28 |
+//! | 20 obstacles only | 90 |
+//! | one object: compiled; all edges against it; a thirtieth of them | 1.3; 12; 0.5 |
+//! | with a table of half a square meter under the hand (AVX2: 227) | 184 |
+//! | the same, yes or no | 88 |
+//! | 506,815 samples in lanes | 303 |
+//! | `Scene::line_free` at 1 mm | 8,375 |
+//! | 1,000 long edges at once; yes or no; one by one | 31; 20; 51 |
+//!
+//! Without velocities in the bounds (`motion.rs`), with levers alone, the first took 1.9 times as long and 3.8 times the
+//! intervals.
 //!
 //! Beside samples at 0.1 mm, none missed on any of these; uncertified 0.035 % of 20,000 edges of the map, 1 of 1,000 long
 //! ones; Panda 0.010 % of 20,000 edges of 23 mm, none of 1,000 long ones; UR5 0.005 %, none.
@@ -24,7 +36,7 @@ mod measure;
 
 use map::{Map, is_object, object};
 use measure::{processor_time, sorted};
-use mobee_fast::{EdgeVerdict, FastScene};
+use mobee_fast::{EdgeVerdict, FastScene, InstructionSet};
 use mobee_model::{Scene, Shape, load_robot};
 use nalgebra::{Isometry3, Vector3};
 use std::path::Path;
@@ -100,7 +112,11 @@ fn validate(name: &str, map: &Map, scene: &Scene, sampled: bool) {
     let samples = samples(map);
     let poses: usize = samples.iter().map(Vec::len).sum::<usize>() / whole.motors();
     let (mut yes_or_no, mut quick) = (whole.clone(), Vec::new());
-    let mut ways = [("continuous", whole.clone()), ("continuous, self only", own), ("continuous, world only", world)];
+    let with = |set| FastScene::with_instructions(scene, 0.0, set).expect("it compiles");
+    let others = InstructionSet::available().into_iter().filter(|set| *set != whole.instructions());
+    let parts = [("continuous", whole.clone()), ("continuous, self only", own), ("continuous, world only", world)];
+    let mut ways = parts.map(|(way, fast)| (way.to_string(), fast)).to_vec();
+    ways.extend(others.map(|set| (format!("continuous, {set:?}"), with(set))));
     let mut times = vec![Vec::new(); ways.len()];
     let (mut free, mut discrete, mut scalar) = (whole, Vec::new(), Vec::new());
     let (mut verdicts, mut answers) = (Vec::new(), Vec::new());
@@ -159,20 +175,28 @@ fn line_free(map: &Map, scene: &Scene) {
     }
 }
 
-/// One object moved: compiled anew and asked of the whole map, without any index.
+/// One object moved: compiled anew and asked of the whole map, without any index; and of a thirtieth of it, which is what
+/// an index leaves. The mean of twenty objects.
 fn one_object(map: &Map, scene: &Scene) {
     let edges = map.lines();
-    let (mut compiled, mut asked) = (Vec::new(), Vec::new());
-    for number in 0..20 {
-        let (mut fast, mut verdicts) = (None, Vec::new());
-        let keep = |a: u32, b: u32| is_object(scene, a, number) || is_object(scene, b, number);
-        compiled.push(time(|| fast = FastScene::of_pairs(scene, 0.0, keep).ok()));
-        let mut fast = fast.expect("it compiles");
-        asked.push(time(|| fast.certify(&edges, &mut verdicts).expect("whole edges")));
+    let few: Vec<f64> = edges.chunks_exact(2 * map.robot.motors.len()).step_by(30).flatten().copied().collect();
+    let (mut compiled, mut asked, mut indexed) = (Vec::new(), Vec::new(), Vec::new());
+    let mut verdicts = Vec::new();
+    for _ in 0..ROUNDS {
+        let mut fast = Vec::new();
+        compiled.push(time(|| {
+            for number in 0..20 {
+                let keep = |a: u32, b: u32| is_object(scene, a, number) || is_object(scene, b, number);
+                fast.extend(FastScene::of_pairs(scene, 0.0, keep));
+            }
+        }));
+        asked.push(time(|| fast.iter_mut().for_each(|f| f.certify(&edges, &mut verdicts).expect("whole edges"))));
+        indexed.push(time(|| fast.iter_mut().for_each(|f| f.certify(&few, &mut verdicts).expect("whole edges"))));
     }
-    let base = 1.0;
-    report("one object: compiled", compiled, base);
-    report("one object: all edges against it", asked, base);
+    let mean = |times: Vec<f64>| times.into_iter().map(|t| t / 20.0).collect();
+    report("one object: compiled", mean(compiled), 1.0);
+    report("one object: all edges against it", mean(asked), 1.0);
+    report("one object: a thirtieth of them", mean(indexed), 1.0);
 }
 
 fn shares(verdicts: &[EdgeVerdict]) -> String {

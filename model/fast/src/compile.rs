@@ -196,7 +196,7 @@ fn regions(
     let mut whole = 0.0;
     for (root, frame) in frames.iter().enumerate() {
         if frame.carried.is_none() {
-            whole = ball_of(frames, root, &below(frames, root), order, sized).radius;
+            whole = Sphere::around(&balls_of(frames, root, &below(frames, root), order, sized)).radius;
             continue;
         }
         let has = below(frames, root);
@@ -205,7 +205,13 @@ fn regions(
             continue;
         }
         let own_pairs = pairs.iter().any(|(a, b)| has[sized[*a].frame] && has[sized[*b].frame]);
-        let held = ball_of(frames, root, &has, order, sized);
+        let inside = balls_of(frames, root, &has, order, sized);
+        // Most are far larger, which two of the balls show.
+        let wide = |ball: &Sphere| (ball.center - inside[0].center).norm() + ball.radius + inside[0].radius;
+        if inside.iter().any(|ball| wide(ball) > 2.0 * REGION * whole) {
+            continue;
+        }
+        let held = Sphere::around(&inside);
         if held.radius <= REGION * whole && !own_pairs {
             regions.push(Region { root, has, ball: held });
         }
@@ -222,11 +228,12 @@ fn branches(
     sized: &[Sized],
 ) -> Vec<Region> {
     let of = |region: &Region, root: usize| {
+        frames[root].carried.as_ref().filter(|c| c.parent == region.root)?;
         let has = below(frames, root);
-        let ball = ball_of(frames, root, &has, order, sized);
-        let parent = frames[root].carried.as_ref().map(|c| c.parent);
         let several = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count() > 1;
-        (parent == Some(region.root) && several).then_some(Region { root, has, ball })
+        let ball = || Sphere::around(&balls_of(frames, root, &has, order, sized));
+        let ball = several.then(ball)?;
+        Some(Region { root, has, ball })
     };
     regions.iter().flat_map(|region| (0..frames.len()).filter_map(move |root| of(region, root))).collect()
 }
@@ -241,10 +248,10 @@ fn below(frames: &[LaneFrame], root: usize) -> Vec<bool> {
     has
 }
 
-/// Holds the solids of a subtree at every pose; in its root's frame.
-fn ball_of(frames: &[LaneFrame], root: usize, has: &[bool], order: &[usize], sized: &[Sized]) -> Sphere {
+/// What holds each solid of a subtree at every pose; in its root's frame.
+fn balls_of(frames: &[LaneFrame], root: usize, has: &[bool], order: &[usize], sized: &[Sized]) -> Vec<Sphere> {
     let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
-    Sphere::around(&inside.map(|s| s.ball().swept(frames, s.frame, root)).collect::<Vec<_>>())
+    inside.map(|s| s.ball().swept(frames, s.frame, root)).collect()
 }
 
 /// Joints that carry anything, region by region.

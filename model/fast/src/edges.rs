@@ -12,6 +12,7 @@
 use crate::edge_block::middle;
 use crate::fast::{FastError, FastScene};
 use crate::lanes::{Mask, WIDTH};
+use crate::limits::is_within;
 use crate::program::Program;
 use mobee_model::Pair;
 
@@ -173,10 +174,11 @@ impl FastScene {
             }
         }
         for (m, q) in first.iter().enumerate() {
-            let still = !self.block.still[m];
+            let (low, high) = self.program.limits[m];
+            // What is beyond its limit is looked at on every edge.
+            let still = !self.block.still[m] && is_within(*q, (low, high));
             self.block.still[m] = still;
             if still {
-                let (low, high) = self.program.limits[m];
                 self.block.motors[m].0 = [q.max(low).min(high); WIDTH];
                 self.intervals.motions.steps[m].0 = [0.0; WIDTH];
             } else {
@@ -192,7 +194,7 @@ impl FastScene {
         all.units.clear();
         all.waiting.clear();
         for (e, edge) in edges.chunks_exact(length).enumerate() {
-            let state = self.start(edge);
+            let state = self.start(edge, &all.moving);
             if state.blocked.is_none_or(|b| b.at > 0.0 && coarser < MOST_LEVELS) {
                 all.waiting.push((state.start, e as u32));
             }
@@ -229,10 +231,10 @@ impl FastScene {
     }
 
     /// Limits and constraints, and how often the edge may be halved.
-    fn start(&mut self, edge: &[f64]) -> State {
+    fn start(&self, edge: &[f64], moving: &[usize]) -> State {
         let (from, to) = edge.split_at(self.motors());
-        let way: f64 = from.iter().zip(to).zip(&self.program.reach).map(|((a, b), reach)| (b - a).abs() * reach).sum();
-        let violated = self.first_beyond_limits(from, to).into_iter().chain(self.first_violation(from, to));
+        let way: f64 = moving.iter().map(|m| (to[*m] - from[*m]).abs() * self.program.reach[*m]).sum();
+        let violated = self.first_beyond_limits(from, to, moving).into_iter().chain(self.first_violation(from, to));
         let mut state = State { start: 0, levels: 0, blocked: None, uncertified: None };
         for (at, sure) in violated {
             if sure && state.blocked.is_none_or(|b| at < b.at) {

@@ -116,7 +116,7 @@ fn take_steps<L: Lanes>(
 ) -> (Mask, Mask) {
     let (mut hit, mut open) = (0, 0);
     let steps = program.units[unit].steps.clone();
-    // What is near in the step that is open, and up to which step; at most two are open at once.
+    // What is near in the step that is open, and up to which step; at most three are open at once.
     let (mut scopes, mut depth) = ([(near, steps.end); 4], 0);
     let mut at = steps.start;
     while at < steps.end {

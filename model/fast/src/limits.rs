@@ -27,18 +27,23 @@ pub(crate) fn constraints(program: &mut Program, scene: &Scene) {
     }
 }
 
+/// Whether a motor is within its limits, rad of encoder.
+pub(crate) fn is_within(q: f64, (low, high): (f64, f64)) -> bool {
+    q >= low - AT_LIMIT && q <= high + AT_LIMIT
+}
+
 impl FastScene {
-    /// Where a line first is beyond a motor's limit.
-    pub(crate) fn first_beyond_limits(&self, from: &[f64], to: &[f64]) -> Option<(f64, bool)> {
+    /// Where a line first is beyond a limit of these motors.
+    pub(crate) fn first_beyond_limits(&self, from: &[f64], to: &[f64], moving: &[usize]) -> Option<(f64, bool)> {
         let mut first: Option<f64> = None;
-        for ((a, b), (low, high)) in from.iter().zip(to).zip(&self.program.limits) {
-            let inside = |q: &f64| *q >= low - AT_LIMIT && *q <= high + AT_LIMIT;
+        for (a, b, (low, high)) in moving.iter().map(|m| (&from[*m], &to[*m], self.program.limits[*m])) {
+            let inside = |q: &f64| is_within(*q, (low, high));
             let at = match (inside(a), inside(b)) {
                 (true, true) => continue,
                 (false, _) => 0.0,
                 // Not before the place where it is beyond: rounding may not turn it back.
                 (true, false) => {
-                    let limit = if b > high { high + AT_LIMIT } else { low - AT_LIMIT };
+                    let limit = if *b > high { high + AT_LIMIT } else { low - AT_LIMIT };
                     (((limit - a) / (b - a)) + 1e-12).clamp(0.0, 1.0)
                 }
             };

@@ -1,7 +1,7 @@
 //! Promise: what is certified free is free at every pose; what is blocked is blocked where it says.
 
 use crate::scenes::{Dice, alone, made_up, obstacles, shipped, two_shapes};
-use mobee_fast::{EdgeVerdict, FastError, FastScene};
+use mobee_fast::{EdgeVerdict, FastError, FastScene, InstructionSet};
 use mobee_model::{Robot, Scene, ShapeId, random_poses};
 use nalgebra::Isometry3;
 use std::sync::Arc;
@@ -122,7 +122,7 @@ fn short_edges_of_shipped_robots_among_obstacles() {
         let scene =
             (3..200).map(among).find(|scene| scene.free(&scene.home(), 0.0)).expect("obstacles beside the base");
         for clearance in [0.0, 0.012] {
-            let edges = edges(&scene, 5, 300, 0.02);
+            let edges = edges(&scene, 5, 120, 0.02);
             let [free, blocked, _] = hold(name, &scene, &edges, clearance, (STEP, REACH));
             assert!(clearance > 0.0 || free > 0.02 && blocked > 0.02, "both kinds: {free}, {blocked}");
         }
@@ -181,6 +181,32 @@ fn verdicts_do_not_depend_on_company() {
     }
     alone.reverse();
     assert_eq!(together, alone);
+    let mut free = Vec::new();
+    fast.edges_free(&edges, &mut free).expect("whole edges");
+    assert!(free.iter().zip(&together).all(|(free, verdict)| *free == (*verdict == EdgeVerdict::Free)));
+}
+
+/// Where instructions round otherwise, what is too near to tell may differ, but no proof is contradicted.
+#[test]
+fn no_instructions_contradict_others() {
+    let scene = Scene::new(vec![(shipped("icub"), Isometry3::identity())], obstacles(3, 20)).expect("a scene");
+    let motors: usize = scene.robots().iter().map(|r| r.motors.len()).sum();
+    let edges = edges(&scene, 8, 400, 0.03);
+    let by = |set| {
+        let mut verdicts = Vec::new();
+        let mut fast = FastScene::with_instructions(&scene, 0.0, set).expect("it compiles");
+        fast.certify(&edges, &mut verdicts).expect("whole edges");
+        verdicts
+    };
+    let all: Vec<Vec<EdgeVerdict>> = InstructionSet::available().into_iter().map(by).collect();
+    assert_eq!(all[0].len(), edges.len() / motors / 2);
+    for verdicts in &all[1..] {
+        for (one, other) in all[0].iter().zip(verdicts) {
+            let doubtful = [one, other].iter().any(|v| matches!(v, EdgeVerdict::Uncertified { .. }));
+            let free = [one, other].map(|v| *v == EdgeVerdict::Free);
+            assert!(doubtful || free[0] == free[1], "{one:?}, {other:?}");
+        }
+    }
 }
 
 /// Self and world, each alone, make up the whole.
