@@ -302,7 +302,13 @@ fn by_the_wall(source: &Source, at: &str, role: &str) -> ConfigError {
 }
 
 fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Requirements), Complaints> {
-    let (kind, settings) = kind::<dyn Agent>(source, at, value)?;
+    let (kind, mut settings) = kind::<dyn Agent>(source, at, value)?;
+    if let Some(Value::String(file)) = settings.get("map") {
+        // agents take a map as JSON, and read no files
+        let path = Config::beside(source, Path::new(file));
+        let sent = source.text_sent(&format!("{at}.map"), &path).transpose()?;
+        settings["map"] = crate::roadmap::for_agent(&path, sent)?;
+    }
     let build = kind.build;
     let means = build(&settings, &context).map_err(|e| placed(source, at, e))?.requirements();
     Ok((Arc::new(move || build(&settings, &context).map_err(|e| e.to_string())), means))

@@ -313,6 +313,11 @@ impl Config {
                 relocate(&format!("robot[{i}].driver.file"), &mut path);
                 *file = path.to_string_lossy().into_owned();
             }
+            if let Some(Value::String(file)) = r.agent.as_mut().and_then(|agent| agent.get_mut("map")) {
+                let mut path = PathBuf::from(&file);
+                relocate(&format!("robot[{i}].agent.map"), &mut path);
+                *file = path.to_string_lossy().into_owned();
+            }
         }
         if let Some(folder) = self.yarp.as_mut().and_then(|y| y.save_folder.as_mut()) {
             relocate("yarp.save_folder", folder);

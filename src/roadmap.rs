@@ -15,6 +15,7 @@ use mobee_behaviors::map_file::MapFile;
 use mobee_model::file::{MIB, read_text};
 use mobee_model::{Robot, Scene, load_robot, load_world};
 use nalgebra::Isometry3;
+use serde_json::Value;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -92,15 +93,32 @@ fn robot(scene: &Scene) -> Result<&Arc<Robot>, Report> {
 }
 
 /// A map with its text, to point into.
-fn load(path: &Path) -> Result<(MapFile, String), Report> {
+fn load(path: &Path) -> Result<(MapFile, String), ConfigError> {
     let text = read_text(path, LONGEST).map_err(|e| {
         let help = "give a map as `mobee roadmap build` or `mobee run` wrote it";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;
-    match MapFile::parse(&text) {
-        Ok(map) => Ok((map, text)),
-        Err(e) => Err(ConfigError::at(&path.display().to_string(), &text, e.span, e.what, e.help).into()),
-    }
+    Ok((parsed(path, &text)?, text))
+}
+
+fn parsed(path: &Path, text: &str) -> Result<MapFile, ConfigError> {
+    MapFile::parse(text).map_err(|e| ConfigError::at(&path.display().to_string(), text, e.span, e.what, e.help))
+}
+
+/// A map for an agent, which takes it as JSON: from the disk, or as it was sent.
+///
+/// # Errors
+/// If it can't be read, or is no map.
+pub(crate) fn for_agent(path: &Path, sent: Option<&str>) -> Result<Value, ConfigError> {
+    let map = sent.map_or_else(|| Ok(load(path)?.0), |text| parsed(path, text))?;
+    Ok(serde_json::to_value(map).unwrap_or_default())
+}
+
+/// The text of the map that an agent left behind at the end of a run; `None` if it is none of ours.
+pub(crate) fn left_behind(map: &Value, run: &str) -> Option<String> {
+    let mut map = MapFile::from_value(map).ok()?;
+    map.label(run);
+    Some(map.text())
 }
 
 /// A map that is one for this robot.

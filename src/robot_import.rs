@@ -205,7 +205,7 @@ impl ImportArgs {
                 (moved, true) => {
                     let moved = told(robot, moved);
                     format!(
-                        "home: {name} is not free by {free:.0} mm; as near to it as is, with few motors moved: {moved}"
+                        "home: {name} is not free by {free:.0} mm; the nearest found that is, with few motors moved: {moved}"
                     )
                 }
                 _ => format!("home: no pose near {name} was found that is free by more than {free:.0} mm"),

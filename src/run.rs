@@ -266,7 +266,9 @@ pub(crate) fn run_with(
     for (robot, snapshot) in &done.end.snapshots {
         // an agent with a map leaves it behind
         if let Some(map) = snapshot.state.get("map") {
-            let map = serde_json::to_string_pretty(map).into_diagnostic()?;
+            let run = folder.path().file_name().unwrap_or_default().to_string_lossy();
+            let ours = crate::roadmap::left_behind(map, &run);
+            let map = ours.map_or_else(|| serde_json::to_string_pretty(map).into_diagnostic(), Ok)?;
             let written = folder.write(&format!("roadmap-{robot}.json"), &map);
             done.complaints.extend(written.err().map(|e| e.message().to_owned()));
         }

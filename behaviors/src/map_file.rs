@@ -72,6 +72,14 @@ pub struct MapFile {
     pub tried: Vec<TriedMotion>,
 }
 
+impl MapFile {
+    /// Names the run that made the trials which name none.
+    pub fn label(&mut self, run: &str) {
+        let new = self.tried.iter_mut().filter(|t| t.run.is_none());
+        new.for_each(|t| t.run = Some(run.to_owned()));
+    }
+}
+
 /// What verdicts hold for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

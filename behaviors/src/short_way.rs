@@ -34,6 +34,9 @@ impl JointMetric {
     /// Euclidean distance over the coordinates both have, where turns don't count: symmetric, and at most half a turn for a motor that
     /// has no end.
     pub fn distance(&self, a: &[f64], b: &[f64]) -> f64 {
+        if self.is_plain() {
+            return a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum::<f64>().sqrt();
+        }
         let square = |(i, (x, y)): (usize, (&f64, &f64))| {
             let way = x - y;
             let way = if self.turning(i).is_some() { way - (way / TAU).round() * TAU } else { way };

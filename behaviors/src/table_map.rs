@@ -21,7 +21,7 @@ mod hand;
 mod pose_search;
 mod statistics;
 
-pub use growth::{Growth, Trial, Wish};
+pub use growth::{Growth, PoseWish, Trial};
 pub use hand::{HandChain, HandPose};
 pub use pose_search::{ACCEPT_ANGLE, ACCEPT_OFFSET, ACCEPT_SPACING, FoundPose, PoseSearch};
 pub use statistics::{TableMapFigures, figures};

@@ -32,6 +32,7 @@ pub(super) fn read(file: &Path) -> Result<Sent, Report> {
 fn named(config: &Config, source: &Source) -> Vec<PathBuf> {
     let models = config.robot.iter().map(|r| r.model.as_path());
     let tables = config.robot.iter().filter_map(|r| r.driver.get("file")?.as_str()).map(Path::new);
-    let all = models.chain(tables).chain(config.world.file.as_deref());
+    let maps = config.robot.iter().filter_map(|r| r.agent.as_ref()?.get("map")?.as_str()).map(Path::new);
+    let all = models.chain(tables).chain(maps).chain(config.world.file.as_deref());
     all.map(|path| Config::beside(source, path)).collect()
 }

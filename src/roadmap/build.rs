@@ -7,7 +7,7 @@ use crate::robot_import::Steps;
 use miette::{Report, miette};
 use mobee_behaviors::map_file::{MapFile, robot_digest, world_digest};
 use mobee_behaviors::roadmap::{Roadmap, Vertex};
-use mobee_behaviors::table_map::{Growth, PoseSearch, TableMapPlan, Wish};
+use mobee_behaviors::table_map::{Growth, PoseSearch, PoseWish, TableMapPlan};
 use mobee_contract::KindError;
 use mobee_model::Robot;
 use std::fmt::Write;
@@ -137,7 +137,7 @@ fn audit(growth: &Growth, plan: &TableMapPlan, robot: &Robot, search: &mut PoseS
             let far = |at: [f64; 3]| (at[0] - x).hypot(at[1] - y);
             far(a.at).total_cmp(&far(b.at))
         });
-        let wish = |q: &[f64]| Wish { cell: Some(*cell), attempt: 0, start: q.to_vec() };
+        let wish = |q: &[f64]| PoseWish { cell: Some(*cell), attempt: 0, start: q.to_vec() };
         reached +=
             usize::from(near.iter().step_by(7).take(starts).any(|v| search.reaches(&empty, &wish(&v.q), budget)));
     }

@@ -93,6 +93,23 @@ fn a_map_is_built_interrupted_resumed_validated_planned_on_merged_and_shown() {
     said(&[&["roadmap", "view", text(&whole), "--out", text(&picture)][..], &place].concat());
     assert!(picture.metadata().expect("a recording").len() > 20_000);
 
+    // an agent takes it by its name, drives on it, and leaves a map of its own that can be merged with it
+    let behavior = at("tour.toml");
+    let root = env!("CARGO_MANIFEST_DIR");
+    let tour = format!(
+        "[world]\nfile = \"{root}/{WORLD}\"\n[[robot]]\nname = \"icub\"\nmodel = \"{root}/{ROBOT}\"\n\
+         controller = {{ period_ms = 20, history = 6000 }}\n\
+         agent = {{ kind = \"roadmap\", map = \"whole.json\", goals = [\"5\", \"0\"], speed = 0.3, \
+         poses = [{{ name = \"home\", q_deg = {{ r_elbow = 60 }} }}], edges = [[\"home\", \"0\"]] }}\n"
+    );
+    std::fs::write(&behavior, tour).expect("written");
+    let run = at("run");
+    said(&["run", text(&behavior), "--for", "60", "--no-record", "--json", "--out", text(&run)]);
+    let learned = run.join("roadmap-icub.json");
+    let map = MapFile::parse(&std::fs::read_to_string(&learned).expect("the map")).expect("a map");
+    assert!(map.tried.iter().any(|t| t.reached && t.run.as_deref() == Some("run")), "{:?}", map.tried);
+    said(&["roadmap", "merge", text(&whole), text(&learned), "--out", text(&at("both.json"))]);
+
     // nothing is written over unawares
     assert!(complaint(&["roadmap", "build", SETTINGS, "--out", text(&whole)]).contains("exists already"));
 }
@@ -143,5 +160,5 @@ fn what_is_no_map_of_this_robot_is_refused_with_its_place() {
     let wrong = ["roadmap", "build", SETTINGS, "--out", text(&bad), "--force", "--set", "spacing_mm=-3"];
     assert!(complaint(&wrong).contains("-3 is out of bounds"));
     let wrong = ["roadmap", "build", "configs/behaviors/explore.toml", "--out", text(&bad), "--force"];
-    assert!(complaint(&wrong).contains("no key"));
+    assert!(complaint(&wrong).contains("`table` is missing"));
 }

@@ -27,7 +27,8 @@ pub struct RoadmapSettings {
     /// Also joins every pose to this many of its nearest poses.
     #[serde(default)]
     pub neighbors: usize,
-    /// A roadmap to start from, as written by a run (`roadmap.json`); its poses are named by their numbers.
+    /// A roadmap to start from: a map file, as `mobee roadmap build` or a run wrote it, or its JSON. Its poses are named by
+    /// their names or numbers.
     #[serde(default)]
     pub map: Option<Value>,
     /// Names of parts or motors that the roadmap moves; default: those that the poses name.

@@ -37,12 +37,12 @@ pub struct JointSpace {
 }
 
 impl JointSpace {
-    /// The space of an agent's robot, as its view has it.
+    /// The space of an agent's robot, as its view has it, with so much more room than the view's clearance, meters.
     ///
     /// # Errors
     /// A clearance that is none.
-    pub fn of(view: &View, motors: &[usize]) -> Result<JointSpace, FastError> {
-        Self::new(&view.scene, view.robot, &view.poses, motors, &view.axes, view.clearance)
+    pub fn of(view: &View, motors: &[usize], room: f64) -> Result<JointSpace, FastError> {
+        Self::new(&view.scene, view.robot, &view.poses, motors, &view.axes, view.clearance + room)
     }
 
     /// The space of these motors of one robot of a scene.
@@ -95,9 +95,10 @@ impl JointSpace {
         Ok(space)
     }
 
-    /// Whether it is still the space of these motors in this view, wherever everybody stands.
-    pub fn fits(&self, view: &View, motors: &[usize]) -> bool {
-        let same = self.epoch == view.scene.epoch() && self.clearance == view.clearance && self.robot == view.robot;
+    /// Whether it is still the space of these motors in this view, as [`JointSpace::of`] makes it, wherever everybody stands.
+    pub fn fits(&self, view: &View, motors: &[usize], room: f64) -> bool {
+        let clearance = view.clearance + room;
+        let same = self.epoch == view.scene.epoch() && self.clearance == clearance && self.robot == view.robot;
         same && self.motors == motors
     }
 
@@ -172,12 +173,6 @@ impl JointSpace {
 
     /// Judges poses of the group: which are free.
     pub fn free<'a>(&mut self, poses: impl IntoIterator<Item = &'a [f64]>) -> &[bool] {
-        self.look(poses);
-        self.evaluations += self.free.len() as u64;
-        &self.free
-    }
-
-    fn look<'a>(&mut self, poses: impl IntoIterator<Item = &'a [f64]>) {
         self.edges.clear();
         let mut count = 0;
         for pose in poses {
@@ -188,60 +183,52 @@ impl JointSpace {
             // can't be: they are whole poses
             self.free = vec![false; count];
         }
+        self.evaluations += count as u64;
+        &self.free
     }
 
     /// Judges straight lines, one verdict for each, in order. Several at once are hardly dearer than one. A line that is not the short
     /// way of a motor without end, or passes a place that is avoided, is uncertified.
     pub fn certify<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> &[EdgeVerdict] {
-        self.judge(edges);
+        let shut = self.load(edges);
+        if self.fast.certify(&self.edges, &mut self.verdicts).is_err() {
+            // can't be: they are whole poses
+            self.verdicts = shut.iter().map(|_| EdgeVerdict::Uncertified { at: 0.0 }).collect();
+        }
+        for (verdict, shut) in self.verdicts.iter_mut().zip(shut) {
+            if let (EdgeVerdict::Free, Some(at)) = (&verdict, shut) {
+                *verdict = EdgeVerdict::Uncertified { at };
+            }
+        }
         self.evaluations += self.verdicts.len() as u64;
         &self.verdicts
     }
 
-    fn judge<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) {
+    /// Writes straight lines as poses of the scene. Answers of each where it may not be driven whatever the scene says, if anywhere.
+    fn load<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> Vec<Option<f64>> {
         self.edges.clear();
-        let mut near = Vec::new();
+        let mut shut = Vec::new();
         for (from, to) in edges {
             whole(&mut self.edges, &self.rest, &self.columns, from);
             whole(&mut self.edges, &self.rest, &self.columns, to);
             // the robot takes the short way, so no other is of use
             let long = (self.toward(from, to) != to).then_some(0.0);
-            near.push(
+            shut.push(
                 long.or_else(|| self.avoided.iter().find_map(|(pose, radius)| self.passes(from, to, pose, *radius))),
             );
         }
-        if self.fast.certify(&self.edges, &mut self.verdicts).is_err() {
-            // can't be: they are whole poses
-            self.verdicts = near.iter().map(|_| EdgeVerdict::Uncertified { at: 0.0 }).collect();
-        }
-        for (verdict, near) in self.verdicts.iter_mut().zip(near) {
-            if let (EdgeVerdict::Free, Some(at)) = (&verdict, near) {
-                *verdict = EdgeVerdict::Uncertified { at };
-            }
-        }
+        shut
     }
 
-    /// Which of these straight lines are free, as [`JointSpace::certify`] has it, but quicker where many are not: a few poses of each are
-    /// looked at first, since it does not matter where a line is blocked.
+    /// Which of these straight lines are free, as [`JointSpace::certify`] has it, but quicker: where a line is blocked is not found out.
     pub fn free_lines<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> Vec<bool> {
-        let edges: Vec<(&[f64], &[f64])> = edges.into_iter().collect();
-        self.evaluations += edges.len() as u64;
-        let mut open: Vec<usize> = (0..edges.len()).collect();
-        for shares in [&[1.0][..], &[0.5], &[0.25, 0.75, 0.125, 0.375, 0.625, 0.875]] {
-            let lines = open.iter().filter_map(|i| edges.get(*i));
-            let poses: Vec<Vec<f64>> = lines.flat_map(|(a, b)| shares.iter().map(|t| between(a, b, *t))).collect();
-            self.look(poses.iter().map(Vec::as_slice));
-            let mut free = self.free.chunks(shares.len()).map(|all| all.iter().all(|free| *free));
-            open.retain(|_| free.next().unwrap_or(false));
+        let shut = self.load(edges);
+        self.evaluations += shut.len() as u64;
+        if self.fast.edges_free(&self.edges, &mut self.free).is_err() {
+            // can't be: they are whole poses
+            self.free.clear();
         }
-        self.judge(open.iter().filter_map(|i| edges.get(*i).copied()));
-        let mut free = vec![false; edges.len()];
-        for (i, verdict) in open.into_iter().zip(&self.verdicts) {
-            if let Some(free) = free.get_mut(i) {
-                *free = is_free(verdict);
-            }
-        }
-        free
+        shut.iter().enumerate().map(|(i, shut)| shut.is_none() && self.free.get(i) == Some(&true)).collect()
     }
 
     /// Whether all of these straight lines are free.
@@ -290,11 +277,6 @@ impl JointSpace {
             _ => Err(None),
         }
     }
-}
-
-/// Whether a straight line may be driven.
-fn is_free(verdict: &EdgeVerdict) -> bool {
-    matches!(verdict, EdgeVerdict::Free)
 }
 
 /// Adds a pose of the whole scene: the group's share put in its columns.

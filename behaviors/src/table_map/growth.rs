@@ -16,7 +16,7 @@ const FIRST_TRIES: u8 = 20;
 
 /// What to look for.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Wish {
+pub struct PoseWish {
     /// The cell of the table; `None` for the first pose, which may be anywhere.
     pub cell: Option<u32>,
     /// How often that was tried before.
@@ -71,16 +71,16 @@ impl Growth {
     }
 
     /// What to look for next; `None` once there are as many poses as asked for, or no place is left.
-    pub fn next(&self) -> Option<Wish> {
+    pub fn next(&self) -> Option<PoseWish> {
         if self.found.len() >= self.most {
             return None;
         }
         if self.found.is_empty() {
             let attempt = self.first_tries;
-            return (attempt < FIRST_TRIES).then(|| Wish { cell: None, attempt, start: self.home.clone() });
+            return (attempt < FIRST_TRIES).then(|| PoseWish { cell: None, attempt, start: self.home.clone() });
         }
         let (attempt, _, cell) = *self.open.first()?;
-        Some(Wish { cell: Some(cell), attempt, start: self.start(cell, attempt) })
+        Some(PoseWish { cell: Some(cell), attempt, start: self.start(cell, attempt) })
     }
 
     /// Takes what became of the search that [`Growth::next`] asks for now: a pose as it was accepted, or none.

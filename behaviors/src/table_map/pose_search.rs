@@ -1,7 +1,7 @@
 //! One pose for one place: equations (1)-(4), limits and collision as one fitness.
 
 use super::cells::Cells;
-use super::growth::{Growth, Trial, Wish};
+use super::growth::{Growth, PoseWish, Trial};
 use super::hand::{HandChain, HandPose};
 use super::{TableMapPlan, group};
 use crate::search::{EvolutionStrategy, Snes, Xnes};
@@ -80,7 +80,7 @@ impl PoseSearch {
     }
 
     /// Looks for what growth wishes for.
-    pub fn search(&mut self, growth: &Growth, wish: &Wish) -> Trial {
+    pub fn search(&mut self, growth: &Growth, wish: &PoseWish) -> Trial {
         let cell = wish.cell.map_or(0, |c| u64::from(c) + 1);
         let seed = self.plan.seed.wrapping_mul(1_000_003).wrapping_add(cell * 8 + u64::from(wish.attempt));
         let start = self.shares(&wish.start);
@@ -98,13 +98,13 @@ impl PoseSearch {
     }
 
     /// A pose with all that a map keeps of it, if it is acceptable where growth wishes for one.
-    pub fn accept(&mut self, growth: &Growth, wish: &Wish, q: &[f64]) -> Option<FoundPose> {
+    pub fn accept(&mut self, growth: &Growth, wish: &PoseWish, q: &[f64]) -> Option<FoundPose> {
         self.accepted(growth.cells(), wish, q)
     }
 
     /// Whether an acceptable pose can be found over a cell from this start, however many others are near: a longer search
     /// than growth makes.
-    pub fn reaches(&mut self, empty: &Growth, wish: &Wish, budget: usize) -> bool {
+    pub fn reaches(&mut self, empty: &Growth, wish: &PoseWish, budget: usize) -> bool {
         let start = self.shares(&wish.start);
         let search = Xnes::new(start.clone(), LONG.1, POPULATION, u64::from(wish.cell.unwrap_or(0)));
         self.run(search, &start, empty.cells(), wish, budget).0.is_some()
@@ -115,7 +115,7 @@ impl PoseSearch {
         mut search: impl EvolutionStrategy,
         start: &[f64],
         cells: &Cells,
-        wish: &Wish,
+        wish: &PoseWish,
         budget: usize,
     ) -> (Option<Vec<f64>>, usize) {
         let mut points = std::mem::take(&mut self.points);
@@ -143,7 +143,7 @@ impl PoseSearch {
         points: &[f64],
         start: &[f64],
         cells: &Cells,
-        wish: &Wish,
+        wish: &PoseWish,
         best: &mut Option<(f64, Vec<f64>)>,
     ) -> bool {
         let d = self.ranges.len();
@@ -179,7 +179,7 @@ impl PoseSearch {
         good
     }
 
-    fn accepted(&mut self, cells: &Cells, wish: &Wish, q: &[f64]) -> Option<FoundPose> {
+    fn accepted(&mut self, cells: &Cells, wish: &PoseWish, q: &[f64]) -> Option<FoundPose> {
         let inside = |(q, (min, max)): (&f64, &(f64, f64))| *q >= *min && *q <= *max;
         if q.len() != self.ranges.len() || !q.iter().zip(&self.ranges).all(inside) {
             return None;
@@ -224,7 +224,7 @@ struct Judgment {
     good: bool,
 }
 
-fn judge(plan: &TableMapPlan, cells: &Cells, wish: &Wish, hand: &HandPose) -> Judgment {
+fn judge(plan: &TableMapPlan, cells: &Cells, wish: &PoseWish, hand: &HandPose) -> Judgment {
     let spacing = cells.spacing();
     let place = [hand.at.x, hand.at.y];
     // (2)

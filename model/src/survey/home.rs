@@ -10,6 +10,8 @@ const TRIES: usize = 400;
 const STEPS: [f64; 6] = [0.05, 0.1, 0.2, 0.4, 0.7, 1.0];
 /// So many free poses are brought near the wanted one; the nearest counts.
 const CANDIDATES: usize = 5;
+/// A pose that is nearly as free as the freest will do, if it is nearer to the wanted one.
+const NEARLY: f64 = 0.9;
 /// How often all motors are led back.
 const ROUNDS: usize = 3;
 /// How often a motor's way back is halved.
@@ -30,7 +32,7 @@ pub struct HomePose {
 ///
 /// # Method
 /// Random poses are approached from the wanted one, first a little of the way and then more, until some are free. In each of them
-/// one motor after the other is led back to where it is wanted, all the way if that stays free, or as far as it does: what remains is a
+/// one motor after the other is led back to where it is wanted, all the way if the pose stays free, or as far as it does: what remains is a
 /// pose of which few motors differ, as a person would choose it. Of these the one counts that is the smallest sum of ways from the
 /// wanted one.
 ///
@@ -54,6 +56,10 @@ pub fn find_home(robot: &Robot, wanted: &[f64], clearance: f64, seed: u64) -> Re
         for to in random.by_ref().take(TRIES) {
             let part: Vec<f64> =
                 robot.motors.iter().zip(&within).zip(&to).map(|((m, a), b)| a + step * m.way(*a, *b)).collect();
+            // Cheaper than how free it is, which in contact is a depth: whether it is freer than the best so far.
+            if !scene.free(&[&part], freest.1.min(clearance)) {
+                continue;
+            }
             let there = free_by(&part);
             if there > freest.1 {
                 freest = (part.clone(), there);
@@ -70,9 +76,12 @@ pub fn find_home(robot: &Robot, wanted: &[f64], clearance: f64, seed: u64) -> Re
         robot.motors.iter().zip(&within).zip(q).map(|((m, from), to)| m.way(*from, *to)).collect()
     };
     let far = |q: &[f64]| ways(q).iter().map(|way| way.abs()).sum::<f64>();
-    let clear = |q: &[f64]| scene.free(&[q], clearance);
+    // Where no pose is as free as it should be, the freest that was found says how free one can be.
+    let enough = if freest.1 >= clearance { clearance } else { freest.1 - (1.0 - NEARLY) * freest.1.abs() };
+    free.push(freest.0);
+    let clear = |q: &[f64]| scene.free(&[q], enough);
     let led = free.into_iter().map(|q| led_back(q, &within, &robot.motors, clear));
-    let q = led.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(freest.0);
+    let q = led.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or_else(|| within.clone());
     let mut moved: Vec<(usize, f64)> = ways(&q).into_iter().enumerate().filter(|(_, way)| *way != 0.0).collect();
     moved.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
     Ok(HomePose { clearance: free_by(&q), q, moved })

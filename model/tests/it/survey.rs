@@ -98,7 +98,7 @@ fn home_is_where_it_is_wanted_or_the_nearest_pose_that_is_free() {
     // a little nearer to the wanted pose it is not free any more
     assert!(!scene.free(&[&[moved.q[0] * 0.95]], 0.02), "{moved:?}");
     // a motor that is in nobody's way stays where it is wanted
-    let motor = r#"<motor name="nod" minPos="-90" maxPos="90" home="0"/><link name="base""#;
+    let motor = r#"<motor name="nod" minPos="-90" maxPos="90" home="0"/><link name="base"#;
     let nod = r#"<motor name="nod"><joint x="1" length="0.01" minPos="-90" maxPos="90"/></motor></link>
     </joint>"#;
     let two = ARM.replacen("<link name=\"base", motor, 1).replacen("</link>\n    </joint>", nod, 1);

@@ -10,6 +10,9 @@ use std::ops::ControlFlow;
 /// How near its middle other ways may not pass a straight line that failed, as a share of its length.
 const AVOID: f64 = 0.2;
 
+/// How much more room than the view's clearance plans leave if they can, meters: a robot does not follow a line exactly.
+const ROOM: f64 = 0.006;
+
 /// What was spent on plans: part of an agent's state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -23,6 +26,8 @@ pub(super) struct Ways {
     seed: u64,
     budget: u64,
     space: Option<JointSpace>,
+    /// The same with [`ROOM`].
+    roomy: Option<JointSpace>,
     pub spent: Spent,
 }
 
@@ -43,7 +48,7 @@ impl Leg<'_> {
 
 impl Ways {
     pub fn new(seed: u64, budget: u64) -> Ways {
-        Ways { seed, budget, space: None, spent: Spent::default() }
+        Ways { seed, budget, space: None, roomy: None, spent: Spent::default() }
     }
 
     /// The scene as it is now, in which the middles of the edges that failed are avoided.
@@ -51,22 +56,14 @@ impl Ways {
     /// # Errors
     /// A clearance that is none.
     pub fn look(&mut self, leg: &Leg, view: &View) -> Result<(), FastError> {
-        let kept = self.space.take().filter(|space| space.fits(view, leg.map.motors()));
-        let mut space = kept.map_or_else(|| JointSpace::of(view, leg.map.motors()), Ok)?;
-        space.stand(&view.scene, &view.poses);
-        space.forgive();
-        for (from, to, _) in leg.map.edges().into_iter().filter(|(.., e)| e.state == EdgeState::Removed) {
-            let (Some(from), Some(to), Some(goal)) = (leg.pose(from), leg.pose(to), leg.pose(leg.goal)) else {
-                continue;
-            };
-            let to = space.toward(&from, &to);
-            let middle: Vec<f64> = from.iter().zip(&to).map(|(a, b)| (a + b) / 2.0).collect();
-            // the robot must be able to leave, and to arrive
-            let ends = [leg.here, &goal].map(|q| space.metric().distance(q, &middle) / 2.0);
-            let radius = ends.into_iter().fold(AVOID * space.metric().distance(&from, &to), f64::min);
-            space.avoid(middle, radius);
+        for (kept, room) in [(&mut self.space, 0.0), (&mut self.roomy, ROOM)] {
+            let motors = leg.map.motors();
+            let fitting = kept.take().filter(|space| space.fits(view, motors, room));
+            let mut space = fitting.map_or_else(|| JointSpace::of(view, motors, room), Ok)?;
+            space.stand(&view.scene, &view.poses);
+            avoid_failed(&mut space, leg);
+            *kept = Some(space);
         }
-        self.space = Some(space);
         Ok(())
     }
 
@@ -97,15 +94,24 @@ impl Ways {
         let seed = self.seed.wrapping_add(u64::from(self.spent.plans));
         self.spent.plans = self.spent.plans.saturating_add(1);
         let goal = leg.pose(leg.goal).unwrap_or_default();
-        let Some(space) = self.space.as_mut() else { return Err(NoPath::Cancelled) };
-        let begun = space.evaluations();
-        let problem = PlanningProblem { start: space.within(leg.here), goal, seed, budget: self.budget };
-        let found = RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(()));
-        let found = found.map(|path| {
-            let left = self.budget.saturating_sub(path.evaluations);
-            shorten(space, path, seed, left)
-        });
-        self.spent.lines = self.spent.lines.saturating_add(space.evaluations() - begun);
+        let mut left = self.budget;
+        let mut found = Err(NoPath::Cancelled);
+        // Half of what may be spent is for a way with room; where an end has none there is none.
+        for (space, budget) in [(&mut self.roomy, left / 2), (&mut self.space, left)] {
+            let Some(space) = space else { continue };
+            let begun = space.evaluations();
+            let problem =
+                PlanningProblem { start: space.within(leg.here), goal: goal.clone(), seed, budget: budget.min(left) };
+            found = RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(()));
+            left = left.saturating_sub(space.evaluations() - begun);
+            let judged = space.evaluations();
+            found = found.map(|path| shorten(space, path, seed, left));
+            left = left.saturating_sub(space.evaluations() - judged);
+            if found.is_ok() {
+                break;
+            }
+        }
+        self.spent.lines = self.spent.lines.saturating_add(self.budget - left);
         found
     }
 
@@ -115,5 +121,19 @@ impl Ways {
         let far = |a: &[f64], b: Option<Vec<f64>>| b.map_or(0.0, |b| metric.distance(a, &b));
         let along = way.windows(2).filter_map(|w| Some(far(&leg.pose(w[0])?, leg.pose(w[1]))));
         (along.sum(), far(leg.here, leg.pose(leg.goal)))
+    }
+}
+
+/// The middles of edges that failed are avoided, and nothing else.
+fn avoid_failed(space: &mut JointSpace, leg: &Leg) {
+    space.forgive();
+    for (from, to, _) in leg.map.edges().into_iter().filter(|(.., e)| e.state == EdgeState::Removed) {
+        let (Some(from), Some(to), Some(goal)) = (leg.pose(from), leg.pose(to), leg.pose(leg.goal)) else { continue };
+        let to = space.toward(&from, &to);
+        let middle: Vec<f64> = from.iter().zip(&to).map(|(a, b)| (a + b) / 2.0).collect();
+        // the robot must be able to leave, and to arrive
+        let ends = [leg.here, &goal].map(|q| space.metric().distance(q, &middle) / 2.0);
+        let radius = ends.into_iter().fold(AVOID * space.metric().distance(&from, &to), f64::min);
+        space.avoid(middle, radius);
     }
 }

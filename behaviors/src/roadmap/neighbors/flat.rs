@@ -17,8 +17,8 @@ const STRIDE: usize = 8;
 const LARGE: f64 = 1e6;
 /// Neighbors beyond which sorting everything is as good.
 const MANY: usize = 64;
-/// Points that are compared with a tile at once when all are wanted.
-const ROWS: usize = 4;
+/// Points that are compared with a tile at once when all are wanted: with more, their sums do not stay in registers.
+const ROWS: usize = 2;
 
 /// A number per point of a tile.
 type Row = [f32; TILE];
