@@ -40,8 +40,11 @@ fn wall(angle: f64) -> Vec<Object> {
     (0..6).map(at).collect()
 }
 
+/// Whether motors turn without end, how many joints; balls as distance, angle and radius; start, goal, seed.
+type World = (bool, usize, Vec<(f64, f64, f64)>, Vec<f64>, Vec<f64>, u64);
+
 /// An arm of some joints, with or without ends, a few balls that it has to go round, and where from and where to.
-fn worlds() -> impl Strategy<Value = (bool, usize, Vec<(f64, f64, f64)>, Vec<f64>, Vec<f64>, u64)> {
+fn worlds() -> impl Strategy<Value = World> {
     (any::<bool>(), 2usize..4).prop_flat_map(|(endless, joints)| {
         let balls = prop::collection::vec((0.15..0.9f64, -PI..PI, 0.02..0.09f64), 0..5);
         let pose = move || prop::collection::vec(-3.0..3.0f64, joints);
