@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             figure("goals_missed"),
             counts.commits,
             counts.rolled_back,
-            done.end.ended_at.as_secs_f64()
+            done.end.ended_at.secs()
         );
         assert_eq!(counts.hard_contacts, 0, "nothing is touched in any mode");
         assert!(mode == "optimistic" || counts.rolled_back == 0, "what is certified is not taken back");
