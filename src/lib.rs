@@ -27,6 +27,7 @@ pub mod model_view;
 pub mod new;
 pub mod new_robot;
 pub mod replay;
+pub mod roadmap;
 pub mod robot_import;
 pub mod run;
 pub mod schema;

@@ -6,7 +6,7 @@ use mobee::config::{ClockMode, ConfigError};
 use mobee::robot_import::ImportArgs;
 use mobee::{
     agent, check, config, ctl, doctor, inspect, kinds, model_compare, model_convert, model_eval, model_info,
-    model_view, new, new_robot, replay, run, schema, sim, terminal, torture, view, yarp,
+    model_view, new, new_robot, replay, roadmap, run, schema, sim, terminal, torture, view, yarp,
 };
 use std::io::Write;
 use std::path::PathBuf;
@@ -41,6 +41,11 @@ enum Command {
     Model {
         #[command(subcommand)]
         command: ModelCommand,
+    },
+    /// Build, look at, validate, merge and plan on roadmaps in files.
+    Roadmap {
+        #[command(subcommand)]
+        command: roadmap::RoadmapCommand,
     },
     /// Summarize a run from its journal.
     Inspect {
@@ -275,6 +280,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             }
             Ok(ExitCode::SUCCESS)
         }
+        Command::Roadmap { command } => roadmap::command(&command),
         Command::Inspect { run, poses: Some(file), robot, .. } => {
             terminal::out(&(inspect::poses(&run, robot.as_deref(), &file)? + "\n"));
             Ok(ExitCode::SUCCESS)

@@ -2,14 +2,18 @@
 
 mod explorer;
 mod jog;
+mod named;
+mod plan;
 mod random;
 mod roadmap;
 mod scripted;
 
 pub use explorer::{Explorer, ExplorerSettings};
 pub use jog::{Jog, JogBy, JogSettings};
+pub use named::NamedPose;
+pub use plan::{PlanAgent, PlanSettings};
 pub use random::{Random, RandomSettings};
-pub use roadmap::{NamedPose, RoadmapAgent, RoadmapSettings};
+pub use roadmap::{RoadmapAgent, RoadmapSettings};
 pub use scripted::{Scripted, ScriptedPose, ScriptedSettings};
 
 use mobee_contract::{Refusal, Snapshot, settings};

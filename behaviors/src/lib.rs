@@ -7,17 +7,23 @@
 //! ```text
 //! View, MotionEnd ──> agents ──> walk ──> roadmap ──> neighbors ──> short_way
 //!                        │         └────> escape
+//!                        ├──> planners: RRT-Connect, shortcuts ──> JointSpace ──> mobee-fast
 //!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
 //!                                         walk ──> validation ──> validity: roadmap + scene ──> which edges are blocked
+//!
+//! scene, table ──> table_map ──search──> poses ──> roadmap
 //! ```
 //!
-//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `scripted`, `random`, `jog`. A program must name this
+//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `scripted`, `random`, `jog`. A program must name this
 //! crate (`use mobee_behaviors as _;`), or the linker drops them.
 //!
 //! Units: radians, meters, seconds; degrees only in settings, named `_deg`.
 
 pub mod agents;
 pub mod group;
+pub mod map_file;
 pub mod planners;
 pub mod roadmap;
+pub mod search;
 pub mod short_way;
+pub mod table_map;

@@ -19,7 +19,9 @@
 
 mod blocked;
 mod file;
+pub mod join;
 pub mod neighbors;
+mod search;
 #[cfg(test)]
 mod tests;
 pub mod validation;
@@ -27,17 +29,21 @@ pub mod validity;
 pub mod verdict;
 pub mod walk;
 
-pub use file::VERSION;
-
+use crate::map_file::TriedMotion;
 use crate::roadmap::neighbors::{Neighbors, neighbors};
 use crate::short_way::JointMetric;
 use mobee_contract::{EdgeState, Note, Target};
 use mobee_model::Robot;
-use petgraph::algo::{Measure, astar, dijkstra};
+use petgraph::algo::{Measure, dijkstra};
 use petgraph::stable_graph::{NodeIndex, StableDiGraph};
 use petgraph::visit::{EdgeRef, IntoEdgeReferences};
+use search::{Buffers, Links};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::Add;
+
+/// The most motions that are remembered one by one; the edges know what came of the others.
+const MOST_TRIED: usize = 1000;
 
 /// A pose of the roadmap.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,17 +97,30 @@ pub struct Roadmap {
     motors: Vec<usize>,
     metric: JointMetric,
     graph: StableDiGraph<Vertex, Edge, u32>,
+    /// The graph's edges once more, for searches: [`Roadmap::link`] and [`Roadmap::unlink`] keep both.
+    links: Links,
+    search: RefCell<Buffers>,
     ledger: BTreeMap<(u32, u32), Edge>,
     near: Box<dyn Neighbors>,
     notes: Vec<Note>,
+    /// What its file says of the world and the hand.
+    about: file::About,
+    /// The newest motions that were tried, in order.
+    tried: Vec<TriedMotion>,
 }
 
 impl Roadmap {
     /// An empty roadmap for these motors (indices into `Robot::motors`) of a robot.
     pub fn new(motors: Vec<usize>, robot: &Robot) -> Roadmap {
         let metric = JointMetric::of(&motors, robot);
+        Self::empty(motors, metric)
+    }
+
+    fn empty(motors: Vec<usize>, metric: JointMetric) -> Roadmap {
         let near = neighbors(motors.len(), &metric);
-        Roadmap { motors, metric, graph: StableDiGraph::default(), ledger: BTreeMap::new(), near, notes: Vec::new() }
+        let (links, search) = (Links::new(motors.len()), RefCell::default());
+        let (graph, ledger, notes, about, tried) = Default::default();
+        Roadmap { motors, metric, graph, links, search, ledger, near, notes, about, tried }
     }
 
     /// The motors that its poses tell apart.
@@ -120,6 +139,7 @@ impl Roadmap {
         let note = Note::Vertex { id: self.graph.node_count() as u32, q: vertex.q.clone(), at: vertex.at };
         let id = self.graph.add_node(vertex).index() as u32;
         self.near.add(id, &group);
+        self.links.add_vertex(&group);
         self.notes.push(note);
         id
     }
@@ -139,8 +159,7 @@ impl Roadmap {
                 }
                 Note::Edge { from, to, state, cause } => {
                     self.ledger.remove(&(*from, *to));
-                    let known = self.graph.find_edge(NodeIndex::new(*from as usize), NodeIndex::new(*to as usize));
-                    known.map(|e| self.graph.remove_edge(e));
+                    self.unlink(*from, *to);
                     let driven = matches!(state, EdgeState::Feasible | EdgeState::Removed);
                     self.restore(*from, *to, Edge { state: *state, driven, cause: cause.clone() });
                 }
@@ -156,18 +175,29 @@ impl Roadmap {
         for (from, to) in [(a, b), (b, a)] {
             let known = self.edge(from, to).is_some();
             if from != to && !known && self.vertex(from).is_some() && self.vertex(to).is_some() {
-                self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), Edge::NEW);
+                self.link(from, to, Edge::NEW);
                 self.note(from, to, &Edge::NEW);
             }
         }
     }
 
+    /// Adds an edge that is not there.
+    fn link(&mut self, from: u32, to: u32, edge: Edge) {
+        self.links.add(from, to, edge.state == EdgeState::Doubtful, &self.metric);
+        self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), edge);
+    }
+
+    /// Takes an edge out; answers whether it was there.
+    fn unlink(&mut self, from: u32, to: u32) -> bool {
+        self.links.remove(from, to);
+        let known = self.graph.find_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize));
+        known.is_some_and(|edge| self.graph.remove_edge(edge).is_some())
+    }
+
     /// Joins every pose to its `k` nearest ones, in both directions.
     pub fn join_nearest(&mut self, k: usize) {
-        for id in 0..self.len() as u32 {
-            let Some(q) = self.vertex(id).map(|v| self.group(&v.q)) else { continue };
-            let near = self.near.knn(&q, k.saturating_add(1));
-            for (_, other) in near.into_iter().filter(|(_, other)| *other != id).take(k) {
+        for (id, near) in self.near.knn_all(k) {
+            for (_, other) in near {
                 self.join(id, other);
             }
         }
@@ -252,17 +282,7 @@ impl Roadmap {
 
     /// The shortest way over edges that are not removed: A*, fewest doubtful edges first. From `from` to `to`, both included.
     pub fn plan(&self, from: u32, to: u32) -> Option<Vec<u32>> {
-        let goal = NodeIndex::new(to as usize);
-        let aim = self.group(&self.graph.node_weight(goal)?.q);
-        let left = |n: NodeIndex| {
-            let there = self.graph.node_weight(n).map(|v| self.metric.distance(&self.group(&v.q), &aim));
-            Cost { doubtful: 0, length: there.unwrap_or(0.0) }
-        };
-        let start = NodeIndex::new(from as usize);
-        self.graph.node_weight(start)?;
-        let (_, path) =
-            astar(&self.graph, start, |n| n == goal, |e| self.cost(e.source(), e.target(), e.weight()), left)?;
-        Some(path.into_iter().map(|n| n.index() as u32).collect())
+        self.links.shortest(from, to, &self.metric, &mut self.search.borrow_mut())
     }
 
     /// What every vertex that can be reached from there costs to reach, by number (Dijkstra).
@@ -288,6 +308,7 @@ impl Roadmap {
 
     /// An edge was driven to its end: it is feasible, and so is its opposite unless that one failed itself.
     pub fn succeeded(&mut self, from: u32, to: u32) {
+        self.log(TriedMotion { run: None, from, to, reached: true, cause: None });
         self.change(from, to, |e| *e = Edge { state: EdgeState::Feasible, driven: true, cause: None });
         self.change(to, from, |e| e.state = EdgeState::Feasible);
     }
@@ -296,9 +317,10 @@ impl Roadmap {
     /// it was driven to its end itself.
     pub fn failed(&mut self, from: u32, to: u32, cause: Option<String>) {
         self.unblock(from, to);
-        let (a, b) = (NodeIndex::new(from as usize), NodeIndex::new(to as usize));
-        let Some(edge) = self.graph.find_edge(a, b) else { return };
-        self.graph.remove_edge(edge);
+        if !self.unlink(from, to) {
+            return;
+        }
+        self.log(TriedMotion { run: None, from, to, reached: false, cause: cause.clone() });
         let removed = Edge { state: EdgeState::Removed, driven: true, cause };
         self.note(from, to, &removed);
         self.ledger.insert((from, to), removed);
@@ -309,12 +331,19 @@ impl Roadmap {
         });
     }
 
+    /// A motion was tried. A tour without end must not fill the memory, nor each snapshot of its agent.
+    fn log(&mut self, motion: TriedMotion) {
+        let surplus = (self.tried.len() + 1).saturating_sub(MOST_TRIED);
+        self.tried.drain(..surplus);
+        self.tried.push(motion);
+    }
+
     /// Takes a removed edge back as an optimistic one, because the world changed (I11). Answers whether there was one.
     pub fn readmit(&mut self, from: u32, to: u32) -> bool {
         let there = self.edge(from, to).is_some_and(|e| e.state == EdgeState::Removed);
         if there {
             self.ledger.remove(&(from, to));
-            self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), Edge::NEW);
+            self.link(from, to, Edge::NEW);
             self.note(from, to, &Edge::NEW);
         }
         there
@@ -332,6 +361,7 @@ impl Roadmap {
         with(edge);
         let after = edge.clone();
         if before.state != after.state {
+            self.links.set(from, to, after.state == EdgeState::Doubtful);
             self.note(from, to, &after);
         }
     }
@@ -349,9 +379,13 @@ impl Clone for Roadmap {
             motors: self.motors.clone(),
             metric: self.metric.clone(),
             graph: self.graph.clone(),
+            links: self.links.clone(),
+            search: RefCell::default(),
             ledger: self.ledger.clone(),
             near,
             notes: self.notes.clone(),
+            about: self.about.clone(),
+            tried: self.tried.clone(),
         }
     }
 }

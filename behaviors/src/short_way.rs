@@ -16,8 +16,13 @@ pub struct JointMetric {
 impl JointMetric {
     /// The metric of these motors (indices into `Robot::motors`). A motor whose limits leave it one turn has two ends all the same.
     pub fn of(motors: &[usize], robot: &Robot) -> JointMetric {
+        Self::of_each(motors.iter().map(|m| robot.motors.get(*m)))
+    }
+
+    /// The metric of these motors, as [`JointMetric::of`]; what is missing has two ends.
+    pub fn of_each<'a>(motors: impl Iterator<Item = Option<&'a Motor>>) -> JointMetric {
         let passes = |m: &&Motor| m.continuous && m.max - m.min > TAU;
-        let turning: Vec<_> = motors.iter().map(|m| robot.motors.get(*m).filter(passes).cloned()).collect();
+        let turning: Vec<_> = motors.map(|m| m.filter(passes).cloned()).collect();
         JointMetric { turning: if turning.iter().any(Option::is_some) { turning } else { Vec::new() } }
     }
 
@@ -42,6 +47,11 @@ impl JointMetric {
     pub fn is_within(&self, from: &[f64], to: &[f64], tolerance: f64) -> bool {
         let way = |(i, (from, to)): (usize, (&f64, &f64))| self.turning(i).map_or(from - to, |m| m.way(*from, *to));
         from.iter().zip(to).enumerate().all(|pair| way(pair).abs() <= tolerance)
+    }
+
+    /// Whether turns of this coordinate don't count.
+    pub fn turns(&self, i: usize) -> bool {
+        self.turning(i).is_some()
     }
 
     fn turning(&self, i: usize) -> Option<&Motor> {

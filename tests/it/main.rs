@@ -19,6 +19,7 @@ mod private_runs;
 mod process_faults;
 mod replay;
 mod resume_evidence;
+mod roadmap_files;
 mod same_seed_same_run;
 mod schema;
 mod shipped_behaviors;

@@ -3,10 +3,12 @@
 //! Rerun's own builder can't set a view's eye, background or time range, so the few archetypes that a blueprint is made
 //! of are logged here directly, into a stream of their own that goes ahead of the data.
 
+mod map;
 mod model;
 
 use crate::front::Front;
 use crate::stream::{TIMELINE, Written, in_words};
+pub(crate) use map::send_map;
 pub(crate) use model::send_model;
 use rerun::blueprint::components::{ContainerKind, LoopMode, PanelState, PlayState};
 use rerun::external::re_log_types::BlueprintActivationCommand;

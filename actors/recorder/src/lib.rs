@@ -11,7 +11,7 @@
 //! Entry::Event ── words, lanes, roadmap ─> rows ───────────────────────┘
 //! ```
 //!
-//! Beside runs it records robot models, to be looked at by who converted one: [`view_model`].
+//! Beside runs it records robot models, to be looked at by who converted one: [`view_model`]; and roadmaps: [`view_map`].
 //!
 //! This is the only crate that depends on Rerun.
 
@@ -23,6 +23,7 @@ mod draw;
 mod front;
 mod layout;
 mod legend;
+mod map_view;
 mod model_view;
 mod objects;
 mod palette;
@@ -38,6 +39,7 @@ mod traces;
 mod words;
 
 pub use contents::Contents;
+pub use map_view::{MapLines, MapView, view_map};
 pub use model_view::{ModelView, NearLinks, SeenModel, view_model};
 pub use poses::RecordedPoses;
 pub use recorder::Recorder;

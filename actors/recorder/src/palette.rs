@@ -37,6 +37,16 @@ pub(crate) fn trail(index: usize) -> Rgba {
     TRAILS.get(index % TRAILS.len()).copied().unwrap_or(0xFFD34EFF)
 }
 
+/// Edges of a map that nothing is known to block.
+pub(crate) const UNBLOCKED: Rgba = 0x35D07F70;
+/// Edges that something blocks, by its index.
+const BLOCKERS: [Rgba; 5] = [0xF0322DFF, 0xFFD34EFF, 0xFF9DF0FF, 0x6FE3FFFF, 0xFF8A3DFF];
+
+/// The color of edges that something blocks.
+pub(crate) fn blocker(index: usize) -> Rgba {
+    BLOCKERS.get(index % BLOCKERS.len()).copied().unwrap_or(NEAR)
+}
+
 /// The color of an object: its own, or what its class says.
 pub(crate) fn object(object: &Object) -> Rgba {
     let own = object.color.map(|[r, g, b]| u32::from_be_bytes([r, g, b, 255]));

@@ -1,16 +1,16 @@
 //! The roadmap agent: CONNECT and GOTO over poses of its user's, round a tour of goals (Algorithms 1-3, figure 5).
 
+use super::named::{self, NamedPose};
 use super::{open, seal};
 use crate::group;
+use crate::roadmap::Roadmap;
 use crate::roadmap::validation::Validation;
 use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
-use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::*;
 use mobee_model::Robot;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -55,16 +55,6 @@ pub struct RoadmapSettings {
     /// motors move.
     #[serde(default)]
     pub hand: Option<String>,
-}
-
-/// A pose with a name.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct NamedPose {
-    /// Its name.
-    pub name: String,
-    /// Motor positions in degrees, such as `{ torso_yaw = 10, r_elbow = 40 }`; the other motors are at home.
-    pub q_deg: BTreeMap<String, f64>,
 }
 
 fn once() -> u32 {
@@ -240,10 +230,8 @@ impl Agent for RoadmapAgent {
     }
 
     fn requirements(&self) -> Requirements {
-        let first = self.walker.map.len().saturating_sub(self.own);
-        let own = self.walker.map.vertices().skip(first).enumerate();
-        let poses = own.map(|(i, (_, v))| SetPose { path: format!("poses[{i}]"), q: v.q.clone(), optional: false });
-        Requirements { motors: self.walker.map.motors().to_vec(), poses: poses.collect() }
+        let all = self.walker.map.len();
+        named::requirements(&self.walker.map, all.saturating_sub(self.own)..all)
     }
 
     fn export(&self) -> Snapshot {
@@ -265,36 +253,12 @@ impl Agent for RoadmapAgent {
 }
 
 fn map(settings: &RoadmapSettings, robot: &Robot) -> Result<Roadmap, KindError> {
-    let poses = settings.poses.iter().enumerate();
-    let poses =
-        KindError::gather(poses.map(|(i, pose)| group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, robot)))?;
-    let named: BTreeSet<usize> = poses.iter().flatten().map(|(m, _)| *m).collect();
-    let mut map = match &settings.map {
-        Some(value) => Roadmap::import(value, robot).map_err(|e| e.under("map"))?,
-        None if settings.motors.is_empty() => Roadmap::new(named.iter().copied().collect(), robot),
-        None => Roadmap::new(group::motors("motors", &settings.motors, robot)?, robot),
-    };
-    if let Some(stranger) = named.iter().find(|m| !map.motors().contains(m)) {
-        let name = robot.motors.get(*stranger).map_or("?", |m| m.name.as_str());
-        let help = "add it to `motors`, or remove it from the poses";
-        return Err(KindError::new("poses", format!("the roadmap does not move {name}"), help));
-    }
-    for (i, (pose, q)) in settings.poses.iter().zip(poses).enumerate() {
-        if map.vertices().any(|(_, v)| v.name.as_deref() == Some(pose.name.as_str())) {
-            let what = format!("two poses are named {:?}", pose.name);
-            return Err(KindError::new(format!("poses[{i}].name"), what, "give every pose a name of its own"));
-        }
-        let mut whole: Vec<f64> = robot.motors.iter().map(|m| m.home).collect();
-        for (m, value) in q {
-            if let Some(slot) = whole.get_mut(m) {
-                *slot = value;
-            }
-        }
-        map.add(Vertex { name: Some(pose.name.clone()), q: whole, at: [0.0; 3] });
-    }
+    let mut map = named::map(settings.map.as_ref(), &settings.motors, &settings.poses, robot)?;
     let edges = settings.edges.iter().enumerate().map(|(i, [a, b])| {
-        let ends =
-            KindError::gather([find(&map, &format!("edges[{i}][0]"), a), find(&map, &format!("edges[{i}][1]"), b)])?;
+        let ends = KindError::gather([
+            named::find(&map, &format!("edges[{i}][0]"), a),
+            named::find(&map, &format!("edges[{i}][1]"), b),
+        ])?;
         if a == b {
             let what = format!("this edge leads from {a:?} to itself");
             return Err(KindError::new(format!("edges[{i}]"), what, "name two poses"));
@@ -314,11 +278,8 @@ fn map(settings: &RoadmapSettings, robot: &Robot) -> Result<Roadmap, KindError> 
 
 /// The goals; all can be reached from the first.
 fn goals(settings: &RoadmapSettings, map: &Roadmap) -> Result<Vec<u32>, KindError> {
-    let named = settings.goals.iter().enumerate();
-    let goals = KindError::gather(named.map(|(i, g)| find(map, &format!("goals[{i}]"), g)))?;
-    let Some(first) = goals.first() else {
-        return Err(KindError::new("goals", "there is no goal", "name at least one pose to go to"));
-    };
+    let goals = named::goals(map, &settings.goals)?;
+    let Some(first) = goals.first() else { return Ok(goals) };
     if settings.map.is_some() {
         // what a run has learned may well have removed the last way to a goal
         return Ok(goals);
@@ -332,13 +293,6 @@ fn goals(settings: &RoadmapSettings, map: &Roadmap) -> Result<Vec<u32>, KindErro
         Err(KindError::new(format!("goals[{i}]"), what, "join the poses by `edges`, or set `neighbors`"))
     }))?;
     Ok(goals)
-}
-
-fn find(map: &Roadmap, path: &str, name: &str) -> Result<u32, KindError> {
-    map.find(name).ok_or_else(|| {
-        let known: Vec<&str> = map.vertices().filter_map(|(_, v)| v.name.as_deref()).collect();
-        KindError::new(path, format!("there is no pose {name:?}"), suggestion(name, "pose", &known))
-    })
 }
 
 fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {

@@ -8,13 +8,10 @@ impl Roadmap {
     /// Takes an edge out of the graph, because it is not free in the present world. One that was removed stays removed, and one that
     /// is blocked already learns its cause. Answers whether it was planned over until now.
     pub fn block(&mut self, from: u32, to: u32, cause: Option<String>) -> bool {
-        let (a, b) = (NodeIndex::new(from as usize), NodeIndex::new(to as usize));
-        let present = self.graph.find_edge(a, b).and_then(|e| self.graph.remove_edge(e));
-        let is_blocked = |e: &&Edge| e.state == EdgeState::Blocked && e.cause != cause;
-        let was = present.is_some();
-        let Some(edge) = present.or_else(|| self.ledger.get(&(from, to)).filter(is_blocked).cloned()) else {
-            return false;
-        };
+        let was = self.graph.contains_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize));
+        let is_blocked = |e: &Edge| e.state == EdgeState::Blocked && e.cause != cause;
+        let Some(edge) = self.edge(from, to).filter(|e| was || is_blocked(e)).cloned() else { return false };
+        self.unlink(from, to);
         let blocked = Edge { state: EdgeState::Blocked, cause, ..edge };
         self.note(from, to, &blocked);
         self.ledger.insert((from, to), blocked);
@@ -26,7 +23,7 @@ impl Roadmap {
         let Some(edge) = self.believed(from, to) else { return false };
         self.ledger.remove(&(from, to));
         self.note(from, to, &edge);
-        self.graph.add_edge(NodeIndex::new(from as usize), NodeIndex::new(to as usize), edge);
+        self.link(from, to, edge);
         true
     }
 

@@ -1,13 +1,16 @@
-//! Nearest neighbors in joint space, behind one interface: a kd-tree up to ten dimensions, a flat scan above and where motors turn
+//! Nearest neighbors in joint space, behind one interface: a kd-tree in few dimensions, a flat scan in more and where motors turn
 //! without end.
 //!
 //! Both answer alike: exact distances, equal distances ordered by id. A run therefore does not depend on which
 //! of them serves it, nor on the order in which points came.
 
+mod flat;
+mod tree;
+
+pub use flat::Flat;
+
 use crate::short_way::JointMetric;
-use kiddo::{MutableKdTree, SquaredEuclidean};
-use std::collections::BTreeMap;
-use std::num::NonZero;
+use tree::Tree;
 
 /// Points with ids, asked for those nearest to a query. Distances are those of a [`JointMetric`], rad.
 pub trait Neighbors: Send {
@@ -17,6 +20,8 @@ pub trait Neighbors: Send {
     fn remove(&mut self, id: u32);
     /// The `k` nearest points as (distance, id), nearest first, equal distances by id; all of them if there are fewer.
     fn knn(&self, q: &[f64], k: usize) -> Vec<(f64, u32)>;
+    /// For every point, by id, its `k` nearest others, as [`Neighbors::knn`] has them.
+    fn knn_all(&self, k: usize) -> Vec<(u32, Vec<(f64, u32)>)>;
     /// How many points there are.
     fn len(&self) -> usize;
     /// Whether there are none.
@@ -28,7 +33,7 @@ pub trait Neighbors: Send {
 /// The structure that suits a dimension: kd-trees lose to a plain scan above about ten (kiddo's own advice, measured), and know no
 /// metric but the plain one.
 pub fn neighbors(dimension: usize, metric: &JointMetric) -> Box<dyn Neighbors> {
-    let flat = || Box::new(Flat { metric: metric.clone(), ..Flat::default() });
+    let flat = || Box::new(Flat::new(dimension, metric));
     if !metric.is_plain() {
         return flat();
     }
@@ -43,118 +48,35 @@ pub fn neighbors(dimension: usize, metric: &JointMetric) -> Box<dyn Neighbors> {
     by_dimension!(1 2 3 4 5 6 7 8 9 10)
 }
 
-/// Looks at every point: the right thing in many dimensions, and the reference for the tree.
-#[derive(Clone, Debug, Default)]
-pub struct Flat {
-    metric: JointMetric,
-    points: BTreeMap<u32, Vec<f64>>,
-}
-
-impl Neighbors for Flat {
-    fn add(&mut self, id: u32, q: &[f64]) {
-        self.points.insert(id, q.to_vec());
-    }
-
-    fn remove(&mut self, id: u32) {
-        self.points.remove(&id);
-    }
-
-    fn knn(&self, q: &[f64], k: usize) -> Vec<(f64, u32)> {
-        nearest(self.points.iter().map(|(id, p)| (self.metric.distance(p, q), *id)).collect(), k)
-    }
-
-    fn len(&self) -> usize {
-        self.points.len()
-    }
-}
-
-/// A kd-tree over the same points.
-///
-/// kiddo's mutable tree can't split a leaf whose points share a coordinate (locked motors, repeated poses, grids), so
-/// the tree sees every coordinate shifted by up to [`JITTER`]; answers are taken from the unshifted points. Should it refuse a
-/// point all the same, the tree is given up for the scan: no point is ever lost.
-struct Tree<const N: usize> {
-    flat: Flat,
-    tree: Option<MutableKdTree<f64, N>>,
-}
-
-/// How far the tree's copy of a point may lie from the point, per coordinate.
-const JITTER: f64 = 1e-9;
-
-impl<const N: usize> Default for Tree<N> {
-    fn default() -> Self {
-        Tree { flat: Flat::default(), tree: Some(MutableKdTree::default()) }
-    }
-}
-
-impl<const N: usize> Neighbors for Tree<N> {
-    fn add(&mut self, id: u32, q: &[f64]) {
-        self.remove(id);
-        let q = fixed::<N>(q);
-        self.flat.add(id, &q);
-        if let Some(tree) = &mut self.tree
-            && (q.iter().any(|c| !c.is_finite()) || tree.add(&shifted(id, &q), id).is_err())
-        {
-            self.tree = None;
-        }
-    }
-
-    fn remove(&mut self, id: u32) {
-        let Some(q) = self.flat.points.remove(&id) else { return };
-        if let Some(tree) = &mut self.tree {
-            tree.remove(&shifted(id, &fixed::<N>(&q)), id);
-        }
-    }
-
-    fn knn(&self, q: &[f64], k: usize) -> Vec<(f64, u32)> {
-        let q = fixed::<N>(q);
-        let (Some(tree), Some(wanted)) = (&self.tree, NonZero::new(k)) else { return self.flat.knn(&q, k) };
-        if k >= self.len() || q.iter().any(|c| !c.is_finite()) {
-            return self.flat.knn(&q, k);
-        }
-        // The shift may have swapped near-equal points, so take everything within the k-th distance and sort it anew.
-        let found = tree.query(&q).nearest_n::<SquaredEuclidean<f64>>(wanted).execute();
-        let reach = found.iter().map(|f| f.distance).fold(0.0, f64::max).sqrt() + 4.0 * JITTER * (N as f64).sqrt();
-        let near = tree.query(&q).within::<SquaredEuclidean<f64>>(reach * reach).unsorted().execute();
-        let exact = |id: u32| self.flat.points.get(&id).map(|p| (self.flat.metric.distance(p, &q), id));
-        nearest(near.iter().filter_map(|f| exact(f.item)).collect(), k)
-    }
-
-    fn len(&self) -> usize {
-        self.flat.len()
-    }
-}
-
+/// The first `k` by distance, then by id.
 fn nearest(mut all: Vec<(f64, u32)>, k: usize) -> Vec<(f64, u32)> {
     all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     all.truncate(k);
     all
 }
 
-fn fixed<const N: usize>(q: &[f64]) -> [f64; N] {
-    let mut out = [0.0; N];
-    out.iter_mut().zip(q).for_each(|(o, c)| *o = *c);
-    out
-}
-
-/// The tree's copy of a point: a fixed function of id and coordinate, so that it can be found again for removal.
-fn shifted<const N: usize>(id: u32, q: &[f64; N]) -> [f64; N] {
-    let mut out = *q;
-    for (i, c) in out.iter_mut().enumerate() {
-        // splitmix64: neighboring ids get unrelated shifts
-        let mut z = (u64::from(id) << 8 | i as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        let unit = ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64;
-        *c += JITTER * (2.0 * unit - 1.0);
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mobee_model::{JointMotion, Motor};
     use proptest::prelude::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use std::collections::BTreeMap;
+
+    fn motor() -> Motor {
+        Motor {
+            name: "m".into(),
+            part: 0,
+            min: -3.0,
+            max: 3.0,
+            home: 0.0,
+            motion: JointMotion::Turn,
+            continuous: false,
+            joints: Vec::new(),
+            is_part_root: false,
+        }
+    }
 
     /// Points of some dimension whose coordinates are free, on a grid, or constant, with many repeats.
     fn points() -> impl Strategy<Value = (usize, Vec<Vec<f64>>, Vec<f64>)> {
@@ -186,6 +108,49 @@ mod tests {
                 expected.sort_by(|a, b| a.partial_cmp(b).unwrap());
                 expected.truncate(k);
                 prop_assert_eq!(tree.knn(q, k), expected);
+            }
+        }
+
+        #[test]
+        fn the_scan_agrees_with_brute_force_in_many_dimensions_and_over_the_seam(
+            d in 11usize..44, count in 0usize..200, k in 0usize..70, kind in 0u8..4, seed in any::<u64>(), endless in any::<bool>(),
+        ) {
+            let motor = Motor { continuous: true, min: -60.0, max: 60.0, ..motor() };
+            let metric = if endless { JointMetric::of_each((0..d).map(|i| (i % 3 != 1).then_some(&motor))) } else { JointMetric::default() };
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            // free, on a grid with many repeats, far out, not finite
+            let mut draw = || match kind {
+                0 => rng.random_range(-3.0..3.0),
+                1 => f64::from(rng.random_range(0..2)) * 3.0,
+                2 => rng.random_range(-60.0..60.0),
+                _ => if rng.random_range(0..200) == 0 { f64::NAN } else { rng.random_range(-1e7..1e7) },
+            };
+            let mut scan = Flat::new(d, &metric);
+            let mut points: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
+            for i in 0..count as u32 {
+                let id = i * 7 % 211;
+                let q: Vec<f64> = (0..d).map(|_| draw()).collect();
+                scan.add(id, &q);
+                points.insert(id, q);
+                if i % 5 == 4 {
+                    scan.remove(i * 3 % 211);
+                    points.remove(&(i * 3 % 211));
+                }
+            }
+            prop_assert_eq!(scan.len(), points.len());
+            let truth = |q: &[f64], k: usize, but: Option<u32>| {
+                let others = points.iter().filter(|(id, _)| Some(**id) != but);
+                nearest(others.map(|(id, p)| (metric.distance(p, q), *id)).collect(), k)
+            };
+            let bits = |all: &[(f64, u32)]| all.iter().map(|(d, id)| (d.to_bits() << 1, *id)).collect::<Vec<_>>();
+            let q: Vec<f64> = (0..d).map(|_| draw()).collect();
+            for q in points.values().take(5).chain([&q]) {
+                prop_assert_eq!(bits(&scan.knn(q, k)), bits(&truth(q, k, None)));
+            }
+            let all = scan.knn_all(k);
+            prop_assert_eq!(all.iter().map(|(id, _)| *id).collect::<Vec<_>>(), points.keys().copied().collect::<Vec<_>>());
+            for (id, near) in &all {
+                prop_assert_eq!(bits(near), bits(&truth(&points[id], k, Some(*id))));
             }
         }
 

@@ -303,7 +303,8 @@ impl Walker {
         Some(nearest_target(view, self.map.target(to, self.speed)?))
     }
 
-    fn follow(&mut self, path: Vec<u32>, view: &View) -> Intent {
+    /// Drives the first edge of a path that begins where the robot rests.
+    pub fn follow(&mut self, path: Vec<u32>, view: &View) -> Intent {
         let (Some(from), Some(to)) = (path.first().copied(), path.get(1).copied()) else { return Intent::Stop };
         let Some(target) = self.target(to, view) else { return Intent::Stop };
         self.progress.doing = Doing::Driving { from, to };

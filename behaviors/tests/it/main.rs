@@ -2,9 +2,14 @@
 
 mod explorer;
 mod icub;
+mod join;
+mod map_files;
+mod plan_agent;
+mod planners;
 mod roadmap_agent;
 mod short_way;
 mod simple_agents;
+mod table_map;
 mod validation;
 mod validity;
 mod world;

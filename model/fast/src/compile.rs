@@ -8,7 +8,8 @@
 use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
-use crate::program::{Ball, FlatClause, Form, Group, PairTest, Program, Solid};
+use crate::limits::constraints;
+use crate::program::{Ball, Form, Group, PairTest, Program, Solid};
 use crate::steps::Layout;
 use crate::sweep::{Sphere, least_distance};
 use mobee_model::{Collider, IndexPair, Scene, Shape};
@@ -87,6 +88,11 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
     for region in &regions {
         add_ball(&mut program, &mut layout, &frames, (region.root, region.ball), None);
     }
+    let branches = branches(&frames, &regions, &groups, &order, &sized);
+    for branch in &branches {
+        add_ball(&mut program, &mut layout, &frames, (branch.root, branch.ball), None);
+        layout.add_branch(groups.iter().map(|g| branch.has[sized[order[g.start]].frame]));
+    }
     list_balls(&mut program);
     let place = |s: usize| order.iter().position(|o| *o == s).unwrap_or_default();
     for &(a, b) in &pairs {
@@ -103,7 +109,15 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
         movers.movers.push(Mover { frame: solids[0].frame, ends });
     }
     // A ball that turns about its center is the same.
-    movers.movers.extend(regions.iter().map(|r| Mover { frame: r.root, ends: vec![Sphere { radius: 0.0, ..r.ball }] }));
+    movers.movers.extend(
+        regions.iter().chain(&branches).map(|r| Mover { frame: r.root, ends: vec![Sphere { radius: 0.0, ..r.ball }] }),
+    );
+    program.extents = vec![0.0; program.balls.len()];
+    program.extents.extend(order.iter().map(|s| {
+        let ends = sized[*s].ends();
+        let far = |end: &Sphere| (end.center - sized[*s].pose.translation.vector).norm() + end.radius;
+        (ends.iter().map(far).fold(0.0, f64::max) * (1.0 + 4.0 * U)) as f32
+    }));
     movers.movers.extend(order.iter().map(|s| Mover { frame: sized[*s].frame, ends: sized[*s].ends() }));
     Compiled { program, layout, pruned, movers }
 }
@@ -160,9 +174,9 @@ fn groups(order: &[usize], sized: &[Sized], frames: &[LaneFrame]) -> Vec<Range<u
     groups
 }
 
-/// A subtree that is placed on demand.
+/// A subtree that is small at every pose: a hand, which is placed on demand, or a finger of it.
 pub(crate) struct Region {
-    /// Its uppermost frame, which is always placed.
+    /// Its uppermost frame; a hand's is always placed.
     pub root: usize,
     /// Per frame of the scene: whether it is in the region, the root included.
     pub has: Vec<bool>,
@@ -178,37 +192,59 @@ fn regions(
     sized: &[Sized],
     pairs: &[(usize, usize)],
 ) -> Vec<Region> {
-    let below = |root: usize| {
-        let mut has = vec![false; frames.len()];
-        has[root] = true;
-        for f in root + 1..frames.len() {
-            has[f] = frames[f].carried.as_ref().is_some_and(|c| has[c.parent]);
-        }
-        has
-    };
-    let ball = |root: usize, has: &[bool]| {
-        let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
-        Sphere::around(&inside.map(|s| s.ball().swept(frames, s.frame, root)).collect::<Vec<_>>())
-    };
     let mut regions: Vec<Region> = Vec::new();
     let mut whole = 0.0;
     for (root, frame) in frames.iter().enumerate() {
         if frame.carried.is_none() {
-            whole = ball(root, &below(root)).radius;
+            whole = ball_of(frames, root, &below(frames, root), order, sized).radius;
             continue;
         }
-        let has = below(root);
+        let has = below(frames, root);
         let solid_frames = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count();
         if solid_frames < REGION_FRAMES || regions.iter().any(|r| r.has[root]) {
             continue;
         }
         let own_pairs = pairs.iter().any(|(a, b)| has[sized[*a].frame] && has[sized[*b].frame]);
-        let held = ball(root, &has);
+        let held = ball_of(frames, root, &has, order, sized);
         if held.radius <= REGION * whole && !own_pairs {
             regions.push(Region { root, has, ball: held });
         }
     }
     regions
+}
+
+/// What hangs on a region's root by one joint, and has several groups: the fingers of a hand.
+fn branches(
+    frames: &[LaneFrame],
+    regions: &[Region],
+    groups: &[Range<usize>],
+    order: &[usize],
+    sized: &[Sized],
+) -> Vec<Region> {
+    let of = |region: &Region, root: usize| {
+        let has = below(frames, root);
+        let ball = ball_of(frames, root, &has, order, sized);
+        let parent = frames[root].carried.as_ref().map(|c| c.parent);
+        let several = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count() > 1;
+        (parent == Some(region.root) && several).then_some(Region { root, has, ball })
+    };
+    regions.iter().flat_map(|region| (0..frames.len()).filter_map(move |root| of(region, root))).collect()
+}
+
+/// Per frame: whether it is in the subtree of this one, itself included.
+fn below(frames: &[LaneFrame], root: usize) -> Vec<bool> {
+    let mut has = vec![false; frames.len()];
+    has[root] = true;
+    for f in root + 1..frames.len() {
+        has[f] = frames[f].carried.as_ref().is_some_and(|c| has[c.parent]);
+    }
+    has
+}
+
+/// Holds the solids of a subtree at every pose; in its root's frame.
+fn ball_of(frames: &[LaneFrame], root: usize, has: &[bool], order: &[usize], sized: &[Sized]) -> Sphere {
+    let inside = order.iter().map(|s| &sized[*s]).filter(|s| has[s.frame]);
+    Sphere::around(&inside.map(|s| s.ball().swept(frames, s.frame, root)).collect::<Vec<_>>())
 }
 
 /// Joints that carry anything, region by region.
@@ -236,25 +272,6 @@ fn place_frames(program: &mut Program, frames: &[LaneFrame], regions: &[Region],
 fn columns(pose: &Isometry3<f64>) -> [f32; 12] {
     let numbers = pose.to_homogeneous();
     std::array::from_fn(|i| numbers[(i % 3, i / 3)] as f32)
-}
-
-fn constraints(program: &mut Program, scene: &Scene) {
-    for robot in scene.robots() {
-        let first = program.limits.len();
-        program.limits.extend(robot.motors.iter().map(|m| (m.min, m.max)));
-        for clause in robot.parts.iter().flat_map(|part| &part.clauses) {
-            let degrees = 1f64.to_degrees();
-            let flat =
-                |h: &mobee_model::HalfSpace| (h.terms.iter().map(|(m, a)| (first + m, a * degrees)).collect(), h.b);
-            let members: Vec<(Vec<(usize, f64)>, f64)> = clause.0.iter().map(flat).collect();
-            let size = |(terms, b): &(Vec<(usize, f64)>, f64)| {
-                let most = |m: usize| program.limits.get(m).map_or(0.0, |(low, high)| low.abs().max(high.abs()));
-                terms.iter().map(|(m, a)| a.abs() * most(*m)).sum::<f64>() + b.abs()
-            };
-            let doubt = 1e-12 * members.iter().map(size).fold(1.0, f64::max);
-            program.clauses.push(FlatClause { members, doubt });
-        }
-    }
 }
 
 fn place_solids(

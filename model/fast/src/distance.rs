@@ -25,11 +25,13 @@ pub(crate) struct Found {
     pub touching: Mask,
     /// Lanes in which rounding could decide whether it does.
     pub doubtful: Mask,
-    /// Lanes in which the two may touch once they have moved. Without motion: those above.
+    /// Lanes in which the two may touch once they have moved.
     pub open: Mask,
+    /// Of these, the ones that more projections may tell more about.
+    pub stuck: Mask,
 }
 
-const APART: Found = Found { touching: 0, doubtful: 0, open: 0 };
+const APART: Found = Found { touching: 0, doubtful: 0, open: 0, stuck: 0 };
 
 /// A solid in its place.
 #[derive(Clone, Copy)]
@@ -78,7 +80,7 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     if pair.round {
         let touching = touching(squared, pair.inner) & near;
         let free = if MOVES { apart::<L, false>(gap, squared, pair.outer, motion) } else { 0 };
-        return Found { touching, doubtful: near & !touching & !free, open: near };
+        return Found { touching, doubtful: near & !touching & !free, open: near, stuck: 0 };
     }
     project_to_and_fro::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion)
 }
@@ -168,11 +170,8 @@ fn project_to_and_fro<L: Lanes, const MOVES: bool>(
         from = on_a.along(on_a.minus(last), L::splat(round as f32 / (round as f32 + 3.0)));
         last = on_a;
     }
-    if MOVES {
-        Found { touching: found, doubtful: doubtful & open & !found, open }
-    } else {
-        Found { touching: found, doubtful: unknown, open }
-    }
+    let doubtful = if MOVES { doubtful & open & !found } else { unknown };
+    Found { touching: found, doubtful, open, stuck: unknown }
 }
 
 /// The point of a solid's core nearest to a point.

@@ -11,8 +11,9 @@ use crate::reference::Reference;
 use mobee_model::{IndexPair, Scene, random_poses};
 use std::sync::Arc;
 
-/// Poses that the order of tests is learned from.
+/// Most poses that the order of tests is learned from, and how many for each pair: few pairs are in order soon.
 const SAMPLE: usize = 4096;
+const SAMPLE_PAIR: usize = 8;
 /// Their seed: equal scenes have equal programs.
 const SEED: u64 = 1;
 
@@ -55,6 +56,10 @@ pub struct FastFigures {
     pub poses: u64,
     /// Of these, the ones that the scalar engine was asked about.
     pub doubtful: u64,
+    /// Intervals of edges judged.
+    pub intervals: u64,
+    /// How often the scalar engine was asked about a pair on one.
+    pub stuck: u64,
 }
 
 /// A scene compiled for one clearance: judges many poses at once.
@@ -90,7 +95,7 @@ pub struct FastScene {
     pub(crate) intervals: Intervals,
     pub(crate) edges: Edges,
     pub(crate) reference: Reference,
-    figures: FastFigures,
+    pub(crate) figures: FastFigures,
 }
 
 impl FastScene {
@@ -146,7 +151,7 @@ impl FastScene {
         let decided = fast.evidence(scene);
         let program = Arc::make_mut(&mut fast.program);
         layout.write(program, &decided);
-        layout.write_sums(program, &mut movers);
+        layout.write_motions(program, &mut movers);
         (fast.intervals, fast.edges) = (Intervals::new(program), Edges::new(program));
         Ok(fast)
     }
@@ -155,7 +160,7 @@ impl FastScene {
     fn evidence(&mut self, scene: &Scene) -> Vec<u32> {
         self.block.decided = vec![0; self.program.pairs.len()];
         let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SEED)).collect();
-        for _ in 0..SAMPLE / WIDTH {
+        for _ in 0..SAMPLE.min(SAMPLE_PAIR * self.program.pairs.len()) / WIDTH {
             let poses: Vec<f64> = (0..WIDTH)
                 .flat_map(|_| robots.iter_mut().filter_map(Iterator::next).flatten().collect::<Vec<_>>())
                 .collect();
@@ -194,6 +199,7 @@ impl FastScene {
         if motors == 0 || !poses.len().is_multiple_of(motors) {
             return Err(FastError::Length { given: poses.len(), motors });
         }
+        self.block.forget(&self.program);
         for poses in poses.chunks(motors * WIDTH) {
             let count = poses.len() / motors;
             let all = Mask::MAX >> (WIDTH - count);

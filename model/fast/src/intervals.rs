@@ -7,6 +7,7 @@
 use crate::distance::{Found, test_pair, within};
 use crate::kernel::{Block, place_group, place_region, start_placing};
 use crate::lanes::{Lanes, Mask, Row, WIDTH};
+use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
 use crate::program::{Program, Step, UnitTest};
 use crate::vector::V3;
 
@@ -18,8 +19,8 @@ pub(crate) const NONE: usize = usize::MAX;
 /// What is asked of sixteen intervals, and what came of it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Intervals {
-    /// Per motor: how far it goes from the middle to either end, rad of encoder.
-    pub half: Vec<Row>,
+    /// What moves how far, from the middle to either end.
+    pub motions: Motions,
     /// The units to ask about, in which lanes; in rising order.
     pub asked: Vec<(u32, Mask)>,
     /// Those that may touch, and in which lanes, in the same order.
@@ -28,20 +29,23 @@ pub(crate) struct Intervals {
     pub touching: [usize; WIDTH],
     /// Pairs of which rounding could decide whether they touch at the middle, and in which lanes.
     pub doubts: Vec<(usize, Mask)>,
-    /// Per sum of levers: what it comes to.
-    sums: Vec<Row>,
-    /// Whether it was summed up for these intervals.
-    summed: Vec<bool>,
+    /// What the lanes could not tell, which counts as free above.
+    pub stuck: Vec<Stuck>,
+}
+
+/// A pair that projections can't tell.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stuck {
+    pub unit: u32,
+    pub pair: usize,
+    pub lanes: Mask,
+    /// How far the two move against each other, meters.
+    pub motion: Row,
 }
 
 impl Intervals {
     pub fn new(program: &Program) -> Self {
-        Intervals {
-            half: vec![Row::default(); program.limits.len()],
-            sums: vec![Row::default(); program.sums.len()],
-            summed: vec![false; program.sums.len()],
-            ..Intervals::default()
-        }
+        Intervals { motions: Motions::new(program), ..Intervals::default() }
     }
 }
 
@@ -50,27 +54,32 @@ impl Intervals {
 pub(crate) fn sweep<L: Lanes>(program: &Program, block: &mut Block, intervals: &mut Intervals) {
     intervals.open.clear();
     intervals.doubts.clear();
+    intervals.stuck.clear();
     intervals.touching = [NONE; WIDTH];
-    intervals.summed.fill(false);
     start_placing::<L>(program, block);
+    start::<L>(program, &mut intervals.motions);
+    place_twists::<L>(program, block, &mut intervals.motions, 0);
     let mut touching = 0;
     let mut from = 0;
     while from < intervals.asked.len() {
         let to = intervals.asked.len().min(from + BATCH);
         for i in from..to {
-            for sum in program.unit_sums[intervals.asked[i].0 as usize] {
-                sum_up::<L>(program, intervals, sum as usize);
-            }
+            sum_up::<L>(program, &mut intervals.motions, &program.unit_motions[intervals.asked[i].0 as usize]);
         }
         // All at once and without a branch, as in `kernel.rs`.
         let (mut near, mut count) = ([(0, 0); BATCH], 0);
         for (unit, asked) in &intervals.asked[from..to] {
-            let sums = program.unit_sums[*unit as usize];
-            let lanes = nearer::<L>(block, intervals, &program.units[*unit as usize], sums) & asked;
+            let motion = coarse::<L>(&intervals.motions, &program.unit_motions[*unit as usize]);
+            let UnitTest { a, b, within_squared, .. } = program.units[*unit as usize];
+            let lanes = nearer::<L>(block, a, b, within_squared, motion) & asked;
             near[count] = (*unit, lanes);
             count += usize::from(lanes != 0);
         }
         for (unit, lanes) in &near[..count] {
+            let UnitTest { a, b, within_squared, .. } = program.units[*unit as usize];
+            let between = &program.unit_motions[*unit as usize];
+            let motion = fine::<L>(program, block, &intervals.motions, between, a, b);
+            let lanes = lanes & nearer::<L>(block, a, b, within_squared, motion);
             // Where something touches already it does not matter what else does, only that it may.
             let mut open = lanes & touching;
             if lanes & !touching != 0 {
@@ -86,28 +95,11 @@ pub(crate) fn sweep<L: Lanes>(program: &Program, block: &mut Block, intervals: &
     }
 }
 
-/// Sums up levers times steps, unless that is done.
+/// Lanes in which two centers are nearer than this, or may be once they have moved.
 #[inline(always)]
-fn sum_up<L: Lanes>(program: &Program, intervals: &mut Intervals, sum: usize) {
-    if !std::mem::replace(&mut intervals.summed[sum], true) {
-        let mut all = L::splat(0.0);
-        for lever in &program.levers[program.sums[sum].clone()] {
-            all = L::load(&intervals.half[lever.motor]).mul_add(L::splat(lever.reach), all);
-        }
-        all.store(&mut intervals.sums[sum]);
-    }
-}
-
-/// How far two things move against each other.
-#[inline(always)]
-fn motion<L: Lanes>(intervals: &Intervals, sums: [u32; 2]) -> L {
-    L::load(&intervals.sums[sums[0] as usize]) + L::load(&intervals.sums[sums[1] as usize])
-}
-
-#[inline(always)]
-fn nearer<L: Lanes>(block: &Block, intervals: &Intervals, unit: &UnitTest, sums: [u32; 2]) -> Mask {
-    let between = V3::<L>::load(&block.centers[unit.a]).minus(V3::load(&block.centers[unit.b]));
-    within::<L, true>(between.squared(), unit.within_squared, motion(intervals, sums))
+fn nearer<L: Lanes>(block: &Block, a: usize, b: usize, within_squared: f32, motion: L) -> Mask {
+    let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
+    within::<L, true>(between.squared(), within_squared, motion)
 }
 
 /// Takes the steps of two units that are near in these lanes.
@@ -132,15 +124,13 @@ fn take_steps<L: Lanes>(
             depth -= 1;
         }
         let lanes = scopes[depth].0 & !hit;
-        let (step, sums) = (&program.steps[at], program.step_sums[at]);
+        let (step, motions) = (&program.steps[at], &program.step_motions[at]);
         at += 1;
-        for sum in sums {
-            sum_up::<L>(program, intervals, sum as usize);
-        }
         match *step {
             Step::Near { a, b, within_squared, skip } => {
-                let between = V3::<L>::load(&block.centers[a]).minus(V3::load(&block.centers[b]));
-                let near = within::<L, true>(between.squared(), within_squared, motion(intervals, sums)) & lanes;
+                sum_up::<L>(program, &mut intervals.motions, motions);
+                let motion = fine::<L>(program, block, &intervals.motions, motions, a, b);
+                let near = nearer::<L>(block, a, b, within_squared, motion) & lanes;
                 if near == 0 {
                     at = skip;
                 } else {
@@ -148,15 +138,28 @@ fn take_steps<L: Lanes>(
                     scopes[depth] = (near, skip);
                 }
             }
-            Step::Region(region) => place_region::<L>(program, block, region),
+            Step::Region(region) => {
+                if place_region::<L>(program, block, region) {
+                    place_twists::<L>(program, block, &mut intervals.motions, region);
+                }
+            }
             Step::Group(group) => place_group::<L>(program, block, group),
             Step::Pair(index) => {
                 if lanes == 0 {
                     continue;
                 }
                 let pair = &program.pairs[index];
-                let found: Found = test_pair::<L, true>(program, block, pair, lanes, motion(intervals, sums));
-                open |= found.open;
+                sum_up::<L>(program, &mut intervals.motions, motions);
+                let (a, b) = (program.balls.len() + pair.a, program.balls.len() + pair.b);
+                let motion = fine::<L>(program, block, &intervals.motions, motions, a, b);
+                let found: Found = test_pair::<L, true>(program, block, pair, lanes, motion);
+                open |= found.open & !found.stuck;
+                if found.stuck != 0 {
+                    let mut stuck =
+                        Stuck { unit: unit as u32, pair: index, lanes: found.stuck, motion: Row::default() };
+                    motion.store(&mut stuck.motion);
+                    intervals.stuck.push(stuck);
+                }
                 if found.doubtful != 0 {
                     intervals.doubts.push((index, found.doubtful));
                 }

@@ -27,6 +27,12 @@ pub(crate) struct Block {
     /// Per region and group: whether it is placed.
     pub regions_placed: Vec<bool>,
     pub groups_placed: Vec<bool>,
+    /// Per motor: whether it stands still from block to block, at what is in its row.
+    pub still: Vec<bool>,
+    /// Per frame: whether it, and the balls on it, are where they will be in the next block, too.
+    pub kept: Vec<bool>,
+    /// Per joint whose motor stands still: its sine and cosine, once known.
+    turns: Vec<Option<Box<[Row; 2]>>>,
     /// Lanes in which rounding could decide about a pair: (pair, lanes).
     pub doubts: Vec<(usize, Mask)>,
     /// Lanes in which it could decide about constraints.
@@ -47,6 +53,7 @@ impl Block {
             groups_placed: vec![false; program.groups.len()],
             ..Block::default()
         };
+        block.forget(program);
         for (frame, numbers) in &program.fixed_frames {
             for (row, x) in block.frames[*frame].iter_mut().flatten().zip(numbers) {
                 *row = Row([*x; WIDTH]);
@@ -57,6 +64,17 @@ impl Block {
             place_group::<crate::lanes::Portable>(program, &mut block, g);
         }
         block
+    }
+
+    /// From now on any motor may move from block to block.
+    pub fn forget(&mut self, program: &Program) {
+        self.still.clear();
+        self.still.resize(program.limits.len(), false);
+        self.kept.clear();
+        self.kept.resize(program.frames, false);
+        program.fixed_frames.iter().for_each(|(frame, _)| self.kept[*frame] = true);
+        self.turns.clear();
+        self.turns.resize(program.joints.len(), None);
     }
 }
 
@@ -122,7 +140,9 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
                     at = skip;
                 }
             }
-            Step::Region(region) => place_region::<L>(program, block, region),
+            Step::Region(region) => {
+                place_region::<L>(program, block, region);
+            }
             Step::Group(group) => place_group::<L>(program, block, group),
             Step::Pair(index) => {
                 let found = test_pair::<L, false>(program, block, &program.pairs[index], live, L::splat(0.0));
@@ -145,19 +165,27 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
 }
 
 /// Puts the frames of a region in place, and the balls on them.
+///
+/// # Returns
+/// Whether it was not yet.
 #[inline(always)]
-pub(crate) fn place_region<L: Lanes>(program: &Program, block: &mut Block, region: usize) {
+pub(crate) fn place_region<L: Lanes>(program: &Program, block: &mut Block, region: usize) -> bool {
     if std::mem::replace(&mut block.regions_placed[region], true) {
-        return;
+        return false;
     }
-    for joint in &program.joints[program.regions[region].clone()] {
-        place_frame::<L>(block, joint);
-        place_balls::<L>(program, block, joint.frame);
+    for j in program.regions[region].clone() {
+        let joint = &program.joints[j];
+        if !block.kept[joint.frame] {
+            place_frame::<L>(block, joint, j);
+            place_balls::<L>(program, block, joint.frame);
+            block.kept[joint.frame] = block.still[joint.motor] && block.kept[joint.parent];
+        }
     }
+    true
 }
 
 #[inline(always)]
-fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint) {
+fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint, index: usize) {
     let [mut x, mut y, mut z, origin] = axes_and_origin::<L>(&block.frames[joint.parent]);
     let mut origin = moved(origin, [x, y, z], joint.shift);
     let q = &block.motors[joint.motor];
@@ -165,9 +193,18 @@ fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint) {
         Motion::Turn { about_z, about_x } => {
             (x, y) = bend(x, y, about_z);
             (y, z) = bend(y, z, about_x);
-            let (mut sine, mut cosine) = (Row::default(), Row::default());
-            sine_cosine::<L>(q, joint, &mut sine, &mut cosine);
-            (x, y) = turn(x, y, L::load(&cosine), L::load(&sine));
+            let (sine, cosine) = if let Some(known) = &block.turns[index] {
+                (L::load(&known[0]), L::load(&known[1]))
+            } else {
+                let mut rows = [Row::default(); 2];
+                let [sine, cosine] = &mut rows;
+                sine_cosine::<L>(q, joint, sine, cosine);
+                if block.still[joint.motor] {
+                    block.turns[index] = Some(Box::new(rows));
+                }
+                (L::load(&rows[0]), L::load(&rows[1]))
+            };
+            (x, y) = turn(x, y, cosine, sine);
         }
         Motion::Slide { along } => {
             let mut way = Row::default();
@@ -187,7 +224,7 @@ fn place_frame<L: Lanes>(block: &mut Block, joint: &Joint) {
 
 /// A point, moved by a constant vector of a frame with these axes.
 #[inline(always)]
-fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V3<L> {
+pub(crate) fn moved<L: Lanes>(point: V3<L>, axes: [V3<L>; 3], by: [f32; 3]) -> V3<L> {
     let mut at = point;
     for i in 0..3 {
         if by[i] != 0.0 {

@@ -11,9 +11,9 @@
 
 use crate::bound::U;
 use crate::chain::LaneFrame;
-use crate::program::Lever;
+use crate::program::{Lever, Relative};
 use crate::sweep::{Sphere, common};
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Rounding of a sum of levers times steps, and of what it is added to, in the lanes; as `bound.rs` has it, with room
@@ -35,7 +35,7 @@ pub(crate) struct Movers {
     pub frames: Vec<LaneFrame>,
     /// Balls of groups, of regions, then solids: as steps number them.
     pub movers: Vec<Mover>,
-    known: HashMap<(usize, Option<usize>), u32>,
+    known: BTreeMap<(usize, Option<usize>), u32>,
     /// One sum each: a range of levers. The first is empty.
     pub sums: Vec<Range<usize>>,
     pub levers: Vec<Lever>,
@@ -43,13 +43,25 @@ pub(crate) struct Movers {
 
 impl Movers {
     pub fn new(frames: Vec<LaneFrame>) -> Self {
-        Movers { frames, sums: vec![0..0], ..Movers::default() }
+        Movers { frames, sums: vec![Range::default()], ..Movers::default() }
     }
 
-    /// The sums that bound how far two movers move against each other: one for each of them.
-    pub fn between(&mut self, a: usize, b: usize) -> [u32; 2] {
+    /// How two movers move against each other.
+    pub fn between(&mut self, a: usize, b: usize) -> Relative {
         let common = common(&self.frames, self.movers[a].frame, self.movers[b].frame);
-        [self.sum(a, common), self.sum(b, common)]
+        let sums = [self.sum(a, common), self.sum(b, common)];
+        // The world is the last frame.
+        Relative { sums, common: common.unwrap_or(self.frames.len() - 1) as u32 }
+    }
+
+    /// How wrong the lanes can be about a point's velocity, for each radian or meter that a joint moves: by the frames'
+    /// errors, and by rounding along the chain.
+    pub fn slip(&self) -> f64 {
+        let far = |mover: &Mover| mover.ends.iter().map(|e| e.center.norm() + e.radius).fold(0.0, f64::max);
+        let size = self.movers.iter().map(far).fold(0.0, f64::max);
+        let most = |of: fn(&LaneFrame) -> f64| self.frames.iter().map(of).fold(0.0, f64::max);
+        let across = (2.0 * (most(|f| f.bound.reach) + size)).max(1.0);
+        2.0 * most(|f| f.bound.turn) * across + 2.0 * most(|f| f.bound.place) + 1024.0 * U * across
     }
 
     fn sum(&mut self, mover: usize, to: Option<usize>) -> u32 {
@@ -68,7 +80,7 @@ impl Movers {
     }
 }
 
-/// How far a mover goes at most in frame `to` (which carries it; or else the world), motor by motor.
+/// How far a mover goes at most in frame `to` (which carries it; or else the world), joint by joint outward.
 fn levers(frames: &[LaneFrame], mover: &Mover, to: Option<usize>) -> Vec<Lever> {
     let (mut ends, mut at) = (mover.ends.clone(), mover.frame);
     let mut levers: Vec<Lever> = Vec::new();
@@ -76,13 +88,12 @@ fn levers(frames: &[LaneFrame], mover: &Mover, to: Option<usize>) -> Vec<Lever> 
         let Some(carried) = frames[at].carried.as_ref() else { break };
         let off_axis = ends.iter().map(|end| end.center.xy().norm() + end.radius).fold(0.0, f64::max);
         let way = if carried.slide.is_some() { 1.0 } else { off_axis };
-        let (motor, reach) = (carried.joint.motor, (way * carried.joint.gain.abs() * (1.0 + SUMS)) as f32);
-        match levers.iter_mut().find(|l| l.motor == motor) {
-            Some(lever) => lever.reach += reach,
-            None => levers.push(Lever { motor, reach }),
-        }
+        let gain = carried.joint.gain.abs() * (1.0 + SUMS);
+        let turn = if carried.slide.is_some() { 0.0 } else { gain };
+        levers.push(Lever { motor: carried.joint.motor, reach: (way * gain) as f32, turn: turn as f32 });
         ends = ends.iter().map(|end| end.carried(carried)).collect();
         at = carried.parent;
     }
+    levers.reverse();
     levers
 }

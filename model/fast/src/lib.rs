@@ -7,6 +7,9 @@
 //! **Verdicts are the scalar engine's** ([`mobee_model::Scene::free`]). The lanes compute in `f32`, but decide only
 //! what is beyond doubt; what their rounding could decide, the scalar engine is asked about, pair by pair.
 //!
+//! **Edges are proved** ([`FastScene::certify`]): a straight line that is certified free is free at every pose, between
+//! samples, too; where it is blocked, the scalar engine agrees.
+//!
 //! # Method
 //! ```text
 //! poses ──> angles ──f64──> sine, cosine ──f32──> frames ──> balls ──near──> shapes ──near──> two shapes
@@ -24,6 +27,9 @@
 //!   separates proves that there is none.
 //! * **Rounding** (`bound.rs`): a worst-case bound is carried along each chain while it is compiled, and goes into the
 //!   thresholds.
+//! * **Edges** (`edges.rs`, `intervals.rs`): intervals of edges in the lanes, each judged at its middle with a bound on what
+//!   moves from there to its ends (`motion.rs`, `levers.rs`) as a margin. What is too near is halved, and both halves
+//!   are asked about it alone.
 //! * **Instructions** (`isa.rs`): AVX-512, AVX2 or none, chosen at run time; one source, generic over the lanes
 //!   (`lanes.rs`).
 //!
@@ -33,6 +39,7 @@ mod bound;
 mod chain;
 mod compile;
 mod distance;
+mod edge_block;
 mod edges;
 mod fast;
 mod intervals;
@@ -40,6 +47,8 @@ mod isa;
 mod kernel;
 mod lanes;
 mod levers;
+mod limits;
+mod motion;
 mod program;
 mod reference;
 mod steps;

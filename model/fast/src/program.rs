@@ -42,20 +42,34 @@ pub(crate) struct Program {
     pub sums: Vec<Range<usize>>,
     /// See `sums`.
     pub levers: Vec<Lever>,
-    /// Per unit: the sums that bound how far the two move against each other.
-    pub unit_sums: Vec<[u32; 2]>,
+    /// Per unit: how the two move against each other.
+    pub unit_motions: Vec<Relative>,
     /// The same per step, for those that compare two things.
-    pub step_sums: Vec<[u32; 2]>,
+    pub step_motions: Vec<Relative>,
+    /// Per ball (zero: a ball that turns is the same) and solid: how far its core is from its center, meters.
+    pub extents: Vec<f32>,
     /// Per motor: how far anything moves against anything at most, meters per rad of encoder.
     pub reach: Vec<f64>,
+    /// Per motor: how wrong a velocity can be in the lanes, meters per rad of encoder.
+    pub slips: Vec<f32>,
 }
 
-/// What one motor adds to a sum.
+/// What one joint adds to a sum.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lever {
     pub motor: usize,
     /// Meters per rad of encoder.
     pub reach: f32,
+    /// Radians per rad of encoder; none for a slide.
+    pub turn: f32,
+}
+
+/// How two things move against each other: a sum of levers each, up to the frame that carries both.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Relative {
+    pub sums: [u32; 2],
+    /// That frame, or one that does not move.
+    pub common: u32,
 }
 
 /// Two units (hands, links, objects) by their balls.

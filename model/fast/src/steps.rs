@@ -11,7 +11,7 @@
 
 use crate::bound::TESTS;
 use crate::levers::Movers;
-use crate::program::{Program, Step, UnitTest};
+use crate::program::{Program, Relative, Step, UnitTest};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -32,7 +32,9 @@ pub(crate) struct Layout {
     /// Per group: its region, if it is in one.
     region: Vec<Option<usize>>,
     groups: Vec<Range<usize>>,
-    /// Radius and error of each ball: groups, then regions.
+    /// Per branch of a region, and group: whether it is in it.
+    branches: Vec<Vec<bool>>,
+    /// Radius and error of each ball: groups, then regions, then branches.
     balls: Vec<(f64, f64)>,
     /// The same of each solid.
     pub solids: Vec<(f64, f64)>,
@@ -47,7 +49,14 @@ struct Between {
 
 impl Layout {
     pub fn new(groups: &[Range<usize>], clearance: f64) -> Self {
-        Layout { clearance, region: Vec::new(), groups: groups.to_vec(), balls: Vec::new(), solids: Vec::new() }
+        Layout {
+            clearance,
+            region: Vec::new(),
+            groups: groups.to_vec(),
+            branches: Vec::new(),
+            balls: Vec::new(),
+            solids: Vec::new(),
+        }
     }
 
     /// Balls come in the program's order; those of groups with the region that the group is in, if any.
@@ -57,26 +66,41 @@ impl Layout {
     }
 
     /// Writes how far the two of each test move against each other, once tests have their order.
-    pub fn write_sums(&self, program: &mut Program, movers: &mut Movers) {
+    pub fn write_motions(&self, program: &mut Program, movers: &mut Movers) {
         let solid = |s: usize| self.balls.len() + s;
-        program.unit_sums = program.units.iter().map(|unit| movers.between(unit.a, unit.b)).collect();
+        program.unit_motions = program.units.iter().map(|unit| movers.between(unit.a, unit.b)).collect();
         let of_step = |step: &Step| match *step {
             Step::Near { a, b, .. } => movers.between(a, b),
             Step::Pair(p) => movers.between(solid(program.pairs[p].a), solid(program.pairs[p].b)),
-            Step::Region(_) | Step::Group(_) => [0, 0],
+            Step::Region(_) | Step::Group(_) => Relative::default(),
         };
-        program.step_sums = program.steps.iter().map(of_step).collect();
+        program.step_motions = program.steps.iter().map(of_step).collect();
         (program.sums, program.levers) = (movers.sums.clone(), movers.levers.clone());
-        program.reach = vec![0.0; program.limits.len()];
-        let mut both = vec![0.0; program.limits.len()];
-        for [a, b] in program.unit_sums.iter().chain(&program.step_sums) {
-            let levers = |sum: &u32| &program.levers[program.sums[*sum as usize].clone()];
-            levers(a).iter().chain(levers(b)).for_each(|lever| both[lever.motor] += f64::from(lever.reach));
-            for lever in levers(a).iter().chain(levers(b)) {
+        let motors = program.limits.len();
+        program.reach = vec![0.0; motors];
+        let mut both = vec![0.0; motors];
+        for between in program.unit_motions.iter().chain(&program.step_motions) {
+            let levers = between.sums.iter().flat_map(|sum| &program.levers[program.sums[*sum as usize].clone()]);
+            levers.clone().for_each(|lever| both[lever.motor] += f64::from(lever.reach));
+            for lever in levers {
                 let reach = &mut program.reach[lever.motor];
                 *reach = reach.max(std::mem::take(&mut both[lever.motor]));
             }
         }
+        program.slips = vec![0.0; motors];
+        let slip = movers.slip();
+        program.joints.iter().for_each(|j| program.slips[j.motor] += (slip * j.gain.abs()) as f32);
+    }
+
+    /// The groups of a branch, whose ball was the last to be added.
+    pub fn add_branch(&mut self, has: impl Iterator<Item = bool>) {
+        self.branches.push(has.collect());
+    }
+
+    /// The branch of a region that a group is in, by its ball.
+    fn branch(&self, group: usize) -> Option<usize> {
+        let first = self.balls.len() - self.branches.len();
+        self.branches.iter().position(|has| has[group]).map(|b| first + b)
     }
 
     /// Writes the program's tests of units and their steps, given in how many lanes each pair decided.
@@ -123,19 +147,33 @@ impl Layout {
                 steps.push(Step::Region(r + 1));
             }
         }
-        let mut groups: Vec<_> = groups.into_iter().collect();
-        groups.sort_by_key(|(_, between)| std::cmp::Reverse(between.decided));
         let single = matches!((u, v), (Unit::Group(_), Unit::Group(_)));
-        for ((g, h), between) in groups {
-            let inner = steps.len();
-            // Two single groups are the units, and were asked already.
-            if !single {
-                steps.push(self.near(g, h));
+        // A finger against the whole of the other one, before each of its shapes.
+        let mut crowds = BTreeMap::<Option<usize>, Vec<((usize, usize), Between)>>::new();
+        for (both, between) in groups {
+            crowds.entry(self.branch(both.0)).or_default().push((both, between));
+        }
+        let mut crowds: Vec<_> = crowds.into_iter().collect();
+        crowds.sort_by_key(|(_, crowd)| std::cmp::Reverse(crowd.iter().map(|(_, b)| b.decided).sum::<u32>()));
+        for (branch, mut crowd) in crowds {
+            let outer = steps.len();
+            let branch = branch.filter(|_| crowd.len() > 1);
+            steps.extend(branch.map(|b| self.near(b, self.unit_ball(v))));
+            crowd.sort_by_key(|(_, between)| std::cmp::Reverse(between.decided));
+            for ((g, h), between) in crowd {
+                let inner = steps.len();
+                // Two single groups are the units, and were asked already.
+                if !single {
+                    steps.push(self.near(g, h));
+                }
+                steps.extend([Step::Group(g), Step::Group(h)]);
+                self.pairs(program, (g, h), between.pairs, decided, steps);
+                if !single {
+                    close(steps, inner);
+                }
             }
-            steps.extend([Step::Group(g), Step::Group(h)]);
-            self.pairs(program, (g, h), between.pairs, decided, steps);
-            if !single {
-                close(steps, inner);
+            if branch.is_some() {
+                close(steps, outer);
             }
         }
     }

@@ -1,10 +1,12 @@
 //! What can only be seen from inside: that bounds bound.
 
 use crate::chain::LaneFrame;
-use crate::compile::compile;
+use crate::compile::{Compiled, compile};
 use crate::isa::{InstructionSet, checked};
-use crate::kernel::Block;
-use crate::lanes::{Mask, WIDTH};
+use crate::kernel::{Block, place_group, place_region, start_placing};
+use crate::lanes::{Lanes, Mask, Portable, Row, WIDTH};
+use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
+use crate::program::Step;
 use crate::sweep::{Sphere, least_distance};
 use mobee_model::{Robot, Scene, load_robot, random_poses};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
@@ -101,6 +103,84 @@ fn a_pair_keeps_the_distance_that_is_proved() {
                 assert!(distance >= least_distance(&frames, a, b) - 1e-9, "{name}: {i} and {j}");
             }
         }
+    }
+}
+
+/// On intervals of all lengths, the distance of any two ends of two cores changes by no more than the bound says; and
+/// the bound is not far from what they move.
+#[test]
+fn what_moves_keeps_to_its_bound() {
+    for name in ["icub", "katana", "panda"] {
+        let (robot, scene) = scene(name);
+        let Compiled { mut program, layout, mut movers, .. } = compile(&scene, scene.pairs(), 0.0);
+        layout.write_motions(&mut program, &mut movers);
+        let (mut block, mut motions) = (Block::new(&program), Motions::new(&program));
+        let mut poses = random_poses(&robot, 6);
+        let (mut worst, mut bounds, mut coarser) = (0.0f64, 0, 0);
+        for round in 0..12 {
+            let share = 0.25 * 0.3f64.powi(round % 4);
+            let lines: Vec<(Vec<f64>, Vec<f64>)> =
+                poses.by_ref().zip(random_poses(&robot, round as u64)).take(WIDTH).collect();
+            let at = |lane: usize, way: f64| -> Vec<f64> {
+                let (middle, toward) = &lines[lane];
+                middle.iter().zip(toward).map(|(q, to)| q + (to - q) * share * way).collect()
+            };
+            for lane in 0..WIDTH {
+                for (m, (q, end)) in at(lane, 0.0).into_iter().zip(at(lane, 1.0)).enumerate() {
+                    block.motors[m].0[lane] = q;
+                    motions.steps[m].0[lane] = (end - q) as f32;
+                }
+            }
+            start_placing::<Portable>(&program, &mut block);
+            start::<Portable>(&program, &mut motions);
+            for region in 0..program.regions.len() {
+                place_region::<Portable>(&program, &mut block, region);
+                place_twists::<Portable>(&program, &block, &mut motions, region);
+            }
+            (0..program.groups.len()).for_each(|g| place_group::<Portable>(&program, &mut block, g));
+            // The middle's other side is as good: the line goes on beyond it, but for motors at their limits.
+            let frames = |lane: usize, way: f64| {
+                let mut exact = Vec::new();
+                scene.skeletons()[0].place(&at(lane, way), &mut exact);
+                exact
+            };
+            let placed: Vec<Vec<_>> =
+                (0..WIDTH).map(|lane| [0.0, 0.5, 1.0].map(|way| frames(lane, way)).to_vec()).collect();
+            for (step, relative) in program.steps.iter().zip(&program.step_motions) {
+                let Step::Pair(pair) = *step else { continue };
+                let [a, b] = [program.pairs[pair].a, program.pairs[pair].b].map(|solid| program.balls.len() + solid);
+                sum_up::<Portable>(&program, &mut motions, relative);
+                let (mut fine_row, mut coarse_row) = (Row::default(), Row::default());
+                fine::<Portable>(&program, &block, &motions, relative, a, b).store(&mut fine_row);
+                coarse::<Portable>(&motions, relative).store(&mut coarse_row);
+                for (lane, placed) in placed.iter().enumerate() {
+                    let distance = |frames: &[Isometry3<f64>], i: usize, j: usize| {
+                        let at = |mover: usize, end: usize| {
+                            let mover = &movers.movers[mover];
+                            let frame = frames[mover.frame] * movers.frames[mover.frame].choice;
+                            frame * nalgebra::Point3::from(mover.ends[end].center)
+                        };
+                        (at(a, i) - at(b, j)).norm()
+                    };
+                    let bound = f64::from(fine_row.0[lane]);
+                    for (i, j) in [(0, 0), (movers.movers[a].ends.len() - 1, movers.movers[b].ends.len() - 1)] {
+                        for way in 1..3 {
+                            let change = (distance(&placed[way], i, j) - distance(&placed[0], i, j)).abs();
+                            assert!(change <= bound, "{name}, step {step:?}, lane {lane}: {change} beyond {bound}");
+                            worst = worst.max(change / bound);
+                        }
+                    }
+                    bounds += 1;
+                    coarser += usize::from(fine_row.0[lane] < 0.7 * coarse_row.0[lane]);
+                }
+            }
+        }
+        eprintln!(
+            "{name}: at most {:.1} % of a bound; of {bounds}, {coarser} are much finer than the coarse one",
+            100.0 * worst
+        );
+        assert!(worst > 0.5, "a bound twice too wide would hold anything");
+        assert!(coarser * 4 > bounds, "velocities tell more than levers: {coarser} of {bounds}");
     }
 }
 

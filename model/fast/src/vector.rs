@@ -32,6 +32,20 @@ impl<L: Lanes> V3<L> {
     }
 
     #[inline(always)]
+    pub fn plus(self, o: Self) -> Self {
+        V3 { x: self.x + o.x, y: self.y + o.y, z: self.z + o.z }
+    }
+
+    #[inline(always)]
+    pub fn cross(self, o: Self) -> Self {
+        V3 {
+            x: self.z.neg_mul_add(o.y, self.y * o.z),
+            y: self.x.neg_mul_add(o.z, self.z * o.x),
+            z: self.y.neg_mul_add(o.x, self.x * o.y),
+        }
+    }
+
+    #[inline(always)]
     pub fn negated(self) -> Self {
         let zero = L::splat(0.0);
         V3 { x: zero - self.x, y: zero - self.y, z: zero - self.z }

@@ -10,8 +10,6 @@ use std::sync::Arc;
 /// Short edges, on which a hand goes about 23 mm, and long ones.
 const SHORT: usize = 20_000;
 const LONG: usize = 1_000;
-/// No point of any of these robots is farther than this from any axis that moves it here, meters.
-const REACH: f64 = 1.3;
 
 pub fn all(map: &Map, objects: &[Object]) {
     let scene = map.scene(objects.to_vec());
@@ -25,22 +23,39 @@ pub fn all(map: &Map, objects: &[Object]) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../configs/robots/{name}.xml"));
         let robot = Arc::new(load_robot(file).expect("the robot loads").value);
         let scene = Scene::new(vec![(robot.clone(), Isometry3::identity())], objects.to_vec()).expect("a scene");
-        let short = random_edges(&robot, &scene, SHORT, 0.03);
-        check(&format!("{name}, short edges"), &scene, &short);
-        check(&format!("{name}, long edges"), &scene, &random_edges(&robot, &scene, LONG, 1.0));
+        check(&format!("{name}, short edges"), &scene, &random_edges(&robot, &scene, SHORT, Some(0.023)));
+        check(&format!("{name}, long edges"), &scene, &random_edges(&robot, &scene, LONG, None));
     }
 }
 
-/// From free poses, a share of the way to other random poses.
-fn random_edges(robot: &Robot, scene: &Scene, count: usize, share: f64) -> Vec<f64> {
+/// From free poses toward other random poses: all the way, or until the hand has gone about so many meters.
+fn random_edges(robot: &Robot, scene: &Scene, count: usize, hand_path: Option<f64>) -> Vec<f64> {
     let mut free = random_poses(robot, 3).filter(|pose| scene.free(&[pose], 0.0));
     let mut others = random_poses(robot, 4);
     let mut edges = Vec::new();
     for (from, to) in free.by_ref().zip(others.by_ref()).take(count) {
+        let at = |share: f64| from.iter().zip(&to).map(|(a, b)| a + (b - a) * share).collect::<Vec<f64>>();
+        let hand = |share: f64| scene.node_transforms(&[at(share)])[0].last().expect("a hand").translation.vector;
+        let share = hand_path.map_or(1.0, |path| (path * 1e-3 / (hand(1e-3) - hand(0.0)).norm()).min(1.0));
         edges.extend_from_slice(&from);
-        edges.extend(from.iter().zip(&to).map(|(a, b)| a + (b - a) * share));
+        edges.extend(at(share));
     }
     edges
+}
+
+/// How far any link goes, meters.
+fn longest_way(scene: &Scene, from: &[f64], to: &[f64]) -> f64 {
+    let places = |k: usize| {
+        let pose: Vec<f64> = from.iter().zip(to).map(|(a, b)| a + (b - a) * k as f64 / 16.0).collect();
+        scene.node_transforms(&[pose]).concat()
+    };
+    let mut ways = vec![0.0; places(0).len()];
+    for k in 0..16 {
+        for (way, (a, b)) in ways.iter_mut().zip(places(k).iter().zip(&places(k + 1))) {
+            *way += (a.translation.vector - b.translation.vector).norm();
+        }
+    }
+    ways.into_iter().fold(0.0, f64::max)
 }
 
 fn check(name: &str, scene: &Scene, edges: &[f64]) {
@@ -52,8 +67,7 @@ fn check(name: &str, scene: &Scene, edges: &[f64]) {
     for (edge, verdict) in edges.chunks_exact(length).zip(&verdicts) {
         let (from, to) = edge.split_at(length / 2);
         let at = |share: f64| from.iter().zip(to).map(move |(a, b)| a + (b - a) * share);
-        let way: f64 = from.iter().zip(to).map(|(a, b)| (b - a).abs() * REACH).sum();
-        let steps = (way / 1e-4).ceil().max(1.0);
+        let steps = (longest_way(scene, from, to) / 1e-4).ceil().max(1.0);
         let poses: Vec<f64> = (0..=steps as usize).flat_map(|k| at(k as f64 / steps)).collect();
         fast.free(&poses, &mut free).expect("whole poses");
         samples += free.len();

@@ -33,8 +33,10 @@ pub struct Map {
 }
 
 /// Where the hand may be, frame of the robot (x backward, y to its right, z up), meters.
-const OVER_THE_TABLE: [(f64, f64); 2] = [(-0.45, -0.15), (-0.25, 0.55)];
+const OVER_THE_TABLE: [(f64, f64); 2] = [(-0.5, -0.1), (-0.35, 0.65)];
 const HEIGHT: f64 = 0.08;
+/// How far motors are put off before each reach, rad.
+const SPREAD: f64 = 0.08;
 /// Neighbors of each pose.
 const NEIGHBORS: usize = 8;
 
@@ -55,10 +57,15 @@ impl Map {
                 way(a).total_cmp(&way(b))
             });
             // Evenly spread, so none on another.
-            if near.is_some_and(|i| (map.hands[i] - target).norm() < 0.004) {
+            if near.is_some_and(|i| (map.hands[i] - target).norm() < 0.0055) {
                 continue;
             }
-            let start = near.map_or_else(|| map.robot.home(), |i| map.poses[i].clone());
+            // Not quite alike: the paper's search leaves the arm free to reach a place in many ways.
+            let mut start = near.map_or_else(|| map.robot.home(), |i| map.poses[i].clone());
+            for m in &map.motors {
+                let motor = &map.robot.motors[*m];
+                start[*m] = (start[*m] + dice.between(-SPREAD, SPREAD)).clamp(motor.min, motor.max);
+            }
             if let Some(pose) = map.reach(start, target)
                 && scene.free(&[&pose], 0.002)
             {

@@ -1,4 +1,5 @@
-//! Promise: the verdicts of many poses at once are the scalar engine's, pose for pose.
+//! Promise: the verdicts of many poses at once are the scalar engine's, pose for pose; and what is said of an edge holds
+//! for every pose on it.
 
 mod edges;
 mod scenes;

@@ -1,0 +1,105 @@
+//! A roadmap as a recording, as in the paper's figure 7: the map grows, pose by pose, then its edges appear, each group
+//! in a color of its own.
+
+use crate::blueprint::send_map;
+use crate::body::{Body, Look, entity};
+use crate::front::Front;
+use crate::objects::Objects;
+use crate::palette;
+use crate::recording::{Recording, Settings};
+use crate::stream::{Stream, Written};
+use mobee_contract::Time;
+use mobee_model::Scene;
+use rerun::{LineStrips3D, Points3D, TextDocument};
+use std::fmt::Write;
+use std::time::Duration;
+
+/// How long the disk may take for what is still to be written.
+const WRITTEN: Duration = Duration::from_secs(60);
+/// In how many steps the map grows, and how long that takes, seconds.
+const GROWTH: (usize, f64) = (60, 12.0);
+/// What is said of it all.
+const LEGEND: &str = "Each point is a pose of the map: the place of the hand at it. Lines join the hand's places at the \
+                      two ends of an edge; what the hand does between them is not drawn.";
+
+/// Edges that are shown alike.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MapLines {
+    /// In words, such as `blocked by table`.
+    pub name: String,
+    /// Whether something is in their way.
+    pub blocked: bool,
+    /// Numbers of the two vertices of each.
+    pub edges: Vec<(u32, u32)>,
+}
+
+/// What is to be looked at.
+#[derive(Clone, Copy, Debug)]
+pub struct MapView<'a> {
+    /// The robot, the first of the scene, and what stands around it.
+    pub scene: &'a Scene,
+    /// Where the hand is at each vertex, meters.
+    pub vertices: &'a [[f64; 3]],
+    /// The whole robot's pose at each vertex, rad of encoder.
+    pub poses: &'a [&'a [f64]],
+    /// The edges, in the order in which they are drawn, the last ones on top.
+    pub lines: &'a [MapLines],
+}
+
+/// Writes the recording.
+///
+/// # Errors
+/// In words: if the file can't be written.
+pub fn view_map(settings: &Settings, view: &MapView<'_>) -> Result<(), String> {
+    let recording = Recording::begin(settings).map_err(|e| e.to_string())?;
+    let stream = recording.stream(String::new(), LEGEND)?;
+    send_map(&stream.rec, &Front::of(view.scene))?;
+    stream.at(Time::ZERO);
+    Objects::default().update(&stream, view.scene)?;
+    if let Some(robot) = view.scene.robots().first() {
+        let mut body = Body::new(&stream, robot, &view.scene.base(0), 0, &Look::RUN)?;
+        body.pose(Time::ZERO, robot, &robot.home());
+        for (at, count) in steps(view.vertices.len()) {
+            if let Some(q) = view.poses.get(count.saturating_sub(1)) {
+                body.pose(at, robot, q);
+            }
+        }
+        body.flush(&stream)?;
+    }
+    grow(&stream, view)?;
+    stream.at(Time::from_secs(GROWTH.1));
+    lines(&stream, view)?;
+    recording.reach(WRITTEN)?;
+    recording.check()
+}
+
+/// When how many vertices are there.
+fn steps(vertices: usize) -> impl Iterator<Item = (Time, usize)> {
+    let (steps, secs) = GROWTH;
+    (1..=steps).map(move |i| (Time::from_secs(secs * i as f64 / steps as f64), vertices * i / steps))
+}
+
+fn grow(stream: &Stream, view: &MapView<'_>) -> Written {
+    let points: Vec<[f32; 3]> = view.vertices.iter().map(|v| v.map(|x| x as f32)).collect();
+    for (at, count) in steps(points.len()) {
+        stream.at(at);
+        let shown = points.iter().take(count).copied();
+        stream.log("world/map/poses", &Points3D::new(shown).with_colors([palette::VERTEX]).with_radii([0.0025]))?;
+    }
+    Ok(())
+}
+
+fn lines(stream: &Stream, view: &MapView<'_>) -> Written {
+    let mut words = String::from("| edges | |\n|---|---|\n");
+    let mut blocked = 0;
+    for group in view.lines {
+        let color = if group.blocked { palette::blocker(blocked) } else { palette::UNBLOCKED };
+        blocked += usize::from(group.blocked);
+        let at = |id: u32| view.vertices.get(id as usize).map(|v| v.map(|x| x as f32));
+        let ends = group.edges.iter().filter_map(|(a, b)| Some([at(*a)?, at(*b)?]));
+        let strips = LineStrips3D::new(ends).with_colors([color]).with_radii([0.0007]);
+        stream.log(&format!("world/map/{}", entity(&group.name)), &strips)?;
+        let _ = writeln!(words, "| {} | {} |", group.name, group.edges.len());
+    }
+    stream.log_static("edges", &TextDocument::from_markdown(words))
+}

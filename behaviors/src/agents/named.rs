@@ -1,0 +1,95 @@
+//! Poses that a user names: the vertices that a map begins with.
+
+use crate::group;
+use crate::roadmap::{Roadmap, Vertex};
+use mobee_contract::{KindError, Requirements, SetPose, suggestion};
+use mobee_model::Robot;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+/// A pose with a name.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NamedPose {
+    /// Its name.
+    pub name: String,
+    /// Motor positions in degrees, such as `{ torso_yaw = 10, r_elbow = 40 }`; the other motors are at home.
+    pub q_deg: BTreeMap<String, f64>,
+}
+
+/// A map with these poses as its last vertices; what a pose does not name is at home.
+///
+/// # Arguments
+/// * `given`: the map to start from, as a run wrote it.
+/// * `motors`: what it moves, if nothing is given; nothing: what the poses name.
+///
+/// # Errors
+/// Unknown motors, positions outside the limits, names given twice, a broken map: with their path.
+pub(super) fn map(
+    given: Option<&Value>,
+    motors: &[String],
+    poses: &[NamedPose],
+    robot: &Robot,
+) -> Result<Roadmap, KindError> {
+    let each = poses.iter().enumerate();
+    let positions =
+        KindError::gather(each.map(|(i, pose)| group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, robot)))?;
+    let named: BTreeSet<usize> = positions.iter().flatten().map(|(m, _)| *m).collect();
+    let mut map = match given {
+        Some(value) => Roadmap::import(value, robot).map_err(|e| e.under("map"))?,
+        None if motors.is_empty() => Roadmap::new(named.iter().copied().collect(), robot),
+        None => Roadmap::new(group::motors("motors", motors, robot)?, robot),
+    };
+    if let Some(stranger) = named.iter().find(|m| !map.motors().contains(m)) {
+        let name = robot.motors.get(*stranger).map_or("?", |m| m.name.as_str());
+        let help = "add it to `motors`, or remove it from the poses";
+        return Err(KindError::new("poses", format!("the roadmap does not move {name}"), help));
+    }
+    for (i, (pose, q)) in poses.iter().zip(positions).enumerate() {
+        if map.vertices().any(|(_, v)| v.name.as_deref() == Some(pose.name.as_str())) {
+            let what = format!("two poses are named {:?}", pose.name);
+            return Err(KindError::new(format!("poses[{i}].name"), what, "give every pose a name of its own"));
+        }
+        let mut whole = group::home(robot);
+        for (m, value) in q {
+            if let Some(slot) = whole.get_mut(m) {
+                *slot = value;
+            }
+        }
+        map.add(Vertex { name: Some(pose.name.clone()), q: whole, at: [0.0; 3] });
+    }
+    Ok(map)
+}
+
+/// What an agent needs of its map, of which its settings name these vertices.
+pub(super) fn requirements(map: &Roadmap, own: Range<usize>) -> Requirements {
+    let poses = map.vertices().skip(own.start).take(own.len()).enumerate();
+    let poses = poses.map(|(i, (_, v))| SetPose { path: format!("poses[{i}]"), q: v.q.clone(), optional: false });
+    Requirements { motors: map.motors().to_vec(), poses: poses.collect() }
+}
+
+/// The vertices that are to be gone to.
+///
+/// # Errors
+/// Names that the map does not have, or none at all.
+pub(super) fn goals(map: &Roadmap, goals: &[String]) -> Result<Vec<u32>, KindError> {
+    let goals = KindError::gather(goals.iter().enumerate().map(|(i, g)| find(map, &format!("goals[{i}]"), g)))?;
+    if goals.is_empty() {
+        return Err(KindError::new("goals", "there is no goal", "name at least one pose to go to"));
+    }
+    Ok(goals)
+}
+
+/// The vertex of this name.
+///
+/// # Errors
+/// If there is none, with the most similar one.
+pub(super) fn find(map: &Roadmap, path: &str, name: &str) -> Result<u32, KindError> {
+    map.find(name).ok_or_else(|| {
+        let known: Vec<&str> = map.vertices().filter_map(|(_, v)| v.name.as_deref()).collect();
+        KindError::new(path, format!("there is no pose {name:?}"), suggestion(name, "pose", &known))
+    })
+}

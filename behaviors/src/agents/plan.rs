@@ -1,0 +1,350 @@
+//! The planning agent: a tour of goals by a planner alone, for whoever has no map; the map comes about on the way.
+//!
+//! ```text
+//!             known way, certified            none, or a detour
+//!  at ──> goal ──────────────────> drive it      │
+//!    ^       └──────────────> RRT-Connect, shorten ──> way-points become vertices ──> drive it
+//!    └── an edge failed: it is removed, its place is avoided, another seed ──┘
+//! ```
+//!
+//! Where it is and how motions end is the [`Walker`]'s matter, as for every agent with a map; but no edge is driven that was not
+//! certified in the scene as it is at that moment. What was removed by experience, and the places that are avoided, come back when the
+//! world has changed (I11).
+
+mod settings;
+mod tour;
+mod ways;
+
+pub use settings::PlanSettings;
+
+use super::{named, open, seal};
+use crate::group;
+use crate::planners::escape::{caught, escape};
+use crate::planners::{JointPath, NoPath, PathEnd};
+use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
+use crate::roadmap::{Roadmap, Vertex};
+use mobee_contract::*;
+use mobee_model::{Motor, Robot};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::sync::Arc;
+use std::time::Duration;
+use tour::Going;
+use ways::{Leg, Spent, Ways};
+
+/// Plans made for one goal before it counts as missed.
+const PLANS: u32 = 20;
+/// Of these, the ones that may end without a path.
+const EXHAUSTED: u32 = 3;
+/// How often in a row a motion may end elsewhere than at its vertex.
+const OFF_MAP: u32 = 10;
+/// Escapes from what is too near for a plan, in a row.
+const ESCAPES: u32 = 20;
+/// A known way is driven if it is at most so many times as long as the straight line, or as a new plan.
+const DETOUR: f64 = 1.2;
+
+/// Goes round its goals, each by a plan.
+pub struct PlanAgent {
+    robot: Arc<Robot>,
+    walker: Walker,
+    /// How many of the vertices its settings name: the first ones.
+    own: usize,
+    goals: Vec<u32>,
+    repeat: u32,
+    wait: Duration,
+    speed: f64,
+    tolerance: f64,
+    seed: u64,
+    hand: Option<usize>,
+    placed: bool,
+    ways: Ways,
+    /// The vertices still to go through, the one where the robot is first.
+    route: Vec<u32>,
+    state: Going,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    map: Value,
+    progress: WalkProgress,
+    going: Going,
+    spent: Spent,
+}
+
+impl PlanAgent {
+    /// An agent from its settings.
+    ///
+    /// # Errors
+    /// Unknown motors and poses, positions outside the limits, names given twice, a budget of nothing: with their path.
+    pub fn new(settings: PlanSettings, context: &Context) -> Result<PlanAgent, KindError> {
+        let robot = context.robot.clone();
+        let speed = group::speed("speed", settings.speed);
+        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
+        let wait = group::seconds("wait_s", settings.wait_s);
+        let hand = group::marker("hand", settings.hand.as_deref(), &robot);
+        let budget = settings.check_budget();
+        let map = named::map(None, &settings.motors, &settings.poses, &robot);
+        let tour = map.and_then(|map| Ok((named::goals(&map, &settings.goals)?, map)));
+        KindError::gather([
+            speed.clone().map(drop),
+            tolerance.clone().map(drop),
+            wait.clone().map(drop),
+            hand.clone().map(drop),
+            budget,
+            tour.as_ref().map(drop).map_err(Clone::clone),
+        ])?;
+        let (speed, tolerance, wait, hand, (goals, map)) = (speed?, tolerance?, wait?, hand?, tour?);
+        let seed = settings.seed.unwrap_or(context.seed);
+        Ok(PlanAgent {
+            robot,
+            walker: Walker::new(map, speed, tolerance, seed),
+            own: settings.poses.len(),
+            goals,
+            repeat: settings.repeat,
+            wait,
+            speed,
+            tolerance,
+            seed,
+            hand,
+            placed: false,
+            ways: Ways::new(seed, settings.budget),
+            route: Vec::new(),
+            state: Going::default(),
+        })
+    }
+
+    /// The map that has come about so far.
+    pub fn map(&self) -> &Roadmap {
+        &self.walker.map
+    }
+
+    /// Makes the place where the robot rests a vertex, so that no way has to lead to the map first. Answers whether that makes sense:
+    /// it does not where motion after motion ends elsewhere than at its vertex.
+    fn stand(&mut self, last: Option<MotionEnd>, view: &View) -> bool {
+        let at = self.walker.map.at(view.pose(), self.tolerance);
+        if let (Some(MotionEnd::Reached), Some(to)) = (last, self.route.get(1)) {
+            self.state.off_map = if at == Some(*to) { 0 } else { self.state.off_map + 1 };
+        }
+        if at.is_none() && self.state.off_map <= OFF_MAP {
+            self.add(view.pose(), view);
+        }
+        self.state.off_map <= OFF_MAP
+    }
+
+    /// A world that has changed forgives all that failed in the old one.
+    fn forgive(&mut self, view: &View) {
+        let now = view.scene.epoch();
+        if self.state.epoch.replace(now).is_none_or(|before| before == now) {
+            return;
+        }
+        let all = self.walker.map.edges();
+        let removed: Vec<_> =
+            all.iter().filter(|(.., e)| e.state == EdgeState::Removed).map(|(a, b, _)| (*a, *b)).collect();
+        for (from, to) in removed {
+            self.walker.map.readmit(from, to);
+        }
+    }
+
+    /// The robot rests at a vertex on its way to another one: the next motion. `None`: this goal is given up.
+    fn go(&mut self, at: u32, goal: u32, view: &View) -> Option<Intent> {
+        self.forgive(view);
+        if self.route.get(1) == Some(&at) {
+            self.route.remove(0);
+        }
+        let here = self.walker.map.group(view.pose());
+        let leg = Leg { map: &self.walker.map, at, here: &here, goal };
+        if let Err(e) = self.ways.look(&leg, view) {
+            return Some(self.summary(&e.to_string()));
+        }
+        let on_route = self.route.first() == Some(&at) && self.route.last() == Some(&goal);
+        if !(on_route && self.ways.passable(&leg, &self.route)) {
+            self.route = self.ways.known(&leg).unwrap_or_default();
+            let (length, straight) = self.ways.lengths(&leg, &self.route);
+            if self.route.is_empty() || length > DETOUR * straight {
+                if self.state.plans >= PLANS {
+                    self.walker.log(format!("goal {goal} is given up after {PLANS} plans"));
+                    return None;
+                }
+                self.state.plans += 1;
+                match self.ways.plan(&leg) {
+                    Ok(path) if self.route.is_empty() || DETOUR * path.length() < length => {
+                        self.enter(&path, at, goal, view)
+                    }
+                    Err(why) if self.route.is_empty() => return self.without_path(why, goal, view),
+                    _ => {}
+                }
+            }
+        }
+        Some(self.walker.follow(self.route.clone(), view))
+    }
+
+    /// Takes a plan into the map, and as the route.
+    fn enter(&mut self, path: &JointPath, at: u32, goal: u32, view: &View) {
+        let text = format!("a plan of {} way-points, {:.2} rad", path.poses.len(), path.length());
+        self.walker.log(format!("{text}, after {} straight lines", path.evaluations));
+        let mut route = vec![at];
+        let inner = path.poses.len().saturating_sub(2);
+        for pose in path.poses.iter().skip(1).take(inner) {
+            let target = Target { motors: self.walker.map.motors().to_vec(), q: pose.clone(), speed: self.speed };
+            route.push(self.add(&target.pose(view.pose()), view));
+        }
+        route.push(goal);
+        for (from, to) in route.iter().zip(route.iter().skip(1)) {
+            self.walker.map.join(*from, *to);
+        }
+        self.route = route;
+    }
+
+    /// A vertex more.
+    fn add(&mut self, q: &[f64], view: &View) -> u32 {
+        // an encoder may read a little beyond a limit
+        let within = |(q, m): (&f64, &Motor)| q.clamp(m.min, m.max);
+        let q: Vec<f64> = q.iter().zip(&self.robot.motors).map(within).collect();
+        let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
+        let at = group::marker_at(view, hand, &q);
+        self.walker.map.add(Vertex { name: None, q, at })
+    }
+
+    /// What to do where there is no plan. `None`: the goal is given up for now.
+    fn without_path(&mut self, why: NoPath, goal: u32, view: &View) -> Option<Intent> {
+        let text = why.text(&view.scene, view.robot);
+        match why {
+            NoPath::Blocked { end: PathEnd::Start, .. } if self.state.escapes < ESCAPES => {
+                self.state.escapes += 1;
+                let seed = self.seed.wrapping_add(u64::from(self.state.escapes));
+                self.walker.log(format!("no plan: {text}"));
+                let out = escape(view, self.walker.map.motors(), &[], self.speed, seed);
+                Some(out.map_or(Intent::Wait(Duration::from_secs(1)), Intent::MoveTo))
+            }
+            NoPath::Exhausted { .. } if self.state.in_vain + 1 < EXHAUSTED => {
+                self.state.in_vain += 1;
+                self.walker.log(format!("no plan to goal {goal}: {text}"));
+                Some(Intent::Wait(Duration::from_secs(1)))
+            }
+            _ => {
+                self.walker.log(format!("no plan to goal {goal}, which is given up: {text}"));
+                None
+            }
+        }
+    }
+
+    /// Goes on to the next goal of the tour.
+    fn advance(&mut self, reached: bool) {
+        self.state.advance(reached);
+        self.route.clear();
+    }
+
+    fn summary(&mut self, text: &str) -> Intent {
+        self.walker.show(Vec::new());
+        let progress = self.walker.progress();
+        let figures = [
+            ("goals_reached", f64::from(self.state.reached)),
+            ("goals_missed", f64::from(self.state.missed)),
+            ("plans", f64::from(self.ways.spent.plans)),
+            ("lines_judged", self.ways.spent.lines as f64),
+            ("motions_along_edges", f64::from(progress.driven)),
+            ("motions_failed", f64::from(progress.failed)),
+        ];
+        let figures = figures.into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
+        Intent::Done(Summary { text: text.to_owned(), figures })
+    }
+}
+
+impl Agent for PlanAgent {
+    fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
+        if !self.placed {
+            let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
+            self.walker.map.place(|q| group::marker_at(view, hand, q));
+            self.placed = true;
+        }
+        if !caught(view) && !self.stand(last, view) {
+            return self.summary("motions end, but not within `tolerance_deg` of their pose: make it larger");
+        }
+        let mut last = last;
+        // A tour that needs no motion would turn for ever in no time: it rests a second after each round.
+        for _ in 0..=2 * self.goals.len() {
+            let at = match self.walker.step(last.take(), view) {
+                WalkStep::Do(intent) => {
+                    // an escape: the robot rests elsewhere after it
+                    self.route.clear();
+                    return intent;
+                }
+                WalkStep::Lost(why) => return self.summary(&why),
+                WalkStep::Unreachable(_) => continue,
+                WalkStep::At(at) => at,
+            };
+            if self.state.under_way && self.goals.get(self.state.next) == Some(&at) {
+                self.advance(true);
+                if !self.wait.is_zero() {
+                    return Intent::Wait(self.wait);
+                }
+            }
+            match self.state.goal(&self.goals, self.repeat) {
+                Err(why) => return self.summary(why),
+                Ok(goal) if goal == at => {}
+                Ok(goal) => match self.go(at, goal, view) {
+                    Some(intent) => return intent,
+                    None => self.advance(false),
+                },
+            }
+        }
+        Intent::Wait(Duration::from_secs(1))
+    }
+
+    fn notes(&mut self) -> Vec<Note> {
+        self.walker.notes()
+    }
+
+    fn recall(&mut self, past: &[Note]) {
+        self.walker.map.recall(past);
+    }
+
+    fn requirements(&self) -> Requirements {
+        named::requirements(&self.walker.map, 0..self.own)
+    }
+
+    fn export(&self) -> Snapshot {
+        let map = self.walker.map.export(&self.robot);
+        seal(
+            "plan",
+            1,
+            &State { map, progress: self.walker.progress().clone(), going: self.state.clone(), spent: self.ways.spent },
+        )
+    }
+
+    fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
+        let state: State = open(&from, "plan", 1)?;
+        let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
+        if map.motors() != self.walker.map.motors() || self.goals.iter().any(|g| map.vertex(*g).is_none()) {
+            let what = "map: the map is one of other motors, or lacks a goal".to_owned();
+            return Err(Refusal::State { what });
+        }
+        self.walker.resume(map, state.progress);
+        (self.placed, self.state, self.ways.spent) = (true, state.going, state.spent);
+        self.route.clear();
+        Ok(())
+    }
+}
+
+fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {
+    Ok(Box::new(PlanAgent::new(settings(value)?, context)?))
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Agent> {
+        name: "plan",
+        doc: "Tours goals, each by a plan: RRT-Connect and shortcuts, on straight lines that are certified free in the scene as it \
+              is. It needs no map; ways that it has found are driven again as long as they are free. After a motion that failed it plans \
+              around where that was.",
+        schema: || schemars::schema_for!(PlanSettings),
+        example: |robot| {
+            let pose = |name, share| json!({ "name": name, "q_deg": group::example_pose(robot, share) });
+            Ok(json!({
+                "poses": [pose("rest", 0.0), pose("out", 0.2)],
+                "goals": ["out", "rest"], "wait_s": 0.5, "repeat": 0, "speed": 0.1,
+            }))
+        },
+        build,
+    })
+}

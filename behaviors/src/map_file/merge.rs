@@ -1,0 +1,171 @@
+//! Two maps of one robot in one world as one, in whatever order.
+//!
+//! Every part of the result is the greater of the two in some order, so that merging is commutative, associative, and
+//! changes nothing when it is repeated. Vertices are the same if their poses are; they are numbered anew, in the order of
+//! their poses. Of an edge, what was found out goes before what was only believed, and failure before success. Of a run's
+//! log, the longer one is kept: a log is only appended to, so the shorter one is its beginning.
+
+use super::{MapEdge, MapFile, MapVertex, StoredVerdict, TriedMotion, VERSION};
+use mobee_contract::EdgeState;
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
+
+/// Why two maps can't be merged.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MergeRefusal {
+    /// They are of different robots, or worlds, or motors.
+    #[error("the maps have different {what}: {first} and {second}")]
+    Different {
+        /// Of what.
+        what: &'static str,
+        /// As the first has it.
+        first: String,
+        /// As the second has it.
+        second: String,
+    },
+    /// Two poses have one name.
+    #[error("two different poses are named {0:?}")]
+    Named(String),
+}
+
+/// Merges maps.
+///
+/// # Errors
+/// If they are not of one robot, world, hand and group of motors, or one name means two poses.
+pub fn merge(maps: &[MapFile]) -> Result<MapFile, MergeRefusal> {
+    let mut maps: Vec<MapFile> = maps.to_vec();
+    maps.iter_mut().for_each(MapFile::round);
+    let Some(first) = maps.first() else {
+        let what = "numbers of maps";
+        return Err(MergeRefusal::Different { what, first: "none".into(), second: "at least one".into() });
+    };
+    let mut merged = MapFile {
+        version: VERSION,
+        certified: maps.iter().filter_map(|m| m.certified.clone()).max_by(|a, b| json(a).cmp(&json(b))),
+        vertices: Vec::new(),
+        edges: Vec::new(),
+        tried: Vec::new(),
+        ..first.clone()
+    };
+    maps.iter().try_for_each(|map| same(&merged, map))?;
+    let numbers = vertices(&mut merged, &maps)?;
+    let mut edges: BTreeMap<(u32, u32), MapEdge> = BTreeMap::new();
+    let mut logs: BTreeMap<Option<String>, Vec<TriedMotion>> = BTreeMap::new();
+    for (map, number) in maps.iter().zip(&numbers) {
+        let number = |id: u32| number.get(id as usize).copied().unwrap_or(0);
+        for edge in &map.edges {
+            let (from, to) = (number(edge.from), number(edge.to));
+            let verdict = edge.verdict.clone().filter(|_| map.certified == merged.certified);
+            join(&mut edges, MapEdge { from, to, verdict, ..edge.clone() });
+        }
+        let mut own: BTreeMap<Option<String>, Vec<TriedMotion>> = BTreeMap::new();
+        for t in &map.tried {
+            let t = TriedMotion { from: number(t.from), to: number(t.to), ..t.clone() };
+            own.entry(t.run.clone()).or_default().push(t);
+        }
+        for (run, log) in own {
+            let kept = logs.entry(run).or_default();
+            if (log.len(), &log) > (kept.len(), kept) {
+                *kept = log;
+            }
+        }
+    }
+    // a map may hold one pose twice, and an edge between the two
+    merged.edges = edges.into_values().filter(|e| e.from != e.to).collect();
+    merged.tried = logs.into_values().flatten().collect();
+    Ok(merged)
+}
+
+fn same(a: &MapFile, b: &MapFile) -> Result<(), MergeRefusal> {
+    let word = |x: &Option<String>| x.clone().unwrap_or_else(|| "not said".to_owned());
+    let short = |x: &Option<String>| word(x).chars().take(12).collect::<String>();
+    let length = |m: &MapFile| m.vertices.first().map(|v| v.q_rad.len());
+    let poses = |m: &MapFile| length(m).map_or("none".to_owned(), |n| format!("{n} positions"));
+    let checks = [
+        ("robots", a.robot != b.robot, a.robot.clone(), b.robot.clone()),
+        ("robot models", a.robot_sha256 != b.robot_sha256, short(&a.robot_sha256), short(&b.robot_sha256)),
+        ("worlds", a.world_sha256 != b.world_sha256, short(&a.world_sha256), short(&b.world_sha256)),
+        ("motors", a.motors != b.motors, a.motors.join(" "), b.motors.join(" ")),
+        ("hands", a.hand != b.hand, word(&a.hand), word(&b.hand)),
+        ("poses", length(a).zip(length(b)).is_some_and(|(a, b)| a != b), poses(a), poses(b)),
+    ];
+    let refuse = |(what, _, first, second)| MergeRefusal::Different { what, first, second };
+    checks.into_iter().find(|(_, differ, ..)| *differ).map_or(Ok(()), |check| Err(refuse(check)))
+}
+
+/// A pose in a total order.
+struct Key<'a>(&'a [f64]);
+
+impl Ord for Key<'_> {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let all = self.0.iter().zip(other.0).map(|(a, b)| a.total_cmp(b));
+        all.fold(Ordering::Equal, Ordering::then).then(self.0.len().cmp(&other.0.len()))
+    }
+}
+impl PartialOrd for Key<'_> {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl PartialEq for Key<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+impl Eq for Key<'_> {}
+
+/// Fills in the vertices of all maps; answers for each map the new numbers of its vertices.
+fn vertices(merged: &mut MapFile, maps: &[MapFile]) -> Result<Vec<Vec<u32>>, MergeRefusal> {
+    let mut all: BTreeMap<Key<'_>, (Option<&String>, [f64; 3])> = BTreeMap::new();
+    for v in maps.iter().flat_map(|m| &m.vertices) {
+        let (name, at) = all.entry(Key(&v.q_rad)).or_insert((None, v.at_m));
+        match (*name, &v.name) {
+            (Some(a), Some(b)) if a != b => {
+                let (first, second) = (a.min(b).clone(), a.max(b).clone());
+                return Err(MergeRefusal::Different { what: "names for one pose", first, second });
+            }
+            (None, Some(b)) => *name = Some(b),
+            _ => {}
+        }
+        if Key(&v.at_m) > Key(at) {
+            *at = v.at_m;
+        }
+    }
+    let mut numbers = BTreeMap::new();
+    let mut names = BTreeMap::new();
+    for (i, (key, (name, at))) in all.into_iter().enumerate() {
+        if let Some(name) = name
+            && names.insert(name, i).is_some()
+        {
+            return Err(MergeRefusal::Named(name.clone()));
+        }
+        merged.vertices.push(MapVertex { id: i as u32, name: name.cloned(), q_rad: key.0.to_vec(), at_m: at });
+        numbers.insert(key, i as u32);
+    }
+    let number = |v: &MapVertex| numbers.get(&Key(&v.q_rad)).copied().unwrap_or(0);
+    Ok(maps.iter().map(|m| m.vertices.iter().map(number).collect()).collect())
+}
+
+/// Takes an edge in, or what it knows more than the one that is there.
+fn join(edges: &mut BTreeMap<(u32, u32), MapEdge>, edge: MapEdge) {
+    let known = edges.entry((edge.from, edge.to)).or_insert_with(|| edge.clone());
+    let rank = |e: &MapEdge| {
+        let state = match e.state {
+            EdgeState::Doubtful => 1,
+            EdgeState::Feasible => 2,
+            EdgeState::Removed => 3,
+            _ => 0,
+        };
+        (state, e.driven, e.cause.clone())
+    };
+    let verdict = |e: &MapEdge| e.verdict.as_ref().map(json::<StoredVerdict>);
+    let certified = if verdict(known) < verdict(&edge) { edge.verdict.clone() } else { known.verdict.clone() };
+    if rank(known) < rank(&edge) {
+        *known = edge;
+    }
+    known.verdict = certified;
+}
+
+fn json<T: serde::Serialize>(value: &T) -> String {
+    serde_json::to_string(value).unwrap_or_default()
+}

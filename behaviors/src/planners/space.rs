@@ -1,0 +1,309 @@
+//! The joint space of a group of motors in a scene: where straight lines are judged.
+
+use super::{NoPath, PathEnd, PlanningProblem, apart, between};
+use crate::group::allowed;
+use crate::short_way::JointMetric;
+use mobee_contract::{Axis, View};
+use mobee_fast::{EdgeVerdict, FastError, FastScene};
+use mobee_model::{Motor, Pair, Scene};
+use rand::Rng;
+use std::f64::consts::TAU;
+
+/// How far outside its limits a motor may be by rounding, rad.
+const ROUNDING: f64 = 1e-9;
+
+/// The poses of a group of motors, while everything else stands where it is.
+///
+/// Compiles its scene once ([`FastScene`], some ten milliseconds for a humanoid), so keep it for as long as the scene is the same:
+/// [`JointSpace::fits`]. Only pairs of shapes that the robot has part in count: what others touch is their matter.
+pub struct JointSpace {
+    fast: FastScene,
+    robot: usize,
+    epoch: u64,
+    clearance: f64,
+    /// The group, as indices into `Robot::motors`, and its motors with the limits of robot and board.
+    motors: Vec<usize>,
+    joints: Vec<Motor>,
+    metric: JointMetric,
+    /// Where each of them is in a pose of the scene, and such a pose.
+    columns: Vec<usize>,
+    rest: Vec<f64>,
+    /// Places that no line may come near, by experience: a pose, and how near, rad.
+    avoided: Vec<(Vec<f64>, f64)>,
+    evaluations: u64,
+    edges: Vec<f64>,
+    verdicts: Vec<EdgeVerdict>,
+    free: Vec<bool>,
+}
+
+impl JointSpace {
+    /// The space of an agent's robot, as its view has it.
+    ///
+    /// # Errors
+    /// A clearance that is none.
+    pub fn of(view: &View, motors: &[usize]) -> Result<JointSpace, FastError> {
+        Self::new(&view.scene, view.robot, &view.poses, motors, &view.axes, view.clearance)
+    }
+
+    /// The space of these motors of one robot of a scene.
+    ///
+    /// # Arguments
+    /// * `poses`: of all robots, rad of encoder; what has no entry is at home.
+    /// * `motors`: indices into `Robot::motors`; those that the robot has not are left out.
+    /// * `axes`: the robot's board, whose limits may be narrower than the model's; may be empty.
+    /// * `clearance`: nearer than this, or as near, meters, is not free.
+    ///
+    /// # Errors
+    /// A clearance that is negative or not finite.
+    pub fn new<P: AsRef<[f64]>>(
+        scene: &Scene,
+        robot: usize,
+        poses: &[P],
+        motors: &[usize],
+        axes: &[Axis],
+        clearance: f64,
+    ) -> Result<JointSpace, FastError> {
+        let own = |shape: u32| scene.shape_id(shape).and_then(|id| id.robot()) == Some(robot);
+        let fast = FastScene::of_pairs(scene, clearance, |a, b| own(a) || own(b))?;
+        let model = scene.robots().get(robot);
+        let narrowed = |m: &usize| {
+            let motor = model?.motors.get(*m)?;
+            let (min, max) = allowed((motor.min, motor.max), axes.get(*m));
+            Some((*m, Motor { min, max, ..motor.clone() }))
+        };
+        let (motors, joints): (Vec<usize>, Vec<Motor>) = motors.iter().filter_map(narrowed).unzip();
+        let before: usize = scene.robots().iter().take(robot).map(|r| r.motors.len()).sum();
+        let metric = JointMetric::of_each(joints.iter().map(Some));
+        let columns = motors.iter().map(|m| before + m).collect();
+        let mut space = JointSpace {
+            fast,
+            robot,
+            epoch: scene.epoch(),
+            clearance,
+            motors,
+            joints,
+            metric,
+            columns,
+            rest: Vec::new(),
+            avoided: Vec::new(),
+            evaluations: 0,
+            edges: Vec::new(),
+            verdicts: Vec::new(),
+            free: Vec::new(),
+        };
+        space.stand(scene, poses);
+        Ok(space)
+    }
+
+    /// Whether it is still the space of these motors in this view, wherever everybody stands.
+    pub fn fits(&self, view: &View, motors: &[usize]) -> bool {
+        let same = self.epoch == view.scene.epoch() && self.clearance == view.clearance && self.robot == view.robot;
+        same && self.motors == motors
+    }
+
+    /// Everything that the group does not move is here now.
+    pub fn stand<P: AsRef<[f64]>>(&mut self, scene: &Scene, poses: &[P]) {
+        self.rest.clear();
+        for (r, robot) in scene.robots().iter().enumerate() {
+            let pose = poses.get(r).map_or(&[][..], |p| p.as_ref());
+            self.rest.extend(robot.motors.iter().enumerate().map(|(m, of)| pose.get(m).copied().unwrap_or(of.home)));
+        }
+    }
+
+    /// The group: indices into `Robot::motors`.
+    pub fn motors(&self) -> &[usize] {
+        &self.motors
+    }
+
+    /// Distances between poses of the group.
+    pub fn metric(&self) -> &JointMetric {
+        &self.metric
+    }
+
+    /// Straight lines judged since it was made.
+    pub fn evaluations(&self) -> u64 {
+        self.evaluations
+    }
+
+    /// The diagonal of its box, one turn for motors without end, rad.
+    pub fn extent(&self) -> f64 {
+        self.joints.iter().map(|m| (m.max - m.min).min(TAU)).map(|way| way * way).sum::<f64>().sqrt()
+    }
+
+    /// A pose within the limits, all alike likely.
+    pub fn sample(&self, rng: &mut impl Rng) -> Vec<f64> {
+        let draw = |motor: &Motor| {
+            let (min, max) = motor.range();
+            if max > min { rng.random_range(min..=max) } else { min }
+        };
+        self.joints.iter().map(draw).collect()
+    }
+
+    /// The pose that is the same as `to` and has the shortest way from `from`, within the limits.
+    pub fn toward(&self, from: &[f64], to: &[f64]) -> Vec<f64> {
+        self.joints
+            .iter()
+            .zip(from.iter().zip(to))
+            .map(|(motor, (from, to))| motor.nearest_equivalent(*from, *to))
+            .collect()
+    }
+
+    /// The first motor of the group that can't be at this pose, an index into `Robot::motors`.
+    pub fn outside(&self, q: &[f64]) -> Option<usize> {
+        let mut all = self.motors.iter().zip(self.joints.iter().zip(q));
+        all.find(|(_, (m, q))| !(**q >= m.min - ROUNDING && **q <= m.max + ROUNDING)).map(|(m, _)| *m)
+    }
+
+    /// Lines that come nearer than `radius` (rad) to this pose are not free from now on, whatever the scene says: something that it does
+    /// not show was met there.
+    pub fn avoid(&mut self, pose: Vec<f64>, radius: f64) {
+        self.avoided.push((pose, radius));
+    }
+
+    /// Nothing is avoided any more.
+    pub fn forgive(&mut self) {
+        self.avoided.clear();
+    }
+
+    /// The pose put within the limits, beyond which an encoder may read a little.
+    pub fn within(&self, q: &[f64]) -> Vec<f64> {
+        q.iter().zip(&self.joints).map(|(q, m)| q.max(m.min).min(m.max)).collect()
+    }
+
+    /// Judges poses of the group: which are free.
+    pub fn free<'a>(&mut self, poses: impl IntoIterator<Item = &'a [f64]>) -> &[bool] {
+        self.look(poses);
+        self.evaluations += self.free.len() as u64;
+        &self.free
+    }
+
+    fn look<'a>(&mut self, poses: impl IntoIterator<Item = &'a [f64]>) {
+        self.edges.clear();
+        let mut count = 0;
+        for pose in poses {
+            whole(&mut self.edges, &self.rest, &self.columns, pose);
+            count += 1;
+        }
+        if self.fast.free(&self.edges, &mut self.free).is_err() {
+            // can't be: they are whole poses
+            self.free = vec![false; count];
+        }
+    }
+
+    /// Judges straight lines, one verdict for each, in order. Several at once are hardly dearer than one. A line that is not the short
+    /// way of a motor without end, or passes a place that is avoided, is uncertified.
+    pub fn certify<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> &[EdgeVerdict] {
+        self.judge(edges);
+        self.evaluations += self.verdicts.len() as u64;
+        &self.verdicts
+    }
+
+    fn judge<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) {
+        self.edges.clear();
+        let mut near = Vec::new();
+        for (from, to) in edges {
+            whole(&mut self.edges, &self.rest, &self.columns, from);
+            whole(&mut self.edges, &self.rest, &self.columns, to);
+            // the robot takes the short way, so no other is of use
+            let long = (self.toward(from, to) != to).then_some(0.0);
+            near.push(
+                long.or_else(|| self.avoided.iter().find_map(|(pose, radius)| self.passes(from, to, pose, *radius))),
+            );
+        }
+        if self.fast.certify(&self.edges, &mut self.verdicts).is_err() {
+            // can't be: they are whole poses
+            self.verdicts = near.iter().map(|_| EdgeVerdict::Uncertified { at: 0.0 }).collect();
+        }
+        for (verdict, near) in self.verdicts.iter_mut().zip(near) {
+            if let (EdgeVerdict::Free, Some(at)) = (&verdict, near) {
+                *verdict = EdgeVerdict::Uncertified { at };
+            }
+        }
+    }
+
+    /// Which of these straight lines are free, as [`JointSpace::certify`] has it, but quicker where many are not: a few poses of each are
+    /// looked at first, since it does not matter where a line is blocked.
+    pub fn free_lines<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> Vec<bool> {
+        let edges: Vec<(&[f64], &[f64])> = edges.into_iter().collect();
+        self.evaluations += edges.len() as u64;
+        let mut open: Vec<usize> = (0..edges.len()).collect();
+        for shares in [&[1.0][..], &[0.5], &[0.25, 0.75, 0.125, 0.375, 0.625, 0.875]] {
+            let lines = open.iter().filter_map(|i| edges.get(*i));
+            let poses: Vec<Vec<f64>> = lines.flat_map(|(a, b)| shares.iter().map(|t| between(a, b, *t))).collect();
+            self.look(poses.iter().map(Vec::as_slice));
+            let mut free = self.free.chunks(shares.len()).map(|all| all.iter().all(|free| *free));
+            open.retain(|_| free.next().unwrap_or(false));
+        }
+        self.judge(open.iter().filter_map(|i| edges.get(*i).copied()));
+        let mut free = vec![false; edges.len()];
+        for (i, verdict) in open.into_iter().zip(&self.verdicts) {
+            if let Some(free) = free.get_mut(i) {
+                *free = is_free(verdict);
+            }
+        }
+        free
+    }
+
+    /// Whether all of these straight lines are free.
+    pub fn all_free<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> bool {
+        self.free_lines(edges).into_iter().all(|free| free)
+    }
+
+    /// Where a straight line comes within `radius` of a pose, as a share of it.
+    fn passes(&self, from: &[f64], to: &[f64], pose: &[f64], radius: f64) -> Option<f64> {
+        let length = apart(from, to);
+        let pose = self.toward(&between(from, to, 0.5), pose);
+        let along: f64 = from.iter().zip(to).zip(&pose).map(|((a, b), p)| (p - a) * (b - a)).sum();
+        let share = if length > 0.0 { (along / (length * length)).clamp(0.0, 1.0) } else { 0.0 };
+        (apart(&between(from, to, share), &pose) < radius).then_some(share)
+    }
+
+    /// The ends of a problem, the goal in the turn nearest to the start.
+    ///
+    /// # Errors
+    /// What no planner can help: an end that is malformed, outside the limits or not free.
+    pub fn ends(&mut self, problem: &PlanningProblem) -> Result<(Vec<f64>, Vec<f64>), NoPath> {
+        let n = self.motors.len();
+        let start = problem.start.clone();
+        let goal = self.toward(&start, &problem.goal);
+        for (end, given, q) in [(PathEnd::Start, &problem.start, &start), (PathEnd::Goal, &problem.goal, &goal)] {
+            if n == 0 || given.len() != n || given.iter().any(|q| !q.is_finite()) {
+                return Err(NoPath::Malformed(end));
+            }
+            if let Some(motor) = self.outside(q) {
+                return Err(NoPath::Limits { end, motor });
+            }
+        }
+        for (end, q) in [(PathEnd::Start, &start), (PathEnd::Goal, &goal)] {
+            if let Err(pair) = self.stands_free(q) {
+                return Err(NoPath::Blocked { end, pair });
+            }
+        }
+        Ok((start, goal))
+    }
+
+    /// Whether a pose is free; if not, what is too near, unless it is a constraint.
+    fn stands_free(&mut self, q: &[f64]) -> Result<(), Option<Pair>> {
+        match self.certify([(q, q)]).first() {
+            Some(EdgeVerdict::Free) => Ok(()),
+            Some(EdgeVerdict::Blocked(obstruction)) => Err(obstruction.pair),
+            _ => Err(None),
+        }
+    }
+}
+
+/// Whether a straight line may be driven.
+fn is_free(verdict: &EdgeVerdict) -> bool {
+    matches!(verdict, EdgeVerdict::Free)
+}
+
+/// Adds a pose of the whole scene: the group's share put in its columns.
+fn whole(all: &mut Vec<f64>, rest: &[f64], columns: &[usize], pose: &[f64]) {
+    let first = all.len();
+    all.extend(rest);
+    for (column, q) in columns.iter().zip(pose) {
+        if let Some(slot) = all.get_mut(first + column) {
+            *slot = *q;
+        }
+    }
+}

@@ -1,0 +1,296 @@
+//! The scan: looks at every point, several at once.
+//!
+//! A copy of the points in `f32` is kept in tiles, a coordinate of sixteen points side by side, so that the compiler makes vector
+//! instructions of the plain loops below. The copy only decides which points can't be among the nearest, with rounding on the safe side;
+//! the others are measured exactly.
+
+use super::{Neighbors, nearest};
+use crate::short_way::JointMetric;
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+/// Points of a tile.
+const TILE: usize = 16;
+/// Coordinates after which a tile may be given up.
+const STRIDE: usize = 8;
+/// Coordinates beyond this are left to exact arithmetic, as are those that are no numbers.
+const LARGE: f64 = 1e6;
+/// Neighbors beyond which sorting everything is as good.
+const MANY: usize = 64;
+/// Points that are compared with a tile at once when all are wanted.
+const ROWS: usize = 4;
+
+/// A number per point of a tile.
+type Row = [f32; TILE];
+
+/// Looks at every point: the right thing in many dimensions, and the reference for the tree.
+#[derive(Clone, Debug, Default)]
+pub struct Flat {
+    metric: JointMetric,
+    dimension: usize,
+    /// Per coordinate, whether it passes from one turn to the next; nothing at all if none does.
+    turning: Vec<bool>,
+    /// By slot: its id, and its coordinates one after the other.
+    ids: Vec<u32>,
+    points: Vec<f64>,
+    slots: BTreeMap<u32, usize>,
+    /// The copy: `dimension` rows for each tile; lanes without a point are far away.
+    tiles: Vec<Row>,
+    /// The largest coordinate that there ever was, and how many points are beyond [`LARGE`].
+    largest: f64,
+    wild: usize,
+}
+
+impl Flat {
+    /// No points of this many coordinates.
+    pub fn new(dimension: usize, metric: &JointMetric) -> Flat {
+        let turning = if metric.is_plain() { Vec::new() } else { (0..dimension).map(|i| metric.turns(i)).collect() };
+        Flat { metric: metric.clone(), dimension, turning, ..Flat::default() }
+    }
+
+    /// A point by its id.
+    pub fn point(&self, id: u32) -> Option<&[f64]> {
+        self.slots.get(&id).map(|slot| self.at(*slot))
+    }
+
+    /// How far the point of this id is from another one.
+    pub fn distance(&self, id: u32, q: &[f64]) -> Option<f64> {
+        self.point(id).map(|p| self.metric.distance(p, q))
+    }
+
+    fn at(&self, slot: usize) -> &[f64] {
+        let from = slot * self.dimension;
+        self.points.get(from..from + self.dimension).unwrap_or(&[])
+    }
+
+    /// As many coordinates as there are to be.
+    fn fitted(&self, q: &[f64]) -> Vec<f64> {
+        q.iter().copied().chain(std::iter::repeat(0.0)).take(self.dimension).collect()
+    }
+
+    /// A coordinate of the copy: of what turns, where in its turn.
+    fn copied(&self, i: usize, x: f64) -> f32 {
+        if self.turns(i) { (x - (x / TAU).round() * TAU) as f32 } else { x as f32 }
+    }
+
+    fn turns(&self, i: usize) -> bool {
+        self.turning.get(i).copied().unwrap_or(false)
+    }
+
+    /// Writes a slot into the copy; without a point it is far away.
+    fn copy(&mut self, slot: usize, q: Option<&[f64]>) {
+        let (first, lane) = (slot / TILE * self.dimension, slot % TILE);
+        if self.tiles.len() < first + self.dimension {
+            self.tiles.resize(first + self.dimension, [f32::INFINITY; TILE]);
+        }
+        for i in 0..self.dimension {
+            let x = q.and_then(|q| q.get(i)).map_or(f32::INFINITY, |x| self.copied(i, *x));
+            if let Some(x_there) = self.tiles.get_mut(first + i).and_then(|row| row.get_mut(lane)) {
+                *x_there = x;
+            }
+        }
+    }
+
+    /// The squared distance in the copy beyond which a point is farther than `distance`, whatever was rounded.
+    ///
+    /// The copies of two points are off by less than `moved` together; each of the sums is off by less than a rounding per term and a
+    /// few more.
+    fn limit(&self, distance: f64, largest: f64) -> f32 {
+        let unit = f64::from(f32::EPSILON);
+        let moved = (self.dimension as f64).sqrt() * (self.largest + largest + TAU) * unit;
+        let squared = (distance + moved).powi(2) * (1.0 + (self.dimension as f64 + 8.0) * unit);
+        squared as f32
+    }
+
+    /// All points in exact arithmetic.
+    fn every(&self, q: &[f64], k: usize) -> Vec<(f64, u32)> {
+        let all = self.ids.iter().enumerate();
+        nearest(all.map(|(slot, id)| (self.metric.distance(self.at(slot), q), *id)).collect(), k)
+    }
+
+    /// The rows of a tile.
+    fn tile(&self, tile: usize) -> &[Row] {
+        let from = tile * self.dimension;
+        self.tiles.get(from..from + self.dimension).unwrap_or(&[])
+    }
+}
+
+impl Neighbors for Flat {
+    fn add(&mut self, id: u32, q: &[f64]) {
+        let q = self.fitted(q);
+        self.remove(id);
+        let slot = self.ids.len();
+        self.ids.push(id);
+        self.slots.insert(id, slot);
+        self.wild += usize::from(is_wild(&q));
+        if !is_wild(&q) {
+            self.largest = q.iter().fold(self.largest, |most, x| most.max(x.abs()));
+        }
+        self.copy(slot, Some(&q));
+        self.points.extend(q);
+    }
+
+    fn remove(&mut self, id: u32) {
+        let Some(slot) = self.slots.remove(&id) else { return };
+        self.wild -= usize::from(is_wild(self.at(slot)));
+        // the last one takes its place
+        let last = self.ids.len() - 1;
+        let moved = self.at(last).to_vec();
+        self.ids.swap_remove(slot);
+        self.points.truncate(last * self.dimension);
+        self.copy(last, None);
+        if let Some(id) = self.ids.get(slot) {
+            self.slots.insert(*id, slot);
+            self.copy(slot, Some(&moved));
+            let from = slot * self.dimension;
+            self.points.splice(from..from + self.dimension, moved);
+        }
+    }
+
+    fn knn(&self, q: &[f64], k: usize) -> Vec<(f64, u32)> {
+        let q = self.fitted(q);
+        if k >= self.len() || k > MANY || self.wild > 0 || is_wild(&q) {
+            return self.every(&q, k);
+        }
+        let mut best = Best::new(k);
+        let largest = q.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        let copy: Vec<f32> = q.iter().enumerate().map(|(i, x)| self.copied(i, *x)).collect();
+        let mut limit = f32::INFINITY;
+        for (tile, ids) in self.ids.chunks(TILE).enumerate() {
+            let Some(squares) = squares([&copy], self.tile(tile), &self.turning, [&[limit; TILE]]) else { continue };
+            for (lane, (id, square)) in ids.iter().zip(&squares[0]).enumerate() {
+                if *square <= limit && best.offer(self.metric.distance(self.at(tile * TILE + lane), &q), *id) {
+                    limit = self.limit(best.worst(), largest);
+                }
+            }
+        }
+        best.found
+    }
+
+    fn knn_all(&self, k: usize) -> Vec<(u32, Vec<(f64, u32)>)> {
+        let by_id = |(id, slot): (&u32, &usize)| (*id, *slot);
+        if k > MANY || self.wild > 0 || k + 1 >= self.len() {
+            let others = |(id, slot): (u32, usize)| {
+                let mut near = self.every(self.at(slot), self.len());
+                near.retain(|(_, other)| *other != id);
+                near.truncate(k);
+                (id, near)
+            };
+            return self.slots.iter().map(by_id).map(others).collect();
+        }
+        let mut best: Vec<Best> = self.ids.iter().map(|_| Best::new(k)).collect();
+        // of every point, beyond which square nothing is among its nearest
+        let mut limits: Vec<Row> = self.ids.chunks(TILE).map(|_| [f32::INFINITY; TILE]).collect();
+        // Each pair is looked at once: rows of a tile against it and the tiles behind it.
+        let rows: Vec<Vec<f32>> = (0..self.len())
+            .map(|slot| self.at(slot).iter().enumerate().map(|(i, x)| self.copied(i, *x)).collect())
+            .collect();
+        for (block, rows) in rows.chunks(ROWS).enumerate() {
+            let mut padded: [&[f32]; ROWS] = [&[]; ROWS];
+            for (i, row) in padded.iter_mut().enumerate() {
+                *row = rows.get(i).or(rows.last()).map_or(&[], |row| row);
+            }
+            for tile in block * ROWS / TILE..limits.len() {
+                let of_tile = limits[tile];
+                let either: [Row; ROWS] = std::array::from_fn(|i| {
+                    let slot = block * ROWS + i;
+                    let own = limits.get(slot / TILE).map_or(0.0, |row| row[slot % TILE]);
+                    of_tile.map(|limit| if limit > own { limit } else { own })
+                });
+                let Some(squares) = squares(padded, self.tile(tile), &self.turning, either.each_ref()) else {
+                    continue;
+                };
+                for (i, (squares, either)) in squares.iter().zip(&either).enumerate().take(rows.len()) {
+                    let slot = block * ROWS + i;
+                    for (lane, (square, limit)) in squares.iter().zip(either).enumerate() {
+                        let other = tile * TILE + lane;
+                        if *square > *limit || other <= slot || other >= self.len() {
+                            continue;
+                        }
+                        let distance = self.metric.distance(self.at(other), self.at(slot));
+                        for (of, to) in [(slot, other), (other, slot)] {
+                            if best[of].offer(distance, self.ids[to]) {
+                                limits[of / TILE][of % TILE] = self.limit(best[of].worst(), self.largest);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        self.slots.iter().map(by_id).map(|(id, slot)| (id, std::mem::take(&mut best[slot].found))).collect()
+    }
+
+    fn len(&self) -> usize {
+        self.ids.len()
+    }
+}
+
+/// The squared distances of some points from those of a tile, as far as they matter: `None` once all are beyond their limits.
+#[inline(always)]
+fn squares<const N: usize>(rows: [&[f32]; N], tile: &[Row], turning: &[bool], limits: [&Row; N]) -> Option<[Row; N]> {
+    let mut sums = [[0.0f32; TILE]; N];
+    for (from, coordinates) in tile.chunks(STRIDE).enumerate() {
+        for (i, xs) in coordinates.iter().enumerate() {
+            let i = from * STRIDE + i;
+            let turns = turning.get(i).copied().unwrap_or(false);
+            for (sums, row) in sums.iter_mut().zip(&rows) {
+                let y = row.get(i).copied().unwrap_or(0.0);
+                if turns {
+                    for (sum, x) in sums.iter_mut().zip(xs) {
+                        let way = (x - y).abs();
+                        let other = TAU as f32 - way;
+                        let way = if other < way { other } else { way };
+                        *sum += way * way;
+                    }
+                } else {
+                    for (sum, x) in sums.iter_mut().zip(xs) {
+                        *sum += (x - y) * (x - y);
+                    }
+                }
+            }
+        }
+        let mut near = false;
+        for (sums, limits) in sums.iter().zip(&limits) {
+            for (sum, limit) in sums.iter().zip(limits.iter()) {
+                near |= sum <= limit;
+            }
+        }
+        if !near {
+            return None;
+        }
+    }
+    Some(sums)
+}
+
+/// Whether a point is left to exact arithmetic.
+fn is_wild(q: &[f64]) -> bool {
+    q.iter().any(|x| x.is_nan() || x.abs() > LARGE)
+}
+
+/// The nearest so far, in order.
+struct Best {
+    k: usize,
+    found: Vec<(f64, u32)>,
+}
+
+impl Best {
+    fn new(k: usize) -> Best {
+        Best { k, found: Vec::with_capacity(k + 1) }
+    }
+
+    /// Whether it is among the nearest now, and there are enough of them for a limit.
+    fn offer(&mut self, distance: f64, id: u32) -> bool {
+        let place = self.found.partition_point(|(d, i)| d.total_cmp(&distance).then(i.cmp(&id)).is_lt());
+        if place >= self.k {
+            return false;
+        }
+        self.found.insert(place, (distance, id));
+        self.found.truncate(self.k);
+        self.found.len() == self.k
+    }
+
+    /// The distance of the last one.
+    fn worst(&self) -> f64 {
+        self.found.last().map_or(f64::INFINITY, |(d, _)| *d)
+    }
+}

@@ -1,0 +1,146 @@
+//! Parts of a map that nothing leads to, or out of, are joined to the rest where there is a way; what stays useless is left out.
+
+use crate::world::*;
+use mobee_behaviors::planners::{JointSpace, RrtConnect};
+use mobee_behaviors::roadmap::join::JoinSettings;
+use mobee_behaviors::roadmap::{Roadmap, Vertex};
+use mobee_contract::{EdgeState, Pose};
+use mobee_model::{ObjectClass, Robot, Scene};
+use proptest::prelude::*;
+use std::collections::BTreeSet;
+
+const CLEARANCE: f64 = 0.012;
+
+fn space(scene: &Scene) -> JointSpace {
+    let motors: Vec<usize> = (0..scene.robots()[0].motors.len()).collect();
+    JointSpace::new(scene, 0, &scene.home(), &motors, &[], CLEARANCE).unwrap()
+}
+
+fn map(robot: &Robot, poses: &[Vec<f64>]) -> Roadmap {
+    let mut map = Roadmap::new((0..robot.motors.len()).collect(), robot);
+    for q in poses {
+        map.add(Vertex { name: None, q: q.clone(), at: [0.0; 3] });
+    }
+    map
+}
+
+fn line_free(scene: &Scene, map: &Roadmap, a: u32, b: u32) -> bool {
+    let q = |id| map.vertex(id).unwrap().q.clone();
+    scene.line_free(0, &scene.home(), &q(a), &q(b), 0.001, CLEARANCE)
+}
+
+fn here(scene: &Scene) -> Pose {
+    scene.home()[0].clone()
+}
+
+#[test]
+fn two_sides_of_a_ball_become_one_map() {
+    let robot = arm(3);
+    let scene = scene(&robot, vec![ball("ball", 0.8, 0.0, 0.06, ObjectClass::Obstacle)]);
+    let (left, right) = ([1.0, 1.2, 1.4], [-1.0, -1.2, -1.4]);
+    let mut map = map(&robot, &left.iter().chain(&right).map(|q| vec![*q, 0.0, 0.0]).collect::<Vec<_>>());
+    for (a, b) in [(0, 1), (1, 2), (3, 4), (4, 5)] {
+        map.join(a, b);
+    }
+    // and a dead end: there is a way in, and none out
+    map.join(2, 0);
+    map.failed(2, 1, None);
+    map.failed(2, 0, None);
+    assert_eq!(map.islands(), vec![vec![3, 4, 5], vec![0, 1], vec![2]]);
+    let mut again = map.clone();
+    let mut space = space(&scene);
+    let rest = here(&scene);
+    let report = map.join_islands(&mut space, &RrtConnect::default(), JoinSettings::default(), &rest, &|_| [0.0; 3]);
+    assert_eq!((report.islands, report.in_vain), ((3, 1), 0), "{report:?}");
+    assert!(report.vertices > 0 && report.edges >= 2 * report.vertices);
+    for (a, b, edge) in map.edges() {
+        assert!(edge.state == EdgeState::Removed || line_free(&scene, &map, a, b), "{a} -> {b} is not free");
+    }
+    assert_eq!(map.edge(2, 1).unwrap().state, EdgeState::Removed, "what failed stays removed");
+    assert!(map.plan(2, 5).is_some() && map.plan(5, 2).is_some());
+    let same = again.join_islands(&mut space, &RrtConnect::default(), JoinSettings::default(), &rest, &|_| [0.0; 3]);
+    assert_eq!((same, again.edges()), (report, map.edges()), "not deterministic");
+}
+
+#[test]
+fn what_no_way_leads_to_is_told_and_pruned() {
+    let robot = arm(2);
+    // vertex 3 is in the ball
+    let scene = scene(&robot, vec![ball("ball", 0.6, 0.0, 0.06, ObjectClass::Obstacle)]);
+    let mut map = map(&robot, &[vec![1.0, 0.0], vec![1.2, 0.0], vec![1.4, 0.0], vec![0.0, 0.0]]);
+    map.join_nearest(1);
+    map.failed(2, 3, None);
+    map.join(3, 0);
+    map.failed(0, 3, Some("ball".into()));
+    let before = map.islands();
+    let settings = JoinSettings { budget: 300, ..JoinSettings::default() };
+    let report = map.join_islands(&mut space(&scene), &RrtConnect::default(), settings, &here(&scene), &|_| [0.0; 3]);
+    assert_eq!((report.islands, report.vertices, report.in_vain), ((2, 2), 0, 1), "{report:?}");
+    assert_eq!(map.islands(), before);
+    let pruned = map.pruned();
+    assert_eq!(pruned.numbers, [Some(0), Some(1), Some(2), None]);
+    assert_eq!((pruned.map.len(), pruned.map.plan(0, 2)), (3, map.plan(0, 2)));
+    assert_eq!(pruned.map.islands().len(), 1);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn islands_are_what_reaches_each_other_and_a_pruned_map_plans_alike(
+        points in prop::collection::vec(prop::collection::vec(-3.0..3.0f64, 2), 3..24), k in 1usize..4,
+        deeds in prop::collection::vec((any::<usize>(), any::<bool>()), 0..60), name in any::<bool>(),
+    ) {
+        let mut map = map(&arm(2), &points);
+        if name {
+            map.add(Vertex { name: Some("kept".into()), q: vec![0.0, 0.0], at: [0.0; 3] });
+        }
+        map.join_nearest(k);
+        for (i, ok) in deeds {
+            let edges: Vec<_> = map.edges().iter().map(|(a, b, _)| (*a, *b)).collect();
+            let (a, b) = edges[i % edges.len()];
+            if ok { map.succeeded(a, b) } else { map.failed(a, b, None) }
+        }
+        let islands = map.islands();
+        prop_assert!(islands.windows(2).all(|w| w[0].len() >= w[1].len()));
+        let reach: Vec<BTreeSet<u32>> = (0..map.len() as u32).map(|id| map.reach(id).into_keys().collect()).collect();
+        prop_assert_eq!(islands.iter().map(Vec::len).sum::<usize>(), map.len());
+        for island in &islands {
+            for a in 0..map.len() as u32 {
+                let both = reach[a as usize].contains(&island[0]) && reach[island[0] as usize].contains(&a);
+                prop_assert_eq!(both, island.contains(&a));
+            }
+        }
+        let pruned = map.pruned();
+        for a in &islands[0] {
+            for b in &islands[0] {
+                let plan = map.plan(*a, *b).unwrap();
+                // ways within an island stay within it
+                let expected: Vec<_> = plan.iter().map(|id| pruned.numbers[*id as usize].unwrap()).collect();
+                prop_assert_eq!(pruned.map.plan(expected[0], *expected.last().unwrap()), Some(expected));
+            }
+        }
+        prop_assert_eq!(name, pruned.map.find("kept").is_some());
+    }
+
+    #[test]
+    fn it_grows_where_it_is_thin_and_only_by_free_edges(seed in any::<u64>(), count in 1usize..20) {
+        let robot = arm(2);
+        let scene = scene(&robot, vec![ball("ball", 0.5, 0.2, 0.08, ObjectClass::Obstacle)]);
+        // a dense heap, and one vertex far from it
+        let mut poses: Vec<Vec<f64>> = (0..20).map(|i| vec![1.5 + 0.01 * f64::from(i % 5), 0.01 * f64::from(i / 5)]).collect();
+        poses.push(vec![-1.5, 0.5]);
+        let mut map = map(&robot, &poses);
+        map.join_nearest(3);
+        let before = map.edges().len();
+        let mut space = space(&scene);
+        let grown = map.grow(&mut space, (count, 3, seed), &here(&scene), &|_| [0.0; 3]);
+        prop_assert!(grown <= count && map.len() == 21 + grown);
+        prop_assert!(grown == 0 || map.edges().len() >= before + 2 * grown);
+        for (a, b, _) in map.edges().into_iter().filter(|(a, b, _)| (*a).max(*b) >= 21) {
+            prop_assert!(line_free(&scene, &map, a, b));
+        }
+        let far = map.vertices().skip(21).filter(|(_, v)| v.q[0] < 1.0).count();
+        prop_assert!(2 * far >= grown, "{far} of {grown} are where it is thin");
+    }
+}

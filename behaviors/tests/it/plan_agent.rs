@@ -1,0 +1,205 @@
+//! The planning agent: to its goals without a map, round what stands in the way, and round what only showed when it was driven.
+
+use crate::world::*;
+use mobee_behaviors::agents::{PlanAgent, PlanSettings};
+use mobee_contract::*;
+use mobee_model::{Edit, ObjectClass};
+use serde_json::json;
+
+fn settings(extra: serde_json::Value) -> PlanSettings {
+    let mut all = json!({
+        "poses": [
+            { "name": "left", "q_deg": { "joint0": 60, "joint1": 0, "joint2": 0 } },
+            { "name": "right", "q_deg": { "joint0": -60, "joint1": 0, "joint2": 0 } },
+        ],
+        "goals": ["right", "left"],
+    });
+    all.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+    serde_json::from_value(all).unwrap()
+}
+
+fn agent(extra: serde_json::Value) -> PlanAgent {
+    PlanAgent::new(settings(extra), &context(&arm(3), 1)).unwrap()
+}
+
+fn start() -> Vec<f64> {
+    vec![60f64.to_radians(), 0.0, 0.0]
+}
+
+fn figure(run: &Run, name: &str) -> f64 {
+    run.done.as_ref().unwrap().figures.iter().find(|(n, _)| n == name).unwrap().1
+}
+
+#[test]
+fn every_goal_is_reached_without_a_failure_and_known_ways_are_driven_again() {
+    let scene = scene(&arm(3), vec![ball("ball", 0.8, 0.0, 0.06, ObjectClass::Obstacle)]);
+    let mut view = view(&scene, &start());
+    let mut agent = agent(json!({ "repeat": 6 }));
+    let run = drive(&mut agent, &mut view, 1000, by_scene);
+    assert_eq!(run.done.as_ref().unwrap().text, "the tour is done");
+    assert!(run.motions.iter().all(|(.., reached)| *reached), "a certified edge failed");
+    assert_eq!((figure(&run, "goals_reached"), figure(&run, "goals_missed")), (12.0, 0.0));
+    assert!(run.motions.len() > 12, "no way leads straight there");
+    assert!(agent.map().len() < 40, "the map grows at every leg: {}", agent.map().len());
+    // what is told is the map: every plan leads over vertices that were told, from where the robot is
+    let plans = run.notes.iter().filter(|n| matches!(n, Note::Plan { path } if path.len() > 1)).count();
+    assert!(plans >= 12);
+}
+
+#[test]
+fn a_motion_that_failed_leads_to_another_way_and_never_again_to_the_same() {
+    let scene = scene(&arm(3), vec![]);
+    let mut view = view(&scene, &start());
+    let mut agent = agent(json!({ "goals": ["right", "left"], "repeat": 3 }));
+    // something that the scene does not show stands half way: whoever comes near it is rolled back
+    let mut failed: Vec<(Vec<f64>, Vec<f64>)> = Vec::new();
+    let run = drive(&mut agent, &mut view, 2000, |_, a, b| {
+        let near = (0..=50).any(|i| {
+            let q: Vec<f64> = a.iter().zip(b).map(|(a, b)| a + (b - a) * f64::from(i) / 50.0).collect();
+            q.iter().map(|q| q * q).sum::<f64>().sqrt() < 0.15
+        });
+        if near {
+            assert!(!failed.contains(&(a.to_vec(), b.to_vec())), "tried again");
+            failed.push((a.to_vec(), b.to_vec()));
+        }
+        !near
+    });
+    assert!((1..=10).contains(&failed.len()), "{} failures", failed.len());
+    assert_eq!(figure(&run, "goals_missed"), 0.0, "{:?}", run.done);
+    assert_eq!(run.done.unwrap().text, "the tour is done");
+}
+
+#[test]
+fn a_world_that_changed_forgives_and_blocks_at_once() {
+    let robot = arm(3);
+    let mut scene = scene(&robot, vec![]);
+    let mut view = view(&scene, &start());
+    let mut agent = agent(json!({ "goals": ["right", "left"], "repeat": 4 }));
+    let mut motions = 0;
+    let run = drive(&mut agent, &mut view, 1000, |_, _, _| {
+        motions += 1;
+        motions != 1
+    });
+    assert_eq!(run.motions.iter().filter(|(.., reached)| !reached).count(), 1);
+    assert!(agent.map().edges().iter().any(|(.., e)| e.state == EdgeState::Removed));
+    // a ball appears on the way that was driven so far: the next tour goes round it without a failure
+    let blocking = ball("ball", 0.85, 0.0, 0.05, ObjectClass::Obstacle);
+    scene = std::sync::Arc::new(scene.edit(&Edit::Add(blocking)).unwrap());
+    view.scene = scene;
+    let mut again = PlanAgent::new(settings(json!({ "repeat": 1 })), &context(&robot, 1)).unwrap();
+    let mut state = agent.export();
+    state.state["going"]["round"] = 0.into();
+    again.import(state).unwrap();
+    let run = drive(&mut again, &mut view, 1000, by_scene);
+    assert_eq!(run.done.as_ref().unwrap().text, "the tour is done");
+    assert!(run.motions.iter().all(|(.., reached)| *reached));
+    assert!(
+        again.map().edges().iter().all(|(.., e)| e.state != EdgeState::Removed),
+        "what failed in the old world is forgiven"
+    );
+}
+
+#[test]
+fn a_goal_that_is_blocked_is_told_and_the_other_one_is_gone_to() {
+    let q = [-60f64.to_radians(), 0.0, 0.0];
+    let (x, y) = (0.9 * q[0].cos(), 0.9 * q[0].sin());
+    let scene = scene(&arm(3), vec![ball("ball", x, y, 0.05, ObjectClass::Obstacle)]);
+    let mut view = view(&scene, &[0.0, 1.0, 1.0]);
+    let run = drive(&mut agent(json!({})), &mut view, 100, by_scene);
+    assert_eq!((figure(&run, "goals_reached"), figure(&run, "goals_missed")), (1.0, 1.0));
+    let told = run
+        .notes
+        .iter()
+        .any(|n| matches!(n, Note::Log { text } if text.contains("the goal is not free") && text.contains("ball#0")));
+    assert!(told, "{:?}", run.notes);
+    let run = drive(&mut agent(json!({ "goals": ["right"], "repeat": 0 })), &mut view, 100, by_scene);
+    assert_eq!(run.done.unwrap().text, "no goal can be reached any more");
+}
+
+#[test]
+fn a_robot_too_near_for_a_plan_moves_away_first() {
+    // nearer than plans may come, and not so near that the reflex acts
+    let scene = scene(&arm(3), vec![ball("ball", 0.9, 0.101, 0.05, ObjectClass::Obstacle)]);
+    let here = [0.0, 0.0, 0.0];
+    let mut view = view(&scene, &here);
+    assert!(!mobee_behaviors::planners::escape::caught(&view) && !mobee_behaviors::group::free(&view, &here));
+    let run = drive(&mut agent(json!({ "goals": ["right"] })), &mut view, 100, |_, _, _| true);
+    assert_eq!(run.done.unwrap().text, "the tour is done");
+    assert!(run.motions.iter().skip(1).all(|(a, b, _)| by_scene(&view, a, b)));
+}
+
+#[test]
+fn a_successor_goes_on_in_mid_motion_and_equal_seeds_make_equal_plans() {
+    let scene = scene(&arm(3), vec![ball("ball", 0.8, 0.0, 0.06, ObjectClass::Obstacle)]);
+    let run = |stop: usize| {
+        let mut v = view(&scene, &start());
+        let mut first = agent(json!({ "repeat": 2 }));
+        let before = drive(&mut first, &mut v, stop, by_scene);
+        let mut second = agent(json!({ "repeat": 2 }));
+        second.import(first.export()).unwrap();
+        let text = serde_json::to_string(&second.export()).unwrap();
+        assert_eq!(text, serde_json::to_string(&first.export()).unwrap());
+        let after = drive(&mut second, &mut v, 1000, by_scene);
+        (before.motions, after)
+    };
+    let (none, whole) = run(0);
+    let (_, again) = run(0);
+    assert_eq!(whole.motions, again.motions);
+    assert!(none.is_empty());
+    for stop in 1..whole.motions.len() {
+        let (before, after) = run(stop);
+        assert_eq!(after.done.as_ref().unwrap().text, "the tour is done");
+        assert!(before.iter().chain(&after.motions).all(|(.., reached)| *reached));
+    }
+    let other = agent(json!({})).import(Snapshot { kind: "roadmap".into(), version: 1, state: json!({}) });
+    assert!(matches!(other, Err(Refusal::State { .. })));
+}
+
+#[test]
+fn a_commit_that_is_put_off_is_given_again_and_a_tolerance_that_can_t_be_met_is_told() {
+    let scene = scene(&arm(3), vec![]);
+    let v = view(&scene, &start());
+    let mut a = agent(json!({}));
+    let first = a.next(None, &v);
+    assert!(matches!(first, Intent::MoveTo(_)));
+    a.notes();
+    for _ in 0..50 {
+        assert_eq!(a.next(None, &v), first);
+        assert_eq!(a.notes(), []);
+    }
+    let mut v = view(&scene, &start());
+    let mut a = agent(json!({ "tolerance_deg": 0.1, "repeat": 0 }));
+    let mut last = None;
+    for _ in 0..500 {
+        match a.next(last.take(), &v) {
+            Intent::MoveTo(target) => {
+                let q: Vec<f64> = target.pose(v.pose()).iter().map(|q| q + 0.01).collect();
+                v.poses = vec![q.into()];
+                last = Some(MotionEnd::Reached);
+            }
+            Intent::Wait(_) => {}
+            Intent::Done(summary) => return assert!(summary.text.contains("tolerance_deg"), "{summary:?}"),
+            other => panic!("unexpected intent {other:?}"),
+        }
+    }
+    panic!("did not end");
+}
+
+#[test]
+fn bad_settings_are_told_with_their_place() {
+    let robot = arm(3);
+    let pose = |name: &str| json!({ "name": name, "q_deg": { "joint0": 10 } });
+    for (bad, place) in [
+        (json!({ "poses": [pose("a")], "goals": ["b"] }), "goals[0]"),
+        (json!({ "poses": [pose("a")], "goals": [] }), "goals"),
+        (json!({ "poses": [pose("a"), pose("a")], "goals": ["a"] }), "poses[1].name"),
+        (json!({ "poses": [pose("a")], "goals": ["a"], "budget": 0 }), "budget"),
+        (json!({ "poses": [pose("a")], "goals": ["a"], "motors": ["joint1"] }), "poses"),
+        (json!({ "poses": [pose("a")], "goals": ["a"], "speed": 2 }), "speed"),
+        (json!({ "poses": [{ "name": "a", "q_deg": { "joint0": 999 } }], "goals": ["a"] }), "poses[0].q_deg.joint0"),
+    ] {
+        let error = try_kind("plan", &robot, 1, bad).err().expect("an error");
+        let found = if error.more.is_empty() { error.path.clone() } else { format!("{error:?}") };
+        assert!(found.contains(place), "{error:?}");
+    }
+}

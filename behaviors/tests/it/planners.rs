@@ -1,0 +1,250 @@
+//! Planners: every path is free by the scalar engine, ends where it was asked to, and depends on nothing but its problem.
+
+use crate::world::*;
+use mobee_behaviors::planners::{
+    JointPath, JointSpace, NoPath, PathEnd, PlanProgress, Planner, PlanningProblem, RrtConnect, shorten,
+};
+use mobee_contract::Axis;
+use mobee_fast::EdgeVerdict;
+use mobee_model::{Clause, HalfSpace, Object, ObjectClass, Robot, Scene};
+use proptest::prelude::*;
+use std::f64::consts::{PI, TAU};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+const CLEARANCE: f64 = 0.012;
+
+fn space(scene: &Scene, robot: &Robot) -> JointSpace {
+    let motors: Vec<usize> = (0..robot.motors.len()).collect();
+    JointSpace::new(scene, 0, &scene.home(), &motors, &[], CLEARANCE).unwrap()
+}
+
+fn problem(start: &[f64], goal: &[f64], seed: u64) -> PlanningProblem {
+    PlanningProblem { start: start.to_vec(), goal: goal.to_vec(), seed, budget: 4000 }
+}
+
+fn plan(space: &mut JointSpace, problem: &PlanningProblem) -> Result<JointPath, NoPath> {
+    RrtConnect::default().plan(space, problem, &mut |_| ControlFlow::Continue(()))
+}
+
+fn line_free(scene: &Scene, a: &[f64], b: &[f64]) -> bool {
+    scene.line_free(0, &scene.home(), a, b, 0.001, CLEARANCE)
+}
+
+/// A wall of balls from the base outward at this angle (rad), with a gap where the arm may pass if it is folded.
+fn wall(angle: f64) -> Vec<Object> {
+    let at = |i: usize| {
+        let r = 0.55 + 0.07 * i as f64;
+        ball(&format!("wall{i}"), r * angle.cos(), r * angle.sin(), 0.05, ObjectClass::Obstacle)
+    };
+    (0..6).map(at).collect()
+}
+
+/// An arm of some joints, with or without ends, a few balls that it has to go round, and where from and where to.
+fn worlds() -> impl Strategy<Value = (bool, usize, Vec<(f64, f64, f64)>, Vec<f64>, Vec<f64>, u64)> {
+    (any::<bool>(), 2usize..4).prop_flat_map(|(endless, joints)| {
+        let balls = prop::collection::vec((0.15..0.9f64, -PI..PI, 0.02..0.09f64), 0..5);
+        let pose = move || prop::collection::vec(-3.0..3.0f64, joints);
+        (Just(endless), Just(joints), balls, pose(), pose(), any::<u64>())
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn every_path_is_free_by_the_scalar_engine_and_ends_where_it_was_asked_to(
+        (endless, joints, balls, start, goal, seed) in worlds(),
+    ) {
+        let robot = if endless { endless_arm(joints) } else { arm(joints) };
+        let obstacle = |(i, (r, a, size)): (usize, &(f64, f64, f64))| {
+            ball(&format!("ball{i}"), r * a.cos(), r * a.sin(), *size, ObjectClass::Obstacle)
+        };
+        let scene = scene(&robot, balls.iter().enumerate().map(obstacle).collect());
+        let mut space = space(&scene, &robot);
+        let problem = problem(&start, &goal, seed);
+        let found = plan(&mut space, &problem);
+        for (end, q) in [(PathEnd::Start, &start), (PathEnd::Goal, &goal)] {
+            let told = matches!(&found, Err(NoPath::Blocked { end: e, pair: Some(_) }) if *e == end);
+            let blocked = |within| !scene.robot_free(0, &[q], within);
+            prop_assert!(!told || blocked(CLEARANCE + 1e-4), "{end:?} is free");
+            let other = matches!(&found, Err(NoPath::Blocked { .. }));
+            prop_assert!(told || other || !blocked(CLEARANCE - 1e-4), "{end:?} is not free, and that is not told: {found:?}");
+        }
+        // the same problem has the same answer, whatever was judged before
+        prop_assert_eq!(&plan(&mut space, &problem), &found);
+        let Ok(path) = found else { return Ok(()) };
+        let short = shorten(&mut space, path.clone(), seed, 2000);
+        prop_assert_eq!(&shorten(&mut space, path.clone(), seed, 2000), &short);
+        prop_assert!(short.length() <= path.length() + 1e-9);
+        for path in [&path, &short] {
+            prop_assert_eq!(&path.poses[0], &start);
+            let last = path.poses.last().unwrap();
+            let turns = last.iter().zip(&goal).map(|(a, b)| (a - b) / if endless { TAU } else { f64::INFINITY });
+            prop_assert!(turns.clone().all(|t| (t - t.round()).abs() < 1e-9), "ends at {last:?}, not at {goal:?}");
+            prop_assert!(endless || *last == goal);
+            for (a, b) in path.edges() {
+                prop_assert!(line_free(&scene, a, b), "{a:?} to {b:?} is not free");
+                prop_assert!(!endless || a.iter().zip(b).all(|(a, b)| (a - b).abs() <= PI), "the long way round");
+            }
+        }
+    }
+
+    #[test]
+    fn verdicts_do_not_depend_on_what_is_judged_together(
+        (_, joints, balls, start, goal, _) in worlds(), more in prop::collection::vec(prop::collection::vec(-3.0..3.0f64, 3), 1..40),
+    ) {
+        let robot = arm(joints);
+        let obstacle = |(i, (r, a, size)): (usize, &(f64, f64, f64))| {
+            ball(&format!("ball{i}"), r * a.cos(), r * a.sin(), *size, ObjectClass::Obstacle)
+        };
+        let scene = scene(&robot, balls.iter().enumerate().map(obstacle).collect());
+        let mut space = space(&scene, &robot);
+        space.avoid(start.clone(), 0.3);
+        let poses: Vec<Vec<f64>> = more.iter().map(|q| q[..joints].to_vec()).chain([goal]).collect();
+        let edges: Vec<_> = poses.windows(2).map(|w| (w[0].as_slice(), w[1].as_slice())).collect();
+        let together = space.certify(edges.clone()).to_vec();
+        let alone: Vec<_> = edges.iter().map(|edge| space.certify([*edge])[0]).collect();
+        prop_assert_eq!(&together, &alone);
+        let quick = space.free_lines(edges.clone());
+        prop_assert_eq!(quick, together.iter().map(|v| *v == EdgeVerdict::Free).collect::<Vec<_>>());
+        let together = space.free(poses.iter().map(Vec::as_slice)).to_vec();
+        let alone: Vec<_> = poses.iter().map(|q| space.free([q.as_slice()])[0]).collect();
+        prop_assert_eq!(together, alone);
+    }
+}
+
+#[test]
+fn a_wall_is_gone_round_and_the_way_is_made_shorter() {
+    let robot = arm(3);
+    let scene = scene(&robot, wall(0.0));
+    let mut space = space(&scene, &robot);
+    let (start, goal) = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]);
+    assert!(!line_free(&scene, &start, &goal));
+    let mut shorter = 0;
+    for seed in 0..20 {
+        let path = plan(&mut space, &problem(&start, &goal, seed)).expect("a way");
+        let short = shorten(&mut space, path.clone(), seed, 2000);
+        assert!(short.edges().all(|(a, b)| line_free(&scene, a, b)), "seed {seed}");
+        shorter += usize::from(short.length() < 0.9 * path.length());
+        assert!(short.length() < 3.0 * 2.0 * 3.0, "seed {seed}: {} rad", short.length());
+    }
+    assert!(shorter >= 10, "only {shorter} of 20 were shortened by a tenth");
+}
+
+#[test]
+fn a_budget_and_a_cancel_end_it_and_the_progress_is_told() {
+    let robot = arm(2);
+    // closed all round: the folded arm can't get out
+    let ring = (0..40).map(|i| {
+        let a = f64::from(i) * TAU / 40.0;
+        ball(&format!("ring{i}"), 0.44 * a.cos(), 0.44 * a.sin(), 0.03, ObjectClass::Obstacle)
+    });
+    let scene = scene(&robot, ring.collect());
+    let mut space = space(&scene, &robot);
+    let (start, goal) = ([0.0, 2.9], [2.0, -2.9]);
+    assert!(scene.robot_free(0, &[&start], CLEARANCE) && scene.robot_free(0, &[&goal], CLEARANCE));
+    for budget in [0, 1, 50, 1000] {
+        let problem = PlanningProblem { start: start.to_vec(), goal: goal.to_vec(), seed: 3, budget };
+        let mut told = Vec::new();
+        let found = RrtConnect::default().plan(&mut space, &problem, &mut |p: PlanProgress| {
+            told.push(p.evaluations);
+            ControlFlow::Continue(())
+        });
+        match found {
+            Err(NoPath::Exhausted { evaluations }) => assert!(evaluations <= budget, "{evaluations} of {budget}"),
+            Ok(path) => assert!(path.evaluations <= budget && path.edges().all(|(a, b)| line_free(&scene, a, b))),
+            other => panic!("{other:?}"),
+        }
+        assert!(!told.is_empty() && told.is_sorted());
+        let stopped = RrtConnect::default().plan(&mut space, &problem, &mut |_| ControlFlow::Break(()));
+        assert_eq!(stopped, Err(NoPath::Cancelled));
+    }
+}
+
+#[test]
+fn ends_that_can_t_be_are_told_with_the_reason() {
+    let robot = arm(2);
+    let scene = scene(&robot, vec![ball("ball", 0.6, 0.0, 0.05, ObjectClass::Obstacle)]);
+    let mut space = space(&scene, &robot);
+    let (good, bad) = ([1.5, 0.0], [0.0, 0.0]);
+    let told = |found: Result<JointPath, NoPath>| found.unwrap_err().text(&scene, 0);
+    assert_eq!(
+        told(plan(&mut space, &problem(&bad, &good, 1))),
+        "where the robot is is not free: arm:arm/3#0 is too near to ball#0"
+    );
+    assert!(told(plan(&mut space, &problem(&good, &bad, 1))).starts_with("the goal is not free"));
+    assert_eq!(plan(&mut space, &problem(&good, &[4.0, 0.0], 1)), Err(NoPath::Limits { end: PathEnd::Goal, motor: 0 }));
+    assert_eq!(
+        told(plan(&mut space, &problem(&[0.0, -4.0], &good, 1))),
+        "where the robot is is outside the limits of joint1"
+    );
+    for (start, goal, end) in
+        [(vec![0.0], good.to_vec(), PathEnd::Start), (good.to_vec(), vec![f64::NAN, 0.0], PathEnd::Goal)]
+    {
+        assert_eq!(plan(&mut space, &problem(&start, &goal, 1)), Err(NoPath::Malformed(end)));
+    }
+    // a board may have narrower limits than the model
+    let axis = |name: &str| Axis { name: name.into(), min: -1.0, max: 1.0, max_speed: 1.0, max_acceleration: 1.0 };
+    let mut narrow =
+        JointSpace::new(&scene, 0, &scene.home(), &[0, 1], &[axis("joint0"), axis("joint1")], CLEARANCE).unwrap();
+    assert_eq!(
+        plan(&mut narrow, &problem(&[0.9, 0.0], &good, 1)),
+        Err(NoPath::Limits { end: PathEnd::Goal, motor: 0 })
+    );
+}
+
+#[test]
+fn a_constraint_is_kept_all_the_way() {
+    let mut robot = arm(2);
+    // joint1 may be below 60 degrees only where joint0 is below -20: straight from one side to the other is outside
+    let half = |motor: usize, a: f64, b: f64| HalfSpace { terms: vec![(motor, a)], b };
+    Arc::make_mut(&mut robot).parts[0].clauses = vec![Clause(vec![half(1, 1.0, -60.0), half(0, -1.0, -20.0)])];
+    let scene = scene(&robot, vec![]);
+    let mut space = space(&scene, &robot);
+    let (start, goal) = ([1.2, 1.3], [-1.2, -0.5]);
+    assert!(!line_free(&scene, &start, &goal) && scene.robot_free(0, &[start], CLEARANCE));
+    let path = plan(&mut space, &problem(&start, &goal, 5)).expect("a way");
+    let path = shorten(&mut space, path, 5, 2000);
+    for (a, b) in path.edges() {
+        assert!(line_free(&scene, a, b));
+    }
+    let found = plan(&mut space, &problem(&start, &[1.0, 0.0], 5));
+    assert_eq!(found, Err(NoPath::Blocked { end: PathEnd::Goal, pair: None }));
+}
+
+#[test]
+fn a_place_that_is_avoided_is_gone_round() {
+    let robot = arm(2);
+    let scene = scene(&robot, vec![]);
+    let mut space = space(&scene, &robot);
+    let (start, goal) = ([-1.0, 0.0], [1.0, 0.0]);
+    let straight = plan(&mut space, &problem(&start, &goal, 1)).expect("a way");
+    assert!((straight.length() - 2.0).abs() < 1e-9, "the straight line comes first");
+    space.avoid(vec![0.0, 0.0], 0.5);
+    let round = plan(&mut space, &problem(&start, &goal, 1)).expect("a way round");
+    let round = shorten(&mut space, round, 1, 2000);
+    for (a, b) in round.edges() {
+        for i in 0..=100 {
+            let q: Vec<f64> = a.iter().zip(b).map(|(a, b)| a + (b - a) * f64::from(i) / 100.0).collect();
+            assert!(q[0].hypot(q[1]) > 0.499, "{q:?}");
+        }
+    }
+    space.forgive();
+    assert_eq!(plan(&mut space, &problem(&start, &goal, 1)).expect("a way").poses, straight.poses);
+}
+
+#[test]
+fn a_motor_without_end_goes_over_the_seam_unless_its_board_counts_no_farther() {
+    let robot = endless_arm(2);
+    let scene = scene(&robot, vec![]);
+    let (start, goal) = ([170f64.to_radians(), 0.0], [-170f64.to_radians(), 0.0]);
+    let mut free = space(&scene, &robot);
+    let path = plan(&mut free, &problem(&start, &goal, 1)).expect("a way");
+    assert!((path.length() - 20f64.to_radians()).abs() < 1e-9);
+    let axis = |name: &str| Axis { name: name.into(), min: -PI, max: PI, max_speed: 1.0, max_acceleration: 1.0 };
+    let axes = [axis("joint0"), axis("joint1")];
+    let mut narrow = JointSpace::new(&scene, 0, &scene.home(), &[0, 1], &axes, CLEARANCE).unwrap();
+    let path = plan(&mut narrow, &problem(&start, &goal, 1)).expect("a way");
+    assert!((path.length() - 340f64.to_radians()).abs() < 1e-9, "{} deg", path.length().to_degrees());
+}

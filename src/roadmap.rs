@@ -1,0 +1,145 @@
+//! `mobee roadmap`: maps in files, from the first pose to a plan.
+
+mod build;
+mod info;
+mod merge;
+mod part;
+mod path;
+mod settings;
+mod validate;
+mod view;
+
+use crate::config::ConfigError;
+use miette::{Report, miette};
+use mobee_behaviors::map_file::MapFile;
+use mobee_model::file::{MIB, read_text};
+use mobee_model::{Robot, Scene, load_robot, load_world};
+use nalgebra::Isometry3;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+pub use settings::read as read_settings;
+
+/// How long a map file may be, bytes.
+const LONGEST: u64 = 64 * MIB;
+
+/// What to do with maps.
+#[derive(clap::Subcommand, Clone, Debug)]
+pub enum RoadmapCommand {
+    /// Find poses of a hand over a table, and join them to a map. An interrupted build goes on where it was.
+    Build(build::BuildArgs),
+    /// Show what a map holds.
+    Info {
+        /// The map.
+        map: PathBuf,
+    },
+    /// Certify every edge of a map by continuous collision checking, and store what blocks it.
+    Validate(validate::ValidateArgs),
+    /// Merge maps of one robot and world; their order does not matter.
+    Merge(merge::MergeArgs),
+    /// Plan a path on a map, from one vertex to another.
+    Path(path::PathArgs),
+    /// Look at a map in the Rerun viewer: hand positions over the table, edges by what blocks them.
+    View(view::ViewMapArgs),
+}
+
+/// Does it. Exit code 1 means that there is no path.
+///
+/// # Errors
+/// If a file can't be read or written, or does not fit the others, with place and remedy.
+pub fn command(command: &RoadmapCommand) -> Result<ExitCode, Report> {
+    let said = match command {
+        RoadmapCommand::Build(args) => build::command(args)?,
+        RoadmapCommand::Info { map } => info::text(&load(map)?.0),
+        RoadmapCommand::Validate(args) => validate::command(args)?,
+        RoadmapCommand::Merge(args) => merge::command(args)?,
+        RoadmapCommand::Path(args) => return path::command(args),
+        RoadmapCommand::View(args) => view::command(args)?,
+    };
+    crate::terminal::out(&said);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The robot that a map is for, and the world to look at it in.
+#[derive(clap::Args, Clone, Debug)]
+struct PlaceArgs {
+    /// Robot XML: the one that the map was made for.
+    #[arg(long, value_name = "FILE")]
+    robot: PathBuf,
+    /// World XML.
+    #[arg(long, value_name = "FILE")]
+    world: Option<PathBuf>,
+}
+
+impl PlaceArgs {
+    fn scene(&self) -> Result<Scene, Report> {
+        scene(&self.robot, self.world.as_deref())
+    }
+}
+
+/// A robot alone in a world.
+fn scene(robot: &Path, world: Option<&Path>) -> Result<Scene, Report> {
+    let loaded = Arc::new(load_robot(robot)?.value);
+    let objects = world.map(load_world).transpose()?.map(|w| w.value).unwrap_or_default();
+    Scene::new(vec![(loaded, Isometry3::identity())], objects).map_err(|e| miette!("{e}"))
+}
+
+/// The scene's robot.
+fn robot(scene: &Scene) -> Result<&Arc<Robot>, Report> {
+    scene.robots().first().ok_or_else(|| miette!("the scene has no robot"))
+}
+
+/// A map with its text, to point into.
+fn load(path: &Path) -> Result<(MapFile, String), Report> {
+    let text = read_text(path, LONGEST).map_err(|e| {
+        let help = "give a map as `mobee roadmap build` or `mobee run` wrote it";
+        ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
+    })?;
+    match MapFile::parse(&text) {
+        Ok(map) => Ok((map, text)),
+        Err(e) => Err(ConfigError::at(&path.display().to_string(), &text, e.span, e.what, e.help).into()),
+    }
+}
+
+/// A map that is one for this robot.
+fn load_for(path: &Path, robot: &Robot) -> Result<MapFile, Report> {
+    let (map, text) = load(path)?;
+    match map.check(robot) {
+        Ok(()) => Ok(map),
+        Err(e) => {
+            let span = mobee_behaviors::map_file::span(&text, &e.path);
+            Err(ConfigError::at(&path.display().to_string(), &text, span, e.what, e.help).into())
+        }
+    }
+}
+
+/// Writes a map beside the place where it belongs and puts it there whole: whoever reads it meanwhile finds the old one.
+fn save(path: &Path, map: &MapFile) -> Result<(), Report> {
+    let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let written = tempfile::NamedTempFile::new_in(dir).and_then(|mut file| {
+        file.write_all(map.text().as_bytes())?;
+        file.as_file().sync_all()?;
+        // as any file that is made, and not only for its owner
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
+        }
+        file.persist(path).map(drop).map_err(|e| e.error)
+    });
+    written.map_err(|e| {
+        let help = "check the folder's space and permissions; what was there before is unchanged";
+        ConfigError::plain(format!("can't write {}: {e}", path.display()), help).into()
+    })
+}
+
+/// Whether a file may be written.
+fn may_write(path: &Path, force: bool) -> Result<(), Report> {
+    if !path.exists() || force {
+        return Ok(());
+    }
+    let help = "name another file, or replace it with --force";
+    Err(ConfigError::plain(format!("{} exists already", path.display()), help).into())
+}

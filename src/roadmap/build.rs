@@ -1,0 +1,151 @@
+//! `mobee roadmap build`: the map of a table, pose by pose.
+
+use super::part::{Part, inputs};
+use super::{info, may_write, robot, save, scene};
+use crate::config::{Complaints, Source};
+use crate::robot_import::Steps;
+use miette::{Report, miette};
+use mobee_behaviors::map_file::{MapFile, robot_digest, world_digest};
+use mobee_behaviors::roadmap::{Roadmap, Vertex};
+use mobee_behaviors::table_map::{Growth, PoseSearch, TableMapPlan, Wish};
+use mobee_contract::KindError;
+use mobee_model::Robot;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Cells that an audit searches again, at most, from how many starts, and with how many samples.
+const AUDIT: (usize, usize, usize) = (100, 8, 3200);
+
+/// What to build, and where it goes.
+#[derive(clap::Args, Clone, Debug)]
+pub struct BuildArgs {
+    /// Settings, such as configs/roadmaps/table.toml
+    settings: PathBuf,
+    /// The map to write. While it is built, what was found is in FILE.part.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Override a setting: --set vertices=500
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Replace the map if it exists.
+    #[arg(long)]
+    force: bool,
+    /// Search a hundred of the places that stayed empty again, much longer, to see how many of them can be reached.
+    #[arg(long)]
+    audit: bool,
+    /// Stop after this many searches, as an interrupt would.
+    #[arg(long, value_name = "N", hide = true)]
+    stop_after: Option<u64>,
+}
+
+/// Builds the map and says how good it is.
+///
+/// # Errors
+/// If the settings are wrong, what was found so far is of other settings, or a file can't be written.
+pub fn command(args: &BuildArgs) -> Result<String, Report> {
+    may_write(&args.out, args.force)?;
+    let (settings, source) = super::read_settings(&args.settings, &args.set)?;
+    let scene = scene(&settings.robot, settings.world.as_deref())?;
+    let robot = robot(&scene)?;
+    let plan = Arc::new(settings.plan(robot).map_err(|e| complaints(&source, e))?);
+    let from = format!("{plan:?}");
+    let (mut part, trials) = Part::open(&args.out, &inputs(&from, &robot_digest(robot), &world_digest(&scene)))?;
+    let mut search = PoseSearch::new(&scene, Arc::clone(&plan)).map_err(|e| miette!("{e}"))?;
+    let mut growth = Growth::new(&plan, &robot.home());
+    for (i, trial) in trials.iter().enumerate() {
+        let wish = growth.next().filter(|w| (w.cell, w.attempt) == (trial.cell, trial.attempt));
+        let wish = wish.ok_or_else(|| part.damaged(i, "no such search was due"))?;
+        let found = trial.q.as_ref().map(|q| search.accept(&growth, &wish, q));
+        let found = found.map(|f| f.ok_or_else(|| part.damaged(i, "this pose is not acceptable"))).transpose()?;
+        growth.tell(trial.evaluations, found);
+    }
+    let bar = Steps::new();
+    bar.step("finds poses");
+    let began = Instant::now();
+    while let Some(wish) = growth.next() {
+        if args.stop_after.is_some_and(|most| growth.trials() >= most) {
+            return Ok(format!("stopped after {} searches; the same command goes on\n", growth.trials()));
+        }
+        let trial = search.search(&growth, &wish);
+        part.note(&trial)?;
+        let found = trial.q.as_ref().and_then(|q| search.accept(&growth, &wish, q));
+        growth.tell(trial.evaluations, found);
+        bar.show(growth.found().len() as f64 / growth.most().max(1) as f64);
+    }
+    if growth.found().is_empty() {
+        part.remove()?;
+        return Err(miette!(
+            help = "check height, offset, hand and palm: `mobee model view` shows the robot",
+            "no pose over the table was found, in {} searches from home",
+            growth.trials()
+        ));
+    }
+    let found_in = began.elapsed().as_secs_f64();
+    bar.step("joins neighbors");
+    let map = map(&growth, &plan, robot, world_digest(&scene));
+    save(&args.out, &map)?;
+    part.remove()?;
+    let mut said = format!("{}: ", args.out.display()) + &info::text(&map);
+    let _ = writeln!(
+        said,
+        "{} searches of {} judged poses, {found_in:.1} s; {} cells of the table stayed empty beside the map",
+        growth.trials(),
+        growth.evaluations(),
+        growth.searched_in_vain().len()
+    );
+    if args.audit {
+        bar.step("searches empty places again");
+        said += &audit(&growth, &plan, robot, &mut search, &bar);
+    }
+    Ok(said)
+}
+
+/// All that is wrong with settings, at their places.
+fn complaints(source: &Source, error: KindError) -> Complaints {
+    let mut wrong = Complaints::default();
+    error.all().into_iter().for_each(|e| wrong.push(source.error(&e.path, e.what, e.help)));
+    wrong
+}
+
+fn map(growth: &Growth, plan: &TableMapPlan, robot: &Robot, world: String) -> MapFile {
+    let mut map = Roadmap::new(plan.motors.clone(), robot);
+    for found in growth.found() {
+        map.add(Vertex { name: None, q: found.whole.clone(), at: found.at });
+    }
+    map.join_nearest(plan.neighbors);
+    let mut file = map.file(robot);
+    file.world_sha256 = Some(world);
+    file.hand = robot.markers.get(plan.hand).map(|m| m.name.clone());
+    file
+}
+
+/// Which share of the places that can be reached has a pose, as far as a longer search tells.
+fn audit(growth: &Growth, plan: &TableMapPlan, robot: &Robot, search: &mut PoseSearch, bar: &Steps) -> String {
+    let (most, starts, budget) = AUDIT;
+    // one without vertices: no pose is too near to another
+    let empty = Growth::new(plan, &robot.home());
+    let vain = growth.searched_in_vain();
+    let asked: Vec<u32> = vain.iter().copied().step_by(vain.len().div_ceil(most).max(1)).collect();
+    let mut reached = 0;
+    for (i, cell) in asked.iter().enumerate() {
+        bar.show(i as f64 / asked.len() as f64);
+        let [x, y] = growth.middle(*cell);
+        let mut near: Vec<_> = growth.found().iter().collect();
+        near.sort_by(|a, b| {
+            let far = |at: [f64; 3]| (at[0] - x).hypot(at[1] - y);
+            far(a.at).total_cmp(&far(b.at))
+        });
+        let wish = |q: &[f64]| Wish { cell: Some(*cell), attempt: 0, start: q.to_vec() };
+        reached +=
+            usize::from(near.iter().step_by(7).take(starts).any(|v| search.reaches(&empty, &wish(&v.q), budget)));
+    }
+    let share = reached as f64 / asked.len().max(1) as f64;
+    let have = growth.found().len() as f64;
+    format!(
+        "audit: of {} empty places searched again, {reached} can be reached: the map has {:.1} % of the reachable places\n",
+        asked.len(),
+        100.0 * have / (have + share * vain.len() as f64).max(1.0)
+    )
+}

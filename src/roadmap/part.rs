@@ -1,0 +1,117 @@
+//! A build under way: the trials so far, a line each, in a file beside the map. Who is interrupted tells them again.
+
+use crate::config::ConfigError;
+use mobee_behaviors::table_map::Trial;
+use mobee_model::file::{MIB, read};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// How long it may be, bytes.
+const LONGEST: u64 = 256 * MIB;
+/// To be raised when a search finds other poses for the same settings.
+const VERSION: u32 = 1;
+/// Lines are written this many at a time: so much is lost at most.
+const LINES: usize = 50;
+
+/// The first line.
+#[derive(Serialize, Deserialize)]
+struct Head {
+    version: u32,
+    inputs: String,
+}
+
+/// The file.
+pub(super) struct Part {
+    path: PathBuf,
+    file: File,
+    waiting: Vec<u8>,
+    lines: usize,
+}
+
+impl Part {
+    /// Where the build of a map is kept.
+    pub(super) fn beside(map: &Path) -> PathBuf {
+        let mut name = map.as_os_str().to_owned();
+        name.push(".part");
+        PathBuf::from(name)
+    }
+
+    /// Opens or begins it. Answers the trials in it; a line that was not written to its end is dropped.
+    ///
+    /// # Errors
+    /// If it is of other settings, is damaged, or can't be read or written.
+    pub(super) fn open(map: &Path, inputs: &str) -> Result<(Part, Vec<Trial>), ConfigError> {
+        let path = Part::beside(map);
+        let no = |e: std::io::Error| unwritable(&path, &e);
+        if !path.exists() {
+            let mut file = File::create(&path).map_err(no)?;
+            let head = Head { version: VERSION, inputs: inputs.to_owned() };
+            writeln!(file, "{}", serde_json::to_string(&head).unwrap_or_default()).map_err(no)?;
+            return Ok((Part { path, file, waiting: Vec::new(), lines: 0 }, Vec::new()));
+        }
+        let bytes = read(&path, LONGEST).map_err(no)?;
+        let whole = bytes.iter().rposition(|b| *b == b'\n').map_or(0, |end| end + 1);
+        let text = String::from_utf8_lossy(bytes.get(..whole).unwrap_or_default()).into_owned();
+        let mut lines = text.lines();
+        let head: Option<Head> = lines.next().and_then(|line| serde_json::from_str(line).ok());
+        if head.is_none_or(|head| head.version != VERSION || head.inputs != inputs) {
+            let what = format!("{} is of a build with other settings, or of another robot or world", path.display());
+            return Err(ConfigError::plain(what, "go on with those, or remove the file to begin anew"));
+        }
+        let mut trials = Vec::new();
+        for (number, line) in (2..).zip(lines) {
+            trials.push(serde_json::from_str(line).map_err(|e| damaged(&path, number, &e.to_string()))?);
+        }
+        let mut file = File::options().write(true).open(&path).map_err(no)?;
+        file.set_len(whole as u64).and_then(|()| file.seek(SeekFrom::End(0))).map_err(no)?;
+        Ok((Part { path, file, waiting: Vec::new(), lines: 0 }, trials))
+    }
+
+    /// Notes a trial.
+    ///
+    /// # Errors
+    /// If the disk takes no more.
+    pub(super) fn note(&mut self, trial: &Trial) -> Result<(), ConfigError> {
+        self.waiting.extend(serde_json::to_string(trial).unwrap_or_default().into_bytes());
+        self.waiting.push(b'\n');
+        self.lines += 1;
+        if self.lines < LINES {
+            return Ok(());
+        }
+        self.lines = 0;
+        let waiting = std::mem::take(&mut self.waiting);
+        self.file.write_all(&waiting).map_err(|e| unwritable(&self.path, &e))
+    }
+
+    /// Takes it away: the map is written.
+    pub(super) fn remove(self) -> Result<(), ConfigError> {
+        std::fs::remove_file(&self.path).map_err(|e| unwritable(&self.path, &e))
+    }
+
+    /// A complaint about a line that can't be, from 1.
+    pub(super) fn damaged(&self, trial: usize, why: &str) -> ConfigError {
+        damaged(&self.path, trial + 2, why)
+    }
+}
+
+fn damaged(path: &Path, line: usize, why: &str) -> ConfigError {
+    let what = format!("{}:{line}: {why}", path.display());
+    ConfigError::plain(what, "the file is damaged: remove it to begin the build anew")
+}
+
+fn unwritable(path: &Path, e: &std::io::Error) -> ConfigError {
+    ConfigError::plain(format!("can't write {}: {e}", path.display()), "check the folder's space and permissions")
+}
+
+/// What a build is made from, as one number.
+pub(super) fn inputs(settings: &str, robot: &str, world: &str) -> String {
+    let mut sum = Sha256::new();
+    for text in [settings, robot, world] {
+        sum.update((text.len() as u64).to_le_bytes());
+        sum.update(text);
+    }
+    sum.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}

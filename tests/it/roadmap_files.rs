@@ -1,0 +1,147 @@
+//! `mobee roadmap` as a user meets it: a map from nothing, interrupted or not; what blocks it; a plan; and files that are
+//! none, refused with place and remedy.
+
+use super::common::mobee_here;
+use mobee::roadmap::read_settings;
+use mobee_behaviors::map_file::MapFile;
+use mobee_model::load_robot;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+const ROBOT: &str = "configs/robots/icub.xml";
+const WORLD: &str = "configs/worlds/table.xml";
+const SETTINGS: &str = "configs/roadmaps/table.toml";
+
+fn mobee(args: &[&str]) -> Output {
+    mobee_here().args(args).output().expect("mobee starts")
+}
+
+/// What it says if all goes well.
+fn said(args: &[&str]) -> String {
+    let out = mobee(args);
+    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8_lossy(&out.stdout).into_owned()
+}
+
+/// What it complains of, with exit code 2; line breaks and frames are taken out.
+fn complaint(args: &[&str]) -> String {
+    let out = mobee(args);
+    let told = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert_eq!(out.status.code(), Some(2), "{args:?}: {told}");
+    assert!(told.contains("help: "), "{told}");
+    told.split_whitespace().filter(|w| *w != "│").collect::<Vec<_>>().join(" ")
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("a readable path")
+}
+
+fn build(out: &Path, more: &[&str]) -> String {
+    let args = ["roadmap", "build", SETTINGS, "--set", "vertices=100", "--out", text(out)];
+    said(&[&args[..], more].concat())
+}
+
+#[test]
+fn every_file_of_settings_is_one_for_its_robot() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/roadmaps");
+    let files: Vec<PathBuf> =
+        std::fs::read_dir(folder).expect("the folder").map(|e| e.expect("an entry").path()).collect();
+    assert!(!files.is_empty());
+    for file in files {
+        let (settings, _) = read_settings(&file, &[]).unwrap_or_else(|e| panic!("{}: {e:?}", file.display()));
+        let robot = load_robot(&settings.robot).expect("its robot").value;
+        settings.plan(&robot).unwrap_or_else(|e| panic!("{}: {e:?}", file.display()));
+    }
+}
+
+#[test]
+fn a_map_is_built_interrupted_resumed_validated_planned_on_merged_and_shown() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| dir.path().join(name);
+    let (whole, cut) = (at("whole.json"), at("cut.json"));
+    let told = build(&whole, &[]);
+    assert!(told.contains("100 vertices") && told.contains("spacing: median"), "{told}");
+    let map = MapFile::parse(&std::fs::read_to_string(&whole).expect("the map")).expect("a map");
+    assert!(map.vertices.len() == 100 && map.edges.len() >= 100 * 8, "{} edges", map.edges.len());
+
+    // stopped, torn in the middle of a line, and resumed, it is the same
+    assert!(build(&cut, &["--stop-after", "70"]).contains("the same command goes on") && !cut.exists());
+    let part = at("cut.json.part");
+    let torn = std::fs::read(&part).expect("what was found");
+    std::fs::write(&part, &torn[..torn.len() - 3]).expect("written");
+    build(&cut, &[]);
+    assert!(!part.exists());
+    assert_eq!(std::fs::read(&cut).expect("a map"), std::fs::read(&whole).expect("a map"));
+
+    let place = ["--robot", ROBOT, "--world", WORLD];
+    let told = said(&[&["roadmap", "validate", text(&whole)][..], &place].concat());
+    assert!(told.contains("directed edges") && told.contains(" free"), "{told}");
+    let told = said(&["roadmap", "info", text(&whole)]);
+    assert!(told.contains("certified in world") && told.contains("at 12.0 mm"), "{told}");
+    let told = said(&["roadmap", "path", text(&whole), "0", "99", "--robot", ROBOT]);
+    assert!(told.starts_with("0  hand at ") && told.contains("\n99  hand at "), "{told}");
+
+    // the one that was validated and the one that was not, in either order
+    let (ab, ba) = (at("ab.json"), at("ba.json"));
+    said(&["roadmap", "merge", text(&whole), text(&cut), "--out", text(&ab)]);
+    said(&["roadmap", "merge", text(&cut), text(&whole), "--out", text(&ba)]);
+    assert_eq!(std::fs::read(&ab).expect("a map"), std::fs::read(&ba).expect("a map"));
+    let merged = MapFile::parse(&std::fs::read_to_string(&ab).expect("the map")).expect("a map");
+    assert!(merged.vertices.len() == 100 && merged.certified.is_some());
+
+    let picture = at("map.rrd");
+    said(&[&["roadmap", "view", text(&whole), "--out", text(&picture)][..], &place].concat());
+    assert!(picture.metadata().expect("a recording").len() > 20_000);
+
+    // nothing is written over unawares
+    assert!(complaint(&["roadmap", "build", SETTINGS, "--out", text(&whole)]).contains("exists already"));
+}
+
+#[test]
+fn a_build_goes_on_only_with_the_settings_that_it_began_with() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let out = dir.path().join("map.json");
+    let part = dir.path().join("map.json.part");
+    build(&out, &["--stop-after", "55"]);
+    let other = ["roadmap", "build", SETTINGS, "--set", "vertices=100", "--set", "seed=2", "--out", text(&out)];
+    assert!(complaint(&other).contains("other settings"));
+    // a pose that is none, in the third line
+    let lines = std::fs::read_to_string(&part).expect("what was found");
+    let mut lines: Vec<String> = lines.lines().map(str::to_owned).collect();
+    lines[2] = lines[2].replace("\"q\":[", "\"q\":[9.9,");
+    std::fs::write(&part, lines.join("\n") + "\n").expect("written");
+    let same = ["roadmap", "build", SETTINGS, "--set", "vertices=100", "--out", text(&out)];
+    let told = complaint(&same);
+    assert!(told.contains(".part:3: this pose is not acceptable"), "{told}");
+    assert!(!out.exists(), "nothing is half built");
+}
+
+#[test]
+fn what_is_no_map_of_this_robot_is_refused_with_its_place() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let map = dir.path().join("map.json");
+    build(&map, &[]);
+    let good = std::fs::read_to_string(&map).expect("the map");
+    let katana = ["roadmap", "path", text(&map), "0", "1", "--robot", "configs/robots/katana.xml"];
+    let told = complaint(&katana);
+    assert!(told.contains("the map is one of the robot icub, not of katana") && told.contains("map.json:4:"), "{told}");
+
+    let bad = dir.path().join("bad.json");
+    let refused = |text_of: String, words: &str| {
+        std::fs::write(&bad, text_of).expect("written");
+        let told = complaint(&["roadmap", "info", text(&bad)]);
+        assert!(told.contains(words), "{words}: {told}");
+    };
+    refused(good[..good.len() * 2 / 3].to_owned(), "the file ends in the middle");
+    refused(good.replacen("\"version\": 2", "\"version\": 9", 1), "reads versions up to 2");
+    refused(good.replacen("\"from\":0,\"to\":", "\"from\":0,\"to\":99", 1), "there is no vertex 99");
+    refused(good.replacen("\"id\":1,\"q_rad\":[", "\"id\":1,\"q_rad\":[NaN,", 1), "this is no JSON");
+    refused(String::new(), "the file ends in the middle");
+    assert!(complaint(&["roadmap", "info", "configs"]).contains("folder"));
+    assert!(complaint(&["roadmap", "path", text(&map), "0", "4000", "--robot", ROBOT]).contains("no vertex"));
+
+    let wrong = ["roadmap", "build", SETTINGS, "--out", text(&bad), "--force", "--set", "spacing_mm=-3"];
+    assert!(complaint(&wrong).contains("-3 is out of bounds"));
+    let wrong = ["roadmap", "build", "configs/behaviors/explore.toml", "--out", text(&bad), "--force"];
+    assert!(complaint(&wrong).contains("no key"));
+}
