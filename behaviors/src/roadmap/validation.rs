@@ -59,8 +59,8 @@ impl Validator {
 
     /// Brings the map up to date with the world: edges that an object blocks leave it, those that none blocks any more return.
     /// Answers how many undirected edges did the one and the other.
-    pub fn look(&mut self, map: &mut Roadmap, view: &View) -> WorldChange {
-        let mut change = WorldChange::default();
+    pub fn look(&mut self, map: &mut Roadmap, view: &View) -> EdgeChange {
+        let mut change = EdgeChange::default();
         if !self.certifies() {
             return change;
         }
@@ -146,14 +146,14 @@ impl Validator {
 
 /// How many undirected edges changed with the world.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct WorldChange {
+pub struct EdgeChange {
     /// Blocked now, and not before.
     pub blocked: usize,
     /// Not blocked any more.
     pub freed: usize,
 }
 
-impl WorldChange {
+impl EdgeChange {
     fn count(&mut self, blocked: Option<bool>) {
         self.blocked += usize::from(blocked == Some(true));
         self.freed += usize::from(blocked == Some(false));

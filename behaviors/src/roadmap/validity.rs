@@ -97,10 +97,12 @@ impl Validity {
     /// Nothing to speak of while the view's scene is the one seen last.
     pub fn look(&mut self, view: &View) -> WorldNews {
         let Some(world) = self.world.as_mut().filter(|world| world.is_of(view, &self.motors)) else {
+            // whoever waits for an object to change hears of it all the same
+            let objects = self.world.as_mut().map(|world| world.update(&view.scene)).unwrap_or_default();
             let motors = std::mem::take(&mut self.motors);
             let world = Some(SeenWorld::new(view, &motors));
             *self = Validity { motors, world, ..Validity::default() };
-            return WorldNews { forgotten: true, ..WorldNews::default() };
+            return WorldNews { forgotten: true, objects, ..WorldNews::default() };
         };
         if Arc::ptr_eq(&world.scene, &view.scene) {
             return WorldNews::default();

@@ -12,7 +12,7 @@
 use crate::group::cause;
 use crate::planners::escape::{caught, escape, line_free};
 use crate::roadmap::Roadmap;
-use crate::roadmap::validation::{Validation, Validator, WorldChange};
+use crate::roadmap::validation::{EdgeChange, Validation, Validator};
 use crate::short_way::{nearest_position, nearest_target};
 use mobee_contract::{EdgeState, Intent, MotionEnd, Note, Target, View};
 use serde::{Deserialize, Serialize};
@@ -197,7 +197,7 @@ impl Walker {
     }
 
     fn look(&mut self, view: &View) {
-        let WorldChange { blocked, freed } = self.validator.look(&mut self.map, view);
+        let EdgeChange { blocked, freed } = self.validator.look(&mut self.map, view);
         if blocked + freed > 0 {
             self.log(format!("edges that the world blocks: {blocked} more, {freed} again free"));
         }

@@ -178,9 +178,11 @@ fn an_object_that_goes_takes_its_blocks_along_and_no_other_s() {
     assert_eq!(layer.look(&view(&none, &home)), Default::default(), "no news");
 
     // another clearance, another robot: all is to be asked anew
-    let mut wide = view(&none, &home);
+    let back = Edit::Class { name: "other".into(), class: ObjectClass::Ghost };
+    let mut wide = view(&Arc::new(none.edit(&back).unwrap()), &home);
     wide.clearance = 0.02;
-    assert!(layer.look(&wide).forgotten);
+    let news = layer.look(&wide);
+    assert!(news.forgotten && news.objects == BTreeSet::from([1]), "{news:?}");
     assert_eq!(layer.verdict((0, 1)), None);
 }
 
