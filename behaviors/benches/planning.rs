@@ -2,8 +2,12 @@
 //!
 //! Rounds are interleaved, ratios come first. What takes milliseconds is measured in processor time, what takes less by the least of
 //! three runs: others on the machine make those longer, and never shorter. `-- knn`, `-- search` or `-- rrt` runs one part;
-//! `MOBEE_QUERIES` sets how many queries RRT-Connect is asked (1,000).
+//! `MOBEE_QUERIES` sets how many queries RRT-Connect is asked (1,000), and `MOBEE_PEER` names the command of somebody else's that is
+//! asked the same: see `benches/peers/README.md`.
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
+
+#[path = "../../benches/peers/peer.rs"]
+mod peer;
 
 use kiddo::{MutableKdTree, SquaredEuclidean};
 use mobee_behaviors::planners::{JointSpace, PlanningProblem, RrtConnect, shorten};
@@ -13,9 +17,11 @@ use mobee_behaviors::roadmap::{Roadmap, Vertex};
 use mobee_behaviors::short_way::JointMetric;
 use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, load_robot, load_world};
 use nalgebra::{Isometry3, Vector3};
+use peer::{Folder, Peer, described};
 use petgraph::graph::{DiGraph, NodeIndex};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde_json::json;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::num::NonZero;
 use std::ops::ControlFlow;
@@ -220,6 +226,7 @@ fn rrt(name: &str, (scene, motors): Setting) {
     let queries: Vec<_> = (0..count).map(|_| (free(), free())).collect();
     let (mut search, mut whole, mut lines, mut direct, mut found) = (Vec::new(), Vec::new(), Vec::new(), 0, 0);
     let mut gains = Vec::new();
+    let theirs = peers_times(&scene, &motors, &queries);
     for (seed, (start, goal)) in queries.into_iter().enumerate() {
         let problem = PlanningProblem { start, goal, seed: seed as u64, budget: 50_000 };
         let mut path = Err(NoPath::Cancelled);
@@ -241,6 +248,19 @@ fn rrt(name: &str, (scene, motors): Setting) {
     }
     let ms = |times: &[f64], share| 1e3 * percentile(times, share);
     println!("{name}: {found} of {count} found, {direct} of them straight");
+    if !theirs.is_empty() {
+        let ratio = |share| percentile(&theirs, share) / ms(&search, share);
+        println!(
+            "  the peer      median {:.1} ms, p90 {:.1}, p99 {:.1}, of {} found: {:.0}x, {:.0}x, {:.0}x as long",
+            percentile(&theirs, 0.5),
+            percentile(&theirs, 0.9),
+            percentile(&theirs, 0.99),
+            theirs.len(),
+            ratio(0.5),
+            ratio(0.9),
+            ratio(0.99)
+        );
+    }
     println!(
         "  search        median {:.3} ms, p90 {:.3}, p99 {:.2}, most {:.1}",
         ms(&search, 0.5),
@@ -261,6 +281,21 @@ fn rrt(name: &str, (scene, motors): Setting) {
         percentile(&lines, 0.99),
         median(gains)
     );
+}
+
+/// What the peer takes for each query that it solves, ms of processor time: none if there is no peer.
+fn peers_times(scene: &Scene, motors: &[usize], queries: &[(Vec<f64>, Vec<f64>)]) -> Vec<f64> {
+    let Ok(command) = std::env::var("MOBEE_PEER") else { return Vec::new() };
+    let robot = &scene.robots()[0];
+    let limits = motors.iter().map(|m| [robot.motors[*m].min, robot.motors[*m].max]).collect::<Vec<_>>();
+    let asked = json!({
+        "motors": motors, "pose": &*scene.home()[0], "limits": limits, "queries": queries, "seconds": 10.0,
+    });
+    let folder = Folder::new();
+    folder.write("scene.json", described(scene).to_string().into_bytes());
+    folder.write("queries.json", asked.to_string().into_bytes());
+    let words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
+    Peer::start(&words, &folder).ask().into_iter().filter(|ms| *ms >= 0.0).collect()
 }
 
 /// Wall clock of the quickest of three runs, seconds: processor time is only counted in milliseconds.

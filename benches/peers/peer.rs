@@ -24,10 +24,6 @@ impl Folder {
     pub fn write(&self, name: &str, bytes: Vec<u8>) {
         std::fs::write(self.0.join(name), bytes).expect("it is written");
     }
-
-    pub fn read(&self, name: &str) -> Vec<u8> {
-        std::fs::read(self.0.join(name)).expect("the peer wrote it")
-    }
 }
 
 impl Drop for Folder {

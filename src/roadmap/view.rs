@@ -74,7 +74,11 @@ fn lines(map: &MapFile) -> Vec<MapLines> {
     }
     let free = if map.certified.is_some() { "free" } else { "not certified" };
     let group = |(by, edges): (Option<&str>, Vec<(u32, u32)>)| MapLines {
-        name: by.map_or_else(|| free.to_owned(), |by| format!("blocked by {by}")),
+        name: match by {
+            None => free.to_owned(),
+            Some("uncertified") => "uncertified: counts as blocked".to_owned(),
+            Some(by) => format!("blocked by {by}"),
+        },
         blocked: by.is_some(),
         edges,
     };

@@ -18,6 +18,8 @@ use std::time::Duration;
 const WRITTEN: Duration = Duration::from_secs(60);
 /// In how many steps the map grows, and how long that takes, seconds.
 const GROWTH: (usize, f64) = (60, 12.0);
+/// How long the whole map stands at the end, seconds.
+const WHOLE: f64 = 4.0;
 /// What is said of it all.
 const LEGEND: &str = "Each point is a pose of the map: the place of the hand at it. Lines join the hand's places at the \
                       two ends of an edge; what the hand does between them is not drawn.";
@@ -69,6 +71,8 @@ pub fn view_map(settings: &Settings, view: &MapView<'_>) -> Result<(), String> {
     grow(&stream, view)?;
     stream.at(Time::from_secs(GROWTH.1));
     lines(&stream, view)?;
+    stream.at(Time::from_secs(GROWTH.1 + WHOLE));
+    poses(&stream, view, view.vertices.len())?;
     recording.reach(WRITTEN)?;
     recording.check()
 }
@@ -80,13 +84,17 @@ fn steps(vertices: usize) -> impl Iterator<Item = (Time, usize)> {
 }
 
 fn grow(stream: &Stream, view: &MapView<'_>) -> Written {
-    let points: Vec<[f32; 3]> = view.vertices.iter().map(|v| v.map(|x| x as f32)).collect();
-    for (at, count) in steps(points.len()) {
+    for (at, count) in steps(view.vertices.len()) {
         stream.at(at);
-        let shown = points.iter().take(count).copied();
-        stream.log("world/map/poses", &Points3D::new(shown).with_colors([palette::VERTEX]).with_radii([0.0025]))?;
+        poses(stream, view, count)?;
     }
     Ok(())
+}
+
+/// The first so many of them.
+fn poses(stream: &Stream, view: &MapView<'_>, count: usize) -> Written {
+    let shown = view.vertices.iter().take(count).map(|v| v.map(|x| x as f32));
+    stream.log("world/map/poses", &Points3D::new(shown).with_colors([palette::VERTEX]).with_radii([0.0025]))
 }
 
 fn lines(stream: &Stream, view: &MapView<'_>) -> Written {

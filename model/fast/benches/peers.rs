@@ -67,7 +67,7 @@ fn edges(robot: &Arc<Robot>, mut objects: Vec<Object>, folder: &Folder, peer: &[
     let mut peer = Peer::start(peer, folder);
     let known: Vec<f64> = peer.ready.iter().skip(1).filter_map(|w| w.parse().ok()).collect();
     let [rake, resolution] = known[..] else { panic!("a rake and a resolution") };
-    let theirs = folder.read("verdicts");
+    let theirs = std::fs::read(folder.path().join("verdicts")).expect("verdicts");
 
     let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
     let sampled: Vec<Vec<f64>> = edges.iter().map(|edge| samples(edge, rake, resolution)).collect();
@@ -129,10 +129,10 @@ fn poses(robot: &Arc<Robot>, objects: Vec<Object>, folder: &Folder, peer: &[Stri
     // of constraints between motors the peer knows nothing
     let fit = random_poses(robot, 7).filter(|q| scene.satisfies_constraints(0, q));
     let drawn: Vec<Vec<f64>> = fit.take(POSES).collect();
-    folder.write("scene.json", described(&scene).to_string().into_bytes());
+    folder.write("scene.json", serde_json::to_vec(&described(&scene)).expect("JSON"));
     folder.write("poses.f64", drawn.iter().flatten().copied().flat_map(f64::to_le_bytes).collect());
     let mut peer = Peer::start(peer, folder);
-    let theirs = folder.read("verdicts");
+    let theirs = std::fs::read(folder.path().join("verdicts")).expect("verdicts");
     let mut fast = FastScene::new(&scene, 0.0).expect("it compiles");
     let mut free = Vec::new();
     fast.free(&drawn.concat(), &mut free).expect("whole poses");

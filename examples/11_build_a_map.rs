@@ -2,7 +2,7 @@
 //! their neighbors, every edge certified, and a path planned.
 //!
 //! ```sh
-//! cargo run --release --example 12_build_a_map
+//! cargo run --release --example 11_build_a_map
 //! ```
 
 use mobee::roadmap::read_settings;
