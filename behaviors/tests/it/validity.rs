@@ -12,6 +12,7 @@ use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeSet;
+use std::f64::consts::FRAC_PI_3;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -200,7 +201,7 @@ fn a_motor_that_rests_elsewhere_makes_all_be_asked_anew() {
         let seen = view(&scene, &[0.1, 0.2, rest]);
         assert_eq!(layer.look(&seen).forgotten, forgotten, "at {rest}");
         layer.certify(&map, [(0, 1)]);
-        let blocked = !scene.line_free(0, &seen.poses, &[1.0472, 0.0, rest], &[-1.0472, 0.0, rest], 0.001, 0.012);
+        let blocked = !scene.line_free(0, &seen.poses, &[FRAC_PI_3, 0.0, rest], &[-FRAC_PI_3, 0.0, rest], 0.001, 0.012);
         assert_eq!(layer.verdict((0, 1)) != Some(&EdgeVerdict::Free), blocked, "at {rest}");
     }
 }
