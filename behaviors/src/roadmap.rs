@@ -152,10 +152,7 @@ impl Roadmap {
                     self.add(Vertex { name: None, q: q.clone(), at: *at });
                 }
                 // what blocks an edge is found out anew
-                Note::Edge { from, to, state: EdgeState::Blocked, .. } if self.edge(*from, *to).is_none() => {
-                    self.restore(*from, *to, Edge::NEW);
-                }
-                Note::Edge { state: EdgeState::Blocked, .. } => {}
+                Note::Edge { from, to, state: EdgeState::Blocked, .. } if self.edge(*from, *to).is_some() => {}
                 Note::Edge { from, to, state, cause } => {
                     self.ledger.remove(&(*from, *to));
                     self.unlink(*from, *to);

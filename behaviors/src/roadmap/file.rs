@@ -96,7 +96,7 @@ impl Roadmap {
         if self.vertex(from).is_none() || self.vertex(to).is_none() {
             return;
         }
-        let edge = if edge.state == EdgeState::Blocked { Edge { state: EdgeState::Optimistic, ..edge } } else { edge };
+        let edge = if edge.state == EdgeState::Blocked { Edge::NEW } else { edge };
         self.note(from, to, &edge);
         if edge.state == EdgeState::Removed {
             self.ledger.insert((from, to), edge);
