@@ -44,6 +44,7 @@ pub struct BuildArgs {
 ///
 /// # Errors
 /// If the settings are wrong, what was found so far is of other settings, or a file can't be written.
+#[expect(clippy::disallowed_methods, reason = "how long a build takes is told in real time")]
 pub fn command(args: &BuildArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
     let (settings, source) = super::read_settings(&args.settings, &args.set)?;
