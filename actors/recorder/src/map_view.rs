@@ -1,4 +1,4 @@
-//! A roadmap as a recording, as in the paper's figure 7: the map grows, pose by pose, then its edges appear, each group
+//! A roadmap as a recording, as in the paper's figure 7: the map grows, pose by pose, and its edges follow, each group
 //! in a color of its own.
 
 use crate::blueprint::send_map;
@@ -18,8 +18,8 @@ use std::time::Duration;
 const WRITTEN: Duration = Duration::from_secs(60);
 /// In how many steps the map grows, and how long that takes, seconds.
 const GROWTH: (usize, f64) = (60, 12.0);
-/// How long the whole map stands at the end, seconds.
-const WHOLE: f64 = 4.0;
+/// In how many parts the edges follow the poses that they join.
+const PARTS: usize = 10;
 /// What is said of it all.
 const LEGEND: &str = "Each point is a pose of the map: the place of the hand at it. Lines join the hand's places at the \
                       two ends of an edge; what the hand does between them is not drawn.";
@@ -69,10 +69,7 @@ pub fn view_map(settings: &Settings, view: &MapView<'_>) -> Result<(), String> {
         body.flush(&stream)?;
     }
     grow(&stream, view)?;
-    stream.at(Time::from_secs(GROWTH.1));
     lines(&stream, view)?;
-    stream.at(Time::from_secs(GROWTH.1 + WHOLE));
-    poses(&stream, view, view.vertices.len())?;
     recording.reach(WRITTEN)?;
     recording.check()
 }
@@ -84,29 +81,30 @@ fn steps(vertices: usize) -> impl Iterator<Item = (Time, usize)> {
 }
 
 fn grow(stream: &Stream, view: &MapView<'_>) -> Written {
-    for (at, count) in steps(view.vertices.len()) {
+    let points: Vec<[f32; 3]> = view.vertices.iter().map(|v| v.map(|x| x as f32)).collect();
+    for (at, count) in steps(points.len()) {
         stream.at(at);
-        poses(stream, view, count)?;
+        let shown = points.iter().take(count).copied();
+        stream.log("world/map/poses", &Points3D::new(shown).with_colors([palette::VERTEX]).with_radii([0.0025]))?;
     }
     Ok(())
-}
-
-/// The first so many of them.
-fn poses(stream: &Stream, view: &MapView<'_>, count: usize) -> Written {
-    let shown = view.vertices.iter().take(count).map(|v| v.map(|x| x as f32));
-    stream.log("world/map/poses", &Points3D::new(shown).with_colors([palette::VERTEX]).with_radii([0.0025]))
 }
 
 fn lines(stream: &Stream, view: &MapView<'_>) -> Written {
     let mut words = String::from("| edges | |\n|---|---|\n");
     let mut blocked = 0;
+    let at = |id: u32| view.vertices.get(id as usize).map(|v| v.map(|x| x as f32));
+    // the part of the map's growth in which both ends are there
+    let part = |(a, b): &(u32, u32)| PARTS * (*a).max(*b) as usize / view.vertices.len().max(1);
     for group in view.lines {
         let color = if group.blocked { palette::blocker(blocked) } else { palette::UNBLOCKED };
         blocked += usize::from(group.blocked);
-        let at = |id: u32| view.vertices.get(id as usize).map(|v| v.map(|x| x as f32));
-        let ends = group.edges.iter().filter_map(|(a, b)| Some([at(*a)?, at(*b)?]));
-        let strips = LineStrips3D::new(ends).with_colors([color]).with_radii([0.0007]);
-        stream.log(&format!("world/map/{}", entity(&group.name)), &strips)?;
+        for i in 0..PARTS {
+            let ends = group.edges.iter().filter(|e| part(e) == i).filter_map(|(a, b)| Some([at(*a)?, at(*b)?]));
+            let strips = LineStrips3D::new(ends).with_colors([color]).with_radii([0.0007]);
+            stream.at(Time::from_secs(GROWTH.1 * (i + 1) as f64 / PARTS as f64));
+            stream.log(&format!("world/map/{}/{i}", entity(&group.name)), &strips)?;
+        }
         let _ = writeln!(words, "| {} | {} |", group.name, group.edges.len());
     }
     stream.log_static("edges", &TextDocument::from_markdown(words))
