@@ -102,12 +102,14 @@ impl JointSpace {
         same && self.motors == motors
     }
 
-    /// Everything that the group does not move is here now.
+    /// Everything that the group does not move is here now. A motor that rests at its limit may read a little more, which no line can
+    /// be blamed for.
     pub fn stand<P: AsRef<[f64]>>(&mut self, scene: &Scene, poses: &[P]) {
         self.rest.clear();
         for (r, robot) in scene.robots().iter().enumerate() {
             let pose = poses.get(r).map_or(&[][..], |p| p.as_ref());
-            self.rest.extend(robot.motors.iter().enumerate().map(|(m, of)| pose.get(m).copied().unwrap_or(of.home)));
+            let at = |(m, of): (usize, &Motor)| pose.get(m).copied().unwrap_or(of.home).max(of.min).min(of.max);
+            self.rest.extend(robot.motors.iter().enumerate().map(at));
         }
     }
 

@@ -251,3 +251,13 @@ fn a_motor_without_end_goes_over_the_seam_unless_its_board_counts_no_farther() {
     let path = plan(&mut narrow, &problem(&start, &goal, 1)).expect("a way");
     assert!((path.length() - 340f64.to_radians()).abs() < 1e-9, "{} deg", path.length().to_degrees());
 }
+
+/// Encoders are noisy: a motor that rests at its limit may read a little more, and nobody can drive it back.
+#[test]
+fn a_motor_that_rests_beyond_its_limit_blocks_nothing() {
+    let robot = arm(2);
+    let scene = scene(&robot, Vec::new());
+    let rest = robot.motors[1].max + 2e-4;
+    let mut space = JointSpace::new(&scene, 0, &[[0.0, rest]], &[0], &[], CLEARANCE).unwrap();
+    assert_eq!(plan(&mut space, &problem(&[0.0], &[0.3], 1)).map(|path| path.poses.len()), Ok(2));
+}

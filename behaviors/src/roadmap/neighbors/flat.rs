@@ -17,8 +17,6 @@ const STRIDE: usize = 8;
 const LARGE: f64 = 1e6;
 /// Neighbors beyond which sorting everything is as good.
 const MANY: usize = 64;
-/// Points that are compared with a tile at once when all are wanted: with more, their sums do not stay in registers.
-const ROWS: usize = 2;
 
 /// A number per point of a tile.
 type Row = [f32; TILE];
@@ -157,8 +155,8 @@ impl Neighbors for Flat {
         let copy: Vec<f32> = q.iter().enumerate().map(|(i, x)| self.copied(i, *x)).collect();
         let mut limit = f32::INFINITY;
         for (tile, ids) in self.ids.chunks(TILE).enumerate() {
-            let Some(squares) = squares([&copy], self.tile(tile), &self.turning, [&[limit; TILE]]) else { continue };
-            for (lane, (id, square)) in ids.iter().zip(&squares[0]).enumerate() {
+            let Some(squares) = squares(&copy, self.tile(tile), &self.turning, limit) else { continue };
+            for (lane, (id, square)) in ids.iter().zip(&squares).enumerate() {
                 if *square <= limit && best.offer(self.metric.distance(self.at(tile * TILE + lane), &q), *id) {
                     limit = self.limit(best.worst(), largest);
                 }
@@ -168,56 +166,13 @@ impl Neighbors for Flat {
     }
 
     fn knn_all(&self, k: usize) -> Vec<(u32, Vec<(f64, u32)>)> {
-        let by_id = |(id, slot): (&u32, &usize)| (*id, *slot);
-        if k > MANY || self.wild > 0 || k + 1 >= self.len() {
-            let others = |(id, slot): (u32, usize)| {
-                let mut near = self.every(self.at(slot), self.len());
-                near.retain(|(_, other)| *other != id);
-                near.truncate(k);
-                (id, near)
-            };
-            return self.slots.iter().map(by_id).map(others).collect();
-        }
-        let mut best: Vec<Best> = self.ids.iter().map(|_| Best::new(k)).collect();
-        // of every point, beyond which square nothing is among its nearest
-        let mut limits: Vec<Row> = self.ids.chunks(TILE).map(|_| [f32::INFINITY; TILE]).collect();
-        // Each pair is looked at once: rows of a tile against it and the tiles behind it.
-        let rows: Vec<Vec<f32>> = (0..self.len())
-            .map(|slot| self.at(slot).iter().enumerate().map(|(i, x)| self.copied(i, *x)).collect())
-            .collect();
-        for (block, rows) in rows.chunks(ROWS).enumerate() {
-            let mut padded: [&[f32]; ROWS] = [&[]; ROWS];
-            for (i, row) in padded.iter_mut().enumerate() {
-                *row = rows.get(i).or(rows.last()).map_or(&[], |row| row);
-            }
-            for tile in block * ROWS / TILE..limits.len() {
-                let of_tile = limits[tile];
-                let either: [Row; ROWS] = std::array::from_fn(|i| {
-                    let slot = block * ROWS + i;
-                    let own = limits.get(slot / TILE).map_or(0.0, |row| row[slot % TILE]);
-                    of_tile.map(|limit| if limit > own { limit } else { own })
-                });
-                let Some(squares) = squares(padded, self.tile(tile), &self.turning, either.each_ref()) else {
-                    continue;
-                };
-                for (i, (squares, either)) in squares.iter().zip(&either).enumerate().take(rows.len()) {
-                    let slot = block * ROWS + i;
-                    for (lane, (square, limit)) in squares.iter().zip(either).enumerate() {
-                        let other = tile * TILE + lane;
-                        if *square > *limit || other <= slot || other >= self.len() {
-                            continue;
-                        }
-                        let distance = self.metric.distance(self.at(other), self.at(slot));
-                        for (of, to) in [(slot, other), (other, slot)] {
-                            if best[of].offer(distance, self.ids[to]) {
-                                limits[of / TILE][of % TILE] = self.limit(best[of].worst(), self.largest);
-                            }
-                        }
-                    }
-                }
-            }
-        }
-        self.slots.iter().map(by_id).map(|(id, slot)| (id, std::mem::take(&mut best[slot].found))).collect()
+        let others = |(id, slot): (&u32, &usize)| {
+            let mut near = self.knn(self.at(*slot), k.saturating_add(1));
+            near.retain(|(_, other)| other != id);
+            near.truncate(k);
+            (*id, near)
+        };
+        self.slots.iter().map(others).collect()
     }
 
     fn len(&self) -> usize {
@@ -225,35 +180,30 @@ impl Neighbors for Flat {
     }
 }
 
-/// The squared distances of some points from those of a tile, as far as they matter: `None` once all are beyond their limits.
+/// The squared distances of a point from those of a tile, as far as they matter: `None` once all are beyond the limit.
 #[inline(always)]
-fn squares<const N: usize>(rows: [&[f32]; N], tile: &[Row], turning: &[bool], limits: [&Row; N]) -> Option<[Row; N]> {
-    let mut sums = [[0.0f32; TILE]; N];
+fn squares(row: &[f32], tile: &[Row], turning: &[bool], limit: f32) -> Option<Row> {
+    let mut sums = [0.0f32; TILE];
     for (from, coordinates) in tile.chunks(STRIDE).enumerate() {
         for (i, xs) in coordinates.iter().enumerate() {
             let i = from * STRIDE + i;
-            let turns = turning.get(i).copied().unwrap_or(false);
-            for (sums, row) in sums.iter_mut().zip(&rows) {
-                let y = row.get(i).copied().unwrap_or(0.0);
-                if turns {
-                    for (sum, x) in sums.iter_mut().zip(xs) {
-                        let way = (x - y).abs();
-                        let other = TAU as f32 - way;
-                        let way = if other < way { other } else { way };
-                        *sum += way * way;
-                    }
-                } else {
-                    for (sum, x) in sums.iter_mut().zip(xs) {
-                        *sum += (x - y) * (x - y);
-                    }
+            let y = row.get(i).copied().unwrap_or(0.0);
+            if turning.get(i).copied().unwrap_or(false) {
+                for (sum, x) in sums.iter_mut().zip(xs) {
+                    let way = (x - y).abs();
+                    let other = TAU as f32 - way;
+                    let way = if other < way { other } else { way };
+                    *sum += way * way;
+                }
+            } else {
+                for (sum, x) in sums.iter_mut().zip(xs) {
+                    *sum += (x - y) * (x - y);
                 }
             }
         }
         let mut near = false;
-        for (sums, limits) in sums.iter().zip(&limits) {
-            for (sum, limit) in sums.iter().zip(limits.iter()) {
-                near |= sum <= limit;
-            }
+        for sum in &sums {
+            near |= *sum <= limit;
         }
         if !near {
             return None;
