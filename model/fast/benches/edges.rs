@@ -12,7 +12,7 @@
 //!
 //! | what | AVX-512, ms |
 //! |---|---|
-//! | self and 20 obstacles, 5.5 intervals per edge, 0.03 % uncertified | 114 (AVX2: 143, portable: 307) |
+//! | self and 20 obstacles, 5.5 intervals per edge, 0.03 % uncertified | 108 (AVX2: 132, portable: 284) |
 //! | the same, yes or no | 71 |
 //! | self only | 28 |
 //! | 20 obstacles only | 90 |
