@@ -6,10 +6,13 @@
 //! asked the same: see `benches/peers/README.md`.
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
+#[path = "../../model/fast/benches/measure/mod.rs"]
+mod measure;
 #[path = "../../benches/peers/peer.rs"]
 mod peer;
 
 use kiddo::{MutableKdTree, SquaredEuclidean};
+use measure::{processor_time, sorted};
 use mobee_behaviors::planners::{JointSpace, PlanningProblem, RrtConnect, shorten};
 use mobee_behaviors::planners::{NoPath, Planner};
 use mobee_behaviors::roadmap::neighbors::{Flat, Neighbors};
@@ -308,22 +311,16 @@ fn least(mut run: impl FnMut()) -> f64 {
     (0..3).map(once).fold(f64::INFINITY, f64::min)
 }
 
-/// Processor time of this thread that something takes, seconds; wall clock where there is no such file.
+/// Processor time that something takes, seconds.
 fn seconds(run: impl FnOnce()) -> f64 {
     let start = Instant::now();
-    let now = || {
-        let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-        let nanoseconds = text.and_then(|t| t.split(' ').next()?.parse::<f64>().ok());
-        nanoseconds.map_or_else(|| start.elapsed().as_secs_f64(), |ns| ns * 1e-9)
-    };
-    let begin = now();
+    let begin = processor_time(start);
     run();
-    now() - begin
+    processor_time(start) - begin
 }
 
 fn percentile(values: &[f64], share: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
+    let sorted = sorted(values.to_vec());
     let last = sorted.len().saturating_sub(1);
     sorted.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)
 }

@@ -7,6 +7,7 @@ mod plan;
 mod random;
 mod roadmap;
 mod scripted;
+mod tour;
 
 pub use explorer::{Explorer, ExplorerSettings};
 pub use jog::{Jog, JogBy, JogSettings};

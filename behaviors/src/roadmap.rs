@@ -42,7 +42,7 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::Add;
 
-/// The most motions that are remembered one by one; the edges know what came of the others.
+/// The most motions of a run that are remembered one by one; the edges know what came of the others.
 const MOST_TRIED: usize = 1000;
 
 /// A pose of the roadmap.
@@ -105,7 +105,7 @@ pub struct Roadmap {
     notes: Vec<Note>,
     /// What its file says of the world and the hand.
     about: file::About,
-    /// The newest motions that were tried, in order.
+    /// Motions that were tried, in order: those of earlier runs, and this run's newest.
     tried: Vec<TriedMotion>,
 }
 
@@ -327,10 +327,13 @@ impl Roadmap {
         });
     }
 
-    /// A motion was tried. A tour without end must not fill the memory, nor each snapshot of its agent.
+    /// A motion was tried. A tour without end must not fill the memory, nor each snapshot of its agent; what earlier runs tried, and
+    /// the map's file tells, stays.
     fn log(&mut self, motion: TriedMotion) {
-        let surplus = (self.tried.len() + 1).saturating_sub(MOST_TRIED);
-        self.tried.drain(..surplus);
+        let own = self.tried.iter().position(|t| t.run.is_none()).unwrap_or(self.tried.len());
+        if self.tried.len() - own >= MOST_TRIED {
+            self.tried.remove(own);
+        }
         self.tried.push(motion);
     }
 

@@ -1,5 +1,6 @@
 //! The explorer: builds a roadmap of random poses and drives its edges until the feasible part is known (paper, 3.1).
 
+use super::tour::defaults::{half, tenth};
 use super::{Dice, open, seal};
 use crate::group;
 use crate::roadmap::validation::Validation;
@@ -62,16 +63,8 @@ fn ten() -> usize {
     10
 }
 
-fn tenth() -> f64 {
-    0.1
-}
-
 fn many() -> usize {
     100_000
-}
-
-fn half() -> f64 {
-    0.5
 }
 
 /// Most vertices: a typing error must not eat the memory.

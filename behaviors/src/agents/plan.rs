@@ -12,11 +12,11 @@
 //! world has changed (I11).
 
 mod settings;
-mod tour;
 mod ways;
 
 pub use settings::PlanSettings;
 
+use super::tour::{Pace, Tour, predecessors_map};
 use super::{named, open, seal};
 use crate::group;
 use crate::planners::escape::{caught, escape};
@@ -29,7 +29,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
-use tour::Going;
 use ways::{Leg, Spent, Ways};
 
 /// Plans made for one goal before it counts as missed.
@@ -51,16 +50,28 @@ pub struct PlanAgent {
     own: usize,
     goals: Vec<u32>,
     repeat: u32,
-    wait: Duration,
-    speed: f64,
-    tolerance: f64,
+    pace: Pace,
     seed: u64,
-    hand: Option<usize>,
     placed: bool,
     ways: Ways,
     /// The vertices still to go through, the one where the robot is first.
     route: Vec<u32>,
-    state: Going,
+    tour: Tour,
+    tries: Tries,
+}
+
+/// What was tried for this goal, and the world it was tried in.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Tries {
+    /// Plans made, and those of them that found nothing.
+    plans: u32,
+    in_vain: u32,
+    /// Motions in a row that ended elsewhere than at their vertex.
+    off_map: u32,
+    escapes: u32,
+    /// The world in which edges were removed.
+    epoch: Option<u64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -68,7 +79,8 @@ pub struct PlanAgent {
 struct State {
     map: Value,
     progress: WalkProgress,
-    going: Going,
+    tour: Tour,
+    tries: Tries,
     spent: Spent,
 }
 
@@ -79,38 +91,31 @@ impl PlanAgent {
     /// Unknown motors and poses, positions outside the limits, names given twice, a budget of nothing: with their path.
     pub fn new(settings: PlanSettings, context: &Context) -> Result<PlanAgent, KindError> {
         let robot = context.robot.clone();
-        let speed = group::speed("speed", settings.speed);
-        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
-        let wait = group::seconds("wait_s", settings.wait_s);
-        let hand = group::marker("hand", settings.hand.as_deref(), &robot);
+        let hand = settings.hand.as_deref();
+        let pace = Pace::new(settings.speed, settings.tolerance_deg, settings.wait_s, hand, &robot);
         let budget = settings.check_budget();
         let map = named::map(None, &settings.motors, &settings.poses, &robot);
         let tour = map.and_then(|map| Ok((named::goals(&map, &settings.goals)?, map)));
         KindError::gather([
-            speed.clone().map(drop),
-            tolerance.clone().map(drop),
-            wait.clone().map(drop),
-            hand.clone().map(drop),
+            pace.as_ref().map(drop).map_err(Clone::clone),
             budget,
             tour.as_ref().map(drop).map_err(Clone::clone),
         ])?;
-        let (speed, tolerance, wait, hand, (goals, map)) = (speed?, tolerance?, wait?, hand?, tour?);
+        let (pace, (goals, map)) = (pace?, tour?);
         let seed = settings.seed.unwrap_or(context.seed);
         Ok(PlanAgent {
             robot,
-            walker: Walker::new(map, speed, tolerance, seed),
+            walker: Walker::new(map, pace.speed, pace.tolerance, seed),
             own: settings.poses.len(),
             goals,
             repeat: settings.repeat,
-            wait,
-            speed,
-            tolerance,
+            pace,
             seed,
-            hand,
             placed: false,
             ways: Ways::new(seed, settings.budget),
             route: Vec::new(),
-            state: Going::default(),
+            tour: Tour::default(),
+            tries: Tries::default(),
         })
     }
 
@@ -122,20 +127,20 @@ impl PlanAgent {
     /// Makes the place where the robot rests a vertex, so that no way has to lead to the map first. Answers whether that makes sense:
     /// it does not where motion after motion ends elsewhere than at its vertex.
     fn stand(&mut self, last: Option<MotionEnd>, view: &View) -> bool {
-        let at = self.walker.map.at(view.pose(), self.tolerance);
+        let at = self.walker.map.at(view.pose(), self.pace.tolerance);
         if let (Some(MotionEnd::Reached), Some(to)) = (last, self.route.get(1)) {
-            self.state.off_map = if at == Some(*to) { 0 } else { self.state.off_map + 1 };
+            self.tries.off_map = if at == Some(*to) { 0 } else { self.tries.off_map + 1 };
         }
-        if at.is_none() && self.state.off_map <= OFF_MAP {
+        if at.is_none() && self.tries.off_map <= OFF_MAP {
             self.add(view.pose(), view);
         }
-        self.state.off_map <= OFF_MAP
+        self.tries.off_map <= OFF_MAP
     }
 
     /// A world that has changed forgives all that failed in the old one.
     fn forgive(&mut self, view: &View) {
         let now = view.scene.epoch();
-        if self.state.epoch.replace(now).is_none_or(|before| before == now) {
+        if self.tries.epoch.replace(now).is_none_or(|before| before == now) {
             return;
         }
         let all = self.walker.map.edges();
@@ -162,11 +167,11 @@ impl PlanAgent {
             self.route = self.ways.known(&leg).unwrap_or_default();
             let (length, straight) = self.ways.lengths(&leg, &self.route);
             if self.route.is_empty() || length > DETOUR * straight {
-                if self.state.plans >= PLANS {
+                if self.tries.plans >= PLANS {
                     self.walker.log(format!("goal {goal} is given up after {PLANS} plans"));
                     return None;
                 }
-                self.state.plans += 1;
+                self.tries.plans += 1;
                 match self.ways.plan(&leg) {
                     Ok(path) if self.route.is_empty() || DETOUR * path.length() < length => {
                         self.enter(&path, at, goal, view)
@@ -186,7 +191,7 @@ impl PlanAgent {
         let mut route = vec![at];
         let inner = path.poses.len().saturating_sub(2);
         for pose in path.poses.iter().skip(1).take(inner) {
-            let target = Target { motors: self.walker.map.motors().to_vec(), q: pose.clone(), speed: self.speed };
+            let target = Target { motors: self.walker.map.motors().to_vec(), q: pose.clone(), speed: self.pace.speed };
             route.push(self.add(&target.pose(view.pose()), view));
         }
         route.push(goal);
@@ -201,7 +206,7 @@ impl PlanAgent {
         // an encoder may read a little beyond a limit
         let within = |(q, m): (&f64, &Motor)| q.clamp(m.min, m.max);
         let q: Vec<f64> = q.iter().zip(&self.robot.motors).map(within).collect();
-        let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
+        let hand = self.pace.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
         let at = group::marker_at(view, hand, &q);
         self.walker.map.add(Vertex { name: None, q, at })
     }
@@ -210,15 +215,15 @@ impl PlanAgent {
     fn without_path(&mut self, why: NoPath, goal: u32, view: &View) -> Option<Intent> {
         let text = why.text(&view.scene, view.robot);
         match why {
-            NoPath::Blocked { end: PathEnd::Start, .. } if self.state.escapes < ESCAPES => {
-                self.state.escapes += 1;
-                let seed = self.seed.wrapping_add(u64::from(self.state.escapes));
+            NoPath::Blocked { end: PathEnd::Start, .. } if self.tries.escapes < ESCAPES => {
+                self.tries.escapes += 1;
+                let seed = self.seed.wrapping_add(u64::from(self.tries.escapes));
                 self.walker.log(format!("no plan: {text}"));
-                let out = escape(view, self.walker.map.motors(), &[], self.speed, seed);
+                let out = escape(view, self.walker.map.motors(), &[], self.pace.speed, seed);
                 Some(out.map_or(Intent::Wait(Duration::from_secs(1)), Intent::MoveTo))
             }
-            NoPath::Exhausted { .. } if self.state.in_vain + 1 < EXHAUSTED => {
-                self.state.in_vain += 1;
+            NoPath::Exhausted { .. } if self.tries.in_vain + 1 < EXHAUSTED => {
+                self.tries.in_vain += 1;
                 self.walker.log(format!("no plan to goal {goal}: {text}"));
                 Some(Intent::Wait(Duration::from_secs(1)))
             }
@@ -231,7 +236,8 @@ impl PlanAgent {
 
     /// Goes on to the next goal of the tour.
     fn advance(&mut self, reached: bool) {
-        self.state.advance(reached);
+        self.tour.advance(reached);
+        (self.tries.plans, self.tries.in_vain, self.tries.escapes) = (0, 0, 0);
         self.route.clear();
     }
 
@@ -239,8 +245,8 @@ impl PlanAgent {
         self.walker.show(Vec::new());
         let progress = self.walker.progress();
         let figures = [
-            ("goals_reached", f64::from(self.state.reached)),
-            ("goals_missed", f64::from(self.state.missed)),
+            ("goals_reached", f64::from(self.tour.reached)),
+            ("goals_missed", f64::from(self.tour.missed)),
             ("plans", f64::from(self.ways.spent.plans)),
             ("lines_judged", self.ways.spent.lines as f64),
             ("motions_along_edges", f64::from(progress.driven)),
@@ -254,7 +260,7 @@ impl PlanAgent {
 impl Agent for PlanAgent {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
         if !self.placed {
-            let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
+            let hand = self.pace.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
             self.walker.map.place(|q| group::marker_at(view, hand, q));
             self.placed = true;
         }
@@ -274,13 +280,13 @@ impl Agent for PlanAgent {
                 WalkStep::Unreachable(_) => continue,
                 WalkStep::At(at) => at,
             };
-            if self.state.under_way && self.goals.get(self.state.next) == Some(&at) {
+            if self.tour.arrived(&self.goals, at) {
                 self.advance(true);
-                if !self.wait.is_zero() {
-                    return Intent::Wait(self.wait);
+                if !self.pace.wait.is_zero() {
+                    return Intent::Wait(self.pace.wait);
                 }
             }
-            match self.state.goal(&self.goals, self.repeat) {
+            match self.tour.goal(&self.goals, self.repeat) {
                 Err(why) => return self.summary(why),
                 Ok(goal) if goal == at => {}
                 Ok(goal) => match self.go(at, goal, view) {
@@ -306,22 +312,16 @@ impl Agent for PlanAgent {
 
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
-        seal(
-            "plan",
-            1,
-            &State { map, progress: self.walker.progress().clone(), going: self.state.clone(), spent: self.ways.spent },
-        )
+        let (progress, spent) = (self.walker.progress().clone(), self.ways.spent);
+        seal("plan", 1, &State { map, progress, tour: self.tour.clone(), tries: self.tries.clone(), spent })
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
         let state: State = open(&from, "plan", 1)?;
-        let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
-        if map.motors() != self.walker.map.motors() || self.goals.iter().any(|g| map.vertex(*g).is_none()) {
-            let what = "map: the map is one of other motors, or lacks a goal".to_owned();
-            return Err(Refusal::State { what });
-        }
+        let map = predecessors_map(&state.map, &self.walker.map, &self.goals, &self.robot)?;
         self.walker.resume(map, state.progress);
-        (self.placed, self.state, self.ways.spent) = (true, state.going, state.spent);
+        (self.placed, self.tour, self.tries) = (true, state.tour, state.tries);
+        self.ways.spent = state.spent;
         self.route.clear();
         Ok(())
     }

@@ -1,6 +1,8 @@
 //! The roadmap agent: CONNECT and GOTO over poses of its user's, round a tour of goals (Algorithms 1-3, figure 5).
 
 use super::named::{self, NamedPose};
+use super::tour::defaults::{half, once, tenth};
+use super::tour::{Pace, Tour, predecessors_map};
 use super::{open, seal};
 use crate::group;
 use crate::roadmap::Roadmap;
@@ -58,18 +60,6 @@ pub struct RoadmapSettings {
     pub hand: Option<String>,
 }
 
-fn once() -> u32 {
-    1
-}
-
-fn tenth() -> f64 {
-    0.1
-}
-
-fn half() -> f64 {
-    0.5
-}
-
 /// Goes round its goals.
 pub struct RoadmapAgent {
     robot: Arc<Robot>,
@@ -78,25 +68,10 @@ pub struct RoadmapAgent {
     own: usize,
     goals: Vec<u32>,
     repeat: u32,
-    wait: Duration,
-    /// The marker that the settings name.
-    hand: Option<usize>,
+    pace: Pace,
     /// Whether the vertices know where the hand is at them.
     placed: bool,
     tour: Tour,
-}
-
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Tour {
-    next: usize,
-    round: u32,
-    reached: u32,
-    missed: u32,
-    /// Goals reached in this round: a round without any is the last.
-    in_round: u32,
-    /// Whether the robot is on its way to `next`.
-    under_way: bool,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -114,20 +89,15 @@ impl RoadmapAgent {
     /// Unknown motors and poses, positions outside the limits, names given twice, a broken map: with their path.
     pub fn new(settings: RoadmapSettings, context: &Context) -> Result<RoadmapAgent, KindError> {
         let robot = context.robot.clone();
-        let speed = group::speed("speed", settings.speed);
-        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
-        let wait = group::seconds("wait_s", settings.wait_s);
-        let hand = group::marker("hand", settings.hand.as_deref(), &robot);
+        let hand = settings.hand.as_deref();
+        let pace = Pace::new(settings.speed, settings.tolerance_deg, settings.wait_s, hand, &robot);
         let tour = map(&settings, &robot).and_then(|map| Ok((goals(&settings, &map)?, map)));
         KindError::gather([
-            speed.clone().map(drop),
-            tolerance.clone().map(drop),
-            wait.clone().map(drop),
-            hand.clone().map(drop),
+            pace.as_ref().map(drop).map_err(Clone::clone),
             tour.as_ref().map(drop).map_err(Clone::clone),
         ])?;
-        let (speed, tolerance, wait, hand, (goals, map)) = (speed?, tolerance?, wait?, hand?, tour?);
-        let walker = Walker::new(map, speed, tolerance, context.seed).with_validation(settings.validation);
+        let (pace, (goals, map)) = (pace?, tour?);
+        let walker = Walker::new(map, pace.speed, pace.tolerance, context.seed).with_validation(settings.validation);
         let own = settings.poses.len();
         Ok(RoadmapAgent {
             robot,
@@ -135,8 +105,7 @@ impl RoadmapAgent {
             own,
             goals,
             repeat: settings.repeat,
-            wait,
-            hand,
+            pace,
             placed: false,
             tour: Tour::default(),
         })
@@ -145,15 +114,6 @@ impl RoadmapAgent {
     /// The roadmap as it is now.
     pub fn map(&self) -> &Roadmap {
         &self.walker.map
-    }
-
-    /// Goes on to the next goal of the tour.
-    fn advance(&mut self, reached: bool) {
-        let tour = &mut self.tour;
-        tour.reached = tour.reached.saturating_add(u32::from(reached));
-        tour.missed = tour.missed.saturating_add(u32::from(!reached));
-        tour.in_round = tour.in_round.saturating_add(u32::from(reached));
-        (tour.next, tour.under_way) = (tour.next + 1, false);
     }
 
     fn summary(&mut self, text: &str) -> Intent {
@@ -178,7 +138,7 @@ impl RoadmapAgent {
 impl Agent for RoadmapAgent {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
         if !self.placed {
-            let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
+            let hand = self.pace.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
             self.walker.map.place(|q| group::marker_at(view, hand, q));
             self.placed = true;
         }
@@ -190,29 +150,19 @@ impl Agent for RoadmapAgent {
                 WalkStep::Lost(why) => return self.summary(&why),
                 WalkStep::Unreachable(goal) => {
                     self.walker.log(format!("no way leads to goal {goal}"));
-                    self.advance(false);
+                    self.tour.advance(false);
                 }
-                WalkStep::At(at) if self.tour.under_way && self.goals.get(self.tour.next) == Some(&at) => {
-                    self.advance(true);
-                    if !self.wait.is_zero() {
-                        return Intent::Wait(self.wait);
+                WalkStep::At(at) if self.tour.arrived(&self.goals, at) => {
+                    self.tour.advance(true);
+                    if !self.pace.wait.is_zero() {
+                        return Intent::Wait(self.pace.wait);
                     }
                 }
                 WalkStep::At(_) => {}
             }
-            if self.tour.next >= self.goals.len() {
-                if self.tour.in_round == 0 {
-                    return self.summary("no goal can be reached any more");
-                }
-                let round = self.tour.round.saturating_add(1);
-                self.tour = Tour { next: 0, round, in_round: 0, ..self.tour };
-            }
-            if self.repeat > 0 && self.tour.round >= self.repeat {
-                return self.summary("the tour is done");
-            }
-            if let Some(goal) = self.goals.get(self.tour.next) {
-                self.walker.goto(*goal);
-                self.tour.under_way = true;
+            match self.tour.goal(&self.goals, self.repeat) {
+                Ok(goal) => self.walker.goto(goal),
+                Err(why) => return self.summary(why),
             }
         }
         Intent::Wait(Duration::from_secs(1))
@@ -242,11 +192,7 @@ impl Agent for RoadmapAgent {
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
         let state: State = open(&from, "roadmap", 1)?;
-        let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
-        if map.motors() != self.walker.map.motors() || self.goals.iter().any(|g| map.vertex(*g).is_none()) {
-            let what = "map: the roadmap is one of other motors, or lacks a goal".to_owned();
-            return Err(Refusal::State { what });
-        }
+        let map = predecessors_map(&state.map, &self.walker.map, &self.goals, &self.robot)?;
         self.walker.resume(map, state.progress);
         (self.placed, self.tour) = (true, state.tour);
         Ok(())

@@ -58,24 +58,14 @@ fn nearest(mut all: Vec<(f64, u32)>, k: usize) -> Vec<(f64, u32)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mobee_model::{JointMotion, Motor};
+    use mobee_model::Motor;
     use proptest::prelude::*;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use std::collections::BTreeMap;
 
     fn motor() -> Motor {
-        Motor {
-            name: "m".into(),
-            part: 0,
-            min: -3.0,
-            max: 3.0,
-            home: 0.0,
-            motion: JointMotion::Turn,
-            continuous: false,
-            joints: Vec::new(),
-            is_part_root: false,
-        }
+        crate::roadmap::tests::robot(1).motors.remove(0)
     }
 
     /// Points of some dimension whose coordinates are free, on a grid, or constant, with many repeats.

@@ -3,7 +3,8 @@ use mobee_model::{JointMotion, Motor, NodePairs, Part, Robot};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-fn robot(motors: usize) -> Robot {
+/// Some motors and nothing else.
+pub(super) fn robot(motors: usize) -> Robot {
     let motor = |i| Motor {
         name: format!("m{i}"),
         part: 0,
@@ -238,4 +239,25 @@ fn neighbors_places_and_plans_know_no_seam_where_a_motor_has_no_end() {
     // a single turn has two ends
     (robot.motors[0].min, robot.motors[0].max) = (-std::f64::consts::PI, std::f64::consts::PI);
     assert_eq!(joined(&robot).edge(0, 1), None);
+}
+
+/// A run without end keeps the newest of its own log, and all of what its map's file tells of earlier runs.
+#[test]
+fn a_log_is_bounded_and_earlier_ones_are_kept() {
+    let robot = robot(1);
+    let mut map = map(&[vec![0.0], vec![1.0]], 1);
+    map.succeeded(0, 1);
+    let mut file = map.export(&robot);
+    let mut earlier = file["tried"][0].clone();
+    earlier["run"] = json!("yesterday");
+    file["tried"] = Value::Array(vec![earlier; MOST_TRIED + 200]);
+    let mut map = Roadmap::import(&file, &robot).unwrap();
+    for i in 0..MOST_TRIED + 100 {
+        map.succeeded((i % 2) as u32, 1 - (i % 2) as u32);
+    }
+    let tried = map.export(&robot)["tried"].as_array().unwrap().clone();
+    let own: Vec<&Value> = tried.iter().filter(|t| t["run"].is_null()).collect();
+    assert_eq!((tried.len() - own.len(), own.len()), (MOST_TRIED + 200, MOST_TRIED));
+    // the last two, in order
+    assert_eq!(own[own.len() - 2..].iter().map(|t| t["from"].as_u64()).collect::<Vec<_>>(), [Some(0), Some(1)]);
 }

@@ -88,7 +88,7 @@ fn a_world_that_changed_forgives_and_blocks_at_once() {
     view.scene = scene;
     let mut again = PlanAgent::new(settings(json!({ "repeat": 1 })), &context(&robot, 1)).unwrap();
     let mut state = agent.export();
-    state.state["going"]["round"] = 0.into();
+    state.state["tour"]["round"] = 0.into();
     again.import(state).unwrap();
     let run = drive(&mut again, &mut view, 1000, by_scene);
     assert_eq!(run.done.as_ref().unwrap().text, "the tour is done");

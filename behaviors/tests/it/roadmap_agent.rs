@@ -8,20 +8,8 @@ use mobee_model::ObjectClass;
 use serde_json::json;
 use std::sync::Arc;
 
-/// Two ways from a to b: the short one straight through (0.6, 0), the long one with the arm folded.
 fn settings(extra: serde_json::Value) -> RoadmapSettings {
-    let mut all = json!({
-        "poses": [
-            { "name": "a", "q_deg": { "joint0": 60 } },
-            { "name": "b", "q_deg": { "joint0": -60 } },
-            { "name": "folded_a", "q_deg": { "joint0": 60, "joint1": 150 } },
-            { "name": "folded_b", "q_deg": { "joint0": -60, "joint1": 150 } },
-        ],
-        "edges": [["a", "b"], ["a", "folded_a"], ["folded_a", "folded_b"], ["folded_b", "b"]],
-        "goals": ["a", "b"],
-    });
-    all.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
-    serde_json::from_value(all).unwrap()
+    serde_json::from_value(two_ways(extra)).unwrap()
 }
 
 fn agent(extra: serde_json::Value) -> RoadmapAgent {

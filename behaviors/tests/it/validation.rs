@@ -8,18 +8,8 @@ use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use std::sync::Arc;
 
-/// Two ways from a to b: the short one straight through (0.6, 0), the long one with the arm folded.
 fn tour(extra: Value) -> Value {
-    let mut all = json!({
-        "poses": [
-            { "name": "a", "q_deg": { "joint0": 60 } },
-            { "name": "b", "q_deg": { "joint0": -60 } },
-            { "name": "folded_a", "q_deg": { "joint0": 60, "joint1": 150 } },
-            { "name": "folded_b", "q_deg": { "joint0": -60, "joint1": 150 } },
-        ],
-        "edges": [["a", "b"], ["a", "folded_a"], ["folded_a", "folded_b"], ["folded_b", "b"]],
-        "goals": ["b", "a"],
-    });
+    let mut all = two_ways(json!({ "goals": ["b", "a"] }));
     all.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
     all
 }

@@ -11,15 +11,17 @@
 mod measure;
 #[path = "../../../benches/peers/peer.rs"]
 mod peer;
+#[path = "measure/rate.rs"]
+mod rate;
 
-use measure::{processor_time, sorted};
+use measure::sorted;
 use mobee_fast::{FastScene, InstructionSet};
 use mobee_model::{Object, Robot, Scene, Shape, load_robot, load_world, random_poses};
 use nalgebra::Isometry3;
 use peer::{Folder, Peer, described};
+use rate::rate;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// Rounds; the median and the extremes are reported.
 const ROUNDS: usize = 7;
@@ -173,19 +175,5 @@ fn compare(scene: &Scene, poses: &[f64], peer: &mut Peer, what: &str) {
             theirs[ROUNDS / 2],
             theirs[ROUNDS - 1]
         );
-    }
-}
-
-/// How many are done in a second of processor time, measured over a tenth of one at least.
-fn rate(count: usize, mut run: impl FnMut()) -> f64 {
-    let (start, mut runs) = (Instant::now(), 0);
-    let begin = processor_time(start);
-    loop {
-        run();
-        runs += 1;
-        let spent = processor_time(start) - begin;
-        if spent > 0.1 {
-            return (runs * count) as f64 / spent;
-        }
     }
 }

@@ -8,11 +8,14 @@
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
 mod measure;
+#[path = "measure/rate.rs"]
+mod rate;
 
 use measure::{processor_time, sorted};
 use mobee_fast::{FastScene, InstructionSet};
 use mobee_model::{Robot, Scene, load_robot, load_world, random_poses};
 use nalgebra::Isometry3;
+use rate::rate;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -136,20 +139,6 @@ fn compare(name: &str, robot: &Robot, scene: &Scene, count: usize) {
                 100.0 * figures.doubtful as f64 / figures.poses as f64,
                 1e3 * compiled
             );
-        }
-    }
-}
-
-/// How many are done in a second, measured over a twentieth of one at least.
-fn rate(count: usize, mut run: impl FnMut()) -> f64 {
-    let (start, mut runs) = (Instant::now(), 0);
-    let begin = processor_time(start);
-    loop {
-        run();
-        runs += 1;
-        let spent = processor_time(start) - begin;
-        if spent > 0.05 {
-            return (runs * count) as f64 / spent;
         }
     }
 }

@@ -1,6 +1,7 @@
 //! What a user can tell the planning agent.
 
 use crate::agents::named::NamedPose;
+use crate::agents::tour::defaults::{half, once, tenth};
 use mobee_contract::KindError;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -37,18 +38,6 @@ pub struct PlanSettings {
     /// The marker whose position represents each pose in pictures of the plans; default: the one that most of the motors move.
     #[serde(default)]
     pub hand: Option<String>,
-}
-
-fn once() -> u32 {
-    1
-}
-
-fn tenth() -> f64 {
-    0.1
-}
-
-fn half() -> f64 {
-    0.5
 }
 
 fn budget() -> u64 {

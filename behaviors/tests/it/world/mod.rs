@@ -3,6 +3,7 @@
 use mobee_contract::*;
 use mobee_model::*;
 use nalgebra::{Isometry3, Unit, Vector3};
+use serde_json::{Value, json};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -174,4 +175,20 @@ pub fn drive(
 /// The oracle of the real thing: the line is free at the reflex's margin.
 pub fn by_scene(view: &View, from: &[f64], to: &[f64]) -> bool {
     view.scene.line_free(0, &view.poses, from, to, 0.001, view.clearance - 0.002)
+}
+
+/// Settings of a tour between a and b with two ways: the short one straight through (0.6, 0), the long one with the arm folded.
+pub fn two_ways(extra: Value) -> Value {
+    let mut all = json!({
+        "poses": [
+            { "name": "a", "q_deg": { "joint0": 60 } },
+            { "name": "b", "q_deg": { "joint0": -60 } },
+            { "name": "folded_a", "q_deg": { "joint0": 60, "joint1": 150 } },
+            { "name": "folded_b", "q_deg": { "joint0": -60, "joint1": 150 } },
+        ],
+        "edges": [["a", "b"], ["a", "folded_a"], ["folded_a", "folded_b"], ["folded_b", "b"]],
+        "goals": ["a", "b"],
+    });
+    all.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+    all
 }
