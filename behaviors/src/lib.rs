@@ -11,7 +11,7 @@
 //!                        └──> Intent, Note, Snapshot          verdict: roadmap + scene ──> who was right
 //!                                         walk ──> validation ──> validity: roadmap + scene ──> which edges are blocked
 //!
-//! scene, table ──> table_map ──search──> poses ──> roadmap
+//! scene, table ──> table_map ──search──> poses ──> roadmap <──> map_file (JSON)
 //! ```
 //!
 //! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `scripted`, `random`, `jog`. A program must name this
