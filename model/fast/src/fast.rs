@@ -6,6 +6,7 @@ use crate::intervals::Intervals;
 use crate::isa::{InstructionSet, Runner, checked};
 use crate::kernel::Block;
 use crate::lanes::{Mask, WIDTH};
+use crate::limits::within_limits;
 use crate::program::Program;
 use crate::reference::Reference;
 use mobee_model::{IndexPair, Scene, random_poses};
@@ -95,6 +96,8 @@ pub struct FastScene {
     pub(crate) intervals: Intervals,
     pub(crate) edges: Edges,
     pub(crate) reference: Reference,
+    /// Per cut of the program: the poses that wait there for a full block.
+    waiting: Vec<Vec<usize>>,
     pub(crate) figures: FastFigures,
 }
 
@@ -147,11 +150,13 @@ impl FastScene {
         let reference = Reference::new(scene, kept);
         let program = Arc::new(program);
         let (intervals, edges) = Default::default();
-        let mut fast = FastScene { program, clearance, runner, block, intervals, edges, reference, figures };
+        let waiting = Vec::new();
+        let mut fast = FastScene { program, clearance, runner, block, intervals, edges, reference, waiting, figures };
         let decided = fast.evidence(scene);
         let program = Arc::make_mut(&mut fast.program);
         layout.write(program, &decided);
         layout.write_motions(program, &mut movers);
+        fast.waiting = vec![Vec::new(); program.cuts.len()];
         (fast.intervals, fast.edges) = (Intervals::new(program), Edges::new(program));
         Ok(fast)
     }
@@ -160,13 +165,19 @@ impl FastScene {
     fn evidence(&mut self, scene: &Scene) -> Vec<u32> {
         self.block.decided = vec![0; self.program.pairs.len()];
         let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SEED)).collect();
+        // All the way with every lane: none goes on elsewhere.
+        let cuts = std::mem::take(&mut Arc::make_mut(&mut self.program).cuts);
+        Arc::make_mut(&mut self.program).cuts = vec![0, self.program.units.len()];
         for _ in 0..SAMPLE.min(SAMPLE_PAIR * self.program.pairs.len()) / WIDTH {
-            let poses: Vec<f64> = (0..WIDTH)
-                .flat_map(|_| robots.iter_mut().filter_map(Iterator::next).flatten().collect::<Vec<_>>())
-                .collect();
-            let asked = self.load(&poses);
-            self.runner.judge(&self.program, &mut self.block, asked);
+            let mut asked = Mask::MAX;
+            for lane in 0..WIDTH {
+                let pose: Vec<f64> = robots.iter_mut().filter_map(Iterator::next).flatten().collect();
+                self.load(lane, &pose);
+                asked &= !(Mask::from(self.program.admits(&pose) == Some(false)) << lane);
+            }
+            self.runner.judge(&self.program, &mut self.block, asked, 0);
         }
+        Arc::make_mut(&mut self.program).cuts = cuts;
         std::mem::take(&mut self.block.decided)
     }
 
@@ -200,58 +211,87 @@ impl FastScene {
             return Err(FastError::Length { given: poses.len(), motors });
         }
         self.block.forget(&self.program);
-        for poses in poses.chunks(motors * WIDTH) {
-            let count = poses.len() / motors;
-            let all = Mask::MAX >> (WIDTH - count);
-            let finite = self.load(poses) & all;
-            let touching = self.runner.judge(&self.program, &mut self.block, finite);
-            let open = self.open(all & !touching) | (all & !finite);
-            for (lane, pose) in poses.chunks_exact(motors).enumerate() {
-                let bit = 1 << lane;
-                free.push(touching & bit == 0 && (open & bit == 0 || self.decide(pose, bit, finite & bit != 0)));
+        for (i, pose) in poses.chunks_exact(motors).enumerate() {
+            free.push(false);
+            match self.program.admits(pose) {
+                Some(false) => {}
+                None => {
+                    self.figures.doubtful += 1;
+                    free[i] = self.reference.free(pose, self.clearance);
+                }
+                Some(true) => {
+                    self.waiting[0].push(i);
+                    // A block that stops may fill the next one.
+                    let mut cut = Some(0);
+                    while let Some(full) = cut.filter(|cut| self.waiting[*cut].len() >= WIDTH) {
+                        cut = self.judge_waiting(poses, full, free);
+                    }
+                }
             }
-            self.figures.poses += count as u64;
-            self.figures.doubtful += u64::from(open.count_ones());
         }
+        for cut in 0..self.waiting.len() {
+            while !self.waiting[cut].is_empty() {
+                self.judge_waiting(poses, cut, free);
+            }
+        }
+        self.figures.poses += free.len() as u64;
         Ok(())
     }
 
-    /// Lanes in doubt, among those that do not touch.
-    fn open(&self, among: Mask) -> Mask {
-        let pairs = self.block.doubts.iter().fold(0, |all, (_, lanes)| all | lanes);
-        among & (pairs | self.block.doubtful_constraints)
+    /// Judges a block of those that wait at a cut; returns the cut at which what is left of it waits now, if any.
+    fn judge_waiting(&mut self, poses: &[f64], cut: usize, free: &mut [bool]) -> Option<usize> {
+        let motors = self.motors();
+        let mut block = std::mem::take(&mut self.waiting[cut]);
+        let rest = block.split_off(block.len().min(WIDTH));
+        let pose = |i: usize| &poses[i * motors..(i + 1) * motors];
+        let (mut asked, mut odd) = (0, 0);
+        for (lane, i) in block.iter().enumerate() {
+            let finite = self.load(lane, pose(*i));
+            asked |= Mask::from(finite) << lane;
+            odd |= Mask::from(!finite) << lane;
+        }
+        let (live, stopped) = self.runner.judge(&self.program, &mut self.block, asked, cut);
+        for (lane, i) in block.iter().enumerate() {
+            let bit = 1 << lane;
+            let known = odd & bit == 0;
+            if known && live & bit == 0 {
+                continue;
+            }
+            let open = known && self.block.doubts.iter().any(|(_, lanes)| lanes & bit != 0);
+            self.figures.doubtful += u64::from(open || !known);
+            if !known {
+                free[*i] = self.reference.free(pose(*i), self.clearance);
+            } else if !open || !self.doubt_touches(pose(*i), bit) {
+                match stopped {
+                    Some(at) => self.waiting[at].push(*i),
+                    None => free[*i] = true,
+                }
+            }
+        }
+        block.clear();
+        block.extend(rest);
+        self.waiting[cut] = block;
+        stopped
     }
 
-    /// Whether the pose in a lane that is in doubt is free.
-    fn decide(&mut self, pose: &[f64], lane: Mask, finite: bool) -> bool {
-        if !finite {
-            return self.reference.free(pose, self.clearance);
-        }
-        if self.block.doubtful_constraints & lane != 0 && !self.reference.satisfies_constraints(pose) {
-            return false;
-        }
+    /// Whether a pair that is in doubt in this lane touches.
+    fn doubt_touches(&mut self, pose: &[f64], lane: Mask) -> bool {
         let doubts = self.block.doubts.iter().filter(|(_, lanes)| lanes & lane != 0);
         let pairs = doubts.map(|(pair, _)| self.program.pairs[*pair].ids);
-        !self.reference.any_touches(pose, pairs, self.clearance)
+        self.reference.any_touches(pose, pairs, self.clearance)
     }
 
-    /// Fills the block with poses, at most [`WIDTH`] of them; what is missing is as it was.
+    /// Puts a pose into a lane, within its limits.
     ///
     /// # Returns
-    /// The lanes whose numbers are all finite.
-    fn load(&mut self, poses: &[f64]) -> Mask {
-        let mut finite = Mask::MAX;
-        for (lane, pose) in poses.chunks_exact(self.program.limits.len()).enumerate() {
-            let mut sound = 0.0;
-            for ((row, q), (low, high)) in self.block.motors.iter_mut().zip(pose).zip(&self.program.limits) {
-                row.0[lane] = if q > low { if q < high { *q } else { *high } } else { *low };
-                sound += q * 0.0;
-            }
-            if sound != 0.0 {
-                finite &= !(1 << lane);
-            }
+    /// Whether its numbers are all finite.
+    fn load(&mut self, lane: usize, pose: &[f64]) -> bool {
+        let mut sound = 0.0;
+        for ((row, q), limits) in self.block.motors.iter_mut().zip(pose).zip(&self.program.limits) {
+            row.0[lane] = within_limits(*q, *limits);
+            sound += q * 0.0;
         }
-        finite
+        sound == 0.0
     }
 }
 

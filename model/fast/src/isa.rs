@@ -67,31 +67,31 @@ impl Runner {
     }
 
     /// See [`judge`].
-    pub fn judge(self, program: &Program, block: &mut Block, asked: Mask) -> Mask {
+    pub fn judge(self, program: &Program, block: &mut Block, asked: Mask, cut: usize) -> (Mask, Option<usize>) {
         match self.0 {
-            InstructionSet::Portable => judge::<Portable>(program, block, asked),
+            InstructionSet::Portable => judge::<Portable>(program, block, asked, cut),
             // SAFETY: whoever made this value has asked the processor.
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => unsafe { judge_avx2(program, block, asked) },
+            InstructionSet::Avx2 => unsafe { judge_avx2(program, block, asked, cut) },
             // SAFETY: whoever made this value has asked the processor.
             #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx512 => unsafe { judge_avx512(program, block, asked) },
+            InstructionSet::Avx512 => unsafe { judge_avx512(program, block, asked, cut) },
             #[cfg(not(target_arch = "x86_64"))]
-            _ => judge::<Portable>(program, block, asked),
+            _ => judge::<Portable>(program, block, asked, cut),
         }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn judge_avx2(program: &Program, block: &mut Block, asked: Mask) -> Mask {
-    judge::<Avx2>(program, block, asked)
+fn judge_avx2(program: &Program, block: &mut Block, asked: Mask, cut: usize) -> (Mask, Option<usize>) {
+    judge::<Avx2>(program, block, asked, cut)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
-fn judge_avx512(program: &Program, block: &mut Block, asked: Mask) -> Mask {
-    judge::<Avx512>(program, block, asked)
+fn judge_avx512(program: &Program, block: &mut Block, asked: Mask, cut: usize) -> (Mask, Option<usize>) {
+    judge::<Avx512>(program, block, asked, cut)
 }
 
 #[cfg(target_arch = "x86_64")]

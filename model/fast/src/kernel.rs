@@ -6,12 +6,16 @@
 
 use crate::distance::test_pair;
 use crate::lanes::{Lanes, Mask, Row, WIDTH, WideRow};
-use crate::program::{Bend, FlatClause, Joint, Motion, Program, Step};
+use crate::program::{Bend, Joint, Motion, Program, Step, UnitTest};
 use crate::vector::{Rows3, V3};
 use std::ops::Range;
 
 /// Pairs of units whose balls are asked together.
 const BATCH: usize = 32;
+
+/// A block stops at a cut when no more than this share of its lanes is alive: they go on in fuller company.
+const FEW: u32 = 1;
+const FEW_OF: u32 = 2;
 
 /// What the kernel reads and writes: allocated once, used again for every block.
 #[derive(Clone, Debug, Default)]
@@ -35,8 +39,6 @@ pub(crate) struct Block {
     turns: Vec<Option<Box<[Row; 2]>>>,
     /// Lanes in which rounding could decide about a pair: (pair, lanes).
     pub doubts: Vec<(usize, Mask)>,
-    /// Lanes in which it could decide about constraints.
-    pub doubtful_constraints: Mask,
     /// Per pair, in how many lanes it decided; empty unless evidence is gathered.
     pub decided: Vec<u32>,
 }
@@ -78,36 +80,46 @@ impl Block {
     }
 }
 
-/// Judges the lanes of a block that are asked for.
+/// Judges the lanes of a block that are asked for, from a cut of the program on.
 ///
 /// # Returns
-/// The lanes that surely touch or violate a constraint. Of the others those are free that are in no doubt: see
-/// [`Block::doubts`].
+/// The lanes that are still alive: of the others it is sure that they touch; and the cut at which it stopped because
+/// they were too few, if it did. Lanes that are alive may be in doubt: see [`Block::doubts`].
 #[inline(always)]
-pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask) -> Mask {
+pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask, cut: usize) -> (Mask, Option<usize>) {
     block.doubts.clear();
-    block.doubtful_constraints = 0;
-    let mut live = asked & !violated::<L>(program, block);
+    let mut live = asked;
     start_placing::<L>(program, block);
-    for units in program.units.chunks(BATCH) {
-        // All at once and without a branch: which pairs of units are near can't be predicted.
-        let (mut near, mut count) = ([(0, 0); BATCH], 0);
-        for (i, unit) in units.iter().enumerate() {
-            let lanes = nearer::<L>(block, unit.a, unit.b, unit.within_squared);
-            near[count] = (i, lanes);
-            count += usize::from(lanes & live != 0);
-        }
-        for (i, lanes) in &near[..count] {
-            // Meanwhile some lanes may be done.
-            if lanes & live != 0 {
-                live = take_steps::<L>(program, block, units[*i].steps.clone(), live);
+    for next in cut + 1..program.cuts.len() {
+        for units in program.units[program.cuts[next - 1]..program.cuts[next]].chunks(BATCH) {
+            live = judge_units::<L>(program, block, units, live);
+            if live == 0 {
+                return (0, None);
             }
         }
-        if live == 0 {
-            break;
+        if next + 1 < program.cuts.len() && live.count_ones() * FEW_OF <= asked.count_ones() * FEW {
+            return (live, Some(next));
         }
     }
-    asked & !live
+    (live, None)
+}
+
+#[inline(always)]
+fn judge_units<L: Lanes>(program: &Program, block: &mut Block, units: &[UnitTest], mut live: Mask) -> Mask {
+    // All at once and without a branch: which pairs of units are near can't be predicted.
+    let (mut near, mut count) = ([(0, 0); BATCH], 0);
+    for (i, unit) in units.iter().enumerate() {
+        let lanes = nearer::<L>(block, unit.a, unit.b, unit.within_squared);
+        near[count] = (i, lanes);
+        count += usize::from(lanes & live != 0);
+    }
+    for (i, lanes) in &near[..count] {
+        // Meanwhile some lanes may be done.
+        if lanes & live != 0 {
+            live = take_steps::<L>(program, block, units[*i].steps.clone(), live);
+        }
+    }
+    live
 }
 
 /// Takes away what the last poses moved, and puts in place what is asked for at every pose.
@@ -305,35 +317,4 @@ fn sine_cosine<L: Lanes>(q: &WideRow, joint: &Joint, sine: &mut Row, cosine: &mu
         sine.0[i] = f64::from_bits(a.to_bits() ^ ((quarter & 2) << 62)) as f32;
         cosine.0[i] = f64::from_bits(b.to_bits() ^ ((quarter.wrapping_add(1) & 2) << 62)) as f32;
     }
-}
-
-/// Lanes that surely violate a constraint; doubtful ones are noted.
-#[inline(always)]
-fn violated<L: Lanes>(program: &Program, block: &mut Block) -> Mask {
-    let mut violated = 0;
-    for clause in &program.clauses {
-        let value = clause_value::<L>(clause, &block.motors);
-        for (i, value) in value.0.iter().enumerate() {
-            violated |= Mask::from(*value < -clause.doubt) << i;
-            block.doubtful_constraints |= Mask::from(value.abs() <= clause.doubt) << i;
-        }
-    }
-    violated
-}
-
-#[inline(always)]
-fn clause_value<L: Lanes>(clause: &FlatClause, motors: &[WideRow]) -> WideRow {
-    let mut greatest = WideRow([f64::NEG_INFINITY; WIDTH]);
-    for (terms, constant) in &clause.members {
-        let mut sum = [*constant; WIDTH];
-        for (motor, factor) in terms {
-            for (sum, q) in sum.iter_mut().zip(&motors[*motor].0) {
-                *sum += factor * q;
-            }
-        }
-        for (greatest, sum) in greatest.0.iter_mut().zip(sum) {
-            *greatest = if sum > *greatest { sum } else { *greatest };
-        }
-    }
-    greatest
 }

@@ -36,6 +36,9 @@ pub(crate) struct Program {
     pub pairs: Vec<PairTest>,
     /// What is asked at every pose, in order: whether two whole units are near, and if so what to do.
     pub units: Vec<UnitTest>,
+    /// Where in `units` a block may stop, so that the few lanes left go on with those of other blocks: from none of
+    /// them to all.
+    pub cuts: Vec<usize>,
     /// What to do, unit by unit.
     pub steps: Vec<Step>,
     /// How far things move: sums of levers times motors' steps. The first is empty: what stands still.

@@ -18,6 +18,9 @@ use std::ops::Range;
 /// Fewer shapes than this on the other side are tested at once.
 const MANY: usize = 3;
 
+/// Pairs of units after which a block may stop. A matter of speed alone.
+const CUTS: [usize; 3] = [0, 32, 96];
+
 /// What is tested as one at first: a whole region, or one group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Unit {
@@ -118,7 +121,10 @@ impl Layout {
             between.decided += decided.get(p).copied().unwrap_or(0);
         }
         let mut units: Vec<_> = units.into_iter().collect();
-        let telling = |groups: &BTreeMap<_, Between>| groups.values().map(|b| b.decided).sum::<u32>();
+        let telling = |groups: &BTreeMap<_, Between>| {
+            let (decided, pairs) = groups.values().fold((0, 0), |(d, n), b| (d + b.decided, n + b.pairs.len()));
+            decided * 1000 / (4 + pairs as u32)
+        };
         units.sort_by_key(|(_, groups)| std::cmp::Reverse(telling(groups)));
         let (mut tests, mut steps) = (Vec::new(), Vec::new());
         for ((u, v), groups) in units {
@@ -127,6 +133,7 @@ impl Layout {
             let (a, b) = (self.unit_ball(u), self.unit_ball(v));
             tests.push(UnitTest { a, b, within_squared: self.within_squared(a, b), steps: first..steps.len() });
         }
+        program.cuts = CUTS.iter().copied().take_while(|cut| *cut < tests.len()).chain([tests.len()]).collect();
         (program.units, program.steps) = (tests, steps);
     }
 

@@ -30,6 +30,7 @@ fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &B
     // Everything is near at ten meters, but nothing touches by then that would end the block: only frames are asked for
     // here.
     compiled.program.units.clear();
+    compiled.program.cuts = vec![0, 0];
     compiled.program.regions.truncate(1);
     compiled.program.regions[0] = 0..compiled.program.joints.len();
     let frames: Vec<usize> = compiled.program.joints.iter().map(|j| j.frame).collect();
@@ -44,7 +45,7 @@ fn judged(name: &str, mut look: impl FnMut(&Scene, &[LaneFrame], &[Vec<f64>], &B
                     row.0[lane] = *q;
                 }
             }
-            runner.judge(&compiled.program, &mut block, Mask::MAX);
+            runner.judge(&compiled.program, &mut block, Mask::MAX, 0);
             look(&scene, &compiled.movers.frames, &poses, &block, &frames);
         }
     }
