@@ -15,6 +15,8 @@ use std::sync::Arc;
 /// Most poses that the order of tests is learned from, and how many for each pair: few pairs are in order soon.
 const SAMPLE: usize = 4096;
 const SAMPLE_PAIR: usize = 8;
+/// Poses of a block that satisfy the constraints and are judged at once; fewer wait for others.
+const FULL: u32 = 12;
 /// Their seed: equal scenes have equal programs.
 const SEED: u64 = 1;
 
@@ -169,12 +171,12 @@ impl FastScene {
         let cuts = std::mem::take(&mut Arc::make_mut(&mut self.program).cuts);
         Arc::make_mut(&mut self.program).cuts = vec![0, self.program.units.len()];
         for _ in 0..SAMPLE.min(SAMPLE_PAIR * self.program.pairs.len()) / WIDTH {
-            let mut asked = Mask::MAX;
             for lane in 0..WIDTH {
                 let pose: Vec<f64> = robots.iter_mut().filter_map(Iterator::next).flatten().collect();
                 self.load(lane, &pose);
-                asked &= !(Mask::from(self.program.admits(&pose) == Some(false)) << lane);
             }
+            let (violated, _) = self.runner.violated(&self.program, &self.block);
+            let asked = !violated;
             self.runner.judge(&self.program, &mut self.block, asked, 0);
         }
         Arc::make_mut(&mut self.program).cuts = cuts;
@@ -211,22 +213,30 @@ impl FastScene {
             return Err(FastError::Length { given: poses.len(), motors });
         }
         self.block.forget(&self.program);
-        for (i, pose) in poses.chunks_exact(motors).enumerate() {
-            free.push(false);
-            match self.program.admits(pose) {
-                Some(false) => {}
-                None => {
+        free.resize(poses.len() / motors, false);
+        let mut block = Vec::with_capacity(WIDTH);
+        for first in (0..free.len()).step_by(WIDTH) {
+            block.clear();
+            block.extend(first..free.len().min(first + WIDTH));
+            let finite = self.load_all(poses, &block);
+            let (violated, doubtful) = self.runner.violated(&self.program, &self.block);
+            for (lane, i) in block.iter().enumerate() {
+                if (!finite | doubtful) & !(finite & violated) & 1 << lane != 0 {
                     self.figures.doubtful += 1;
-                    free[i] = self.reference.free(pose, self.clearance);
+                    free[*i] = self.reference.free(&poses[i * motors..(i + 1) * motors], self.clearance);
                 }
-                Some(true) => {
-                    self.waiting[0].push(i);
-                    // A block that stops may fill the next one.
-                    let mut cut = Some(0);
-                    while let Some(full) = cut.filter(|cut| self.waiting[*cut].len() >= WIDTH) {
-                        cut = self.judge_waiting(poses, full, free);
-                    }
-                }
+            }
+            let asked = finite & !violated & !doubtful;
+            let mut cut = if asked.count_ones() >= FULL {
+                self.judge_lanes(poses, &block, (asked, 0), free)
+            } else {
+                self.waiting[0]
+                    .extend(block.iter().enumerate().filter(|(lane, _)| asked & 1 << lane != 0).map(|(_, i)| i));
+                Some(0)
+            };
+            // A block that stops may fill the next one.
+            while let Some(full) = cut.filter(|cut| self.waiting[*cut].len() >= WIDTH) {
+                cut = self.judge_waiting(poses, full, free);
             }
         }
         for cut in 0..self.waiting.len() {
@@ -240,38 +250,49 @@ impl FastScene {
 
     /// Judges a block of those that wait at a cut; returns the cut at which what is left of it waits now, if any.
     fn judge_waiting(&mut self, poses: &[f64], cut: usize, free: &mut [bool]) -> Option<usize> {
-        let motors = self.motors();
         let mut block = std::mem::take(&mut self.waiting[cut]);
         let rest = block.split_off(block.len().min(WIDTH));
-        let pose = |i: usize| &poses[i * motors..(i + 1) * motors];
-        let (mut asked, mut odd) = (0, 0);
-        for (lane, i) in block.iter().enumerate() {
-            let finite = self.load(lane, pose(*i));
-            asked |= Mask::from(finite) << lane;
-            odd |= Mask::from(!finite) << lane;
-        }
+        let asked = self.load_all(poses, &block);
+        let stopped = self.judge_lanes(poses, &block, (asked, cut), free);
+        block.clear();
+        block.extend(rest);
+        self.waiting[cut] = block;
+        stopped
+    }
+
+    /// Judges poses that are in the lanes, by their numbers, from a cut on; returns the cut at which those that are left
+    /// wait now, if any.
+    fn judge_lanes(
+        &mut self,
+        poses: &[f64],
+        block: &[usize],
+        (asked, cut): (Mask, usize),
+        free: &mut [bool],
+    ) -> Option<usize> {
+        let motors = self.motors();
         let (live, stopped) = self.runner.judge(&self.program, &mut self.block, asked, cut);
-        for (lane, i) in block.iter().enumerate() {
+        let doubtful = self.block.doubts.iter().fold(0, |all, (_, lanes)| all | lanes) & live;
+        self.figures.doubtful += u64::from(doubtful.count_ones());
+        for (lane, i) in block.iter().enumerate().filter(|(lane, _)| live & 1 << lane != 0) {
             let bit = 1 << lane;
-            let known = odd & bit == 0;
-            if known && live & bit == 0 {
-                continue;
-            }
-            let open = known && self.block.doubts.iter().any(|(_, lanes)| lanes & bit != 0);
-            self.figures.doubtful += u64::from(open || !known);
-            if !known {
-                free[*i] = self.reference.free(pose(*i), self.clearance);
-            } else if !open || !self.doubt_touches(pose(*i), bit) {
+            if doubtful & bit == 0 || !self.doubt_touches(&poses[i * motors..(i + 1) * motors], bit) {
                 match stopped {
                     Some(at) => self.waiting[at].push(*i),
                     None => free[*i] = true,
                 }
             }
         }
-        block.clear();
-        block.extend(rest);
-        self.waiting[cut] = block;
         stopped
+    }
+
+    /// Puts poses into the lanes, by their numbers.
+    ///
+    /// # Returns
+    /// The lanes whose numbers are all finite.
+    fn load_all(&mut self, poses: &[f64], block: &[usize]) -> Mask {
+        let motors = self.motors();
+        let lanes = block.iter().enumerate();
+        lanes.fold(0, |all, (lane, i)| all | Mask::from(self.load(lane, &poses[i * motors..(i + 1) * motors])) << lane)
     }
 
     /// Whether a pair that is in doubt in this lane touches.

@@ -1,5 +1,6 @@
 //! Which vector instructions a block is judged with: asked of the processor once, when a scene is compiled.
 
+use crate::clauses::violated;
 use crate::intervals::{Intervals, sweep};
 use crate::kernel::{Block, judge};
 #[cfg(target_arch = "x86_64")]
@@ -66,6 +67,21 @@ impl Runner {
         }
     }
 
+    /// See [`violated`].
+    pub fn violated(self, program: &Program, block: &Block) -> (Mask, Mask) {
+        match self.0 {
+            InstructionSet::Portable => violated(program, block),
+            // SAFETY: whoever made this value has asked the processor.
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2 => unsafe { violated_avx2(program, block) },
+            // SAFETY: whoever made this value has asked the processor.
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512 => unsafe { violated_avx512(program, block) },
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => violated(program, block),
+        }
+    }
+
     /// See [`judge`].
     pub fn judge(self, program: &Program, block: &mut Block, asked: Mask, cut: usize) -> (Mask, Option<usize>) {
         match self.0 {
@@ -104,4 +120,16 @@ fn sweep_avx2(program: &Program, block: &mut Block, intervals: &mut Intervals) {
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
 fn sweep_avx512(program: &Program, block: &mut Block, intervals: &mut Intervals) {
     sweep::<Avx512>(program, block, intervals)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn violated_avx2(program: &Program, block: &Block) -> (Mask, Mask) {
+    violated(program, block)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
+fn violated_avx512(program: &Program, block: &Block) -> (Mask, Mask) {
+    violated(program, block)
 }

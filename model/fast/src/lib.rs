@@ -37,6 +37,7 @@
 
 mod bound;
 mod chain;
+mod clauses;
 mod compile;
 mod distance;
 mod edge_block;

@@ -35,36 +35,8 @@ pub(crate) fn is_within(q: f64, (low, high): (f64, f64)) -> bool {
 /// A motor's position, or the nearer limit if it is beyond.
 #[inline]
 pub(crate) fn within_limits(q: f64, (low, high): (f64, f64)) -> f64 {
-    if q > low { if q < high { q } else { high } } else { low }
-}
-
-impl Program {
-    /// Whether a pose satisfies all constraints, if rounding can't decide that: asked before anything is placed, since
-    /// it costs little and leaves lanes to others.
-    pub(crate) fn admits(&self, pose: &[f64]) -> Option<bool> {
-        let (mut sure, mut sound) = (true, 0.0);
-        for clause in &self.clauses {
-            let mut greatest = f64::NEG_INFINITY;
-            for (terms, constant) in &clause.members {
-                let mut sum = *constant;
-                for (motor, factor) in terms {
-                    let q = pose[*motor];
-                    sum += factor * within_limits(q, self.limits[*motor]);
-                    sound += q * 0.0;
-                }
-                greatest = greatest.max(sum);
-            }
-            // What is no number is for the reference.
-            if sound != 0.0 {
-                return None;
-            }
-            if greatest < -clause.doubt {
-                return Some(false);
-            }
-            sure &= greatest > clause.doubt;
-        }
-        sure.then_some(true)
-    }
+    let q = if q > low { q } else { low };
+    if q < high { q } else { high }
 }
 
 impl FastScene {

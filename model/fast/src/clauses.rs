@@ -1,0 +1,36 @@
+//! Constraints, asked before anything is placed: that costs little, and leaves the lanes to other poses.
+
+use crate::kernel::Block;
+use crate::lanes::{Mask, WIDTH, WideRow};
+use crate::program::{FlatClause, Program};
+
+/// The lanes that surely violate a constraint, and those in which rounding could decide about one.
+#[inline(always)]
+pub(crate) fn violated(program: &Program, block: &Block) -> (Mask, Mask) {
+    let (mut violated, mut doubtful) = (0, 0);
+    for clause in &program.clauses {
+        let value = clause_value(clause, &block.motors);
+        for (i, value) in value.0.iter().enumerate() {
+            violated |= Mask::from(*value < -clause.doubt) << i;
+            doubtful |= Mask::from(value.abs() <= clause.doubt) << i;
+        }
+    }
+    (violated, doubtful)
+}
+
+#[inline(always)]
+fn clause_value(clause: &FlatClause, motors: &[WideRow]) -> WideRow {
+    let mut greatest = WideRow([f64::NEG_INFINITY; WIDTH]);
+    for (terms, constant) in &clause.members {
+        let mut sum = [*constant; WIDTH];
+        for (motor, factor) in terms {
+            for (sum, q) in sum.iter_mut().zip(&motors[*motor].0) {
+                *sum += factor * q;
+            }
+        }
+        for (greatest, sum) in greatest.0.iter_mut().zip(sum) {
+            *greatest = if sum > *greatest { sum } else { *greatest };
+        }
+    }
+    greatest
+}
