@@ -168,7 +168,6 @@ impl FastScene {
         self.block.decided = vec![0; self.program.pairs.len()];
         let mut robots: Vec<_> = scene.robots().iter().map(|robot| random_poses(robot, SEED)).collect();
         // All the way with every lane: none goes on elsewhere.
-        let cuts = std::mem::take(&mut Arc::make_mut(&mut self.program).cuts);
         Arc::make_mut(&mut self.program).cuts = vec![0, self.program.units.len()];
         for _ in 0..SAMPLE.min(SAMPLE_PAIR * self.program.pairs.len()) / WIDTH {
             for lane in 0..WIDTH {
@@ -179,7 +178,6 @@ impl FastScene {
             let asked = !violated;
             self.runner.judge(&self.program, &mut self.block, asked, 0);
         }
-        Arc::make_mut(&mut self.program).cuts = cuts;
         std::mem::take(&mut self.block.decided)
     }
 

@@ -13,9 +13,8 @@ use std::ops::Range;
 /// Pairs of units whose balls are asked together.
 const BATCH: usize = 32;
 
-/// A block stops at a cut when no more than this share of its lanes is alive: they go on in fuller company.
-const FEW: u32 = 1;
-const FEW_OF: u32 = 2;
+/// A block stops at a cut when no more than one in so many of its lanes is alive: they go on in fuller company.
+const FEW: u32 = 2;
 
 /// What the kernel reads and writes: allocated once, used again for every block.
 #[derive(Clone, Debug, Default)]
@@ -97,7 +96,7 @@ pub(crate) fn judge<L: Lanes>(program: &Program, block: &mut Block, asked: Mask,
                 return (0, None);
             }
         }
-        if next + 1 < program.cuts.len() && live.count_ones() * FEW_OF <= asked.count_ones() * FEW {
+        if next + 1 < program.cuts.len() && live.count_ones() * FEW <= asked.count_ones() {
             return (live, Some(next));
         }
     }

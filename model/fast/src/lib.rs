@@ -15,13 +15,15 @@
 //! poses ──> angles ──f64──> sine, cosine ──f32──> frames ──> balls ──near──> shapes ──near──> two shapes
 //!                                                     touching | free | in doubt ──> scalar engine
 //! ```
+//! * **Company** (`clauses.rs`, `fast.rs`): constraints are asked before anything is placed, and poses that violate one
+//!   take no lane; where few lanes of a block are left at a cut of the program, they go on with those of other blocks.
 //! * **Kinematics** (`chain.rs`): constant transforms are folded; each frame is chosen so that its hinge turns about z
 //!   and most constant turns vanish or are right angles.
 //! * **Pairs** (`sweep.rs`): a pair is dropped if the balls that hold its shapes *at every pose within the limits* are
 //!   apart: a proof, not a sample.
 //! * **Balls** (`steps.rs`): two hands, two links, then two shapes are asked only if their balls meet in a lane. A
-//!   hand's fingers are not even placed unless something is near the hand. What decided most often in a seeded sample
-//!   is asked first.
+//!   hand's fingers are not even placed unless something is near the hand. What decided most often in a seeded sample,
+//!   for what it costs, is asked first.
 //! * **Two shapes** (`distance.rs`): capsules and balls by the closed form of two segments; cylinders and boxes by
 //!   projections to and fro. Whatever is found is *checked*: two near points prove a contact, a direction that
 //!   separates proves that there is none.

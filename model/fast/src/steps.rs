@@ -121,6 +121,7 @@ impl Layout {
             between.decided += decided.get(p).copied().unwrap_or(0);
         }
         let mut units: Vec<_> = units.into_iter().collect();
+        // For what they cost: a few pairs tell as much as many for less.
         let telling = |groups: &BTreeMap<_, Between>| {
             let (decided, pairs) = groups.values().fold((0, 0), |(d, n), b| (d + b.decided, n + b.pairs.len()));
             decided * 1000 / (4 + pairs as u32)
