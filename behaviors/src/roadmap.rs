@@ -21,6 +21,7 @@ mod blocked;
 mod file;
 pub mod join;
 pub mod neighbors;
+mod replace;
 mod search;
 #[cfg(test)]
 mod tests;
@@ -133,7 +134,7 @@ impl Roadmap {
         self.motors.iter().map(|m| q.get(*m).copied().unwrap_or(0.0)).collect()
     }
 
-    /// Adds a pose; answers its number. Vertices are numbered from 0 and never taken out.
+    /// Adds a pose; answers its number. Vertices are numbered from 0 and never taken out; see [`Roadmap::replace`].
     pub fn add(&mut self, vertex: Vertex) -> u32 {
         let group = self.group(&vertex.q);
         let note = Note::Vertex { id: self.graph.node_count() as u32, q: vertex.q.clone(), at: vertex.at };

@@ -156,7 +156,7 @@ pub struct Snapshot {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "note", rename_all = "snake_case")]
 pub enum Note {
-    /// A vertex was added to the map.
+    /// A vertex was added to the map; or one is at another pose now, and its edges are gone.
     Vertex {
         /// Its number in the map.
         id: u32,

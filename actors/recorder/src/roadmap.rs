@@ -41,7 +41,12 @@ impl Roadmap {
                 let at = at.map(|v| v as f32);
                 let taken: Vec<_> = self.vertices.values().map(|v| v.flat).collect();
                 let flat = layout::place(layout::project(at, right), &taken);
-                self.vertices.insert(*id, Vertex { at, flat });
+                let before = self.vertices.insert(*id, Vertex { at, flat });
+                if before.is_some_and(|before| before.at != at) {
+                    // another vertex, whose edges are told anew
+                    self.edges.retain(|(from, to), _| from != id && to != id);
+                    self.changed.edges = true;
+                }
                 self.changed.vertices = true;
             }
             Note::Edge { from, to, state, .. } => {
@@ -116,6 +121,20 @@ mod tests {
             map.on(&edge(2, 1, b), [1.0, 0.0, 0.0]);
             assert_eq!(map.lines(), BTreeMap::from([((1, 2), EdgeState::Feasible)]));
         }
+    }
+
+    #[test]
+    fn a_vertex_that_moved_has_lost_its_edges() {
+        let mut map = Roadmap::default();
+        let vertex = |id, x| Note::Vertex { id, q: vec![x], at: [x, 0.0, 0.0] };
+        (0..3).for_each(|id| map.on(&vertex(id, f64::from(id)), [1.0, 0.0, 0.0]));
+        for (a, b) in [(0, 1), (1, 0), (0, 2)] {
+            map.on(&edge(a, b, EdgeState::Feasible), [1.0, 0.0, 0.0]);
+        }
+        map.on(&vertex(1, 1.0), [1.0, 0.0, 0.0]);
+        assert_eq!(map.edges.len(), 3, "told again, and the same");
+        map.on(&vertex(1, 5.0), [1.0, 0.0, 0.0]);
+        assert_eq!(map.edges.keys().collect::<Vec<_>>(), [&(0, 2)]);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::record::journal::{JournalError, read};
 use mobee_contract::{EdgeState, Event, Note, Outcome, Summary, SwapStep, Time};
 use serde::Serialize;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What a run did, counted over all robots.
@@ -80,7 +80,7 @@ pub struct RunSummary {
 pub fn summary(path: &Path) -> Result<RunSummary, JournalError> {
     let mut s = RunSummary::default();
     let mut edges = BTreeMap::new();
-    let mut vertices = BTreeSet::new();
+    let mut vertices = BTreeMap::new();
     for line in read(path)? {
         let line = match line {
             Ok(line) => line,
@@ -94,7 +94,13 @@ pub fn summary(path: &Path) -> Result<RunSummary, JournalError> {
         s.secs = line.at.since(Time::ZERO).as_secs_f64();
         s.hash = line.hash;
         match line.event {
-            Event::Note { robot, note: Note::Vertex { id, .. } } => drop(vertices.insert((robot, id))),
+            Event::Note { robot, note: Note::Vertex { id, q, .. } } => {
+                let before = vertices.insert((robot.clone(), id), q.clone());
+                if before.is_some_and(|before| before != q) {
+                    // another vertex, whose edges are told anew
+                    edges.retain(|(r, from, to), _| *r != robot || (*from != id && *to != id));
+                }
+            }
             Event::Note { robot, note: Note::Edge { from, to, state, .. } } => {
                 edges.insert((robot, from, to), state);
             }

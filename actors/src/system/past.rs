@@ -189,7 +189,18 @@ impl Past {
 impl PastRobot {
     fn note(&mut self, note: &Note) {
         match note {
-            Note::Vertex { .. } => self.notes.push(note.clone()),
+            Note::Vertex { id, q, .. } => {
+                let told = |n: &&mut Note| matches!(n, Note::Vertex { id: known, .. } if known == id);
+                match self.notes.iter_mut().find(told) {
+                    // an agent that began anew tells its map once more
+                    Some(Note::Vertex { q: before, .. }) if before == q => {}
+                    Some(known) => {
+                        *known = note.clone();
+                        self.forget_edges(*id);
+                    }
+                    None => self.notes.push(note.clone()),
+                }
+            }
             // what blocks an edge now is found out anew; what the robot knew of it stays
             Note::Edge { state: EdgeState::Blocked, from, to, .. } if self.edges.contains_key(&(*from, *to)) => {}
             Note::Edge { from, to, .. } => {
@@ -201,6 +212,17 @@ impl PastRobot {
             }
             Note::Plan { .. } | Note::Log { .. } => {}
         }
+    }
+
+    /// A vertex is another one now, so what was told of its edges holds no longer.
+    fn forget_edges(&mut self, id: u32) {
+        self.notes.retain(|n| !matches!(n, Note::Edge { from, to, .. } if *from == id || *to == id));
+        let edges = self.notes.iter().enumerate();
+        let edge = |(i, n): (usize, &Note)| match n {
+            Note::Edge { from, to, .. } => Some(((*from, *to), i)),
+            _ => None,
+        };
+        self.edges = edges.filter_map(edge).collect();
     }
 
     /// Whether the gate was left open.

@@ -8,9 +8,10 @@
 //! ```
 //!
 //! Where it is and how motions end is the [`Walker`]'s matter, as for every agent with a map; but no edge is driven that was not
-//! certified in the scene as it is at that moment. What was removed by experience, and the places that are avoided, come back when the
-//! world has changed (I11).
+//! certified in the scene as it is at that moment. What was removed by experience, and the place that is avoided for it, comes back when
+//! an object that was in its way has changed (I11), and not before. Way-points that did not serve for long make room for new ones.
 
+mod served;
 mod settings;
 mod ways;
 
@@ -21,12 +22,14 @@ use super::{named, open, seal};
 use crate::group;
 use crate::planners::escape::{caught, escape};
 use crate::planners::{JointPath, NoPath, PathEnd};
+use crate::roadmap::validation::Validation;
 use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use crate::roadmap::{Roadmap, Vertex};
 use mobee_contract::*;
 use mobee_model::{Motor, Robot};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use served::Served;
 use std::sync::Arc;
 use std::time::Duration;
 use ways::{Leg, Spent, Ways};
@@ -48,6 +51,9 @@ pub struct PlanAgent {
     walker: Walker,
     /// How many of the vertices its settings name: the first ones.
     own: usize,
+    /// How many vertices there may be.
+    most: usize,
+    served: Served,
     goals: Vec<u32>,
     repeat: u32,
     pace: Pace,
@@ -60,7 +66,7 @@ pub struct PlanAgent {
     tries: Tries,
 }
 
-/// What was tried for this goal, and the world it was tried in.
+/// What was tried for this goal.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Tries {
@@ -70,8 +76,6 @@ struct Tries {
     /// Motions in a row that ended elsewhere than at their vertex.
     off_map: u32,
     escapes: u32,
-    /// The world in which edges were removed.
-    epoch: Option<u64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -82,6 +86,7 @@ struct State {
     tour: Tour,
     tries: Tries,
     spent: Spent,
+    served: Served,
 }
 
 impl PlanAgent {
@@ -93,20 +98,24 @@ impl PlanAgent {
         let robot = context.robot.clone();
         let hand = settings.hand.as_deref();
         let pace = Pace::new(settings.speed, settings.tolerance_deg, settings.wait_s, hand, &robot);
-        let budget = settings.check_budget();
+        let bounds = settings.check_bounds();
         let map = named::map(None, &settings.motors, &settings.poses, &robot);
         let tour = map.and_then(|map| Ok((named::goals(&map, &settings.goals)?, map)));
         KindError::gather([
             pace.as_ref().map(drop).map_err(Clone::clone),
-            budget,
+            bounds,
             tour.as_ref().map(drop).map_err(Clone::clone),
         ])?;
         let (pace, (goals, map)) = (pace?, tour?);
         let seed = settings.seed.unwrap_or(context.seed);
+        // every line is certified when it is planned; the validator minds what must change before one that failed is tried again
+        let walker = Walker::new(map, pace.speed, pace.tolerance, seed).with_validation(Validation::Lazy);
         Ok(PlanAgent {
             robot,
-            walker: Walker::new(map, pace.speed, pace.tolerance, seed),
+            walker,
             own: settings.poses.len(),
+            most: settings.vertices,
+            served: Served::default(),
             goals,
             repeat: settings.repeat,
             pace,
@@ -137,23 +146,8 @@ impl PlanAgent {
         self.tries.off_map <= OFF_MAP
     }
 
-    /// A world that has changed forgives all that failed in the old one.
-    fn forgive(&mut self, view: &View) {
-        let now = view.scene.epoch();
-        if self.tries.epoch.replace(now).is_none_or(|before| before == now) {
-            return;
-        }
-        let all = self.walker.map.edges();
-        let removed: Vec<_> =
-            all.iter().filter(|(.., e)| e.state == EdgeState::Removed).map(|(a, b, _)| (*a, *b)).collect();
-        for (from, to) in removed {
-            self.walker.map.readmit(from, to);
-        }
-    }
-
     /// The robot rests at a vertex on its way to another one: the next motion. `None`: this goal is given up.
     fn go(&mut self, at: u32, goal: u32, view: &View) -> Option<Intent> {
-        self.forgive(view);
         if self.route.get(1) == Some(&at) {
             self.route.remove(0);
         }
@@ -181,6 +175,7 @@ impl PlanAgent {
                 }
             }
         }
+        self.served.on_the_way(&self.route);
         Some(self.walker.follow(self.route.clone(), view))
     }
 
@@ -188,27 +183,48 @@ impl PlanAgent {
     fn enter(&mut self, path: &JointPath, at: u32, goal: u32, view: &View) {
         let text = format!("a plan of {} way-points, {:.2} rad", path.poses.len(), path.length());
         self.walker.log(format!("{text}, after {} straight lines", path.evaluations));
-        let mut route = vec![at];
+        // kept as it grows: what is on the route does not make room
+        self.route = vec![at];
         let inner = path.poses.len().saturating_sub(2);
         for pose in path.poses.iter().skip(1).take(inner) {
             let target = Target { motors: self.walker.map.motors().to_vec(), q: pose.clone(), speed: self.pace.speed };
-            route.push(self.add(&target.pose(view.pose()), view));
+            let id = self.add(&target.pose(view.pose()), view);
+            self.route.push(id);
         }
-        route.push(goal);
-        for (from, to) in route.iter().zip(route.iter().skip(1)) {
+        self.route.push(goal);
+        for (from, to) in self.route.iter().zip(self.route.iter().skip(1)) {
             self.walker.map.join(*from, *to);
         }
-        self.route = route;
     }
 
-    /// A vertex more.
+    /// A vertex more, or in the place of the one that serves least, once there is no room.
     fn add(&mut self, q: &[f64], view: &View) -> u32 {
         // an encoder may read a little beyond a limit
         let within = |(q, m): (&f64, &Motor)| q.clamp(m.min, m.max);
         let q: Vec<f64> = q.iter().zip(&self.robot.motors).map(within).collect();
         let hand = self.pace.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
         let at = group::marker_at(view, hand, &q);
-        self.walker.map.add(Vertex { name: None, q, at })
+        let vertex = Vertex { name: None, q, at };
+        let id = match self.least() {
+            Some(id) => {
+                self.walker.replace(id, vertex);
+                id
+            }
+            None => self.walker.map.add(vertex),
+        };
+        self.served.on_the_way(&[id]);
+        id
+    }
+
+    /// The vertex that makes room, if there is no other room: never one that the settings name, or that is in use.
+    fn least(&self) -> Option<u32> {
+        let map = &self.walker.map;
+        let named = |id: u32| map.vertex(id).is_none_or(|v| v.name.is_some());
+        let may_go = |id: u32| {
+            id as usize >= self.own
+                && !(named(id) || self.goals.contains(&id) || self.route.contains(&id) || self.walker.needs(id))
+        };
+        (map.len() >= self.most).then(|| self.served.least(map, may_go)).flatten()
     }
 
     /// What to do where there is no plan. `None`: the goal is given up for now.
@@ -313,15 +329,16 @@ impl Agent for PlanAgent {
     fn export(&self) -> Snapshot {
         let map = self.walker.map.export(&self.robot);
         let (progress, spent) = (self.walker.progress().clone(), self.ways.spent);
-        seal("plan", 1, &State { map, progress, tour: self.tour.clone(), tries: self.tries.clone(), spent })
+        let (tour, tries, served) = (self.tour.clone(), self.tries.clone(), self.served.clone());
+        seal("plan", 2, &State { map, progress, tour, tries, spent, served })
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
-        let state: State = open(&from, "plan", 1)?;
+        let state: State = open(&from, "plan", 2)?;
         let map = predecessors_map(&state.map, &self.walker.map, &self.goals, &self.robot)?;
         self.walker.resume(map, state.progress);
         (self.placed, self.tour, self.tries) = (true, state.tour, state.tries);
-        self.ways.spent = state.spent;
+        (self.ways.spent, self.served) = (state.spent, state.served);
         self.route.clear();
         Ok(())
     }

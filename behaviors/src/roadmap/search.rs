@@ -36,6 +36,13 @@ impl Links {
         self.out.push(Vec::new());
     }
 
+    /// A vertex without edges is somewhere else.
+    pub fn place(&mut self, vertex: u32, group: &[f64]) {
+        let from = vertex as usize * self.dimension;
+        let there = self.poses.get_mut(from..from + self.dimension);
+        there.into_iter().flatten().zip(group).for_each(|(slot, q)| *slot = *q);
+    }
+
     fn pose(&self, vertex: u32) -> &[f64] {
         let from = vertex as usize * self.dimension;
         self.poses.get(from..from + self.dimension).unwrap_or(&[])

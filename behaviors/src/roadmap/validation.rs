@@ -31,6 +31,18 @@ pub enum Validation {
     Verified,
 }
 
+/// A directed edge that failed when driven, and what was in its way: part of an agent's state.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FailedEdge {
+    /// From vertex.
+    pub from: u32,
+    /// To vertex.
+    pub to: u32,
+    /// The objects that were in the way, by their numbers in the scene; none: nobody knows, or it was no object.
+    pub by: BTreeSet<u32>,
+}
+
 /// Keeps a roadmap true to the world, as far as its mode says.
 pub struct Validator {
     mode: Validation,
@@ -122,6 +134,23 @@ impl Validator {
             let by = touched.chain(self.validity.blocked_by(edge_between(from, to))).collect();
             self.failed.insert((from, to), by);
         }
+    }
+
+    /// The edges that failed, each with what must change before it is tried again.
+    pub fn causes(&self) -> Vec<FailedEdge> {
+        self.failed.iter().map(|((from, to), by)| FailedEdge { from: *from, to: *to, by: by.clone() }).collect()
+    }
+
+    /// Takes over what a predecessor knew of the edges that failed.
+    pub fn remember(&mut self, causes: &[FailedEdge]) {
+        self.failed.extend(causes.iter().map(|f| ((f.from, f.to), f.by.clone())));
+    }
+
+    /// A vertex is another one now: nothing is known of its edges.
+    pub fn forget(&mut self, vertex: u32) {
+        self.failed.retain(|(from, to), _| *from != vertex && *to != vertex);
+        self.validity.forget_edges();
+        self.certified = 0;
     }
 
     /// What is known of the edges.

@@ -183,6 +183,12 @@ impl Validity {
         known.into_iter().flat_map(|edge| edge.blocked_by.iter().map(|(object, _)| *object))
     }
 
+    /// Forgets all edges, but not the world: a vertex is another one now.
+    pub fn forget_edges(&mut self) {
+        let (motors, world) = (std::mem::take(&mut self.motors), self.world.take());
+        *self = Validity { motors, world, asked: self.asked, ..Validity::default() };
+    }
+
     /// How large it is.
     pub fn figures(&self) -> ValidityFigures {
         let limbs = self.world.as_ref().map_or(0, |world| world.limbs.len());

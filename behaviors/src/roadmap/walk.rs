@@ -11,8 +11,8 @@
 
 use crate::group::cause;
 use crate::planners::escape::{caught, escape, line_free};
-use crate::roadmap::Roadmap;
-use crate::roadmap::validation::{EdgeChange, Validation, Validator};
+use crate::roadmap::validation::{EdgeChange, FailedEdge, Validation, Validator};
+use crate::roadmap::{Roadmap, Vertex};
 use crate::short_way::{nearest_position, nearest_target};
 use mobee_contract::{EdgeState, Intent, MotionEnd, Note, Target, View};
 use serde::{Deserialize, Serialize};
@@ -72,6 +72,9 @@ pub struct WalkProgress {
     pub driven: u32,
     /// Motions that failed, of any sort.
     pub failed: u32,
+    /// Edges that failed, and what must change before they are tried again; nothing if nothing is certified.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    causes: Vec<FailedEdge>,
 }
 
 /// A roadmap and where on it the robot is going.
@@ -135,7 +138,26 @@ impl Walker {
     /// Takes over another walker's map and progress.
     pub fn resume(&mut self, map: Roadmap, progress: WalkProgress) {
         self.validator = self.validator.renewed(&map);
+        self.validator.remember(&progress.causes);
         (self.map, self.progress) = (map, progress);
+    }
+
+    /// Gives the number of a vertex that is not needed ([`Walker::needs`]) to another pose.
+    pub fn replace(&mut self, id: u32, vertex: Vertex) {
+        self.map.replace(id, vertex);
+        self.validator.forget(id);
+        self.progress.causes = self.validator.causes();
+        self.progress.last = self.progress.last.filter(|last| *last != id);
+    }
+
+    /// Whether a vertex has to do with what is being done.
+    pub fn needs(&self, id: u32) -> bool {
+        let doing = match &self.progress.doing {
+            Doing::Driving { from, to } => [*from, *to].contains(&id),
+            Doing::Connecting { to, rest } => *to == id || rest.contains(&id),
+            Doing::Nothing | Doing::Escaping => false,
+        };
+        doing || self.progress.goal == Some(id)
     }
 
     /// What changed since the last call, the map's changes first.
@@ -198,6 +220,7 @@ impl Walker {
 
     fn look(&mut self, view: &View) {
         let EdgeChange { blocked, freed } = self.validator.look(&mut self.map, view);
+        self.progress.causes = self.validator.causes();
         if blocked + freed > 0 {
             self.log(format!("edges that the world blocks: {blocked} more, {freed} again free"));
         }

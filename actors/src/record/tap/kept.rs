@@ -24,12 +24,34 @@ enum Key {
     Plan(usize),
 }
 
+/// The pose of the vertex that an event tells.
+fn pose(event: &Event) -> Option<&[f64]> {
+    match event {
+        Event::Note { note: Note::Vertex { q, .. }, .. } => Some(q),
+        _ => None,
+    }
+}
+
+fn pose_of(entry: &Entry) -> Option<&[f64]> {
+    match entry {
+        Entry::Event(event) => pose(event),
+        _ => None,
+    }
+}
+
 impl Kept {
     /// Takes note of an entry.
     pub fn note(&mut self, at: Time, entry: &Entry) {
         self.now = self.now.max(at);
         if let Some(key) = self.key(entry) {
-            self.newest.insert(key, (at, entry.clone()));
+            let before = self.newest.insert(key, (at, entry.clone()));
+            if let (Key::Vertex(robot, id), Some((_, Entry::Event(before)))) = (key, before)
+                && pose(&before) != pose_of(entry)
+            {
+                // it is another vertex now
+                let its = |k: &Key| matches!(k, Key::Edge(r, from, to) if *r == robot && (*from == id || *to == id));
+                self.newest.retain(|key, _| !its(key));
+            }
         }
     }
 

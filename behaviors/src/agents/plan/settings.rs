@@ -32,6 +32,10 @@ pub struct PlanSettings {
     /// The most straight lines between two poses that the planner may judge for one plan.
     #[serde(default = "budget")]
     pub budget: u64,
+    /// The most poses that its map may hold, those named here included. Beyond that, a new way-point takes the place of the one that
+    /// was not on the way for the longest time.
+    #[serde(default = "vertices")]
+    pub vertices: usize,
     /// Seed of the plans; default: derived from the run's seed.
     #[serde(default)]
     pub seed: Option<u64>,
@@ -44,20 +48,31 @@ fn budget() -> u64 {
     20_000
 }
 
+fn vertices() -> usize {
+    500
+}
+
+/// The most vertices, and how many there are beside the named ones at least: room for the longest plan.
+const MOST_VERTICES: usize = 100_000;
+const ROOM: usize = 50;
 /// The largest budget: a typing error must not stop the robot for hours.
 const MOST_BUDGET: u64 = 10_000_000;
 
 impl PlanSettings {
-    /// Checks the budget.
+    /// Checks budget and size.
     ///
     /// # Errors
-    /// Nothing, or more than [`MOST_BUDGET`].
-    pub(super) fn check_budget(&self) -> Result<(), KindError> {
-        let budget = self.budget;
-        if (1..=MOST_BUDGET).contains(&budget) {
-            return Ok(());
-        }
-        let help = format!("give a number of straight lines from 1 to {MOST_BUDGET}, such as 20000");
-        Err(KindError::new("budget", format!("{budget} is not a valid budget"), help))
+    /// A budget of nothing, or of more than [`MOST_BUDGET`]; a map without room, or of more than [`MOST_VERTICES`].
+    pub(super) fn check_bounds(&self) -> Result<(), KindError> {
+        let within = |path: &str, n: u64, from: u64, to: u64, help: String| {
+            let what = format!("{n} is not from {from} to {to}");
+            if (from..=to).contains(&n) { Ok(()) } else { Err(KindError::new(path, what, help)) }
+        };
+        let help = "give a number of straight lines, such as 20000".to_owned();
+        let budget = within("budget", self.budget, 1, MOST_BUDGET, help);
+        let least = self.poses.len() + ROOM;
+        let help = format!("give a number of poses, at least {ROOM} more than are named, such as 500");
+        let size = within("vertices", self.vertices as u64, least as u64, MOST_VERTICES.max(least) as u64, help);
+        KindError::gather([budget, size]).map(drop)
     }
 }
