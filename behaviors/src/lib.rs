@@ -20,6 +20,7 @@
 //! Units: radians, meters, seconds; degrees only in settings, named `_deg`.
 
 pub mod agents;
+pub mod detectors;
 pub mod group;
 pub mod map_file;
 pub mod planners;
