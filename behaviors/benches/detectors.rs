@@ -10,7 +10,7 @@
 mod measure;
 
 use measure::{processor_time, sorted};
-use mobee_behaviors::detectors::cgp::{ALL_OPS, Evolution, ImageProgram, Node, Op, channels};
+use mobee_behaviors::detectors::cgp::{ALL_OPS, Evolution, ImageNode, ImageProgram, Op, channels};
 use mobee_behaviors::detectors::file::DetectorFile;
 use mobee_behaviors::detectors::picture::{LabeledPicture, Mask, Picture};
 use mobee_behaviors::detectors::plane::Plane;
@@ -76,7 +76,7 @@ fn chain(rng: &mut ChaCha8Rng) -> ImageProgram {
     let node = |i: usize| {
         let op = if i == 0 { Op::Input } else { ALL_OPS[rng.random_range(3..ALL_OPS.len())] };
         let mut node =
-            Node::new(op, [1, (i as u16).clamp(1, 2)], rng.random_range(0.0..255.0), rng.random_range(-16..=16));
+            ImageNode::new(op, [1, (i as u16).clamp(1, 2)], rng.random_range(0.0..255.0), rng.random_range(-16..=16));
         node.p2 = rng.random_range(-16..=16);
         node
     };

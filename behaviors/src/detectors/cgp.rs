@@ -14,4 +14,4 @@ mod show;
 
 pub use evolve::{Evolution, EvolutionState};
 pub use op::{ALL_OPS, Op};
-pub use program::{Channels, ImageProgram, Node, channels};
+pub use program::{Channels, ImageNode, ImageProgram, channels};

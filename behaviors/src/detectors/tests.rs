@@ -1,4 +1,4 @@
-use super::cgp::{ALL_OPS, Evolution, ImageProgram, Node, Op, channels};
+use super::cgp::{ALL_OPS, Evolution, ImageNode, ImageProgram, Op, channels};
 use super::file::{DetectorFile, DetectorSort};
 use super::picture::{LabeledPicture, Mask, Picture, read_folder};
 use super::plane::Plane;
@@ -42,7 +42,8 @@ fn every_function_answers_finite_images_of_the_same_size_for_any_parameters_and_
         a.data[0] = -1e6;
         for op in ALL_OPS {
             for _ in 0..20 {
-                let mut node = Node::new(op, [1, 2], rng.random_range(-300.0..300.0), rng.random_range(-128..=127));
+                let mut node =
+                    ImageNode::new(op, [1, 2], rng.random_range(-300.0..300.0), rng.random_range(-128..=127));
                 (node.p2, node.frequency, node.angle) =
                     (rng.random_range(-128..=127), rng.random_range(0..=16), rng.random_range(-128..=127));
                 for (a, b) in [(&a, &b), (&b, &a)] {
@@ -63,7 +64,7 @@ fn windows_are_what_a_plain_loop_over_them_says() {
             let rows = y.saturating_sub(ry)..(y + ry + 1).min(9);
             rows.flat_map(move |y| (x.saturating_sub(rx)..(x + rx + 1).min(13)).map(move |x| (x, y)))
         };
-        let mut least = Node::new(Op::LocalMin, [1, 1], 0.0, rx as i8);
+        let mut least = ImageNode::new(Op::LocalMin, [1, 1], 0.0, rx as i8);
         least.p2 = ry as i8;
         let mut mean = least.clone();
         mean.op = Op::LocalMean;
@@ -91,14 +92,14 @@ fn the_filter_that_saw_a_blue_cup_on_the_robot_finds_a_blue_thing() {
     let says_nothing = Plane::filled(96, 72, 128.0);
     let inputs = channels(&rgb, &says_nothing, &says_nothing);
     let nodes = vec![
-        Node::new(Op::Input, [1, 1], 0.0, 4),
-        Node::new(Op::Const, [1, 1], -8.23, 0),
-        Node::new(Op::Avg, [1, 2], 0.0, 0),
-        Node::new(Op::Threshold, [1, 1], 64.0, 0),
-        Node::new(Op::Erode, [1, 1], 0.0, 5),
-        Node::new(Op::Median, [1, 1], 0.0, 5),
-        Node::new(Op::Gauss, [1, 1], 0.0, 9),
-        Node::new(Op::Dilate, [1, 1], 0.0, 5),
+        ImageNode::new(Op::Input, [1, 1], 0.0, 4),
+        ImageNode::new(Op::Const, [1, 1], -8.23, 0),
+        ImageNode::new(Op::Avg, [1, 2], 0.0, 0),
+        ImageNode::new(Op::Threshold, [1, 1], 64.0, 0),
+        ImageNode::new(Op::Erode, [1, 1], 0.0, 5),
+        ImageNode::new(Op::Median, [1, 1], 0.0, 5),
+        ImageNode::new(Op::Gauss, [1, 1], 0.0, 9),
+        ImageNode::new(Op::Dilate, [1, 1], 0.0, 5),
     ];
     let program = ImageProgram { nodes, inverted: false };
     let found = Mask::at_least(&program.run(&inputs), 111.8);
@@ -112,12 +113,12 @@ fn the_filter_that_saw_a_blue_cup_on_the_robot_finds_a_blue_thing() {
 #[test]
 fn an_inactive_node_changes_nothing() {
     let inputs = vec![Arc::new(noise(9, 9, 1)), Arc::new(noise(9, 9, 2))];
-    let mut nodes = vec![Node::new(Op::Input, [1, 1], 0.0, 0), Node::new(Op::Canny, [1, 1], 3.0, 0)];
-    nodes.push(Node::new(Op::Sqrt, [2, 1], 0.0, 0));
+    let mut nodes = vec![ImageNode::new(Op::Input, [1, 1], 0.0, 0), ImageNode::new(Op::Canny, [1, 1], 3.0, 0)];
+    nodes.push(ImageNode::new(Op::Sqrt, [2, 1], 0.0, 0));
     let mut program = ImageProgram { nodes, inverted: false };
     let before = program.run(&inputs);
     assert_eq!(program.active(), [true, false, true]);
-    program.nodes[1] = Node::new(Op::Const, [1, 1], 77.0, 0);
+    program.nodes[1] = ImageNode::new(Op::Const, [1, 1], 77.0, 0);
     assert_eq!(program.run(&inputs), before);
 }
 

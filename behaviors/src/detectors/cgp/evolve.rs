@@ -8,7 +8,7 @@ use super::super::picture::Mask;
 use super::super::plane::Plane;
 use super::super::score::Levels;
 use super::op::{ALL_OPS, Op};
-use super::program::{Channels, ImageProgram, Node};
+use super::program::{Channels, ImageNode, ImageProgram};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -55,12 +55,12 @@ impl Evolution {
     pub fn new(inputs: Vec<Channels>, masks: Vec<Mask>, seed: u64) -> Evolution {
         let begin = |island: usize| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed ^ (island as u64 + 1));
-            let mut nodes: Vec<Node> = (0..NODES).map(|i| random_node(i, &mut rng)).collect();
-            nodes[0] = Node::new(Op::Input, [1, 1], 0.0, NETWORK);
-            nodes[1] = Node::new(Op::Input, [1, 1], 0.0, COLORS);
+            let mut nodes: Vec<ImageNode> = (0..NODES).map(|i| random_node(i, &mut rng)).collect();
+            nodes[0] = ImageNode::new(Op::Input, [1, 1], 0.0, NETWORK);
+            nodes[1] = ImageNode::new(Op::Input, [1, 1], 0.0, COLORS);
             let back = |to: usize| (NODES - 1 - to) as u16;
             let op = [Op::Nop, Op::BoxBlur, Op::Avg, Op::Gauss][island % 4];
-            nodes[NODES - 1] = Node::new(op, [back(0), back(1)], 0.0, 5);
+            nodes[NODES - 1] = ImageNode::new(op, [back(0), back(1)], 0.0, 5);
             ImageProgram { nodes, inverted: false }
         };
         let parents: Vec<ImageProgram> = (0..ISLANDS).map(begin).collect();
@@ -179,14 +179,14 @@ impl EvolutionState {
     }
 }
 
-fn random_node(i: usize, rng: &mut ChaCha8Rng) -> Node {
-    let mut node = Node::new(Op::Input, [1, 1], 0.0, 0);
+fn random_node(i: usize, rng: &mut ChaCha8Rng) -> ImageNode {
+    let mut node = ImageNode::new(Op::Input, [1, 1], 0.0, 0);
     (0..8).for_each(|gene| mutate(&mut node, gene, i, rng));
     node
 }
 
 /// Gives a gene another value.
-fn mutate(node: &mut Node, gene: usize, i: usize, rng: &mut ChaCha8Rng) {
+fn mutate(node: &mut ImageNode, gene: usize, i: usize, rng: &mut ChaCha8Rng) {
     match gene {
         0 => node.op = ALL_OPS[rng.random_range(0..ALL_OPS.len())],
         1 | 2 => node.from[gene - 1] = rng.random_range(1..=(i as u16 + 1).min(12)),

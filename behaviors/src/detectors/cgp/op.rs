@@ -1,7 +1,7 @@
 //! The function set.
 
 use super::super::plane::Plane;
-use super::program::Node;
+use super::program::ImageNode;
 use super::{filters, local};
 use serde::{Deserialize, Serialize};
 
@@ -93,7 +93,7 @@ impl Op {
     }
 
     /// Its image of one or two others. Unary functions use `a` alone; the result is finite.
-    pub fn apply(self, node: &Node, a: &Plane, b: &Plane) -> Plane {
+    pub fn apply(self, node: &ImageNode, a: &Plane, b: &Plane) -> Plane {
         let (p, x, y) = (node.p0, node.p1, node.p2);
         // an aperture is odd, 3 to 17
         let aperture = |k: i8| (k.unsigned_abs() as usize | 1).clamp(3, 17);

@@ -14,7 +14,7 @@ pub type Channels = Vec<Arc<Plane>>;
 /// A node: a function, where its images are from, and its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Node {
+pub struct ImageNode {
     /// The function.
     pub op: Op,
     /// How many nodes back the two images are; before the first node there is a blank one.
@@ -36,7 +36,7 @@ pub struct Node {
 #[serde(deny_unknown_fields)]
 pub struct ImageProgram {
     /// The nodes.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<ImageNode>,
     /// Whether the output is low where the object is: it is then taken from 255.
     pub inverted: bool,
 }
@@ -112,16 +112,16 @@ impl ImageProgram {
         if self.nodes.is_empty() || self.nodes.len() > LONGEST {
             return Some(format!("it has {} nodes, and 1 to {LONGEST} are possible", self.nodes.len()));
         }
-        let bad = |n: &Node| !n.p0.is_finite() || n.from.contains(&0) || n.frequency > 16;
+        let bad = |n: &ImageNode| !n.p0.is_finite() || n.from.contains(&0) || n.frequency > 16;
         let i = self.nodes.iter().position(bad)?;
         Some(format!("node {i} has a non-finite number, takes its own image, or a frequency above 16"))
     }
 }
 
-impl Node {
+impl ImageNode {
     /// A node of a function and its images, with this number of steps or aperture, and a constant.
-    pub fn new(op: Op, from: [u16; 2], p0: f32, p1: i8) -> Node {
-        Node { op, from, p0, p1, p2: 0, frequency: 0, angle: 0 }
+    pub fn new(op: Op, from: [u16; 2], p0: f32, p1: i8) -> ImageNode {
+        ImageNode { op, from, p0, p1, p2: 0, frequency: 0, angle: 0 }
     }
 
     /// The input that it names, of so many.

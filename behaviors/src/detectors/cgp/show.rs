@@ -1,7 +1,7 @@
 //! Programs for readers.
 
 use super::op::Op;
-use super::program::{ImageProgram, Node};
+use super::program::{ImageNode, ImageProgram};
 use std::fmt;
 
 const CHANNELS: [&str; 9] = ["grey", "red", "green", "blue", "hue", "saturation", "value", "colors", "network"];
@@ -22,7 +22,7 @@ impl fmt::Display for ImageProgram {
     }
 }
 
-fn parameters(node: &Node) -> Vec<String> {
+fn parameters(node: &ImageNode) -> Vec<String> {
     use Op::*;
     match node.op {
         Input => vec![CHANNELS[node.channel(CHANNELS.len())].into()],
