@@ -15,6 +15,7 @@ pub mod check;
 pub mod compose;
 pub mod config;
 pub mod ctl;
+pub mod detector;
 pub mod doctor;
 mod import_inputs;
 pub mod inspect;

@@ -5,7 +5,7 @@ use miette::Report;
 use mobee::config::{ClockMode, ConfigError};
 use mobee::robot_import::ImportArgs;
 use mobee::{
-    agent, check, config, ctl, doctor, inspect, kinds, model_compare, model_convert, model_eval, model_info,
+    agent, check, config, ctl, detector, doctor, inspect, kinds, model_compare, model_convert, model_eval, model_info,
     model_view, new, new_robot, replay, roadmap, run, schema, sim, terminal, torture, view, yarp,
 };
 use std::io::Write;
@@ -46,6 +46,11 @@ enum Command {
     Roadmap {
         #[command(subcommand)]
         command: roadmap::RoadmapCommand,
+    },
+    /// Teach detectors an object from pictures with masks, judge them, and show what they learned.
+    Detector {
+        #[command(subcommand)]
+        command: detector::DetectorCommand,
     },
     /// Summarize a run from its journal.
     Inspect {
@@ -281,6 +286,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Roadmap { command } => roadmap::command(&command),
+        Command::Detector { command } => detector::command(&command).map(|()| ExitCode::SUCCESS),
         Command::Inspect { run, poses: Some(file), robot, .. } => {
             terminal::out(&(inspect::poses(&run, robot.as_deref(), &file)? + "\n"));
             Ok(ExitCode::SUCCESS)

@@ -135,9 +135,14 @@ fn load_for(path: &Path, robot: &Robot) -> Result<MapFile, Report> {
 
 /// Writes a map beside the place where it belongs and puts it there whole: whoever reads it meanwhile finds the old one.
 fn save(path: &Path, map: &MapFile) -> Result<(), Report> {
+    save_text(path, &map.text())
+}
+
+/// As [`save`], for any text.
+pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), Report> {
     let dir = path.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let written = tempfile::NamedTempFile::new_in(dir).and_then(|mut file| {
-        file.write_all(map.text().as_bytes())?;
+        file.write_all(text.as_bytes())?;
         file.as_file().sync_all()?;
         // as any file that is made, and not only for its owner
         #[cfg(unix)]
@@ -154,7 +159,7 @@ fn save(path: &Path, map: &MapFile) -> Result<(), Report> {
 }
 
 /// Whether a file may be written.
-fn may_write(path: &Path, force: bool) -> Result<(), Report> {
+pub(crate) fn may_write(path: &Path, force: bool) -> Result<(), Report> {
     if !path.exists() || force {
         return Ok(());
     }

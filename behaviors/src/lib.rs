@@ -14,12 +14,14 @@
 //! scene, table ──> table_map ──search──> poses ──> roadmap <──> map_file (JSON)
 //! ```
 //!
-//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `scripted`, `random`, `jog`. A program must name this
+//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `scripted`, `random`, `jog`; so are
+//! [`detectors`] that learn from pictures: `color`, `cgp`. A program must name this
 //! crate (`use mobee_behaviors as _;`), or the linker drops them.
 //!
 //! Units: radians, meters, seconds; degrees only in settings, named `_deg`.
 
 pub mod agents;
+pub mod detectors;
 pub mod group;
 pub mod map_file;
 pub mod planners;

@@ -1,0 +1,90 @@
+//! What a detector costs, processor time of one core: a frame of 320x240 pixels with each kind, and programs of 20 active nodes
+//! on pictures of 160x120, as evolution draws them.
+//!
+//! ```text
+//! cargo bench -p mobee-behaviors --bench detectors
+//! ```
+#![allow(clippy::disallowed_methods)] // a measurement of the processor
+
+#[path = "../../model/fast/benches/measure/mod.rs"]
+mod measure;
+
+use measure::{processor_time, sorted};
+use mobee_behaviors::detectors::cgp::{ALL_OPS, Evolution, ImageNode, ImageProgram, Op, channels};
+use mobee_behaviors::detectors::file::DetectorFile;
+use mobee_behaviors::detectors::picture::{LabeledPicture, Mask, Picture};
+use mobee_behaviors::detectors::plane::Plane;
+use mobee_behaviors::detectors::train::Lessons;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::time::Instant;
+
+/// Frames, and programs.
+const ROUNDS: usize = 101;
+
+/// An orange disk that wanders over noise.
+fn picture(i: usize, rng: &mut ChaCha8Rng) -> LabeledPicture {
+    let (width, height) = (320usize, 240usize);
+    let near = |x: usize, y: usize| (x as f64 - 60.0 - 20.0 * i as f64).hypot(y as f64 - 120.0) < 40.0;
+    let data: Vec<bool> = (0..width * height).map(|p| near(p % width, p / width)).collect();
+    let color = |is_object: &bool| if *is_object { [190, 110, 60] } else { [110, 120, 100] };
+    let rgb = data.iter().flat_map(color).map(|c: i32| (c + rng.random_range(-40..40)) as u8).collect();
+    let mask = Mask { width, height, data };
+    LabeledPicture { name: i.to_string(), picture: Picture { width, height, rgb }, mask }
+}
+
+fn main() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let clock = Instant::now();
+    let pictures: Vec<_> = (0..8).map(|i| picture(i, &mut rng)).collect();
+    let lessons = Lessons::new(&pictures, "disk", 1).expect("they teach");
+    let color = lessons.color().0;
+    let (network, inputs) = lessons.network(&pictures, &mut |_| ()).expect("they teach");
+    let cgp = lessons.finish_cgp(&network, &Evolution::new(inputs, lessons.masks(), 1)).0;
+    for (name, file) in [("color", &color), ("cgp", &cgp)] {
+        report(&format!("{name}, 320x240"), &look_times(file, &pictures[3].picture, clock));
+    }
+
+    let small: [Plane; 3] = [0; 3].map(|_| {
+        let data = (0..160 * 120).map(|_| rng.random_range(0.0..255.0)).collect();
+        Plane { width: 160, height: 120, data }
+    });
+    let inputs = channels(&small, &small[0], &small[1]);
+    let mut times = Vec::new();
+    for _ in 0..ROUNDS {
+        let program = chain(&mut rng);
+        let begin = processor_time(clock);
+        std::hint::black_box(program.run(&inputs));
+        times.push(processor_time(clock) - begin);
+    }
+    let mean = times.iter().sum::<f64>() / times.len() as f64;
+    report("20-node programs, 160x120", &times);
+    println!("programs times frames per second, mean over programs: {:.0}", 1.0 / mean);
+}
+
+fn look_times(file: &DetectorFile, picture: &Picture, clock: Instant) -> Vec<f64> {
+    let look = |_| {
+        let begin = processor_time(clock);
+        std::hint::black_box(file.look(picture));
+        processor_time(clock) - begin
+    };
+    (0..ROUNDS).map(look).collect()
+}
+
+/// A program of random functions, each of which needs the one before it.
+fn chain(rng: &mut ChaCha8Rng) -> ImageProgram {
+    let node = |i: usize| {
+        let op = if i == 0 { Op::Input } else { ALL_OPS[rng.random_range(3..ALL_OPS.len())] };
+        let mut node =
+            ImageNode::new(op, [1, (i as u16).clamp(1, 2)], rng.random_range(0.0..255.0), rng.random_range(-16..=16));
+        node.p2 = rng.random_range(-16..=16);
+        node
+    };
+    ImageProgram { nodes: (0..20).map(node).collect(), inverted: false }
+}
+
+fn report(what: &str, times: &[f64]) {
+    let times = sorted(times.to_vec());
+    let at = |share: f64| 1e3 * times[((times.len() - 1) as f64 * share) as usize];
+    println!("{what:28} least {:7.2} ms, median {:7.2}, 95 % {:7.2}", at(0.0), at(0.5), at(0.95));
+}

@@ -1,0 +1,224 @@
+//! Evolution: islands of one parent and four children each, whose best moves on to the next island now and then.
+//!
+//! A child has single genes changed until one of an active node is (Goldman and Punch 2013), so that no evaluation is spent on a
+//! program that does the same; of equals the child lives, so that what is not active drifts. Programs are bred on the earlier pictures; which of
+//! all was the best is told by them and by the last quarter of the pictures, which breeding never sees.
+
+use super::super::picture::Mask;
+use super::super::plane::Plane;
+use super::super::score::Levels;
+use super::op::{ALL_OPS, Op};
+use super::program::{Channels, ImageNode, ImageProgram};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+const ISLANDS: usize = 4;
+const CHILDREN: usize = 4;
+const NODES: usize = 30;
+/// Generations between two moves to the next island.
+const MOVE: u64 = 50;
+/// How many pictures programs are bred on, and are judged by, at most.
+const BRED_ON: usize = 10;
+const JUDGED_BY: usize = 5;
+/// The inputs that say most: what the colors say, and the network.
+const COLORS: i8 = 7;
+const NETWORK: i8 = 8;
+
+/// Where an evolution is: it goes on from there as if it had never stopped.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvolutionState {
+    /// What all chance comes from.
+    pub seed: u64,
+    /// Generations so far.
+    pub generation: u64,
+    /// Each island's parent.
+    pub parents: Vec<ImageProgram>,
+    /// The best program so far.
+    pub best: ImageProgram,
+}
+
+/// An evolution of programs for some pictures.
+pub struct Evolution {
+    inputs: Vec<Channels>,
+    masks: Vec<Mask>,
+    state: EvolutionState,
+    /// Of each parent, on what it is bred on.
+    worth: Vec<f64>,
+    best_worth: f64,
+    evaluations: u64,
+}
+
+impl Evolution {
+    /// One that begins with programs that hand on what the network and the colors say.
+    pub fn new(inputs: Vec<Channels>, masks: Vec<Mask>, seed: u64) -> Evolution {
+        let begin = |island: usize| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed ^ (island as u64 + 1));
+            let mut nodes: Vec<ImageNode> = (0..NODES).map(|i| random_node(i, &mut rng)).collect();
+            nodes[0] = ImageNode::new(Op::Input, [1, 1], 0.0, NETWORK);
+            nodes[1] = ImageNode::new(Op::Input, [1, 1], 0.0, COLORS);
+            let back = |to: usize| (NODES - 1 - to) as u16;
+            let op = [Op::Nop, Op::BoxBlur, Op::Avg, Op::Gauss][island % 4];
+            nodes[NODES - 1] = ImageNode::new(op, [back(0), back(1)], 0.0, 5);
+            ImageProgram { nodes, inverted: false }
+        };
+        let parents: Vec<ImageProgram> = (0..ISLANDS).map(begin).collect();
+        let best = parents[0].clone();
+        Evolution::resume(inputs, masks, EvolutionState { seed, generation: 0, parents, best })
+    }
+
+    /// One that goes on.
+    pub fn resume(inputs: Vec<Channels>, masks: Vec<Mask>, state: EvolutionState) -> Evolution {
+        let mut all =
+            Evolution { inputs, masks, worth: vec![], best_worth: f64::MIN, evaluations: 0, state: state.clone() };
+        all.judge(&state.best);
+        for parent in &state.parents {
+            let (worth, _) = all.breed_worth(parent);
+            all.worth.push(worth);
+            all.judge(parent);
+        }
+        all
+    }
+
+    /// Goes on by a generation on every island.
+    pub fn advance(&mut self) {
+        let generation = self.state.generation;
+        for island in 0..self.state.parents.len() {
+            let chance =
+                self.state.seed ^ (generation * ISLANDS as u64 + island as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let mut rng = ChaCha8Rng::seed_from_u64(chance);
+            let (mut next, before) = (None, self.worth[island]);
+            for _ in 0..CHILDREN {
+                let mut child = mutant(&self.state.parents[island], &mut rng);
+                let (worth, inverted) = self.breed_worth(&child);
+                if worth >= self.worth[island] {
+                    child.inverted ^= inverted;
+                    (next, self.worth[island]) = (Some(child), worth);
+                }
+            }
+            if let Some(child) = next {
+                if self.worth[island] > before {
+                    self.judge(&child);
+                }
+                self.state.parents[island] = child;
+            }
+        }
+        self.state.generation += 1;
+        if self.state.generation.is_multiple_of(MOVE) {
+            let best = (0..self.worth.len()).max_by(|a, b| self.worth[*a].total_cmp(&self.worth[*b])).unwrap_or(0);
+            let to = (best + 1 + (self.state.generation / MOVE) as usize % (ISLANDS - 1)) % ISLANDS;
+            self.state.parents[to] = self.state.parents[best].clone();
+            self.worth[to] = self.worth[best];
+        }
+    }
+
+    /// Which pictures: of the earlier three quarters, or of the last one.
+    fn chosen(&self, last: bool) -> Vec<usize> {
+        let cut = self.inputs.len() * 3 / 4;
+        let (from, to, most) = if last { (cut, self.inputs.len(), JUDGED_BY) } else { (0, cut, BRED_ON) };
+        let n = (to - from).min(most);
+        (0..n).map(|i| from + (2 * i + 1) * (to - from) / (2 * n)).collect()
+    }
+
+    fn levels(&mut self, program: &ImageProgram, last: bool) -> Levels {
+        let mut levels = Levels::default();
+        for i in self.chosen(last) {
+            levels.add(&program.run(&self.inputs[i]), &self.masks[i]);
+            self.evaluations += 1;
+        }
+        levels
+    }
+
+    fn breed_worth(&mut self, program: &ImageProgram) -> (f64, bool) {
+        let mcc = self.levels(program, false).best(true).1;
+        (mcc.abs(), mcc < 0.0)
+    }
+
+    /// Remembers a program if it is the best by all pictures.
+    fn judge(&mut self, program: &ImageProgram) {
+        let (threshold, bred) = self.levels(program, false).best(false);
+        let judged = self.levels(program, true).mcc(threshold.into());
+        let worth = 0.5 * (bred + judged);
+        if worth > self.best_worth {
+            (self.best_worth, self.state.best) = (worth, program.clone());
+        }
+    }
+
+    /// The best program so far.
+    pub fn best(&self) -> &ImageProgram {
+        &self.state.best
+    }
+
+    /// The mean of its correlations on the pictures that it was bred on and on those that it was judged by.
+    pub fn best_worth(&self) -> f64 {
+        self.best_worth
+    }
+
+    /// What it says of every picture.
+    pub fn outputs(&self) -> Vec<Plane> {
+        self.inputs.iter().map(|i| self.state.best.run(i)).collect()
+    }
+
+    /// Where it is.
+    pub fn state(&self) -> &EvolutionState {
+        &self.state
+    }
+
+    /// Programs times pictures that were run.
+    pub fn evaluations(&self) -> u64 {
+        self.evaluations
+    }
+}
+
+impl EvolutionState {
+    /// Whether an evolution can go on from it.
+    pub fn is_sound(&self) -> bool {
+        let programs = self.parents.iter().chain([&self.best]);
+        self.parents.len() == ISLANDS && programs.into_iter().all(|p| p.wrong().is_none() && p.nodes.len() == NODES)
+    }
+}
+
+fn random_node(i: usize, rng: &mut ChaCha8Rng) -> ImageNode {
+    let mut node = ImageNode::new(Op::Input, [1, 1], 0.0, 0);
+    (0..8).for_each(|gene| mutate(&mut node, gene, i, rng));
+    node
+}
+
+/// Gives a gene another value.
+fn mutate(node: &mut ImageNode, gene: usize, i: usize, rng: &mut ChaCha8Rng) {
+    match gene {
+        0 => node.op = ALL_OPS[rng.random_range(0..ALL_OPS.len())],
+        1 | 2 => node.from[gene - 1] = rng.random_range(1..=(i as u16 + 1).min(12)),
+        // by a little, or anew
+        3 if rng.random_bool(0.5) => {
+            node.p0 = (node.p0 * rng.random_range(0.7..1.4) + rng.random_range(-5.0..5.0)).clamp(-1e4, 1e4)
+        }
+        3 if rng.random_bool(0.5) => node.p0 = rng.random_range(-2.0..2.0),
+        3 => node.p0 = rng.random_range(0.0..255.0),
+        4 => node.p1 = rng.random_range(-16..=16),
+        5 => node.p2 = rng.random_range(-16..=16),
+        6 => node.frequency = rng.random_range(0..=16),
+        _ => node.angle = rng.random_range(-8..=8),
+    }
+}
+
+/// A program with one active gene changed, and others that are not.
+fn mutant(of: &ImageProgram, rng: &mut ChaCha8Rng) -> ImageProgram {
+    let mut child = of.clone();
+    let active = of.active();
+    loop {
+        let i = rng.random_range(0..child.nodes.len());
+        let gene = rng.random_range(0..8);
+        let before = child.nodes[i].clone();
+        mutate(&mut child.nodes[i], gene, i, rng);
+        let counts = match gene {
+            0 => true,
+            1 | 2 => before.op.arity() >= gene,
+            _ => before.op != Op::Nop && before.op != Op::Blank,
+        };
+        if active[i] && counts && child.nodes[i] != before {
+            return child;
+        }
+    }
+}

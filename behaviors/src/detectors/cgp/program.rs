@@ -1,0 +1,131 @@
+//! Programs, and how they run.
+
+use super::super::plane::Plane;
+use super::op::Op;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// The most nodes that a program may have.
+const LONGEST: usize = 1000;
+
+/// The inputs of a program: grey, red, green, blue, hue, saturation, value, all 0 to 255, then what colors and network say.
+pub type Channels = Vec<Arc<Plane>>;
+
+/// A node: a function, where its images are from, and its parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImageNode {
+    /// The function.
+    pub op: Op,
+    /// How many nodes back the two images are; before the first node there is a blank one.
+    pub from: [u16; 2],
+    /// Constant, threshold, exponent or scale.
+    pub p0: f32,
+    /// Aperture, iterations, shift to the right, or an input's channel.
+    pub p1: i8,
+    /// The second aperture, or shift down.
+    pub p2: i8,
+    /// Of a Gabor filter, 0 to 16.
+    pub frequency: u8,
+    /// Of a Gabor filter, eighths of half a turn.
+    pub angle: i8,
+}
+
+/// An image program. Its output is the last node's image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImageProgram {
+    /// The nodes.
+    pub nodes: Vec<ImageNode>,
+    /// Whether the output is low where the object is: it is then taken from 255.
+    pub inverted: bool,
+}
+
+/// The seven channels of a picture, and what colors and network say of it.
+pub fn channels(rgb: &[Plane; 3], colors: &Plane, learned: &Plane) -> Channels {
+    let [r, g, b] = rgb;
+    let pixels = r.data.iter().zip(&g.data).zip(&b.data).map(|((r, g), b)| (*r, *g, *b));
+    let mut of: [Vec<f32>; 4] = Default::default();
+    for (r, g, b) in pixels {
+        let (most, least) = (r.max(g).max(b), r.min(g).min(b));
+        let span = most - least;
+        let sixth = match () {
+            () if span <= 0.0 => 0.0,
+            () if most == r => ((g - b) / span).rem_euclid(6.0),
+            () if most == g => (b - r) / span + 2.0,
+            () => (r - g) / span + 4.0,
+        };
+        let saturation = if most > 0.0 { 255.0 * span / most } else { 0.0 };
+        let values = [0.299 * r + 0.587 * g + 0.114 * b, sixth * 42.5, saturation, most];
+        of.iter_mut().zip(values).for_each(|(to, v)| to.push(v));
+    }
+    let [grey, hue, saturation, value] = of.map(|data| r.like(data));
+    let all = [grey, r.clone(), g.clone(), b.clone(), hue, saturation, value, colors.clone(), learned.clone()];
+    all.into_iter().map(Arc::new).collect()
+}
+
+impl ImageProgram {
+    /// Which nodes the output needs.
+    pub fn active(&self) -> Vec<bool> {
+        let mut active = vec![false; self.nodes.len()];
+        if let Some(last) = active.last_mut() {
+            *last = true;
+        }
+        for (i, node) in self.nodes.iter().enumerate().rev().filter(|(_, n)| n.op.arity() > 0) {
+            if active[i] {
+                for from in &node.from[..node.op.arity()] {
+                    if let Some(j) = i.checked_sub(usize::from(*from)) {
+                        active[j] = true;
+                    }
+                }
+            }
+        }
+        active
+    }
+
+    /// The output, 255 minus it if inverted. `inputs` are of one size and at least one.
+    pub fn run(&self, inputs: &[Arc<Plane>]) -> Plane {
+        let first = &inputs[0];
+        let blank = Arc::new(Plane::filled(first.width, first.height, 0.0));
+        let mut images: Vec<Arc<Plane>> = Vec::with_capacity(self.nodes.len());
+        for (i, (node, active)) in self.nodes.iter().zip(self.active()).enumerate() {
+            let image = match node.op {
+                _ if !active => Arc::clone(&blank),
+                Op::Input => Arc::clone(&inputs[node.channel(inputs.len())]),
+                op => {
+                    let from = |back: u16| i.checked_sub(usize::from(back)).map_or(&blank, |j| &images[j]);
+                    if op == Op::Nop {
+                        Arc::clone(from(node.from[0]))
+                    } else {
+                        Arc::new(op.apply(node, from(node.from[0]), from(node.from[1])))
+                    }
+                }
+            };
+            images.push(image);
+        }
+        let out = images.pop().unwrap_or(blank);
+        if self.inverted { out.map(|v| 255.0 - v) } else { Arc::unwrap_or_clone(out) }
+    }
+
+    /// What is wrong with it, if anything.
+    pub fn wrong(&self) -> Option<String> {
+        if self.nodes.is_empty() || self.nodes.len() > LONGEST {
+            return Some(format!("it has {} nodes, and 1 to {LONGEST} are possible", self.nodes.len()));
+        }
+        let bad = |n: &ImageNode| !n.p0.is_finite() || n.from.contains(&0) || n.frequency > 16;
+        let i = self.nodes.iter().position(bad)?;
+        Some(format!("node {i} has a non-finite number, takes its own image, or a frequency above 16"))
+    }
+}
+
+impl ImageNode {
+    /// A node of a function and its images, with this number of steps or aperture, and a constant.
+    pub fn new(op: Op, from: [u16; 2], p0: f32, p1: i8) -> ImageNode {
+        ImageNode { op, from, p0, p1, p2: 0, frequency: 0, angle: 0 }
+    }
+
+    /// The input that it names, of so many.
+    pub(super) fn channel(&self, of: usize) -> usize {
+        i32::from(self.p1).rem_euclid(of as i32) as usize
+    }
+}

@@ -1,0 +1,178 @@
+//! Detector files: what was learned of one object, as JSON with a version.
+
+use super::cgp::{ImageProgram, channels};
+use super::color::ColorTable;
+use super::features::features;
+use super::picture::{Mask, Picture};
+use super::pixels::PixelNetwork;
+use super::plane::{Plane, guided};
+use super::regions::{Blob, Cut};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// What a detector file says it is.
+const FORMAT: &str = "mobee-detector";
+/// The version that is written, and the only one that is read.
+pub const DETECTOR_VERSION: u32 = 1;
+
+/// What a detector learns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DetectorSort {
+    /// How likely each color is the object's.
+    Color,
+    /// That, what surrounds each pixel, and an evolved image program.
+    Cgp,
+}
+
+/// A detector, learned.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DetectorFile {
+    /// What this file is.
+    pub format: String,
+    /// Version of the layout.
+    pub version: u32,
+    /// What was learned.
+    pub kind: DetectorSort,
+    /// The object's name.
+    pub object: String,
+    /// By what whole factor pictures are made smaller first.
+    pub shrink: usize,
+    /// How the likelihood is smoothed at last.
+    pub smoothing: Smoothing,
+    /// How it becomes a mask.
+    pub cut: Cut,
+    /// The image program; only of the kind `cgp`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub program: Option<ImageProgram>,
+    /// What is made of the surroundings of a pixel; only of the kind `cgp`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub network: Option<PixelNetwork>,
+    /// What the colors say.
+    pub colors: ColorTable,
+}
+
+/// Means over windows, or smoothing that stops at the picture's edges.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Smoothing {
+    /// Half-width of the windows, pixels of the smaller picture; 0: none.
+    pub radius: usize,
+    /// Whether it stops at edges of brightness.
+    pub at_edges: bool,
+}
+
+impl Smoothing {
+    /// The plane smoothed, and if so asked, not across edges of the brightness.
+    pub fn apply(&self, plane: &Plane, brightness: &Plane) -> Plane {
+        match (self.radius, self.at_edges) {
+            (0, _) => plane.clone(),
+            (r, false) => plane.box_mean(r, r),
+            (r, true) => guided(plane, brightness, r, 100.0),
+        }
+    }
+}
+
+/// Why a detector file is refused.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{what}")]
+pub struct DetectorFault {
+    /// What is wrong with it, and where.
+    pub what: String,
+    /// What to do about it.
+    pub help: String,
+}
+
+impl DetectorFile {
+    /// From JSON.
+    ///
+    /// # Errors
+    /// Text that is no such file or not whole, another version, numbers that can't be: nothing of it is taken then.
+    pub fn parse(text: &str) -> Result<DetectorFile, DetectorFault> {
+        let fault = |what: String| {
+            let help = "give a file as `mobee detector train` of this program wrote it, or train it again";
+            DetectorFault { what, help: help.into() }
+        };
+        #[derive(Deserialize)]
+        struct Head {
+            format: String,
+            version: u32,
+        }
+        let head: Head = serde_json::from_str(text).map_err(|e| fault(format!("this is no detector file: {e}")))?;
+        if head.format != FORMAT {
+            return Err(fault(format!("this is no detector file, but of the format {:?}", head.format)));
+        }
+        if head.version != DETECTOR_VERSION {
+            let version = head.version;
+            return Err(fault(format!("this detector file has version {version}, and {DETECTOR_VERSION} is known")));
+        }
+        let file: DetectorFile = serde_json::from_str(text).map_err(|e| fault(e.to_string()))?;
+        let wrong = file.wrong();
+        wrong.map_or(Ok(file), |what| Err(fault(format!("this detector file is damaged: {what}"))))
+    }
+
+    /// As JSON.
+    pub fn text(&self) -> String {
+        serde_json::to_string(self).unwrap_or_default() + "\n"
+    }
+
+    /// A file with these parts.
+    pub fn new(kind: DetectorSort, object: &str, shrink: usize, colors: ColorTable) -> DetectorFile {
+        DetectorFile {
+            format: FORMAT.into(),
+            version: DETECTOR_VERSION,
+            kind,
+            object: object.into(),
+            shrink,
+            smoothing: Smoothing { radius: 0, at_edges: false },
+            cut: Cut { threshold: 128.0, open: false, keep: 0.0 },
+            program: None,
+            network: None,
+            colors,
+        }
+    }
+
+    fn wrong(&self) -> Option<String> {
+        let is_cgp = self.kind == DetectorSort::Cgp;
+        if !(1..=64).contains(&self.shrink) || self.smoothing.radius > 64 {
+            return Some("`shrink` or `smoothing.radius` is not in its range".into());
+        }
+        if !self.cut.is_sound() {
+            return Some("`cut.threshold` or `cut.keep` is not in its range".into());
+        }
+        if !self.colors.is_whole() {
+            return Some("`colors` has not one entry for each color".into());
+        }
+        if is_cgp != self.network.is_some() || is_cgp != self.program.is_some() {
+            return Some("the kind `cgp` has a `network` and a `program`, and `color` has neither".into());
+        }
+        if self.network.as_ref().is_some_and(|n| !n.is_whole()) {
+            return Some("`network` has missing, too many or non-finite numbers".into());
+        }
+        self.program.as_ref().and_then(|p| p.wrong().map(|w| format!("`program`: {w}")))
+    }
+
+    /// How likely each pixel is the object's, 0 to 255, as large as the picture.
+    pub fn likelihood(&self, picture: &Picture) -> Plane {
+        let rgb = picture.planes(self.shrink);
+        let colors = self.colors.look(picture, self.shrink);
+        let [r, g, b] = &rgb;
+        let brightness = r.zip(g, |r, g| r + g).zip(b, |s, b| (s + b) / 3.0);
+        let mut plane = match (&self.network, &self.program) {
+            (Some(network), Some(program)) => {
+                let learned = network.look(&features(&rgb, &colors));
+                program.run(&channels(&rgb, &colors, &learned))
+            }
+            _ => colors,
+        };
+        plane = self.smoothing.apply(&plane, &brightness);
+        plane.grown(self.shrink, picture.width, picture.height)
+    }
+
+    /// Where the object is, and in what regions, the weightiest first.
+    pub fn look(&self, picture: &Picture) -> (Mask, Vec<Blob>) {
+        self.cut.apply(&self.likelihood(picture))
+    }
+}

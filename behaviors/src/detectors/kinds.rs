@@ -1,0 +1,96 @@
+//! The kinds of detectors that learn, as a run makes them: from a detector file.
+
+use super::file::{DetectorFile, DetectorSort};
+use super::picture::Picture;
+use mobee_contract::*;
+use mobee_model::file::{MIB, read_text};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Settings of the kinds `color` and `cgp`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LearnedDetectorSettings {
+    /// The detector, as `mobee detector train` wrote it.
+    pub file: PathBuf,
+    /// The object's name in the world; default: the one that it was trained as.
+    #[serde(default)]
+    pub object: Option<String>,
+}
+
+/// Finds the one object that it knows.
+pub struct LearnedDetector {
+    file: DetectorFile,
+}
+
+impl LearnedDetector {
+    /// One that looks as the file says.
+    pub fn new(file: DetectorFile) -> LearnedDetector {
+        LearnedDetector { file }
+    }
+}
+
+impl Detector for LearnedDetector {
+    fn detect(&mut self, frame: &Frame) -> Vec<Region> {
+        let [width, height] = frame.intrinsics.size.map(|n| n as usize);
+        if width == 0 || height == 0 || frame.pixels.len() != width * height * 3 {
+            // a frame that is not what it says shows nothing
+            return Vec::new();
+        }
+        let (_, blobs) = self.file.look(&Picture { width, height, rgb: frame.pixels.to_vec() });
+        let region = |b: super::regions::Blob| Region {
+            object: self.file.object.clone(),
+            center: b.centroid,
+            size: [(b.bounds[2] - b.bounds[0]) as f64, (b.bounds[3] - b.bounds[1]) as f64],
+        };
+        blobs.into_iter().map(region).collect()
+    }
+
+    fn takes(&self) -> Duration {
+        match self.file.kind {
+            DetectorSort::Color => Duration::from_millis(5),
+            DetectorSort::Cgp => Duration::from_millis(30),
+        }
+    }
+}
+
+fn build(value: &Value, sort: DetectorSort) -> Result<Box<dyn Detector>, KindError> {
+    let settings: LearnedDetectorSettings = settings(value)?;
+    let at = settings.file.display();
+    let text = read_text(&settings.file, 64 * MIB).map_err(|e| {
+        KindError::new("file", format!("can't read {at}: {e}"), "give a file of `mobee detector train`")
+    })?;
+    let mut file =
+        DetectorFile::parse(&text).map_err(|e| KindError::new("file", format!("{at}: {}", e.what), e.help))?;
+    if file.kind != sort {
+        let help = "name the kind that it was trained as, or train it again with --kind";
+        return Err(KindError::new("file", format!("{at} is a detector of another kind"), help));
+    }
+    file.object = settings.object.unwrap_or(file.object);
+    Ok(Box::new(LearnedDetector::new(file)))
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Detector> {
+        name: "color",
+        doc: "Finds one object by how likely each color is its own, learned from pictures with masks (`mobee detector train \
+              --kind color`).",
+        schema: || schemars::schema_for!(LearnedDetectorSettings),
+        example: |_| Ok(json!({ "file": "cup.detector.json", "object": "cup" })),
+        build: |value, _| build(value, DetectorSort::Color),
+    })
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Detector> {
+        name: "cgp",
+        doc: "Finds one object by an evolved image program that sees the colors, how likely they are the object's, and what a \
+              small network makes of the surroundings of each pixel (`mobee detector train --kind cgp`).",
+        schema: || schemars::schema_for!(LearnedDetectorSettings),
+        example: |_| Ok(json!({ "file": "cup.detector.json", "object": "cup" })),
+        build: |value, _| build(value, DetectorSort::Cgp),
+    })
+}

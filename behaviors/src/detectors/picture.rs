@@ -1,0 +1,160 @@
+//! Pictures and masks: from frames and from folders.
+
+use super::plane::Plane;
+use image::{ImageReader, Limits};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// What ends the name of a mask's file; what is before it is the name of its picture.
+const MASK: &str = "_mask.png";
+/// The longest side that a picture may have, pixels.
+const LONGEST: u32 = 4096;
+
+/// A color picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Red, green and blue of each pixel, row by row from the top.
+    pub rgb: Vec<u8>,
+}
+
+/// Which pixels are the object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mask {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// One per pixel, row by row from the top.
+    pub data: Vec<bool>,
+}
+
+/// A picture of which it is known where the object is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LabeledPicture {
+    /// The file's name without its ending.
+    pub name: String,
+    /// The picture.
+    pub picture: Picture,
+    /// Where the object is.
+    pub mask: Mask,
+}
+
+/// What is wrong with a picture, a mask or a folder of them.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{}: {what}", path.display())]
+pub struct PictureFault {
+    /// The file or folder.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub what: String,
+    /// What to do about it.
+    pub help: String,
+}
+
+fn fault(path: &Path, what: impl Into<String>, help: &str) -> PictureFault {
+    PictureFault { path: path.to_owned(), what: what.into(), help: help.into() }
+}
+
+impl Picture {
+    /// Red, green and blue as planes, made smaller by a whole factor.
+    pub fn planes(&self, shrink: usize) -> [Plane; 3] {
+        [0, 1, 2].map(|c| {
+            let data = self.rgb.chunks_exact(3).map(|p| f32::from(p[c])).collect();
+            Plane { width: self.width, height: self.height, data }.shrunk(shrink)
+        })
+    }
+}
+
+impl Mask {
+    /// Where a plane is at least this.
+    pub fn at_least(plane: &Plane, threshold: f32) -> Mask {
+        let data = plane.data.iter().map(|v| *v >= threshold).collect();
+        Mask { width: plane.width, height: plane.height, data }
+    }
+
+    /// 255 in the object, 0 elsewhere.
+    pub fn plane(&self) -> Plane {
+        let data = self.data.iter().map(|m| if *m { 255.0 } else { 0.0 }).collect();
+        Plane { width: self.width, height: self.height, data }
+    }
+}
+
+/// All pictures of a folder with their masks, in the order of their names: `NAME.jpg` (or `NAME.png`) with `NAME_mask.png`.
+/// Other files are left alone.
+///
+/// # Errors
+/// A file that can't be read, is broken or too large, a picture without mask or a mask without picture, a mask of another size
+/// than its picture, pictures of different sizes, a folder without pictures.
+pub fn read_folder(folder: &Path) -> Result<Vec<LabeledPicture>, PictureFault> {
+    let unreadable = |e: std::io::Error| fault(folder, e.to_string(), "give a folder with NAME.jpg and NAME_mask.png");
+    let mut names = BTreeSet::new();
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        names.insert(entry.map_err(unreadable)?.file_name().to_string_lossy().into_owned());
+    }
+    let stem = |name: &str| {
+        let is_picture = !name.ends_with(MASK);
+        let stem = [".jpg", ".jpeg", ".png"].iter().find_map(|e| name.strip_suffix(e)).filter(|_| is_picture);
+        stem.map(str::to_owned)
+    };
+    let stems: BTreeSet<String> = names.iter().filter_map(|n| stem(n)).collect();
+    if let Some(alone) = names.iter().find(|n| n.strip_suffix(MASK).is_some_and(|s| !stems.contains(s))) {
+        return Err(fault(&folder.join(alone), "this mask has no picture", "add NAME.jpg, or remove NAME_mask.png"));
+    }
+    let mut all: Vec<LabeledPicture> = Vec::new();
+    for (name, stem) in names.iter().filter_map(|n| stem(n).map(|s| (n, s))) {
+        let (at, mask_at) = (folder.join(name), folder.join(format!("{stem}{MASK}")));
+        if !names.contains(&format!("{stem}{MASK}")) {
+            let what = "this picture has no mask";
+            return Err(fault(&at, what, "add NAME_mask.png, white where the object is, or remove the picture"));
+        }
+        let (picture, mask) = (read_picture(&at)?, read_mask(&mask_at)?);
+        if (mask.width, mask.height) != (picture.width, picture.height) {
+            let sizes = [mask.width, mask.height, picture.width, picture.height];
+            let what = format!("this mask is {}x{}, but its picture {}x{}", sizes[0], sizes[1], sizes[2], sizes[3]);
+            return Err(fault(&mask_at, what, "make the mask as large as its picture"));
+        }
+        if let Some(first) = all.first().filter(|f| (f.mask.width, f.mask.height) != (mask.width, mask.height)) {
+            let what = format!("this picture is {}x{}, but {} is another size", mask.width, mask.height, first.name);
+            return Err(fault(&at, what, "give all pictures of a folder one size"));
+        }
+        all.push(LabeledPicture { name: stem, picture, mask });
+    }
+    if all.is_empty() {
+        return Err(fault(folder, "there are no pictures in it", "give a folder with NAME.jpg and NAME_mask.png"));
+    }
+    Ok(all)
+}
+
+/// A picture from a file.
+///
+/// # Errors
+/// If it can't be read, is broken, or too large.
+pub fn read_picture(path: &Path) -> Result<Picture, PictureFault> {
+    let rgb = decode(path)?.into_rgb8();
+    Ok(Picture { width: rgb.width() as usize, height: rgb.height() as usize, rgb: rgb.into_raw() })
+}
+
+/// A mask from a file: the object is where it is at least half bright.
+///
+/// # Errors
+/// As [`read_picture`].
+pub fn read_mask(path: &Path) -> Result<Mask, PictureFault> {
+    let grey = decode(path)?.into_luma8();
+    let (width, height) = (grey.width() as usize, grey.height() as usize);
+    Ok(Mask { width, height, data: grey.into_raw().into_iter().map(|v| v >= 128).collect() })
+}
+
+fn decode(path: &Path) -> Result<image::DynamicImage, PictureFault> {
+    let help = "replace it by a whole JPEG or PNG file of at most 4096x4096 pixels";
+    let read = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
+    let mut reader = read.map_err(|e| fault(path, e.to_string(), "check the name and the permissions"))?;
+    let mut limits = Limits::default();
+    (limits.max_image_width, limits.max_image_height) = (Some(LONGEST), Some(LONGEST));
+    reader.limits(limits);
+    reader.decode().map_err(|e| fault(path, format!("this is no whole picture: {e}"), help))
+}

@@ -1,0 +1,147 @@
+//! A picture's one channel, and the arithmetic of neighborhoods that everything else is built of.
+
+/// One value per pixel, row by row from the top. Colors are 0 to 255.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plane {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `width * height` values.
+    pub data: Vec<f32>,
+}
+
+impl Plane {
+    /// The same value everywhere.
+    pub fn filled(width: usize, height: usize, value: f32) -> Plane {
+        Plane { width, height, data: vec![value; width * height] }
+    }
+
+    /// Of this size, with these values.
+    pub fn like(&self, data: Vec<f32>) -> Plane {
+        Plane { width: self.width, height: self.height, data }
+    }
+
+    /// A function of every pixel.
+    pub fn map(&self, f: impl Fn(f32) -> f32) -> Plane {
+        self.like(self.data.iter().map(|v| f(*v)).collect())
+    }
+
+    /// A function of this pixel and that of another plane of the same size.
+    pub fn zip(&self, other: &Plane, f: impl Fn(f32, f32) -> f32) -> Plane {
+        self.like(self.data.iter().zip(&other.data).map(|(a, b)| f(*a, *b)).collect())
+    }
+
+    /// The rows.
+    pub fn rows(&self) -> impl Iterator<Item = &[f32]> {
+        self.data.chunks_exact(self.width.max(1))
+    }
+
+    /// Means over windows of `2 rx + 1` by `2 ry + 1` pixels, at the border over what of them is in the picture.
+    /// The cost does not depend on the window.
+    pub fn box_mean(&self, rx: usize, ry: usize) -> Plane {
+        let (w, h) = (self.width, self.height);
+        let mut across = Vec::with_capacity(w * h);
+        let mut sums = vec![0.0f32; w + 1];
+        let inverse: Vec<f32> = (0..w).map(|x| 1.0 / ((x + rx + 1).min(w) - x.saturating_sub(rx)) as f32).collect();
+        for row in self.rows() {
+            let mut sum = 0.0;
+            for (to, v) in sums[1..].iter_mut().zip(row) {
+                sum += v;
+                *to = sum;
+            }
+            across.extend((0..w).map(|x| (sums[(x + rx + 1).min(w)] - sums[x.saturating_sub(rx)]) * inverse[x]));
+        }
+        if ry == 0 {
+            return self.like(across);
+        }
+        let row = |y: usize| &across[y * w..(y + 1) * w];
+        let mut sum = vec![0.0f32; w];
+        let mut out = Vec::with_capacity(w * h);
+        let add = |sum: &mut Vec<f32>, y: usize| sum.iter_mut().zip(row(y)).for_each(|(s, v)| *s += v);
+        (0..ry.min(h)).for_each(|y| add(&mut sum, y));
+        for y in 0..h {
+            if y + ry < h {
+                add(&mut sum, y + ry);
+            }
+            if y > ry {
+                sum.iter_mut().zip(row(y - ry - 1)).for_each(|(s, v)| *s -= v);
+            }
+            let inverse = 1.0 / ((y + ry + 1).min(h) - y.saturating_sub(ry)) as f32;
+            out.extend(sum.iter().map(|s| s * inverse));
+        }
+        self.like(out)
+    }
+
+    /// The picture moved by this many pixels to the right and down; the border's values fill what is left free.
+    pub fn moved(&self, dx: isize, dy: isize) -> Plane {
+        let at = |i: usize, d: isize, n: usize| i.saturating_add_signed(-d).min(n.saturating_sub(1));
+        let columns: Vec<usize> = (0..self.width).map(|x| at(x, dx, self.width)).collect();
+        let mut data = Vec::with_capacity(self.data.len());
+        for y in 0..self.height {
+            let from = at(y, dy, self.height) * self.width;
+            let row = &self.data[from..from + self.width];
+            data.extend(columns.iter().map(|x| row[*x]));
+        }
+        self.like(data)
+    }
+
+    /// Made smaller by a whole factor, each pixel the mean of those that it stands for.
+    pub fn shrunk(&self, by: usize) -> Plane {
+        if by <= 1 {
+            return self.clone();
+        }
+        let (w, h) = (self.width.div_ceil(by), self.height.div_ceil(by));
+        let mut out = Plane::filled(w, h, 0.0);
+        for y in 0..h {
+            let (top, bottom) = (y * by, ((y + 1) * by).min(self.height));
+            for x in 0..w {
+                let (left, right) = (x * by, ((x + 1) * by).min(self.width));
+                let rows = (top..bottom).map(|y| &self.data[y * self.width + left..y * self.width + right]);
+                let sum: f32 = rows.map(|r| r.iter().sum::<f32>()).sum();
+                out.data[y * w + x] = sum / ((bottom - top) * (right - left)) as f32;
+            }
+        }
+        out
+    }
+
+    /// Made larger by a whole factor, to a size: the inverse of [`Plane::shrunk`], interpolated between the middles of pixels.
+    pub fn grown(&self, by: usize, width: usize, height: usize) -> Plane {
+        if by <= 1 || self.data.is_empty() {
+            return self.clone();
+        }
+        let places = |n: usize, of: usize| -> Vec<(usize, usize, f32)> {
+            let place = |i: usize| {
+                let at = ((i as f32 + 0.5) / by as f32 - 0.5).clamp(0.0, (of - 1) as f32);
+                (at as usize, (at as usize + 1).min(of - 1), at.fract())
+            };
+            (0..n).map(place).collect()
+        };
+        let (columns, rows) = (places(width, self.width), places(height, self.height));
+        let mut data = Vec::with_capacity(width * height);
+        let mut between = vec![0.0f32; self.width];
+        for (above, below, part) in rows {
+            let row = |y: usize| &self.data[y * self.width..(y + 1) * self.width];
+            for ((to, a), b) in between.iter_mut().zip(row(above)).zip(row(below)) {
+                *to = a + part * (b - a);
+            }
+            data.extend(columns.iter().map(|(a, b, part)| between[*a] + part * (between[*b] - between[*a])));
+        }
+        Plane { width, height, data }
+    }
+}
+
+/// The plane smoothed, but not across edges of `guide` (guided filter: He, Sun and Tang 2010): in each window of half-width `r`
+/// it becomes a linear function of the guide, more nearly constant with larger `eps` (squared units of the guide).
+pub fn guided(plane: &Plane, guide: &Plane, r: usize, eps: f32) -> Plane {
+    let mean = guide.box_mean(r, r);
+    let mean_p = plane.box_mean(r, r);
+    let both = guide.zip(plane, |g, p| g * p).box_mean(r, r);
+    let square = guide.zip(guide, |a, b| a * b).box_mean(r, r);
+    let covariance = both.zip(&mean.zip(&mean_p, |m, p| m * p), |b, m| b - m);
+    let variance = square.zip(&mean, |s, m| (s - m * m).max(0.0));
+    let slope = covariance.zip(&variance, |c, v| c / (v + eps));
+    let offset = mean_p.zip(&slope.zip(&mean, |s, m| s * m), |p, m| p - m);
+    let slope = slope.box_mean(r, r);
+    slope.zip(guide, |s, g| s * g).zip(&offset.box_mean(r, r), |a, b| a + b)
+}

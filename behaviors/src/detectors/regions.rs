@@ -1,0 +1,106 @@
+//! From a likelihood to regions: threshold, opening, connected components, and which of these are kept.
+
+use super::picture::Mask;
+use super::plane::Plane;
+use serde::{Deserialize, Serialize};
+
+/// How a likelihood becomes a mask and its regions.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cut {
+    /// What a pixel of the object has at least, above 0 and up to 255.
+    pub threshold: f32,
+    /// Whether the mask is opened by 3x3 pixels.
+    pub open: bool,
+    /// Components with less than this share of the weightiest one's weight are dropped; 1: only that one is kept.
+    pub keep: f32,
+}
+
+/// A connected part of a mask.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Blob {
+    /// The mean place of its pixels; the middle of the upper left pixel of a picture is (0.5, 0.5).
+    pub centroid: [f64; 2],
+    /// Left, top, right (exclusive) and bottom (exclusive), pixels.
+    pub bounds: [usize; 4],
+    /// Pixels.
+    pub area: usize,
+    /// Whether it touches the picture's border, so that there may be more of it beyond.
+    pub is_clipped: bool,
+    /// How far its likelihood is above the threshold, 0 to 1: the mean over its pixels, as a share of what there can be.
+    pub confidence: f64,
+    /// The sum of that over its pixels.
+    pub weight: f64,
+}
+
+impl Cut {
+    /// The mask and its regions, the weightiest first.
+    pub fn apply(&self, likelihood: &Plane) -> (Mask, Vec<Blob>) {
+        let mut mask = Mask::at_least(likelihood, self.threshold);
+        if self.open {
+            mask = opened(&mask);
+        }
+        let (labels, mut blobs) = components(&mask, likelihood, self.threshold);
+        let heaviest = blobs.iter().map(|b| b.weight).fold(0.0, f64::max);
+        let is_kept: Vec<bool> = blobs.iter().map(|b| b.weight >= f64::from(self.keep) * heaviest).collect();
+        for (m, label) in mask.data.iter_mut().zip(&labels) {
+            *m = label.checked_sub(1).is_some_and(|l| is_kept[l as usize]);
+        }
+        let mut kept = is_kept.iter();
+        blobs.retain(|_| kept.next().copied().unwrap_or(false));
+        blobs.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+        (mask, blobs)
+    }
+
+    /// Whether its numbers are what they may be.
+    pub fn is_sound(&self) -> bool {
+        self.threshold > 0.0 && self.threshold <= 255.0 && (0.0..=1.0).contains(&self.keep)
+    }
+}
+
+/// Eroded and dilated by 3x3 pixels; beyond the border it goes on as at it.
+fn opened(mask: &Mask) -> Mask {
+    let plane = mask.plane();
+    let all = |v: f32| if v >= 254.9 { 255.0 } else { 0.0 };
+    let any = |v: f32| if v >= 0.1 { 255.0 } else { 0.0 };
+    Mask::at_least(&plane.box_mean(1, 1).map(all).box_mean(1, 1).map(any), 128.0)
+}
+
+/// The number of each pixel's component from 1 on (0: none), and the components; pixels touch by their sides.
+fn components(mask: &Mask, likelihood: &Plane, threshold: f32) -> (Vec<u32>, Vec<Blob>) {
+    let (w, h) = (mask.width, mask.height);
+    let mut labels = vec![0u32; mask.data.len()];
+    let (mut blobs, mut open) = (Vec::new(), Vec::new());
+    for start in 0..mask.data.len() {
+        if !mask.data[start] || labels[start] > 0 {
+            continue;
+        }
+        let label = blobs.len() as u32 + 1;
+        let (mut sum, mut weight, mut area) = ([0.0; 2], 0.0, 0);
+        let mut bounds = [w, h, 0, 0];
+        labels[start] = label;
+        open.push(start);
+        while let Some(i) = open.pop() {
+            let (x, y) = (i % w, i / w);
+            (sum[0], sum[1], area) = (sum[0] + x as f64 + 0.5, sum[1] + y as f64 + 0.5, area + 1);
+            weight += f64::from((likelihood.data[i] - threshold).max(0.0)) / f64::from(256.0 - threshold);
+            bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x + 1), bounds[3].max(y + 1)];
+            let near = [(x > 0, i.wrapping_sub(1)), (x + 1 < w, i + 1), (y > 0, i.wrapping_sub(w)), (y + 1 < h, i + w)];
+            for (_, j) in near.into_iter().filter(|(inside, _)| *inside) {
+                if mask.data[j] && labels[j] == 0 {
+                    labels[j] = label;
+                    open.push(j);
+                }
+            }
+        }
+        blobs.push(Blob {
+            centroid: sum.map(|s| s / area as f64),
+            bounds,
+            area,
+            is_clipped: bounds[0] == 0 || bounds[1] == 0 || bounds[2] == w || bounds[3] == h,
+            confidence: (weight / area as f64).clamp(0.0, 1.0),
+            weight,
+        });
+    }
+    (labels, blobs)
+}

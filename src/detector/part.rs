@@ -1,0 +1,86 @@
+//! Where an interrupted training was: beside the detector that it will be, in FILE.part.
+
+use super::LONGEST;
+use crate::config::ConfigError;
+use crate::roadmap::save_text;
+use miette::Report;
+use mobee_behaviors::detectors::cgp::EvolutionState;
+use mobee_behaviors::detectors::picture::LabeledPicture;
+use mobee_model::file::read_text;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+
+/// An unfinished training.
+pub(super) struct TrainingPart {
+    path: PathBuf,
+    inputs: String,
+    /// Where the evolution was, if it had begun.
+    pub(super) state: Option<EvolutionState>,
+    /// How long it had gone on, seconds.
+    pub(super) seconds: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Noted {
+    inputs: String,
+    seconds: f64,
+    state: EvolutionState,
+}
+
+/// What a training is of.
+pub(super) fn digest(pictures: &[LabeledPicture], seed: u64) -> String {
+    let mut hash = Sha256::new();
+    hash.update(seed.to_le_bytes());
+    for p in pictures {
+        hash.update(&p.picture.rgb);
+        hash.update(p.mask.data.iter().map(|m| u8::from(*m)).collect::<Vec<u8>>());
+    }
+    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+}
+
+impl TrainingPart {
+    /// What there is beside `out`.
+    pub(super) fn open(out: &Path, inputs: String) -> Result<TrainingPart, Report> {
+        let mut name = out.as_os_str().to_owned();
+        name.push(".part");
+        let path = PathBuf::from(name);
+        let mut part = TrainingPart { path, inputs, state: None, seconds: 0.0 };
+        if !part.path.exists() {
+            return Ok(part);
+        }
+        let at = part.path.display();
+        let help = format!("remove {at} to begin anew");
+        let text =
+            read_text(&part.path, LONGEST).map_err(|e| ConfigError::plain(format!("can't read {at}: {e}"), &help))?;
+        let noted: Noted =
+            serde_json::from_str(&text).map_err(|e| ConfigError::plain(format!("{at} is damaged: {e}"), &help))?;
+        if noted.inputs != part.inputs {
+            let what = format!("{at} is of a training with other pictures or another seed");
+            return Err(ConfigError::plain(what, help).into());
+        }
+        if !noted.state.is_sound() || !(0.0..1e9).contains(&noted.seconds) {
+            return Err(ConfigError::plain(format!("{at} is damaged: no evolution can be as it says"), help).into());
+        }
+        (part.state, part.seconds) = (Some(noted.state), noted.seconds);
+        Ok(part)
+    }
+
+    /// Writes down where the evolution is.
+    pub(super) fn note(&self, state: &EvolutionState, seconds: f64) -> Result<(), Report> {
+        let noted = Noted { inputs: self.inputs.clone(), seconds, state: state.clone() };
+        save_text(&self.path, &serde_json::to_string(&noted).unwrap_or_default())
+    }
+
+    /// The training is done.
+    pub(super) fn remove(&self) -> Result<(), Report> {
+        match std::fs::remove_file(&self.path) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                let what = format!("can't remove {}: {e}", self.path.display());
+                Err(ConfigError::plain(what, "remove it, or the next training goes on from it").into())
+            }
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! `mobee detector train`.
+
+use super::part::{TrainingPart, digest};
+use crate::config::ConfigError;
+use crate::roadmap::{may_write, save_text};
+use crate::robot_import::Steps;
+use miette::{Report, miette};
+use mobee_behaviors::detectors::cgp::Evolution;
+use mobee_behaviors::detectors::file::DetectorSort;
+use mobee_behaviors::detectors::train::{Lessons, TrainFault};
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Generations if no time is given: the same seed then gives the same detector.
+const GENERATIONS: u64 = 40;
+/// Time between two notes of where the evolution is, seconds.
+const NOTED_S: f64 = 10.0;
+
+/// What to learn, and where it goes.
+#[derive(clap::Args, Clone, Debug)]
+pub struct TrainArgs {
+    /// The folder of pictures NAME.jpg with masks NAME_mask.png.
+    #[arg(long, value_name = "DIR")]
+    images: PathBuf,
+    /// The detector to write. While it is learned, where that is is in FILE.part.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// What to learn: `color` (seconds) or `cgp` (as long as you let it).
+    #[arg(long, value_parser = sort, default_value = "cgp")]
+    kind: DetectorSort,
+    /// The object's name; default: the folder's.
+    #[arg(long, value_name = "NAME")]
+    object: Option<String>,
+    /// How long programs evolve, minutes; default: forty generations, however long they take.
+    #[arg(long, value_name = "M", value_parser = minutes)]
+    minutes: Option<f64>,
+    /// The seed of all randomness.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Replace the detector if it exists.
+    #[arg(long)]
+    force: bool,
+}
+
+fn sort(text: &str) -> Result<DetectorSort, String> {
+    match text {
+        "color" => Ok(DetectorSort::Color),
+        "cgp" => Ok(DetectorSort::Cgp),
+        _ => Err("give `color` or `cgp`".into()),
+    }
+}
+
+fn minutes(text: &str) -> Result<f64, String> {
+    let minutes = text.parse().ok().filter(|m| (0.0..=100_000.0).contains(m));
+    minutes.ok_or_else(|| "give a number of minutes from 0 to 100000".into())
+}
+
+/// Learns the detector and says how good it is on pictures that it was not learned from.
+///
+/// # Errors
+/// If pictures can't be read or teach nothing, what was found so far is of others, or a file can't be written.
+#[expect(clippy::disallowed_methods, reason = "how long a training takes is asked for in real time")]
+pub fn command(args: &TrainArgs) -> Result<String, Report> {
+    may_write(&args.out, args.force)?;
+    let bar = Steps::new();
+    bar.step("reads pictures");
+    let pictures = super::pictures(&args.images)?;
+    let folder = args.images.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_string_lossy().into_owned()));
+    let object = args.object.clone().or(folder).unwrap_or_else(|| "object".into());
+    bar.step("learns colors");
+    let fault = |e: TrainFault| {
+        let help = "give at least 4 pictures of a sequence, better 20, with the object in every stretch of it";
+        ConfigError::plain(format!("{}: {e}", args.images.display()), help)
+    };
+    let lessons = Lessons::new(&pictures, &object, args.seed).map_err(fault)?;
+    let (file, mcc, evolved) = match args.kind {
+        DetectorSort::Color => {
+            let (file, mcc) = lessons.color();
+            (file, mcc, String::new())
+        }
+        DetectorSort::Cgp => {
+            let mut part = TrainingPart::open(&args.out, digest(&pictures, args.seed))?;
+            bar.step("learns surroundings");
+            let mut tell = |share| bar.show(share);
+            let (network, inputs) = lessons.network(&pictures, &mut tell).map_err(fault)?;
+            let mut evolution = match part.state.take() {
+                Some(state) => Evolution::resume(inputs, lessons.masks(), state),
+                None => Evolution::new(inputs, lessons.masks(), args.seed),
+            };
+            bar.step("evolves programs");
+            let (began, before, mut noted) = (Instant::now(), part.seconds, 0.0);
+            loop {
+                let now = began.elapsed().as_secs_f64();
+                let generation = evolution.state().generation;
+                let share = match args.minutes {
+                    Some(m) => (before + now) / (60.0 * m).max(1e-9),
+                    None => generation as f64 / GENERATIONS as f64,
+                };
+                if share >= 1.0 {
+                    break;
+                }
+                bar.show(share);
+                evolution.advance();
+                if now - noted > NOTED_S {
+                    noted = now;
+                    part.note(evolution.state(), before + now)?;
+                }
+            }
+            let (file, mcc) = lessons.finish_cgp(&network, &evolution);
+            let nodes = evolution.best().active().iter().filter(|a| **a).count();
+            let generations = evolution.state().generation;
+            part.remove()?;
+            (file, mcc, format!("; {generations} generations, the best program has {nodes} active nodes"))
+        }
+    };
+    if mcc <= 0.0 {
+        return Err(miette!(
+            help = "check that the masks are of these pictures, white where the object is",
+            "nothing was learned: on pictures left out, masks agree with the truth no better than by chance"
+        ));
+    }
+    save_text(&args.out, &file.text())?;
+    Ok(format!(
+        "{}: {object}, from {} pictures; correlation on stretches of them that were left out: {mcc:.3}{evolved}\n",
+        args.out.display(),
+        pictures.len()
+    ))
+}
