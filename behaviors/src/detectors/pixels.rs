@@ -1,5 +1,5 @@
 //! A small network that tells from the features of a pixel how likely it is the object's: two hidden layers, learned by Adam
-//! (Kingma and Ba 2015) on as many pixels of the object as beside it.
+//! (Kingma 2015) on as many pixels of the object as beside it.
 
 use super::features::FEATURES;
 use super::picture::Mask;

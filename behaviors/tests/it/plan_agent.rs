@@ -94,7 +94,7 @@ fn only_an_edge_whose_cause_has_changed_is_forgiven() {
         distance: 0.0,
         points: [nalgebra::Point3::origin(); 2],
     };
-    for (contacts, successor) in [(vec![contact.clone()], false), (vec![contact], true), (vec![], false)] {
+    for (contacts, successor) in [(vec![contact], false), (vec![contact], true), (vec![], false)] {
         let known = !contacts.is_empty();
         let mut v = view(&scene, &start());
         let mut agent = agent(json!({ "goals": ["right", "left"], "repeat": 0 }));

@@ -14,14 +14,14 @@ pub(super) fn mean(a: &Plane) -> f32 {
 }
 
 /// Stretched to 0 to 255; a constant becomes 0.
-pub(super) fn normalised(a: &Plane) -> Plane {
+pub(super) fn normalized(a: &Plane) -> Plane {
     let (least, most) = range(a);
     let by = if most > least { 255.0 / (most - least) } else { 0.0 };
     a.map(|v| (v - least) * by)
 }
 
 /// Values 0 to 255 replaced by the share of pixels that are not above them, 0 to 255.
-pub(super) fn equalised(a: &Plane) -> Plane {
+pub(super) fn equalized(a: &Plane) -> Plane {
     let mut counts = [0u32; 256];
     a.data.iter().for_each(|v| counts[*v as u8 as usize] += 1);
     let mut sum = 0;

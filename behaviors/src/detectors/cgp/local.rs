@@ -75,7 +75,7 @@ pub(super) fn bilateral(a: &Plane, r: usize) -> Plane {
 }
 
 /// How far above the window's mean, in standard deviations, as 128 + 64 z.
-pub(super) fn normalised(a: &Plane, rx: usize, ry: usize) -> Plane {
+pub(super) fn normalized(a: &Plane, rx: usize, ry: usize) -> Plane {
     let mean = a.box_mean(rx, ry);
     let square = a.map(|v| v * v).box_mean(rx, ry);
     let spread = square.zip(&mean, |s, m| (s - m * m).max(0.0).sqrt() + 1.0);

@@ -34,8 +34,8 @@ pub enum Op {
     Exp,
     Sqrt,
     Pow,
-    Normalise,
-    Equalise,
+    Normalize,
+    Equalize,
     MinValue,
     MaxValue,
     MeanValue,
@@ -57,7 +57,7 @@ pub enum Op {
     LocalMin,
     LocalMax,
     LocalMean,
-    LocalNormalise,
+    LocalNormalize,
     Shift,
     ShiftUp,
     ShiftDown,
@@ -73,9 +73,9 @@ use Op::*;
 /// All functions.
 #[rustfmt::skip]
 pub const ALL_OPS: [Op; 52] = [
-    Input, Blank, Const, Nop, Add, Sub, Mul, AbsDiff, Avg, Min, Max, AddC, SubC, MulC, MinC, MaxC, Log, Exp, Sqrt, Pow, Normalise,
-    Equalise, MinValue, MaxValue, MeanValue, Threshold, ThresholdInv, Dilate, Erode, Gauss, GaussXy, Median, Bilateral, BoxBlur,
-    SobelX, SobelY, Sobel, Laplace, Canny, Unsharpen, LocalMin, LocalMax, LocalMean, LocalNormalise, Shift, ShiftUp, ShiftDown,
+    Input, Blank, Const, Nop, Add, Sub, Mul, AbsDiff, Avg, Min, Max, AddC, SubC, MulC, MinC, MaxC, Log, Exp, Sqrt, Pow, Normalize,
+    Equalize, MinValue, MaxValue, MeanValue, Threshold, ThresholdInv, Dilate, Erode, Gauss, GaussXy, Median, Bilateral, BoxBlur,
+    SobelX, SobelY, Sobel, Laplace, Canny, Unsharpen, LocalMin, LocalMax, LocalMean, LocalNormalize, Shift, ShiftUp, ShiftDown,
     ShiftLeft, ShiftRight, Rescale, Gabor, ResizeGabor,
 ];
 
@@ -119,8 +119,8 @@ impl Op {
             Exp => a.map(f32::exp),
             Sqrt => a.map(f32::sqrt),
             Pow => a.map(|a| a.powf(p)),
-            Normalise => filters::normalised(a),
-            Equalise => filters::equalised(a),
+            Normalize => filters::normalized(a),
+            Equalize => filters::equalized(a),
             MinValue => Plane::filled(a.width, a.height, filters::range(a).0),
             MaxValue => Plane::filled(a.width, a.height, filters::range(a).1),
             MeanValue => Plane::filled(a.width, a.height, filters::mean(a)),
@@ -145,7 +145,7 @@ impl Op {
             LocalMin => local::extreme(a, window(x), window(y), f32::min),
             LocalMax => local::extreme(a, window(x), window(y), f32::max),
             LocalMean => a.box_mean(window(x), window(y)),
-            LocalNormalise => local::normalised(a, window(x), window(y)),
+            LocalNormalize => local::normalized(a, window(x), window(y)),
             Shift => filters::wrapped(a, x.into(), y.into()),
             ShiftUp => filters::wrapped(a, 0, -1),
             ShiftDown => filters::wrapped(a, 0, 1),

@@ -30,7 +30,7 @@ fn parameters(node: &ImageNode) -> Vec<String> {
         Dilate | Erode | Gauss | Median | Bilateral | BoxBlur | Laplace | Unsharpen | Rescale => {
             vec![node.p1.to_string()]
         }
-        GaussXy | LocalMin | LocalMax | LocalMean | LocalNormalise | Shift => {
+        GaussXy | LocalMin | LocalMax | LocalMean | LocalNormalize | Shift => {
             vec![node.p1.to_string(), node.p2.to_string()]
         }
         Gabor | ResizeGabor => vec![node.frequency.to_string(), node.angle.to_string()],
