@@ -58,44 +58,18 @@ impl Cover {
         Self { shape, pose: self.pose }
     }
 
-    /// How far within a point is, meters; negative outside.
-    pub fn depth(&self, point: &Vector3<f64>) -> f64 {
-        let p = self.pose.inverse_transform_point(&Point3::from(*point)).coords;
-        match self.shape {
-            Shape::Sphere { radius } => radius - p.norm(),
-            Shape::Box { size } => (size / 2.0 - p.abs()).min(),
-            Shape::Cylinder { radius, height } => (radius - p.x.hypot(p.z)).min(height / 2.0 - p.y.abs()),
-            Shape::Capsule { radius, height } => {
-                let beyond = (p.y.abs() - height / 2.0).max(0.0);
-                radius - Vector3::new(p.x, beyond, p.z).norm()
-            }
-        }
-    }
-
     /// Whether a point is within.
     pub fn contains(&self, point: &Vector3<f64>) -> bool {
-        self.depth(point) >= 0.0
-    }
-
-    /// The point within that is nearest to another.
-    pub fn nearest(&self, point: &Vector3<f64>) -> Vector3<f64> {
         let p = self.pose.inverse_transform_point(&Point3::from(*point)).coords;
-        // a hair within the surface, where rounding leaves it within
-        let slightly = 1.0 - 1e-9;
-        let ball = |p: Vector3<f64>, radius: f64| p * (radius * slightly / p.norm().max(radius * slightly));
-        let along = |p: f64, length: f64| p.clamp(-length / 2.0 * slightly, length / 2.0 * slightly);
-        let local = match self.shape {
-            Shape::Sphere { radius } => ball(p, radius),
-            Shape::Box { size } => Vector3::from_fn(|i, _| along(p[i], size[i])),
-            Shape::Cylinder { radius, height } => {
-                ball(Vector3::new(p.x, 0.0, p.z), radius) + Vector3::y() * along(p.y, height)
-            }
+        match self.shape {
+            Shape::Sphere { radius } => p.norm() <= radius,
+            Shape::Box { size } => (0..3).all(|i| p[i].abs() <= size[i] / 2.0),
+            Shape::Cylinder { radius, height } => p.x.hypot(p.z) <= radius && p.y.abs() <= height / 2.0,
             Shape::Capsule { radius, height } => {
-                let axis = Vector3::y() * along(p.y, height);
-                axis + ball(p - axis, radius)
+                let beyond = (p.y.abs() - height / 2.0).max(0.0);
+                Vector3::new(p.x, beyond, p.z).norm() <= radius
             }
-        };
-        (self.pose * Point3::from(local)).coords
+        }
     }
 }
 

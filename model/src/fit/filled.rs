@@ -17,10 +17,6 @@ const BORDER: f64 = 2.0;
 /// A cell from which so many of the 26 directions end at the mesh is inside: one need not see it everywhere, since meshes have gaps.
 const SEEN: u8 = 22;
 
-/// What a place counts at the surface of the shape that holds it, against one that is deep within.
-const JUST_WITHIN: f64 = 0.3;
-/// Deep within, meters.
-const DEEP: f64 = 1.5e-3;
 /// How far is looked, meters: beyond all meshes.
 const FAR: f64 = 1e5;
 /// The height of what was a line, as a share of its length.
@@ -38,27 +34,7 @@ pub(super) struct Filled {
     /// Distance from the mesh, meters; zero inside. x runs fastest.
     distance: Vec<f32>,
     /// Places that shapes should leave free, though they may be near the mesh.
-    pub claims: Claims,
-}
-
-/// Places that others need.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Claims {
-    /// Where.
-    pub places: Vec<Vector3<f64>>,
-    /// What a shape costs that holds them all, meters.
-    pub weight: f64,
-}
-
-impl Claims {
-    /// What a shape holds of the places, 0 to 1: those near its surface count less, as it is on its way out of them.
-    pub fn taken(&self, cover: &Cover) -> f64 {
-        let held = |place: &Vector3<f64>| match cover.depth(place) {
-            depth if depth < 0.0 => 0.0,
-            depth => JUST_WITHIN + (1.0 - JUST_WITHIN) * (depth / DEEP).min(1.0),
-        };
-        self.places.iter().map(held).sum::<f64>() / self.places.len().max(1) as f64
-    }
+    pub claimed: Vec<Vector3<f64>>,
 }
 
 impl Filled {
@@ -71,7 +47,7 @@ impl Filled {
         let width = (size.product() / CELLS).cbrt().max(size.max() / 250.0);
         let start = low.add_scalar(-BORDER * width);
         let count = [0, 1, 2].map(|i| (size[i] / width + 2.0 * BORDER).ceil() as usize + 1);
-        let mut grid = Self { start, width, count, distance: Vec::new(), claims: Claims::default() };
+        let mut grid = Self { start, width, count, distance: Vec::new(), claimed: Vec::new() };
         let mut solid = vec![false; count.iter().product()];
         for triangle in soup.triangles.iter().chain(&soup.lids) {
             grid.mark(triangle, &mut solid);
@@ -173,6 +149,14 @@ impl Filled {
         let along_x = |i: usize| value(i) * (1.0 - part[0]) + value(i + 1) * part[0];
         let along_y = |i: usize| along_x(i) * (1.0 - part[1]) + along_x(i + y) * part[1];
         beyond + along_y(0) * (1.0 - part[2]) + along_y(z) * part[2]
+    }
+
+    /// The share of the claimed places that a shape holds.
+    pub fn taken(&self, cover: &Cover) -> f64 {
+        if self.claimed.is_empty() {
+            return 0.0;
+        }
+        self.claimed.iter().filter(|p| cover.contains(p)).count() as f64 / self.claimed.len() as f64
     }
 }
 

@@ -13,6 +13,8 @@ const DIRECTIONS: usize = 48;
 const CYLINDER: f64 = 1.3;
 /// A box must be so much nearer than a ball or capsule.
 const BOX: f64 = 1.1;
+/// What a shape costs that holds all places which others claim, meters.
+const CLAIMED: f64 = 0.006;
 /// Turns by which an enclosing shape is improved, rad.
 const TURNS: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 
@@ -54,7 +56,7 @@ fn measured(cover: &Cover, rows: usize, filled: &Filled, other: f64) -> Option<(
         }
     }
     let mean = sum / count;
-    let cost = (worst + mean) * factor + filled.claims.weight * filled.claims.taken(cover);
+    let cost = (worst + mean) * factor + CLAIMED * filled.taken(cover);
     (cost < other).then_some((worst, mean, cost))
 }
 

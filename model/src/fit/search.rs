@@ -16,8 +16,6 @@ const CUTS: [f64; 7] = [0.12, 0.25, 0.37, 0.5, 0.63, 0.75, 0.88];
 const MORE: usize = 10;
 /// How often released triangles may make room for more splits.
 const ROUNDS: usize = 2;
-/// A piece is flat that is thinner than this share of its width.
-const FLAT: f64 = 0.5;
 /// The share of the bound that a search keeps to: it measures at few points.
 const AIM: f64 = 0.9;
 
@@ -191,6 +189,10 @@ fn parts(piece: &Piece, normal: &Vector3<f64>, at: f64) -> [(Vec<Triangle>, Vec<
 /// The plane that leaves the best two sides, judged by samples.
 fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64>, f64)> {
     let turn = piece.tried.cover.pose.rotation;
+    let mut axes: Vec<Vector3<f64>> = (0..3).map(|i| turn * Vector3::ith(i, 1.0)).collect();
+    let own = (0..3).map(|i| Vector3::ith(i, 1.0));
+    let new = own.filter(|a: &Vector3<f64>| axes.iter().all(|b| a.dot(b).abs() < 0.99)).collect::<Vec<_>>();
+    axes.extend(new);
     let points: Vec<Vector3<f64>> = piece.samples.iter().chain(&piece.extremes).copied().collect();
     let mut best: Option<(f64, Vector3<f64>, f64, f64)> = None;
     let attempt = |normal: &Vector3<f64>, at: f64, least: f64| {
@@ -204,8 +206,9 @@ fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64
         let mean = |f: fn(&Tried) -> f64| f(&a) * share + f(&b) * (1.0 - share);
         Some(a.cost.max(b.cost) + mean(|t| t.mean) + plan.sides * mean(|t| t.cost))
     };
-    for normal in normals(piece, !filled.claims.places.is_empty()) {
-        let (low, high) = extent(piece, &normal);
+    for normal in axes {
+        let along = piece.extremes.iter().map(|p| normal.dot(p));
+        let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), a| (l.min(a), h.max(a)));
         // What is thin already has nothing to be split.
         if high - low < 1e-3 {
             continue;
@@ -232,37 +235,6 @@ fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64
         }
     }
     best.map(|(_, normal, at, _)| (normal, at))
-}
-
-/// The directions in which planes are tried: the axes of the piece's shape, and those of the link.
-///
-/// A piece that gives way is not cut in layers where it is flat already. Layers of a dome are steps, each as large as what is below;
-/// its parts side by side can be tilted, and each is four times nearer.
-fn normals(piece: &Piece, gives_way: bool) -> Vec<Vector3<f64>> {
-    let turn = piece.tried.cover.pose.rotation;
-    let mut normals: Vec<Vector3<f64>> = (0..3).map(|i| turn * Vector3::ith(i, 1.0)).collect();
-    let mut widths: Vec<(f64, Vector3<f64>)> = Vec::new();
-    for normal in &normals {
-        let (low, high) = extent(piece, normal);
-        widths.push((high - low, *normal));
-    }
-    widths.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let own = (0..3).map(|i| Vector3::ith(i, 1.0));
-    let new = own.filter(|a: &Vector3<f64>| normals.iter().all(|b| a.dot(b).abs() < 0.99)).collect::<Vec<_>>();
-    normals.extend(new);
-    if let [(thin, across), (wide, _), _] = widths[..]
-        && gives_way
-        && thin < FLAT * wide
-    {
-        normals.retain(|n| n.dot(&across).abs() < 0.8);
-    }
-    normals
-}
-
-/// From where to where a piece reaches along a direction, meters.
-fn extent(piece: &Piece, along: &Vector3<f64>) -> (f64, f64) {
-    let places = piece.extremes.iter().map(|p| along.dot(p));
-    places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
 }
 
 /// What would enclose the points on one side of a plane, about.

@@ -22,9 +22,7 @@ const PLACES: (usize, usize) = (16, 200);
 /// How links are fitted anew that would be left out otherwise.
 const CLOSE_FIT: FitOptions = FitOptions { overshoot: 0.003, primitives: 40 };
 /// Where it is nearer to its mesh than this, a shape has nothing to give, meters.
-const CLOSE: f64 = 4e-4;
-/// Shapes nearer than this count as touching, meters: those that random poses just leave apart touch at the next ones.
-const SPARE: f64 = 5e-4;
+const CLOSE: f64 = 6e-4;
 /// A shape also gives what the other could give rather, if its distance from its mesh is not less than this share of the other's.
 const SHARED_FAULT: f64 = 0.5;
 /// What stays nearer than this at every pose can't be told from a contact, meters: the reflex acts at a centimeter, and lets go of a
@@ -125,7 +123,7 @@ fn falsely_touching(
         for pair in &subject.tested {
             if let Some(distance) = subject.distance(&placed, *pair, NEAR) {
                 *near.entry(*pair).or_default() += 1;
-                touching.extend((distance <= SPARE).then_some(*pair));
+                touching.extend((distance <= 0.0).then_some(*pair));
             }
         }
         // the shapes hold the meshes: where they are apart, so are these
@@ -209,7 +207,7 @@ impl<'a> Work<'a> {
             let placed: Placed = subject.place(&f.q);
             f.pairs.retain(|(a, b)| {
                 let count = touches.len();
-                let found = subject.touching(&placed, (*a, *b), SPARE);
+                let found = subject.touching(&placed, (*a, *b));
                 touches.extend(found.map(|(i, j)| Touch { pose, shapes: [(*a, i), (*b, j)] }));
                 touches.len() > count
             });
@@ -290,7 +288,7 @@ impl<'a> Work<'a> {
             let a_from_b = frames[a.0].inv_mul(&frames[b.0]);
             let shape = |(node, shape): (usize, usize)| &self.robot.nodes[node].solids[shape];
             let other = Primitive { pose: a_from_b * shape(b).pose, ..shape(b).clone() };
-            let places = shared(shape(a), &other, SPARE);
+            let places = shared(shape(a), &other);
             for place in places.iter().step_by(places.len().div_ceil(PLACES.0).max(1)) {
                 let at = [*place, a_from_b.inverse_transform_point(&Point3::from(*place)).coords];
                 for (shape, place) in self.at_fault(touch.shapes, at) {
