@@ -1,6 +1,7 @@
 //! `mobee roadmap`: maps in files, from the first pose to a plan.
 
 mod build;
+mod improve;
 mod info;
 mod merge;
 mod part;
@@ -38,6 +39,8 @@ pub enum RoadmapCommand {
     },
     /// Certify every edge of a map by continuous collision checking, and store what blocks it.
     Validate(validate::ValidateArgs),
+    /// Join parts of a map that can't be reached to the rest, by a planner; let it grow; leave out what stays apart.
+    Improve(improve::ImproveArgs),
     /// Merge maps of one robot and world; their order does not matter.
     Merge(merge::MergeArgs),
     /// Plan a path on a map, from one vertex to another.
@@ -55,6 +58,7 @@ pub fn command(command: &RoadmapCommand) -> Result<ExitCode, Report> {
         RoadmapCommand::Build(args) => build::command(args)?,
         RoadmapCommand::Info { map } => info::text(&load(map)?.0),
         RoadmapCommand::Validate(args) => validate::command(args)?,
+        RoadmapCommand::Improve(args) => improve::command(args)?,
         RoadmapCommand::Merge(args) => merge::command(args)?,
         RoadmapCommand::Path(args) => return path::command(args),
         RoadmapCommand::View(args) => view::command(args)?,

@@ -43,6 +43,10 @@ pub struct ExplorerSettings {
     /// (`verified`).
     #[serde(default)]
     pub validation: Validation,
+    /// Whether parts of the map that can't be reached from where the robot is are joined to the rest by a planner (RRT-Connect and
+    /// shortcuts, certified in the model), once nothing else is left to be tried.
+    #[serde(default)]
+    pub join: bool,
     /// Seed of all randomness; default: derived from the run's seed.
     #[serde(default)]
     pub seed: Option<u64>,
@@ -193,6 +197,12 @@ impl Explorer {
         None
     }
 
+    /// Joins what can't be reached from elsewhere on the map, or not be left, if there is any.
+    fn join(&mut self, view: &View) -> bool {
+        let hand = self.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
+        self.walker.map.islands().len() > 1 && self.walker.join_islands(view, hand)
+    }
+
     fn one_of(&mut self, nearest_first: &[u32]) -> Option<u32> {
         let n = nearest_first.len().min(CHOICES);
         (n > 0).then(|| self.rng.random_range(0..n)).and_then(|i| nearest_first.get(i).copied())
@@ -266,6 +276,7 @@ impl Agent for Explorer {
                         }
                     }
                     Some(Choice::Goto(goal)) => self.walker.goto(goal),
+                    None if self.settings.join && self.join(view) => {}
                     None => {
                         return Intent::Done(
                             self.summary(Some(at), "the feasible part of the roadmap is completely determined"),

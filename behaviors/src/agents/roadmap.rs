@@ -51,6 +51,10 @@ pub struct RoadmapSettings {
     /// (`verified`).
     #[serde(default)]
     pub validation: Validation,
+    /// Whether parts of the map that can't be reached from where the robot is are joined to the rest by a planner (RRT-Connect and
+    /// shortcuts, certified in the model), once no way leads to a goal.
+    #[serde(default)]
+    pub join: bool,
     /// How near every motor must be to a pose of the roadmap for the robot to count as at that pose, degrees.
     #[serde(default = "half")]
     pub tolerance_deg: f64,
@@ -69,6 +73,7 @@ pub struct RoadmapAgent {
     goals: Vec<u32>,
     repeat: u32,
     pace: Pace,
+    join: bool,
     /// Whether the vertices know where the hand is at them.
     placed: bool,
     tour: Tour,
@@ -106,6 +111,7 @@ impl RoadmapAgent {
             goals,
             repeat: settings.repeat,
             pace,
+            join: settings.join,
             placed: false,
             tour: Tour::default(),
         })
@@ -137,8 +143,8 @@ impl RoadmapAgent {
 
 impl Agent for RoadmapAgent {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
+        let hand = self.pace.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
         if !self.placed {
-            let hand = self.pace.hand.or_else(|| group::hand(&self.robot, self.walker.map.motors()));
             self.walker.map.place(|q| group::marker_at(view, hand, q));
             self.placed = true;
         }
@@ -148,6 +154,10 @@ impl Agent for RoadmapAgent {
             match self.walker.step(last.take(), view) {
                 WalkStep::Do(intent) => return intent,
                 WalkStep::Lost(why) => return self.summary(&why),
+                WalkStep::Unreachable(goal) if self.join && self.walker.join_islands(view, hand) => {
+                    self.walker.goto(goal);
+                    continue;
+                }
                 WalkStep::Unreachable(goal) => {
                     self.walker.log(format!("no way leads to goal {goal}"));
                     self.tour.advance(false);

@@ -10,6 +10,7 @@
 //! same: only the robot knows better.
 
 use super::{Roadmap, Vertex};
+use crate::map_file::TriedMotion;
 use crate::planners::{JointPath, JointSpace, Planner, PlanningProblem, shorten};
 use mobee_contract::{EdgeState, Pose, Target};
 use petgraph::algo::tarjan_scc;
@@ -82,6 +83,7 @@ impl Roadmap {
     /// * `space`: of the map's motors, in the scene that the map is for.
     /// * `rest`: the robot's pose; motors that the map does not move have it at new vertices.
     /// * `shown`: where a whole pose is shown, meters.
+    /// * `tell`: told how much is done, as a share of the islands.
     pub fn join_islands(
         &mut self,
         space: &mut JointSpace,
@@ -89,13 +91,16 @@ impl Roadmap {
         settings: JoinSettings,
         rest: &Pose,
         shown: &dyn Fn(&[f64]) -> [f64; 3],
+        tell: &mut dyn FnMut(f64),
     ) -> JoinReport {
         let islands = self.islands();
         let (begun, before) = (space.evaluations(), (self.len(), self.graph.edge_count()));
         let mut report = JoinReport { islands: (islands.len(), 0), ..JoinReport::default() };
+        let count = islands.len();
         let mut islands = islands.into_iter();
         let mut main = islands.next().unwrap_or_default();
-        for island in islands {
+        for (done, island) in islands.enumerate() {
+            tell(done as f64 / count as f64);
             for (trial, (from, to)) in self.nearest_pairs(&island, &main, settings.pairs).into_iter().enumerate() {
                 let seed = settings.seed.wrapping_add(u64::from(from) << 8).wrapping_add(trial as u64);
                 match self.way(space, planner, (from, to), settings.budget, seed) {
@@ -222,7 +227,9 @@ impl Roadmap {
         grown
     }
 
-    /// A map of the vertices that are worth keeping, numbered anew in their order: the largest island, and what has a name.
+    /// A map of the vertices that are worth keeping, numbered anew in their order: the largest island, and what has a name. Blocked
+    /// edges are what they are believed to be: what blocks them has to be found out anew. Of the log, what was tried between
+    /// vertices that stay is kept.
     pub fn pruned(&self) -> Pruned {
         let main = self.islands().into_iter().next().unwrap_or_default();
         let mut map = Roadmap::empty(self.motors.clone(), self.metric.clone());
@@ -240,11 +247,17 @@ impl Roadmap {
                 }
             }
         }
-        for ((from, to), edge) in &self.ledger {
-            if let (Some(from), Some(to)) = (new(*from), new(*to)) {
-                map.restore(from, to, edge.clone());
+        for (old, edge) in &self.ledger {
+            if let (Some(from), Some(to)) = (new(old.0), new(old.1)) {
+                map.restore(from, to, self.believed(old.0, old.1).unwrap_or_else(|| edge.clone()));
             }
         }
+        map.about.clone_from(&self.about);
+        let tried = self.tried.iter().filter_map(|t| {
+            let (from, to) = (new(t.from)?, new(t.to)?);
+            Some(TriedMotion { from, to, ..t.clone() })
+        });
+        map.tried = tried.collect();
         Pruned { map, numbers }
     }
 }

@@ -11,6 +11,8 @@
 
 use crate::group::cause;
 use crate::planners::escape::{caught, escape, line_free};
+use crate::planners::{JointSpace, RrtConnect};
+use crate::roadmap::join::JoinSettings;
 use crate::roadmap::validation::{EdgeChange, FailedEdge, Validation, Validator};
 use crate::roadmap::{Roadmap, Vertex};
 use crate::short_way::{nearest_position, nearest_target};
@@ -24,6 +26,8 @@ const ESCAPES: u32 = 20;
 const WAITS: u32 = 60;
 /// How often CONNECT may end at its target and yet not at the vertex, in a row.
 const CONNECTS: u32 = 10;
+/// How often parts of the map are joined.
+const JOINS: u32 = 10;
 /// How many of the nearest vertices CONNECT checks in the scene before it just tries the nearest.
 const CHECKED: usize = 50;
 
@@ -75,6 +79,13 @@ pub struct WalkProgress {
     /// Edges that failed, and what must change before they are tried again; nothing if nothing is certified.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     causes: Vec<FailedEdge>,
+    /// How often parts of the map were joined by a planner.
+    #[serde(default, skip_serializing_if = "is_none")]
+    joins: u32,
+}
+
+fn is_none(joins: &u32) -> bool {
+    *joins == 0
 }
 
 /// A roadmap and where on it the robot is going.
@@ -158,6 +169,22 @@ impl Walker {
             Doing::Nothing | Doing::Escaping => false,
         };
         doing || self.progress.goal == Some(id)
+    }
+
+    /// Joins parts of the map that can't be reached from one another, in the view's scene, by a planner. `hand`: the marker that stands
+    /// for a pose. Answers whether there are fewer parts now; after ten times it lets things be as they are.
+    pub fn join_islands(&mut self, view: &View, hand: Option<usize>) -> bool {
+        let space = (self.progress.joins < JOINS).then(|| JointSpace::of(view, self.map.motors(), 0.0));
+        let (Some(Ok(mut space)), Some(rest)) = (space, view.poses.get(view.robot)) else { return false };
+        self.progress.joins += 1;
+        let seed = self.seed.wrapping_add(u64::from(self.progress.joins));
+        let settings = JoinSettings { seed, ..JoinSettings::default() };
+        let shown = |q: &[f64]| crate::group::marker_at(view, hand, q);
+        let planner = RrtConnect::default();
+        let report = self.map.join_islands(&mut space, &planner, settings, rest, &shown, &mut |_| {});
+        let ((before, after), vertices) = (report.islands, report.vertices);
+        self.log(format!("parts of the map: {before}, joined to {after} by {vertices} more vertices"));
+        after < before
     }
 
     /// What changed since the last call, the map's changes first.

@@ -50,7 +50,14 @@ fn two_sides_of_a_ball_become_one_map() {
     let mut again = map.clone();
     let mut space = space(&scene);
     let rest = here(&scene);
-    let report = map.join_islands(&mut space, &RrtConnect::default(), JoinSettings::default(), &rest, &|_| [0.0; 3]);
+    let report = map.join_islands(
+        &mut space,
+        &RrtConnect::default(),
+        JoinSettings::default(),
+        &rest,
+        &|_| [0.0; 3],
+        &mut |_| {},
+    );
     assert_eq!((report.islands, report.in_vain), ((3, 1), 0), "{report:?}");
     assert!(report.vertices > 0 && report.edges >= 2 * report.vertices);
     for (a, b, edge) in map.edges() {
@@ -58,7 +65,14 @@ fn two_sides_of_a_ball_become_one_map() {
     }
     assert_eq!(map.edge(2, 1).unwrap().state, EdgeState::Removed, "what failed stays removed");
     assert!(map.plan(2, 5).is_some() && map.plan(5, 2).is_some());
-    let same = again.join_islands(&mut space, &RrtConnect::default(), JoinSettings::default(), &rest, &|_| [0.0; 3]);
+    let same = again.join_islands(
+        &mut space,
+        &RrtConnect::default(),
+        JoinSettings::default(),
+        &rest,
+        &|_| [0.0; 3],
+        &mut |_| {},
+    );
     assert_eq!((same, again.edges()), (report, map.edges()), "not deterministic");
 }
 
@@ -74,7 +88,14 @@ fn what_no_way_leads_to_is_told_and_pruned() {
     map.failed(0, 3, Some("ball".into()));
     let before = map.islands();
     let settings = JoinSettings { budget: 300, ..JoinSettings::default() };
-    let report = map.join_islands(&mut space(&scene), &RrtConnect::default(), settings, &here(&scene), &|_| [0.0; 3]);
+    let report = map.join_islands(
+        &mut space(&scene),
+        &RrtConnect::default(),
+        settings,
+        &here(&scene),
+        &|_| [0.0; 3],
+        &mut |_| {},
+    );
     assert_eq!((report.islands, report.vertices, report.in_vain), ((2, 2), 0, 1), "{report:?}");
     assert_eq!(map.islands(), before);
     let pruned = map.pruned();
@@ -142,5 +163,30 @@ proptest! {
         }
         let far = map.vertices().skip(21).filter(|(_, v)| v.q[0] < 1.0).count();
         prop_assert!(2 * far >= grown, "{far} of {grown} are where it is thin");
+    }
+}
+
+#[test]
+fn an_agent_that_may_joins_what_no_way_leads_to() {
+    let posts = vec![ball("ball", 0.6, 0.0, 0.05, ObjectClass::Obstacle)];
+    let settings = |join: bool| {
+        serde_json::json!({
+            "poses": [{ "name": "a", "q_deg": { "joint0": 60, "joint1": 0 } }, { "name": "b", "q_deg": { "joint0": -60 } }],
+            "edges": [["a", "b"]], "goals": ["b", "a"], "join": join, "validation": "lazy",
+        })
+    };
+    for join in [false, true] {
+        let scene = scene(&arm(2), posts.clone());
+        let mut v = view(&scene, &[60f64.to_radians(), 0.0]);
+        let mut agent = kind("roadmap", &arm(2), 1, settings(join));
+        let run = drive(agent.as_mut(), &mut v, 200, by_scene);
+        assert!(run.motions.iter().all(|(.., reached)| *reached), "a certified edge failed");
+        let done = run.done.expect("an end");
+        let missed = done.figures.iter().find(|(name, _)| name == "goals_missed").unwrap().1;
+        assert_eq!(missed == 0.0, join, "{done:?}");
+        let again = agent.export();
+        let mut other = kind("roadmap", &arm(2), 1, settings(join));
+        other.import(again.clone()).unwrap();
+        assert_eq!(other.export(), again);
     }
 }

@@ -1,0 +1,132 @@
+//! `mobee roadmap improve`: out of the traps. Parts that can't be reached are joined to the rest, thin places grow, what stays apart may go.
+
+use super::{PlaceArgs, info, load_for, may_write, robot, save};
+use crate::robot_import::{Steps, millimeters};
+use miette::{Report, miette};
+use mobee_behaviors::map_file::{MapFile, certify};
+use mobee_behaviors::planners::{JointSpace, RrtConnect};
+use mobee_behaviors::roadmap::Roadmap;
+use mobee_behaviors::roadmap::join::JoinSettings;
+use mobee_model::{Robot, Scene};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// The most poses that may be added at once: a typing error must not eat the memory.
+const MOST_GROWN: i64 = 100_000;
+
+/// What to improve, where, and how much of it.
+#[derive(clap::Args, Clone, Debug)]
+pub struct ImproveArgs {
+    /// The map.
+    map: PathBuf,
+    #[command(flatten)]
+    place: PlaceArgs,
+    /// What edges must keep between all shapes, millimeters: the reflex's margin and 2 mm.
+    #[arg(long, value_name = "MM", default_value_t = 12.0, value_parser = millimeters(0.0, 500.0))]
+    clearance: f64,
+    /// Pairs of vertices between which a way to each part is looked for.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..))]
+    pairs: u16,
+    /// Straight lines that one plan may judge.
+    #[arg(long, value_name = "N", default_value_t = 5000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    budget: u64,
+    /// Also add so many free poses where vertices are far apart.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MOST_GROWN))]
+    grow: u32,
+    /// A pose that is added is joined to so many of its nearest.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    neighbors: u16,
+    /// Then leave out what can't be reached or left, unless it has a name. Vertices are numbered anew.
+    #[arg(long)]
+    prune: bool,
+    /// Seed of all randomness.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Write the improved map into this file; default: into the map itself.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Replace that file if it exists.
+    #[arg(long, requires = "out")]
+    force: bool,
+}
+
+/// Certifies the map, joins, grows and prunes it, and stores it with what blocks its edges.
+///
+/// # Errors
+/// If a file can't be read or written, the map is of another robot, or there is nothing in it.
+pub fn command(args: &ImproveArgs) -> Result<String, Report> {
+    if let Some(out) = &args.out {
+        may_write(out, args.force)?;
+    }
+    let scene = args.place.scene()?;
+    let robot = robot(&scene)?;
+    let mut file = load_for(&args.map, robot)?;
+    let Some(rest) = file.vertices.first().map(|v| v.q_rad.clone().into()) else {
+        return Err(miette!(help = "build one with `mobee roadmap build`", "{} has no poses", args.map.display()));
+    };
+    let clearance = args.clearance * 1e-3;
+    let bar = Steps::new();
+    bar.step("certifies edges");
+    certify(&mut file, &scene, clearance, &mut |share| bar.show(share)).map_err(|e| miette!("{e}"))?;
+    let mut map = over_free_edges(&file, robot)?;
+    let hand = marker(&file, robot, &map);
+    let shown = |q: &[f64]| at(&scene, hand, q);
+    let space = JointSpace::new(&scene, 0, &[&rest], map.motors(), &[], clearance);
+    let mut space = space.map_err(|e| miette!("{e}"))?;
+
+    bar.step("joins parts");
+    let settings = JoinSettings { pairs: usize::from(args.pairs), budget: args.budget, seed: args.seed };
+    let planner = RrtConnect::default();
+    let report = map.join_islands(&mut space, &planner, settings, &rest, &shown, &mut |share| bar.show(share));
+    let (before, after) = report.islands;
+    let mut said = format!(
+        "parts of the map: {before}, now {after}; joined by {} more vertices and {} edges; {} plans in vain, {} lines judged\n",
+        report.vertices, report.edges, report.in_vain, report.evaluations
+    );
+    if args.grow > 0 {
+        bar.step("grows");
+        let much = (args.grow as usize, usize::from(args.neighbors), args.seed);
+        let grown = map.grow(&mut space, much, &rest, &shown);
+        let _ = writeln!(said, "poses added where the map was thin: {grown}");
+    }
+    if args.prune {
+        let pruned = map.pruned();
+        let _ = writeln!(said, "left out: {} vertices", map.len() - pruned.map.len());
+        map = pruned.map;
+    }
+    bar.step("certifies edges");
+    let mut better = map.file(robot);
+    certify(&mut better, &scene, clearance, &mut |share| bar.show(share)).map_err(|e| miette!("{e}"))?;
+    drop(bar);
+    let out = args.out.as_ref().unwrap_or(&args.map);
+    save(out, &better)?;
+    let (vertices, edges, verdicts) = (better.vertices.len(), better.edges.len(), info::verdicts(&better));
+    let _ = writeln!(said, "{}: {vertices} vertices, {edges} directed edges: {verdicts}", out.display());
+    Ok(said)
+}
+
+/// The map, without the edges that are not certified free.
+fn over_free_edges(file: &MapFile, robot: &Robot) -> Result<Roadmap, Report> {
+    let mut map = Roadmap::of_file(file, robot).map_err(|e| miette!(help = e.help, "{}", e.what))?;
+    for edge in &file.edges {
+        if let Some(by) = edge.verdict.as_ref().and_then(|v| v.blocked_by()) {
+            map.block(edge.from, edge.to, Some(by.to_owned()));
+        }
+    }
+    Ok(map)
+}
+
+/// The node of the marker that stands for the hand: the map's, or the one that most of its motors move.
+fn marker(file: &MapFile, robot: &Robot, map: &Roadmap) -> Option<usize> {
+    let named = robot.markers.iter().find(|m| Some(&m.name) == file.hand.as_ref());
+    let moved = || mobee_behaviors::group::hand(robot, map.motors()).and_then(|i| robot.markers.get(i));
+    named.or_else(moved).map(|m| m.node)
+}
+
+/// Where that is at a pose, in the world, meters.
+fn at(scene: &Scene, hand: Option<usize>, q: &[f64]) -> [f64; 3] {
+    let frames = scene.node_transforms(&[q]);
+    let frame = hand.and_then(|node| frames.first()?.get(node).copied());
+    let p = frame.unwrap_or_else(|| scene.base(0)).translation.vector;
+    [p.x, p.y, p.z]
+}
