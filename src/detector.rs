@@ -92,12 +92,12 @@ fn eval(detector: &Path, images: &Path, json: bool) -> Result<String, Report> {
 fn show(file: &DetectorFile) -> String {
     let edges = if file.smoothing.at_edges { ", not across edges" } else { "" };
     let open = if file.cut.open { ", opened by 3x3 pixels" } else { "" };
-    let sort = serde_json::to_value(file.kind).unwrap_or_default();
+    let kind = serde_json::to_value(file.kind).unwrap_or_default();
     let program = file.program.as_ref().map(ToString::to_string);
     format!(
         "{}, kind {}\n{}pictures made smaller by {}, output smoothed over {} pixels{edges}\nmask: at least {}{open}; regions of at least {} of the weightiest one\n",
         file.object,
-        sort.as_str().unwrap_or_default(),
+        kind.as_str().unwrap_or_default(),
         program.unwrap_or_else(|| "output = how likely each color is the object's\n".into()),
         file.shrink,
         2 * file.smoothing.radius + 1,

@@ -5,6 +5,7 @@ use crate::config::ConfigError;
 use crate::roadmap::save_text;
 use miette::Report;
 use mobee_behaviors::detectors::cgp::EvolutionState;
+use mobee_behaviors::detectors::file::DETECTOR_VERSION;
 use mobee_behaviors::detectors::picture::LabeledPicture;
 use mobee_model::file::read_text;
 use serde::{Deserialize, Serialize};
@@ -32,6 +33,7 @@ struct Noted {
 /// What a training is of.
 pub(super) fn digest(pictures: &[LabeledPicture], seed: u64) -> String {
     let mut hash = Sha256::new();
+    hash.update(DETECTOR_VERSION.to_le_bytes());
     hash.update(seed.to_le_bytes());
     for p in pictures {
         hash.update(&p.picture.rgb);

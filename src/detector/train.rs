@@ -6,7 +6,7 @@ use crate::roadmap::{may_write, save_text};
 use crate::robot_import::Steps;
 use miette::{Report, miette};
 use mobee_behaviors::detectors::cgp::Evolution;
-use mobee_behaviors::detectors::file::DetectorSort;
+use mobee_behaviors::detectors::file::DetectorKind;
 use mobee_behaviors::detectors::train::{Lessons, TrainFault};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -26,8 +26,8 @@ pub struct TrainArgs {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// What to learn: `color` (seconds) or `cgp` (as long as you let it).
-    #[arg(long, value_parser = sort, default_value = "cgp")]
-    kind: DetectorSort,
+    #[arg(long, value_parser = kind, default_value = "cgp")]
+    kind: DetectorKind,
     /// The object's name; default: the folder's.
     #[arg(long, value_name = "NAME")]
     object: Option<String>,
@@ -40,12 +40,15 @@ pub struct TrainArgs {
     /// Replace the detector if it exists.
     #[arg(long)]
     force: bool,
+    /// Stop after this many generations, as an interrupt would.
+    #[arg(long, value_name = "N", hide = true)]
+    stop_after: Option<u64>,
 }
 
-fn sort(text: &str) -> Result<DetectorSort, String> {
+fn kind(text: &str) -> Result<DetectorKind, String> {
     match text {
-        "color" => Ok(DetectorSort::Color),
-        "cgp" => Ok(DetectorSort::Cgp),
+        "color" => Ok(DetectorKind::Color),
+        "cgp" => Ok(DetectorKind::Cgp),
         _ => Err("give `color` or `cgp`".into()),
     }
 }
@@ -62,6 +65,9 @@ fn minutes(text: &str) -> Result<f64, String> {
 #[expect(clippy::disallowed_methods, reason = "how long a training takes is asked for in real time")]
 pub fn command(args: &TrainArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
+    if args.kind == DetectorKind::Color && args.minutes.is_some() {
+        return Err(miette!(help = "leave out --minutes, or give --kind cgp", "the kind `color` does not evolve"));
+    }
     let bar = Steps::new();
     bar.step("reads pictures");
     let pictures = super::pictures(&args.images)?;
@@ -74,11 +80,11 @@ pub fn command(args: &TrainArgs) -> Result<String, Report> {
     };
     let lessons = Lessons::new(&pictures, &object, args.seed).map_err(fault)?;
     let (file, mcc, evolved) = match args.kind {
-        DetectorSort::Color => {
+        DetectorKind::Color => {
             let (file, mcc) = lessons.color();
             (file, mcc, String::new())
         }
-        DetectorSort::Cgp => {
+        DetectorKind::Cgp => {
             let mut part = TrainingPart::open(&args.out, digest(&pictures, args.seed))?;
             bar.step("learns surroundings");
             let mut tell = |share| bar.show(share);
@@ -100,6 +106,10 @@ pub fn command(args: &TrainArgs) -> Result<String, Report> {
                     break;
                 }
                 bar.show(share);
+                if args.stop_after.is_some_and(|most| generation >= most) {
+                    part.note(evolution.state(), before + now)?;
+                    return Ok(format!("stopped after {generation} generations; the same command goes on\n"));
+                }
                 evolution.advance();
                 if now - noted > NOTED_S {
                     noted = now;

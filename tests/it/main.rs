@@ -8,6 +8,7 @@ mod config_layers;
 mod crash_recovery;
 mod ctl;
 mod dependency_direction;
+mod detector_files;
 mod doctor;
 mod filter_transparency;
 mod hostile_files;

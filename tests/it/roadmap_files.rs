@@ -1,44 +1,20 @@
 //! `mobee roadmap` as a user meets it: a map from nothing, interrupted or not; what blocks it; a plan; and files that are
 //! none, refused with place and remedy.
 
-use super::common::mobee_here;
+use super::common::{answer, complaint, text};
 use mobee::roadmap::read_settings;
-use mobee_behaviors::map_file::MapFile;
+use mobee_behaviors::map_file::{MapFile, TriedMotion};
+use mobee_behaviors::roadmap::Roadmap;
 use mobee_model::load_robot;
 use std::path::{Path, PathBuf};
-use std::process::Output;
 
 const ROBOT: &str = "configs/robots/icub.xml";
 const WORLD: &str = "configs/worlds/table.xml";
 const SETTINGS: &str = "configs/roadmaps/table.toml";
 
-fn mobee(args: &[&str]) -> Output {
-    mobee_here().args(args).output().expect("mobee starts")
-}
-
-/// What it says if all goes well.
-fn said(args: &[&str]) -> String {
-    let out = mobee(args);
-    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
-    String::from_utf8_lossy(&out.stdout).into_owned()
-}
-
-/// What it complains of, with exit code 2; line breaks and frames are taken out.
-fn complaint(args: &[&str]) -> String {
-    let out = mobee(args);
-    let told = String::from_utf8_lossy(&out.stderr).into_owned();
-    assert_eq!(out.status.code(), Some(2), "{args:?}: {told}");
-    assert!(told.contains("help: "), "{told}");
-    told.split_whitespace().filter(|w| *w != "│").collect::<Vec<_>>().join(" ")
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("a readable path")
-}
-
 fn build(out: &Path, more: &[&str]) -> String {
     let args = ["roadmap", "build", SETTINGS, "--set", "vertices=100", "--out", text(out)];
-    said(&[&args[..], more].concat())
+    answer(&[&args[..], more].concat())
 }
 
 #[test]
@@ -74,23 +50,23 @@ fn a_map_is_built_interrupted_resumed_validated_planned_on_merged_and_shown() {
     assert_eq!(std::fs::read(&cut).expect("a map"), std::fs::read(&whole).expect("a map"));
 
     let place = ["--robot", ROBOT, "--world", WORLD];
-    let told = said(&[&["roadmap", "validate", text(&whole)][..], &place].concat());
+    let told = answer(&[&["roadmap", "validate", text(&whole)][..], &place].concat());
     assert!(told.contains("directed edges") && told.contains(" free"), "{told}");
-    let told = said(&["roadmap", "info", text(&whole)]);
+    let told = answer(&["roadmap", "info", text(&whole)]);
     assert!(told.contains("certified in world") && told.contains("at 12.0 mm"), "{told}");
-    let told = said(&["roadmap", "path", text(&whole), "0", "99", "--robot", ROBOT]);
+    let told = answer(&["roadmap", "path", text(&whole), "0", "99", "--robot", ROBOT]);
     assert!(told.starts_with("0  hand at ") && told.contains("\n99  hand at "), "{told}");
 
     // the one that was validated and the one that was not, in either order
     let (ab, other_way) = (at("ab.json"), at("other_way.json"));
-    said(&["roadmap", "merge", text(&whole), text(&cut), "--out", text(&ab)]);
-    said(&["roadmap", "merge", text(&cut), text(&whole), "--out", text(&other_way)]);
+    answer(&["roadmap", "merge", text(&whole), text(&cut), "--out", text(&ab)]);
+    answer(&["roadmap", "merge", text(&cut), text(&whole), "--out", text(&other_way)]);
     assert_eq!(std::fs::read(&ab).expect("a map"), std::fs::read(&other_way).expect("a map"));
     let merged = MapFile::parse(&std::fs::read_to_string(&ab).expect("the map")).expect("a map");
     assert!(merged.vertices.len() == 100 && merged.certified.is_some());
 
     let picture = at("map.rrd");
-    said(&[&["roadmap", "view", text(&whole), "--out", text(&picture)][..], &place].concat());
+    answer(&[&["roadmap", "view", text(&whole), "--out", text(&picture)][..], &place].concat());
     assert!(picture.metadata().expect("a recording").len() > 20_000);
 
     // an agent takes it by its name, drives on it, and leaves a map of its own that can be merged with it
@@ -104,14 +80,51 @@ fn a_map_is_built_interrupted_resumed_validated_planned_on_merged_and_shown() {
     );
     std::fs::write(&behavior, tour).expect("written");
     let run = at("run");
-    said(&["run", text(&behavior), "--for", "60", "--no-record", "--json", "--out", text(&run)]);
+    answer(&["run", text(&behavior), "--for", "60", "--no-record", "--json", "--out", text(&run)]);
     let learned = run.join("roadmap-icub.json");
     let map = MapFile::parse(&std::fs::read_to_string(&learned).expect("the map")).expect("a map");
     assert!(map.tried.iter().any(|t| t.reached && t.run.as_deref() == Some("run")), "{:?}", map.tried);
-    said(&["roadmap", "merge", text(&whole), text(&learned), "--out", text(&at("both.json"))]);
+    answer(&["roadmap", "merge", text(&whole), text(&learned), "--out", text(&at("both.json"))]);
 
     // nothing is written over unawares
     assert!(complaint(&["roadmap", "build", SETTINGS, "--out", text(&whole)]).contains("exists already"));
+}
+
+#[test]
+fn parts_that_no_way_joins_are_joined_and_what_was_known_stays() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| dir.path().join(name);
+    let (torn, better, pruned) = (at("torn.json"), at("better.json"), at("pruned.json"));
+    build(&torn, &[]);
+    let read = |path: &Path| MapFile::parse(&std::fs::read_to_string(path).expect("the map")).expect("a map");
+    let mut map = read(&torn);
+    map.edges.retain(|e| (e.from < 50) == (e.to < 50));
+    map.vertices[3].name = Some("start".into());
+    map.tried.push(TriedMotion { run: Some("an earlier one".into()), from: 3, to: 4, reached: true, cause: None });
+    std::fs::write(&torn, map.text()).expect("written");
+    let robot = load_robot(Path::new(ROBOT)).expect("the robot").value;
+    let islands = |file: &MapFile| Roadmap::of_file(file, &robot).expect("of the robot").islands().len();
+    assert!(islands(&map) > 1);
+
+    let improve = ["roadmap", "improve", text(&torn), "--robot", ROBOT, "--world", WORLD, "--out"];
+    let told = answer(&[&improve[..], &[text(&better)]].concat());
+    assert!(told.starts_with("parts of the map: "), "{told}");
+    let joined = read(&better);
+    assert!(islands(&joined) < islands(&map), "{told}");
+    assert_eq!((&joined.tried, &joined.hand, &joined.motors), (&map.tried, &map.hand, &map.motors));
+    assert_eq!(joined.vertices[..100], map.vertices[..]);
+    assert!(joined.certified.is_some() && joined.edges.iter().all(|e| e.verdict.is_some()));
+    assert_eq!(read(&torn), map, "another file was asked for");
+
+    let told = answer(&[&improve[..], &[text(&pruned), "--grow", "5", "--prune"]].concat());
+    assert!(told.contains("poses added where the map was thin: 5"), "{told}");
+    let kept = read(&pruned);
+    assert!(islands(&kept) == 1 && kept.vertices.iter().any(|v| v.name.as_deref() == Some("start")), "{told}");
+    assert_eq!(kept.tried.len(), 1);
+
+    assert!(complaint(&[&improve[..], &[text(&better)]].concat()).contains("exists already"));
+    let katana = ["roadmap", "improve", text(&torn), "--robot", "configs/robots/katana.xml"];
+    assert!(complaint(&katana).contains("the map is one of the robot icub, not of katana"));
 }
 
 #[test]

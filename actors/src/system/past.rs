@@ -55,6 +55,8 @@ pub struct PastRobot {
     pub notes: Vec<Note>,
     safe: Option<SafePose>,
     outcomes: u64,
+    /// Where the notes of the map are in the list.
+    vertices: BTreeMap<u32, usize>,
     edges: BTreeMap<(u32, u32), usize>,
 }
 
@@ -190,12 +192,12 @@ impl PastRobot {
     fn note(&mut self, note: &Note) {
         match note {
             Note::Vertex { id, q, .. } => {
-                let told = |n: &&mut Note| matches!(n, Note::Vertex { id: known, .. } if known == id);
-                match self.notes.iter_mut().find(told) {
+                let known = *self.vertices.entry(*id).or_insert(self.notes.len());
+                match self.notes.get_mut(known) {
                     // an agent that began anew tells its map once more
                     Some(Note::Vertex { q: before, .. }) if before == q => {}
-                    Some(known) => {
-                        *known = note.clone();
+                    Some(slot) => {
+                        *slot = note.clone();
                         self.forget_edges(*id);
                     }
                     None => self.notes.push(note.clone()),
@@ -217,12 +219,15 @@ impl PastRobot {
     /// A vertex is another one now, so what was told of its edges holds no longer.
     fn forget_edges(&mut self, id: u32) {
         self.notes.retain(|n| !matches!(n, Note::Edge { from, to, .. } if *from == id || *to == id));
-        let edges = self.notes.iter().enumerate();
-        let edge = |(i, n): (usize, &Note)| match n {
-            Note::Edge { from, to, .. } => Some(((*from, *to), i)),
-            _ => None,
-        };
-        self.edges = edges.filter_map(edge).collect();
+        self.vertices.clear();
+        self.edges.clear();
+        for (i, note) in self.notes.iter().enumerate() {
+            match note {
+                Note::Vertex { id, .. } => drop(self.vertices.insert(*id, i)),
+                Note::Edge { from, to, .. } => drop(self.edges.insert((*from, *to), i)),
+                Note::Plan { .. } | Note::Log { .. } => {}
+            }
+        }
     }
 
     /// Whether the gate was left open.

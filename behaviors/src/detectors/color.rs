@@ -17,7 +17,7 @@ const PRIOR: f32 = 3.0;
 
 /// Colors, and how often the object and the rest of the pictures have them.
 #[derive(Clone, Debug)]
-pub struct ColorCounts {
+struct ColorCounts {
     object: Vec<f32>,
     beside: Vec<f32>,
 }
@@ -29,16 +29,14 @@ impl Default for ColorCounts {
 }
 
 impl ColorCounts {
-    /// Adds a picture.
-    pub fn add(&mut self, of: &LabeledPicture) {
+    fn add(&mut self, of: &LabeledPicture) {
         for (rgb, is_object) in of.picture.rgb.chunks_exact(3).zip(&of.mask.data) {
             let counts = if *is_object { &mut self.object } else { &mut self.beside };
             counts[bin([rgb[0], rgb[1], rgb[2]])] += 1.0;
         }
     }
 
-    /// The likelihood table.
-    pub fn table(&self) -> ColorTable {
+    fn table(&self) -> ColorTable {
         let [object, beside] = [&self.object, &self.beside].map(|counts| {
             let counts = smoothed(&smoothed(counts));
             let all: f32 = counts.iter().sum();

@@ -1,7 +1,7 @@
 //! What a small network is told about a pixel: color and texture in windows of several sizes around it, and what is a little
 //! above, below and beside it. Never where in the picture it is: an object may be anywhere in later frames.
 
-use super::plane::Plane;
+use super::plane::{Plane, brightness};
 
 /// Numbers per pixel.
 pub const FEATURES: usize = 36;
@@ -13,10 +13,9 @@ const ASIDE: isize = 12;
 ///
 /// `likelihood` is what the colors alone say, [`ColorTable::look`](super::color::ColorTable::look).
 pub fn features(rgb: &[Plane; 3], likelihood: &Plane) -> Vec<Plane> {
+    let brightness = brightness(rgb);
     let [r, g, b] = rgb;
-    let sum = r.zip(g, |r, g| r + g);
-    let brightness = sum.zip(b, |s, b| (s + b) / 3.0);
-    let opponents = [r.zip(g, |r, g| r - g), sum.zip(b, |s, b| s / 2.0 - b)];
+    let opponents = [r.zip(g, |r, g| r - g), r.zip(g, |r, g| r + g).zip(b, |sum, b| sum / 2.0 - b)];
     let colors = [&brightness, &opponents[0], &opponents[1]];
     let mut all = Vec::with_capacity(FEATURES);
     for color in colors {

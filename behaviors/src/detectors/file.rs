@@ -5,7 +5,7 @@ use super::color::ColorTable;
 use super::features::features;
 use super::picture::{Mask, Picture};
 use super::pixels::PixelNetwork;
-use super::plane::{Plane, guided};
+use super::plane::{Plane, brightness, guided};
 use super::regions::{Blob, Cut};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,7 +19,7 @@ pub const DETECTOR_VERSION: u32 = 1;
 /// What a detector learns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum DetectorSort {
+pub enum DetectorKind {
     /// How likely each color is the object's.
     Color,
     /// That, what surrounds each pixel, and an evolved image program.
@@ -35,7 +35,7 @@ pub struct DetectorFile {
     /// Version of the layout.
     pub version: u32,
     /// What was learned.
-    pub kind: DetectorSort,
+    pub kind: DetectorKind,
     /// The object's name.
     pub object: String,
     /// By what whole factor pictures are made smaller first.
@@ -119,7 +119,7 @@ impl DetectorFile {
     }
 
     /// A file with these parts.
-    pub fn new(kind: DetectorSort, object: &str, shrink: usize, colors: ColorTable) -> DetectorFile {
+    pub fn new(kind: DetectorKind, object: &str, shrink: usize, colors: ColorTable) -> DetectorFile {
         DetectorFile {
             format: FORMAT.into(),
             version: DETECTOR_VERSION,
@@ -135,7 +135,7 @@ impl DetectorFile {
     }
 
     fn wrong(&self) -> Option<String> {
-        let is_cgp = self.kind == DetectorSort::Cgp;
+        let is_cgp = self.kind == DetectorKind::Cgp;
         if !(1..=64).contains(&self.shrink) || self.smoothing.radius > 64 {
             return Some("`shrink` or `smoothing.radius` is not in its range".into());
         }
@@ -158,16 +158,14 @@ impl DetectorFile {
     pub fn likelihood(&self, picture: &Picture) -> Plane {
         let rgb = picture.planes(self.shrink);
         let colors = self.colors.look(picture, self.shrink);
-        let [r, g, b] = &rgb;
-        let brightness = r.zip(g, |r, g| r + g).zip(b, |s, b| (s + b) / 3.0);
-        let mut plane = match (&self.network, &self.program) {
+        let plane = match (&self.network, &self.program) {
             (Some(network), Some(program)) => {
                 let learned = network.look(&features(&rgb, &colors));
                 program.run(&channels(&rgb, &colors, &learned))
             }
             _ => colors,
         };
-        plane = self.smoothing.apply(&plane, &brightness);
+        let plane = self.smoothing.apply(&plane, &brightness(&rgb));
         plane.grown(self.shrink, picture.width, picture.height)
     }
 

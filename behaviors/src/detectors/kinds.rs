@@ -1,6 +1,6 @@
 //! The kinds of detectors that learn, as a run makes them: from a detector file.
 
-use super::file::{DetectorFile, DetectorSort};
+use super::file::{DetectorFile, DetectorKind};
 use super::picture::Picture;
 use mobee_contract::*;
 use mobee_model::file::{MIB, read_text};
@@ -51,13 +51,13 @@ impl Detector for LearnedDetector {
 
     fn takes(&self) -> Duration {
         match self.file.kind {
-            DetectorSort::Color => Duration::from_millis(5),
-            DetectorSort::Cgp => Duration::from_millis(30),
+            DetectorKind::Color => Duration::from_millis(5),
+            DetectorKind::Cgp => Duration::from_millis(30),
         }
     }
 }
 
-fn build(value: &Value, sort: DetectorSort) -> Result<Box<dyn Detector>, KindError> {
+fn build(value: &Value, kind: DetectorKind) -> Result<Box<dyn Detector>, KindError> {
     let settings: LearnedDetectorSettings = settings(value)?;
     let at = settings.file.display();
     let text = read_text(&settings.file, 64 * MIB).map_err(|e| {
@@ -65,7 +65,7 @@ fn build(value: &Value, sort: DetectorSort) -> Result<Box<dyn Detector>, KindErr
     })?;
     let mut file =
         DetectorFile::parse(&text).map_err(|e| KindError::new("file", format!("{at}: {}", e.what), e.help))?;
-    if file.kind != sort {
+    if file.kind != kind {
         let help = "name the kind that it was trained as, or train it again with --kind";
         return Err(KindError::new("file", format!("{at} is a detector of another kind"), help));
     }
@@ -80,7 +80,7 @@ inventory::submit! {
               --kind color`).",
         schema: || schemars::schema_for!(LearnedDetectorSettings),
         example: |_| Ok(json!({ "file": "cup.detector.json", "object": "cup" })),
-        build: |value, _| build(value, DetectorSort::Color),
+        build: |value, _| build(value, DetectorKind::Color),
     })
 }
 
@@ -91,6 +91,6 @@ inventory::submit! {
               small network makes of the surroundings of each pixel (`mobee detector train --kind cgp`).",
         schema: || schemars::schema_for!(LearnedDetectorSettings),
         example: |_| Ok(json!({ "file": "cup.detector.json", "object": "cup" })),
-        build: |value, _| build(value, DetectorSort::Cgp),
+        build: |value, _| build(value, DetectorKind::Cgp),
     })
 }

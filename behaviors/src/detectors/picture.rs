@@ -10,6 +10,8 @@ use thiserror::Error;
 const MASK: &str = "_mask.png";
 /// The longest side that a picture may have, pixels.
 const LONGEST: u32 = 4096;
+/// The most pixels that the pictures of a folder may have together: all of them are in memory at once.
+const MOST: usize = 200_000_000;
 
 /// A color picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,7 +91,7 @@ impl Mask {
 ///
 /// # Errors
 /// A file that can't be read, is broken or too large, a picture without mask or a mask without picture, a mask of another size
-/// than its picture, pictures of different sizes, a folder without pictures.
+/// than its picture, pictures of different sizes, a folder without pictures or with more than memory should hold.
 pub fn read_folder(folder: &Path) -> Result<Vec<LabeledPicture>, PictureFault> {
     let unreadable = |e: std::io::Error| fault(folder, e.to_string(), "give a folder with NAME.jpg and NAME_mask.png");
     let mut names = BTreeSet::new();
@@ -105,7 +107,7 @@ pub fn read_folder(folder: &Path) -> Result<Vec<LabeledPicture>, PictureFault> {
     if let Some(alone) = names.iter().find(|n| n.strip_suffix(MASK).is_some_and(|s| !stems.contains(s))) {
         return Err(fault(&folder.join(alone), "this mask has no picture", "add NAME.jpg, or remove NAME_mask.png"));
     }
-    let mut all: Vec<LabeledPicture> = Vec::new();
+    let (mut all, mut pixels): (Vec<LabeledPicture>, usize) = (Vec::new(), 0);
     for (name, stem) in names.iter().filter_map(|n| stem(n).map(|s| (n, s))) {
         let (at, mask_at) = (folder.join(name), folder.join(format!("{stem}{MASK}")));
         if !names.contains(&format!("{stem}{MASK}")) {
@@ -121,6 +123,11 @@ pub fn read_folder(folder: &Path) -> Result<Vec<LabeledPicture>, PictureFault> {
         if let Some(first) = all.first().filter(|f| (f.mask.width, f.mask.height) != (mask.width, mask.height)) {
             let what = format!("this picture is {}x{}, but {} is another size", mask.width, mask.height, first.name);
             return Err(fault(&at, what, "give all pictures of a folder one size"));
+        }
+        pixels += mask.data.len();
+        if pixels > MOST {
+            let what = format!("with this picture, the folder has more than {} million pixels", MOST / 1_000_000);
+            return Err(fault(&at, what, "give fewer pictures, or smaller ones: a few dozen of 640x480 are plenty"));
         }
         all.push(LabeledPicture { name: stem, picture, mask });
     }

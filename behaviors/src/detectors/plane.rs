@@ -1,5 +1,10 @@
 //! A picture's one channel, and the arithmetic of neighborhoods that everything else is built of.
 
+/// The mean of red, green and blue.
+pub fn brightness([r, g, b]: &[Plane; 3]) -> Plane {
+    r.zip(g, |r, g| r + g).zip(b, |sum, b| (sum + b) / 3.0)
+}
+
 /// One value per pixel, row by row from the top. Colors are 0 to 255.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plane {

@@ -1,5 +1,5 @@
 use super::cgp::{ALL_OPS, Evolution, ImageNode, ImageProgram, Op, channels};
-use super::file::{DetectorFile, DetectorSort};
+use super::file::{DetectorFile, DetectorKind};
 use super::picture::{LabeledPicture, Mask, Picture, read_folder};
 use super::plane::Plane;
 use super::regions::Cut;
@@ -180,7 +180,7 @@ fn both_kinds_learn_and_go_through_their_file_and_evolution_is_resumed_exactly()
     assert_eq!(whole.state(), resumed.state());
     assert!(whole.best_worth() >= first);
     let cgp = learned.finish_cgp(&network, &whole).0;
-    assert_eq!(cgp.kind, DetectorSort::Cgp);
+    assert_eq!(cgp.kind, DetectorKind::Cgp);
     assert!(score(&cgp) > 0.95, "{}", score(&cgp));
     damaged_files_are_refused(&cgp);
 }

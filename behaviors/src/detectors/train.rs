@@ -7,10 +7,10 @@
 use super::cgp::{Channels, Evolution, channels};
 use super::color::ColorTable;
 use super::features::features;
-use super::file::{DetectorFile, DetectorSort, Smoothing};
+use super::file::{DetectorFile, DetectorKind, Smoothing};
 use super::picture::{LabeledPicture, Mask};
 use super::pixels::PixelNetwork;
-use super::plane::Plane;
+use super::plane::{Plane, brightness};
 use super::regions::Cut;
 use super::score::{Confusion, Levels};
 use rand::SeedableRng;
@@ -67,18 +67,14 @@ impl Lessons {
         if ![true, false].into_iter().all(|w| stretches.iter().all(|s| masks[s.clone()].iter().any(says(w)))) {
             return Err(TrainFault::Blank);
         }
-        let brightness = pictures.iter().map(|p| {
-            let [r, g, b] = p.picture.planes(shrink);
-            r.zip(&g, |r, g| r + g).zip(&b, |s, b| (s + b) / 3.0)
-        });
-        let brightness = brightness.collect();
+        let brightness = pictures.iter().map(|p| brightness(&p.picture.planes(shrink))).collect();
         let table = ColorTable::of(pictures);
         Ok(Lessons { shrink, object: object.into(), seed, brightness, masks, colors, table })
     }
 
     /// A detector of the kind `color`, and its correlation on pictures that it has not seen.
     pub fn color(&self) -> (DetectorFile, f64) {
-        let mut file = DetectorFile::new(DetectorSort::Color, &self.object, self.shrink, self.table.clone());
+        let mut file = DetectorFile::new(DetectorKind::Color, &self.object, self.shrink, self.table.clone());
         let mcc = self.finish(&mut file, &self.colors);
         (file, mcc)
     }
@@ -121,7 +117,7 @@ impl Lessons {
 
     /// A detector of the kind `cgp` with the best program so far, and its correlation on pictures that it has not seen.
     pub fn finish_cgp(&self, network: &PixelNetwork, evolution: &Evolution) -> (DetectorFile, f64) {
-        let mut file = DetectorFile::new(DetectorSort::Cgp, &self.object, self.shrink, self.table.clone());
+        let mut file = DetectorFile::new(DetectorKind::Cgp, &self.object, self.shrink, self.table.clone());
         file.network = Some(network.clone());
         file.program = Some(evolution.best().clone());
         let planes: Vec<Plane> = evolution.outputs();

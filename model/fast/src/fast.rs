@@ -212,11 +212,10 @@ impl FastScene {
         }
         self.block.forget(&self.program);
         free.resize(poses.len() / motors, false);
-        let mut block = Vec::with_capacity(WIDTH);
         for first in (0..free.len()).step_by(WIDTH) {
-            block.clear();
-            block.extend(first..free.len().min(first + WIDTH));
-            let finite = self.load_all(poses, &block);
+            let block: [usize; WIDTH] = std::array::from_fn(|lane| first + lane);
+            let block = &block[..WIDTH.min(free.len() - first)];
+            let finite = self.load_all(poses, block);
             let (violated, doubtful) = self.runner.violated(&self.program, &self.block);
             for (lane, i) in block.iter().enumerate() {
                 if (!finite | doubtful) & !(finite & violated) & 1 << lane != 0 {
@@ -226,7 +225,7 @@ impl FastScene {
             }
             let asked = finite & !violated & !doubtful;
             let mut cut = if asked.count_ones() >= FULL {
-                self.judge_lanes(poses, &block, (asked, 0), free)
+                self.judge_lanes(poses, block, (asked, 0), free)
             } else {
                 self.waiting[0]
                     .extend(block.iter().enumerate().filter(|(lane, _)| asked & 1 << lane != 0).map(|(_, i)| i));
@@ -248,14 +247,12 @@ impl FastScene {
 
     /// Judges a block of those that wait at a cut; returns the cut at which what is left of it waits now, if any.
     fn judge_waiting(&mut self, poses: &[f64], cut: usize, free: &mut [bool]) -> Option<usize> {
-        let mut block = std::mem::take(&mut self.waiting[cut]);
-        let rest = block.split_off(block.len().min(WIDTH));
-        let asked = self.load_all(poses, &block);
-        let stopped = self.judge_lanes(poses, &block, (asked, cut), free);
-        block.clear();
-        block.extend(rest);
-        self.waiting[cut] = block;
-        stopped
+        let mut block = [0; WIDTH];
+        let count = WIDTH.min(self.waiting[cut].len());
+        block.iter_mut().zip(self.waiting[cut].drain(..count)).for_each(|(lane, i)| *lane = i);
+        let block = &block[..count];
+        let asked = self.load_all(poses, block);
+        self.judge_lanes(poses, block, (asked, cut), free)
     }
 
     /// Judges poses that are in the lanes, by their numbers, from a cut on; returns the cut at which those that are left

@@ -99,6 +99,22 @@ pub fn mobee_here() -> Command {
     mobee_in(Path::new(env!("CARGO_MANIFEST_DIR")))
 }
 
+/// What the program says in the project's folder if all goes well.
+pub fn answer(args: &[&str]) -> String {
+    let out = mobee_here().args(args).output().expect("mobee starts");
+    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8_lossy(&out.stdout).into_owned()
+}
+
+/// What it complains of, with exit code 2; line breaks and frames are taken out.
+pub fn complaint(args: &[&str]) -> String {
+    let out = mobee_here().args(args).output().expect("mobee starts");
+    let told = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert_eq!(out.status.code(), Some(2), "{args:?}: {told}");
+    assert!(told.contains("help: "), "{told}");
+    told.split_whitespace().filter(|w| *w != "│").collect::<Vec<_>>().join(" ")
+}
+
 /// A robot file with two motors, for behaviors that are written in a test.
 pub const EDGE: &str = r#"<ZeroPositionKinematicTree version="1.0" robotName="edge">
   <bodypart name="base">

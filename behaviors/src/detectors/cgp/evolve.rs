@@ -47,7 +47,6 @@ pub struct Evolution {
     /// Of each parent, on what it is bred on.
     worth: Vec<f64>,
     best_worth: f64,
-    evaluations: u64,
 }
 
 impl Evolution {
@@ -70,8 +69,7 @@ impl Evolution {
 
     /// One that goes on.
     pub fn resume(inputs: Vec<Channels>, masks: Vec<Mask>, state: EvolutionState) -> Evolution {
-        let mut all =
-            Evolution { inputs, masks, worth: vec![], best_worth: f64::MIN, evaluations: 0, state: state.clone() };
+        let mut all = Evolution { inputs, masks, worth: vec![], best_worth: f64::MIN, state: state.clone() };
         all.judge(&state.best);
         for parent in &state.parents {
             let (worth, _) = all.breed_worth(parent);
@@ -121,16 +119,15 @@ impl Evolution {
         (0..n).map(|i| from + (2 * i + 1) * (to - from) / (2 * n)).collect()
     }
 
-    fn levels(&mut self, program: &ImageProgram, last: bool) -> Levels {
+    fn levels(&self, program: &ImageProgram, last: bool) -> Levels {
         let mut levels = Levels::default();
         for i in self.chosen(last) {
             levels.add(&program.run(&self.inputs[i]), &self.masks[i]);
-            self.evaluations += 1;
         }
         levels
     }
 
-    fn breed_worth(&mut self, program: &ImageProgram) -> (f64, bool) {
+    fn breed_worth(&self, program: &ImageProgram) -> (f64, bool) {
         let mcc = self.levels(program, false).best(true).1;
         (mcc.abs(), mcc < 0.0)
     }
@@ -163,11 +160,6 @@ impl Evolution {
     /// Where it is.
     pub fn state(&self) -> &EvolutionState {
         &self.state
-    }
-
-    /// Programs times pictures that were run.
-    pub fn evaluations(&self) -> u64 {
-        self.evaluations
     }
 }
 
