@@ -4,11 +4,14 @@
 //! Nothing here is in the pulse: a sensor that falls behind or dies makes objects stale, and holds up nobody.
 
 use crate::{Context, Pose, Refusal, Role, Snapshot, Time};
+use mobee_model::{Robot, Scene};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How a camera projects: a pinhole without distortion.
+/// How a camera projects: a pinhole, and what its lens bends.
+///
+/// Frames of cameras: z along the optical axis, x to the picture's right, y down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
     /// Width and height of its pictures, pixels.
@@ -17,6 +20,8 @@ pub struct Intrinsics {
     pub focal: [f64; 2],
     /// Where the optical axis meets the picture, pixels from its upper left corner.
     pub center: [f64; 2],
+    /// What the lens bends, by the model of Brown and Conrady as OpenCV writes it: k1, k2 (radial), p1, p2 (tangential). All zero: nothing.
+    pub distortion: [f64; 4],
 }
 
 /// One picture. Cheap to clone.
@@ -35,10 +40,16 @@ pub struct Frame {
 pub struct Region {
     /// What it is, by the object's name in the world.
     pub object: String,
-    /// Its middle, pixels from the upper left corner.
+    /// The mean place of its pixels, pixels from the upper left corner of the picture; the middle of the first pixel is (0.5, 0.5).
     pub center: [f64; 2],
-    /// Its width and height, pixels.
-    pub size: [f64; 2],
+    /// Left, top, right and bottom of what encloses it, pixels.
+    pub bounds: [f64; 4],
+    /// Its area, pixels.
+    pub area: f64,
+    /// Whether it touches the picture's border, so that there may be more of it beyond.
+    pub is_clipped: bool,
+    /// How sure the detector is, 0 to 1.
+    pub confidence: f64,
 }
 
 /// Gives frames.
@@ -125,9 +136,31 @@ pub trait Locator: Send {
     }
 }
 
+/// What there is in truth, where robots are simulated: what their cameras see. No detector and no locator is told.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// The robots and the objects, these where they are, not where the model believes them.
+    pub scene: Arc<Scene>,
+    /// Where the motors of each robot are, rad, in the scene's order.
+    pub poses: Vec<Pose>,
+}
+
+/// What is known, beside its settings, when a camera is built.
+#[derive(Clone)]
+pub struct CameraContext {
+    /// The robot that carries it.
+    pub robot: Arc<Robot>,
+    /// That robot's index in the scene.
+    pub index: usize,
+    /// Its own seed, derived from the run's.
+    pub seed: u64,
+    /// The truth of now; `None` if a robot has not been heard of yet, or if it is not simulated.
+    pub truth: Arc<dyn Fn() -> Option<Truth> + Send + Sync>,
+}
+
 impl Role for dyn Camera {
     const NAME: &'static str = "camera";
-    type Context = Context;
+    type Context = CameraContext;
     type Built = Box<dyn Camera>;
 }
 

@@ -20,7 +20,7 @@ impl Camera for Stub {
     }
     fn frame(&mut self, now: Time) -> Result<Option<Frame>, String> {
         self.frames += 1;
-        let intrinsics = Intrinsics { size: [4, 1], focal: [4.0, 4.0], center: [2.0, 0.5] };
+        let intrinsics = Intrinsics { size: [4, 1], focal: [4.0, 4.0], center: [2.0, 0.5], distortion: [0.0; 4] };
         let exposed = Time((now.since(Time::ZERO).saturating_sub(self.old)).as_nanos() as u64);
         Ok(Some(Frame { exposed, intrinsics, pixels: (0..12).map(|k| (self.frames + k) as u8).collect() }))
     }
@@ -40,7 +40,9 @@ impl Detector for Slow {
         self.seen += 1;
         assert!(self.name != "breaks", "planted");
         let center = [f64::from(frame.pixels[0]), self.seen as f64];
-        vec![Region { object: self.name.into(), center, size: [1.0, 1.0] }]
+        let [u, v] = center;
+        let bounds = [u - 0.5, v - 0.5, u + 0.5, v + 0.5];
+        vec![Region { object: self.name.into(), center, bounds, area: 1.0, is_clipped: false, confidence: 1.0 }]
     }
     fn takes(&self) -> Duration {
         self.takes

@@ -44,7 +44,10 @@ impl Detector for LearnedDetector {
         let region = |b: super::regions::Blob| Region {
             object: self.file.object.clone(),
             center: b.centroid,
-            size: [(b.bounds[2] - b.bounds[0]) as f64, (b.bounds[3] - b.bounds[1]) as f64],
+            bounds: b.bounds.map(|n| n as f64),
+            area: b.area as f64,
+            is_clipped: b.is_clipped,
+            confidence: b.confidence,
         };
         blobs.into_iter().map(region).collect()
     }
