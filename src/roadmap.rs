@@ -1,6 +1,7 @@
 //! `mobee roadmap`: maps in files, from the first pose to a plan.
 
 mod build;
+mod certified;
 mod improve;
 mod info;
 mod merge;

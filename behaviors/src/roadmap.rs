@@ -40,7 +40,7 @@ use petgraph::stable_graph::{NodeIndex, StableDiGraph};
 use petgraph::visit::{EdgeRef, IntoEdgeReferences};
 use search::{Buffers, Links};
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Add;
 
 /// The most motions of a run that are remembered one by one; the edges know what came of the others.
@@ -145,7 +145,8 @@ impl Roadmap {
         id
     }
 
-    /// Takes up what was noted of a map: vertices as they were numbered, and edges as they were last.
+    /// Takes up what was noted of a map: vertices as they were numbered, and edges as they were last. What nobody noted yet is still
+    /// to be told.
     pub fn recall(&mut self, notes: &[Note]) {
         for note in notes {
             match note {
@@ -163,8 +164,14 @@ impl Roadmap {
                 _ => {}
             }
         }
-        // told before, by whoever noted it
-        self.notes.clear();
+        let vertex = |n: &Note| if let Note::Vertex { id, .. } = n { Some(*id) } else { None };
+        let edge = |n: &Note| if let Note::Edge { from, to, .. } = n { Some((*from, *to)) } else { None };
+        let vertices: BTreeSet<u32> = notes.iter().filter_map(vertex).collect();
+        let edges: BTreeSet<(u32, u32)> = notes.iter().filter_map(edge).collect();
+        let is_told = |n: &Note| {
+            vertex(n).is_some_and(|id| vertices.contains(&id)) || edge(n).is_some_and(|edge| edges.contains(&edge))
+        };
+        self.notes.retain(|n| !is_told(n));
     }
 
     /// Joins two poses by an optimistic edge in each direction, unless that direction is known already (or was removed).

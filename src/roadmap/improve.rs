@@ -1,15 +1,15 @@
 //! `mobee roadmap improve`: out of the traps. Parts that can't be reached are joined to the rest, thin places grow, what stays apart may go.
 
-use super::{PlaceArgs, info, load_for, may_write, robot, save};
-use crate::robot_import::{Steps, millimeters};
+use super::certified::CertifiedArgs;
+use super::robot;
+use crate::robot_import::Steps;
 use miette::{Report, miette};
-use mobee_behaviors::map_file::{MapFile, certify};
+use mobee_behaviors::map_file::MapFile;
 use mobee_behaviors::planners::{JointSpace, RrtConnect};
 use mobee_behaviors::roadmap::Roadmap;
 use mobee_behaviors::roadmap::join::JoinSettings;
 use mobee_model::{Robot, Scene};
 use std::fmt::Write;
-use std::path::PathBuf;
 
 /// The most poses that may be added at once: a typing error must not eat the memory.
 const MOST_GROWN: i64 = 100_000;
@@ -17,13 +17,8 @@ const MOST_GROWN: i64 = 100_000;
 /// What to improve, where, and how much of it.
 #[derive(clap::Args, Clone, Debug)]
 pub struct ImproveArgs {
-    /// The map.
-    map: PathBuf,
     #[command(flatten)]
-    place: PlaceArgs,
-    /// What edges must keep between all shapes, millimeters: the reflex's margin and 2 mm.
-    #[arg(long, value_name = "MM", default_value_t = 12.0, value_parser = millimeters(0.0, 500.0))]
-    clearance: f64,
+    of: CertifiedArgs,
     /// Pairs of vertices between which a way to each part is looked for.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..))]
     pairs: u16,
@@ -42,12 +37,6 @@ pub struct ImproveArgs {
     /// Seed of all randomness.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Write the improved map into this file; default: into the map itself.
-    #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
-    /// Replace that file if it exists.
-    #[arg(long, requires = "out")]
-    force: bool,
 }
 
 /// Certifies the map, joins, grows and prunes it, and stores it with what blocks its edges.
@@ -55,23 +44,17 @@ pub struct ImproveArgs {
 /// # Errors
 /// If a file can't be read or written, the map is of another robot, or there is nothing in it.
 pub fn command(args: &ImproveArgs) -> Result<String, Report> {
-    if let Some(out) = &args.out {
-        may_write(out, args.force)?;
-    }
-    let scene = args.place.scene()?;
+    let (scene, mut file) = args.of.load()?;
     let robot = robot(&scene)?;
-    let mut file = load_for(&args.map, robot)?;
     let Some(rest) = file.vertices.first().map(|v| v.q_rad.clone().into()) else {
-        return Err(miette!(help = "build one with `mobee roadmap build`", "{} has no poses", args.map.display()));
+        return Err(miette!(help = "build one with `mobee roadmap build`", "{} has no poses", args.of.map.display()));
     };
-    let clearance = args.clearance * 1e-3;
     let bar = Steps::new();
-    bar.step("certifies edges");
-    certify(&mut file, &scene, clearance, &mut |share| bar.show(share)).map_err(|e| miette!("{e}"))?;
+    args.of.certify(&mut file, &scene, &bar)?;
     let mut map = over_free_edges(&file, robot)?;
     let hand = marker(&file, robot, &map);
     let shown = |q: &[f64]| at(&scene, hand, q);
-    let space = JointSpace::new(&scene, 0, &[&rest], map.motors(), &[], clearance);
+    let space = JointSpace::new(&scene, 0, &[&rest], map.motors(), &[], args.of.clearance());
     let mut space = space.map_err(|e| miette!("{e}"))?;
 
     bar.step("joins parts");
@@ -94,15 +77,10 @@ pub fn command(args: &ImproveArgs) -> Result<String, Report> {
         let _ = writeln!(said, "left out: {} vertices", map.len() - pruned.map.len());
         map = pruned.map;
     }
-    bar.step("certifies edges");
     let mut better = map.file(robot);
-    certify(&mut better, &scene, clearance, &mut |share| bar.show(share)).map_err(|e| miette!("{e}"))?;
+    args.of.certify(&mut better, &scene, &bar)?;
     drop(bar);
-    let out = args.out.as_ref().unwrap_or(&args.map);
-    save(out, &better)?;
-    let (vertices, edges, verdicts) = (better.vertices.len(), better.edges.len(), info::verdicts(&better));
-    let _ = writeln!(said, "{}: {vertices} vertices, {edges} directed edges: {verdicts}", out.display());
-    Ok(said)
+    Ok(said + &args.of.save(&better)?)
 }
 
 /// The map, without the edges that are not certified free.

@@ -39,7 +39,12 @@ pub(super) fn map(
         KindError::gather(each.map(|(i, pose)| group::positions(&format!("poses[{i}].q_deg"), &pose.q_deg, robot)))?;
     let named: BTreeSet<usize> = positions.iter().flatten().map(|(m, _)| *m).collect();
     let mut map = match given {
-        Some(value) => Roadmap::import(value, robot).map_err(|e| e.under("map"))?,
+        Some(value) => {
+            let mut map = Roadmap::import(value, robot).map_err(|e| e.under("map"))?;
+            // it is told by its file: a journal could not take fifty thousand edges at once
+            map.notes();
+            map
+        }
         None if motors.is_empty() => Roadmap::new(named.iter().copied().collect(), robot),
         None => Roadmap::new(group::motors("motors", motors, robot)?, robot),
     };

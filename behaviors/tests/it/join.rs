@@ -2,7 +2,7 @@
 
 use crate::world::*;
 use mobee_behaviors::planners::{JointSpace, RrtConnect};
-use mobee_behaviors::roadmap::join::JoinSettings;
+use mobee_behaviors::roadmap::join::{JoinReport, JoinSettings};
 use mobee_behaviors::roadmap::{Roadmap, Vertex};
 use mobee_contract::{EdgeState, Pose};
 use mobee_model::{ObjectClass, Robot, Scene};
@@ -33,6 +33,10 @@ fn here(scene: &Scene) -> Pose {
     scene.home()[0].clone()
 }
 
+fn join(map: &mut Roadmap, space: &mut JointSpace, settings: JoinSettings, scene: &Scene) -> JoinReport {
+    map.join_islands(space, &RrtConnect::default(), settings, &here(scene), &|_| [0.0; 3], &mut |_| {})
+}
+
 #[test]
 fn two_sides_of_a_ball_become_one_map() {
     let robot = arm(3);
@@ -49,15 +53,7 @@ fn two_sides_of_a_ball_become_one_map() {
     assert_eq!(map.islands(), vec![vec![3, 4, 5], vec![0, 1], vec![2]]);
     let mut again = map.clone();
     let mut space = space(&scene);
-    let rest = here(&scene);
-    let report = map.join_islands(
-        &mut space,
-        &RrtConnect::default(),
-        JoinSettings::default(),
-        &rest,
-        &|_| [0.0; 3],
-        &mut |_| {},
-    );
+    let report = join(&mut map, &mut space, JoinSettings::default(), &scene);
     assert_eq!((report.islands, report.in_vain), ((3, 1), 0), "{report:?}");
     assert!(report.vertices > 0 && report.edges >= 2 * report.vertices);
     for (a, b, edge) in map.edges() {
@@ -65,14 +61,7 @@ fn two_sides_of_a_ball_become_one_map() {
     }
     assert_eq!(map.edge(2, 1).unwrap().state, EdgeState::Removed, "what failed stays removed");
     assert!(map.plan(2, 5).is_some() && map.plan(5, 2).is_some());
-    let same = again.join_islands(
-        &mut space,
-        &RrtConnect::default(),
-        JoinSettings::default(),
-        &rest,
-        &|_| [0.0; 3],
-        &mut |_| {},
-    );
+    let same = join(&mut again, &mut space, JoinSettings::default(), &scene);
     assert_eq!((same, again.edges()), (report, map.edges()), "not deterministic");
 }
 
@@ -88,14 +77,7 @@ fn what_no_way_leads_to_is_told_and_pruned() {
     map.failed(0, 3, Some("ball".into()));
     let before = map.islands();
     let settings = JoinSettings { budget: 300, ..JoinSettings::default() };
-    let report = map.join_islands(
-        &mut space(&scene),
-        &RrtConnect::default(),
-        settings,
-        &here(&scene),
-        &|_| [0.0; 3],
-        &mut |_| {},
-    );
+    let report = join(&mut map, &mut space(&scene), settings, &scene);
     assert_eq!((report.islands, report.vertices, report.in_vain), ((2, 2), 0, 1), "{report:?}");
     assert_eq!(map.islands(), before);
     let pruned = map.pruned();

@@ -263,3 +263,23 @@ fn settings_that_can_t_be_used_say_where() {
         assert!(error.help.contains(help), "{error:?}");
     }
 }
+
+/// A run recalls what earlier ones noted before its agent begins; most have nothing to recall.
+#[test]
+fn what_nobody_noted_yet_is_told_and_what_was_noted_is_not_told_again() {
+    let told = |past: &[Note]| {
+        let mut agent = agent(json!({}));
+        agent.recall(past);
+        let view = view(&scene(&arm(2), vec![]), &start());
+        agent.next(None, &view);
+        let mut notes = agent.notes();
+        notes.retain(|n| matches!(n, Note::Vertex { .. } | Note::Edge { .. }));
+        (notes, agent.map().len())
+    };
+    let (all, vertices) = told(&[]);
+    let count = |notes: &[Note]| notes.iter().filter(|n| matches!(n, Note::Vertex { .. })).count();
+    assert_eq!(count(&all), vertices, "a map is told from its first vertex on");
+    assert!(told(&all).0.is_empty());
+    let rest = told(&all[1..]).0;
+    assert_eq!(rest, all[..1], "only what was not noted");
+}
