@@ -78,6 +78,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         script: Vec::new(),
         services: Vec::new(),
         sensors: Vec::new(),
+        truth: None,
         past: None,
     };
     let (_keep, stop) = tokio::sync::mpsc::channel(1);

@@ -2,9 +2,10 @@
 
 mod checks;
 mod script;
+mod sensors;
 
 use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggestion};
-use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, named_apart};
+use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, SensorSetup, TruthCell, named_apart};
 use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};
 use mobee_controller::ControllerSettings;
 use mobee_model::{Object, Robot, Scene, load_robot, load_world, parse_robot, parse_world};
@@ -24,6 +25,10 @@ pub struct Composition {
     pub scene: Scene,
     /// The robots with their hardware, controllers and agents.
     pub robots: Vec<RobotSetup>,
+    /// What looks at the world.
+    pub sensors: Vec<SensorSetup>,
+    /// What simulated cameras see.
+    pub truth: Arc<TruthCell>,
     /// What happens to the world.
     pub script: Vec<ScriptStep>,
     /// What programs outside move robots through.
@@ -123,6 +128,8 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
     for (at, bridge) in &bridges {
         wrong.keep(bridge.check(scene.robots()).map_err(|e| placed(source, at, e)));
     }
+    let truth = Arc::new(TruthCell::default());
+    let sensors = sensors::all(&config, source, &scene, &truth, &mut wrong);
     let script = script::steps(&config, source, &scene, &mut wrong);
 
     let mut robots = Vec::new();
@@ -148,13 +155,19 @@ fn build(config: Config, source: &Source, mut wrong: Complaints, begin: Begin) -
     }
     let (bridges, services) = (bridges.into_iter().map(|(_, bridge)| bridge).collect(), Vec::new());
     let file = source.path.clone();
-    wrong.none_or(Composition { config, file, scene, robots, script, bridges, services, warnings })
+    wrong.none_or(Composition { config, file, scene, robots, sensors, truth, script, bridges, services, warnings })
 }
 
 impl Composition {
     /// The names of its bridges in a run, in their order.
     pub fn bridge_names(&self) -> Vec<String> {
         named_apart(self.bridges.iter().map(|bridge| bridge.name()))
+    }
+
+    /// The names of its cameras in a run, each as `<sensor>/<camera>`.
+    pub fn camera_names(&self) -> Vec<String> {
+        let of = |s: &SensorSetup| s.cameras.iter().map(|c| format!("{}/{}", s.name, c.name)).collect::<Vec<_>>();
+        self.sensors.iter().flat_map(of).collect()
     }
 }
 

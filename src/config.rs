@@ -12,6 +12,7 @@ mod difference;
 mod error;
 mod include;
 mod layer;
+mod sensor;
 mod shape;
 pub mod show;
 mod source;
@@ -22,10 +23,12 @@ pub use controller::{Controller, schema as controller_schema};
 pub use difference::{Difference, differences};
 pub use error::ConfigError;
 pub use mobee_contract::{nearest, suggestion};
+pub use sensor::{EyeConfig, SensorConfig, WorldGateConfig};
 pub use shape::{Misfit, misfits};
 pub use source::Source;
 pub use spelling::did_you_mean;
 
+use check::Checks;
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_bridge::{YarpServices, YarpSettings};
 use mobee_drivers::SIM;
@@ -63,6 +66,9 @@ pub struct Config {
     pub world: World,
     /// The robots.
     pub robot: Vec<RobotConfig>,
+    /// What looks at the world.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensor: Vec<SensorConfig>,
     /// Changes to the world while the robots move.
     #[serde(default)]
     pub script: Vec<StepConfig>,
@@ -318,6 +324,9 @@ impl Config {
                 relocate(&format!("robot[{i}].agent.map"), &mut path);
                 *file = path.to_string_lossy().into_owned();
             }
+        }
+        for (at, file) in self.sensor_files() {
+            *file = source.relocated(&at, Path::new(file.as_str())).to_string_lossy().into_owned();
         }
         if let Some(folder) = self.yarp.as_mut().and_then(|y| y.save_folder.as_mut()) {
             relocate("yarp.save_folder", folder);

@@ -16,6 +16,7 @@ mod service;
 mod show;
 mod wire;
 
+pub(crate) use desk::BesideNames;
 pub use service::CtlService;
 
 use clap::{Args, Subcommand};
@@ -49,7 +50,7 @@ enum CtlCommand {
         #[arg(long, value_name = "N")]
         times: Option<u64>,
     },
-    /// Replace a part of a running robot, or a bridge, with the one from another configuration file.
+    /// Replace a part of a running robot, a bridge or a detector with the one from another configuration file.
     Swap(SwapArgs),
     /// Pause the robots' own agents (motions under way end first).
     Pause {
@@ -90,7 +91,7 @@ enum CtlCommand {
 
 #[derive(Args)]
 struct SwapArgs {
-    /// The part to swap: `agent`, `controller`, `driver` or `bridge`.
+    /// The part to swap: `agent`, `controller`, `driver`, `bridge` or `detector`.
     part: String,
     /// The configuration file that contains the new part. It may `include` the running one.
     file: PathBuf,
@@ -100,7 +101,10 @@ struct SwapArgs {
     /// The bridge, as `mobee ctl status` names it; required if there are several.
     #[arg(long)]
     bridge: Option<String>,
-    /// Seconds for which a new agent only observes; the journal records what it would have done.
+    /// The sensor whose detectors are swapped, or one camera of it as SENSOR/CAMERA; required if there are several sensors.
+    #[arg(long)]
+    sensor: Option<String>,
+    /// Seconds for which a new agent or detector only observes; the journal records what it would have done, or what it sees.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     shadow: f64,
     /// Seconds after the takeover during which the old part returns if the new one fails.
@@ -109,7 +113,7 @@ struct SwapArgs {
     /// The longest time that the new part may take to answer during its probation, seconds.
     #[arg(long, value_name = "SECONDS", default_value_t = 1.0)]
     budget: f64,
-    /// Start without the old agent's state: for an agent of another kind.
+    /// Start without what the old agent or detector knew: for an agent of another kind.
     #[arg(long)]
     fresh: bool,
     /// Return once the part is built and checked, without waiting for the end of its probation.

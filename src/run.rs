@@ -23,7 +23,7 @@ pub(crate) use sinks::{PATIENCE, QUEUE, recorder_settings};
 
 use crate::compose::{Composition, compose};
 use crate::config::{ClockMode, Config, ConfigError, Resolved, Source};
-use crate::ctl::CtlService;
+use crate::ctl::{BesideNames, CtlService};
 use miette::{IntoDiagnostic, Report, WrapErr};
 use mobee_actors::record::journal::Journal;
 use mobee_actors::record::tap::{OpenSink, SinkSpec, Taps};
@@ -132,8 +132,8 @@ pub(crate) fn show(
         CtlAt::Address(address) => Some(Some(address)),
     };
     if let Some(address) = address.filter(|_| composition.config.clock_kind() == ClockKind::Real) {
-        let bridges = composition.bridge_names();
-        composition.services.push(Arc::new(CtlService::new(folder, address, controls, recording.clone(), bridges)));
+        let beside = BesideNames { bridges: composition.bridge_names(), cameras: composition.camera_names() };
+        composition.services.push(Arc::new(CtlService::new(folder, address, controls, recording.clone(), beside)));
     }
     extras.recording = Some(recording);
     extras.bar = Some(bar.clone());
@@ -209,7 +209,7 @@ pub(crate) fn run_with(
     progress: impl FnMut(&RunProgress),
 ) -> Result<Done, Report> {
     let Extras { past, planned, sinks, recorder, told, recording, bar } = extras;
-    let Composition { config, file, scene, robots, script, bridges, services, .. } = composition;
+    let Composition { config, file, scene, robots, sensors, truth, script, bridges, services, .. } = composition;
     let values = serde_json::to_value(&config).into_diagnostic()?;
     let file = file.canonicalize().unwrap_or(file);
     let resolved = Resolved { file, config: values.clone() };
@@ -246,7 +246,8 @@ pub(crate) fn run_with(
         script,
         // bridges first: their names in the run are those of the composition
         services: bridges.into_iter().map(|bridge| bridge as Arc<dyn Service>).chain(services).collect(),
-        sensors: Vec::new(),
+        sensors,
+        truth: Some(truth),
         past,
     };
     #[expect(clippy::disallowed_methods, reason = "the real-time factor compares the run's clock with the wall's")]

@@ -42,9 +42,10 @@ fn make() -> Value {
         }
     }
     for (role, links) in roles {
-        // a role stands in each robot's table, or in tables of its own; kinds of one that a file can't name yet are listed only
-        let property = match definitions["Robot"]["properties"].get_mut(role) {
-            Some(property) => property,
+        // a role stands in each robot's table, a sensor's or an eye's, or in tables of its own
+        let holder = ["Robot", "Sensor", "Eye"].into_iter().find(|h| !definitions[*h]["properties"][role].is_null());
+        let property = match holder.and_then(|h| definitions.get_mut(h)) {
+            Some(holder) => &mut holder["properties"][role],
             None => match root["properties"].get_mut(role) {
                 Some(tables) => &mut tables["items"],
                 None => continue,

@@ -8,13 +8,13 @@ mod report;
 mod run;
 mod tree;
 
-pub use crate::shell::{CameraSetup, LocatorSetup, PartMaker, SensorSetup, named_apart};
-pub use crate::wiring::{Blow, CueTrigger, Cues, Late, RunCounts, ScriptStep, Troubles};
+pub use crate::shell::{CameraSetup, Kept, LocatorSetup, PartMaker, SensorSetup, WorldGateSettings, named_apart};
+pub use crate::wiring::{Blow, CueTrigger, Cues, Late, RunCounts, ScriptStep, Troubles, TruthCell};
 pub use exchange::{BesideOffer, NewBeside, NewPart, PartOffer};
 pub use inject::{Injection, Spot};
 pub use overload::overload;
 pub use past::{Past, PastRobot};
-pub use report::{RobotReport, SystemReport};
+pub use report::{RobotReport, SensorReport, SystemReport};
 pub use run::{run, run_under};
 
 use crate::record::tap::Taps;
@@ -50,6 +50,8 @@ pub struct Setup {
     pub services: Vec<Arc<dyn Service>>,
     /// What looks at the world, beside the safety chain.
     pub sensors: Vec<SensorSetup>,
+    /// What its simulated cameras see of this run, if it has any.
+    pub truth: Option<Arc<TruthCell>>,
     /// What an earlier process of this run left, if it is resumed.
     pub past: Option<Past>,
 }

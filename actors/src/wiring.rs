@@ -7,6 +7,7 @@ mod messages;
 mod seat;
 mod slot;
 mod trouble;
+mod truth;
 
 pub use counts::{Late, RunCounts};
 pub use cues::{CueTrigger, Cues, ScriptStep};
@@ -15,6 +16,7 @@ pub use seat::Seat;
 pub use slot::{Maker, PlannerSlot, SwapRequest};
 pub(crate) use trouble::Troubled;
 pub use trouble::{Blow, Troubles};
+pub use truth::TruthCell;
 
 use crate::record::tap::Taps;
 use crate::runtime::clock::Clock;
@@ -191,6 +193,10 @@ pub struct SharedContext {
     pub robots: Vec<Arc<RobotContext>>,
     /// The scene now.
     pub scene: LatestCell<Arc<Scene>>,
+    /// What simulated cameras see: the scene as scripts and programs have made it, whatever the sensors believe.
+    pub truth: LatestCell<Arc<Scene>>,
+    /// The objects that sensors with simulated cameras keep.
+    pub looked_at: BTreeSet<String>,
     /// Robots that go back together.
     pub joint_retreat: Arc<JointRetreat>,
     /// The pulse of all robots into the model.

@@ -22,7 +22,7 @@ pub(crate) use world::World;
 use crate::engine::{Collider, DefaultEngine, Engine, IndexPair};
 use crate::robot::Robot;
 use crate::shape::Primitive;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -53,6 +53,14 @@ pub struct Object {
     pub shapes: Vec<Primitive>,
     /// Display color, if the file gives one.
     pub color: Option<[u8; 3]>,
+}
+
+impl Object {
+    /// Where its middle is, in its own frame, meters: the mean of its shapes' centers. What is seen of an object is placed there.
+    pub fn middle(&self) -> Vector3<f64> {
+        let sum: Vector3<f64> = self.shapes.iter().map(|s| s.pose.translation.vector).sum();
+        sum / self.shapes.len().max(1) as f64
+    }
 }
 
 /// A shape's identity, stable over edits of the scene.

@@ -9,13 +9,13 @@ const FARTHEST_M: f64 = 50.0;
 const LONGEST_NAME: usize = 100;
 
 /// The checks of one configuration, and what they have found.
-struct Checks<'a> {
+pub(super) struct Checks<'a> {
     source: &'a Source,
     wrong: Complaints,
 }
 
 impl Checks<'_> {
-    fn say(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
+    pub(super) fn say(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
         if self.wrong.is_full() {
             return;
         }
@@ -23,12 +23,19 @@ impl Checks<'_> {
     }
 
     /// Not-a-number is out of every range.
-    fn range(&mut self, path: &str, x: f64, low: f64, high: f64, unit: &str) {
+    pub(super) fn range(&mut self, path: &str, x: f64, low: f64, high: f64, unit: &str) {
         self.range_or(path, x, (low, high), unit, None);
     }
 
     /// A range of a value that may have been meant in another unit: its name, and how many of ours are one of it.
-    fn range_or(&mut self, path: &str, x: f64, (low, high): (f64, f64), unit: &str, other: Option<(&str, f64)>) {
+    pub(super) fn range_or(
+        &mut self,
+        path: &str,
+        x: f64,
+        (low, high): (f64, f64),
+        unit: &str,
+        other: Option<(&str, f64)>,
+    ) {
         if !(x >= low && x <= high) {
             let meant = other.filter(|(_, factor)| (low..=high).contains(&(x * factor)));
             let hint = meant.map_or(String::new(), |(name, factor)| {
@@ -38,7 +45,14 @@ impl Checks<'_> {
         }
     }
 
-    fn position(&mut self, path: &str, p: &[f64; 3]) {
+    /// Names become parts of other names, paths and ports.
+    pub(super) fn name(&mut self, path: &str, name: &str, of: &str) {
+        if name.is_empty() || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
+            self.say(path, format!("not a {of}'s name"), "use letters, digits, - and _");
+        }
+    }
+
+    pub(super) fn position(&mut self, path: &str, p: &[f64; 3]) {
         let near = |p: &[f64; 3]| p.iter().all(|x| x.abs() <= FARTHEST_M);
         if !near(p) {
             let meters = p.map(|x| (x * 1e3).round() / 1e6);
@@ -59,6 +73,7 @@ impl Config {
             c.range("torture.faulted_percent", torture.faulted_percent, 0.0, 100.0, "percent");
         }
         self.check_robots(&mut c);
+        self.check_sensors(&mut c);
         self.check_script(&mut c);
         c.wrong
     }
@@ -94,9 +109,7 @@ impl Config {
                 let what = format!("there are two robots `{}`", r.name);
                 c.say(&at("name"), what, "name one of them differently");
             }
-            if r.name.is_empty() || !r.name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-') {
-                c.say(&at("name"), "not a robot's name", "use letters, digits, - and _");
-            }
+            c.name(&at("name"), &r.name, "robot");
             let k = &r.controller;
             c.range_or(&at("controller.period_ms"), k.period_ms, (1.0, 1000.0), "ms", Some(("seconds", 1e3)));
             c.range(&at("controller.history"), r.controller.history as f64, 10.0, 1e7, "poses");

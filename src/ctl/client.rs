@@ -87,18 +87,16 @@ async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report
 
 async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
     let offer = gather::read(&args.file)?;
-    let (name, other) = match args.part.as_str() {
-        "bridge" => (args.bridge, args.robot.map(|_| "--robot names a robot, and a bridge is no part of one")),
-        _ => (args.robot, args.bridge.map(|_| "--bridge names a bridge, and this is a part of a robot")),
+    let mut names = [("bridge", args.bridge), ("detector", args.sensor), ("robot", args.robot)];
+    let own = match args.part.as_str() {
+        part @ ("bridge" | "detector") => part,
+        _ => "robot",
     };
-    if let Some(what) = other {
-        return Err(ConfigError::plain(
-            what,
-            "name a bridge with --bridge, and the robot of any other part with --robot",
-        )
-        .into());
+    let name = names.iter_mut().find(|(of, _)| *of == own).and_then(|(_, name)| name.take()).unwrap_or_default();
+    if names.iter().any(|(_, name)| name.is_some()) {
+        let help = "name a bridge with --bridge, a detector's sensor with --sensor, and the robot of any other part with --robot";
+        return Err(ConfigError::plain(format!("a {} is named otherwise", args.part), help).into());
     }
-    let name = name.unwrap_or_default();
     let numbers = [args.shadow, args.probation, args.budget].map(|n| n.to_string());
     let mut words = vec!["swap".to_owned(), name.clone(), args.part.clone()];
     words.extend(numbers);

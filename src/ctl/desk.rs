@@ -1,6 +1,6 @@
 //! Who answers at the control port.
 
-use super::offer::{Wanted, WantedBridge, Which};
+use super::offer::{Offered, Wanted, WantedBridge, WantedDetector, Which};
 use super::wire::{Reply, Request, Sent};
 use super::{offer, show};
 use crate::run::Recording;
@@ -9,6 +9,7 @@ use mobee_actors::system::{Control, SystemReport};
 use mobee_bridge::WorldService;
 use mobee_contract::{Running, SwapPart, SwapStep};
 use mobee_yarp::{Bottle, Dialect, Text, Value, Vocab};
+use std::collections::BTreeSet;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -20,32 +21,40 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// Where a viewer listens if nobody says otherwise.
 const VIEWER: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 9876);
 
+/// The names in a run of what can be swapped beside its robots.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct BesideNames {
+    /// The bridges.
+    pub(crate) bridges: Vec<String>,
+    /// The cameras, each as `<sensor>/<camera>`.
+    pub(crate) cameras: Vec<String>,
+}
+
 /// Answers requests.
 pub(super) struct Desk {
     running: Arc<dyn Running>,
     world: Arc<WorldService>,
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
-    /// The bridges' names.
-    bridges: Vec<String>,
+    beside: BesideNames,
     /// The last report that was asked for, for rates.
     before: Mutex<Option<SystemReport>>,
 }
 
 const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
-                    swap NAME bridge [0 PROBATION_S BUDGET_S]; swapped NAME PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
+                    swap NAME bridge [0 PROBATION_S BUDGET_S]; swap SENSOR[/CAMERA] detector [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swapped NAME PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
                     record on|off|connect [ADDRESS].";
 
 impl Desk {
-    /// For a system, how it is told what to do, how it is recorded, and the names of its bridges.
+    /// For a system, how it is told what to do, how it is recorded, and the names of what runs beside its robots.
     pub(super) fn new(
         running: Arc<dyn Running>,
         controls: mpsc::Sender<Control>,
         recording: Arc<Recording>,
-        bridges: Vec<String>,
+        beside: BesideNames,
     ) -> Arc<Desk> {
         let world = Arc::new(WorldService::new(running.clone(), None));
-        Arc::new(Desk { running, world, controls, recording, bridges, before: Mutex::new(None) })
+        Arc::new(Desk { running, world, controls, recording, beside, before: Mutex::new(None) })
     }
 
     /// Keeps what was grabbed with its marker; for ever.
@@ -175,8 +184,8 @@ impl Desk {
 
     /// The one bridge that is meant.
     fn bridge(&self, name: &str) -> Result<String, String> {
-        let there = self.bridges.join(", ");
-        match (self.bridges.as_slice(), name) {
+        let there = self.beside.bridges.join(", ");
+        match (self.beside.bridges.as_slice(), name) {
             ([], _) => {
                 Err("there is no bridge in this run; add a table [yarp] or [[bridge]], and start it again".into())
             }
@@ -189,13 +198,33 @@ impl Desk {
         }
     }
 
-    /// The name of what a part is a part of.
-    fn owner(&self, name: &str, part: SwapPart) -> Result<String, String> {
+    /// The cameras that are meant: the one of this name, all of the sensor of this name, or all of the only sensor.
+    fn cameras(&self, name: &str) -> Result<Vec<String>, String> {
+        let sensor = |camera: &str| camera.split_once('/').map_or(String::new(), |(sensor, _)| sensor.to_owned());
+        let sensors: BTreeSet<String> = self.beside.cameras.iter().map(|camera| sensor(camera)).collect();
+        let there = || format!("there are: {}", self.beside.cameras.join(", "));
+        if sensors.is_empty() {
+            return Err("there is no sensor in this run; add a table [[sensor]], and start it again".into());
+        }
+        if name.is_empty() && sensors.len() > 1 {
+            return Err(format!("name the sensor with --sensor; {}", there()));
+        }
+        let meant = |camera: &&String| name.is_empty() || *camera == name || sensor(camera) == name;
+        let meant: Vec<String> = self.beside.cameras.iter().filter(meant).cloned().collect();
+        if meant.is_empty() {
+            Err(format!("there is no sensor or camera `{name}` in this run; {}", there()))
+        } else {
+            Ok(meant)
+        }
+    }
+
+    /// The names of what a part is a part of: several only where a detector looks through several cameras.
+    fn owners(&self, name: &str, part: SwapPart) -> Result<Vec<String>, String> {
         match part {
-            SwapPart::Bridge => self.bridge(name),
-            SwapPart::Detector => Err("there is no camera in this run, and so no detector to swap".into()),
+            SwapPart::Bridge => self.bridge(name).map(|name| vec![name]),
+            SwapPart::Detector => self.cameras(name),
             SwapPart::Agent | SwapPart::Controller | SwapPart::Driver => {
-                let robot = self.running.robots().get(self.robot(name)?).map(|robot| robot.name().to_owned());
+                let robot = self.running.robots().get(self.robot(name)?).map(|robot| vec![robot.name().to_owned()]);
                 robot.ok_or_else(|| self.unknown(name))
             }
         }
@@ -203,46 +232,57 @@ impl Desk {
 
     async fn swap(&self, name: &str, part: &str, sent: Sent, rest: &[&str]) -> Result<Vec<String>, String> {
         let part = swappable(part)?;
-        let name = self.owner(name, part)?;
+        let owners = self.owners(name, part)?;
         let terms = terms(rest)?;
         let fresh = rest.contains(&"fresh");
-        if part != SwapPart::Agent && (fresh || !terms.shadow.is_zero()) {
+        if !matches!(part, SwapPart::Agent | SwapPart::Detector) && (fresh || !terms.shadow.is_zero()) {
             return Err(format!("a {part} can't observe, and has no state to discard; omit --shadow and --fresh"));
         }
         let (models, robots) = (self.running.models(), self.running.robots());
-        let at = robots.iter().position(|robot| robot.name() == name);
-        let model = at.and_then(|i| models.get(i)).cloned();
-        let built = {
-            let name = name.clone();
-            let build = move || match (part, model) {
+        let robot = owners.first().and_then(|name| robots.iter().position(|robot| robot.name() == name));
+        let model = robot.and_then(|i| models.get(i)).cloned();
+        let wanted = owners.clone();
+        let build = move || -> Result<Vec<Offered>, String> {
+            let offer = |name: &String| match (part, &model) {
                 (SwapPart::Bridge, _) => {
-                    offer::sent_bridge(sent, &WantedBridge { which: Which::Named(&name), models: &models, terms })
+                    let wanted = WantedBridge { which: Which::Named(name), models: &models, terms };
+                    offer::sent_bridge(sent.clone(), &wanted)
                 }
-                (part, Some(model)) => offer::sent(sent, &Wanted { part, name: &name, model: &model, fresh, terms }),
+                (SwapPart::Detector, _) => {
+                    offer::sent_detector(sent.clone(), &WantedDetector { camera: name, fresh, terms })
+                }
+                (part, Some(model)) => offer::sent(sent.clone(), &Wanted { part, name, model, fresh, terms }),
                 (part, None) => Err(format!("there is no {part} of {name}")),
             };
-            tokio::task::spawn_blocking(build).await
+            // all are built before the first is offered
+            wanted.iter().map(offer).collect()
         };
-        let offer = built.map_err(|e| format!("it could not be built: {e}"))??;
-        let (reply, done) = oneshot::channel();
-        self.tell(offer.control(name, reply)).await?;
-        let done = tokio::time::timeout(PATIENCE, done).await.map_err(|_| "the run does not answer".to_owned())?;
-        done.map_err(|_| "the run is ending".to_owned())??;
+        let built = tokio::task::spawn_blocking(build).await;
+        let offers = built.map_err(|e| format!("it could not be built: {e}"))??;
+        for (name, offer) in owners.into_iter().zip(offers) {
+            let (reply, done) = oneshot::channel();
+            self.tell(offer.control(name, reply)).await?;
+            let done = tokio::time::timeout(PATIENCE, done).await.map_err(|_| "the run does not answer".to_owned())?;
+            done.map_err(|_| "the run is ending".to_owned())??;
+        }
         Ok(vec!["built and checked".into()])
     }
 
+    /// How far the exchange of a part is; of several detectors, of the one that failed or is least far.
     async fn swapped(&self, name: &str, part: &str) -> Result<Vec<String>, String> {
         let part = swappable(part)?;
-        let name = self.owner(name, part)?;
-        let step = self.report().await?.swap(&name, part).cloned().ok_or("it was never swapped")?;
-        let word = match &step {
-            SwapStep::Offered { .. } => "offered",
-            SwapStep::TookOver { .. } => "took over",
-            SwapStep::Refused { .. } => "refused",
-            SwapStep::Reverted { .. } => "reverted",
-            SwapStep::Settled => "settled",
+        let report = self.report().await?;
+        let steps: Vec<&SwapStep> =
+            self.owners(name, part)?.iter().filter_map(|name| report.swap(name, part)).collect();
+        let word = |step: &SwapStep| match step {
+            SwapStep::Refused { .. } => (0, "refused"),
+            SwapStep::Reverted { .. } => (1, "reverted"),
+            SwapStep::Offered { .. } => (2, "offered"),
+            SwapStep::TookOver { .. } => (3, "took over"),
+            SwapStep::Settled => (4, "settled"),
         };
-        Ok(vec![word.into(), step.to_string()])
+        let step = steps.into_iter().min_by_key(|step| word(step).0).ok_or("it was never swapped")?;
+        Ok(vec![word(step).1.into(), step.to_string()])
     }
 
     /// Lets a viewer follow, at its usual port if no address is said.

@@ -20,7 +20,7 @@ pub(super) fn read(file: &Path) -> Result<Sent, Report> {
     let source = Source::load(&file, &[])?;
     let config = from_source(&source)?.config;
     let mut texts = BTreeMap::new();
-    for path in named(&config, &source) {
+    for path in named(config.clone(), &source) {
         let text = read_text(&path, LONGEST as u64)
             .map_err(|e| ConfigError::plain(format!("{}: {e}", path.display()), "give a text file that can be read"))?;
         texts.insert(path, text);
@@ -29,10 +29,12 @@ pub(super) fn read(file: &Path) -> Result<Sent, Report> {
 }
 
 /// The files that a configuration names.
-fn named(config: &Config, source: &Source) -> Vec<PathBuf> {
+fn named(mut config: Config, source: &Source) -> Vec<PathBuf> {
+    let learned: Vec<PathBuf> = config.sensor_files().map(|(_, file)| PathBuf::from(file.as_str())).collect();
     let models = config.robot.iter().map(|r| r.model.as_path());
     let tables = config.robot.iter().filter_map(|r| r.driver.get("file")?.as_str()).map(Path::new);
     let maps = config.robot.iter().filter_map(|r| r.agent.as_ref()?.get("map")?.as_str()).map(Path::new);
-    let all = models.chain(tables).chain(maps).chain(config.world.file.as_deref());
+    let learned = learned.iter().map(PathBuf::as_path);
+    let all = models.chain(tables).chain(maps).chain(learned).chain(config.world.file.as_deref());
     all.map(|path| Config::beside(source, path)).collect()
 }

@@ -57,6 +57,16 @@ pub(crate) struct WantedBridge<'a> {
     pub terms: SwapPolicy,
 }
 
+/// Which detector is asked for of a file.
+pub(crate) struct WantedDetector<'a> {
+    /// The camera that it looks through in the run, as `<sensor>/<camera>`.
+    pub camera: &'a str,
+    /// Whether it begins without what the old one has learned.
+    pub fresh: bool,
+    /// How it is tried.
+    pub terms: SwapPolicy,
+}
+
 /// A bridge of a file.
 #[derive(Clone, Copy)]
 pub(crate) enum Which<'a> {
@@ -82,6 +92,15 @@ pub(super) fn sent(sent: Sent, wanted: &Wanted<'_>) -> Result<Offered, String> {
 pub(super) fn sent_bridge(sent: Sent, wanted: &WantedBridge<'_>) -> Result<Offered, String> {
     let (config, source) = read(sent)?;
     take_bridge(config, &source, wanted)
+}
+
+/// The same for a detector.
+///
+/// # Errors
+/// Everything that is wrong with it, as it would be printed.
+pub(super) fn sent_detector(sent: Sent, wanted: &WantedDetector<'_>) -> Result<Offered, String> {
+    let (config, source) = read(sent)?;
+    take_detector(config, &source, wanted)
 }
 
 fn read(sent: Sent) -> Result<(Config, Source), String> {
@@ -119,6 +138,38 @@ pub(crate) fn take_bridge(mut config: Config, source: &Source, wanted: &WantedBr
     bridge.check(wanted.models).map_err(|e| format!("it does not fit the robots of the run: {e}; {}", e.help))?;
     let what = format!("{} from {file}", kind.as_str().unwrap_or_default());
     Ok(Offered::Beside(BesideOffer { part: NewBeside::Bridge(bridge.clone()), what, terms: wanted.terms }))
+}
+
+/// Checks a whole configuration, and takes the detector of a camera of it: of the one that has this name there, or of the only one.
+///
+/// # Errors
+/// Everything that is wrong with it, as it would be printed.
+pub(crate) fn take_detector(
+    mut config: Config,
+    source: &Source,
+    wanted: &WantedDetector<'_>,
+) -> Result<Offered, String> {
+    let file = source.path.display();
+    // no board is touched
+    config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
+    let eyes = config.sensor.iter().flat_map(|s| s.eye.iter().map(|eye| (format!("{}/{}", s.name, eye.name), eye)));
+    let eyes: Vec<(String, Value)> = eyes.map(|(name, eye)| (name, eye.detector["kind"].clone())).collect();
+    let composition = compose(config, source).map_err(|report| format!("{report:?}"))?;
+    let at = match eyes.as_slice() {
+        [_] => Some(0),
+        eyes => eyes.iter().position(|(name, _)| name == wanted.camera),
+    };
+    let makers = composition.sensors.into_iter().flat_map(|s| s.cameras.into_iter().map(|camera| camera.detector));
+    let Some((maker, (_, kind))) = at.and_then(|at| makers.into_iter().nth(at).zip(eyes.get(at))) else {
+        let names: Vec<&str> = eyes.iter().map(|(name, _)| name.as_str()).collect();
+        return Err(match names.as_slice() {
+            [] => format!("there is no sensor in {file}; add a table [[sensor]]"),
+            names => format!("there is no camera {} in {file}; there are: {}", wanted.camera, names.join(", ")),
+        });
+    };
+    let what = format!("{} from {file}", kind.as_str().unwrap_or_default());
+    let part = NewBeside::Detector { maker, fresh: wanted.fresh };
+    Ok(Offered::Beside(BesideOffer { part, what, terms: wanted.terms }))
 }
 
 /// Checks a whole configuration, and takes what is wanted of it.

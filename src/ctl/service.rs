@@ -1,6 +1,6 @@
 //! The control port as a service of a run.
 
-use super::desk::Desk;
+use super::desk::{BesideNames, Desk};
 use super::door::{Door, Guest};
 use super::wire::{self, Reply, Request};
 use crate::run::{Folder, Recording};
@@ -32,20 +32,20 @@ pub struct CtlService {
     address: Option<SocketAddr>,
     controls: mpsc::Sender<Control>,
     recording: Arc<Recording>,
-    bridges: Vec<String>,
+    beside: BesideNames,
 }
 
 impl CtlService {
     /// For the run in this folder: at an address (port 0: any that is free), or else a socket in the folder. `recording` is how
-    /// it is recorded, `bridges` are the names of its bridges.
+    /// it is recorded, `beside` are the names of what runs beside its robots.
     pub(crate) fn new(
         folder: &Folder,
         address: Option<SocketAddr>,
         controls: mpsc::Sender<Control>,
         recording: Arc<Recording>,
-        bridges: Vec<String>,
+        beside: BesideNames,
     ) -> CtlService {
-        CtlService { folder: folder.path().to_owned(), address, controls, recording, bridges }
+        CtlService { folder: folder.path().to_owned(), address, controls, recording, beside }
     }
 }
 
@@ -61,7 +61,7 @@ impl Service for CtlService {
     fn serve(self: Arc<Self>, running: Arc<dyn Running>, until: Answer<()>) -> Answer<Result<(), String>> {
         Box::pin(async move {
             let door = Door::open(&self.folder, self.address).await?;
-            let desk = Desk::new(running, self.controls.clone(), self.recording.clone(), self.bridges.clone());
+            let desk = Desk::new(running, self.controls.clone(), self.recording.clone(), self.beside.clone());
             let (mut guests, ending) = (JoinSet::new(), watch::Sender::new(false));
             tokio::select! {
                 () = until => {}

@@ -1,7 +1,7 @@
 //! A running system in words: one line per robot, then the tree and the links.
 
 use mobee_actors::runtime::supervision::Health;
-use mobee_actors::system::{RobotReport, SystemReport};
+use mobee_actors::system::{Kept, RobotReport, SystemReport};
 use mobee_contract::{Hold, Status, SwapPart, SwapStep};
 use std::fmt::Write;
 
@@ -45,6 +45,18 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
         lines.push(line);
     }
     lines.extend(now.beside.iter().map(|((name, part), step)| format!("{name}  swap of the {part}: {step}")));
+    for sensor in &now.sensors {
+        for Kept { object, place, seen, is_stale } in &sensor.objects {
+            let age = now.at.since(*seen).as_secs_f64();
+            lines.push(match place {
+                None => format!("{}  {object} has not been seen", sensor.name),
+                Some([x, y, z]) => {
+                    let stale = if *is_stale { ", STALE" } else { "" };
+                    format!("{}  {object} at {x:.3} {y:.3} {z:.3} m, seen {age:.1} s ago{stale}", sensor.name)
+                }
+            });
+        }
+    }
     let c = &now.counts;
     lines.push(format!(
         "{:.1} s: {} commits, {} committed, {} rolled back, {} faulted, {} refused, {} contacts, {} restarts",
@@ -99,7 +111,7 @@ fn branch(health: &Health, depth: usize, lines: &mut Vec<String>) {
 mod tests {
     use super::*;
     use mobee_actors::runtime::stream::StreamCounters;
-    use mobee_actors::system::RunCounts;
+    use mobee_actors::system::{RunCounts, SensorReport};
     use mobee_contract::{AnswerTime, Time};
     use std::collections::BTreeMap;
     use std::time::Duration;
@@ -129,6 +141,12 @@ mod tests {
         let child = |name: &str, restarts, alive| Health { name: name.into(), alive, restarts, children: Vec::new() };
         let children = vec![child("model", 0, true), child("icub/driver", 2, false)];
         let counters = |sent| StreamCounters { sent, handled: sent - 3, queued: 1, dropped: 2 };
+        let cup = |secs: u64| Kept {
+            object: "cup".into(),
+            place: Some([0.3, -0.1, 1.0]),
+            seen: Time((secs - 3) * 1_000_000_000),
+            is_stale: true,
+        };
         let report = |secs: u64, sent| SystemReport {
             at: Time(secs * 1_000_000_000),
             robots: vec![RobotReport {
@@ -142,6 +160,7 @@ mod tests {
                 ..robot(Status::Rest, 10)
             }],
             beside: BTreeMap::from([(("yarp".into(), SwapPart::Bridge), SwapStep::Settled)]),
+            sensors: vec![SensorReport { name: "eyes".into(), objects: vec![cup(secs)] }],
             tree: vec![Health { name: "controller".into(), alive: true, restarts: 0, children: children.clone() }],
             links: vec![("icub/driver>history".into(), counters(sent)), ("tap>recorder".into(), counters(sent))],
             counts: RunCounts::default(),
@@ -150,6 +169,7 @@ mod tests {
         let expected = "\
 icub  ARMED  rest; its board answers in 1.2 ms, nine of ten in 3.0 ms, all in 40.0 ms, its agent is paused; swap of the agent: settled: its probation is over
 yarp  swap of the bridge: settled: its probation is over
+eyes  cup at 0.300 -0.100 1.000 m, seen 3.0 s ago, STALE
 12.0 s: 0 commits, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
 overload: 2 entries dropped by the recorder; reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms
 

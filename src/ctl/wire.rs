@@ -28,7 +28,7 @@ pub(super) struct Request {
 }
 
 /// A configuration as its sender read it. The run opens no file that is named here.
-#[derive(Debug, Deserialize, Serialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Sent {
     /// What its sender calls it.

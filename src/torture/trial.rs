@@ -232,7 +232,8 @@ impl TortureTrial {
             config: Value::Null,
             script: composed.script,
             services: Vec::new(),
-            sensors: Vec::new(),
+            sensors: composed.sensors,
+            truth: Some(composed.truth),
             past: None,
         };
         let (tell, controls) = mpsc::channel(1);

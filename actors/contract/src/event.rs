@@ -1,8 +1,8 @@
 //! The events that a run records.
 
 use crate::{
-    Cause, CommandKind, CommitId, Hold, IntentKind, Located, MotionEnd, Note, Outcome, Pose, Refusal, Region, Status,
-    Summary, SwapPart, SwapStep, Time,
+    Admission, Cause, CommandKind, CommitId, Hold, IntentKind, Located, MotionEnd, Note, Outcome, Pose, Refusal,
+    Region, Status, Summary, SwapPart, SwapStep, Time,
 };
 use mobee_model::Contact;
 use serde::{Deserialize, Serialize};
@@ -413,6 +413,9 @@ pub enum Event {
         exposed: Time,
         /// What it shows.
         regions: Vec<Region>,
+        /// Whether a new detector saw it that only looks on so far.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        is_shadow: bool,
     },
     /// A locator has placed what a detector saw.
     Located {
@@ -422,6 +425,16 @@ pub enum Event {
         exposed: Time,
         /// What is where.
         objects: Vec<Located>,
+        /// What became of each of them at the world gate, in their order; none if there is no gate.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        admissions: Vec<Admission>,
+    },
+    /// An object has not been seen for so long that the model may have it at the wrong place.
+    Stale {
+        /// The sensor that keeps it.
+        sensor: String,
+        /// The object.
+        object: String,
     },
     /// An actor died.
     Died {

@@ -61,6 +61,15 @@ pub trait Camera: Send {
     /// # Errors
     /// Why there will be none any more, as a sentence; the camera is then made anew.
     fn frame(&mut self, now: Time) -> Result<Option<Frame>, String>;
+    /// Whether it shows something by a virtual clock: a camera of the world outside doesn't.
+    fn runs_in_virtual_time(&self) -> bool {
+        true
+    }
+    /// Whether what it shows is simulated, from [`Truth`]. The objects that its sensor keeps are then moved by scripts in truth alone, and
+    /// in the model by the sensor alone.
+    fn is_simulated(&self) -> bool {
+        false
+    }
 }
 
 /// A region, and where and when it was seen.
@@ -94,6 +103,26 @@ pub struct Located {
     pub position: [f64; 3],
     /// How sure that is: the covariance of the position, square meters, row by row.
     pub covariance: [[f64; 3]; 3],
+}
+
+/// What became of an object's place at the world gate, between a locator and the model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Admission {
+    /// The object is there in the model from now on.
+    Moved,
+    /// It is there already, as near as makes no difference.
+    Agrees,
+    /// Too far from where it was seen last: believed once it has been seen there some more times in a row.
+    Waits,
+    /// Another place in the same frame is nearer to where the object was seen last.
+    Other,
+    /// Less sure than the gate demands.
+    Unsure,
+    /// Outside the workspace.
+    Outside,
+    /// No object that this sensor keeps, or numbers that are none.
+    Foreign,
 }
 
 /// Finds regions in frames. Pure: whatever it learns is its own.

@@ -105,6 +105,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
             (name, level, format!("swap of the {part}: {step}"))
         }
         Event::Shadow { .. } | Event::Sighted { .. } | Event::Located { .. } => return None,
+        Event::Stale { sensor, object } => ("system", Warn, format!("{sensor} does not see {object} any more")),
         Event::Died { actor, reason } => ("system", Error, format!("{actor} died: {reason}")),
         Event::Restarted { actor, restarts } => ("system", Warn, format!("{actor} restarted ({restarts})")),
         Event::GaveUp { group } => ("system", Error, format!("{group} stays down: restarted too often")),

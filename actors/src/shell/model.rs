@@ -5,6 +5,7 @@ use mobee_contract::{CommitId, Event, Pose, Status, WorldChange};
 use mobee_controller::RELEASE;
 use mobee_controller::ledger::{Motion, Open};
 use mobee_model::{Contact, Edit, Field, Object, Scene, ShapeId, Watch};
+use nalgebra::{Isometry3, Vector3};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 
@@ -15,6 +16,8 @@ pub struct ModelActor;
 pub struct Model {
     shared: Arc<SharedContext>,
     scene: Arc<Scene>,
+    /// Where the objects are in truth, where that is simulated; see [`SharedContext::truth`].
+    truth: Arc<Scene>,
     watch: Watch,
     poses: Vec<Pose>,
     /// The fields of robots that move under forces.
@@ -32,12 +35,13 @@ impl Actor for ModelActor {
         shared: Arc<SharedContext>,
     ) -> Result<Model, ActorProcessingErr> {
         let scene = shared.scene.lock().clone();
+        let truth = shared.truth.lock().clone();
         let watch = watch(&shared, &scene);
         let poses = shared.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
         let fields = shared.robots.iter().map(|w| Fields::new(w, &scene)).collect();
         shared.model.connect(myself.clone());
         shared.to_model.attach(Box::new(move || myself.send_message(ModelMsg::Pulses).is_ok()));
-        Ok(Model { shared, scene, watch, poses, fields })
+        Ok(Model { shared, scene, truth, watch, poses, fields })
     }
 
     async fn handle(
@@ -53,17 +57,29 @@ impl Actor for ModelActor {
                 model.fields = model.shared.robots.iter().map(|w| Fields::new(w, &model.scene)).collect();
             }
             ModelMsg::Edit(edit, reply) => {
-                let done = model.edit(&edit);
-                if let Err(text) = &done {
-                    model.shared.tell(Event::Warning { text: format!("the world was not edited: {text}") });
-                }
+                let done = model.change(&edit);
+                model.complain(&done);
                 if let Some(reply) = reply {
                     let _ = reply.send(done);
+                }
+            }
+            ModelMsg::Seen(object, at) => {
+                // it may have been removed since
+                if let Some(edit) = model.scene.object(&object).map(|(_, o)| seen_at(o, at)) {
+                    let done = model.edit(&edit);
+                    model.complain(&done);
                 }
             }
         }
         Ok(())
     }
+}
+
+/// Puts an object where its middle was seen.
+fn seen_at(object: &Object, at: [f64; 3]) -> Edit {
+    let from_middle = object.pose.rotation * object.middle();
+    let pose = Isometry3::from_parts((Vector3::from(at) - from_middle).into(), object.pose.rotation);
+    Edit::Move { name: object.name.clone(), pose }
 }
 
 /// Watches as far as the robot with the greatest margin needs.
@@ -93,6 +109,22 @@ impl Model {
             pulse.epoch = self.scene.epoch();
             pulse.push = self.fields.get_mut(robot).and_then(|f| f.as_mut()?.push(context, robot, &self.poses));
             context.to_reflex.push(pulse);
+        }
+    }
+
+    fn complain(&self, done: &Result<(), String>) {
+        if let Err(text) = done {
+            self.shared.tell(Event::Warning { text: format!("the world was not edited: {text}") });
+        }
+    }
+
+    /// What happens in the world. An object that simulated cameras look at moves in truth alone: the model learns by them.
+    fn change(&mut self, edit: &Edit) -> Result<(), String> {
+        self.truth = Arc::new(self.truth.edit(edit).map_err(|e| e.to_string())?);
+        *self.shared.truth.lock() = self.truth.clone();
+        match edit {
+            Edit::Move { name, .. } if self.shared.looked_at.contains(name) => Ok(()),
+            edit => self.edit(edit),
         }
     }
 

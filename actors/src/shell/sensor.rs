@@ -6,18 +6,22 @@
 //!                                           └──Sighted──> journal                      │
 //!                                                              history at the exposure ┘
 //! ```
+//! What the locator tells goes through the world gate (`sensor/world_gate.rs`) into the model.
 //! Who is slower than the one before it sees the newest, and what comes in between is dropped and counted.
 
+mod camera;
 mod detector;
 mod locator;
+mod world_gate;
 
+pub use camera::CameraActor;
 pub use detector::{DetectorActor, DetectorMsg};
 pub use locator::LocatorActor;
+pub use world_gate::{Kept, WorldGate, WorldGateSettings};
 
-use crate::runtime::stream::Stream;
+use crate::runtime::stream::{Stream, StreamCounters};
 use crate::wiring::{ActorLink, LatestCell, RobotContext, Seat, SharedContext};
 use mobee_contract::{Camera, Detector, Event, Frame, Intrinsics, Locator, Region, Snapshot, SwapPart, SwapStep, Time};
-use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -33,6 +37,8 @@ pub struct SensorSetup {
     pub name: String,
     /// Its cameras.
     pub cameras: Vec<CameraSetup>,
+    /// Whether they are simulated: the objects that it keeps are then moved by scripts in truth alone.
+    pub is_simulated: bool,
     /// What places what they see; `None`: it is told and not placed.
     pub locator: Option<LocatorSetup>,
 }
@@ -53,6 +59,15 @@ pub struct LocatorSetup {
     pub robot: String,
     /// Makes the locator.
     pub locator: PartMaker<dyn Locator>,
+    /// What of it becomes the model's; `None`: it is told and changes nothing.
+    pub gate: Option<WorldGateSettings>,
+}
+
+impl SensorSetup {
+    /// The objects that it keeps.
+    pub fn keeps(&self) -> &[String] {
+        self.locator.iter().find_map(|l| l.gate.as_ref()).map_or(&[], |gate| &gate.objects)
+    }
 }
 
 /// What outlives the actors of one sensor.
@@ -72,6 +87,8 @@ pub struct Eye {
     camera: PartMaker<dyn Camera>,
     /// Which detector looks, and how far its exchange is.
     pub seat: Seat<Looking>,
+    /// Why a new detector that looked on does so no more.
+    pub onlooker_fault: LatestCell<Option<String>>,
     /// The line to its detector.
     pub detector: ActorLink<DetectorMsg>,
     frames: Stream<Frame>,
@@ -88,6 +105,8 @@ pub struct Placing {
     locator: PartMaker<dyn Locator>,
     /// What it remembered last.
     state: LatestCell<Option<Snapshot>>,
+    /// What of it becomes the model's.
+    pub gate: Option<LatestCell<WorldGate>>,
 }
 
 /// A detector that looks: how it is made, and what it has learned.
@@ -112,8 +131,8 @@ impl Sensor {
     ///
     /// # Errors
     /// The name of a robot that there is not.
-    pub fn new(setup: SensorSetup, robots: &[Arc<RobotContext>]) -> Result<Sensor, String> {
-        let SensorSetup { name, cameras, locator } = setup;
+    pub fn new(setup: SensorSetup, robots: &[Arc<RobotContext>], now: Time) -> Result<Sensor, String> {
+        let SensorSetup { name, cameras, is_simulated: _, locator } = setup;
         let placed = locator.is_some();
         let eye = |setup: CameraSetup| Arc::new(Eye::new(format!("{name}/{}", setup.name), setup, placed));
         let eyes = cameras.into_iter().map(eye).collect();
@@ -121,7 +140,8 @@ impl Sensor {
             let robot = robots.iter().find(|r| r.name == setup.robot).cloned().ok_or(setup.robot)?;
             let own = format!("{name}/{}", crate::record::names::LOCATOR);
             let (sensor, locator, state) = (name.clone(), setup.locator, LatestCell::default());
-            Ok::<_, String>(Arc::new(Placing { name: own, sensor, robot, locator, state }))
+            let gate = setup.gate.map(|settings| LatestCell::new(WorldGate::new(settings, now)));
+            Ok::<_, String>(Arc::new(Placing { name: own, sensor, robot, locator, state, gate }))
         });
         let placing = placing.transpose()?;
         Ok(Sensor { name, eyes, placing })
@@ -133,11 +153,18 @@ impl Eye {
         Eye {
             camera: setup.camera,
             seat: Seat::new(Looking { maker: setup.detector, state: None }),
+            onlooker_fault: LatestCell::default(),
             detector: ActorLink::default(),
             frames: Stream::new(format!("{name}/camera>detector"), 1),
             seen: placed.then(|| Stream::new(format!("{name}/detector>locator"), 1)),
             name,
         }
+    }
+
+    /// The names and counters of its links.
+    pub fn counters(&self) -> impl Iterator<Item = (String, StreamCounters)> {
+        let frames = (self.frames.name(), self.frames.counters());
+        [frames].into_iter().chain(self.seen.as_ref().map(|seen| (seen.name(), seen.counters())))
     }
 
     /// The counters of its links as the events that a run ends with.
@@ -150,44 +177,5 @@ impl Eye {
         if self.seat.broke(shared.clock.now()) {
             shared.tell_beside(&self.name, SwapPart::Detector, SwapStep::Reverted { why: why.into() });
         }
-    }
-}
-
-/// The camera's actor.
-pub struct CameraActor;
-
-/// What it hears.
-#[derive(Debug)]
-pub enum CameraMsg {
-    /// It is time for a frame.
-    Expose,
-}
-
-impl Actor for CameraActor {
-    type Msg = CameraMsg;
-    type State = (Arc<SharedContext>, Arc<Eye>, Box<dyn Camera>);
-    type Arguments = (Arc<SharedContext>, Arc<Eye>);
-
-    async fn pre_start(
-        &self,
-        myself: ActorRef<CameraMsg>,
-        (shared, eye): Self::Arguments,
-    ) -> Result<Self::State, ActorProcessingErr> {
-        let camera = (eye.camera)()?;
-        myself.send_after(camera.period(), || CameraMsg::Expose);
-        Ok((shared, eye, camera))
-    }
-
-    async fn handle(
-        &self,
-        myself: ActorRef<CameraMsg>,
-        _: CameraMsg,
-        (shared, eye, camera): &mut Self::State,
-    ) -> Result<(), ActorProcessingErr> {
-        if let Some(frame) = camera.frame(shared.clock.now())? {
-            eye.frames.push(frame);
-        }
-        myself.send_after(camera.period(), || CameraMsg::Expose);
-        Ok(())
     }
 }

@@ -3,9 +3,11 @@
 use super::RunCounts;
 use crate::runtime::stream::StreamCounters;
 use crate::runtime::supervision::Health;
+use crate::shell::{Kept, Sensor};
 use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{AnswerTime, Status, SwapPart, SwapStep, Time};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -18,6 +20,8 @@ pub struct SystemReport {
     pub robots: Vec<RobotReport>,
     /// The last step of the exchange of each part beside the robots that was ever exchanged, by the name of what it is a part of.
     pub beside: BTreeMap<(String, SwapPart), SwapStep>,
+    /// The sensors.
+    pub sensors: Vec<SensorReport>,
     /// Who runs, group by group.
     pub tree: Vec<Health>,
     /// The bounded links between actors, by name.
@@ -45,19 +49,37 @@ pub struct RobotReport {
     pub swaps: BTreeMap<SwapPart, SwapStep>,
 }
 
+/// One sensor at an instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorReport {
+    /// Its name.
+    pub name: String,
+    /// The objects that it keeps.
+    pub objects: Vec<Kept>,
+}
+
+impl SensorReport {
+    fn of(sensor: &Sensor) -> SensorReport {
+        let gate = sensor.placing.iter().find_map(|placing| placing.gate.as_ref());
+        SensorReport { name: sensor.name.clone(), objects: gate.map(|gate| gate.lock().kept()).unwrap_or_default() }
+    }
+}
+
 impl SystemReport {
     /// The system as it is, but for its tree.
-    pub(super) fn of(shared: &SharedContext, tree: Vec<Health>) -> SystemReport {
+    pub(super) fn of(shared: &SharedContext, sensors: &[Arc<Sensor>], tree: Vec<Health>) -> SystemReport {
         let at = shared.clock.now();
         let of_robot =
             |w: &RobotContext| [&w.to_history, &w.to_reflex, &w.to_supervise].map(|s| (s.name(), s.counters()));
         let mut links: Vec<(String, StreamCounters)> = shared.robots.iter().flat_map(|w| of_robot(w)).collect();
         links.push((shared.to_model.name(), shared.to_model.counters()));
+        links.extend(sensors.iter().flat_map(|s| &s.eyes).flat_map(|eye| eye.counters()));
         links.extend(shared.taps.counters());
         let robots = shared.robots.iter().map(|w| RobotReport::of(w, at)).collect();
         let counts = shared.counts.lock().clone();
         let beside = shared.swaps_beside.lock().clone();
-        SystemReport { at, robots, beside, tree, links, counts }
+        let sensors = sensors.iter().map(|s| SensorReport::of(s)).collect();
+        SystemReport { at, robots, beside, sensors, tree, links, counts }
     }
 
     /// The last step of an exchange, by the name of the robot, or of what runs beside the robots.

@@ -15,7 +15,7 @@ use mobee_contract::{Board, Event, Latest, Status, Time};
 use mobee_controller::gate::Gate;
 use mobee_model::Contact;
 use ractor::ActorRef;
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::time::Duration;
@@ -124,8 +124,13 @@ async fn conduct(
     let somebody = acting > 0 || is_kept();
     let troubles = faults.iter().any(|(_, c)| matches!(c, Control::Inject(_))).then(Troubles::default);
     let sensors = std::mem::take(&mut setup.sensors);
-    let shared = wire(setup, &boards, clock.clone(), troubles);
-    let sensors = sensors.into_iter().map(|s| Sensor::new(s, &shared.robots).map(Arc::new));
+    let truth = setup.truth.take();
+    let looked_at = sensors.iter().filter(|s| s.is_simulated).flat_map(|s| s.keeps().to_vec()).collect();
+    let shared = wire(setup, &boards, clock.clone(), troubles, looked_at);
+    if let Some(truth) = truth {
+        truth.begin(&shared);
+    }
+    let sensors = sensors.into_iter().map(|s| Sensor::new(s, &shared.robots, clock.now()).map(Arc::new));
     let sensors: Vec<Arc<Sensor>> = sensors.collect::<Result<_, _>>().map_err(RunError::Body)?;
     let controller = begin(tree::controller(&shared), safety.as_ref()).await?;
     let agents = begin(tree::agents(&shared), None).await?;
@@ -168,7 +173,7 @@ async fn conduct(
             Some(Control::SwapAgent { robot, offer, reply }) => swap_agent(&shared, &robot, offer, reply),
             Some(Control::SwapPart { robot, offer, reply }) => exchanges.begin(&robot, offer, reply),
             Some(Control::SwapBeside { name, offer, reply }) => drop(reply.send(exchanges.begin_beside(&name, offer))),
-            Some(other) => obey(other, &shared, &groups).await,
+            Some(other) => obey(other, &shared, &groups, &sensors).await,
             None => {}
         }
         let now = clock.now();
@@ -230,7 +235,13 @@ async fn conduct(
 }
 
 /// Makes the contexts, and tells what is run.
-fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>) -> Arc<SharedContext> {
+fn wire(
+    setup: Setup,
+    boards: &[Board],
+    clock: Clock,
+    troubles: Option<Troubles>,
+    looked_at: BTreeSet<String>,
+) -> Arc<SharedContext> {
     let none: Arc<[Contact]> = Vec::new().into();
     let homes = setup.scene.home();
     let robots = setup.robots.iter().zip(boards).zip(setup.scene.robots()).enumerate();
@@ -271,9 +282,13 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     if let Some(past) = &setup.past {
         cues.skip(past.at, past.outcomes());
     }
+    let robots = robots.collect();
+    let scene = Arc::new(setup.scene);
     let shared = Arc::new(SharedContext {
-        robots: robots.collect(),
-        scene: LatestCell::new(Arc::new(setup.scene)),
+        robots,
+        truth: LatestCell::new(scene.clone()),
+        scene: LatestCell::new(scene),
+        looked_at,
         joint_retreat: Arc::default(),
         to_model: Stream::new("history>model", 256),
         model: ActorLink::default(),
@@ -304,7 +319,7 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     shared
 }
 
-async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<GroupMsg>]) {
+async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<GroupMsg>], sensors: &[Arc<Sensor>]) {
     match control {
         Control::Edit(edit) => {
             shared.model.send(ModelMsg::Edit(edit, None));
@@ -330,7 +345,7 @@ async fn obey(control: Control, shared: &SharedContext, groups: &[ActorRef<Group
             for group in groups {
                 all.extend(ractor::call!(group, GroupMsg::Status));
             }
-            let _ = reply.send(SystemReport::of(shared, all));
+            let _ = reply.send(SystemReport::of(shared, sensors, all));
         }
         Control::Stop
         | Control::Abort

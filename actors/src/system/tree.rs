@@ -23,7 +23,7 @@ use crate::shell::{
     ReflexActor, Sensor, ServiceActor, SuperviseActor,
 };
 use crate::wiring::{RobotContext, SharedContext, SuperviseMsg, Troubled};
-use mobee_contract::Event;
+use mobee_contract::{Event, Time};
 use ractor::{Actor, ActorCell};
 use std::sync::Arc;
 use std::time::Duration;
@@ -157,14 +157,18 @@ pub fn sensors(shared: &Arc<SharedContext>, sensors: &[Arc<Sensor>]) -> Group {
 }
 
 fn sensor(shared: &Arc<SharedContext>, sensor: &Arc<Sensor>) -> Group {
-    let (gone, blind) = (shared.clone(), sensor.name.clone());
+    let (gone, blind) = (shared.clone(), sensor.clone());
     let (run, eyes) = (shared.clone(), sensor.eyes.clone());
     let mut own = group(&format!("{}/{SENSOR}", sensor.name), Strategy::OneForOne, shared)
         .on_death(move |name, reason| {
             let detector = |eye: &&Arc<Eye>| *name == format!("{}/{DETECTOR}", eye.name);
             eyes.iter().filter(detector).for_each(|eye| eye.fell(&run, reason));
         })
-        .on_give_up(move || gone.tell(Event::Warning { text: format!("sensor {blind} is gone until the next run") }));
+        .on_give_up(move || {
+            gone.tell(Event::Warning { text: format!("sensor {} is gone until the next run", blind.name) });
+            // nobody looks any more for what is not seen
+            blind.placing.iter().for_each(|placing| placing.tell_stale(&gone, Time(u64::MAX)));
+        });
     for eye in &sensor.eyes {
         let both = || {
             let (shared, eye) = (shared.clone(), eye.clone());

@@ -88,6 +88,8 @@ pub enum ModelMsg {
     Pulses,
     /// Change the world. The answer says why not, if not.
     Edit(Edit, Option<RpcReplyPort<Result<(), String>>>),
+    /// A sensor has seen an object's middle here, meters in the world.
+    Seen(String, [f64; 3]),
     /// A robot has other rules now.
     Margins,
 }

@@ -30,3 +30,4 @@ mod tap_threads;
 mod throughput;
 mod together;
 mod told_twice;
+mod world_gate;

@@ -84,8 +84,8 @@ fn eyes(old: Duration) -> SensorSetup {
         camera: Arc::new(move || Ok(Box::new(Stub { frames: 0, old }))),
         detector: detector("ball", TAKES),
     };
-    let locator = LocatorSetup { robot: "arm".into(), locator: Arc::new(|| Ok(Box::new(Pointing(0)))) };
-    SensorSetup { name: "eyes".into(), cameras: vec![camera], locator: Some(locator) }
+    let locator = LocatorSetup { robot: "arm".into(), locator: Arc::new(|| Ok(Box::new(Pointing(0)))), gate: None };
+    SensorSetup { name: "eyes".into(), cameras: vec![camera], is_simulated: false, locator: Some(locator) }
 }
 
 fn run(sensor: SensorSetup, controls: Vec<(u64, Control)>) -> Ran {
@@ -112,8 +112,13 @@ fn killed() -> Ran {
 
 /// What was seen: when it was told, when it was exposed, and the only region.
 fn sighted(ran: &Ran) -> Vec<(Time, Time, Region)> {
+    seen_by(ran, false)
+}
+
+/// The same of the detector in force, or of one that looks on.
+fn seen_by(ran: &Ran, shadows: bool) -> Vec<(Time, Time, Region)> {
     let of = |(at, event): (Time, Arc<Event>)| match &*event {
-        Event::Sighted { camera, exposed, regions } => {
+        Event::Sighted { camera, exposed, regions, is_shadow } if *is_shadow == shadows => {
             assert_eq!((camera.as_str(), regions.len()), ("eyes/left", 1));
             Some((at, *exposed, regions[0].clone()))
         }
@@ -125,7 +130,7 @@ fn sighted(ran: &Ran) -> Vec<(Time, Time, Region)> {
 /// Where things were said to be, by the time of the exposure.
 fn located(ran: &Ran) -> Vec<(Time, Located)> {
     let of = |(_, event): (Time, Arc<Event>)| match &*event {
-        Event::Located { sensor, exposed, objects } => {
+        Event::Located { sensor, exposed, objects, .. } => {
             assert_eq!((sensor.as_str(), objects.len()), ("eyes", 1));
             Some((*exposed, objects[0].clone()))
         }
@@ -218,12 +223,26 @@ fn what_was_seen_before_the_history_begins_is_dropped_and_counted() {
 }
 
 fn swap(name: &'static str, takes: Duration, fresh: bool) -> Control {
-    let terms = SwapPolicy { probation: Duration::from_secs(2), ..SwapPolicy::default() };
+    swap_after(Duration::ZERO, name, takes, fresh)
+}
+
+fn swap_after(shadow: Duration, name: &'static str, takes: Duration, fresh: bool) -> Control {
+    let terms = SwapPolicy { shadow, probation: Duration::from_secs(2), ..SwapPolicy::default() };
     let maker: PartMaker<dyn Detector> =
         if name == "none" { Arc::new(|| Err("there is no such network".into())) } else { detector(name, takes) };
     let offer = BesideOffer { part: NewBeside::Detector { maker, fresh }, what: name.into(), terms };
     let (reply, _) = tokio::sync::oneshot::channel();
     Control::SwapBeside { name: "eyes/left".into(), offer, reply }
+}
+
+/// Keeps what was planted from the terminal.
+fn silence_planted() {
+    let hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |info| {
+        if info.payload().downcast_ref::<&str>() != Some(&"planted") {
+            hook(info);
+        }
+    }));
 }
 
 /// The steps of all swaps, without their words.
@@ -256,6 +275,29 @@ fn a_detector_is_exchanged_between_two_frames_and_knows_what_the_one_before_has_
 }
 
 #[test]
+fn a_new_detector_looks_on_first_and_one_that_fails_at_that_is_refused() {
+    let shadow = Duration::from_secs(2);
+    let ran = run(eyes(Duration::ZERO), vec![(3_000, swap_after(shadow, "quick", TAKES, false))]);
+    assert_eq!(steps(&ran), ["quick", "TookOver", "Settled"], "{}", ran.lines());
+    let (seen, aside) = (sighted(&ran), seen_by(&ran, true));
+    let first = seen.iter().find(|(.., region)| region.object == "quick").expect("it looks").0;
+    assert!((5.0..5.5).contains(&first.secs()), "{first}");
+    assert!(aside.len() > 10 && aside.iter().all(|(at, _, r)| r.object == "quick" && (3.0..5.5).contains(&at.secs())));
+    // both see the same frames
+    assert!(aside.iter().all(|(_, exposed, _)| seen.iter().any(|(_, e, _)| e == exposed)));
+    let without = run(eyes(Duration::ZERO), Vec::new());
+    let before = |ran: &Ran| sighted(ran).into_iter().filter(|(at, ..)| at.secs() < 5.0).collect::<Vec<_>>();
+    assert_eq!(before(&ran), before(&without), "who looks on changes nothing");
+    silence_planted();
+    for (name, takes) in [("breaks", TAKES), ("dreams", Duration::from_secs(2))] {
+        let ran = run(eyes(Duration::ZERO), vec![(3_000, swap_after(shadow, name, takes, false))]);
+        assert_eq!(steps(&ran), [name, "Refused"], "{}", ran.lines());
+        assert_eq!(lives(&ran), [""; 0], "{name}");
+        assert!(sighted(&ran).iter().all(|(.., region)| region.object == "ball") && seen_by(&ran, true).is_empty());
+    }
+}
+
+#[test]
 fn a_detector_that_takes_no_state_or_shall_not_begins_anew() {
     for (name, fresh) in [("forgets", false), ("quick", true)] {
         let ran = run(eyes(Duration::ZERO), vec![(3_000, swap(name, TAKES, fresh))]);
@@ -267,12 +309,7 @@ fn a_detector_that_takes_no_state_or_shall_not_begins_anew() {
 
 #[test]
 fn a_detector_that_fails_on_probation_is_reverted_and_one_that_is_none_refused() {
-    let hook = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |info| {
-        if info.payload().downcast_ref::<&str>() != Some(&"planted") {
-            hook(info);
-        }
-    }));
+    silence_planted();
     let slow = Duration::from_secs(2);
     for (name, takes, last) in [("breaks", TAKES, "Reverted"), ("dreams", slow, "Reverted"), ("none", TAKES, "Refused")]
     {

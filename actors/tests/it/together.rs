@@ -65,6 +65,7 @@ fn collide(history: usize, left: &[(f64, f64, f64)], right: &[(f64, f64, f64)]) 
         script: Vec::new(),
         services: Vec::new(),
         sensors: Vec::new(),
+        truth: None,
         past: None,
     };
     let (_tell, controls) = tokio::sync::mpsc::channel(1);

@@ -3,9 +3,10 @@
 use super::{Eye, Looking, PATIENCE, PartMaker, Seen};
 use crate::runtime::attempt::{Given, attempt};
 use crate::wiring::SharedContext;
-use mobee_contract::{Detector, Event, SwapPart, SwapStep};
+use mobee_contract::{Detector, Event, Frame, SwapPart, SwapStep};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// The detector's actor.
 pub struct DetectorActor;
@@ -14,6 +15,13 @@ pub struct DetectorActor;
 pub enum DetectorMsg {
     /// There is a frame.
     Frames,
+    /// A new detector looks on: what it sees is told beside what this one sees, and goes no further.
+    LookOn {
+        /// Makes it.
+        maker: PartMaker<dyn Detector>,
+        /// How long it may take for a frame.
+        budget: Duration,
+    },
     /// Another detector takes over, with what this one has learned unless it is to begin anew; answered when it has.
     TakeOver {
         /// Makes it.
@@ -31,6 +39,8 @@ pub struct Detecting {
     eye: Arc<Eye>,
     /// Away while it looks at a frame.
     detector: Option<Box<dyn Detector>>,
+    /// A new one that looks on, and how long it may take for a frame.
+    onlooker: Option<(Box<dyn Detector>, Duration)>,
 }
 
 impl Detecting {
@@ -47,6 +57,7 @@ impl Detecting {
 
     /// Makes another detector the one in force.
     fn take_over(&mut self, maker: PartMaker<dyn Detector>, fresh: bool) -> Result<(), String> {
+        self.onlooker = None;
         let now = self.shared.clock.now();
         let state = self.eye.seat.part().state.filter(|_| !fresh);
         if !self.eye.seat.take_over(Looking { maker, state }, now) {
@@ -57,9 +68,30 @@ impl Detecting {
         self.make()
     }
 
+    /// Lets the onlooker see a frame, if there is one. If it fails, it is gone, and its exchange is told why.
+    async fn look_on(&mut self, frame: &Frame) {
+        let Some((mut detector, budget)) = self.onlooker.take() else { return };
+        let (frame, exposed) = (frame.clone(), frame.exposed);
+        let look = move || {
+            let regions = detector.detect(&frame);
+            // it is not waited for by a virtual clock, but one that is too slow is so by any
+            let cost = if detector.takes() > budget { detector.takes() } else { Duration::ZERO };
+            Given { value: (detector, regions), cost }
+        };
+        match attempt(&self.shared.clock, budget, look).await {
+            Ok((detector, regions)) => {
+                self.onlooker = Some((detector, budget));
+                let camera = self.eye.name.clone();
+                self.shared.tell(Event::Sighted { camera, exposed, regions, is_shadow: true });
+            }
+            Err(why) => *self.eye.onlooker_fault.lock() = Some(why),
+        }
+    }
+
     /// Looks at the newest frame; `false`: there is none.
     async fn look(&mut self) -> Result<bool, String> {
         let Some(frame) = self.eye.frames.pop() else { return Ok(false) };
+        let shown = frame.clone();
         let mut detector = self.detector.take().ok_or("the detector is away")?;
         let (exposed, intrinsics) = (frame.exposed, frame.intrinsics);
         let look = move || {
@@ -76,7 +108,8 @@ impl Detecting {
             let camera = self.eye.name.as_str().into();
             seen.push(Seen { camera, intrinsics, exposed, regions: regions.clone() });
         }
-        self.shared.tell(Event::Sighted { camera: self.eye.name.clone(), exposed, regions });
+        self.shared.tell(Event::Sighted { camera: self.eye.name.clone(), exposed, regions, is_shadow: false });
+        self.look_on(&shown).await;
         Ok(true)
     }
 }
@@ -91,7 +124,7 @@ impl Actor for DetectorActor {
         myself: ActorRef<DetectorMsg>,
         (shared, eye): Self::Arguments,
     ) -> Result<Detecting, ActorProcessingErr> {
-        let mut detecting = Detecting { shared, eye, detector: None };
+        let mut detecting = Detecting { shared, eye, detector: None, onlooker: None };
         detecting.make()?;
         detecting.eye.detector.connect(myself.clone());
         detecting.eye.frames.attach(Box::new(move || myself.send_message(DetectorMsg::Frames).is_ok()));
@@ -108,6 +141,10 @@ impl Actor for DetectorActor {
             // one at a time: other messages have their turn although there is always a newer frame
             DetectorMsg::Frames if detecting.look().await? => myself.send_message(DetectorMsg::Frames)?,
             DetectorMsg::Frames => {}
+            DetectorMsg::LookOn { maker, budget } => match maker() {
+                Ok(detector) => detecting.onlooker = Some((detector, budget)),
+                Err(why) => *detecting.eye.onlooker_fault.lock() = Some(why),
+            },
             DetectorMsg::TakeOver { maker, fresh, reply } => {
                 detecting.take_over(maker, fresh)?;
                 // who asked may have gone

@@ -3,8 +3,8 @@
 use super::{Eye, PATIENCE, Placing, Seen};
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::Clock;
-use crate::wiring::SharedContext;
-use mobee_contract::{BodyState, Event, Locator, Sighting, Time};
+use crate::wiring::{ModelMsg, SharedContext};
+use mobee_contract::{Admission, BodyState, Event, Locator, Sighting, Time};
 use mobee_controller::history::Unrecorded;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
@@ -14,6 +14,9 @@ use std::time::Duration;
 const AGAIN: Duration = Duration::from_millis(10);
 const TIMES: u32 = 100;
 
+/// How often to look for what has not been seen.
+const LOOK: Duration = Duration::from_millis(200);
+
 /// The locator's actor.
 pub struct LocatorActor;
 
@@ -22,6 +25,8 @@ pub struct LocatorActor;
 pub enum LocatorMsg {
     /// Something was seen by the camera of this index.
     Seen(usize),
+    /// It is time to look for what has not been seen.
+    Look,
 }
 
 /// What it keeps.
@@ -34,6 +39,15 @@ pub struct Locating {
 }
 
 impl Placing {
+    /// Tells what has not been seen for too long, by this time.
+    pub fn tell_stale(&self, shared: &SharedContext, by: Time) {
+        let Some(gate) = &self.gate else { return };
+        let stale = gate.lock().stale(by);
+        for object in stale {
+            shared.tell(Event::Stale { sensor: self.sensor.clone(), object });
+        }
+    }
+
     /// The body at this instant, by the robot's recorded poses; none if they don't tell.
     async fn body(&self, clock: &Clock, at: Time) -> Option<BodyState> {
         for _ in 0..TIMES {
@@ -62,8 +76,14 @@ impl Locating {
         let (locator, objects, state) = attempt(&self.shared.clock, PATIENCE, locate).await?;
         self.locator = Some(locator);
         *self.placing.state.lock() = state;
-        // here they will go through the gate (workspace, jump, uncertainty) into the model
-        self.shared.tell(Event::Located { sensor: self.placing.sensor.clone(), exposed, objects });
+        let gate = self.placing.gate.as_ref();
+        let admissions = gate.map(|gate| gate.lock().admit(exposed, &objects)).unwrap_or_default();
+        for (object, admission) in objects.iter().zip(&admissions) {
+            if *admission == Admission::Moved {
+                self.shared.model.send(ModelMsg::Seen(object.object.clone(), object.position));
+            }
+        }
+        self.shared.tell(Event::Located { sensor: self.placing.sensor.clone(), exposed, objects, admissions });
         Ok(())
     }
 }
@@ -88,15 +108,23 @@ impl Actor for LocatorActor {
             let doorbell = Box::new(move || bell.send_message(LocatorMsg::Seen(i)).is_ok());
             eye.seen.iter().for_each(|stream| stream.attach(doorbell.clone()));
         }
+        if placing.gate.is_some() {
+            myself.send_interval(LOOK, || LocatorMsg::Look);
+        }
         Ok(Locating { shared, eyes, placing, locator: Some(locator) })
     }
 
     async fn handle(
         &self,
         myself: ActorRef<LocatorMsg>,
-        LocatorMsg::Seen(i): LocatorMsg,
+        message: LocatorMsg,
         locating: &mut Locating,
     ) -> Result<(), ActorProcessingErr> {
+        let LocatorMsg::Seen(i) = message else {
+            let now = locating.shared.clock.now();
+            locating.placing.tell_stale(&locating.shared, now);
+            return Ok(());
+        };
         let Some(eye) = locating.eyes.get(i).cloned() else { return Ok(()) };
         let Some(stream) = &eye.seen else { return Ok(()) };
         let (placing, clock) = (locating.placing.clone(), locating.shared.clock.clone());

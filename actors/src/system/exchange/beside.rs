@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! bridge     its motions are taken back, its life ends in order ──> the new one is served ──> TookOver
-//! detector   between two frames ──> the new one is made, with what the old one has learned ──> TookOver
+//! detector   the new one looks on for a while ──> between two frames ──> the new one is made, with what the old one has learned ──> TookOver
 //! TookOver ──it works, and its probation is over──> Settled
 //!              │ its actor dies: the one before is what is started again, Reverted
 //! ```
@@ -61,7 +61,7 @@ pub struct BesideOffer {
     pub part: NewBeside,
     /// What it is, in words.
     pub what: String,
-    /// What it must go through. Nothing beside the robots looks on: its shadow is not used.
+    /// What it must go through. A bridge can't look on: its shadow is not used.
     pub terms: SwapPolicy,
 }
 
@@ -93,7 +93,7 @@ impl Exchanges {
                     return Err(format!("the bridge {} can't run in virtual time", new.name()));
                 }
                 let trial = trial(SwapPart::Bridge);
-                trial.announce(post.seat(), what, terms)?;
+                trial.announce(post.seat(), what, SwapPolicy { shadow: Duration::ZERO, ..terms })?;
                 self.tasks.spawn(async move {
                     let taken = trial.bridge(&post, services, new).await;
                     trial.see_through(taken, post.seat()).await;
@@ -105,7 +105,7 @@ impl Exchanges {
                 let trial = trial(SwapPart::Detector);
                 trial.announce(&eye.seat, what, terms)?;
                 self.tasks.spawn(async move {
-                    let taken = trial.detector(&eye, maker, fresh).await;
+                    let taken = trial.detector(&eye, maker, fresh, terms.shadow).await;
                     trial.see_through(taken, &eye.seat).await;
                 });
             }
@@ -131,7 +131,8 @@ impl Trial {
         if !seat.offer(SwapPolicy { shadow: Duration::ZERO, ..terms }, self.shared.clock.now()) {
             return Err(format!("another swap of this {} is under way; wait until it is settled", self.part));
         }
-        self.tell(SwapStep::Offered { what, shadow: 0.0, probation: terms.probation.as_secs_f64() });
+        let (shadow, probation) = (terms.shadow.as_secs_f64(), terms.probation.as_secs_f64());
+        self.tell(SwapStep::Offered { what, shadow, probation });
         Ok(())
     }
 
@@ -157,11 +158,20 @@ impl Trial {
     }
 
     /// Hands the camera's frames to the new detector, once it is known that it can be made.
-    async fn detector(&self, eye: &Arc<Eye>, maker: PartMaker<dyn Detector>, fresh: bool) -> Result<(), String> {
+    async fn detector(
+        &self,
+        eye: &Arc<Eye>,
+        maker: PartMaker<dyn Detector>,
+        fresh: bool,
+        shadow: Duration,
+    ) -> Result<(), String> {
         let clock = &self.shared.clock;
         let made = maker.clone();
         let make = move || Given { value: made().map(drop), cost: Duration::ZERO };
         attempt(clock, self.budget, make).await??;
+        if !shadow.is_zero() {
+            self.look_on(eye, maker.clone(), shadow).await?;
+        }
         let until = clock.now() + PATIENCE;
         while clock.now() < until {
             let (reply, done) = ractor::concurrency::oneshot();
@@ -175,6 +185,21 @@ impl Trial {
             clock.sleep(LOOK).await;
         }
         Err(format!("the detector in force did not come to the end of a frame within {} s", PATIENCE.as_secs()))
+    }
+
+    /// Lets the new detector look on for so long.
+    async fn look_on(&self, eye: &Arc<Eye>, maker: PartMaker<dyn Detector>, shadow: Duration) -> Result<(), String> {
+        let clock = &self.shared.clock;
+        *eye.onlooker_fault.lock() = None;
+        eye.detector.send(DetectorMsg::LookOn { maker, budget: self.budget });
+        let until = clock.now() + shadow;
+        while clock.now() < until {
+            clock.sleep(LOOK).await;
+            if let Some(why) = eye.onlooker_fault.lock().take() {
+                return Err(format!("it failed while it looked on: {why}"));
+            }
+        }
+        Ok(())
     }
 
     /// Waits until the new part is trusted, or the one before is back, which is told where its actor died.

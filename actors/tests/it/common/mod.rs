@@ -3,7 +3,9 @@
 use mobee_actors::check::{Violation, check_events};
 use mobee_actors::record::tap::{Collected, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
-use mobee_actors::system::{AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, SensorSetup, Setup, run_under};
+use mobee_actors::system::{
+    AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, SensorSetup, Setup, TruthCell, run_under,
+};
 use mobee_contract::*;
 use mobee_controller::{ControllerSettings, Drive};
 use mobee_drivers::{SimFaults, SimHardware, SimSettings};
@@ -104,6 +106,7 @@ pub struct Trial {
     /// Who is told behind queues, beside what the test sees.
     pub sinks: Vec<SinkSpec>,
     pub sensors: Vec<SensorSetup>,
+    pub truth: Option<Arc<TruthCell>>,
 }
 
 impl Default for Trial {
@@ -124,6 +127,7 @@ impl Default for Trial {
             agent: None,
             sinks: Vec::new(),
             sensors: Vec::new(),
+            truth: None,
         }
     }
 }
@@ -227,6 +231,7 @@ impl Trial {
             script: self.script,
             services: services(tell.clone()),
             sensors: self.sensors,
+            truth: self.truth,
             past: None,
         };
         let faults = self.controls.into_iter().chain(further).map(|(at, c)| (Time::ZERO + at, c)).collect();

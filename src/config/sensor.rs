@@ -1,0 +1,187 @@
+//! The tables `[[sensor]]`: what looks at the world.
+
+use super::{Checks, Config, suggestion};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// What looks at the world: cameras, a detector behind each of them, and a locator that places what these see.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Sensor")]
+pub struct SensorConfig {
+    /// Its name in this run, unique among sensors and robots.
+    pub name: String,
+    /// The robot that carries the cameras; default: the only one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<String>,
+    /// Its cameras, each with its detector.
+    pub eye: Vec<EyeConfig>,
+    /// `kind` and settings of the locator; see `mobee kinds`. Absent: what is seen is recorded, and not placed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub locator: Option<Value>,
+    /// Which of the places become the objects' places in the model. Absent: none of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gate: Option<WorldGateConfig>,
+}
+
+/// A camera and its detector.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Eye")]
+pub struct EyeConfig {
+    /// Its name, unique in its sensor.
+    pub name: String,
+    /// `kind` and settings of the camera; see `mobee kinds`.
+    pub camera: Value,
+    /// `kind` and settings of the detector; see `mobee kinds`.
+    pub detector: Value,
+}
+
+/// The world gate: what a sensor may change in the model.
+#[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "WorldGate")]
+pub struct WorldGateConfig {
+    /// The objects that it keeps where it sees them, by their names in the world. If its cameras are simulated, scripts and programs
+    /// move these objects in truth alone, and the model learns of it by this sensor.
+    pub objects: Vec<String>,
+    /// The least and the greatest coordinates of a place that is believed, in the world, meters.
+    #[serde(default = "workspace")]
+    pub workspace_m: [[f64; 3]; 2],
+    /// How far from where it was last an object is believed at once, mm.
+    #[serde(default = "jump")]
+    pub jump_mm: f64,
+    /// How often in a row an object must be seen at another place to be believed there.
+    #[serde(default = "confirmations")]
+    pub confirmations: u32,
+    /// The greatest standard deviation of a place that is believed, in its least certain direction, mm.
+    #[serde(default = "uncertainty")]
+    pub uncertainty_mm: f64,
+    /// An object that is less far than this from where the model has it is left there, mm.
+    #[serde(default = "least_move")]
+    pub least_move_mm: f64,
+    /// An object that was not seen for so long is stale, s.
+    #[serde(default = "stale")]
+    pub stale_s: f64,
+}
+
+fn workspace() -> [[f64; 3]; 2] {
+    [[-2.0, -2.0, -1.0], [2.0, 2.0, 3.0]]
+}
+fn jump() -> f64 {
+    100.0
+}
+fn confirmations() -> u32 {
+    3
+}
+fn uncertainty() -> f64 {
+    40.0
+}
+fn least_move() -> f64 {
+    5.0
+}
+fn stale() -> f64 {
+    2.0
+}
+
+impl SensorConfig {
+    /// Which robot carries it.
+    pub fn carrier(&self, config: &Config) -> Option<usize> {
+        match &self.robot {
+            Some(name) => config.robot.iter().position(|r| r.name == *name),
+            None if config.robot.len() == 1 => Some(0),
+            None => None,
+        }
+    }
+}
+
+impl Config {
+    /// The settings in tables of kinds that are paths of files, with their places.
+    pub(crate) fn sensor_files(&mut self) -> impl Iterator<Item = (String, &mut String)> {
+        self.sensor.iter_mut().enumerate().flat_map(|(i, sensor)| {
+            let eyes = sensor.eye.iter_mut().enumerate().flat_map(move |(k, eye)| {
+                let at = move |part: &str| format!("sensor[{i}].eye[{k}].{part}");
+                [(at("camera"), &mut eye.camera), (at("detector"), &mut eye.detector)]
+            });
+            let tables = eyes.chain(sensor.locator.iter_mut().map(move |l| (format!("sensor[{i}].locator"), l)));
+            tables.filter_map(|(at, table)| match table.get_mut("file") {
+                Some(Value::String(path)) => Some((format!("{at}.file"), path)),
+                _ => None,
+            })
+        })
+    }
+
+    pub(super) fn check_sensors(&self, c: &mut Checks<'_>) {
+        let robots: Vec<&str> = self.robot.iter().map(|r| r.name.as_str()).collect();
+        for (i, s) in self.sensor.iter().enumerate() {
+            let at = |key: &str| format!("sensor[{i}].{key}");
+            c.name(&at("name"), &s.name, "sensor");
+            if self.sensor.iter().take(i).any(|other| other.name == s.name) || robots.contains(&s.name.as_str()) {
+                let what = format!("there is another sensor or robot `{}`", s.name);
+                c.say(&at("name"), what, "name one of them differently");
+            }
+            match &s.robot {
+                Some(name) if !robots.contains(&name.as_str()) => {
+                    c.say(&at("robot"), format!("there is no robot `{name}`"), suggestion(name, "robot", &robots));
+                }
+                None if robots.len() > 1 => {
+                    let help = format!("add robot = \"...\"; there are: {}", robots.join(", "));
+                    c.say(&at("name"), "it is not said which robot carries it", help);
+                }
+                _ => {}
+            }
+            if s.eye.is_empty() {
+                let help = "add a [[sensor.eye]] table with name, camera and detector";
+                c.say(&at("eye"), "a sensor without a camera sees nothing", help);
+            }
+            for (k, eye) in s.eye.iter().enumerate() {
+                c.name(&at(&format!("eye[{k}].name")), &eye.name, "camera");
+                if eye.name == "locator" || s.eye.iter().take(k).any(|other| other.name == eye.name) {
+                    let what = format!("there is another part of the sensor called `{}`", eye.name);
+                    c.say(&at(&format!("eye[{k}].name")), what, "name one of them differently");
+                }
+            }
+            if let Some(gate) = &s.gate {
+                if s.locator.is_none() {
+                    let help = "add a table [sensor.locator], or take the gate away";
+                    c.say(&at("gate"), "without a locator there are no places to believe", help);
+                }
+                gate.check(&at("gate"), c);
+                for (k, name) in gate.objects.iter().enumerate() {
+                    let gates = self.sensor.iter().take(i).filter_map(|other| other.gate.as_ref());
+                    let mut before = gates.flat_map(|g| &g.objects).chain(gate.objects.iter().take(k));
+                    if before.any(|other| other == name) {
+                        let what = format!("the object `{name}` is kept twice");
+                        c.say(&at(&format!("gate.objects[{k}]")), what, "let one sensor keep it, once");
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl WorldGateConfig {
+    fn check(&self, at: &str, c: &mut Checks<'_>) {
+        if self.objects.is_empty() {
+            c.say(
+                &format!("{at}.objects"),
+                "it keeps no object",
+                "name those that the sensor sees, or take the gate away",
+            );
+        }
+        let [low, high] = &self.workspace_m;
+        c.position(&format!("{at}.workspace_m"), low);
+        c.position(&format!("{at}.workspace_m"), high);
+        // not-a-number is no order either
+        if !low.iter().zip(high).all(|(a, b)| a < b) {
+            let help = "give the least x, y, z, then the greatest";
+            c.say(&format!("{at}.workspace_m"), "there is no place in this workspace", help);
+        }
+        c.range_or(&format!("{at}.jump_mm"), self.jump_mm, (1.0, 10_000.0), "mm", Some(("meters", 1e3)));
+        c.range(&format!("{at}.confirmations"), f64::from(self.confirmations), 1.0, 1000.0, "times");
+        c.range_or(&format!("{at}.uncertainty_mm"), self.uncertainty_mm, (0.1, 10_000.0), "mm", Some(("meters", 1e3)));
+        c.range(&format!("{at}.least_move_mm"), self.least_move_mm, 0.0, 1000.0, "mm");
+        c.range(&format!("{at}.stale_s"), self.stale_s, 0.1, 1e6, "s");
+    }
+}
