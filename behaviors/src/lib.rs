@@ -23,6 +23,7 @@
 pub mod agents;
 pub mod detectors;
 pub mod group;
+pub mod locators;
 pub mod map_file;
 pub mod planners;
 pub mod roadmap;
