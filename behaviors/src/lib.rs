@@ -23,6 +23,7 @@
 pub mod agents;
 pub mod detectors;
 pub mod group;
+pub mod learned_file;
 pub mod locators;
 pub mod map_file;
 pub mod planners;

@@ -8,16 +8,21 @@
 //! Units: meters, radians, pixels; millimeters and degrees only in recorded tables.
 
 pub mod calibrated;
+pub mod file;
 mod fit;
 pub mod folds;
 pub mod head;
 pub mod lens;
 pub mod model;
+pub mod network;
 pub mod noise;
 pub mod posterior;
 mod rigid;
 pub mod rows;
+pub mod score;
 #[cfg(test)]
 mod tests;
+pub mod tracker;
+pub mod triangulated;
 pub mod view;
 pub mod workspace;

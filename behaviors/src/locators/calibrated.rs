@@ -4,11 +4,12 @@ use super::fit::{Lesson, fit, inner_scatter, off, scatter};
 use super::folds::folds;
 use super::head::HeadKind;
 use super::lens::Lens;
-use super::model::{Frame, HeadModel, Warp, priors};
-use super::noise::{Noise, find_rests, origins};
+use super::model::{HeadModel, OFFSETS, PlaceFrame, Warp, priors};
+use super::noise::{Noise, Rests, find_rests, origins};
 use super::posterior::{Shares, locate};
 use super::rigid::rigid;
-use super::view::{Estimate, INSIDE_95, Known, View};
+use super::triangulated::widening;
+use super::view::{Estimate, KnownView, StereoView};
 use super::workspace::{Expected, Workspace, distinct};
 use nalgebra::{Matrix3, Matrix4, Vector3};
 use rand::SeedableRng;
@@ -19,6 +20,8 @@ use serde::{Deserialize, Serialize};
 const ROUNDS: usize = 3;
 /// How far from held-out places a warp has to bring the middle misfit to be kept, as a part of what it is without.
 const WORTH: f64 = 0.97;
+/// Views from which the frame is found, at most.
+const LOOKED_AT: usize = 200;
 
 /// A calibrated locator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,7 +56,7 @@ pub struct Beginning {
     /// The cameras, left and right.
     pub lenses: [Lens; 2],
     /// The frame of the places, if it is known; else it is found.
-    pub frame: Option<Frame>,
+    pub frame: Option<PlaceFrame>,
     /// The seed of all randomness.
     pub seed: u64,
 }
@@ -64,20 +67,34 @@ impl Beginning {
         Beginning { head: HeadKind::V1, lenses: Lens::icub(), frame: None, seed }
     }
 
-    /// Finds the frame by which what the drawings say of the views is nearest to the places.
-    pub(super) fn frame(&self, known: &[Known]) -> Result<Frame, Untaught> {
-        if let Some(frame) = self.frame {
-            return Ok(frame);
+    /// A model by the drawings, in the frame of the places by which what it says of the views is nearest to them; with it, by how much
+    /// the eyes squint: that is off most on real heads, and with it every distance.
+    pub(super) fn model(&self, known: &[KnownView]) -> Result<HeadModel, Untaught> {
+        let own = PlaceFrame { rotation: Matrix3::identity(), origin: Vector3::zeros() };
+        let mut model = HeadModel::nominal(self.head, self.lenses, self.frame.unwrap_or(own));
+        if self.frame.is_some() {
+            return Ok(model);
         }
-        let own = Frame { rotation: Matrix3::identity(), origin: Vector3::zeros() };
-        let nominal = HeadModel::nominal(self.head, self.lenses, own);
-        let pair = |k: &Known| {
-            let looking = nominal.look(&k.view.encoders, &[0.0; 9]);
-            Some((k.place, looking.midpoint(&k.view.pixels())?))
+        let seen: Vec<_> = known.iter().filter(|k| !k.view.is_clipped()).collect();
+        let seen: Vec<_> = seen.iter().step_by(seen.len().div_ceil(LOOKED_AT).max(1)).collect();
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        let mut squinting = |degrees: i32| {
+            model.theta[OFFSETS + 8] = f64::from(degrees).to_radians();
+            let pair = |k: &&&KnownView| {
+                let looking = model.look(&k.view.encoders, &[0.0; 9]);
+                Some((k.place, looking.midpoint(&k.view.pixels())?))
+            };
+            let pairs: Vec<_> = seen.iter().filter_map(pair).collect();
+            let enough = 2 * pairs.len() > seen.len();
+            rigid(&pairs, &mut rng).filter(|_| enough).map(|(frame, reach)| (reach, degrees, frame))
         };
-        let pairs: Vec<_> = known.iter().filter(|k| !k.view.is_clipped()).filter_map(pair).collect();
-        let found = rigid(&pairs, &mut ChaCha8Rng::seed_from_u64(self.seed));
-        found.ok_or_else(|| Untaught("the rays of the two eyes meet in too few views, or all places are in line".into()))
+        let best = (-16..=16).filter_map(|half| squinting(half)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let (_, degrees, frame) = best.ok_or_else(|| {
+            Untaught("the rays of the two eyes meet in too few views, or all places are in line".into())
+        })?;
+        model.theta[OFFSETS + 8] = f64::from(degrees).to_radians();
+        model.frame = frame;
+        Ok(model)
     }
 }
 
@@ -86,12 +103,12 @@ impl Calibrated {
     ///
     /// # Errors
     /// Fewer than 20 views or 4 places.
-    pub fn train(known: &[Known], from: &Beginning, tell: &mut dyn FnMut(f64)) -> Result<Calibrated, Untaught> {
+    pub fn train(known: &[KnownView], from: &Beginning, tell: &mut dyn FnMut(f64)) -> Result<Calibrated, Untaught> {
         let folds = folds(known, from.seed)?;
         let steps = (2 * folds.len() + 1) as f64;
         let mut done = 0.0;
-        let mut held_out = |has_warp: bool| -> Result<Vec<(Calibrated, Vec<Known>)>, Untaught> {
-            let fold = |(train, test): &(Vec<Known>, Vec<Known>)| {
+        let mut held_out = |has_warp: bool| -> Result<Vec<(Calibrated, Vec<KnownView>)>, Untaught> {
+            let fold = |(train, test): &(Vec<KnownView>, Vec<KnownView>)| {
                 let learned = Calibrated::learn(train, from, has_warp)?;
                 done += 1.0;
                 tell(done / steps);
@@ -109,15 +126,16 @@ impl Calibrated {
     }
 
     /// Learns from all of these views, and holds out none.
-    pub(super) fn learn(known: &[Known], from: &Beginning, has_warp: bool) -> Result<Calibrated, Untaught> {
+    pub(super) fn learn(known: &[KnownView], from: &Beginning, has_warp: bool) -> Result<Calibrated, Untaught> {
         let rests = find_rests(known.iter().map(|k| &k.view));
         let has_rests = rests.iter().any(|r| !r.is_empty());
-        let frame = from.frame(known)?;
-        let mut model = HeadModel::nominal(from.head, from.lenses, frame);
+        let mut model = from.model(known)?;
+        let squint = model.theta[OFFSETS + 8];
         model.warp = has_warp.then(|| warp(known));
         let priors = priors(has_rests, has_warp);
         model.theta = priors.iter().map(|p| p.middle).collect();
-        let lesson = |known| origins(&known_view(known), &rests).first().map(|o| Lesson { known, origin: *o });
+        model.theta[OFFSETS + 8] = squint;
+        let lesson = |known| lesson(known, &rests);
         let lessons: Vec<_> = known.iter().filter(|k| !k.view.is_clipped()).filter_map(lesson).collect();
         let together = Matrix4::from_fn(|i, j| if i % 2 == j % 2 { 400.0 } else { 0.0 });
         let mut noise = Noise { resting: together + Matrix4::identity() * 16.0, clipped: [0.0; 2] };
@@ -147,16 +165,14 @@ impl Calibrated {
     }
 
     /// Finds out from places that were not learned how much too sure the estimates are.
-    fn widen(&mut self, judges: &[(Calibrated, Vec<Known>)]) {
+    fn widen(&mut self, judges: &[(Calibrated, Vec<KnownView>)]) {
         let mut squares = Vec::new();
         for (judge, test) in judges {
             let ready = judge.ready();
-            let each = |k: &Known| ready.locate(&k.view).map(|e| e.distance(&k.place));
+            let each = |k: &KnownView| ready.locate(&k.view).map(|e| e.distance(&k.place));
             squares.extend(test.iter().filter_map(each));
         }
-        squares.sort_by(f64::total_cmp);
-        let at_95 = squares.get(squares.len() * 95 / 100).copied().filter(|s| s.is_finite());
-        self.widening = (at_95.unwrap_or(INSIDE_95) / INSIDE_95).clamp(0.25, 25.0);
+        self.widening = widening(squares);
     }
 }
 
@@ -169,7 +185,7 @@ pub struct Ready<'a> {
 
 impl Ready<'_> {
     /// Where what was seen is, as far as one view tells.
-    pub fn locate(&self, view: &View) -> Option<Estimate> {
+    pub fn locate(&self, view: &StereoView) -> Option<Estimate> {
         let of = self.learned;
         let mut found = locate(&of.model, view, &origins(view, &of.rests), (&of.noise, &of.shares), &self.expected)?;
         found.covariance *= of.widening;
@@ -177,11 +193,12 @@ impl Ready<'_> {
     }
 }
 
-fn known_view(known: &Known) -> View {
-    known.view
+/// A view by its likeliest explanation.
+fn lesson<'a>(known: &'a KnownView, rests: &Rests) -> Option<Lesson<'a>> {
+    origins(&known.view, rests).first().map(|o| Lesson { known, origin: *o })
 }
 
-fn warp(known: &[Known]) -> Warp {
+fn warp(known: &[KnownView]) -> Warp {
     let places = distinct(known.iter().map(|k| k.place));
     let n = places.len().max(1) as f64;
     let center = places.iter().sum::<Vector3<f64>>() / n;
@@ -213,10 +230,10 @@ fn clipped_scatter(model: &HeadModel, lessons: &[Lesson], noise: &Noise) -> [f64
 }
 
 /// The median misfit at places that were left out, pixels.
-fn middle_misfit(judges: &[(Calibrated, Vec<Known>)]) -> f64 {
+fn middle_misfit(judges: &[(Calibrated, Vec<KnownView>)]) -> f64 {
     let mut all = Vec::new();
     for (judge, test) in judges {
-        let lesson = |known| origins(&known_view(known), &judge.rests).first().map(|o| Lesson { known, origin: *o });
+        let lesson = |known| lesson(known, &judge.rests);
         let seen = test.iter().filter(|k| !k.view.is_clipped()).filter_map(lesson);
         all.extend(seen.filter_map(|l| off(&judge.model, &l)).map(|o| o.norm()));
     }

@@ -5,7 +5,7 @@
 
 use super::model::{HeadModel, Prior};
 use super::noise::{Noise, Origin};
-use super::view::Known;
+use super::view::KnownView;
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 
 /// The degrees of freedom of Student's distribution.
@@ -17,7 +17,7 @@ const STEPS: (usize, f64) = (25, 1e-3);
 
 /// A view to fit, explained.
 pub(super) struct Lesson<'a> {
-    pub(super) known: &'a Known,
+    pub(super) known: &'a KnownView,
     pub(super) origin: Origin,
 }
 

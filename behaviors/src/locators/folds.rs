@@ -1,7 +1,7 @@
 //! Views of places left out: whole places, never single views, for whoever knows a place knows all its views.
 
 use super::calibrated::Untaught;
-use super::view::Known;
+use super::view::KnownView;
 use super::workspace::distinct;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -16,7 +16,7 @@ const LEAST: (usize, usize) = (20, 4);
 ///
 /// # Errors
 /// Fewer than 20 views or 4 places.
-pub fn folds(known: &[Known], seed: u64) -> Result<Vec<(Vec<Known>, Vec<Known>)>, Untaught> {
+pub fn folds(known: &[KnownView], seed: u64) -> Result<Vec<(Vec<KnownView>, Vec<KnownView>)>, Untaught> {
     let mut places = distinct(known.iter().map(|k| k.place));
     if known.len() < LEAST.0 || places.len() < LEAST.1 {
         return Err(Untaught(format!(
@@ -30,8 +30,8 @@ pub fn folds(known: &[Known], seed: u64) -> Result<Vec<(Vec<Known>, Vec<Known>)>
     places.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     let n = FOLDS.min(places.len());
     let part = |i: usize| {
-        let is_out = |k: &&Known| places.iter().skip(i).step_by(n).any(|p| (p - k.place).norm() < 1e-6);
-        let (test, train): (Vec<&Known>, Vec<&Known>) = known.iter().partition(is_out);
+        let is_out = |k: &&KnownView| places.iter().skip(i).step_by(n).any(|p| (p - k.place).norm() < 1e-6);
+        let (test, train): (Vec<&KnownView>, Vec<&KnownView>) = known.iter().partition(is_out);
         (train.into_iter().copied().collect(), test.into_iter().copied().collect())
     };
     Ok((0..n).map(part).collect())

@@ -19,7 +19,7 @@ pub const JOINTS: [&str; 9] = [
 ];
 
 /// Values of all [`JOINTS`], rad.
-pub type Encoders = [f64; 9];
+pub type JointAngles = [f64; 9];
 
 /// Which head it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -65,7 +65,7 @@ impl HeadKind {
     }
 
     /// Where the left and the right eye are at these joint values, rad.
-    pub fn eyes(self, q: &Encoders) -> [EyePose; 2] {
+    pub fn eyes(self, q: &JointAngles) -> [EyePose; 2] {
         let mut rotation = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
         let mut at = Vector3::zeros();
         let mut axes = [(Vector3::zeros(), Vector3::zeros()); 8];
@@ -112,9 +112,8 @@ impl EyePose {
 
     /// How that moves with each of the [`JOINTS`], m/rad; `side` is 1 for the left eye, -1 for the right one.
     pub fn by_joint(&self, point: &Vector3<f64>, side: f64) -> [Vector3<f64>; 9] {
-        let by_axis = |(axis, origin): &(Vector3<f64>, Vector3<f64>)| {
-            self.root_from_camera.tr_mul(&(point - origin).cross(axis))
-        };
+        let by_axis =
+            |(axis, origin): &(Vector3<f64>, Vector3<f64>)| self.root_from_camera.tr_mul(&(point - origin).cross(axis));
         let [a, b, c, d, e, f, g, pan] = self.axes.each_ref().map(by_axis);
         [a, b, c, d, e, f, g, pan, 0.5 * side * pan]
     }

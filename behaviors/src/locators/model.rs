@@ -2,7 +2,7 @@
 //!
 //! Parameters are a plain vector, because the fit wants one; [`Parameter`] says where each is, and how far it is believed to be off.
 
-use super::head::{Encoders, EyePose, HeadKind};
+use super::head::{EyePose, HeadKind, JointAngles};
 use super::lens::Lens;
 use nalgebra::{Matrix3, Matrix4, Matrix4x3, SMatrix, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,7 @@ pub(super) struct Prior {
     pub(super) deviation: f64,
 }
 
-/// The priors of all parameters: encoders 3 degrees and 3 %, sag 1 degree, mounts 3 degrees, focal length 10 %, center 20 pixels, k1 0.15,
+/// The priors of all parameters: encoders 3 degrees (vergence 6) and 3 %, sag 1 degree, mounts 3 degrees, focal length 10 %, center 20 pixels, k1 0.15,
 /// the frame 6 degrees and 0.3 m (it was found roughly before), lag 0.5 of a step (`has_rests`; else there is none), warp 3 mm.
 pub(super) fn priors(has_rests: bool, has_warp: bool) -> Vec<Prior> {
     let degree = 1.0_f64.to_radians();
@@ -38,6 +38,7 @@ pub(super) fn priors(has_rests: bool, has_warp: bool) -> Vec<Prior> {
     let mut set = |from: usize, deviations: &[f64]| {
         all.iter_mut().skip(from).zip(deviations).for_each(|(p, d)| p.deviation = *d);
     };
+    set(OFFSETS + 8, &[6.0 * degree]);
     set(GAINS, &[0.03; 9]);
     set(SAGS, &[degree; 3]);
     for eye in 0..2 {
@@ -56,7 +57,7 @@ pub(super) fn priors(has_rests: bool, has_warp: bool) -> Vec<Prior> {
 /// Where places are told: how their frame lies in the root's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Frame {
+pub struct PlaceFrame {
     /// From the places' frame to the root's.
     pub rotation: Matrix3<f64>,
     /// Its origin in the root's frame, m.
@@ -103,7 +104,7 @@ pub struct HeadModel {
     /// The cameras, left and right, before the fit.
     pub lenses: [Lens; 2],
     /// The frame of the places, before the fit.
-    pub frame: Frame,
+    pub frame: PlaceFrame,
     /// What may be off in the places; none: they are believed.
     pub warp: Option<Warp>,
     /// The parameters, in the order of [`priors`].
@@ -114,8 +115,8 @@ pub struct HeadModel {
 #[derive(Clone, Debug)]
 pub(super) struct Looking<'a> {
     model: &'a HeadModel,
-    q: Encoders,
-    toward: Encoders,
+    q: JointAngles,
+    toward: JointAngles,
     eyes: [EyePose; 2],
     mounts: [Turned; 2],
     lenses: [Lens; 2],
@@ -154,7 +155,7 @@ impl Turned {
 
 impl HeadModel {
     /// A model as the drawings say.
-    pub fn nominal(head: HeadKind, lenses: [Lens; 2], frame: Frame) -> HeadModel {
+    pub fn nominal(head: HeadKind, lenses: [Lens; 2], frame: PlaceFrame) -> HeadModel {
         HeadModel { head, lenses, frame, warp: None, theta: vec![0.0; RIGID] }
     }
 
@@ -181,12 +182,12 @@ impl HeadModel {
     }
 
     /// The offsets of the joints, rad.
-    pub fn offsets(&self) -> Encoders {
+    pub fn offsets(&self) -> JointAngles {
         self.part(OFFSETS)
     }
 
     /// The model with joints that read `read` and had come from where they rested, `toward` that, rad.
-    pub(super) fn look(&self, read: &Encoders, toward: &Encoders) -> Looking<'_> {
+    pub(super) fn look(&self, read: &JointAngles, toward: &JointAngles) -> Looking<'_> {
         let (offsets, gains, lag) = (self.offsets(), self.part::<9>(GAINS), self.lag());
         let mut q = [0.0; 9];
         for (i, value) in q.iter_mut().enumerate() {
@@ -223,7 +224,7 @@ impl HeadModel {
 }
 
 /// Joints that gravity bends, and how much it pulls there: torso pitch and roll, neck pitch.
-fn levers(q: &Encoders) -> [(usize, f64); 3] {
+fn levers(q: &JointAngles) -> [(usize, f64); 3] {
     [(0, q[0].sin()), (1, q[1].sin()), (3, (q[0] + q[3]).sin())]
 }
 
@@ -292,9 +293,7 @@ impl Looking<'_> {
             let back = self.mounts[e].all.transpose();
             let point = back * unturned;
             let (_, by_point) = self.lenses[e].project(&point)?;
-            by_root
-                .fixed_rows_mut::<2>(2 * e)
-                .copy_from(&(by_point * back * eye.root_from_camera.transpose()));
+            by_root.fixed_rows_mut::<2>(2 * e).copy_from(&(by_point * back * eye.root_from_camera.transpose()));
             let from = EYES + EYE * e;
             let mut set = |i: usize, moved: nalgebra::Vector2<f64>| {
                 by[from + i].fixed_rows_mut::<2>(2 * e).copy_from(&moved);

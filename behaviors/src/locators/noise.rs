@@ -1,8 +1,8 @@
 //! How far what is seen is off, from one view to the next: pixels of both eyes together, and the pose of a head that moves.
 
-use super::head::Encoders;
+use super::head::JointAngles;
 use super::model::{Looking, invert};
-use super::view::View;
+use super::view::StereoView;
 use nalgebra::{Matrix4, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
@@ -23,12 +23,12 @@ pub(super) type Rests = Vec<Vec<f64>>;
 /// One explanation of a reading: how far each joint is from where it had rested, and how likely that is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Origin {
-    pub(super) toward: Encoders,
+    pub(super) toward: JointAngles,
     pub(super) ln_share: f64,
 }
 
 /// Finds rests: values that at least 7 % of the views share, for joints that are at such values in at least half of all views.
-pub(super) fn find_rests<'a>(views: impl Iterator<Item = &'a View> + Clone) -> Rests {
+pub(super) fn find_rests<'a>(views: impl Iterator<Item = &'a StereoView> + Clone) -> Rests {
     let all = views.filter(|v| !v.is_timed);
     // the torso's motors do not settle at what they were sent
     let joint = |j: usize| {
@@ -36,7 +36,8 @@ pub(super) fn find_rests<'a>(views: impl Iterator<Item = &'a View> + Clone) -> R
         values.sort_by(f64::total_cmp);
         let (mut rests, mut at_rest, mut from) = (Vec::new(), 0, 0);
         while let Some(first) = values.get(from) {
-            let cluster: Vec<f64> = values.iter().skip(from).copied().take_while(|v| v - first < 2.0 * AT_REST).collect();
+            let cluster: Vec<f64> =
+                values.iter().skip(from).copied().take_while(|v| v - first < 2.0 * AT_REST).collect();
             if cluster.len() as f64 >= 0.07 * values.len() as f64 && cluster.len() > 3 {
                 rests.push(cluster.iter().sum::<f64>() / cluster.len() as f64);
                 at_rest += cluster.len();
@@ -51,7 +52,7 @@ pub(super) fn find_rests<'a>(views: impl Iterator<Item = &'a View> + Clone) -> R
 }
 
 /// How a reading may have come about, the likeliest first.
-pub(super) fn origins(view: &View, rests: &Rests) -> Vec<Origin> {
+pub(super) fn origins(view: &StereoView, rests: &Rests) -> Vec<Origin> {
     let mut nearest = Origin { toward: [0.0; 9], ln_share: 0.0 };
     let mut turns: Vec<(usize, f64)> = Vec::new();
     if view.is_timed {
@@ -93,7 +94,13 @@ impl Noise {
     }
 
     /// The covariance of the pixels in this view, of something that is about there.
-    pub(super) fn of(&self, view: &View, looking: &Looking, toward: &Encoders, place: &Vector3<f64>) -> Matrix4<f64> {
+    pub(super) fn of(
+        &self,
+        view: &StereoView,
+        looking: &Looking,
+        toward: &JointAngles,
+        place: &Vector3<f64>,
+    ) -> Matrix4<f64> {
         let mut all = self.resting;
         for (e, eye) in view.eyes.iter().enumerate().filter(|(_, eye)| eye.is_clipped) {
             debug_assert!(eye.is_clipped);

@@ -3,7 +3,7 @@
 
 use super::model::{HeadModel, Looking, invert};
 use super::noise::{Noise, Origin};
-use super::view::{Estimate, View};
+use super::view::{Estimate, StereoView};
 use super::workspace::Expected;
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
@@ -99,7 +99,7 @@ impl Mixture {
 /// What is known of the place of what was seen; `None` only if numbers fail.
 pub(super) fn locate(
     model: &HeadModel,
-    view: &View,
+    view: &StereoView,
     origins: &[Origin],
     (noise, shares): (&Noise, &Shares),
     expected: &[Expected],
@@ -141,7 +141,7 @@ pub(super) fn locate(
 
 /// The best place under the wide expectation by damped Gauss-Newton steps, and there: the pixels' information on the place, the
 /// gradient of their fit, and how badly they fit.
-fn best_place(
+pub(super) fn best_place(
     looking: &Looking,
     pixels: &Vector4<f64>,
     information: &Matrix4<f64>,

@@ -4,7 +4,7 @@
 //! `rw`, `rh`, the boxes, all or none), the joints (`neck_pitch` to `eyes_vergence`, `torso_yaw`, `torso_roll`, `torso_pitch`,
 //! degrees), and the place (`x_mm`, `y_mm`, `z_mm`).
 
-use super::view::{Glimpse, Known, View};
+use super::view::{Glimpse, KnownView, StereoView};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -44,9 +44,9 @@ pub struct RowFault {
 
 /// A table, read whole.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Table {
+pub struct ViewTable {
     /// Its rows.
-    pub known: Vec<Known>,
+    pub known: Vec<KnownView>,
     /// Whether it tells boxes.
     pub has_boxes: bool,
 }
@@ -60,7 +60,7 @@ fn fault(line: usize, what: impl Into<String>, help: impl Into<String>) -> RowFa
 /// # Errors
 /// Missing, unknown or doubled columns, rows of another length, fields that are no finite numbers, boxes that have no size, and tables
 /// without rows: nothing of it is taken then.
-pub fn parse(text: &str) -> Result<Table, RowFault> {
+pub fn parse(text: &str) -> Result<ViewTable, RowFault> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim_end_matches('\r')));
     let header = lines.next().map(|(_, l)| l).unwrap_or_default();
@@ -90,7 +90,7 @@ pub fn parse(text: &str) -> Result<Table, RowFault> {
     if known.len() < LEAST {
         return Err(fault(1, "there are no rows after the header", "give a table with at least one row"));
     }
-    Ok(Table { known, has_boxes })
+    Ok(ViewTable { known, has_boxes })
 }
 
 /// Where each column is: centers, joints, place, boxes.
@@ -130,7 +130,7 @@ fn view(
     has_boxes: bool,
     line: usize,
     number: &dyn Fn(usize) -> Result<f64, RowFault>,
-) -> Result<Known, RowFault> {
+) -> Result<KnownView, RowFault> {
     let numbers = columns.iter().map(|c| number(*c)).collect::<Result<Vec<f64>, RowFault>>()?;
     let part = |from: usize, n: usize| numbers.iter().skip(from).take(n).copied();
     let glimpse = |e: usize| -> Result<Glimpse, RowFault> {
@@ -152,5 +152,5 @@ fn view(
     let mut encoders = [0.0; 9];
     encoders.iter_mut().zip(part(4, 9)).for_each(|(e, degrees)| *e = degrees.to_radians());
     let place = Vector3::from_iterator(part(13, 3).map(|mm| mm / 1000.0));
-    Ok(Known { view: View { eyes: [glimpse(0)?, glimpse(1)?], encoders, is_timed: false }, place })
+    Ok(KnownView { view: StereoView { eyes: [glimpse(0)?, glimpse(1)?], encoders, is_timed: false }, place })
 }

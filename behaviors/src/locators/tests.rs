@@ -1,48 +1,48 @@
-use super::calibrated::{Beginning, Calibrated};
+use super::file::{LocatorFile, LocatorKind};
 use super::folds::folds;
 use super::rows::parse;
-use super::view::{INSIDE_95, Known};
+use super::score::judge;
+use super::view::KnownView;
 
-fn shared(name: &str) -> Option<Vec<Known>> {
+fn shared(name: &str) -> Option<Vec<KnownView>> {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/vision/locator").join(name);
     let text = std::fs::read_to_string(&path).map_err(|e| println!("SKIPPED: {}: {e}", path.display())).ok()?;
     Some(parse(&text).expect("the recorded table").known)
 }
 
-fn tell(name: &str, mut errors: Vec<f64>, inside: usize) {
-    errors.sort_by(f64::total_cmp);
-    let n = errors.len();
-    println!(
-        "{name}: n {n} median {:.1} mean {:.1} 95% {:.1} inside {:.3}",
-        1e3 * errors[n / 2],
-        1e3 * errors.iter().sum::<f64>() / n as f64,
-        1e3 * errors[n * 95 / 100],
-        inside as f64 / n as f64
-    );
-}
-
 #[test]
 fn probe() {
-    let Some(known) = shared("katana_block_train.csv") else { return };
-    let (mut all, mut unclipped) = ((Vec::new(), 0), (Vec::new(), 0));
-    for (train, test) in folds(&known, 0).expect("folds") {
-        let began = std::time::Instant::now();
-        let learned = Calibrated::train(&train, &Beginning::recorded(0), &mut |_| ()).expect("learned");
-        println!("{:?} warp {} widening {} bw {} lag {:.2} clipped {:?} rest {:?}", began.elapsed(), learned.model.warp.is_some(), learned.widening, learned.workspace.bandwidth, learned.model.theta[41], learned.noise.clipped.map(f64::sqrt), learned.noise.resting.diagonal().map(f64::sqrt));
-        let ready = learned.ready();
-        let began = std::time::Instant::now();
-        for k in &test {
-            let e = ready.locate(&k.view).expect("located");
-            let (off, inside) = ((e.place - k.place).norm(), e.distance(&k.place) <= INSIDE_95);
-            all.0.push(off);
-            all.1 += usize::from(inside);
-            if !k.view.is_clipped() {
-                unclipped.0.push(off);
-                unclipped.1 += usize::from(inside);
+    for name in ["katana_block_train.csv", "katana_reddot_train.csv"] {
+        let Some(known) = shared(name) else { return };
+        for kind in [LocatorKind::Triangulate, LocatorKind::Calibrated] {
+            for unclipped in [false, true] {
+                let mut sums = vec![];
+                for (train, test) in folds(&known, 0).expect("folds") {
+                    let file = LocatorFile::train(kind, &train, String::new(), 0, &mut |_| ()).expect("learned");
+                    let test: Vec<_> = test.into_iter().filter(|k| !unclipped || !k.view.is_clipped()).collect();
+                    let s = judge(&file.ready(), &test);
+                    sums.push((s.single, s.fused));
+                }
+                let n: usize = sums.iter().map(|s| s.0.n).sum();
+                let m: usize = sums.iter().map(|s| s.1.n).sum();
+                let mean = |f: &dyn Fn(&super::score::Errors) -> f64| {
+                    sums.iter().map(|s| f(&s.0) * s.0.n as f64).sum::<f64>() / n as f64
+                };
+                let fused = |f: &dyn Fn(&super::score::Errors) -> f64| {
+                    sums.iter().map(|s| f(&s.1) * s.1.n as f64).sum::<f64>() / m as f64
+                };
+                println!(
+                    "{name} {} unclipped {unclipped}: n {n} single {:.1} {:.1} {:.1} inside {:.3}; fused {:.1} {:.1} inside {:.3}",
+                    kind.name(),
+                    mean(&|e| e.median_mm),
+                    mean(&|e| e.mean_mm),
+                    mean(&|e| e.p95_mm),
+                    mean(&|e| e.inside_95),
+                    fused(&|e| e.median_mm),
+                    fused(&|e| e.mean_mm),
+                    fused(&|e| e.inside_95)
+                );
             }
         }
-        println!("{:?} each", began.elapsed() / test.len() as u32);
     }
-    tell("all", all.0, all.1);
-    tell("unclipped", unclipped.0, unclipped.1);
 }

@@ -1,6 +1,6 @@
 //! What a locator is asked: what both eyes saw, and how the body was.
 
-use super::head::Encoders;
+use super::head::JointAngles;
 use nalgebra::{Matrix3, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
@@ -17,16 +17,16 @@ pub struct Glimpse {
 
 /// What both eyes saw of one object.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
+pub struct StereoView {
     /// The left and the right eye.
     pub eyes: [Glimpse; 2],
     /// The joints, rad.
-    pub encoders: Encoders,
+    pub encoders: JointAngles,
     /// Whether the joints were read at the instant of the exposure. In recorded tables they were read some time after.
     pub is_timed: bool,
 }
 
-impl View {
+impl StereoView {
     /// The middles that both eyes saw: left u and v, right u and v, pixels.
     pub fn pixels(&self) -> Vector4<f64> {
         let [l, r] = self.eyes.map(|e| e.center);
@@ -41,9 +41,9 @@ impl View {
 
 /// A view of an object whose place is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Known {
+pub struct KnownView {
     /// What was seen.
-    pub view: View,
+    pub view: StereoView,
     /// Where it was, m, in the frame of whoever put it there.
     pub place: Vector3<f64>,
 }

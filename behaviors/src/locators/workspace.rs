@@ -37,6 +37,16 @@ pub(super) struct Expected {
     pub(super) ln_weight: f64,
 }
 
+impl Expected {
+    /// A weighted normal distribution; `None` if its covariance is none.
+    pub(super) fn normal(middle: Vector3<f64>, covariance: Matrix3<f64>, weight: f64) -> Option<Expected> {
+        let cholesky = covariance.cholesky()?;
+        let ln_root = cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let information = cholesky.inverse();
+        Some(Expected { middle, covariance, information, ln_root, ln_weight: weight.ln() - ln_root })
+    }
+}
+
 /// Different places, in the order of their first mention.
 pub(super) fn distinct(places: impl Iterator<Item = Vector3<f64>>) -> Vec<Vector3<f64>> {
     let mut found: Vec<Vector3<f64>> = Vec::new();
@@ -84,15 +94,9 @@ impl Workspace {
 
     /// All of its parts, the wide one first.
     pub(super) fn parts(&self) -> Vec<Expected> {
-        let part = |middle, covariance: Matrix3<f64>, weight: f64| {
-            let cholesky = covariance.cholesky()?;
-            let ln_root = cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-            let information = cholesky.inverse();
-            Some(Expected { middle, covariance, information, ln_root, ln_weight: weight.ln() - ln_root })
-        };
         let narrow = Matrix3::identity() * self.bandwidth.powi(2);
         let each = (1.0 - WIDE) / self.places.len().max(1) as f64;
-        let wide = part(self.center, self.covariance, WIDE);
-        wide.into_iter().chain(self.places.iter().filter_map(|p| part(*p, narrow, each))).collect()
+        let wide = Expected::normal(self.center, self.covariance, WIDE);
+        wide.into_iter().chain(self.places.iter().filter_map(|p| Expected::normal(*p, narrow, each))).collect()
     }
 }
