@@ -22,6 +22,7 @@ pub mod rows;
 pub mod score;
 #[cfg(test)]
 mod tests;
+mod together;
 pub mod tracker;
 pub mod triangulated;
 pub mod view;

@@ -153,6 +153,9 @@ impl ReadyLocator<'_> {
 
     /// Where an object is of which there are several views.
     pub fn fuse(&self, views: &[StereoView]) -> Option<Estimate> {
+        if let ReadyLocator::Calibrated(c) = self {
+            return c.fuse(views);
+        }
         let each: Vec<Estimate> = views.iter().filter_map(|v| self.locate(v)).collect();
         fuse(&each, &Matrix3::zeros())
     }

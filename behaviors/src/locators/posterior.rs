@@ -29,9 +29,9 @@ const LN_ELSEWHERE: f64 = 1.838 - 12.635;
 const STEPS: (usize, f64) = (12, 1e-4);
 
 /// One explanation of the pixels: their information matrix, and the logarithm of what it weighs before the pixels are looked at.
-struct Explained {
-    information: Matrix4<f64>,
-    ln_weight: f64,
+pub(super) struct Explained {
+    pub(super) information: Matrix4<f64>,
+    pub(super) ln_weight: f64,
 }
 
 impl Shares {
@@ -41,7 +41,8 @@ impl Shares {
         all.iter().all(|s| (1e-6..0.3).contains(s))
     }
 
-    fn explanations(&self, covariance: &Matrix4<f64>) -> Vec<Explained> {
+    /// What may explain pixels that scatter so.
+    pub(super) fn explanations(&self, covariance: &Matrix4<f64>) -> Vec<Explained> {
         let right = 1.0 - self.astray - 2.0 * self.one_eye - self.both_eyes;
         let whole = |share: f64, covariance: &Matrix4<f64>| {
             let (information, ln_det) = invert(covariance)?;
@@ -63,14 +64,14 @@ impl Shares {
     }
 
     /// What it weighs that both eyes saw something else, on the scale of the explanations.
-    fn ln_nothing(&self) -> f64 {
+    pub(super) fn ln_nothing(&self) -> f64 {
         self.both_eyes.ln() + 2.0 * LN_ELSEWHERE
     }
 }
 
 /// Likely places: a mixture of normal distributions.
 #[derive(Default)]
-struct Mixture {
+pub(super) struct Mixture {
     parts: Vec<(f64, Vector3<f64>, Matrix3<f64>)>,
 }
 
@@ -81,7 +82,28 @@ impl Mixture {
         }
     }
 
-    fn estimate(&self) -> Option<Estimate> {
+    /// Adds what is expected together with what was seen: pixels' information on the place about `place`, and the gradient of their fit.
+    pub(super) fn expect(
+        &mut self,
+        expected: &[Expected],
+        place: Vector3<f64>,
+        information: &Matrix3<f64>,
+        gradient: &Vector3<f64>,
+        ln_weight: f64,
+    ) {
+        for part in expected {
+            let off = part.middle - place;
+            let Some(all) = (information + part.information).cholesky() else { continue };
+            let toward = gradient + part.information * off;
+            let step = all.solve(&toward);
+            let ln_root = all.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+            let misfit = off.dot(&(part.information * off)) - toward.dot(&step);
+            self.add(ln_weight + part.ln_weight - ln_root - 0.5 * misfit, place + step, all.inverse());
+        }
+    }
+
+    /// Its mean and covariance.
+    pub(super) fn estimate(&self) -> Option<Estimate> {
         let most = self.parts.iter().map(|p| p.0).max_by(f64::total_cmp)?;
         let (mut sum, mut place, mut square) = (0.0, Vector3::zeros(), Matrix3::zeros());
         let reference = self.parts.first()?.1;
@@ -121,16 +143,8 @@ pub(super) fn locate(
             else {
                 continue;
             };
-            for part in expected {
-                let off = part.middle - place;
-                let Some(all) = (information + part.information).cholesky() else { continue };
-                let toward = gradient + part.information * off;
-                let step = all.solve(&toward);
-                let ln_root = all.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-                let misfit = square + off.dot(&(part.information * off)) - toward.dot(&step);
-                let ln_weight = origin.ln_share + explained.ln_weight + part.ln_weight - ln_root - 0.5 * misfit;
-                mixture.add(ln_weight, place + step, all.inverse());
-            }
+            let ln_weight = origin.ln_share + explained.ln_weight - 0.5 * square;
+            mixture.expect(expected, place, &information, &gradient, ln_weight);
         }
     }
     for part in expected {

@@ -14,7 +14,7 @@ fn shared(name: &str) -> Option<Vec<KnownView>> {
 fn probe() {
     for name in ["katana_block_train.csv", "katana_reddot_train.csv"] {
         let Some(known) = shared(name) else { return };
-        for kind in [LocatorKind::Triangulate, LocatorKind::Calibrated] {
+        for kind in [LocatorKind::Calibrated] {
             for unclipped in [false, true] {
                 let mut sums = vec![];
                 for (train, test) in folds(&known, 0).expect("folds") {
