@@ -128,7 +128,7 @@ impl Calibrated {
     }
 
     /// Learns from all of these views, and holds out none.
-    pub(super) fn learn(known: &[KnownView], from: &Beginning, has_warp: bool) -> Result<Calibrated, Untaught> {
+    pub fn learn(known: &[KnownView], from: &Beginning, has_warp: bool) -> Result<Calibrated, Untaught> {
         let rests = find_rests(known.iter().map(|k| &k.view));
         let has_rests = rests.iter().any(|r| !r.is_empty());
         let mut model = from.model(known)?;
@@ -162,8 +162,8 @@ impl Calibrated {
     }
 
     /// Ready to be asked.
-    pub fn ready(&self) -> Ready<'_> {
-        Ready { learned: self, expected: self.workspace.parts() }
+    pub fn ready(&self) -> Ready {
+        Ready { learned: self.clone(), expected: self.workspace.parts() }
     }
 
     /// Finds out from places that were not learned how much too sure the estimates are, of one view and of all views of a place.
@@ -197,23 +197,33 @@ impl Calibrated {
 
 /// A calibrated locator and what it computes beforehand.
 #[derive(Clone, Debug)]
-pub struct Ready<'a> {
-    learned: &'a Calibrated,
+pub struct Ready {
+    learned: Calibrated,
     expected: Vec<Expected>,
 }
 
-impl Ready<'_> {
+impl Ready {
     /// Where what was seen is, as far as one view tells.
     pub fn locate(&self, view: &StereoView) -> Option<Estimate> {
-        let of = self.learned;
+        let of = &self.learned;
         let mut found = locate(&of.model, view, &origins(view, &of.rests), (&of.noise, &of.shares), &self.expected)?;
         found.covariance *= of.widening;
         Some(found)
     }
 
+    /// What all views of one place are off in common, square meters.
+    pub fn common(&self) -> Matrix3<f64> {
+        self.learned.common
+    }
+
+    /// The cameras before the fit, left and right.
+    pub fn lenses(&self) -> [Lens; 2] {
+        self.learned.model.lenses
+    }
+
     /// Where an object is that rested while all these views were taken.
     pub fn fuse(&self, views: &[StereoView]) -> Option<Estimate> {
-        let of = self.learned;
+        let of = &self.learned;
         let each: Vec<Estimate> = views.iter().filter_map(|v| self.locate(v)).collect();
         let guess = fuse(&each, &Matrix3::zeros())?.place;
         let views: Vec<_> = views.iter().map(|v| (*v, origins(v, &of.rests))).collect();

@@ -1,6 +1,7 @@
 //! Locator files: what was learned, as JSON with a version.
 
 use super::calibrated::{Beginning, Calibrated, Ready, Untaught};
+use super::lens::Lens;
 use super::network::PublishedNetwork;
 use super::tracker::fuse;
 use super::triangulated::Triangulated;
@@ -121,10 +122,10 @@ impl LocatorFile {
     }
 
     /// Ready to be asked.
-    pub fn ready(&self) -> ReadyLocator<'_> {
+    pub fn ready(&self) -> ReadyLocator {
         match &self.learned {
-            LearnedPlaces::Triangulate(t) => ReadyLocator::Triangulate(t),
-            LearnedPlaces::Network(n) => ReadyLocator::Network(n),
+            LearnedPlaces::Triangulate(t) => ReadyLocator::Triangulate(t.clone()),
+            LearnedPlaces::Network(n) => ReadyLocator::Network(n.clone()),
             LearnedPlaces::Calibrated(c) => ReadyLocator::Calibrated(c.ready()),
         }
     }
@@ -132,22 +133,39 @@ impl LocatorFile {
 
 /// A locator and what it computes beforehand.
 #[derive(Clone, Debug)]
-pub enum ReadyLocator<'a> {
+pub enum ReadyLocator {
     /// By the drawings.
-    Triangulate(&'a Triangulated),
+    Triangulate(Triangulated),
     /// By the published network.
-    Network(&'a PublishedNetwork),
+    Network(PublishedNetwork),
     /// By the fitted model.
-    Calibrated(Ready<'a>),
+    Calibrated(Ready),
 }
 
-impl ReadyLocator<'_> {
+impl ReadyLocator {
     /// Where what was seen is, as far as one view tells; `None` if it tells nothing.
     pub fn locate(&self, view: &StereoView) -> Option<Estimate> {
         match self {
             ReadyLocator::Triangulate(t) => t.locate(view),
             ReadyLocator::Network(n) => n.locate(view),
             ReadyLocator::Calibrated(c) => c.locate(view),
+        }
+    }
+
+    /// What several views of one object are off in common, square meters.
+    pub fn common(&self) -> Matrix3<f64> {
+        match self {
+            ReadyLocator::Calibrated(c) => c.common(),
+            _ => Matrix3::zeros(),
+        }
+    }
+
+    /// The cameras as the file knows them, left and right.
+    pub fn lenses(&self) -> [Lens; 2] {
+        match self {
+            ReadyLocator::Triangulate(t) => t.model.lenses,
+            ReadyLocator::Network(_) => Lens::icub(),
+            ReadyLocator::Calibrated(c) => c.lenses(),
         }
     }
 

@@ -107,7 +107,9 @@ pub struct HeadModel {
     pub frame: PlaceFrame,
     /// What may be off in the places; none: they are believed.
     pub warp: Option<Warp>,
-    /// The parameters, in the order of [`priors`].
+    /// The parameters: offsets of the nine joints, rad, and gains, parts of one; sag, rad; for the left and then the right eye turns of
+    /// its mount about x, y and z, rad, by what part the focal length is longer, how far the center is off, pixels, and k1; turns of the
+    /// places' frame, rad, and its shift, m; the lag; and if there is a warp, its coefficients, m.
     pub theta: Vec<f64>,
 }
 
@@ -179,6 +181,12 @@ impl HeadModel {
     /// By what part of the way back to where joints rested the picture is older than the reading.
     pub(super) fn lag(&self) -> f64 {
         self.part::<1>(LAG)[0]
+    }
+
+    /// Where both eyes see a place, in the frame of the places, with joints that read so, rad: left u and v, right u and v, pixels;
+    /// `None` if it is not before both.
+    pub fn pixels(&self, joints: &JointAngles, place: &Vector3<f64>) -> Option<Vector4<f64>> {
+        Some(self.look(joints, &[0.0; 9]).see(place)?.pixels)
     }
 
     /// The offsets of the joints, rad.
