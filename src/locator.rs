@@ -116,6 +116,10 @@ fn show(file: &LocatorFile) -> String {
     let model = match &file.learned {
         LearnedPlaces::Triangulate(t) => &t.model,
         LearnedPlaces::Calibrated(c) => &c.model,
+        LearnedPlaces::Ensemble(e) => {
+            let _ = writeln!(said, "{} networks", e.members.len());
+            return said;
+        }
         LearnedPlaces::Network(n) => {
             let units: usize = n.axes.iter().map(|a| a.hidden.len()).sum();
             let _ = writeln!(said, "{} networks, {units} hidden units", n.axes.len());

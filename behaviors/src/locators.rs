@@ -8,6 +8,7 @@
 //! Units: meters, radians, pixels; millimeters and degrees only in recorded tables.
 
 pub mod calibrated;
+pub mod ensemble;
 pub mod file;
 mod fit;
 pub mod folds;

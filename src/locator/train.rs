@@ -16,8 +16,8 @@ pub struct LocatorTrainArgs {
     /// The locator to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// What to learn: `triangulate` (where the places' frame is), `network` (as published) or `calibrated` (by how much the head is
-    /// off from its drawings).
+    /// What to learn: `triangulate` (where the places' frame is), `network` (as published), `ensemble` (networks that are
+    /// told more) or `calibrated` (by how much the head is off from its drawings).
     #[arg(long, value_parser = kind, default_value = "calibrated")]
     kind: LocatorKind,
     /// The seed of all randomness.

@@ -1,6 +1,7 @@
 //! Locator files: what was learned, as JSON with a version.
 
 use super::calibrated::{Beginning, Calibrated, Ready, Untaught};
+use super::ensemble::Ensemble;
 use super::lens::Lens;
 use super::network::PublishedNetwork;
 use super::tracker::fuse;
@@ -24,19 +25,23 @@ pub enum LocatorKind {
     Triangulate,
     /// By a network as published.
     Network,
+    /// By several networks that are told more.
+    Ensemble,
     /// By a model of the head that was fitted.
     Calibrated,
 }
 
 impl LocatorKind {
     /// All of them.
-    pub const ALL: [LocatorKind; 3] = [LocatorKind::Triangulate, LocatorKind::Network, LocatorKind::Calibrated];
+    pub const ALL: [LocatorKind; 4] =
+        [LocatorKind::Triangulate, LocatorKind::Network, LocatorKind::Ensemble, LocatorKind::Calibrated];
 
     /// Its name in files and commands.
     pub fn name(self) -> &'static str {
         match self {
             LocatorKind::Triangulate => "triangulate",
             LocatorKind::Network => "network",
+            LocatorKind::Ensemble => "ensemble",
             LocatorKind::Calibrated => "calibrated",
         }
     }
@@ -50,6 +55,8 @@ pub enum LearnedPlaces {
     Triangulate(Triangulated),
     /// Weights.
     Network(PublishedNetwork),
+    /// More weights.
+    Ensemble(Box<Ensemble>),
     /// How far the head is from its drawings.
     Calibrated(Box<Calibrated>),
 }
@@ -86,6 +93,7 @@ impl LocatorFile {
         let learned = match kind {
             LocatorKind::Triangulate => LearnedPlaces::Triangulate(Triangulated::train(known, &from)?),
             LocatorKind::Network => LearnedPlaces::Network(PublishedNetwork::train(known, seed, tell)?),
+            LocatorKind::Ensemble => LearnedPlaces::Ensemble(Box::new(Ensemble::train(known, &from, tell)?)),
             LocatorKind::Calibrated => LearnedPlaces::Calibrated(Box::new(Calibrated::train(known, &from, tell)?)),
         };
         Ok(LocatorFile { format: learned_file::format_name(NOUN), version: LOCATOR_VERSION, data, seed, learned })
@@ -100,6 +108,7 @@ impl LocatorFile {
             let is_whole = match &file.learned {
                 LearnedPlaces::Triangulate(t) => t.is_whole(),
                 LearnedPlaces::Network(n) => n.is_whole(),
+                LearnedPlaces::Ensemble(e) => e.is_whole(),
                 LearnedPlaces::Calibrated(c) => c.is_whole(),
             };
             let what = || format!("`learned.{}` has missing, too many or impossible numbers", file.kind().name());
@@ -117,6 +126,7 @@ impl LocatorFile {
         match &self.learned {
             LearnedPlaces::Triangulate(_) => LocatorKind::Triangulate,
             LearnedPlaces::Network(_) => LocatorKind::Network,
+            LearnedPlaces::Ensemble(_) => LocatorKind::Ensemble,
             LearnedPlaces::Calibrated(_) => LocatorKind::Calibrated,
         }
     }
@@ -126,6 +136,7 @@ impl LocatorFile {
         match &self.learned {
             LearnedPlaces::Triangulate(t) => ReadyLocator::Triangulate(t.clone()),
             LearnedPlaces::Network(n) => ReadyLocator::Network(n.clone()),
+            LearnedPlaces::Ensemble(e) => ReadyLocator::Ensemble((**e).clone()),
             LearnedPlaces::Calibrated(c) => ReadyLocator::Calibrated(c.ready()),
         }
     }
@@ -138,6 +149,8 @@ pub enum ReadyLocator {
     Triangulate(Triangulated),
     /// By the published network.
     Network(PublishedNetwork),
+    /// By several networks.
+    Ensemble(Ensemble),
     /// By the fitted model.
     Calibrated(Ready),
 }
@@ -148,6 +161,7 @@ impl ReadyLocator {
         match self {
             ReadyLocator::Triangulate(t) => t.locate(view),
             ReadyLocator::Network(n) => n.locate(view),
+            ReadyLocator::Ensemble(e) => e.locate(view),
             ReadyLocator::Calibrated(c) => c.locate(view),
         }
     }
@@ -165,6 +179,7 @@ impl ReadyLocator {
         match self {
             ReadyLocator::Triangulate(t) => t.model.lenses,
             ReadyLocator::Network(_) => Lens::icub(),
+            ReadyLocator::Ensemble(e) => e.model.lenses,
             ReadyLocator::Calibrated(c) => c.lenses(),
         }
     }

@@ -11,7 +11,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-/// Settings of the kinds `triangulate`, `network` and `calibrated`.
+/// Settings of the kinds `triangulate`, `network`, `ensemble` and `calibrated`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LearnedLocatorSettings {
@@ -89,6 +89,17 @@ inventory::submit! {
         schema: || schemars::schema_for!(LearnedLocatorSettings),
         example: |_| Ok(json!({ "file": "learned.locator.json" })),
         build: |value, context| build(value, &context.robot, LocatorKind::Network),
+    })
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Locator> {
+        name: "ensemble",
+        doc: "Tells where things are by several networks that are told where the rays of both eyes meet, beside pixels and joints (`mobee \
+              locator train --kind ensemble`).",
+        schema: || schemars::schema_for!(LearnedLocatorSettings),
+        example: |_| Ok(json!({ "file": "learned.locator.json" })),
+        build: |value, context| build(value, &context.robot, LocatorKind::Ensemble),
     })
 }
 

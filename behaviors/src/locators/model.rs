@@ -288,11 +288,16 @@ impl Looking<'_> {
         for j in 0..9 {
             by[OFFSETS + j] = column(j);
             by[GAINS + j] = column(j) * self.q[j];
-            by[LAG] += column(j) * self.toward[j];
         }
         for (i, (joint, lever)) in levers(&self.q).into_iter().enumerate() {
             by[SAGS + i] = column(joint) * lever;
         }
+        let (gains, sags, toward) = (self.model.part::<9>(GAINS), self.model.part::<3>(SAGS), &self.toward);
+        let mut turned: JointAngles = std::array::from_fn(|j| toward[j] * (1.0 + gains[j]));
+        turned[0] += sags[0] * self.q[0].cos() * toward[0];
+        turned[1] += sags[1] * self.q[1].cos() * toward[1];
+        turned[3] += sags[2] * (self.q[0] + self.q[3]).cos() * (toward[0] + toward[3]);
+        by[LAG] = joints * SMatrix::<f64, 9, 1>::from(turned);
         let (root, _) = self.root(place);
         let mut by_root = Matrix4x3::zeros();
         for e in 0..2 {

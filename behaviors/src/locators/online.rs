@@ -19,6 +19,8 @@ const KEPT: usize = 60;
 const WINDOWS: [usize; 3] = [10, 20, 40];
 /// By how much the logarithm of their likelihood has to rise.
 const BELIEVED: f64 = 15.0;
+/// And by how much more than for the next likely joint, unless there are views enough.
+const APART: f64 = 5.0;
 /// The degrees of freedom of Student's distribution.
 const NU: f64 = 4.0;
 
@@ -66,13 +68,16 @@ impl OnlineCalibration {
         let information = self.learned.noise.resting.try_inverse()?;
         // newest first
         let seen: Vec<_> = self.recent.iter().rev().filter_map(|k| self.misfit(k)).collect();
-        let windows = WINDOWS.into_iter().filter_map(|n| Some((n, seen.get(..n)?)));
-        let all = windows.flat_map(|(n, seen)| (0..9).map(move |joint| (n, joint, seen)));
-        let fitted = all.map(|(n, joint, seen)| (n, joint, jump(seen, joint, &information)));
-        let (n, joint, (by, gain)) = fitted.max_by(|a, b| a.2.1.total_cmp(&b.2.1))?;
-        if gain < BELIEVED {
-            return None;
-        }
+        let best = WINDOWS.into_iter().filter_map(|n| {
+            let seen = seen.get(..n)?;
+            let mut joints: Vec<_> = (0..9).map(|joint| (joint, jump(seen, joint, &information))).collect();
+            joints.sort_by(|a, b| b.1.1.total_cmp(&a.1.1));
+            let ((joint, (by, gain)), (_, (_, second))) = (*joints.first()?, *joints.get(1)?);
+            // with the most views that there are, the likeliest it is
+            let is_told = gain > BELIEVED && (gain - second > APART || Some(&n) == WINDOWS.last());
+            is_told.then_some((n, joint, by, gain))
+        });
+        let (n, joint, by, _) = best.max_by(|a, b| a.3.total_cmp(&b.3))?;
         // what is older than the jump would only mislead
         self.recent.drain(..self.recent.len().saturating_sub(n));
         self.learned.model.theta[OFFSETS + joint] += by;
