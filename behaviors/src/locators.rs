@@ -7,6 +7,7 @@
 //!
 //! Units: meters, radians, pixels; millimeters and degrees only in recorded tables.
 
+pub mod beginning;
 pub mod calibrated;
 pub mod ensemble;
 pub mod file;
@@ -16,10 +17,12 @@ pub mod head;
 pub mod kinds;
 pub mod learned;
 pub mod lens;
+mod looking;
 pub mod model;
 pub mod network;
 pub mod noise;
 pub mod online;
+pub mod parameters;
 pub mod posterior;
 mod rigid;
 pub mod rows;

@@ -1,10 +1,12 @@
 //! Simulated heads that are off from their drawings in every way that is known of real ones, what they see, and how exactly anybody
 //! could know a place after having seen so much: the information bound (Cramer and Rao).
 
-use mobee_behaviors::locators::calibrated::{Beginning, Calibrated};
+use mobee_behaviors::locators::beginning::Beginning;
+use mobee_behaviors::locators::calibrated::Calibrated;
 use mobee_behaviors::locators::head::{HeadKind, JointAngles};
 use mobee_behaviors::locators::lens::Lens;
-use mobee_behaviors::locators::model::{HeadModel, PlaceFrame};
+use mobee_behaviors::locators::model::HeadModel;
+use mobee_behaviors::locators::parameters::PlaceFrame;
 use mobee_behaviors::locators::view::{Glimpse, KnownView, StereoView};
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Matrix4x3, Rotation3, Vector3, Vector4};
 use rand::{Rng, SeedableRng};

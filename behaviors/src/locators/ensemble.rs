@@ -2,7 +2,7 @@
 //! meet by the drawings, joints as they were when the picture was taken, and there are several: each has not learned a fifth of the
 //! places, by which it is known how far it is off there.
 
-use super::calibrated::{Beginning, Untaught};
+use super::beginning::{Beginning, Untaught};
 use super::folds::folds;
 use super::model::HeadModel;
 use super::noise::{Rests, find_rests, origins};

@@ -1,6 +1,7 @@
 //! Locator files: what was learned, as JSON with a version.
 
-use super::calibrated::{Beginning, Calibrated, Ready, Untaught};
+use super::beginning::{Beginning, Untaught};
+use super::calibrated::{Calibrated, Ready};
 use super::ensemble::Ensemble;
 use super::lens::Lens;
 use super::network::PublishedNetwork;

@@ -3,8 +3,9 @@
 //! What is minimized, over the parameters: the sum over views of (nu + 4)/2 ln(1 + d^2/nu), where d^2 is the misfit of the four pixels
 //! in standard deviations of their covariance (Student's distribution), plus half the squares of parameters in prior deviations.
 
-use super::model::{HeadModel, Prior};
+use super::model::HeadModel;
 use super::noise::{Noise, Origin};
+use super::parameters::Prior;
 use super::view::KnownView;
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 

@@ -1,6 +1,6 @@
 //! Views of places left out: whole places, never single views, for whoever knows a place knows all its views.
 
-use super::calibrated::Untaught;
+use super::beginning::Untaught;
 use super::view::KnownView;
 use super::workspace::distinct;
 use rand::SeedableRng;

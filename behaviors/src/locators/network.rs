@@ -1,7 +1,7 @@
 //! The kind `network`: the paper's learned locator, as published. One network for each axis, ten logistic units between inputs and a
 //! linear output, plain back-propagation, one view at a time.
 
-use super::calibrated::Untaught;
+use super::beginning::Untaught;
 use super::folds::folds;
 use super::triangulated::widening;
 use super::view::{Estimate, KnownView, StereoView};

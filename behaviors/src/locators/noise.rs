@@ -1,7 +1,8 @@
 //! How far what is seen is off, from one view to the next: pixels of both eyes together, and the pose of a head that moves.
 
 use super::head::JointAngles;
-use super::model::{Looking, invert};
+use super::looking::Looking;
+use super::model::invert;
 use super::view::StereoView;
 use nalgebra::{Matrix4, Vector3, Vector4};
 use serde::{Deserialize, Serialize};

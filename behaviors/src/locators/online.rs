@@ -7,8 +7,8 @@
 use super::calibrated::Calibrated;
 use super::fit::{Lesson, fit};
 use super::head::JOINTS;
-use super::model::{OFFSETS, priors};
 use super::noise::Origin;
+use super::parameters::{OFFSETS, priors};
 use super::view::KnownView;
 use nalgebra::{DMatrix, Matrix4, Vector4};
 use std::collections::VecDeque;

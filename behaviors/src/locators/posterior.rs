@@ -1,7 +1,8 @@
 //! What is known of a place once it was seen: every explanation of the view (both eyes right, the head's pose wrong, an eye deceived)
 //! with every expectation, each a normal distribution about its own best place; the answer has the mean and the covariance of all.
 
-use super::model::{HeadModel, Looking, invert};
+use super::looking::Looking;
+use super::model::{HeadModel, invert};
 use super::noise::{Noise, Origin};
 use super::view::{Estimate, StereoView};
 use super::workspace::Expected;

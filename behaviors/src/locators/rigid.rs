@@ -1,6 +1,6 @@
 //! The rigid motion that takes one set of points onto another, although some are grossly off.
 
-use super::model::PlaceFrame;
+use super::parameters::PlaceFrame;
 use nalgebra::{Matrix3, Vector3};
 use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;

@@ -56,13 +56,33 @@ impl Errors {
     }
 }
 
+/// What was answered, and the truth.
+#[derive(Clone, Debug, Default)]
+pub struct Answers {
+    single: Vec<(Option<Estimate>, Vector3<f64>)>,
+    fused: Vec<(Option<Estimate>, Vector3<f64>)>,
+}
+
+impl Answers {
+    /// Asks a locator for these views, one by one and all of each place together.
+    pub fn ask(&mut self, locator: &ReadyLocator, known: &[KnownView]) {
+        self.single.extend(known.iter().map(|k| (locator.locate(&k.view), k.place)));
+        for place in distinct(known.iter().map(|k| k.place)) {
+            let here = known.iter().filter(|k| (k.place - place).norm() < 1e-6);
+            let views: Vec<StereoView> = here.map(|k| k.view).collect();
+            self.fused.push((locator.fuse(&views), place));
+        }
+    }
+
+    /// How good they are.
+    pub fn score(&self) -> LocatorScore {
+        LocatorScore { single: Errors::of(&self.single), fused: Errors::of(&self.fused) }
+    }
+}
+
 /// Judges a locator by views of known places.
 pub fn judge(locator: &ReadyLocator, known: &[KnownView]) -> LocatorScore {
-    let single: Vec<_> = known.iter().map(|k| (locator.locate(&k.view), k.place)).collect();
-    let of_place = |place: Vector3<f64>| {
-        let views: Vec<StereoView> = known.iter().filter(|k| (k.place - place).norm() < 1e-6).map(|k| k.view).collect();
-        (locator.fuse(&views), place)
-    };
-    let fused: Vec<_> = distinct(known.iter().map(|k| k.place)).into_iter().map(of_place).collect();
-    LocatorScore { single: Errors::of(&single), fused: Errors::of(&fused) }
+    let mut answers = Answers::default();
+    answers.ask(locator, known);
+    answers.score()
 }

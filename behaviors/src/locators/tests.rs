@@ -2,7 +2,8 @@
 
 use super::head::{HeadKind, JointAngles};
 use super::lens::Lens;
-use super::model::{HeadModel, PlaceFrame, WARPED, Warp};
+use super::model::HeadModel;
+use super::parameters::{PlaceFrame, WARPED, Warp};
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3, Vector4};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -99,7 +100,7 @@ fn rays_meet_where_the_object_is() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut model = strange(&mut rng);
     model.warp = None;
-    model.theta.truncate(super::model::RIGID);
+    model.theta.truncate(super::parameters::RIGID);
     for _ in 0..50 {
         let q: JointAngles = std::array::from_fn(|_| rng.random_range(-0.15..0.15));
         let place = Vector3::new(rng.random_range(0.2..0.5), rng.random_range(-0.1..0.1), rng.random_range(-0.1..0.2));

@@ -1,7 +1,8 @@
 //! The place of an object that rests, from several views of it at once: not from what each view says alone, because what was expected
 //! before would then count as often as there are views.
 
-use super::model::{HeadModel, Looking};
+use super::looking::Looking;
+use super::model::HeadModel;
 use super::noise::{Noise, Origin};
 use super::posterior::{Explained, Mixture, Shares};
 use super::view::{Estimate, StereoView};

@@ -1,6 +1,6 @@
 //! The kind `triangulate`: where the rays of the two eyes pass each other, by what the drawings say of the head, made most likely.
 
-use super::calibrated::{Beginning, Untaught};
+use super::beginning::{Beginning, Untaught};
 use super::fit::{Lesson, off, scatter};
 use super::model::{HeadModel, invert};
 use super::noise::{Noise, Origin};

@@ -1,6 +1,7 @@
 //! The recorded views of a block and a dot that an arm held: what is promised at places that were not learned.
 
-use mobee_behaviors::locators::calibrated::{Beginning, Calibrated};
+use mobee_behaviors::locators::beginning::Beginning;
+use mobee_behaviors::locators::calibrated::Calibrated;
 use mobee_behaviors::locators::folds::folds;
 use mobee_behaviors::locators::rows::parse;
 use mobee_behaviors::locators::view::{INSIDE_95, KnownView};

@@ -1,7 +1,8 @@
 //! Heads whose truth is known.
 
 use super::simulated_head::{SimulatedHead, learn, mean_square};
-use mobee_behaviors::locators::calibrated::{Beginning, Calibrated};
+use mobee_behaviors::locators::beginning::Beginning;
+use mobee_behaviors::locators::calibrated::Calibrated;
 use mobee_behaviors::locators::network::PublishedNetwork;
 use mobee_behaviors::locators::online::OnlineCalibration;
 use mobee_behaviors::locators::triangulated::Triangulated;
