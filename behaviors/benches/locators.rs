@@ -15,7 +15,7 @@ use measure::{processor_time, sorted};
 use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::calibrated::Calibrated;
 use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
-use mobee_behaviors::locators::folds::folds;
+use mobee_behaviors::locators::folds::{Fold, folds};
 use mobee_behaviors::locators::head::JOINTS;
 use mobee_behaviors::locators::online::OnlineCalibration;
 use mobee_behaviors::locators::rows::parse;
@@ -39,7 +39,7 @@ fn recorded(name: &str) {
     println!("{name}: median, mean, 95 % in mm, share in the region of 95 %");
     for kind in LocatorKind::ALL {
         let (mut all, mut unclipped) = (Answers::default(), Answers::default());
-        for (train, test) in folds(&known, 0).expect("folds") {
+        for Fold { train, test } in folds(&known, 0).expect("folds") {
             let file = LocatorFile::train(kind, &train, String::new(), 0, &mut |_| ()).expect("it learns");
             let ready = file.ready();
             all.ask(&ready, &test);

@@ -15,7 +15,7 @@
 //! ```
 //!
 //! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `scripted`, `random`, `jog`; so are
-//! [`detectors`] that learn from pictures: `color`, `cgp`. A program must name this
+//! [`detectors`] that learn from pictures: `color`, `cgp`; and [`locators`]: `triangulate`, `network`, `ensemble`, `calibrated`. A program must name this
 //! crate (`use mobee_behaviors as _;`), or the linker drops them.
 //!
 //! Units: radians, meters, seconds; degrees only in settings, named `_deg`.

@@ -1,7 +1,7 @@
 //! Locators: where in the world is what both eyes saw (paper, section 3.2).
 //!
 //! ```text
-//! CSV ──> rows ──> known views ──> calibrated, network, .. ──> file
+//! CSV ──> rows ──> known views ──> triangulated, network, ensemble, calibrated ──> file
 //! view ──> origins x explanations x expectations ──> mean, covariance ──> tracker
 //! ```
 //!
@@ -14,6 +14,7 @@ pub mod file;
 mod fit;
 pub mod folds;
 pub mod head;
+mod honest;
 pub mod kinds;
 pub mod learned;
 pub mod lens;

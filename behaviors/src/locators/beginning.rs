@@ -58,7 +58,7 @@ impl Beginning {
             let enough = 2 * pairs.len() > seen.len();
             rigid(&pairs, &mut rng).filter(|_| enough).map(|(frame, reach)| (reach, degrees, frame))
         };
-        let best = (-16..=16).filter_map(|half| squinting(half)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let best = (-16..=16).filter_map(&mut squinting).min_by(|a, b| a.0.total_cmp(&b.0));
         let (_, degrees, frame) = best.ok_or_else(|| {
             Untaught("the rays of the two eyes meet in too few views, or all places are in line".into())
         })?;

@@ -2,7 +2,8 @@
 
 use super::beginning::{Beginning, Untaught};
 use super::fit::{Lesson, fit, inner_scatter, off, scatter};
-use super::folds::folds;
+use super::folds::{Fold, folds};
+use super::honest::{common, places_of, widening};
 use super::lens::Lens;
 use super::model::HeadModel;
 use super::noise::{Noise, Rests, find_rests, origins};
@@ -10,8 +11,8 @@ use super::parameters::{OFFSETS, Warp, priors};
 use super::posterior::{Shares, locate};
 use super::together::locate_together;
 use super::tracker::fuse;
-use super::triangulated::widening;
-use super::view::{Estimate, INSIDE_95, KnownView, StereoView};
+
+use super::view::{Estimate, KnownView, StereoView};
 use super::workspace::{Expected, Workspace, distinct};
 use nalgebra::{Matrix3, Matrix4, Vector3};
 use serde::{Deserialize, Serialize};
@@ -51,7 +52,7 @@ impl Calibrated {
         let steps = (2 * folds.len() + 1) as f64;
         let mut done = 0.0;
         let mut held_out = |has_warp: bool| -> Result<Vec<(Calibrated, Vec<KnownView>)>, Untaught> {
-            let fold = |(train, test): &(Vec<KnownView>, Vec<KnownView>)| {
+            let fold = |Fold { train, test }: &Fold| {
                 let learned = Calibrated::learn(train, from, has_warp)?;
                 done += 1.0;
                 tell(done / steps);
@@ -113,26 +114,10 @@ impl Calibrated {
         for (judge, test) in judges {
             let ready = judge.ready();
             squares.extend(test.iter().filter_map(|k| ready.locate(&k.view).map(|e| e.distance(&k.place))));
-            for place in distinct(test.iter().map(|k| k.place)) {
-                let views = test.iter().filter(|k| k.place == place).map(|k| k.view).collect::<Vec<_>>();
-                fused.extend(ready.fuse(&views).map(|e| (e, place)));
-            }
+            fused.extend(places_of(test).into_iter().filter_map(|(place, views)| Some((ready.fuse(&views)?, place))));
         }
         self.widening = widening(squares);
-        let square = |(e, place): &(Estimate, Vector3<f64>)| (e.place - place) * (e.place - place).transpose();
-        let mut sizes: Vec<f64> = fused.iter().map(|f| square(f).trace()).collect();
-        sizes.sort_by(f64::total_cmp);
-        // the shape of what most places are off by; as much of it as makes 95 % of them right
-        let most = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or_default();
-        let inner = fused.iter().map(square).filter(|s| s.trace() <= most);
-        let shape = inner.clone().sum::<Matrix3<f64>>() / inner.count().max(1) as f64;
-        let inside = |part: &f64| {
-            let wider = |e: &Estimate| Estimate { place: e.place, covariance: e.covariance + shape * *part };
-            let right = fused.iter().filter(|(e, place)| wider(e).distance(place) <= INSIDE_95).count();
-            20 * right >= 19 * fused.len()
-        };
-        let part = (0..40).map(|i| 0.1 * f64::from(i)).find(inside).unwrap_or(4.0);
-        self.common = shape * part;
+        self.common = common(&fused);
     }
 }
 

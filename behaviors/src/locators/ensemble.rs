@@ -3,10 +3,10 @@
 //! places, by which it is known how far it is off there.
 
 use super::beginning::{Beginning, Untaught};
-use super::folds::folds;
+use super::folds::{Fold, folds};
+use super::honest::{common, fused, widening};
 use super::model::HeadModel;
 use super::noise::{Rests, find_rests, origins};
-use super::triangulated::widening;
 use super::view::{Estimate, KnownView, StereoView};
 use nalgebra::{Matrix3, Vector3};
 use rand::seq::SliceRandom;
@@ -46,6 +46,8 @@ pub struct Ensemble {
     pub covariance: Matrix3<f64>,
     /// By what the covariance has to be multiplied so that 95 % of these places are inside the regions of 95 %.
     pub widening: f64,
+    /// What all views of one place have in common in how they are off, square meters.
+    pub common: Matrix3<f64>,
 }
 
 fn features(model: &HeadModel, rests: &Rests, view: &StereoView, center: &Vector3<f64>) -> [f64; INPUTS] {
@@ -159,13 +161,14 @@ impl Ensemble {
             members: Vec::new(),
             covariance: Matrix3::identity(),
             widening: 1.0,
+            common: Matrix3::zeros(),
         };
         let raw: Vec<_> = known.iter().map(|k| all.scaled(&k.view)).collect();
         all.inputs = (0..INPUTS).map(|i| spread(raw.iter().map(move |r| r[i]))).collect();
         let (steps, mut done) = ((EPOCHS * folds.len()) as f64, 0.0);
         let mut rng = ChaCha8Rng::seed_from_u64(from.seed);
         let mut errors = Vec::new();
-        for (train, test) in &folds {
+        for Fold { train, test } in &folds {
             let lesson = |k: &KnownView| {
                 let place = std::array::from_fn(|i| (k.place[i] - all.places[i].0) / all.places[i].1);
                 (all.scaled(&k.view), place)
@@ -181,6 +184,12 @@ impl Ensemble {
         all.covariance = errors.iter().map(|e| e * e.transpose()).sum::<Matrix3<f64>>() / errors.len() as f64;
         let region = Estimate { place: Vector3::zeros(), covariance: all.covariance };
         all.widening = widening(errors.iter().map(|e| region.distance(e)).collect());
+        let covariance = all.covariance * all.widening;
+        let together = |(member, fold): (&Vec<f64>, &Fold)| {
+            fused(&fold.test, &|view| Some(Estimate { place: all.place(member, view), covariance }))
+        };
+        let fused: Vec<_> = all.members.iter().zip(&folds).flat_map(together).collect();
+        all.common = common(&fused);
         Ok(all)
     }
 
@@ -202,7 +211,10 @@ impl Ensemble {
         let scales = self.inputs.iter().chain(&self.places).all(|(m, d)| m.is_finite() && d.is_finite() && *d > 0.0);
         let finite = self.members.iter().chain(&self.rests).flatten().all(|w| w.is_finite());
         let members = !self.members.is_empty() && self.members.iter().all(|m| m.len() == WEIGHTS);
-        let size = self.widening.is_finite() && self.widening > 0.0 && self.covariance.cholesky().is_some();
+        let size = self.widening.is_finite()
+            && self.widening > 0.0
+            && self.common.iter().all(|n| n.is_finite())
+            && self.covariance.cholesky().is_some();
         lists && scales && finite && members && size && self.model.is_whole()
     }
 

@@ -53,7 +53,7 @@ impl LocatorKind {
 #[serde(rename_all = "snake_case")]
 pub enum LearnedPlaces {
     /// In which frame, and how far off.
-    Triangulate(Triangulated),
+    Triangulate(Box<Triangulated>),
     /// Weights.
     Network(PublishedNetwork),
     /// More weights.
@@ -92,7 +92,7 @@ impl LocatorFile {
     ) -> Result<LocatorFile, Untaught> {
         let from = Beginning::recorded(seed);
         let learned = match kind {
-            LocatorKind::Triangulate => LearnedPlaces::Triangulate(Triangulated::train(known, &from)?),
+            LocatorKind::Triangulate => LearnedPlaces::Triangulate(Box::new(Triangulated::train(known, &from)?)),
             LocatorKind::Network => LearnedPlaces::Network(PublishedNetwork::train(known, seed, tell)?),
             LocatorKind::Ensemble => LearnedPlaces::Ensemble(Box::new(Ensemble::train(known, &from, tell)?)),
             LocatorKind::Calibrated => LearnedPlaces::Calibrated(Box::new(Calibrated::train(known, &from, tell)?)),
@@ -137,8 +137,8 @@ impl LocatorFile {
         match &self.learned {
             LearnedPlaces::Triangulate(t) => ReadyLocator::Triangulate(t.clone()),
             LearnedPlaces::Network(n) => ReadyLocator::Network(n.clone()),
-            LearnedPlaces::Ensemble(e) => ReadyLocator::Ensemble((**e).clone()),
-            LearnedPlaces::Calibrated(c) => ReadyLocator::Calibrated(c.ready()),
+            LearnedPlaces::Ensemble(e) => ReadyLocator::Ensemble(e.clone()),
+            LearnedPlaces::Calibrated(c) => ReadyLocator::Calibrated(Box::new(c.ready())),
         }
     }
 }
@@ -147,13 +147,13 @@ impl LocatorFile {
 #[derive(Clone, Debug)]
 pub enum ReadyLocator {
     /// By the drawings.
-    Triangulate(Triangulated),
+    Triangulate(Box<Triangulated>),
     /// By the published network.
     Network(PublishedNetwork),
     /// By several networks.
-    Ensemble(Ensemble),
+    Ensemble(Box<Ensemble>),
     /// By the fitted model.
-    Calibrated(Ready),
+    Calibrated(Box<Ready>),
 }
 
 impl ReadyLocator {
@@ -170,8 +170,10 @@ impl ReadyLocator {
     /// What several views of one object are off in common, square meters.
     pub fn common(&self) -> Matrix3<f64> {
         match self {
+            ReadyLocator::Triangulate(t) => t.common,
+            ReadyLocator::Network(n) => n.common,
+            ReadyLocator::Ensemble(e) => e.common,
             ReadyLocator::Calibrated(c) => c.common(),
-            _ => Matrix3::zeros(),
         }
     }
 
@@ -191,6 +193,6 @@ impl ReadyLocator {
             return c.fuse(views);
         }
         let each: Vec<Estimate> = views.iter().filter_map(|v| self.locate(v)).collect();
-        fuse(&each, &Matrix3::zeros())
+        fuse(&each, &self.common())
     }
 }

@@ -58,7 +58,8 @@ pub(super) fn fit(model: &mut HeadModel, lessons: &[Lesson], noise: &Noise, prio
         let mut next = model.clone();
         next.theta.iter_mut().zip(step.iter()).for_each(|(t, s)| *t += s);
         let then = cost(&next, lessons, &informations, priors);
-        if !(then < now) {
+        // a cost that is not a number is none that is less
+        if then.partial_cmp(&now) != Some(std::cmp::Ordering::Less) {
             damping *= 10.0;
             if damping > 1e8 {
                 break;

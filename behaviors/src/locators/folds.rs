@@ -12,11 +12,20 @@ const FOLDS: usize = 5;
 /// What is needed at least: views and places.
 const LEAST: (usize, usize) = (20, 4);
 
+/// Views to learn from, and views of other places to be judged by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fold {
+    /// To learn from.
+    pub train: Vec<KnownView>,
+    /// Held out.
+    pub test: Vec<KnownView>,
+}
+
 /// Cuts views into parts by their places; for each, what is learned from and what is held out.
 ///
 /// # Errors
 /// Fewer than 20 views or 4 places.
-pub fn folds(known: &[KnownView], seed: u64) -> Result<Vec<(Vec<KnownView>, Vec<KnownView>)>, Untaught> {
+pub fn folds(known: &[KnownView], seed: u64) -> Result<Vec<Fold>, Untaught> {
     let mut places = distinct(known.iter().map(|k| k.place));
     if known.len() < LEAST.0 || places.len() < LEAST.1 {
         return Err(Untaught(format!(
@@ -32,7 +41,7 @@ pub fn folds(known: &[KnownView], seed: u64) -> Result<Vec<(Vec<KnownView>, Vec<
     let part = |i: usize| {
         let is_out = |k: &&KnownView| places.iter().skip(i).step_by(n).any(|p| (p - k.place).norm() < 1e-6);
         let (test, train): (Vec<&KnownView>, Vec<&KnownView>) = known.iter().partition(is_out);
-        (train.into_iter().copied().collect(), test.into_iter().copied().collect())
+        Fold { train: train.into_iter().copied().collect(), test: test.into_iter().copied().collect() }
     };
     Ok((0..n).map(part).collect())
 }

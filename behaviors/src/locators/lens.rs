@@ -81,10 +81,11 @@ impl Lens {
             let (at, by) = self.bend(&n);
             let Some(inverse) = by.try_inverse() else { break };
             let step = inverse * (bent - at);
-            if !(step.norm() < 1.0) {
+            if step.norm() < 1.0 {
+                n += step;
+            } else {
                 break;
             }
-            n += step;
         }
         Vector3::new(n.x, n.y, 1.0)
     }

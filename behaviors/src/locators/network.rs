@@ -2,8 +2,8 @@
 //! linear output, plain back-propagation, one view at a time.
 
 use super::beginning::Untaught;
-use super::folds::folds;
-use super::triangulated::widening;
+use super::folds::{Fold, folds};
+use super::honest::{common, fused, widening};
 use super::view::{Estimate, KnownView, StereoView};
 use nalgebra::{Matrix3, Vector3};
 use rand::seq::SliceRandom;
@@ -45,6 +45,8 @@ pub struct PublishedNetwork {
     /// The covariance of its errors at places that were left out, square meters, widened so that 95 % of them are inside the region of
     /// 95 %.
     pub covariance: Matrix3<f64>,
+    /// What all views of one place have in common in how they are off, square meters.
+    pub common: Matrix3<f64>,
 }
 
 /// A network for one axis.
@@ -137,15 +139,25 @@ impl PublishedNetwork {
             done += 1.0;
             tell(done / steps);
         };
-        let mut errors = Vec::new();
-        for (train, test) in &folds {
+        let mut judges = Vec::new();
+        for Fold { train, test } in &folds {
             let judge = PublishedNetwork::learn(train, seed, &mut epoch);
-            errors.extend(test.iter().filter_map(|k| judge.locate(&k.view).map(|e| e.place - k.place)));
+            judges.push((judge, test));
         }
         let mut learned = PublishedNetwork::learn(known, seed, &mut epoch);
+        let off = |(judge, test): &(PublishedNetwork, &Vec<KnownView>)| {
+            let off = |k: &KnownView| judge.locate(&k.view).map(|e| e.place - k.place);
+            test.iter().filter_map(off).collect::<Vec<_>>()
+        };
+        let errors: Vec<_> = judges.iter().flat_map(off).collect();
         learned.covariance = errors.iter().map(|e| e * e.transpose()).sum::<Matrix3<f64>>() / errors.len() as f64;
         let region = Estimate { place: Vector3::zeros(), covariance: learned.covariance };
         learned.covariance *= widening(errors.iter().map(|e| region.distance(e)).collect());
+        let covariance = learned.covariance;
+        let together = |(judge, test): (PublishedNetwork, &Vec<KnownView>)| {
+            fused(test, &|view| judge.locate(view).map(|e| Estimate { covariance, ..e }))
+        };
+        learned.common = common(&judges.into_iter().flat_map(together).collect::<Vec<_>>());
         if learned.is_whole() {
             Ok(learned)
         } else {
@@ -163,14 +175,19 @@ impl PublishedNetwork {
             network.learn(&lessons, &mut rng, epoch);
             network
         };
-        PublishedNetwork { has_boxes, axes: (0..3).map(&mut axis).collect(), covariance: Matrix3::identity() }
+        PublishedNetwork {
+            has_boxes,
+            axes: (0..3).map(&mut axis).collect(),
+            covariance: Matrix3::identity(),
+            common: Matrix3::zeros(),
+        }
     }
 
     /// Whether it has all its numbers, and these can be.
     pub(super) fn is_whole(&self) -> bool {
         let inputs = if self.has_boxes { 21 } else { 13 };
         let axes = self.axes.len() == 3 && self.axes.iter().all(|a| a.is_whole(inputs));
-        axes && self.covariance.cholesky().is_some()
+        axes && self.covariance.cholesky().is_some() && self.common.iter().all(|n| n.is_finite())
     }
 
     /// Where what was seen is.

@@ -139,13 +139,9 @@ pub(super) fn locate(
         let start = looking.midpoint(&pixels).filter(near).unwrap_or(wide.middle);
         let covariance = noise.of(view, &looking, &origin.toward, &start);
         for explained in shares.explanations(&covariance) {
-            let Some((place, information, gradient, square)) =
-                best_place(&looking, &pixels, &explained.information, wide, start)
-            else {
-                continue;
-            };
-            let ln_weight = origin.ln_share + explained.ln_weight - 0.5 * square;
-            mixture.expect(expected, place, &information, &gradient, ln_weight);
+            let Some(best) = best_place(&looking, &pixels, &explained.information, wide, start) else { continue };
+            let ln_weight = origin.ln_share + explained.ln_weight - 0.5 * best.misfit;
+            mixture.expect(expected, best.place, &best.information, &best.gradient, ln_weight);
         }
     }
     for part in expected {
@@ -154,15 +150,23 @@ pub(super) fn locate(
     mixture.estimate()
 }
 
-/// The best place under the wide expectation by damped Gauss-Newton steps, and there: the pixels' information on the place, the
-/// gradient of their fit, and how badly they fit.
+/// A place that pixels and the wide expectation agree on, and there: the pixels' information on it, the gradient of their fit, and how
+/// badly they fit, in squares of standard deviations.
+pub(super) struct Likeliest {
+    pub(super) place: Vector3<f64>,
+    pub(super) information: Matrix3<f64>,
+    pub(super) gradient: Vector3<f64>,
+    pub(super) misfit: f64,
+}
+
+/// The best place under the wide expectation, by damped Gauss-Newton steps.
 pub(super) fn best_place(
     looking: &Looking,
     pixels: &Vector4<f64>,
     information: &Matrix4<f64>,
     wide: &Expected,
     start: Vector3<f64>,
-) -> Option<(Vector3<f64>, Matrix3<f64>, Vector3<f64>, f64)> {
+) -> Option<Likeliest> {
     let cost = |place: &Vector3<f64>, off: &Vector4<f64>| {
         let from = place - wide.middle;
         off.dot(&(information * off)) + from.dot(&(wide.information * from))
@@ -194,5 +198,6 @@ pub(super) fn best_place(
         }
     }
     let by = information * seen.by_place;
-    Some((place, seen.by_place.tr_mul(&by), by.tr_mul(&off), off.dot(&(information * off))))
+    let (misfit, gradient) = (off.dot(&(information * off)), by.tr_mul(&off));
+    Some(Likeliest { place, information: seen.by_place.tr_mul(&by), gradient, misfit })
 }

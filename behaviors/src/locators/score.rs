@@ -1,8 +1,8 @@
 //! How good a locator is: its errors at places that are known.
 
 use super::file::ReadyLocator;
-use super::view::{Estimate, INSIDE_95, KnownView, StereoView};
-use super::workspace::distinct;
+use super::honest::places_of;
+use super::view::{Estimate, INSIDE_95, KnownView};
 use nalgebra::Vector3;
 use serde::Serialize;
 
@@ -67,11 +67,7 @@ impl Answers {
     /// Asks a locator for these views, one by one and all of each place together.
     pub fn ask(&mut self, locator: &ReadyLocator, known: &[KnownView]) {
         self.single.extend(known.iter().map(|k| (locator.locate(&k.view), k.place)));
-        for place in distinct(known.iter().map(|k| k.place)) {
-            let here = known.iter().filter(|k| (k.place - place).norm() < 1e-6);
-            let views: Vec<StereoView> = here.map(|k| k.view).collect();
-            self.fused.push((locator.fuse(&views), place));
-        }
+        self.fused.extend(places_of(known).into_iter().map(|(place, views)| (locator.fuse(&views), place)));
     }
 
     /// How good they are.

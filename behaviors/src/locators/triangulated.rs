@@ -2,10 +2,11 @@
 
 use super::beginning::{Beginning, Untaught};
 use super::fit::{Lesson, off, scatter};
+use super::honest::{common, fused, widening};
 use super::model::{HeadModel, invert};
 use super::noise::{Noise, Origin};
 use super::posterior::best_place;
-use super::view::{Estimate, INSIDE_95, KnownView, StereoView};
+use super::view::{Estimate, KnownView, StereoView};
 use super::workspace::Expected;
 use nalgebra::{Matrix3, Matrix4};
 use serde::{Deserialize, Serialize};
@@ -26,6 +27,8 @@ pub struct Triangulated {
     pub noise: Noise,
     /// By what the covariance has to be multiplied so that 95 % of the places are inside the regions of 95 %.
     pub widening: f64,
+    /// What all views of one place have in common in how they are off, square meters.
+    pub common: Matrix3<f64>,
 }
 
 impl Triangulated {
@@ -36,7 +39,7 @@ impl Triangulated {
     pub fn train(known: &[KnownView], from: &Beginning) -> Result<Triangulated, Untaught> {
         let model = from.model(known)?;
         let noise = Noise { resting: Matrix4::identity() * PIXELS.powi(2), clipped: [0.0; 2] };
-        let mut learned = Triangulated { model, noise, widening: 1.0 };
+        let mut learned = Triangulated { model, noise, widening: 1.0, common: Matrix3::zeros() };
         let rest = Origin { toward: [0.0; 9], ln_share: 0.0 };
         let offs: Vec<_> =
             known.iter().filter_map(|known| off(&learned.model, &Lesson { known, origin: rest })).collect();
@@ -45,12 +48,17 @@ impl Triangulated {
         }
         let square = |k: &KnownView| learned.locate(&k.view).map(|e| e.distance(&k.place));
         learned.widening = widening(known.iter().filter_map(square).collect());
+        learned.common = common(&fused(known, &|view| learned.locate(view)));
         Ok(learned)
     }
 
     /// Whether it has all its numbers, and these can be.
     pub(super) fn is_whole(&self) -> bool {
-        self.model.is_whole() && self.noise.is_sound() && self.widening.is_finite() && self.widening > 0.0
+        self.model.is_whole()
+            && self.noise.is_sound()
+            && self.widening.is_finite()
+            && self.widening > 0.0
+            && self.common.iter().all(|n| n.is_finite())
     }
 
     /// Where what was seen is; `None` if the rays do not meet before the eyes.
@@ -60,15 +68,7 @@ impl Triangulated {
         let weak = Expected::normal(start, Matrix3::identity() * FAR_M.powi(2), 1.0)?;
         let (information, _) = invert(&self.noise.resting)?;
         let best = best_place(&looking, &view.pixels(), &information, &weak, start)?;
-        let covariance = (best.1 + weak.information).try_inverse()? * self.widening;
-        Some(Estimate { place: best.0, covariance })
+        let covariance = (best.information + weak.information).try_inverse()? * self.widening;
+        Some(Estimate { place: best.place, covariance })
     }
-}
-
-/// By what covariances have to be multiplied so that 95 % of these squares of standard deviations are inside the regions of 95 %; 1 for
-/// none.
-pub(super) fn widening(mut squares: Vec<f64>) -> f64 {
-    squares.sort_by(f64::total_cmp);
-    let at_95 = squares.get(squares.len() * 95 / 100).copied().filter(|s| s.is_finite());
-    (at_95.unwrap_or(INSIDE_95) / INSIDE_95).clamp(0.05, 1e4)
 }

@@ -2,7 +2,7 @@
 
 use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::calibrated::Calibrated;
-use mobee_behaviors::locators::folds::folds;
+use mobee_behaviors::locators::folds::{Fold, folds};
 use mobee_behaviors::locators::rows::parse;
 use mobee_behaviors::locators::view::{INSIDE_95, KnownView};
 
@@ -16,7 +16,7 @@ fn shared(name: &str) -> Option<Vec<KnownView>> {
 fn at_places_that_were_not_learned_a_calibrated_head_is_as_good_as_promised() {
     let Some(known) = shared("katana_block_train.csv") else { return };
     let (mut single, mut fused, mut inside, mut asked) = (Vec::new(), Vec::new(), 0, 0);
-    for (train, test) in folds(&known, 1).expect("folds") {
+    for Fold { train, test } in folds(&known, 1).expect("folds") {
         let learned = Calibrated::train(&train, &Beginning::recorded(0), &mut |_| ()).expect("learned");
         assert!(learned.model.warp.is_some(), "places are warped");
         let ready = learned.ready();
