@@ -16,7 +16,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// How long a locator file may be, and a table, bytes.
-const LONGEST: (u64, u64) = (16 * MIB, 256 * MIB);
+const LONGEST: (u64, u64) = (16 * MIB, 32 * MIB);
 
 /// What to do with locators.
 #[derive(clap::Subcommand, Clone, Debug)]

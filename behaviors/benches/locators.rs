@@ -19,7 +19,7 @@ use mobee_behaviors::locators::folds::{Fold, folds};
 use mobee_behaviors::locators::head::JOINTS;
 use mobee_behaviors::locators::online::OnlineCalibration;
 use mobee_behaviors::locators::rows::parse;
-use mobee_behaviors::locators::score::Answers;
+use mobee_behaviors::locators::score::PlaceAnswers;
 use mobee_behaviors::locators::view::KnownView;
 use simulated_head::{SimulatedHead, learn, mean_square};
 use std::path::Path;
@@ -38,7 +38,7 @@ fn recorded(name: &str) {
     let known = parse(&text).expect("a table").known;
     println!("{name}: median, mean, 95 % in mm, share in the region of 95 %");
     for kind in LocatorKind::ALL {
-        let (mut all, mut unclipped) = (Answers::default(), Answers::default());
+        let (mut all, mut unclipped) = (PlaceAnswers::default(), PlaceAnswers::default());
         for Fold { train, test } in folds(&known, 0).expect("folds") {
             let file = LocatorFile::train(kind, &train, String::new(), 0, &mut |_| ()).expect("it learns");
             let ready = file.ready();

@@ -82,7 +82,7 @@ impl LocatorFile {
     /// Learns from views of known places; `data` is the digest of the table that they are from, and `tell` hears how far it is.
     ///
     /// # Errors
-    /// Views that teach nothing.
+    /// Views that teach nothing, or with which learning does not converge.
     pub fn train(
         kind: LocatorKind,
         known: &[KnownView],
@@ -97,7 +97,20 @@ impl LocatorFile {
             LocatorKind::Ensemble => LearnedPlaces::Ensemble(Box::new(Ensemble::train(known, &from, tell)?)),
             LocatorKind::Calibrated => LearnedPlaces::Calibrated(Box::new(Calibrated::train(known, &from, tell)?)),
         };
-        Ok(LocatorFile { format: learned_file::format_name(NOUN), version: LOCATOR_VERSION, data, seed, learned })
+        let format = learned_file::format_name(NOUN);
+        let file = LocatorFile { format, version: LOCATOR_VERSION, data, seed, learned };
+        let help = "learning did not converge: views or places are far outside of what a head can see";
+        if file.is_whole() { Ok(file) } else { Err(Untaught(help.into())) }
+    }
+
+    /// Whether it has all its numbers, and these can be.
+    fn is_whole(&self) -> bool {
+        match &self.learned {
+            LearnedPlaces::Triangulate(t) => t.is_whole(),
+            LearnedPlaces::Network(n) => n.is_whole(),
+            LearnedPlaces::Ensemble(e) => e.is_whole(),
+            LearnedPlaces::Calibrated(c) => c.is_whole(),
+        }
     }
 
     /// From JSON.
@@ -106,14 +119,8 @@ impl LocatorFile {
     /// Text that is no such file or not whole, another version, numbers that can't be: nothing of it is taken then.
     pub fn parse(text: &str) -> Result<LocatorFile, LearnedFault> {
         learned_file::parse(text, NOUN, LOCATOR_VERSION, |file: &LocatorFile| {
-            let is_whole = match &file.learned {
-                LearnedPlaces::Triangulate(t) => t.is_whole(),
-                LearnedPlaces::Network(n) => n.is_whole(),
-                LearnedPlaces::Ensemble(e) => e.is_whole(),
-                LearnedPlaces::Calibrated(c) => c.is_whole(),
-            };
             let what = || format!("`learned.{}` has missing, too many or impossible numbers", file.kind().name());
-            (!is_whole).then(what)
+            (!file.is_whole()).then(what)
         })
     }
 

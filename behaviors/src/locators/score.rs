@@ -58,12 +58,12 @@ impl Errors {
 
 /// What was answered, and the truth.
 #[derive(Clone, Debug, Default)]
-pub struct Answers {
+pub struct PlaceAnswers {
     single: Vec<(Option<Estimate>, Vector3<f64>)>,
     fused: Vec<(Option<Estimate>, Vector3<f64>)>,
 }
 
-impl Answers {
+impl PlaceAnswers {
     /// Asks a locator for these views, one by one and all of each place together.
     pub fn ask(&mut self, locator: &ReadyLocator, known: &[KnownView]) {
         self.single.extend(known.iter().map(|k| (locator.locate(&k.view), k.place)));
@@ -78,7 +78,7 @@ impl Answers {
 
 /// Judges a locator by views of known places.
 pub fn judge(locator: &ReadyLocator, known: &[KnownView]) -> LocatorScore {
-    let mut answers = Answers::default();
+    let mut answers = PlaceAnswers::default();
     answers.ask(locator, known);
     answers.score()
 }
