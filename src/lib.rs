@@ -20,6 +20,7 @@ pub mod doctor;
 mod import_inputs;
 pub mod inspect;
 pub mod kinds;
+pub mod locator;
 pub mod model_compare;
 pub mod model_convert;
 pub mod model_eval;

@@ -15,7 +15,7 @@
 //! ```
 //!
 //! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `scripted`, `random`, `jog`; so are
-//! [`detectors`] that learn from pictures: `color`, `cgp`. A program must name this
+//! [`detectors`] that learn from pictures: `color`, `cgp`; and [`locators`]: `triangulate`, `network`, `ensemble`, `calibrated`. A program must name this
 //! crate (`use mobee_behaviors as _;`), or the linker drops them.
 //!
 //! Units: radians, meters, seconds; degrees only in settings, named `_deg`.
@@ -23,6 +23,8 @@
 pub mod agents;
 pub mod detectors;
 pub mod group;
+pub mod learned_file;
+pub mod locators;
 pub mod map_file;
 pub mod planners;
 pub mod roadmap;

@@ -13,6 +13,7 @@ mod doctor;
 mod filter_transparency;
 mod hostile_files;
 mod licenses;
+mod locator_files;
 mod new_behavior;
 mod old_program;
 mod planted_defects;

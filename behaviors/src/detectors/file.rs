@@ -7,12 +7,12 @@ use super::picture::{Mask, Picture};
 use super::pixels::PixelNetwork;
 use super::plane::{Plane, brightness, guided};
 use super::regions::{Blob, Cut};
+use crate::learned_file::{self, LearnedFault};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-/// What a detector file says it is.
-const FORMAT: &str = "mobee-detector";
+/// What it is a file of.
+const NOUN: &str = "detector";
 /// The version that is written, and the only one that is read.
 pub const DETECTOR_VERSION: u32 = 1;
 
@@ -75,42 +75,13 @@ impl Smoothing {
     }
 }
 
-/// Why a detector file is refused.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("{what}")]
-pub struct DetectorFault {
-    /// What is wrong with it, and where.
-    pub what: String,
-    /// What to do about it.
-    pub help: String,
-}
-
 impl DetectorFile {
     /// From JSON.
     ///
     /// # Errors
     /// Text that is no such file or not whole, another version, numbers that can't be: nothing of it is taken then.
-    pub fn parse(text: &str) -> Result<DetectorFile, DetectorFault> {
-        let fault = |what: String| {
-            let help = "give a file as `mobee detector train` of this program wrote it, or train it again";
-            DetectorFault { what, help: help.into() }
-        };
-        #[derive(Deserialize)]
-        struct Head {
-            format: String,
-            version: u32,
-        }
-        let head: Head = serde_json::from_str(text).map_err(|e| fault(format!("this is no detector file: {e}")))?;
-        if head.format != FORMAT {
-            return Err(fault(format!("this is no detector file, but of the format {:?}", head.format)));
-        }
-        if head.version != DETECTOR_VERSION {
-            let version = head.version;
-            return Err(fault(format!("this detector file has version {version}, and {DETECTOR_VERSION} is known")));
-        }
-        let file: DetectorFile = serde_json::from_str(text).map_err(|e| fault(e.to_string()))?;
-        let wrong = file.wrong();
-        wrong.map_or(Ok(file), |what| Err(fault(format!("this detector file is damaged: {what}"))))
+    pub fn parse(text: &str) -> Result<DetectorFile, LearnedFault> {
+        learned_file::parse(text, NOUN, DETECTOR_VERSION, DetectorFile::wrong)
     }
 
     /// As JSON.
@@ -121,7 +92,7 @@ impl DetectorFile {
     /// A file with these parts.
     pub fn new(kind: DetectorKind, object: &str, shrink: usize, colors: ColorTable) -> DetectorFile {
         DetectorFile {
-            format: FORMAT.into(),
+            format: learned_file::format_name(NOUN),
             version: DETECTOR_VERSION,
             kind,
             object: object.into(),

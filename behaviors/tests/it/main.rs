@@ -3,6 +3,7 @@
 mod explorer;
 mod icub;
 mod join;
+mod locators;
 mod map_files;
 mod plan_agent;
 mod planners;

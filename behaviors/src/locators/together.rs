@@ -1,0 +1,99 @@
+//! The place of an object that rests, from several views of it at once: not from what each view says alone, because what was expected
+//! before would then count as often as there are views.
+
+use super::looking::Looking;
+use super::model::HeadModel;
+use super::noise::{Noise, Origin};
+use super::posterior::{Explained, Mixture, Shares};
+use super::view::{Estimate, StereoView};
+use super::workspace::Expected;
+use nalgebra::{Matrix3, Vector3, Vector4};
+
+/// Steps of the search, at most; it ends if they get shorter than this, m.
+const STEPS: (usize, f64) = (20, 1e-5);
+
+/// A view with all that may explain it.
+struct Explanations<'a> {
+    pixels: Vector4<f64>,
+    of: Vec<(Looking<'a>, f64, Vec<Explained>)>,
+    ln_nothing: f64,
+}
+
+/// What all views say near a place: their information on it, the gradient of their fit, and what they cost.
+struct Near {
+    information: Matrix3<f64>,
+    gradient: Vector3<f64>,
+    cost: f64,
+}
+
+/// Where something is of which there are these views with their origins, from a first guess; `None` only if numbers fail.
+pub(super) fn locate_together(
+    model: &HeadModel,
+    views: &[(StereoView, Vec<Origin>)],
+    (noise, shares): (&Noise, &Shares),
+    expected: &[Expected],
+    guess: Vector3<f64>,
+) -> Option<Estimate> {
+    let explained = |(view, origins): &(StereoView, Vec<Origin>)| {
+        let of = |origin: &Origin| {
+            let looking = model.look(&view.encoders, &origin.toward);
+            let covariance = noise.of(view, &looking, &origin.toward, &guess);
+            (looking, origin.ln_share, shares.explanations(&covariance))
+        };
+        Explanations { pixels: view.pixels(), of: origins.iter().map(of).collect(), ln_nothing: shares.ln_nothing() }
+    };
+    let views: Vec<_> = views.iter().map(explained).collect();
+    let wide = expected.first()?;
+    let mut place = guess;
+    let total = |near: &Near, place: &Vector3<f64>| {
+        let from = place - wide.middle;
+        near.cost + 0.5 * from.dot(&(wide.information * from))
+    };
+    let (mut near, mut damping) = (look(&views, &place), 1e-6);
+    for _ in 0..STEPS.0 {
+        let curvature = near.information + wide.information;
+        let gradient = near.gradient + wide.information * (wide.middle - place);
+        let damped = curvature + Matrix3::from_diagonal(&(curvature.diagonal() * damping));
+        let step = damped.cholesky()?.solve(&gradient);
+        let next = place + step;
+        let there = look(&views, &next);
+        if total(&there, &next) <= total(&near, &place) {
+            (place, near, damping) = (next, there, damping * 0.1);
+            if step.norm() < STEPS.1 {
+                break;
+            }
+        } else {
+            damping = (damping * 10.0).max(1e-3);
+        }
+    }
+    let mut mixture = Mixture::default();
+    mixture.expect(expected, place, &near.information, &near.gradient, 0.0);
+    mixture.estimate()
+}
+
+fn look(views: &[Explanations], place: &Vector3<f64>) -> Near {
+    let mut all = Near { information: Matrix3::zeros(), gradient: Vector3::zeros(), cost: 0.0 };
+    for view in views {
+        let mut likely: Vec<(f64, Matrix3<f64>, Vector3<f64>)> =
+            vec![(view.ln_nothing, Matrix3::zeros(), Vector3::zeros())];
+        for (looking, ln_share, explained) in &view.of {
+            let Some(seen) = looking.see(place) else { continue };
+            let off = view.pixels - seen.pixels;
+            for one in explained {
+                let by = one.information * seen.by_place;
+                let misfit = off.dot(&(one.information * off));
+                let ln = ln_share + one.ln_weight - 0.5 * misfit;
+                likely.push((ln, seen.by_place.tr_mul(&by), by.tr_mul(&off)));
+            }
+        }
+        let most = likely.iter().map(|l| l.0).fold(f64::NEG_INFINITY, f64::max);
+        let sum: f64 = likely.iter().map(|l| (l.0 - most).exp()).sum();
+        for (ln, information, gradient) in likely {
+            let weight = (ln - most).exp() / sum;
+            all.information += information * weight;
+            all.gradient += gradient * weight;
+        }
+        all.cost -= most + sum.ln();
+    }
+    all
+}

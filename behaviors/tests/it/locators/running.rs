@@ -1,0 +1,93 @@
+//! A locator in a run, and the tracker.
+
+use super::simulated_head::SimulatedHead;
+use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
+use mobee_behaviors::locators::learned::{EyeNames, LearnedLocator};
+use mobee_behaviors::locators::lens::Lens;
+use mobee_behaviors::locators::tracker::Tracker;
+use mobee_behaviors::locators::view::{Estimate, KnownView};
+use mobee_contract::{BodyState, Intrinsics, Located, Locator, Region, Sighting, Time};
+use nalgebra::{Matrix3, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// The same seen by a camera whose pictures are half as large.
+fn sighting(camera: &str, center: [f64; 2], at_s: f64, eye: usize) -> Sighting {
+    let lens = Lens::icub()[eye];
+    let half = |v: [f64; 2]| v.map(|n| n / 2.0);
+    let intrinsics = Intrinsics {
+        size: [320, 240],
+        focal: half(lens.focal),
+        center: half(lens.center),
+        distortion: lens.distortion,
+    };
+    let [x, y] = half(center);
+    let region = Region {
+        object: "cup".into(),
+        center: [x, y],
+        bounds: [x - 5.0, y - 5.0, x + 5.0, y + 5.0],
+        area: 100.0,
+        is_clipped: false,
+        confidence: 1.0,
+    };
+    Sighting { camera: camera.into(), intrinsics, region, at: Time::from_secs(at_s) }
+}
+
+fn ask(locator: &mut LearnedLocator, known: &KnownView, times_s: [f64; 2]) -> Vec<Vec<Located>> {
+    let mut q = vec![0.0; 12];
+    q[3..].copy_from_slice(&known.view.encoders);
+    let eyes = [("eye_left", 0), ("eye_right", 1), ("hand", 0)];
+    let ask = |(camera, eye): (&str, usize)| {
+        let seen = sighting(camera, known.view.eyes[eye].center, times_s[eye], eye);
+        let body = BodyState { at: seen.at, q: q.clone().into() };
+        locator.locate(&[seen], &body)
+    };
+    eyes.into_iter().map(ask).collect()
+}
+
+#[test]
+fn eyes_are_paired_if_they_saw_it_at_about_the_same_time_whatever_the_size_of_their_pictures() {
+    let mut head = SimulatedHead::new(21);
+    let seen: Vec<KnownView> = (0..150).map(|_| head.view(true)).collect();
+    let file = LocatorFile::train(LocatorKind::Calibrated, &seen, String::new(), 0, &mut |_| ()).expect("learned");
+    let joints = std::array::from_fn(|i| i + 3);
+    let mut locator = LearnedLocator::new(&file, joints, EyeNames { left: None, right: None }, false);
+    let known = head.view(false);
+    let told = ask(&mut locator, &known, [1.0, 1.02]);
+    assert!(told[0].is_empty() && told[2].is_empty());
+    let direct = file.ready().locate(&known.view).expect("located");
+    let off = Vector3::from(told[1][0].position) - direct.place;
+    assert!(off.norm() < 1e-3 && (direct.place - known.place).norm() < 0.05, "{off}");
+    assert!(ask(&mut locator, &known, [2.0, 2.2]).concat().is_empty(), "too far apart in time");
+    let body = BodyState { at: Time::ZERO, q: vec![0.0; 3].into() };
+    assert!(locator.locate(&[sighting("eye_left", [320.0, 240.0], 3.0, 0)], &body).is_empty(), "a pose too short");
+    let names = EyeNames { left: Some("hand".into()), right: Some("eye_right".into()) };
+    let mut other = LearnedLocator::new(&file, joints, names, true);
+    let told = ask(&mut other, &known, [1.0, 1.0]);
+    assert!(told[1].is_empty() && told[2].len() == 1, "settings name the eyes: {told:?}");
+}
+
+#[test]
+fn a_tracker_gets_surer_ignores_what_is_far_off_and_notices_a_move() {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let covariance: Matrix3<f64> = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 9e-4));
+    let mut view = |truth: Vector3<f64>| {
+        let noise = Vector3::from_fn(|i, _| {
+            let sum: f64 = (0..12).map(|_| rng.random_range(-0.5..0.5)).sum();
+            sum * covariance[(i, i)].sqrt()
+        });
+        Estimate { place: truth + noise, covariance }
+    };
+    let (here, there) = (Vector3::new(0.3, 0.1, 0.0), Vector3::new(0.3, 0.3, 0.0));
+    let mut tracker = Tracker::new(Matrix3::identity() * 1e-6);
+    assert!(tracker.place().is_none());
+    for i in 0..30 {
+        let seen = view(if i % 7 == 6 { here + Vector3::new(0.5, 0.0, 0.1 * f64::from(i)) } else { here });
+        assert!(!tracker.see(seen), "it has not moved");
+    }
+    let found = tracker.place().expect("seen");
+    assert!((found.place - here).norm() < 0.02 && found.covariance.trace() < 0.1 * covariance.trace());
+    let moved = (0..5).filter(|_| tracker.see(view(there))).count();
+    let found = tracker.place().expect("seen");
+    assert!(moved == 1 && (found.place - there).norm() < 0.05, "{moved} {found:?}");
+}

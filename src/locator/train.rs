@@ -1,0 +1,55 @@
+//! `mobee locator train`.
+
+use crate::config::ConfigError;
+use crate::roadmap::{may_write, save_text};
+use crate::robot_import::Steps;
+use miette::Report;
+use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
+use std::path::PathBuf;
+
+/// What to learn, and where it goes.
+#[derive(clap::Args, Clone, Debug)]
+pub struct LocatorTrainArgs {
+    /// The table of recorded views of known places.
+    #[arg(long, value_name = "FILE.csv")]
+    data: PathBuf,
+    /// The locator to write.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// What to learn: `triangulate` (where the places' frame is), `network` (as published), `ensemble` (networks that are
+    /// told more) or `calibrated` (by how much the head is off from its drawings).
+    #[arg(long, value_parser = kind, default_value = "calibrated")]
+    kind: LocatorKind,
+    /// The seed of all randomness.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Replace the locator if it exists.
+    #[arg(long)]
+    force: bool,
+}
+
+fn kind(text: &str) -> Result<LocatorKind, String> {
+    let names: Vec<_> = LocatorKind::ALL.iter().map(|k| format!("`{}`", k.name())).collect();
+    let found = LocatorKind::ALL.into_iter().find(|k| k.name() == text);
+    found.ok_or_else(|| format!("give one of {}", names.join(", ")))
+}
+
+/// Learns the locator and says from how much.
+///
+/// # Errors
+/// If the table can't be read or teaches nothing, or the locator can't be written.
+pub fn command(args: &LocatorTrainArgs) -> Result<String, Report> {
+    may_write(&args.out, args.force)?;
+    let bar = Steps::new();
+    bar.step("reads views");
+    let (table, digest) = super::table(&args.data)?;
+    bar.step("learns, also without each fifth of the places");
+    let file =
+        LocatorFile::train(args.kind, &table.known, digest, args.seed, &mut |share| bar.show(share)).map_err(|e| {
+            let help = "give more views of more places, spread over the workspace";
+            ConfigError::plain(format!("{}: {e}", args.data.display()), help)
+        })?;
+    save_text(&args.out, &file.text())?;
+    let boxes = if table.has_boxes { "with boxes" } else { "without boxes" };
+    Ok(format!("{}: {}, from {} views {boxes}\n", args.out.display(), args.kind.name(), table.known.len()))
+}
