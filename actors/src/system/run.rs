@@ -13,6 +13,7 @@ use crate::wiring::{
 };
 use mobee_contract::{Board, Event, Latest, Status, Time};
 use mobee_controller::gate::Gate;
+use mobee_controller::joint_retreat::JointRetreat;
 use mobee_model::Contact;
 use ractor::ActorRef;
 use std::collections::VecDeque;
@@ -273,8 +274,8 @@ fn wire(setup: Setup, boards: &[Board], clock: Clock, troubles: Option<Troubles>
     }
     let shared = Arc::new(SharedContext {
         robots: robots.collect(),
+        joint_retreat: Arc::new(JointRetreat::new(&setup.scene)),
         scene: LatestCell::new(Arc::new(setup.scene)),
-        joint_retreat: Arc::default(),
         to_model: Stream::new("history>model", 256),
         model: ActorLink::default(),
         clock,
