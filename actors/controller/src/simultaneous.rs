@@ -159,7 +159,7 @@ mod tests {
                 .iter()
                 .all(|(robot, _, q)| *robot == 1 || scene().contacts(&[vec![*q], vec![0.0]], 0.012).is_empty())
         );
-        assert_eq!(told(&passes), [0, 0, 0, 1, 1, 0], "each at its first reading after both were read beyond it");
+        assert_eq!(told(&passes), [0, 0, 1, 1, 1, 0], "it begins before the second reading of the other");
     }
 
     /// The one leaves as the other comes: its last reading is from before.

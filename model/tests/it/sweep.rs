@@ -18,7 +18,7 @@ fn scene() -> Arc<Scene> {
     let other = Robot { name: "other".into(), ..one.clone() };
     let stands = |y: f64, yaw: f64| Isometry3::new([0.0, y, 0.0].into(), [0.0, 0.0, yaw].into());
     let quarter = std::f64::consts::FRAC_PI_2;
-    let robots = vec![(Arc::new(one), stands(0.35, -quarter)), (Arc::new(other), stands(-0.35, quarter))];
+    let robots = vec![(Arc::new(one), stands(0.25, -quarter)), (Arc::new(other), stands(-0.25, quarter))];
     Arc::new(Scene::new(robots, Vec::new()).expect("a scene"))
 }
 
@@ -35,7 +35,7 @@ fn a_sweep_finds_what_is_nearest_on_the_way() {
     let (scene, mut rng) = (scene(), ChaCha8Rng::seed_from_u64(1));
     let mut sweep = Sweep::new(scene.clone(), WITHIN);
     let (mut met, mut only_between) = (0, 0);
-    for _ in 0..1500 {
+    for _ in 0..12_000 {
         let from: Vec<Vec<f64>> = scene.robots().iter().map(|r| any_pose(r, &mut rng)).collect();
         if scene.contacts(&from, 0.06).iter().all(|c| !between(c)) {
             continue;
@@ -75,9 +75,15 @@ fn no_shape_goes_farther_than_its_bounds() {
     let (scene, mut rng) = (scene(), ChaCha8Rng::seed_from_u64(2));
     for _ in 0..300 {
         let poses: Vec<Vec<f64>> = scene.robots().iter().map(|r| any_pose(r, &mut rng)).collect();
-        for (robot, nodes) in scene.node_transforms(&poses).iter().enumerate() {
-            let (base, reach) = (scene.base(robot), scene.reach(robot));
-            let far = nodes.iter().map(|n| (n.translation.vector - base.translation.vector).norm()).fold(0.0, f64::max);
+        let (mut frames, mut firsts) = (Vec::new(), Vec::new());
+        for (skeleton, pose) in scene.skeletons().iter().zip(&poses) {
+            firsts.push(frames.len());
+            skeleton.place(pose, &mut frames);
+        }
+        for collider in scene.colliders() {
+            let robot = firsts.iter().rposition(|first| *first <= collider.frame).expect("it is a robot's");
+            let at = (frames[collider.frame] * collider.pose).translation.vector;
+            let (far, reach) = ((at - scene.base(robot).translation.vector).norm(), scene.reach(robot));
             assert!(far <= reach && reach < 1.5, "{far} m of {reach}");
         }
         let next: Vec<Vec<f64>> =

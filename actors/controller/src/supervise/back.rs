@@ -35,7 +35,8 @@ impl SuperviseCore {
         self.token = token;
         self.hush(blamed, step);
         self.motion = MotionState::default();
-        if self.is_moving() {
+        // the reflex may close anew in mid-retreat: the motion is still its to take back
+        if self.is_moving() || self.closing == Closing::Reflex {
             step.give_cause(cause);
             self.closing = Closing::Reflex;
             self.enter(Status::Stopping, step);
