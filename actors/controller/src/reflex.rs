@@ -346,9 +346,9 @@ impl ReflexCore {
 
     /// Whether this is a contact with a robot that is taken back together with this one.
     fn goes_along(&self, contact: &Contact, step: &Step) -> bool {
-        let others =
+        let mut others =
             [contact.pair.0.robot(), contact.pair.1.robot()].into_iter().flatten().filter(|r| *r != self.robot);
-        others.last().is_some_and(|other| step.joint_retreat.goes_along(self.robot, other))
+        others.any(|other| step.joint_retreat.goes_along(self.robot, other))
     }
 
     /// Whether nothing is there that the reflex would act upon.

@@ -41,7 +41,7 @@ fn a_sweep_finds_what_is_nearest_on_the_way() {
             continue;
         }
         let to: Vec<Vec<f64>> =
-            from.iter().map(|q| q.iter().map(|q| q + rng.random_range(-0.03..0.03)).collect()).collect();
+            from.iter().map(|q| q.iter().map(|q| q + rng.random_range(-0.012..0.012)).collect()).collect();
         let at = |part: f64| -> Vec<Vec<f64>> {
             let line = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a + (b - a) * part).collect();
             from.iter().zip(&to).map(line).collect()
