@@ -123,8 +123,6 @@ struct Party {
     clock: f64,
     /// When it was last advanced; in the future until the first set-point is due.
     last: Time,
-    /// Whether it is over since another robot is to go along.
-    gathers: bool,
 }
 
 /// One of them.
@@ -253,23 +251,6 @@ impl JointRetreat {
         self.state().party(robot).is_some_and(|party| party.member(other).is_some())
     }
 
-    /// Another robot drove into this one, and goes with it from now on: those that were on their way with it gather anew.
-    pub fn gather(&self, robot: usize) {
-        self.state().party(robot).into_iter().for_each(|party| party.gathers = true);
-    }
-
-    /// Whether those that this robot is on its way with gather anew.
-    pub fn gathers(&self, robot: usize) -> bool {
-        self.state().party(robot).is_some_and(|party| party.gathers)
-    }
-
-    /// Whether a robot was stopped to be taken back, and is not back yet.
-    pub fn is_taken_back(&self, robot: usize) -> bool {
-        let mut state = self.state();
-        let stopped = !matches!(state.presence(robot), None | Some(Presence::Away));
-        stopped || state.party(robot).is_some()
-    }
-
     /// The robot is back, or goes no further. Of those who are still on their way, each hears of it at its next step,
     /// and stops; when nobody is left the party is over.
     pub fn leave(&self, robot: usize) {
@@ -350,7 +331,7 @@ impl State {
         }
         let slowest = participants.iter().map(|who| who.rules.follows()).max().unwrap_or_default();
         let members = participants.iter().map(|who| Member::new(who, slowest, now)).collect();
-        let mut party = Party { plan: Plan::new(participants), members, clock: 0.0, last: now, gathers: false };
+        let mut party = Party { plan: Plan::new(participants), members, clock: 0.0, last: now };
         let way = party.proceed(robot, now);
         self.parties.push(party);
         way.map_or(RetreatReply::Wait, RetreatReply::Go)

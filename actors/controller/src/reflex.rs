@@ -155,8 +155,6 @@ struct Back {
     safe: SafePose,
     /// Whether it is another try: such a one goes by itself, and leaves out detours.
     again: bool,
-    /// The robot that drove into it on its way and is to go along, if one did, and how many have.
-    met: (Option<usize>, u8),
 }
 
 /// The two shapes of a pair in words.
@@ -269,8 +267,7 @@ impl ReflexCore {
             ReflexIn::RollBack { token, motion, again } => {
                 if token == step.gate.token() {
                     self.stopped = motion.named.clone();
-                    let back =
-                        motion.safe.clone().map(|safe| Then::Retreat(Back { motion, safe, again, met: (None, 0) }));
+                    let back = motion.safe.clone().map(|safe| Then::Retreat(Back { motion, safe, again }));
                     let then = back.unwrap_or(Then::Say(ReflexReport::GaveUp(Hold::HistoryTooShort)));
                     self.floors = Floors::new(step.rules.margin, &self.near);
                     self.turn(Phase::Stopping { token, since: step.now, then }, step);
@@ -390,7 +387,7 @@ impl ReflexCore {
         // at rest there is nothing to be taken back: supervise holds, and an escape is the way out
         let Some(motion) = motion else { return };
         self.stopped = motion.named.clone();
-        let back = |safe| Then::Retreat(Back { motion: motion.clone(), safe, again: false, met: (None, 0) });
+        let back = |safe| Then::Retreat(Back { motion: motion.clone(), safe, again: false });
         let then = motion.safe.clone().map_or(Then::Say(ReflexReport::Stopped), back);
         // the stop takes effect from now on: a reading that was held up does not show it
         self.floors = Floors::new(step.rules.margin, &self.near);

@@ -426,24 +426,3 @@ fn who_follows_sooner_is_sent_later() {
     }
     assert!(at(0, 31) > 0.15, "both are on their way");
 }
-
-/// A third robot drives into one of two on their way: the one stops, the other hears that they gather, and all three go together.
-#[test]
-fn who_is_driven_into_gathers_the_others_anew() {
-    let (joint_retreat, now) = (JointRetreat::default(), Time::from_secs(6.0));
-    let three = [(0, &A), (1, &B), (2, &A)].map(|(robot, turns)| recorded(robot, true, turns, 4.0));
-    three.iter().take(2).for_each(|who| joint_retreat.enroll(who.clone(), now));
-    let goes = |robot: usize| matches!(joint_retreat.ask(robot, now), RetreatReply::Go(_));
-    assert!(goes(0) && goes(1) && joint_retreat.goes_along(0, 1));
-    assert_eq!([0, 1, 2].map(|robot| joint_retreat.is_taken_back(robot)), [true, true, false]);
-    joint_retreat.coming(2, now);
-    assert!(joint_retreat.is_taken_back(2) && !joint_retreat.goes_along(0, 2) && !joint_retreat.gathers(1));
-    joint_retreat.gather(0);
-    joint_retreat.leave(0);
-    joint_retreat.coming(0, now);
-    assert!(joint_retreat.step(1, 1.0, now).is_none() && joint_retreat.gathers(1) && !joint_retreat.gathers(2));
-    joint_retreat.leave(1);
-    three.iter().for_each(|who| joint_retreat.enroll(who.clone(), now));
-    assert!(goes(0) && goes(1) && goes(2) && joint_retreat.goes_along(0, 2) && joint_retreat.goes_along(1, 2));
-    assert!(!joint_retreat.gathers(1), "it is another party");
-}

@@ -14,15 +14,13 @@ use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, Refle
 use crate::distance;
 use crate::joint_retreat::{Asked, RetreatReply};
 use crate::pulse::Pulse;
-use mobee_contract::{Cause, Command, ControlMode, Event, Hold, Time};
+use mobee_contract::{Command, ControlMode, Event, Hold, Time};
 use mobee_model::Contact;
 use std::time::Duration;
 
 /// How long the robot may take to come to rest before it is stopped once more, to follow on its way, or to settle at
 /// its end. Long beside braking, so that only what does not obey is given up.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// How many robots may drive into one on its way back before that gives up.
-const MEETINGS: u8 = 3;
 
 impl ReflexCore {
     /// A reading while the filter is closed by us or for us.
@@ -46,12 +44,6 @@ impl ReflexCore {
                 // an earlier reading at rest may be from before the stop had its effect
                 if sampled_at >= *since + rules.reaction() && at_rest {
                     match then.clone() {
-                        Then::Retreat(Back { met: (Some(other), _), .. })
-                            if !step.joint_retreat.is_taken_back(other) =>
-                        {
-                            let what = "a robot that is not taken back stands in the way".into();
-                            self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);
-                        }
                         Then::Retreat(_) => self.ask(step),
                         Then::Say(word) => self.say(token, word, step),
                     }
@@ -82,13 +74,6 @@ impl ReflexCore {
                         sampled_at,
                         step,
                     );
-                } else if let (Some(contact), false) = (broken, newly_violated)
-                    && back.met.1 < MEETINGS
-                    && !back.again
-                    && let Some(other) = stranger(self.robot, &contact, step)
-                {
-                    let back = Back { met: (Some(other), back.met.1 + 1), ..back.clone() };
-                    self.gather(contact, back, step);
                 } else if broken.is_some() || newly_violated {
                     let what = blocked(broken, names);
                     self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);
@@ -100,9 +85,8 @@ impl ReflexCore {
                         Ok(command) => step.out.extend(command.map(|c| ReflexOut::Command(token, c))),
                         Err(Parted) => {
                             // the plan was for all of them: without the lost one it proves nothing, so each goes by
-                            // itself, unless they gather anew
-                            let again = back.again || !step.joint_retreat.gathers(self.robot);
-                            let then = Then::Retreat(Back { again, ..back.clone() });
+                            // itself
+                            let then = Then::Retreat(Back { again: true, ..back.clone() });
                             step.stop(token);
                             self.turn(Phase::Stopping { token, since: now, then }, step);
                             return;
@@ -165,7 +149,7 @@ impl ReflexCore {
         match step.joint_retreat.ask(self.robot, step.now) {
             RetreatReply::Wait => {}
             RetreatReply::Bring => {
-                let Back { motion, safe, again, .. } = back;
+                let Back { motion, safe, again } = back;
                 let (named, places) = (motion.named, motion.places);
                 step.out.push(ReflexOut::Bring(Asked { robot: self.robot, safe, again, named, places }));
             }
@@ -190,19 +174,6 @@ impl ReflexCore {
                 self.phase = Phase::Retreating { token, retreat, back, violated, still };
             }
         }
-    }
-
-    /// Another robot drove into this one on its way, and will be taken back for that: all stop, and go back together. What
-    /// all recorded until now is free of contact as it was on the way here, this way back included. The filter is closed
-    /// anew, so that nothing that was written before counts.
-    fn gather(&mut self, contact: Contact, back: Back, step: &mut Step) {
-        let (token, cause) = (step.gate.close(), Cause::Contact(vec![contact]));
-        step.emit(Event::Disabled { robot: step.robot(), token, cause: cause.clone() });
-        step.stop(token);
-        step.out.push(ReflexOut::Closed { token, cause });
-        self.floors.note(&self.near);
-        step.joint_retreat.gather(self.robot);
-        self.turn(Phase::Stopping { token, since: step.now, then: Then::Retreat(back) }, step);
     }
 
     /// The retreat ends where it is: stop, tell the journal why, and say so to supervise once the robot rests. `seen`
@@ -235,12 +206,6 @@ impl ReflexCore {
         step.out.push(ReflexOut::ReflexReport(word));
         self.turn(Phase::Watching, step);
     }
-}
-
-/// The other robot of a contact, if that does not go back with this one.
-fn stranger(robot: usize, contact: &Contact, step: &Step) -> Option<usize> {
-    let goes_by_itself = |other: &usize| *other != robot && !step.joint_retreat.goes_along(robot, *other);
-    [contact.pair.0.robot(), contact.pair.1.robot()].into_iter().flatten().find(goes_by_itself)
 }
 
 /// Why a retreat is blocked, in words: by this contact, or, without one, by a constraint.

@@ -35,8 +35,7 @@ impl SuperviseCore {
         self.token = token;
         self.hush(blamed, step);
         self.motion = MotionState::default();
-        // the reflex may close anew in mid-retreat: the motion is still its to take back
-        if self.is_moving() || self.closing == Closing::Reflex {
+        if self.is_moving() {
             step.give_cause(cause);
             self.closing = Closing::Reflex;
             self.enter(Status::Stopping, step);
