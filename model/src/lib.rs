@@ -34,6 +34,7 @@ mod spelling;
 mod srdf;
 mod surface;
 mod survey;
+mod sweep;
 mod turns;
 mod urdf;
 mod watch;
@@ -62,6 +63,7 @@ pub use srdf::{
 };
 pub use surface::{LinkSurface, Surfaces, random_poses};
 pub use survey::{Closer, Comparison, ContactCounts, HomePose, Nearer, compare, find_home, fit_closer, spared_pairs};
+pub use sweep::Sweep;
 pub use urdf::{
     UpAxis, UrdfOptions, UrdfRobot, load_mesh, load_surfaces, load_urdf, load_urdf_with_surfaces, parse_urdf,
 };

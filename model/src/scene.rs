@@ -17,7 +17,7 @@ pub use line::LineVerdict;
 pub use report::{ContactKind, ReportedContact};
 pub use skeleton::{Hinge, Skeleton};
 pub use travel::Lever;
-pub(crate) use world::World;
+pub(crate) use world::{Group, World};
 
 use crate::engine::{Collider, DefaultEngine, Engine, IndexPair};
 use crate::robot::Robot;

@@ -13,8 +13,8 @@
 //! A motor's way counts only beyond a small band about its last turning point ([`MotorTrack`]): an encoder at rest is noisy,
 //! and if every change of its last digit counted, the clocks would run in a robot that stands still.
 
-use crate::engine::{DefaultEngine, Engine, Near, PairProximity};
-use crate::scene::{Contact, Scene};
+use crate::engine::{DefaultEngine, Engine, IndexPair, Near, PairProximity};
+use crate::scene::{Contact, Group, Scene};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
@@ -69,6 +69,8 @@ pub struct Watch<E: Engine = DefaultEngine> {
     scene: Arc<Scene<E>>,
     /// The margin, meters.
     within: f64,
+    /// Whether only pairs of two robots are followed.
+    between: bool,
     /// Per motor of the scene: how far it has gone.
     motors: Vec<MotorTrack>,
     /// When, on the common clock, each group is due; a heap, so that a pose at which none is costs one comparison.
@@ -158,6 +160,7 @@ impl<E: Engine> Watch<E> {
         let mut watch = Watch {
             scene: scene.clone(),
             within,
+            between: false,
             motors: Vec::new(),
             due: BinaryHeap::new(),
             groups: Vec::new(),
@@ -166,6 +169,14 @@ impl<E: Engine> Watch<E> {
             found: Vec::new(),
             counters: WatchCounters::default(),
         };
+        watch.set_scene(scene);
+        watch
+    }
+
+    /// The same, but only for pairs of which each shape is another robot's.
+    pub fn between_robots(scene: Arc<Scene<E>>, within: f64) -> Self {
+        let mut watch = Self::new(scene.clone(), within);
+        watch.between = true;
         watch.set_scene(scene);
         watch
     }
@@ -185,7 +196,12 @@ impl<E: Engine> Watch<E> {
         // Expired since ever: nothing is known of any pair.
         let ever = f64::NEG_INFINITY;
         self.groups = world.groups.iter().map(|g| Expiries(vec![ever; g.pairs.len()])).collect();
-        self.due = (0..world.groups.len() as u32).map(|group| Reverse(Due { at: Clock(ever), group })).collect();
+        // the pairs of a group are of the same two frames, so its first speaks for all; what is never due is never looked at
+        let robot = |k: u32| world.solids[k as usize].id.robot();
+        let apart = |(i, j): &IndexPair| robot(*i).is_some() && robot(*j).is_some() && robot(*i) != robot(*j);
+        let counts = |group: &Group| !self.between || group.pairs.first().is_some_and(apart);
+        let groups = (0..).zip(&world.groups).filter(|(_, group)| counts(group));
+        self.due = groups.map(|(group, _)| Reverse(Due { at: Clock(ever), group })).collect();
         self.placement = E::Placement::default();
         self.found.clear();
         self.scene = scene;

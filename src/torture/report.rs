@@ -145,13 +145,17 @@ impl fmt::Display for Tally {
         }
         let (escapes, stopped) = (self.escapes, self.retreats_stopped);
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
-        let Joint { times, nearer } = self.joint;
-        if times > 0 {
+        let Joint { times, retreats, stopped, nearer } = &self.joint;
+        if *times > 0 {
             let mm = nearer * 1e3;
             writeln!(
                 f,
                 "joint      {times} times several robots retreated at once, and came {mm:.2} mm nearer at most"
             )?;
+            let all: u64 = stopped.values().sum();
+            let causes: Vec<String> = stopped.iter().map(|(cause, n)| format!("{cause} {n}")).collect();
+            let by = if causes.is_empty() { String::new() } else { format!(": {}", causes.join(", ")) };
+            writeln!(f, "           {all} of their {retreats} retreats stopped ({:.2} %){by}", share(all, *retreats))?;
         }
         if self.swaps != [0; 3] {
             let [settled, reverted, refused] = self.swaps;

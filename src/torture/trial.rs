@@ -140,6 +140,10 @@ impl Sink for Watch {
                     self.witness.truth(*robot, at, q, &board.positions(at));
                 }
                 self.witness.pose(*robot, at, q);
+                let truth = |board: &Option<SimHardware>| board.as_ref().map(|board| board.positions(at));
+                if let Some(truth) = self.boards.iter().map(truth).collect::<Option<Vec<_>>>() {
+                    self.witness.really(at, &truth);
+                }
             }
             Entry::Scene(scene) => self.witness.scene(scene),
         }
@@ -289,7 +293,7 @@ impl TortureTrial {
             faulted,
             closed,
             swaps,
-            joint: watch.witness.joint,
+            joint: watch.witness.joint.clone(),
             hash,
             growth,
         })

@@ -1,8 +1,9 @@
 //! What really happens, beside what the system says of it: contacts computed anew from every second pose, and the boards' true speeds.
 //! A checker of the journal can't see what was never told; a witness can.
 
-use mobee_contract::{Event, Pose, Status, Time};
-use mobee_model::{Contact, Scene, ShapeId};
+use mobee_contract::{Event, Hold, Pose, Status, Time};
+use mobee_model::{Contact, Pair, Scene, ShapeId, Sweep};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -12,6 +13,10 @@ const NEARER: f64 = 0.003;
 const DEEPER: f64 = 0.001 + NEARER;
 /// The same of two robots that are both retreating, meters (I14).
 const TOGETHER: f64 = 0.001;
+/// Encoders that are farther off than this say nothing of where the motors are, rad.
+const LIE: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// How far robots are looked for about each other, meters: beyond the margins in use.
+const NEAR: f64 = 0.02;
 /// How many control periods a contact may go unanswered.
 const PERIODS: u32 = 3;
 /// In how many control periods an escape sets out.
@@ -35,6 +40,10 @@ pub struct Witness {
     scene: Option<Arc<Scene>>,
     poses: Vec<Pose>,
     robots: Vec<Seen>,
+    /// How near robots really come to each other, between the readings as well.
+    sweep: Option<Sweep>,
+    /// The least distances of pairs of robots since they set out on what is to be taken back, where below the margin, meters.
+    least: BTreeMap<Pair, f64>,
     /// When the boards of the robots are going to report faults.
     faults: Vec<Vec<Time>>,
     /// When something was done to the run last, and what happened last.
@@ -47,11 +56,16 @@ pub struct Witness {
 }
 
 /// Retreats of several robots at once.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Joint {
     /// How often that began.
     pub times: u64,
-    /// By how much two of them came nearer to each other than they were as they set out, or than the margin, at most, meters.
+    /// How many robots took part.
+    pub retreats: u64,
+    /// Why some of these retreats were stopped, and how often.
+    pub stopped: BTreeMap<&'static str, u64>,
+    /// By how much two of them came nearer to each other than they were since they set out on what is taken back, or than the
+    /// margin, at most, meters: where they really were, between the readings as well.
     pub nearer: f64,
 }
 
@@ -59,7 +73,27 @@ impl Joint {
     /// With what was seen in another run.
     pub fn add(&mut self, other: &Joint) {
         self.times += other.times;
+        self.retreats += other.retreats;
+        for (why, n) in &other.stopped {
+            *self.stopped.entry(why).or_default() += n;
+        }
         self.nearer = self.nearer.max(other.nearer);
+    }
+}
+
+/// Why a retreat was stopped, in a word, by its reason and by what the journal says of it.
+fn stopped_by(reason: Hold, what: &str) -> &'static str {
+    let robot = |shape: Option<&str>| shape.and_then(|s| s.split(':').next()).map(str::to_owned);
+    match reason {
+        Hold::RetreatBlocked if what.ends_with(" mm") => {
+            let mut pair = what.split(" and ");
+            if robot(pair.next()) == robot(pair.next()) { "its own shapes" } else { "another robot or object" }
+        }
+        Hold::RetreatBlocked if what.contains("constraint") => "a constraint",
+        Hold::RetreatBlocked => "no way past",
+        Hold::RetreatMissed => "not followed",
+        Hold::HistoryTooShort => "history too short",
+        _ => "stale",
     }
 }
 
@@ -82,6 +116,11 @@ struct Seen {
     near: Option<Time>,
     /// While it is retreating: the pairs below the margin as that began.
     back: Option<Vec<Contact>>,
+    /// Whether a motion of it is open, and whether that is being taken back together with another's.
+    moves: bool,
+    joint: bool,
+    /// Whether its encoders have told the truth since that motion began.
+    honest: bool,
     /// While it escapes: the pairs that were near as it set out, and when it did.
     escape: (Option<Vec<Contact>>, Time),
     /// The newest reading that differed from the one before, and since when it is so in the motion under way.
@@ -109,6 +148,9 @@ impl Seen {
             last: at,
             near: None,
             back: None,
+            moves: false,
+            joint: false,
+            honest: true,
             escape: (None, at),
             news: None,
             late: None,
@@ -150,6 +192,11 @@ impl Witness {
                 *pose = home;
             }
         }
+        match &mut self.sweep {
+            Some(sweep) => sweep.set_scene(scene.clone()),
+            // farther than any margin, so that the margins of robots that are told later count as well
+            None => self.sweep = Some(Sweep::new(scene.clone(), NEAR)),
+        }
         self.scene = Some(scene.clone());
     }
 
@@ -179,10 +226,15 @@ impl Witness {
                 (r.open, r.since) = (true, at);
                 r.sets_out(at);
             }),
-            Event::Commit { robot, .. } => self.turn(robot, |r| {
-                r.escape = (None, at);
-                r.sets_out(at);
-            }),
+            Event::Commit { robot, .. } => {
+                self.sets_out(robot);
+                self.turn(robot, |r| {
+                    r.escape = (None, at);
+                    (r.moves, r.honest) = (true, true);
+                    r.sets_out(at);
+                });
+            }
+            Event::Outcome { robot, .. } => self.turn(robot, |r| (r.moves, r.joint) = (false, false)),
             Event::Amended { robot, .. } => self.turn(robot, |r| r.sets_out(at)),
             Event::Disabled { robot, .. } => {
                 self.turn(robot, |r| (r.open, r.since, r.back, r.fault) = (false, at, None, None));
@@ -192,9 +244,20 @@ impl Witness {
                     r.back = Some(near.clone());
                     r.sets_out(at);
                 });
-                self.joint.times += u64::from(self.robots.iter().filter(|r| r.back.is_some()).count() > 1);
+                if self.robots.iter().filter(|r| r.back.is_some()).count() > 1 {
+                    self.joint.times += 1;
+                    for seen in self.robots.iter_mut().filter(|r| r.back.is_some() && !r.joint) {
+                        seen.joint = true;
+                        self.joint.retreats += 1;
+                    }
+                }
             }
-            Event::RetreatStopped { robot, .. } => self.turn(robot, |r| r.back = None),
+            Event::RetreatStopped { robot, reason, what, .. } => {
+                if self.robots.iter().any(|r| r.name == *robot && r.joint) {
+                    *self.joint.stopped.entry(stopped_by(*reason, what)).or_default() += 1;
+                }
+                self.turn(robot, |r| (r.back, r.joint) = (None, false));
+            }
             Event::State { robot, status } => self.turn(robot, |r| {
                 (r.status, r.since) = (*status, at);
                 r.back = r.back.take().filter(|_| matches!(status, Status::Stopping | Status::Retreating));
@@ -234,6 +297,8 @@ impl Witness {
     /// A pose that was read, and where the motors really were.
     pub fn truth(&mut self, robot: usize, at: Time, q: &Pose, truth: &[f64]) {
         let Some(seen) = self.robots.get_mut(robot) else { return };
+        // who is led astray by its encoders is elsewhere than everybody believes
+        seen.honest &= q.len() == truth.len() && q.iter().zip(truth).all(|(q, is)| (q - is).abs() <= LIE);
         match &seen.news {
             Some((last, since)) if *last == *q => {
                 if at.since(*since) <= UNSEEN.0 {
@@ -259,9 +324,6 @@ impl Witness {
         let (Some(seen), Some(pose)) = (self.robots.get_mut(robot), self.poses.get_mut(robot)) else { return };
         *pose = q.clone();
         (seen.poses, seen.last) = (seen.poses + 1, at);
-        if seen.back.is_some() {
-            self.together(at);
-        }
         let (Some(seen), Some(scene)) = (self.robots.get_mut(robot), &self.scene) else { return };
         let Some((promise, within)) = seen.watched() else {
             seen.near = None;
@@ -301,20 +363,28 @@ impl Witness {
         }
     }
 
-    /// How near those come to each other that are retreating (I14).
-    fn together(&mut self, at: Time) {
-        let Some(scene) = &self.scene else { return };
-        let back = |robot: usize| self.robots.get(robot).and_then(|r| Some((r.back.as_ref()?, r.margin)));
-        if self.robots.iter().filter(|r| r.back.is_some()).count() < 2 {
-            return;
-        }
-        let margin = self.robots.iter().map(|r| r.margin).fold(0.0, f64::max);
-        for c in scene.contacts(&self.poses, margin) {
-            let (Some(a), Some(b)) = (c.pair.0.robot(), c.pair.1.robot()) else { continue };
-            let (Some((of_a, margin_a)), Some((of_b, margin_b))) = (back(a), back(b)) else { continue };
-            let start = of_a.iter().chain(of_b).filter(|s| s.pair == c.pair).map(|s| s.distance);
-            let start = start.fold(margin_a.min(margin_b), f64::min);
-            if a == b || start - c.distance <= self.joint.nearer {
+    /// A robot sets out on a motion: what it passed before then is not taken back, unless another is still on its way.
+    fn sets_out(&mut self, robot: &str) {
+        let named = |of: ShapeId| of.robot().and_then(|i| self.robots.get(i));
+        let other = |(a, b): &Pair| [named(*a), named(*b)].into_iter().flatten().find(|r| r.name != robot);
+        let of = |(a, b): &Pair| [named(*a), named(*b)].into_iter().flatten().any(|r| r.name == robot);
+        self.least.retain(|pair, _| !of(pair) || other(pair).is_some_and(|r| r.moves));
+    }
+
+    /// Where the motors of all robots really are, at one instant: how near those come to each other that are retreating (I14).
+    pub fn really(&mut self, at: Time, truth: &[Vec<f64>]) {
+        let (Some(sweep), Some(scene)) = (&mut self.sweep, &self.scene) else { return };
+        for c in sweep.to(truth) {
+            let of = |shape: ShapeId| shape.robot().and_then(|robot| self.robots.get(robot));
+            let (Some(a), Some(b)) = (of(c.pair.0), of(c.pair.1)) else { continue };
+            let margin = a.margin.min(b.margin);
+            if a.back.is_none() || b.back.is_none() {
+                let least = self.least.entry(c.pair).or_insert(margin);
+                *least = least.min(c.distance);
+                continue;
+            }
+            let start = self.least.get(&c.pair).copied().unwrap_or(margin);
+            if start - c.distance <= self.joint.nearer || !(a.honest && b.honest) {
                 continue;
             }
             self.joint.nearer = start - c.distance;
@@ -387,13 +457,13 @@ mod tests {
             }
         };
         let seen = |events: Vec<Event>| {
-            let mut witness = Witness { scene: Some(scene.clone()), poses: scene.home(), ..Witness::default() };
+            let mut witness = Witness::default();
+            witness.scene(&scene);
             witness.robots =
                 ["left", "right"].map(|r| Seen::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
             events.iter().for_each(|event| witness.event(Time::ZERO, event));
-            for (robot, q) in poses.iter().enumerate() {
-                witness.pose(robot, Time::from_secs(1.0), q);
-            }
+            let truth: Vec<Vec<f64>> = poses.iter().map(|q| q.to_vec()).collect();
+            witness.really(Time::from_secs(1.0), &truth);
             witness.found.iter().any(|(invariant, _)| *invariant == "I14")
         };
         assert!(seen(vec![sets_out("left", vec![]), sets_out("right", vec![])]));

@@ -8,7 +8,8 @@
 //! On one clock they are, at each instant, where they were at one instant of the past: there the poses of all were free
 //! of each other, whatever each one's own path looks like (I14).
 //!
-//! One party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes after it. A robot of which
+//! Of robots within each other's reach one party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes
+//! after it; those out of reach of all of them go when they like. A robot of which
 //! nothing was heard for a second is counted out, so that nobody has to tell of a death; the others stop then, and go
 //! on one by one.
 
@@ -16,9 +17,9 @@ mod plan;
 
 pub use plan::{Participant, Plan, RetreatPath};
 
-use crate::Rules;
 use crate::history::{HistoryCore, HistoryTooShort};
 use crate::ledger::{Places, SafePose};
+use crate::{RELEASE, Rules};
 use mobee_contract::Time;
 use mobee_model::Scene;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -32,6 +33,8 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// How many poses are checked per question: well below a control period's work, since the reflex that asks watches its
 /// robot, too.
 const SLICE: usize = 32;
+/// The greatest margin that a controller can have, meters.
+const GREATEST_MARGIN: f64 = 0.5;
 /// By how many of its periods a robot may be behind the clock: it makes up for them in one step.
 const BEHIND: f64 = 1.5;
 
@@ -82,17 +85,19 @@ impl Asked {
     }
 }
 
-/// Shared by the reflexes of all robots.
+/// Shared by the reflexes of all robots. By default any robot may be within reach of any other.
 #[derive(Debug, Default)]
 pub struct JointRetreat(Mutex<State>);
 
 /// What is behind the lock.
 #[derive(Clone, Debug, Default)]
 struct State {
+    /// Who can never come near whom, by the robots' index in the scene.
+    apart: Vec<(usize, usize)>,
     /// By the robots' index in the scene.
     presences: Vec<Presence>,
-    /// Those that are on their way together, if any are.
-    party: Option<Party>,
+    /// Those that are on their way, each party together.
+    parties: Vec<Party>,
 }
 
 /// What is known of one robot.
@@ -129,6 +134,9 @@ struct Member {
     period: f64,
     /// How long its board takes to show the effect of a command.
     reaction: Duration,
+    /// By how much sooner than the slowest of them it follows its set-points, seconds: so much later they are written, that
+    /// all are at one place of the past at once.
+    early: f64,
     /// When it last asked or wrote.
     heard: Time,
     /// Until it has been taken.
@@ -143,11 +151,12 @@ struct Member {
 
 impl Member {
     /// At the beginning of its way.
-    fn new(who: &Participant, now: Time) -> Member {
+    fn new(who: &Participant, slowest: Duration, now: Time) -> Member {
         Member {
             robot: who.robot,
             period: who.rules.period.as_secs_f64(),
             reaction: who.rules.reaction(),
+            early: slowest.saturating_sub(who.rules.follows()).as_secs_f64(),
             heard: now,
             way: None,
             at: 0.0,
@@ -168,6 +177,17 @@ impl Member {
 }
 
 impl JointRetreat {
+    /// Of the robots of this scene. Those that can't come near each other, wherever their motors are, don't wait for each other.
+    pub fn new(scene: &Scene) -> JointRetreat {
+        let stands = |robot: usize| scene.base(robot).translation.vector;
+        let robots = scene.robots().len();
+        let pairs = (0..robots).flat_map(|b| (0..b).map(move |a| (a, b)));
+        let far = |(a, b): &(usize, usize)| {
+            (stands(*a) - stands(*b)).norm() > scene.reach(*a) + scene.reach(*b) + GREATEST_MARGIN + RELEASE
+        };
+        JointRetreat(Mutex::new(State { apart: pairs.filter(far).collect(), ..State::default() }))
+    }
+
     /// What is behind the lock. A panic of somebody who held it leaves it usable: at worst somebody is counted out who
     /// is alive.
     fn state(&self) -> MutexGuard<'_, State> {
@@ -196,20 +216,21 @@ impl JointRetreat {
         }
     }
 
-    /// The robot writes a set-point: it is `most` seconds on its way at most. Returns how far all are; nothing once
+    /// The robot writes a set-point: it is `most` seconds on its way at most. Returns how far it is to be; nothing once
     /// somebody who is on the way with it was lost.
     pub fn step(&self, robot: usize, most: f64, now: Time) -> Option<f64> {
         let mut state = self.state();
-        let party = state.party.as_mut()?;
+        let party = state.party(robot)?;
         party.hear(robot, now)?;
         let elapsed = now.since(party.last).as_secs_f64();
         // no further than a step ahead of the slowest: who is late makes the others wait
-        let reach = party.members.iter().map(|m| m.at + BEHIND * m.period).fold(f64::INFINITY, f64::min);
+        let ahead = |m: &Member| m.at + m.early + BEHIND * m.period;
+        let reach = party.members.iter().map(ahead).fold(f64::INFINITY, f64::min);
         party.clock = (party.clock + elapsed).min(reach).max(party.clock);
         party.last = party.last.max(now);
-        let clock = party.clock.min(most);
+        let clock = party.clock;
         let member = party.member(robot)?;
-        member.at = member.at.max(clock);
+        member.at = member.at.max((clock - member.early).min(most));
         Some(member.at)
     }
 
@@ -217,11 +238,17 @@ impl JointRetreat {
     /// have; nothing once somebody was lost.
     pub fn reached(&self, robot: usize, points: usize, now: Time) -> Option<bool> {
         let mut state = self.state();
-        let party = state.party.as_mut()?;
+        let party = state.party(robot)?;
         party.hear(robot, now)?;
         let member = party.member(robot)?;
         member.at = member.at.max(points as f64);
         Some(party.members.iter().all(|m| m.at >= points as f64))
+    }
+
+    /// Whether two robots were given their ways together: the one passes the other as it did before. That holds until one of
+    /// them is back, or goes no further.
+    pub fn goes_along(&self, robot: usize, other: usize) -> bool {
+        self.state().party(robot).is_some_and(|party| party.member(other).is_some())
     }
 
     /// The robot is back, or goes no further. Of those who are still on their way, each hears of it at its next step,
@@ -231,12 +258,8 @@ impl JointRetreat {
         if let Some(presence) = state.presence(robot) {
             *presence = Presence::Away;
         }
-        if let Some(party) = &mut state.party {
-            party.members.iter_mut().filter(|m| m.robot == robot).for_each(|m| m.left = true);
-            if party.members.iter().all(|m| m.left) {
-                state.party = None;
-            }
-        }
+        state.party(robot).and_then(|party| party.member(robot)).into_iter().for_each(|m| m.left = true);
+        state.parties.retain(|party| !party.members.iter().all(|m| m.left));
     }
 
     #[cfg(test)]
@@ -254,35 +277,63 @@ impl State {
         self.presences.get_mut(robot)
     }
 
+    /// The party that this robot is on its way with.
+    fn party(&mut self, robot: usize) -> Option<&mut Party> {
+        self.parties.iter_mut().find(|party| party.members.iter().any(|m| m.robot == robot && !m.left))
+    }
+
+    /// Whether one of two robots can ever come near the other.
+    fn is_near(&self, a: usize, b: usize) -> bool {
+        !self.apart.contains(&(a.min(b), a.max(b)))
+    }
+
+    /// The robots that this one goes with, waits for, or is waited for by: those near it, those near them, and so on, of
+    /// whom any is stopped or on its way.
+    fn about(&self, robot: usize) -> Vec<usize> {
+        let on_their_way = self.parties.iter().flat_map(|p| p.members.iter().filter(|m| !m.left).map(|m| m.robot));
+        let stopped = self.presences.iter().enumerate().filter(|(_, p)| !matches!(p, Presence::Away)).map(|(i, _)| i);
+        let mut others: Vec<usize> = on_their_way.chain(stopped).collect();
+        let mut about = vec![robot];
+        let mut seen = 0;
+        while let Some(one) = about.get(seen).copied() {
+            let (near, far): (Vec<usize>, Vec<usize>) = others.iter().partition(|other| self.is_near(one, **other));
+            about.extend(near.into_iter().filter(|other| *other != robot));
+            (others, seen) = (far, seen + 1);
+        }
+        about
+    }
+
     /// See [`JointRetreat::ask`]: the last of those who are ready to ask gathers the party.
     fn ask(&mut self, robot: usize, now: Time) -> RetreatReply {
-        self.party = self.party.take().filter(|party| !party.members.iter().all(|m| m.is_through() || m.is_lost(now)));
-        if let Some(party) = &mut self.party
-            && let Some(member) = party.member(robot)
-        {
-            member.heard = now;
+        self.parties.retain(|party| !party.members.iter().all(|m| m.is_through() || m.is_lost(now)));
+        if let Some(party) = self.party(robot) {
+            party.member(robot).into_iter().for_each(|member| member.heard = now);
             return party.proceed(robot, now).map_or(RetreatReply::Wait, RetreatReply::Go);
         }
         let Some(Presence::Ready { since, heard, who }) = self.presence(robot) else { return RetreatReply::Bring };
         *heard = now;
         // another try goes alone: the way that failed was a joint one, or something stood in it
         let (patient, alone) = (now < *since + PATIENCE, who.again);
+        let about = self.about(robot);
         let coming = |presence: &Presence| matches!(presence, Presence::Coming(heard) if now <= *heard + LOST);
-        if self.party.is_some() || (!alone && patient && self.presences.iter().any(coming)) {
+        let comes = |robot: &usize| self.presences.get(*robot).is_some_and(coming);
+        let goes = |robot: &usize| self.parties.iter().any(|p| p.members.iter().any(|m| m.robot == *robot));
+        if about.iter().any(goes) || (!alone && patient && about.iter().any(comes)) {
             return RetreatReply::Wait;
         }
         let mut participants = Vec::new();
-        for presence in &mut self.presences {
-            let goes = |who: &Participant| if alone { who.robot == robot } else { !who.again };
+        for (i, presence) in self.presences.iter_mut().enumerate().filter(|(i, _)| about.contains(i)) {
+            let goes = |who: &Participant| if alone { i == robot } else { !who.again };
             match std::mem::take(presence) {
                 Presence::Ready { heard, who, .. } if goes(&who) && now <= heard + LOST => participants.push(who),
                 other => *presence = other,
             }
         }
-        let members = participants.iter().map(|who| Member::new(who, now)).collect();
+        let slowest = participants.iter().map(|who| who.rules.follows()).max().unwrap_or_default();
+        let members = participants.iter().map(|who| Member::new(who, slowest, now)).collect();
         let mut party = Party { plan: Plan::new(participants), members, clock: 0.0, last: now };
         let way = party.proceed(robot, now);
-        self.party = Some(party);
+        self.parties.push(party);
         way.map_or(RetreatReply::Wait, RetreatReply::Go)
     }
 }

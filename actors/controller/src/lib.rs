@@ -10,6 +10,7 @@
 //! | [`supervise`] | Algorithm 5 | takes commits, keeps transactions, opens the filter |
 //! | [`reflex`] | Algorithm 6 | closes the filter, stops the robot, takes it back |
 //! | [`joint_retreat`] | | leads several robots back on one clock |
+//! | [`simultaneous`] | | how near robots come to each other at common instants |
 //! | [`gate`], [`command_guard`] | | the filter itself: a fencing token, and who asks for it |
 //! | [`ledger`] | | what survives the death of all of these |
 //!
@@ -38,6 +39,7 @@ pub mod reflex;
 pub mod rules;
 pub mod settings;
 pub mod shared;
+pub mod simultaneous;
 pub mod stop;
 pub mod supervise;
 pub mod trajectory;

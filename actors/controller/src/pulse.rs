@@ -9,6 +9,7 @@
 //! anywhere breaks the chain, the lease runs out, and the robot brakes without anybody being told. A watchdog of its
 //! own would have to be trusted as much as what it watches.
 
+use crate::simultaneous::note;
 use mobee_contract::{AnswerTime, Sample, Time};
 use mobee_model::Contact;
 use std::sync::Arc;
@@ -24,8 +25,11 @@ pub struct Pulse {
     pub speed: f64,
     /// Since when the readings have been equal bit for bit (history).
     pub unchanged: Time,
-    /// Reflex pairs nearer than margin + 2 mm (model).
+    /// Reflex pairs nearer than margin + 2 mm, by the newest readings of all robots (model).
     pub contacts: Arc<[Contact]>,
+    /// The pairs of this robot and others that were as near since its last reading, where all were at one instant, each
+    /// where it was nearest (model).
+    pub together: Arc<[Contact]>,
     /// The first violated constraint: part and clause (model).
     pub violated: Option<(usize, usize)>,
     /// By how much the constraint that holds least is violated, in the units of its clause (model).
@@ -40,6 +44,19 @@ pub struct Pulse {
 }
 
 impl Pulse {
+    /// The pairs near the robot, each once. Of those with another robot for which `along` holds only what was so at one
+    /// instant: of two readings that are not of one instant the one may be of a place that the other has left. Of all others
+    /// the nearest that is known.
+    pub fn near(&self, along: impl Fn(&Contact) -> bool) -> Arc<[Contact]> {
+        let two = |c: &Contact| matches!((c.pair.0.robot(), c.pair.1.robot()), (Some(a), Some(b)) if a != b);
+        if self.together.is_empty() && !self.contacts.iter().any(|c| two(c) && along(c)) {
+            return self.contacts.clone();
+        }
+        let mut near: Vec<Contact> = self.contacts.iter().filter(|c| !(two(c) && along(c))).copied().collect();
+        self.together.iter().for_each(|c| note(&mut near, c));
+        near.into()
+    }
+
     /// A reading of which nothing else is known yet.
     pub fn new(sample: Sample, none: &Arc<[Contact]>) -> Pulse {
         let unchanged = sample.at;
@@ -49,6 +66,7 @@ impl Pulse {
             speed: f64::INFINITY,
             unchanged,
             contacts: none.clone(),
+            together: none.clone(),
             violated: None,
             depth: 0.0,
             epoch: 0,

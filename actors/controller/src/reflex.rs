@@ -196,7 +196,7 @@ pub struct ReflexCore {
     phase: Phase,
     /// The present contacts.
     contacts: Contacts,
-    /// The pairs near the robot in the newest reading.
+    /// The pairs near the robot in the newest reading, those with other robots as they were at one instant.
     near: Arc<[Contact]>,
     /// How near pairs came since the robot was stopped to be taken back, and may come on the way.
     floors: Floors,
@@ -289,7 +289,7 @@ impl ReflexCore {
     /// whether the robot is free.
     fn pulse(&mut self, pulse: &mut Pulse, motion: Option<&Underway>, status: Status, step: &mut Step) {
         self.violated = pulse.violated.is_some();
-        self.near = pulse.contacts.clone();
+        self.near = pulse.near(|_| true);
         if let Some(m) = motion.filter(|m| self.motion != Some(m.id)) {
             self.motion = Some(m.id);
             self.met.clear();
@@ -297,7 +297,10 @@ impl ReflexCore {
         // what touches a robot at rest was moved there by somebody else
         let moving = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
         let back = matches!(self.phase, Phase::Retreating { .. } | Phase::Settling { .. });
-        let changes = self.contacts.update(&pulse.contacts, back, moving, pulse.epoch);
+        // who is on its way with others passes them as it did; of anybody else, and in a motion, the worst that is known counts
+        let along = |c: &Contact| back && self.goes_along(c, step);
+        let close = pulse.near(along);
+        let changes = self.contacts.update(&close, back, moving, pulse.epoch);
         let names = step.names;
         for contact in &changes.began {
             let (robot, names) = (step.robot(), names(contact.pair));
@@ -329,13 +332,20 @@ impl ReflexCore {
         }
         if matches!(self.phase, Phase::Watching) {
             if Gate::opens(token) {
-                self.watch(pulse, motion, status, step);
+                self.watch(pulse, &close, motion, status, step);
             }
         } else {
-            self.act(pulse, step);
+            self.act(pulse, &close, step);
             // a retreat that ended in this very reading has ended contacts
             pulse.free = self.is_free(step);
         }
+    }
+
+    /// Whether this is a contact with a robot that is taken back together with this one.
+    fn goes_along(&self, contact: &Contact, step: &Step) -> bool {
+        let mut others =
+            [contact.pair.0.robot(), contact.pair.1.robot()].into_iter().flatten().filter(|r| *r != self.robot);
+        others.any(|other| step.joint_retreat.goes_along(self.robot, other))
     }
 
     /// Whether nothing is there that the reflex would act upon.
@@ -344,20 +354,19 @@ impl ReflexCore {
     }
 
     /// The filter is open: is there a reason to close it?
-    fn watch(&mut self, pulse: &Pulse, motion: Option<&Underway>, status: Status, step: &mut Step) {
+    fn watch(&mut self, pulse: &Pulse, close: &[Contact], motion: Option<&Underway>, status: Status, step: &mut Step) {
         let escape = motion.filter(|m| m.is_escape() && status == Status::Escaping);
         let cause = if let Some(m) = escape {
             // it begins in contact by its nature: only what gets worse than it was as it set out stops it
             if self.escape.as_ref().is_none_or(|escape| escape.id != m.id) {
-                let (floors, depth) =
-                    (Floors::new(step.rules.margin, &pulse.contacts), pulse.violated.map(|_| pulse.depth));
+                let (floors, depth) = (Floors::new(step.rules.margin, close), pulse.violated.map(|_| pulse.depth));
                 self.escape = Some(Escape { id: m.id, floors, depth });
             }
             let (floors, depth) =
                 self.escape.as_ref().map_or((None, None), |escape| (Some(&escape.floors), escape.depth));
             // one that set out violating nothing may violate nothing
             let deeper = depth.is_none_or(|depth| pulse.depth > depth + NOISE);
-            match floors.and_then(|f| f.broken(&pulse.contacts)) {
+            match floors.and_then(|f| f.broken(close)) {
                 Some(c) => Some(Cause::Contact(vec![*c])),
                 None if deeper => pulse.violated.map(|v| constraint(v, step.rules)),
                 None => None,
@@ -381,7 +390,7 @@ impl ReflexCore {
         let back = |safe| Then::Retreat(Back { motion: motion.clone(), safe, again: false });
         let then = motion.safe.clone().map_or(Then::Say(ReflexReport::Stopped), back);
         // the stop takes effect from now on: a reading that was held up does not show it
-        self.floors = Floors::new(step.rules.margin, &pulse.contacts);
+        self.floors = Floors::new(step.rules.margin, &self.near);
         self.turn(Phase::Stopping { token, since: step.now, then }, step);
     }
 

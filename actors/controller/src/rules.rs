@@ -113,6 +113,11 @@ impl Rules {
         [robot, Event::Controller { robot: name, kind, reflex: self.reflex }]
     }
 
+    /// How far the motors are behind a stream of set-points: that of the board, and a period, in which they go from one to the next.
+    pub fn follows(&self) -> Duration {
+        self.latency + self.period
+    }
+
     /// How long after a command its effect is surely in the readings: the board's latency, a period until the next
     /// reading is taken, and another in which that is on its way.
     pub fn reaction(&self) -> Duration {

@@ -4,6 +4,7 @@ use crate::wiring::{AgentMsg, ModelMsg, RobotContext, SharedContext};
 use mobee_contract::{CommitId, Event, Pose, Status, WorldChange};
 use mobee_controller::RELEASE;
 use mobee_controller::ledger::{Motion, Open};
+use mobee_controller::simultaneous::Simultaneous;
 use mobee_model::{Contact, Edit, Field, Object, Scene, ShapeId, Watch};
 use nalgebra::{Isometry3, Vector3};
 use ractor::{Actor, ActorProcessingErr, ActorRef};
@@ -19,6 +20,8 @@ pub struct Model {
     /// Where the objects are in truth, where that is simulated; see [`SharedContext::truth`].
     truth: Arc<Scene>,
     watch: Watch,
+    /// How near robots come to each other between readings.
+    simultaneous: Simultaneous,
     poses: Vec<Pose>,
     /// The fields of robots that move under forces.
     fields: Vec<Option<Fields>>,
@@ -36,12 +39,12 @@ impl Actor for ModelActor {
     ) -> Result<Model, ActorProcessingErr> {
         let scene = shared.scene.lock().clone();
         let truth = shared.truth.lock().clone();
-        let watch = watch(&shared, &scene);
+        let (watch, simultaneous) = (watch(&shared, &scene), simultaneous(&shared, &scene));
         let poses = shared.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
         let fields = shared.robots.iter().map(|w| Fields::new(w, &scene)).collect();
         shared.model.connect(myself.clone());
         shared.to_model.attach(Box::new(move || myself.send_message(ModelMsg::Pulses).is_ok()));
-        Ok(Model { shared, scene, truth, watch, poses, fields })
+        Ok(Model { shared, scene, truth, watch, simultaneous, poses, fields })
     }
 
     async fn handle(
@@ -54,6 +57,7 @@ impl Actor for ModelActor {
             ModelMsg::Pulses => model.pulses(),
             ModelMsg::Margins => {
                 model.watch = watch(&model.shared, &model.scene);
+                model.simultaneous = simultaneous(&model.shared, &model.scene);
                 model.fields = model.shared.robots.iter().map(|w| Fields::new(w, &model.scene)).collect();
             }
             ModelMsg::Edit(edit, reply) => {
@@ -88,6 +92,12 @@ fn watch(shared: &SharedContext, scene: &Arc<Scene>) -> Watch {
     Watch::new(scene.clone(), margin + RELEASE)
 }
 
+/// Looks between readings at the robots that there are now.
+fn simultaneous(shared: &SharedContext, scene: &Arc<Scene>) -> Simultaneous {
+    let rules: Vec<_> = shared.robots.iter().map(|w| w.rules()).collect();
+    Simultaneous::new(scene, rules.iter().map(|rules| &**rules))
+}
+
 impl Model {
     fn pulses(&mut self) {
         while let Some((robot, mut pulse)) = self.shared.to_model.pop() {
@@ -101,6 +111,13 @@ impl Model {
                 let is_own = |s: ShapeId| s.robot() == Some(robot);
                 let own = |c: &&Contact| c.distance <= within && (is_own(c.pair.0) || is_own(c.pair.1));
                 pulse.contacts = near.iter().filter(own).copied().collect();
+            }
+            // a robot that is alone meets no other
+            if self.poses.len() > 1 {
+                let met = self.simultaneous.read(robot, pulse.sample.at, &pulse.sample.q);
+                if !met.is_empty() {
+                    pulse.together = met.into();
+                }
             }
             if let Some(model) = self.scene.robots().get(robot) {
                 pulse.violated = model.violated(&pulse.sample.q).next();
@@ -120,18 +137,30 @@ impl Model {
 
     /// What happens in the world. An object that simulated cameras look at moves in truth alone: the model learns by them.
     fn change(&mut self, edit: &Edit) -> Result<(), String> {
-        self.truth = Arc::new(self.truth.edit(edit).map_err(|e| e.to_string())?);
+        let is_secret = matches!(edit, Edit::Move { name, .. } if self.shared.looked_at.contains(name));
+        self.truth = match self.shared.looked_at.is_empty() {
+            // what the model has is what there is
+            true => {
+                self.edit(edit)?;
+                self.scene.clone()
+            }
+            false => {
+                let truth = self.truth.edit(edit).map_err(|e| e.to_string())?;
+                if !is_secret {
+                    self.edit(edit)?;
+                }
+                Arc::new(truth)
+            }
+        };
         *self.shared.truth.lock() = self.truth.clone();
-        match edit {
-            Edit::Move { name, .. } if self.shared.looked_at.contains(name) => Ok(()),
-            edit => self.edit(edit),
-        }
+        Ok(())
     }
 
     fn edit(&mut self, edit: &Edit) -> Result<(), String> {
         let next = Arc::new(self.scene.edit(edit).map_err(|e| e.to_string())?);
         let before = std::mem::replace(&mut self.scene, next.clone());
         self.watch.set_scene(next.clone());
+        self.simultaneous.set_scene(&next);
         self.fields.iter_mut().flatten().for_each(|f| f.set_scene(&next));
         *self.shared.scene.lock() = next.clone();
         for event in differences(&before, &next) {

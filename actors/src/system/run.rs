@@ -13,6 +13,7 @@ use crate::wiring::{
 };
 use mobee_contract::{Board, Event, Latest, Status, Time};
 use mobee_controller::gate::Gate;
+use mobee_controller::joint_retreat::JointRetreat;
 use mobee_model::Contact;
 use ractor::ActorRef;
 use std::collections::{BTreeSet, VecDeque};
@@ -286,10 +287,10 @@ fn wire(
     let scene = Arc::new(setup.scene);
     let shared = Arc::new(SharedContext {
         robots,
+        joint_retreat: Arc::new(JointRetreat::new(&scene)),
         truth: LatestCell::new(scene.clone()),
         scene: LatestCell::new(scene),
         looked_at,
-        joint_retreat: Arc::default(),
         to_model: Stream::new("history>model", 256),
         model: ActorLink::default(),
         clock,

@@ -45,6 +45,8 @@ pub struct Lever {
 pub(crate) struct Reach {
     /// Per frame: the hinges between it and the base.
     pub levers: Vec<Vec<Lever>>,
+    /// How far any of its shapes ever is from the base's origin at most, meters.
+    pub radius: f64,
 }
 
 impl<E: Engine> Scene<E> {
@@ -52,6 +54,26 @@ impl<E: Engine> Scene<E> {
     /// with how far it moves the frame's shapes at most, whatever the others do. None for the base itself.
     pub fn levers(&self, robot: usize, frame: usize) -> &[Lever] {
         self.bodies().reach.get(robot).and_then(|reach| reach.levers.get(frame)).map_or(&[], Vec::as_slice)
+    }
+
+    /// How far any shape of a robot ever is from where the robot stands ([`Scene::base`]) at most, meters, whatever its motors do.
+    /// Zero for a robot that the scene does not have.
+    pub fn reach(&self, robot: usize) -> f64 {
+        self.bodies().reach.get(robot).map_or(0.0, |reach| reach.radius)
+    }
+
+    /// How far the shapes of a robot go at most in the world, meters, while its motors go from one pose to the other, both rad of
+    /// encoder: the farthest of its frames counts. Nothing for a robot that the scene does not have.
+    pub fn travel(&self, robot: usize, from: &[f64], to: &[f64]) -> f64 {
+        let (Some(reach), Some(skeleton)) = (self.bodies().reach.get(robot), self.skeletons().get(robot)) else {
+            return 0.0;
+        };
+        let turned = |lever: &Lever| {
+            let motor = lever.frame.checked_sub(1).and_then(|h| skeleton.joints.get(h)).map(|joint| joint.motor);
+            let change = motor.and_then(|m| Some((to.get(m)? - from.get(m)?).abs()));
+            lever.reach * change.unwrap_or_default()
+        };
+        reach.levers.iter().map(|levers| levers.iter().map(turned).sum()).fold(0.0, f64::max)
     }
 }
 
@@ -107,7 +129,18 @@ impl Reach {
                 }
             })
             .collect();
-        Reach { levers }
+        let from_origin = |f: usize| {
+            let own = colliders.iter().filter(|c| c.frame == first_frame + f);
+            own.map(|c| c.pose.translation.vector.norm() + c.shape.bounding_radius()).fold(0.0, f64::max)
+        };
+        // outstretched: each joint as far from the one below as it ever is
+        let mut outward = vec![0.0];
+        for joint in &skeleton.joints {
+            let arm = joint.origins().iter().map(Vector3::norm).fold(0.0, f64::max);
+            outward.push(outward.get(joint.parent).copied().unwrap_or_default() + arm);
+        }
+        let radius = outward.iter().enumerate().map(|(f, out)| out + from_origin(f)).fold(0.0, f64::max);
+        Reach { levers, radius }
     }
 
     /// How far the shapes of frame `a` can move against those of frame `b` of the same robot; `b = 0` is the base.

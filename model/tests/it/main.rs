@@ -15,6 +15,7 @@ mod slides;
 mod srdf;
 mod surfaces;
 mod survey;
+mod sweep;
 mod turns;
 mod urdf_import;
 mod urdf_nasty;

@@ -14,7 +14,7 @@ use crate::history::Recorded;
 use crate::ledger::{Places, SafePose, home};
 use crate::{RELEASE, Rules, distance};
 use mobee_contract::{Axis, Pose, Time};
-use mobee_model::{Scene, ShapeId, Watch};
+use mobee_model::{Scene, ShapeId, Sweep};
 use std::sync::Arc;
 
 /// Share of a motor's greatest speed that a set-point may ask for: what is left is for catching up.
@@ -123,8 +123,8 @@ pub struct Plan {
     next: usize,
     /// What is where.
     scene: Arc<Scene>,
-    /// Looks for contacts from pose to pose, while there is something to be checked.
-    watch: Option<Watch>,
+    /// Looks for contacts from pose to pose, and between them, while there is something to be checked.
+    sweep: Option<Sweep>,
 }
 
 /// One robot's part of a plan.
@@ -238,7 +238,7 @@ impl Plan {
         let mut times: Vec<Time> = legs.iter().flat_map(|l| l.who.past.iter().map(|r| r.at)).collect();
         times.sort_unstable_by(|a, b| b.cmp(a));
         times.dedup();
-        Some(Plan { legs, times, next: 0, scene, watch: None })
+        Some(Plan { legs, times, next: 0, scene, sweep: None })
     }
 
     /// Checks so many poses more; whether all is checked now. Whoever gives way changes what the others pass: then all
@@ -251,6 +251,7 @@ impl Plan {
             }
             if self.legs.iter().all(|l| l.ends_at() <= time || l.rested <= time) {
                 self.next += 1; // so it was
+                self.sweep.iter_mut().for_each(Sweep::jump);
                 continue;
             }
             if left == 0 {
@@ -258,15 +259,18 @@ impl Plan {
             }
             left -= 1;
             self.next = match self.meet(time) {
-                Some((a, b)) if self.give_way(a, b) => 0,
+                Some((a, b)) if self.give_way(a, b) => {
+                    self.sweep.iter_mut().for_each(Sweep::jump);
+                    0
+                }
                 _ => self.next + 1,
             };
         }
-        self.watch = None;
+        self.sweep = None;
         true
     }
 
-    /// Two of them that are too near to each other when the clock is back at that time.
+    /// Two of them that are too near to each other when the clock is back at that time, or on the way there.
     fn meet(&mut self, time: Time) -> Option<(usize, usize)> {
         let mut poses = self.scene.home();
         for leg in &self.legs {
@@ -274,9 +278,9 @@ impl Plan {
         }
         // the widest of them: who keeps more distance is not to be brought nearer by who keeps less
         let margin = self.legs.iter().map(|l| l.who.rules.margin).fold(0.0, f64::max);
-        let watch = self.watch.get_or_insert_with(|| Watch::new(self.scene.clone(), margin + RELEASE));
+        let sweep = self.sweep.get_or_insert_with(|| Sweep::new(self.scene.clone(), margin + RELEASE));
         let leg_of = |shape: ShapeId| self.legs.iter().position(|l| Some(l.who.robot) == shape.robot());
-        let found = watch.update(&poses).iter().filter_map(|c| Some((leg_of(c.pair.0)?, leg_of(c.pair.1)?)));
+        let found = sweep.to(&poses).iter().filter_map(|c| Some((leg_of(c.pair.0)?, leg_of(c.pair.1)?)));
         found.into_iter().find(|(a, b)| a != b)
     }
 

@@ -369,3 +369,60 @@ fn who_has_arrived_is_not_lost() {
     joint_retreat.leave(0);
     assert!(matches!(joint_retreat.ask(0, at(end + 5000)), RetreatReply::Bring | RetreatReply::Wait));
 }
+
+/// Of four arms the first two reach each other, and so do the last two, a hundred meters away.
+#[test]
+fn who_is_far_from_those_that_retreat_does_not_wait_for_them() {
+    let arm = |name: &str| {
+        let text = ARM.replace("NAME", name).replace("HOME", "0");
+        Arc::new(parse_robot("arm.xml", &text).map(|l| l.value).unwrap())
+    };
+    let stands = |x: f64| Isometry3::translation(x, 0.0, 0.0);
+    let all = [("a", 0.0), ("b", 0.8), ("c", 100.0), ("d", 100.8)].map(|(name, x)| (arm(name), stands(x)));
+    let scene = Scene::new(all.to_vec(), Vec::new()).unwrap();
+    let four = [(0, &A), (1, &B), (2, &A), (3, &B)].map(|(robot, turns)| recorded(robot, true, turns, 4.0));
+    let now = Time::from_secs(6.0);
+    let goes =
+        |joint_retreat: &JointRetreat, robot: usize| matches!(joint_retreat.ask(robot, now), RetreatReply::Go(_));
+    let enroll = |joint_retreat: &JointRetreat, robot: usize| joint_retreat.enroll(four[robot].clone(), now);
+    for (joint_retreat, far) in [(JointRetreat::new(&scene), true), (JointRetreat::default(), false)] {
+        // the last one is on its way to rest: only the third has to wait for it
+        joint_retreat.coming(3, now);
+        (0..3).for_each(|robot| enroll(&joint_retreat, robot));
+        assert_eq!((goes(&joint_retreat, 0), goes(&joint_retreat, 1), goes(&joint_retreat, 2)), (far, far, false));
+        enroll(&joint_retreat, 3);
+        assert!(
+            goes(&joint_retreat, 3) && goes(&joint_retreat, 2),
+            "those two together, while the others are under way"
+        );
+        assert_eq!(joint_retreat.goes_along(0, 2), !far);
+        assert!(joint_retreat.goes_along(2, 3));
+        if far {
+            // each party has its own clock, and none hears of what becomes of another
+            assert!(joint_retreat.step(0, 1.0, now + PERIOD * 10).is_some_and(|at| at > 0.0));
+            joint_retreat.leave(0);
+            assert_eq!(joint_retreat.step(1, 1.0, now + PERIOD * 10), None, "it was on its way with the one that left");
+            assert!(joint_retreat.step(2, 1.0, now + PERIOD * 10).is_some());
+            // who comes near those that are under way waits for them
+            enroll(&joint_retreat, 0);
+            assert!(!goes(&joint_retreat, 0));
+        }
+    }
+}
+
+/// Who follows its set-points sooner is sent later: all are at one place of the past at once.
+#[test]
+fn who_follows_sooner_is_sent_later() {
+    let slow = Rules { latency: Duration::from_millis(30), ..Rules::clone(&rules(true)) };
+    let both = [recorded(0, true, &A, 4.0), Participant { rules: Arc::new(slow), ..recorded(1, true, &B, 4.0) }];
+    let joint_retreat = JointRetreat::default();
+    both.iter().for_each(|who| joint_retreat.enroll(who.clone(), Time::from_secs(6.0)));
+    let start = Time::from_secs(6.0);
+    assert!((0..2).all(|robot| matches!(joint_retreat.ask(robot, start), RetreatReply::Go(_))));
+    let at = |robot: usize, k: u32| joint_retreat.step(robot, 10.0, start + PERIOD * k).unwrap();
+    for k in 0..30 {
+        let (quick, slow) = (at(0, k), at(1, k));
+        assert!((slow - quick - 0.03).abs() < 1e-9 || quick == 0.0, "{quick} {slow}");
+    }
+    assert!(at(0, 31) > 0.15, "both are on their way");
+}

@@ -26,8 +26,8 @@ impl ReflexCore {
     /// A reading while the filter is closed by us or for us.
     ///
     /// In each phase what forbids going on is asked before what would end it: a robot that has arrived in contact has
-    /// not arrived.
-    pub(super) fn act(&mut self, pulse: &Pulse, step: &mut Step) {
+    /// not arrived. `close`: the pairs that the retreat may not bring nearer, as they are now.
+    pub(super) fn act(&mut self, pulse: &Pulse, close: &[Contact], step: &mut Step) {
         let (rules, names) = (step.rules, step.names);
         // what a reading shows is judged by when it was read, what is written is spaced by the clock
         let (sampled_at, now) = (pulse.sample.at, step.now);
@@ -37,7 +37,7 @@ impl ReflexCore {
             Phase::Stopping { token, since, then } => {
                 let token = *token;
                 // while it brakes it goes on into what it touched: the way back leads through there once more, and may
-                self.floors.note(&pulse.contacts);
+                self.floors.note(&self.near);
                 if self.stop.is_ignored(pulse, rules, now) {
                     step.stop(token);
                 }
@@ -63,7 +63,7 @@ impl ReflexCore {
                 // by the way of the set-points, too: at a recorded rest readings may well be equal for long
                 let long = sampled_at.since(still.sampled_at) >= FROZEN;
                 let frozen = long && distance(retreat.written(), &still.written) > FROZEN_WAY;
-                let broken = self.floors.broken(&pulse.contacts).copied();
+                let broken = self.floors.broken(close).copied();
                 // one that was violated as the retreat began is what it leads out of
                 let newly_violated = pulse.violated.is_some() && !*violated;
                 if frozen {
@@ -103,7 +103,7 @@ impl ReflexCore {
             }
             Phase::Settling { token, since, retreat, violated } => {
                 let (token, way) = (*token, retreat.way());
-                let broken = self.floors.broken(&pulse.contacts).copied();
+                let broken = self.floors.broken(close).copied();
                 if broken.is_some() || (pulse.violated.is_some() && !*violated) {
                     let what = blocked(broken, names);
                     self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);

@@ -3,7 +3,7 @@
 use super::*;
 use crate::joint_retreat::SLICE;
 use crate::joint_retreat::tests::{A, recorded, rules, scene};
-use mobee_model::Robot;
+use mobee_model::{Robot, Watch};
 use std::time::Duration;
 
 /// A robot that rested at the first of these angles (radians), moved, and rests at the second; its way ends at the first rest.

@@ -1,0 +1,99 @@
+//! Promises: a sweep finds what is nearest on the way between two poses; no shape goes farther than its bounds say.
+
+use mobee_model::{Contact, Robot, Scene, ShapeId, Sweep, load_robot};
+use nalgebra::Isometry3;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// How near is looked for, meters, and how much nearer two shapes may have been between two places that are a millimeter apart.
+const WITHIN: f64 = 0.012;
+const MISSED: f64 = 0.0005;
+
+/// Two Katanas that reach each other.
+fn scene() -> Arc<Scene> {
+    let own = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/robots/katana.xml");
+    let one = load_robot(own).expect("the robot loads").value;
+    let other = Robot { name: "other".into(), ..one.clone() };
+    let stands = |y: f64, yaw: f64| Isometry3::new([0.0, y, 0.0].into(), [0.0, 0.0, yaw].into());
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let robots = vec![(Arc::new(one), stands(0.25, -quarter)), (Arc::new(other), stands(-0.25, quarter))];
+    Arc::new(Scene::new(robots, Vec::new()).expect("a scene"))
+}
+
+fn any_pose(robot: &Robot, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    robot.motors.iter().map(|m| m.min + (m.max - m.min) * rng.random::<f64>()).collect()
+}
+
+fn between(contact: &Contact) -> bool {
+    matches!((contact.pair.0, contact.pair.1), (ShapeId::Robot { robot: a, .. }, ShapeId::Robot { robot: b, .. }) if a != b)
+}
+
+#[test]
+fn a_sweep_finds_what_is_nearest_on_the_way() {
+    let (scene, mut rng) = (scene(), ChaCha8Rng::seed_from_u64(1));
+    let mut sweep = Sweep::new(scene.clone(), WITHIN);
+    let (mut met, mut only_between) = (0, 0);
+    for _ in 0..12_000 {
+        let from: Vec<Vec<f64>> = scene.robots().iter().map(|r| any_pose(r, &mut rng)).collect();
+        if scene.contacts(&from, 0.06).iter().all(|c| !between(c)) {
+            continue;
+        }
+        let to: Vec<Vec<f64>> =
+            from.iter().map(|q| q.iter().map(|q| q + rng.random_range(-0.012..0.012)).collect()).collect();
+        let at = |part: f64| -> Vec<Vec<f64>> {
+            let line = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a + (b - a) * part).collect();
+            from.iter().zip(&to).map(line).collect()
+        };
+        let mut truth = BTreeMap::new();
+        for k in 0..=100 {
+            for c in scene.contacts(&at(f64::from(k) / 100.0), 2.0 * WITHIN).iter().filter(|c| between(c)) {
+                let least = truth.entry(c.pair).or_insert(f64::INFINITY);
+                *least = c.distance.min(*least);
+            }
+        }
+        sweep.jump();
+        let _ = sweep.to(&from);
+        let found: BTreeMap<_, _> = sweep.to(&to).iter().map(|c| (c.pair, c.distance)).collect();
+        for (pair, least) in &truth {
+            match found.get(pair) {
+                Some(d) => assert!((least - 1e-4..least + MISSED).contains(d), "{pair:?}: {d} for {least}"),
+                None => assert!(*least > WITHIN - MISSED, "{pair:?} came to {least}"),
+            }
+        }
+        assert!(found.keys().all(|pair| truth.contains_key(pair)), "pairs of two robots alone");
+        let ends: Vec<_> = [&from, &to].iter().flat_map(|q| scene.contacts(q, WITHIN)).map(|c| c.pair).collect();
+        met += found.len();
+        only_between += found.keys().filter(|pair| !ends.contains(pair)).count();
+    }
+    assert!(met > 50 && only_between > 0, "{met} {only_between}: no test");
+}
+
+#[test]
+fn no_shape_goes_farther_than_its_bounds() {
+    let (scene, mut rng) = (scene(), ChaCha8Rng::seed_from_u64(2));
+    for _ in 0..300 {
+        let poses: Vec<Vec<f64>> = scene.robots().iter().map(|r| any_pose(r, &mut rng)).collect();
+        let (mut frames, mut firsts) = (Vec::new(), Vec::new());
+        for (skeleton, pose) in scene.skeletons().iter().zip(&poses) {
+            firsts.push(frames.len());
+            skeleton.place(pose, &mut frames);
+        }
+        for collider in scene.colliders() {
+            let robot = firsts.iter().rposition(|first| *first <= collider.frame).expect("it is a robot's");
+            let at = (frames[collider.frame] * collider.pose).translation.vector;
+            let (far, reach) = ((at - scene.base(robot).translation.vector).norm(), scene.reach(robot));
+            assert!(far <= reach && reach < 1.5, "{far} m of {reach}");
+        }
+        let next: Vec<Vec<f64>> =
+            poses.iter().map(|q| q.iter().map(|q| q + rng.random_range(-0.1..0.1)).collect()).collect();
+        let [before, after] = [&poses, &next].map(|q| scene.node_transforms(q));
+        for (robot, (a, b)) in before.iter().zip(&after).enumerate() {
+            let went = a.iter().zip(b).map(|(a, b)| (a.translation.vector - b.translation.vector).norm());
+            let travel = scene.travel(robot, &poses[robot], &next[robot]);
+            assert!(went.clone().fold(0.0, f64::max) <= travel + 1e-9, "{:?} of {travel}", went.collect::<Vec<_>>());
+        }
+    }
+    assert_eq!((scene.reach(2), scene.travel(2, &[0.0], &[1.0])), (0.0, 0.0));
+}
