@@ -12,12 +12,14 @@ mod lens;
 mod light;
 mod mount;
 mod picture;
+mod room;
 mod scenery;
 mod settings;
 mod shadow;
 mod sight;
 mod simulated;
 mod solid;
+mod surface;
 mod texture;
 
 pub use distractors::DistractorSettings;

@@ -1,14 +1,16 @@
 //! A simulated eye: what it sees of the truth at one moment.
 
 use super::film::{Film, Planes};
-use super::lens::{Rays, TILE};
-use super::light::{Light, Paint, lamp_in_eye};
+use super::lens::Rays;
+use super::light::{Light, lamp_in_eye};
 use super::mount::Mount;
+use super::room::Room;
 use super::scenery::Scenery;
 use super::settings::SimulatedCameraSettings;
 use super::shadow::Shadows;
-use super::sight::{NOBODY, Seen, lay, look};
+use super::sight::{Seen, lay, look};
 use super::solid::{Form, V3};
+use super::surface::{Paint, Surfaces};
 use mobee_contract::{Frame, Intrinsics, KindError, Time, Truth};
 use mobee_model::{ObjectClass, Robot, Shape};
 use nalgebra::{Isometry3, Vector3};
@@ -166,10 +168,12 @@ impl Eye {
         let light = Light::new(&self.scenery, shadows, base, &eye);
         let forms: Vec<Form> = solids.iter().map(|s| Form::new(&s.shape, &s.pose)).collect();
         let size = self.rays.size;
-        let mut colors = [[0.0f32; TILE]; 3];
+        let (scenery, room) = (&self.scenery, Room::new(&self.scenery, base, &eye));
+        let mut surfaces = Surfaces::new();
         look(&self.rays, &forms, |seen| {
-            paint(&seen, &light, &forms, &solids, &mut colors);
-            let laid = planes.iter_mut().zip(&colors);
+            see(&seen, &forms, &solids, scenery, &room, &mut surfaces);
+            light.fall(seen.tile, &mut surfaces);
+            let laid = planes.iter_mut().zip(&surfaces.color);
             laid.for_each(|(plane, color)| lay(seen.corner, color, plane, size));
             if tells {
                 lay(seen.corner, seen.depth, depth, size);
@@ -249,16 +253,17 @@ fn is_table(shape: &Shape) -> bool {
     }
 }
 
-fn paint(seen: &Seen, light: &Light, forms: &[Form], solids: &[Solid], [red, green, blue]: &mut [[f32; TILE]; 3]) {
-    let rays = seen.tile.x.iter().zip(&seen.tile.y);
-    let met = seen.depth.iter().zip(seen.solid);
-    let colors = red.iter_mut().zip(green.iter_mut().zip(blue.iter_mut()));
-    for (((x, y), (t, k)), (r, (g, b))) in rays.zip(met).zip(colors) {
-        let known = if *k == NOBODY { None } else { forms.get(*k as usize).zip(solids.get(*k as usize)) };
-        let color = match known {
-            Some((form, solid)) => light.of_shape(form, &solid.paint, *x, *y, *t),
-            None => light.of_room(*x, *y),
-        };
-        (*r, *g, *b) = (color.x, color.y, color.z);
+/// What a tile sees, before any light: run by run of pixels that see the same.
+fn see(seen: &Seen, forms: &[Form], solids: &[Solid], scenery: &Scenery, room: &Room, surfaces: &mut Surfaces) {
+    surfaces.depth = *seen.depth;
+    let mut first = 0;
+    for same in seen.solid.chunk_by(|a, b| a == b) {
+        let mut run = surfaces.run(seen.tile, first, same.len());
+        let known = same.first().map(|k| *k as usize).and_then(|k| forms.get(k).zip(solids.get(k)));
+        match known {
+            Some((form, solid)) => run.see(form, &solid.paint, (&scenery.wood, scenery.wood_scale)),
+            None => room.fill(&mut run),
+        }
+        first += same.len();
     }
 }

@@ -69,28 +69,33 @@ impl Film {
         let [width, height] = self.size;
         let mut bytes = vec![0u8; width * height * 3];
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        // with a pixel more at either end
-        let mut row = vec![0.0f32; width + 2];
-        for (channel, (plane, white)) in planes.iter_mut().zip(self.white(at)).enumerate() {
+        for plane in planes.iter_mut() {
             smear(plane, spare, self.size, moved);
-            let line = |y: usize| plane.get(y * width..(y + 1) * width).unwrap_or_default();
-            for y in 0..height {
+        }
+        let side = if self.settings.soft { 0.25 } else { 0.0 };
+        // with a pixel more at either end
+        let mut padded = vec![0.0f32; width + 2];
+        let mut done = [const { Vec::new() }; 3];
+        for (y, out) in bytes.chunks_exact_mut(width * 3).enumerate() {
+            let (above, below) =
+                if self.settings.soft { (y.saturating_sub(1), (y + 1).min(height - 1)) } else { (y, y) };
+            let share = self.share.get(y * width..(y + 1) * width).unwrap_or_default();
+            for ((plane, white), done) in planes.iter().zip(self.white(at)).zip(&mut done) {
+                let line = |y: usize| plane.get(y * width..(y + 1) * width).unwrap_or_default();
+                pad(line(y), line(above), line(below), &mut padded);
                 let begin = (rng.random::<u32>() as usize) % DRAWN;
                 let noise = self.noise.get(begin..begin + width).unwrap_or_default();
-                let share = self.share.get(y * width..(y + 1) * width).unwrap_or_default();
-                let out = bytes.get_mut(y * width * 3..(y + 1) * width * 3).unwrap_or_default();
-                let (above, below) =
-                    if self.settings.soft { (y.saturating_sub(1), (y + 1).min(height - 1)) } else { (y, y) };
-                pad(line(y), line(above), line(below), &mut row);
-                let side = if self.settings.soft { 0.25 } else { 0.0 };
-                let (left, right) = (row.iter(), row.iter().skip(2));
-                let mixed =
-                    left.zip(row.iter().skip(1)).zip(right).map(|((l, m), r)| (1.0 - 2.0 * side) * m + side * (l + r));
-                for (pixel, (v, (s, n))) in out.chunks_exact_mut(3).zip(mixed.zip(share.iter().zip(noise))) {
-                    if let Some(byte) = pixel.get_mut(channel) {
-                        *byte = ((v * s * white + n).clamp(0.0, 255.0) + ROUND).to_bits() as u8;
-                    }
-                }
+                let part = |from: usize| padded.get(from..from + width).unwrap_or_default();
+                let mixed = part(1).iter().zip(part(0).iter().zip(part(2)));
+                done.clear();
+                done.extend(mixed.zip(share.iter().zip(noise)).map(|((m, (l, r)), (s, n))| {
+                    let v = (1.0 - 2.0 * side) * m + side * (l + r);
+                    ((v * s * white + n).max(0.0).min(255.0) + ROUND).to_bits()
+                }));
+            }
+            let [red, green, blue] = &done;
+            for (pixel, (r, (g, b))) in out.chunks_exact_mut(3).zip(red.iter().zip(green.iter().zip(blue))) {
+                pixel.copy_from_slice(&[*r as u8, *g as u8, *b as u8]);
             }
         }
         bytes

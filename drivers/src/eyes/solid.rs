@@ -75,16 +75,18 @@ impl Form {
     /// What holds it in the picture; [`NOTHING`] if all of it is behind the eye.
     pub fn bounds(&self) -> Bounds {
         match *self {
-            Form::Ball { center, radius } => ball_bounds(center, radius),
-            Form::Rod(Rod { center, axis, half, radius, round: true, .. }) => {
-                union(ball_bounds(center + axis * half, radius), ball_bounds(center - axis * half, radius))
-            }
-            Form::Rod(rod) => {
+            Form::Ball { center, radius } => ball_bounds(center, radius)
+                .unwrap_or_else(|| corners_bounds(center, [V3::x(), V3::y(), V3::z()], V3::repeat(radius))),
+            Form::Rod(Rod { center, axis, half, radius, round, .. }) => {
+                let ends = [center + axis * half, center - axis * half].map(|c| ball_bounds(c, radius));
+                if let (true, [Some(a), Some(b)]) = (round, ends) {
+                    return union(a, b);
+                }
                 // the box around it, turned about its axis as it comes
-                let other = if rod.axis.x.abs() < 0.7 { V3::x() } else { V3::y() };
-                let side = rod.axis.cross(&other).normalize();
-                let axes = [side, rod.axis, side.cross(&rod.axis)];
-                corners_bounds(rod.center, axes, V3::new(rod.radius, rod.half, rod.radius))
+                let other = if axis.x.abs() < 0.7 { V3::x() } else { V3::y() };
+                let side = axis.cross(&other).normalize();
+                let length = if round { half + radius } else { half };
+                corners_bounds(center, [side, axis, side.cross(&axis)], V3::new(radius, length, radius))
             }
             Form::Box { axes, eye, half } => {
                 corners_bounds(-(axes[0] * eye.x + axes[1] * eye.y + axes[2] * eye.z), axes, half)
@@ -116,32 +118,6 @@ impl Form {
             }),
         }
     }
-
-    /// The outward normal at a point of its surface; for a box also that point in its own frame, and across which axis the face is.
-    pub fn normal(&self, at: V3) -> (V3, Option<(V3, usize)>) {
-        match *self {
-            Form::Ball { center, radius } => ((at - center) / radius, None),
-            Form::Rod(rod) => {
-                let from = at - rod.center;
-                let along = from.dot(&rod.axis);
-                if !rod.round && along.abs() > rod.half * 0.9999 {
-                    return (rod.axis * along.signum(), None);
-                }
-                ((from - rod.axis * along.clamp(-rod.half, rod.half)) / rod.radius, None)
-            }
-            Form::Box { axes: [a, b, c], eye, half } => {
-                let own = V3::new(a.dot(&at), b.dot(&at), c.dot(&at)) + eye;
-                let over = own.abs() - half;
-                if over.x > over.y && over.x > over.z {
-                    (a * own.x.signum(), Some((own, 0)))
-                } else if over.y > over.z {
-                    (b * own.y.signum(), Some((own, 1)))
-                } else {
-                    (c * own.z.signum(), Some((own, 2)))
-                }
-            }
-        }
-    }
 }
 
 /// One loop for all shapes, made for each: what `enter` does becomes vector instructions.
@@ -149,9 +125,10 @@ impl Form {
 fn each(tile: &Tile, number: u32, depth: &mut [f32; TILE], owner: &mut [u32; TILE], enter: impl Fn(f32, f32) -> f32) {
     for ((x, y), (d, o)) in tile.x.iter().zip(&tile.y).zip(depth.iter_mut().zip(owner)) {
         let t = enter(*x, *y);
-        let met = t > NEAR && t < *d;
-        *d = if met { t } else { *d };
-        *o = if met { number } else { *o };
+        // with masks: what branches is no vector instruction
+        let met = u32::from(t > NEAR && t < *d).wrapping_neg();
+        *d = f32::from_bits(t.to_bits() & met | d.to_bits() & !met);
+        *o = number & met | *o & !met;
     }
 }
 
@@ -208,15 +185,10 @@ impl Rod {
     }
 }
 
-/// Everywhere, for what reaches behind the eye.
-const EVERYWHERE: Bounds = [f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY];
-
-fn ball_bounds(c: V3, r: f32) -> Bounds {
-    if c.z + r < NEAR {
-        return NOTHING;
-    }
+/// What holds a ball; `None` if some of it is behind the eye.
+fn ball_bounds(c: V3, r: f32) -> Option<Bounds> {
     if c.z - r < NEAR {
-        return EVERYWHERE;
+        return None;
     }
     // the two tangents from the eye to a circle, in the plane of one axis and z
     let tangents = |x: f32| {
@@ -225,7 +197,7 @@ fn ball_bounds(c: V3, r: f32) -> Bounds {
     };
     let ((left, right), (top, bottom)) = (tangents(c.x), tangents(c.y));
     // single precision: a hair more than it is
-    [left - 1e-4, right + 1e-4, top - 1e-4, bottom + 1e-4]
+    Some([left - 1e-4, right + 1e-4, top - 1e-4, bottom + 1e-4])
 }
 
 fn corners_bounds(center: V3, axes: [V3; 3], half: V3) -> Bounds {

@@ -17,13 +17,13 @@ const DRAWN: u32 = 8;
 
 impl Texture {
     /// The color at a place, in pixels of the texture.
-    #[inline]
-    pub fn at(&self, u: f32, v: f32) -> V3 {
+    #[inline(always)]
+    pub fn at(&self, u: f32, v: f32) -> [f32; 3] {
         let mask = (1u32 << self.bits) - 1;
         // far enough from zero that cutting digits off rounds down
         let [u, v] = [u, v].map(|x| (x + 65536.0) as u32 & mask);
         let [r, g, b, _] = self.texels.get((v << self.bits | u) as usize).copied().unwrap_or_default();
-        V3::new(f32::from(r), f32::from(g), f32::from(b))
+        [r, g, b].map(f32::from)
     }
 
     /// Pixels along its side.
