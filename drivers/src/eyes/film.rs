@@ -133,11 +133,15 @@ fn smear(plane: &mut Vec<f32>, spare: &mut Vec<f32>, [width, height]: [usize; 2]
             let Some(row) = plane.get(from..from + width) else { continue };
             // beyond its border, the picture goes on as it is there
             let shift = sx.unsigned_abs().min(width);
-            let (first, last) = (row.first().copied().unwrap_or(0.0), row.last().copied().unwrap_or(0.0));
-            let (before, within, after) =
-                if sx >= 0 { (0, row.get(shift..), shift) } else { (shift, row.get(..width - shift), 0) };
-            let moved = std::iter::repeat_n(&first, before).chain(within.unwrap_or_default());
-            out.iter_mut().zip(moved.chain(std::iter::repeat_n(&last, after))).for_each(|(o, r)| *o += each * r);
+            let (border, moved, beyond) = if sx >= 0 {
+                let (moved, beyond) = out.split_at_mut(width - shift);
+                (row.last(), moved.iter_mut().zip(row.get(shift..).unwrap_or_default()), beyond)
+            } else {
+                let (beyond, moved) = out.split_at_mut(shift);
+                (row.first(), moved.iter_mut().zip(row), beyond)
+            };
+            moved.for_each(|(o, r)| *o += each * r);
+            beyond.iter_mut().for_each(|o| *o += each * border.copied().unwrap_or(0.0));
         }
     }
     std::mem::swap(plane, spare);
