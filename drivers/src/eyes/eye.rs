@@ -5,7 +5,7 @@ use super::lens::Rays;
 use super::light::{Light, lamp_in_eye};
 use super::mount::Mount;
 use super::room::Room;
-use super::scenery::Scenery;
+use super::scenery::{Scenery, ScenerySettings};
 use super::settings::SimulatedCameraSettings;
 use super::shadow::Shadows;
 use super::sight::{Seen, lay, look};
@@ -114,6 +114,15 @@ impl Eye {
     /// How it projects.
     pub fn intrinsics(&self) -> Intrinsics {
         self.lens
+    }
+
+    /// Puts it into another room.
+    ///
+    /// # Errors
+    /// Settings that make no sense; it is then where it was.
+    pub fn furnish(&mut self, scenery: &ScenerySettings) -> Result<(), KindError> {
+        self.scenery = Scenery::new(scenery)?;
+        Ok(())
     }
 
     /// `world_from_eye` where the truth has its robot at a pose of these motors; `None` if the truth does not have that robot.
