@@ -11,7 +11,7 @@ mod measure;
 
 use measure::{processor_time, sorted};
 use mobee_contract::{Time, Truth};
-use mobee_drivers::eyes::{DistractorSettings, Eye, SimulatedCameraSettings};
+use mobee_drivers::eyes::{DistractorSettings, Eye, LensSettings, SimulatedCameraSettings};
 use mobee_model::{Robot, Scene, load_robot, load_world};
 use nalgebra::Isometry3;
 use std::sync::Arc;
@@ -37,7 +37,10 @@ fn main() {
         settings.scenery.distractors = Some(distractors);
         settings
     };
-    let bent = |marker: &str| SimulatedCameraSettings { distortion: [-0.37, 0.2, 0.003, 0.003], ..full(marker) };
+    let bent = |marker: &str| SimulatedCameraSettings {
+        lens: LensSettings { distortion: [-0.37, 0.2, 0.003, 0.003], ..Default::default() },
+        ..full(marker)
+    };
     let lit = |marker: &str| {
         let mut settings = full(marker);
         settings.scenery.shadows = false;

@@ -1,4 +1,4 @@
-//! Cameras: simulated ones.
+//! Cameras: simulated ones, folders of pictures, and image ports of YARP.
 //!
 //! ```text
 //! truth (scene, poses) ──> solids in the eye's frame ──look──> depth, owner ──light──> colors ──film──> Frame
@@ -8,7 +8,10 @@
 mod distractors;
 mod eye;
 mod film;
+mod folder;
+mod image_port;
 mod lens;
+mod lens_settings;
 mod light;
 mod mount;
 mod picture;
@@ -24,7 +27,10 @@ mod texture;
 
 pub use distractors::DistractorSettings;
 pub use eye::{Eye, Owner, Shot};
+pub use folder::{FolderCamera, FolderCameraSettings};
+pub use image_port::{YarpCamera, YarpCameraSettings};
 pub use lens::{project, unproject};
+pub use lens_settings::LensSettings;
 pub use scenery::ScenerySettings;
 pub use settings::SimulatedCameraSettings;
 pub use simulated::SimulatedCamera;

@@ -218,7 +218,7 @@ impl Studio {
     /// The table's first line.
     fn head(&self) -> String {
         let mut line = String::from("name");
-        self.robot.motors.iter().for_each(|m| drop(write!(line, ",{}_{}", m.name, m.motion.unit())));
+        self.robot.motors.iter().for_each(|m| line += &format!(",{}_{}", m.name, m.motion.unit()));
         for camera in &self.settings.camera {
             let _ = write!(line, ",{0}_u,{0}_v,{0}_pixels", camera.marker);
         }

@@ -91,10 +91,10 @@ impl Eye {
     pub fn new(settings: &SimulatedCameraSettings, robot: &Robot, index: usize, seed: u64) -> Result<Eye, KindError> {
         settings.validate()?;
         let mount = Mount::new(robot, &settings.marker, settings.offset_m, settings.rotation_deg)?;
-        let lens = settings.intrinsics();
+        let lens = settings.intrinsics()?;
         let rays = Rays::new(&lens).map_err(|[u, v]| {
             let what = format!("a lens with this distortion shows nothing at pixel {u}, {v}");
-            KindError::new("distortion", what, "give what a calibration found for pictures of this size")
+            KindError::new("lens.distortion", what, "give what a calibration found for pictures of this size")
         })?;
         let scenery = Scenery::new(&settings.scenery).map_err(|e| e.under("scenery"))?;
         let film = Film::new(settings.film(), rays.size, seed);

@@ -6,6 +6,8 @@ use image::{ImageReader, Limits, RgbImage};
 use mobee_contract::KindError;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 /// The longest side that a picture may have, pixels.
@@ -43,14 +45,30 @@ pub fn list(folder: &Path) -> Result<Vec<PathBuf>, String> {
 /// # Errors
 /// If it can't be read, is broken, or larger than 4096x4096 pixels.
 pub fn read(path: &Path) -> Result<RgbImage, String> {
+    let picture = open(path)?.decode().map_err(|e| format!("{} is no whole picture: {e}", path.display()))?;
+    Ok(picture.into_rgb8())
+}
+
+/// Width and height of a picture, by its first bytes.
+///
+/// # Errors
+/// If it can't be read, is none, or too large.
+pub fn size(path: &Path) -> Result<[u32; 2], String> {
     let at = path.display();
+    let (width, height) = open(path)?.into_dimensions().map_err(|e| format!("{at} is no picture: {e}"))?;
+    if width == 0 || height == 0 || width > LONGEST || height > LONGEST {
+        return Err(format!("{at} is {width}x{height} pixels"));
+    }
+    Ok([width, height])
+}
+
+fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, String> {
     let opened = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
-    let mut reader = opened.map_err(|e| format!("can't read {at}: {e}"))?;
+    let mut reader = opened.map_err(|e| format!("can't read {}: {e}", path.display()))?;
     let mut limits = Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(LONGEST), Some(LONGEST));
     reader.limits(limits);
-    let picture = reader.decode().map_err(|e| format!("{at} is no whole picture: {e}"))?;
-    Ok(picture.into_rgb8())
+    Ok(reader)
 }
 
 /// Pictures for walls, drawn from a file or a folder.

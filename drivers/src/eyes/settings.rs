@@ -1,6 +1,7 @@
 //! The settings of a simulated camera.
 
 use super::film::FilmSettings;
+use super::lens_settings::LensSettings;
 use super::scenery::{ScenerySettings, in_range};
 use mobee_contract::{Intrinsics, KindError};
 use schemars::JsonSchema;
@@ -22,15 +23,9 @@ pub struct SimulatedCameraSettings {
     /// Width and height of its pictures, pixels.
     #[serde(default = "size")]
     pub size: [u32; 2],
-    /// Focal lengths across and down, pixels; default: 50 degrees from top to bottom, as the iCub's simulator has.
+    /// How it projects.
     #[serde(default)]
-    pub focal: Option<[f64; 2]>,
-    /// Where the optical axis meets the picture, pixels from its upper left corner; default: in its middle.
-    #[serde(default)]
-    pub center: Option<[f64; 2]>,
-    /// What the lens bends: k1, k2, p1, p2 as OpenCV has them.
-    #[serde(default)]
-    pub distortion: [f64; 4],
+    pub lens: LensSettings,
     /// Pictures per second.
     #[serde(default = "fps")]
     pub fps: f64,
@@ -76,8 +71,6 @@ fn soft() -> bool {
     true
 }
 
-/// Focal length of the iCub's simulator for each pixel of height: 1 / (2 tan 25 deg).
-const FOCAL: f64 = 1.072_253_5;
 /// The longest side that pictures may have, pixels.
 const LONGEST: u32 = 4096;
 
@@ -89,9 +82,7 @@ impl SimulatedCameraSettings {
             offset_m: [0.0; 3],
             rotation_deg: [0.0; 3],
             size: size(),
-            focal: None,
-            center: None,
-            distortion: [0.0; 4],
+            lens: LensSettings::default(),
             fps: fps(),
             exposure_ms: exposure_ms(),
             noise: noise(),
@@ -112,8 +103,6 @@ impl SimulatedCameraSettings {
     /// # Errors
     /// Those that make no sense, with what would.
     pub fn validate(&self) -> Result<(), KindError> {
-        let lens = self.intrinsics();
-        let ([fx, fy], [cx, cy], [k1, k2, p1, p2]) = (lens.focal, lens.center, lens.distortion);
         let ([width, height], [ox, oy, oz], [rx, ry, rz]) = (self.size, self.offset_m, self.rotation_deg);
         let longest = f64::from(LONGEST);
         let ranges = [
@@ -125,14 +114,6 @@ impl SimulatedCameraSettings {
             ("rotation_deg[2]", rz, -360.0, 360.0),
             ("size[0]", f64::from(width), 8.0, longest),
             ("size[1]", f64::from(height), 8.0, longest),
-            ("focal[0]", fx, 1.0, 1e5),
-            ("focal[1]", fy, 1.0, 1e5),
-            ("center[0]", cx, -longest, 2.0 * longest),
-            ("center[1]", cy, -longest, 2.0 * longest),
-            ("distortion[0]", k1, -10.0, 10.0),
-            ("distortion[1]", k2, -10.0, 10.0),
-            ("distortion[2]", p1, -1.0, 1.0),
-            ("distortion[3]", p2, -1.0, 1.0),
             ("fps", self.fps, 0.01, 1000.0),
             ("exposure_ms", self.exposure_ms, 0.0, 1000.0),
             ("noise", self.noise, 0.0, 100.0),
@@ -140,20 +121,18 @@ impl SimulatedCameraSettings {
             ("white_drift", self.white_drift, 0.0, 0.5),
         ];
         let mut checks: Vec<Result<(), KindError>> = ranges.into_iter().map(in_range).collect();
+        checks.push(self.intrinsics().map(drop));
         checks.push(self.scenery.validate().map_err(|e| e.under("scenery")));
         KindError::gather(checks)?;
         Ok(())
     }
 
     /// How it projects.
-    pub fn intrinsics(&self) -> Intrinsics {
-        let [width, height] = self.size.map(f64::from);
-        Intrinsics {
-            size: self.size,
-            focal: self.focal.unwrap_or([FOCAL * height; 2]),
-            center: self.center.unwrap_or([width / 2.0, height / 2.0]),
-            distortion: self.distortion,
-        }
+    ///
+    /// # Errors
+    /// Those settings of the lens that make no sense.
+    pub fn intrinsics(&self) -> Result<Intrinsics, KindError> {
+        self.lens.intrinsics(self.size).map_err(|e| e.under("lens"))
     }
 
     /// The time between two pictures.

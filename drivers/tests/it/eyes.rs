@@ -3,7 +3,7 @@
 
 use mobee_contract::{Camera, CameraContext, Intrinsics, Kind, Time, Truth, kinds};
 use mobee_drivers::eyes::{
-    DistractorSettings, Eye, Owner, ScenerySettings, Shot, SimulatedCameraSettings, project, unproject,
+    DistractorSettings, Eye, LensSettings, Owner, ScenerySettings, Shot, SimulatedCameraSettings, project, unproject,
 };
 use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, distance, load_robot, load_world};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -118,7 +118,7 @@ proptest! {
         let eye = Eye::new(&ideal(), &robot, 0, 0).unwrap().at(&truth(&robot, Vec::new(), &[])).unwrap();
         let pose = eye * Isometry3::new(Vector3::new(0.03, -0.02, z), Vector3::from(angle));
         let distortion = if bent { [-0.3742, 0.2054, 0.00282, 0.00271] } else { [0.0; 4] };
-        let settings = SimulatedCameraSettings { distortion, ..ideal() };
+        let settings = SimulatedCameraSettings { lens: LensSettings { distortion, ..LensSettings::default() }, ..ideal() };
         let shot = shoot(&settings, &truth(&robot, vec![object("thing", shape, pose)], &[]));
         let lens = shot.frame.intrinsics;
         let mut seen = 0;
@@ -285,8 +285,8 @@ fn settings_that_make_no_sense_are_refused_with_place_and_remedy() {
         (json!({ "marker": "l_eye", "fps": 0 }), "fps", "0 is not", "from 0.01"),
         (json!({ "marker": "l_eye", "noise": -1 }), "noise", "-1 is not", "from 0 to 100"),
         (
-            json!({ "marker": "l_eye", "distortion": [-2.0, 0, 0, 0] }),
-            "distortion",
+            json!({ "marker": "l_eye", "lens": { "distortion": [-2.0, 0, 0, 0] } }),
+            "lens.distortion",
             "shows nothing at pixel",
             "calibration",
         ),
