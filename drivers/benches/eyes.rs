@@ -11,7 +11,7 @@ mod measure;
 
 use measure::{processor_time, sorted};
 use mobee_contract::{Time, Truth};
-use mobee_drivers::eyes::{DistractorSettings, Eye, LensSettings, SimulatedCameraSettings};
+use mobee_drivers::eyes::{DistractorSettings, LensSettings, SimulatedCameraSettings, SimulatedEye};
 use mobee_model::{Robot, Scene, load_robot, load_world};
 use nalgebra::Isometry3;
 use std::sync::Arc;
@@ -66,7 +66,7 @@ fn times(
     speed_deg_per_s: f64,
     clock: Instant,
 ) -> Vec<f64> {
-    let eye = |marker| Eye::new(&settings(marker), robot, 0, 1).expect("an eye");
+    let eye = |marker| SimulatedEye::new(&settings(marker), robot, 0, 1).expect("an eye");
     let mut eyes = [eye("l_eye"), eye("r_eye")];
     let mut before = [None, None];
     let motor = |name: &str| robot.motor_index(name).expect("a motor");

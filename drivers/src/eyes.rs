@@ -26,7 +26,7 @@ mod surface;
 mod texture;
 
 pub use distractors::DistractorSettings;
-pub use eye::{Eye, Owner, Shot};
+pub use eye::{Owner, Shot, SimulatedEye};
 pub use folder::{FolderCamera, FolderCameraSettings};
 pub use image_port::{YarpCamera, YarpCameraSettings};
 pub use lens::{project, unproject};

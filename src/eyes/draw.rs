@@ -7,7 +7,7 @@ use crate::robot_import::Steps;
 use image::{GrayImage, RgbImage};
 use miette::{IntoDiagnostic, Report, miette};
 use mobee_contract::{KindError, Time, Truth, suggestion};
-use mobee_drivers::eyes::{Eye, Owner, Shot, project};
+use mobee_drivers::eyes::{Owner, Shot, SimulatedEye, project};
 use mobee_model::{Edit, Robot, Scene};
 use nalgebra::{Isometry3, Point3};
 use rand::{Rng, SeedableRng};
@@ -18,6 +18,8 @@ use std::sync::Arc;
 
 /// Poses that are tried for one picture.
 const TRIES: u32 = 20_000;
+/// After so many, the object is put elsewhere.
+const EACH_PLACE: u32 = 1_000;
 /// How far from the border the object's center is at least, as a share of the picture's side.
 const INSET: f64 = 0.06;
 /// An object of fewer pixels is not in view.
@@ -61,7 +63,7 @@ struct Studio {
     object: (String, u32),
     /// The motors that are anywhere.
     motors: Vec<usize>,
-    eyes: Vec<Eye>,
+    eyes: Vec<SimulatedEye>,
 }
 
 /// Takes the pictures and says how many.
@@ -137,7 +139,7 @@ impl Studio {
         let mut eyes = Vec::new();
         for (k, camera) in settings.camera.iter().enumerate() {
             // both eyes have noise of their own
-            let eye = Eye::new(camera, &robot, 0, seed.wrapping_add(1 + k as u64));
+            let eye = SimulatedEye::new(camera, &robot, 0, seed.wrapping_add(1 + k as u64));
             eyes.push(eye.map_err(|e| e.under(&format!("camera[{k}]")))?);
         }
         let mut motors = Vec::new();
@@ -168,10 +170,14 @@ impl Studio {
 
     /// What all eyes see at a pose that has the object in view.
     fn shots(&mut self, rng: &mut ChaCha8Rng) -> Result<(Truth, Vec<Shot>), Report> {
-        for _ in 0..TRIES {
-            let truth = self.pose(rng)?;
+        let mut scene = Arc::new(self.scene.clone());
+        for k in 0..TRIES {
+            if k % EACH_PLACE == 0 {
+                scene = Arc::new(self.placed(rng)?);
+            }
+            let truth = Truth { scene: Arc::clone(&scene), poses: vec![self.pose(rng).into()] };
             let center = center(&truth.scene, &self.object.0);
-            let sees = |eye: &Eye| {
+            let sees = |eye: &SimulatedEye| {
                 let [x, y, z] = eye.at(&truth).map_or([0.0; 3], |at| at.inverse_transform_point(&center).coords.into());
                 let lens = eye.intrinsics();
                 let place = project(&lens, [x / z, y / z]);
@@ -198,21 +204,25 @@ impl Studio {
         ))
     }
 
-    fn pose(&self, rng: &mut ChaCha8Rng) -> Result<Truth, Report> {
+    /// All motors that are to be anywhere, anywhere.
+    fn pose(&self, rng: &mut ChaCha8Rng) -> Vec<f64> {
         let mut q = self.robot.home();
         for motor in &self.motors {
             let (m, q) = (&self.robot.motors[*motor], &mut q[*motor]);
             *q = rng.random_range(m.min..=m.max);
         }
-        let mut scene = self.scene.clone();
-        if let Some([x0, x1, y0, y1]) = self.settings.area_m
-            && let Some((_, object)) = scene.object(&self.object.0)
-        {
-            let mut pose = object.pose;
-            (pose.translation.x, pose.translation.y) = (rng.random_range(x0..=x1), rng.random_range(y0..=y1));
-            scene = scene.edit(&Edit::Move { name: self.object.0.clone(), pose }).into_diagnostic()?;
-        }
-        Ok(Truth { scene: Arc::new(scene), poses: vec![q.into()] })
+        q
+    }
+
+    /// The world, with the object somewhere in its area.
+    fn placed(&self, rng: &mut ChaCha8Rng) -> Result<Scene, Report> {
+        let scene = self.scene.clone();
+        let Some(([x0, x1, y0, y1], (_, object))) = self.settings.area_m.zip(scene.object(&self.object.0)) else {
+            return Ok(scene);
+        };
+        let mut pose = object.pose;
+        (pose.translation.x, pose.translation.y) = (rng.random_range(x0..=x1), rng.random_range(y0..=y1));
+        scene.edit(&Edit::Move { name: self.object.0.clone(), pose }).into_diagnostic()
     }
 
     /// The table's first line.

@@ -8,9 +8,9 @@ use super::room::Room;
 use super::scenery::{Scenery, ScenerySettings};
 use super::settings::SimulatedCameraSettings;
 use super::shadow::Shadows;
-use super::sight::{Seen, lay, look};
+use super::sight::{TileSight, lay, look};
 use super::solid::{Form, V3};
-use super::surface::{Paint, Surfaces};
+use super::surface::{Paint, TileSurfaces};
 use mobee_contract::{Frame, Intrinsics, KindError, Time, Truth};
 use mobee_model::{ObjectClass, Robot, Shape};
 use nalgebra::{Isometry3, Vector3};
@@ -51,7 +51,7 @@ struct Solid {
 }
 
 /// An eye that a simulated robot carries.
-pub struct Eye {
+pub struct SimulatedEye {
     lens: Intrinsics,
     rays: Rays,
     mount: Mount,
@@ -79,7 +79,7 @@ const PLAIN: [u8; 3] = [150, 150, 150];
 /// Boxes with two edges at least so long have a texture, meters.
 const TABLE: f64 = 0.3;
 
-impl Eye {
+impl SimulatedEye {
     /// An eye on a robot.
     ///
     /// # Arguments
@@ -88,7 +88,12 @@ impl Eye {
     ///
     /// # Errors
     /// Settings that make no sense.
-    pub fn new(settings: &SimulatedCameraSettings, robot: &Robot, index: usize, seed: u64) -> Result<Eye, KindError> {
+    pub fn new(
+        settings: &SimulatedCameraSettings,
+        robot: &Robot,
+        index: usize,
+        seed: u64,
+    ) -> Result<SimulatedEye, KindError> {
         settings.validate()?;
         let mount = Mount::new(robot, &settings.marker, settings.offset_m, settings.rotation_deg)?;
         let lens = settings.intrinsics()?;
@@ -108,7 +113,7 @@ impl Eye {
             depth: plane(),
             owner: vec![Owner::Room; pixels],
         };
-        Ok(Eye { lens, rays, mount, robot: index, scenery, film, exposure, work })
+        Ok(SimulatedEye { lens, rays, mount, robot: index, scenery, film, exposure, work })
     }
 
     /// How it projects.
@@ -139,7 +144,7 @@ impl Eye {
     /// * `before`: where it was (`world_from_eye`), and when: what it turned since then blurs the picture.
     ///
     /// # Errors
-    /// As [`Eye::frame`].
+    /// As [`SimulatedEye::frame`].
     pub fn shoot(&mut self, truth: &Truth, before: Option<(Isometry3<f64>, Time)>, now: Time) -> Result<Shot, String> {
         let (frame, eye) = self.expose(truth, before, now, true)?;
         Ok(Shot { frame, depth: self.work.depth.clone(), owner: self.work.owner.clone(), eye })
@@ -178,7 +183,7 @@ impl Eye {
         let forms: Vec<Form> = solids.iter().map(|s| Form::new(&s.shape, &s.pose)).collect();
         let size = self.rays.size;
         let (scenery, room) = (&self.scenery, Room::new(&self.scenery, base, &eye));
-        let mut surfaces = Surfaces::new();
+        let mut surfaces = TileSurfaces::new();
         look(&self.rays, &forms, |seen| {
             see(&seen, &forms, &solids, scenery, &room, &mut surfaces);
             light.fall(seen.tile, &mut surfaces);
@@ -263,7 +268,14 @@ fn is_table(shape: &Shape) -> bool {
 }
 
 /// What a tile sees, before any light: run by run of pixels that see the same.
-fn see(seen: &Seen, forms: &[Form], solids: &[Solid], scenery: &Scenery, room: &Room, surfaces: &mut Surfaces) {
+fn see(
+    seen: &TileSight,
+    forms: &[Form],
+    solids: &[Solid],
+    scenery: &Scenery,
+    room: &Room,
+    surfaces: &mut TileSurfaces,
+) {
     surfaces.depth = *seen.depth;
     let mut first = 0;
     for same in seen.solid.chunk_by(|a, b| a == b) {

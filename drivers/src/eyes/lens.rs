@@ -72,20 +72,20 @@ fn slope(distortion: [f64; 4], [x, y]: [f64; 2]) -> f64 {
 }
 
 /// The smallest box that holds something seen: least and greatest x, least and greatest y of its directions `(x, y, 1)`.
-pub type Bounds = [f32; 4];
+pub type TileBounds = [f32; 4];
 
 /// Whether two boxes overlap.
-pub fn overlaps(a: &Bounds, b: &Bounds) -> bool {
+pub fn overlaps(a: &TileBounds, b: &TileBounds) -> bool {
     a[0] <= b[1] && b[0] <= a[1] && a[2] <= b[3] && b[2] <= a[3]
 }
 
 /// The box that holds both.
-pub fn union(a: Bounds, b: Bounds) -> Bounds {
+pub fn union(a: TileBounds, b: TileBounds) -> TileBounds {
     [a[0].min(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].max(b[3])]
 }
 
 /// A box that holds nothing.
-pub const NOTHING: Bounds = [f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY];
+pub const NOTHING: TileBounds = [f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY];
 
 /// Some pixels that lie together, row by row.
 pub struct Tile {
@@ -94,13 +94,13 @@ pub struct Tile {
     /// See `x`.
     pub y: [f32; TILE],
     /// What holds them.
-    pub bounds: Bounds,
+    pub bounds: TileBounds,
 }
 
 /// A row of tiles.
 pub struct Band {
     /// What holds them.
-    pub bounds: Bounds,
+    pub bounds: TileBounds,
     /// From left to right.
     pub tiles: Vec<Tile>,
 }

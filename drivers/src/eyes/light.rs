@@ -4,7 +4,7 @@ use super::lens::{TILE, Tile};
 use super::scenery::Scenery;
 use super::shadow::Shadows;
 use super::solid::V3;
-use super::surface::Surfaces;
+use super::surface::TileSurfaces;
 use nalgebra::{Isometry3, Vector3};
 
 /// The light of one moment, as an eye sees it.
@@ -35,10 +35,10 @@ impl<'a> Light<'a> {
     }
 
     /// Turns the own colors of what a tile sees into what comes to the eye.
-    pub fn fall(&self, tile: &Tile, surfaces: &mut Surfaces) {
+    pub fn fall(&self, tile: &Tile, surfaces: &mut TileSurfaces) {
         // the cosine of the lamp's direction, what is mirrored of the lamp, and the share of what comes from everywhere
         let (mut direct, mut mirrored, mut around) = ([0.0f32; TILE], [0.0f32; TILE], [0.0f32; TILE]);
-        let Surfaces { depth, normal: [nx, ny, nz], color, gloss } = surfaces;
+        let TileSurfaces { depth, normal: [nx, ny, nz], color, gloss } = surfaces;
         let (lamp, up) = (self.lamp, self.up);
         let at = tile.x.iter().zip(&tile.y).zip(depth.iter());
         let facing = nx.iter().zip(ny.iter()).zip(nz.iter());

@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 const SIDE: u32 = 192;
 /// How wide the lamp looks: half its picture, at one meter, meters. Beyond that there are no shadows.
 const WIDE: f64 = 0.55;
-/// Surfaces nearer together than this do not shade each other, meters: the lamp's pixels are coarse.
+/// TileSurfaces nearer together than this do not shade each other, meters: the lamp's pixels are coarse.
 const SLACK: f32 = 0.012;
 /// How far before the eye the lamp aims, meters.
 const AHEAD: f64 = 0.45;

@@ -1,13 +1,13 @@
 //! Which shape each pixel sees, and how far away it is: a depth buffer, tile by tile.
 
-use super::lens::{Bounds, NOTHING, Rays, TILE, TILE_HEIGHT, TILE_WIDTH, Tile, overlaps};
+use super::lens::{NOTHING, Rays, TILE, TILE_HEIGHT, TILE_WIDTH, Tile, TileBounds, overlaps};
 use super::solid::Form;
 
 /// The number of no shape.
 pub const NOBODY: u32 = u32::MAX;
 
 /// What a tile sees.
-pub struct Seen<'a> {
+pub struct TileSight<'a> {
     /// The pixel in its upper left corner.
     pub corner: [usize; 2],
     /// Its rays.
@@ -22,9 +22,9 @@ pub struct Seen<'a> {
 ///
 /// # Performance
 /// A shape is met with the tiles that its box in the picture overlaps, and with no other.
-pub fn look(rays: &Rays, forms: &[Form], mut tell: impl FnMut(Seen)) {
-    let bounds: Vec<(u32, &Form, Bounds)> = (0u32..).zip(forms).map(|(k, f)| (k, f, f.bounds())).collect();
-    let mut here: Vec<&(u32, &Form, Bounds)> = Vec::with_capacity(bounds.len());
+pub fn look(rays: &Rays, forms: &[Form], mut tell: impl FnMut(TileSight)) {
+    let bounds: Vec<(u32, &Form, TileBounds)> = (0u32..).zip(forms).map(|(k, f)| (k, f, f.bounds())).collect();
+    let mut here: Vec<&(u32, &Form, TileBounds)> = Vec::with_capacity(bounds.len());
     for (row, band) in rays.bands.iter().enumerate() {
         here.clear();
         here.extend(bounds.iter().filter(|(.., b)| *b != NOTHING && overlaps(b, &band.bounds)));
@@ -34,7 +34,7 @@ pub fn look(rays: &Rays, forms: &[Form], mut tell: impl FnMut(Seen)) {
                 form.cast(tile, *number, &mut depth, &mut solid);
             }
             let corner = [column * TILE_WIDTH, row * TILE_HEIGHT];
-            tell(Seen { corner, tile, depth: &depth, solid: &solid });
+            tell(TileSight { corner, tile, depth: &depth, solid: &solid });
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The kind `simulated`: a camera that a simulated robot carries.
 
-use super::eye::Eye;
+use super::eye::SimulatedEye;
 use super::settings::SimulatedCameraSettings;
 use mobee_contract::{Camera, CameraContext, Frame, Kind, KindError, Registered, Time, Truth, settings};
 use nalgebra::Isometry3;
@@ -10,7 +10,7 @@ use std::time::Duration;
 
 /// A camera that sees the truth.
 pub struct SimulatedCamera {
-    eye: Eye,
+    eye: SimulatedEye,
     period: Duration,
     truth: Arc<dyn Fn() -> Option<Truth> + Send + Sync>,
     /// Where it was when the last picture was taken, and when that was.
@@ -23,7 +23,7 @@ impl SimulatedCamera {
     /// # Errors
     /// The settings that can't be used.
     pub fn new(settings: &SimulatedCameraSettings, context: &CameraContext) -> Result<SimulatedCamera, KindError> {
-        let eye = Eye::new(settings, &context.robot, context.index, context.seed)?;
+        let eye = SimulatedEye::new(settings, &context.robot, context.index, context.seed)?;
         Ok(SimulatedCamera { eye, period: settings.period(), truth: Arc::clone(&context.truth), before: None })
     }
 }

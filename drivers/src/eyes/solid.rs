@@ -1,6 +1,6 @@
 //! Shapes as an eye meets them: in its own frame, with what holds them in the picture and where a ray enters them.
 
-use super::lens::{Bounds, NOTHING, TILE, Tile, union};
+use super::lens::{NOTHING, TILE, Tile, TileBounds, union};
 use mobee_model::Shape;
 use nalgebra::{Isometry3, Vector3};
 
@@ -73,7 +73,7 @@ impl Form {
     }
 
     /// What holds it in the picture; [`NOTHING`] if all of it is behind the eye.
-    pub fn bounds(&self) -> Bounds {
+    pub fn bounds(&self) -> TileBounds {
         match *self {
             Form::Ball { center, radius } => ball_bounds(center, radius)
                 .unwrap_or_else(|| corners_bounds(center, [V3::x(), V3::y(), V3::z()], V3::repeat(radius))),
@@ -186,7 +186,7 @@ impl Rod {
 }
 
 /// What holds a ball; `None` if some of it is behind the eye.
-fn ball_bounds(c: V3, r: f32) -> Option<Bounds> {
+fn ball_bounds(c: V3, r: f32) -> Option<TileBounds> {
     if c.z - r < NEAR {
         return None;
     }
@@ -200,7 +200,7 @@ fn ball_bounds(c: V3, r: f32) -> Option<Bounds> {
     Some([left - 1e-4, right + 1e-4, top - 1e-4, bottom + 1e-4])
 }
 
-fn corners_bounds(center: V3, axes: [V3; 3], half: V3) -> Bounds {
+fn corners_bounds(center: V3, axes: [V3; 3], half: V3) -> TileBounds {
     let corner = |k: u8| {
         let side = |i: u8| if k >> i & 1 == 1 { 1.0 } else { -1.0 };
         center + axes[0] * (side(0) * half.x) + axes[1] * (side(1) * half.y) + axes[2] * (side(2) * half.z)

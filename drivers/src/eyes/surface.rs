@@ -8,7 +8,7 @@ use super::texture::Texture;
 pub type Numbers = [f32; TILE];
 
 /// The surfaces that a tile sees.
-pub struct Surfaces {
+pub struct TileSurfaces {
     /// Along the optical axis, meters.
     pub depth: Numbers,
     /// The unit normal: x, y and z in the eye's frame.
@@ -19,11 +19,11 @@ pub struct Surfaces {
     pub gloss: Numbers,
 }
 
-impl Surfaces {
+impl TileSurfaces {
     /// Nothing yet.
-    pub fn new() -> Surfaces {
+    pub fn new() -> TileSurfaces {
         let none = [0.0; TILE];
-        Surfaces { depth: none, normal: [none; 3], color: [none; 3], gloss: none }
+        TileSurfaces { depth: none, normal: [none; 3], color: [none; 3], gloss: none }
     }
 
     /// Pixels that lie one after the other, from `first` on.
@@ -41,7 +41,7 @@ fn part(of: &mut Numbers, first: usize, count: usize) -> &mut [f32] {
 }
 
 /// Some pixels of a tile; all slices are equally long.
-#[allow(missing_docs, reason = "as in `Surfaces`, and the rays `(x, y, 1)`")]
+#[allow(missing_docs, reason = "as in `TileSurfaces`, and the rays `(x, y, 1)`")]
 pub struct Run<'a> {
     pub x: &'a [f32],
     pub y: &'a [f32],
@@ -106,13 +106,9 @@ impl Run<'_> {
                     self.grain(wood, |at| {
                         let own = own(at);
                         let over = own.abs() - half;
-                        if over.x > over.y && over.x > over.z {
-                            [own.y, own.z]
-                        } else if over.y > over.z {
-                            [own.x, own.z]
-                        } else {
-                            [own.x, own.y]
-                        }
+                        let first = over.x > over.y.max(over.z);
+                        let second = over.y > over.z;
+                        [if first { own.y } else { own.x }, if first | second { own.z } else { own.y }]
                     });
                 }
             }
@@ -133,11 +129,15 @@ impl Run<'_> {
     /// Multiplies the color by a texture around gray.
     #[inline(always)]
     fn grain(&mut self, (texture, scale): (&Texture, f32), place: impl Fn(V3) -> [f32; 2]) {
+        let (mut us, mut vs) = ([0.0f32; TILE], [0.0f32; TILE]);
         let at = self.x.iter().zip(self.y).zip(self.depth.iter());
+        for (((x, y), t), (u, v)) in at.zip(us.iter_mut().zip(&mut vs)) {
+            let [a, b] = place(V3::new(x * t, y * t, *t));
+            (*u, *v) = (a * scale, b * scale);
+        }
         let colors = self.red.iter_mut().zip(self.green.iter_mut()).zip(self.blue.iter_mut());
-        for (((x, y), t), ((r, g), b)) in at.zip(colors) {
-            let [u, v] = place(V3::new(x * t, y * t, *t));
-            let [red, green, blue] = texture.at(u * scale, v * scale);
+        for ((u, v), ((r, g), b)) in us.iter().zip(&vs).zip(colors) {
+            let [red, green, blue] = texture.at(*u, *v);
             *r *= red * (1.0 / 128.0);
             *g *= green * (1.0 / 128.0);
             *b *= blue * (1.0 / 128.0);

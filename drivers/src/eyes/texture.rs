@@ -12,6 +12,8 @@ pub struct Texture {
     texels: Vec<[u8; 4]>,
 }
 
+/// Three times two to the power of 22: a number of single precision near it has no digits behind the point.
+const WHOLE: f32 = 12_582_912.0;
 /// Its side, if it is drawn: two to the power of this.
 const DRAWN: u32 = 8;
 
@@ -20,8 +22,8 @@ impl Texture {
     #[inline(always)]
     pub fn at(&self, u: f32, v: f32) -> [f32; 3] {
         let mask = (1u32 << self.bits) - 1;
-        // far enough from zero that cutting digits off rounds down
-        let [u, v] = [u, v].map(|x| (x + 65536.0) as u32 & mask);
+        // the last bits of the sum are those of the nearest whole number, and no conversion takes as little time
+        let [u, v] = [u, v].map(|x| (x + WHOLE).to_bits() & mask);
         let [r, g, b, _] = self.texels.get((v << self.bits | u) as usize).copied().unwrap_or_default();
         [r, g, b].map(f32::from)
     }

@@ -8,8 +8,10 @@ use mobee_drivers::eyes::{FolderCamera, FolderCameraSettings, LensSettings, Yarp
 use mobee_yarp::name::{NameServer, ServerOptions};
 use mobee_yarp::{Delivery, Image, Network, OutputPort, PixelCode};
 use serde_json::json;
+use std::io::Write;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 fn folder(path: &Path, repeat: bool) -> FolderCameraSettings {
@@ -84,7 +86,7 @@ fn pictures_that_are_none_or_of_another_size_are_refused_by_name() {
     assert!(gone.what.contains("can't read") && gone.help.contains("folder"), "{gone:?}");
 }
 
-fn yarp(port: &str) -> YarpCameraSettings {
+fn yarp_named(port: &str) -> YarpCameraSettings {
     serde_json::from_value(json!({ "port": port, "size": [3, 2], "delay_ms": 0.0 })).unwrap()
 }
 
@@ -102,7 +104,7 @@ fn a_yarp_camera_gives_the_newest_picture_counts_the_others_and_tells_what_is_no
         .unwrap();
     let network = Network::at(server.address());
     let port = runtime.block_on(OutputPort::open(&network, "/cam/left", Delivery::Strict(8))).unwrap();
-    let mut camera = YarpCamera::new(&yarp("/cam/left"), "icub").unwrap().on(&network);
+    let mut camera = YarpCamera::new(&yarp_named("/cam/left"), "icub").unwrap().on(&network);
     let wait = |what: &str, there: &mut dyn FnMut() -> bool| {
         let begun = Instant::now();
         while !there() {
@@ -143,10 +145,55 @@ fn a_yarp_camera_gives_the_newest_picture_counts_the_others_and_tells_what_is_no
     wait("the camera to let go", &mut || port.peers().is_empty());
 }
 
+/// The real YARP 3.5 writes a picture that was typed as text.
+#[test]
+fn a_yarp_camera_reads_what_a_real_yarp_program_writes() {
+    let installed = || {
+        let default = || Some(PathBuf::from(std::env::var_os("HOME")?).join(".cache/mobee/yarp-3.5.0"));
+        let home = std::env::var_os("MOBEE_YARP").map(PathBuf::from).or_else(default)?;
+        Some(home.join("build/bin/yarp")).filter(|yarp| yarp.is_file())
+    };
+    let Some(yarp) = installed() else {
+        eprintln!("skipped: the real YARP is not installed (drivers/yarp/tests)");
+        return;
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let server = NameServer::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), ServerOptions::default());
+    let server = runtime.block_on(server).unwrap();
+    let dir = Folder::new("yarp");
+    std::fs::write(dir.0.join("yarp.conf"), format!("127.0.0.1 {} yarp\n", server.address().port())).unwrap();
+    let mut writer = Command::new(yarp)
+        .args(["write", "/cam/real"])
+        .env("YARP_CONFIG_HOME", &dir.0)
+        .env_remove("YARP_NAMESPACE")
+        .env_remove("YARP_PORT_PREFIX")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut keys = writer.stdin.take().unwrap();
+    let mut camera = YarpCamera::new(&yarp_named("/cam/real"), "icub").unwrap().on(&Network::at(server.address()));
+    let rows = "0 100 200 10 101 200 20 102 200 0 0 0 0 0 0 0 1 100 201 11 101 201 21 102 201 0 0 0 0 0 0 0";
+    let line = format!("[mat] [rgb] (3 32 65544 3 2) {{{rows}}}\n");
+    let begun = Instant::now();
+    let seen = loop {
+        // the first ones may come before the connection
+        let _ = keys.write_all(line.as_bytes()).and_then(|()| keys.flush());
+        runtime.block_on(async { tokio::time::sleep(Duration::from_millis(20)).await });
+        match camera.frame(Time::from_secs(1.0)).unwrap() {
+            Some(frame) => break frame,
+            None => assert!(begun.elapsed() < PATIENCE, "waited in vain for a picture"),
+        }
+    };
+    let _ = writer.kill().and_then(|()| writer.wait());
+    assert_eq!(seen.pixels[..], [0, 100, 200, 10, 101, 200, 20, 102, 200, 1, 100, 201, 11, 101, 201, 21, 102, 201]);
+}
+
 #[test]
 fn settings_of_a_yarp_camera_that_make_no_sense_are_refused() {
     let refused = |change: serde_json::Value| {
-        let mut settings = serde_json::to_value(yarp("/cam/left")).unwrap();
+        let mut settings = serde_json::to_value(yarp_named("/cam/left")).unwrap();
         change.as_object().unwrap().iter().for_each(|(k, v)| settings[k] = v.clone());
         let settings = serde_json::from_value(settings).unwrap();
         YarpCamera::new(&settings, "icub").err().unwrap()

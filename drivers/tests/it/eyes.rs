@@ -3,7 +3,8 @@
 
 use mobee_contract::{Camera, CameraContext, Intrinsics, Kind, Time, Truth, kinds};
 use mobee_drivers::eyes::{
-    DistractorSettings, Eye, LensSettings, Owner, ScenerySettings, Shot, SimulatedCameraSettings, project, unproject,
+    DistractorSettings, LensSettings, Owner, ScenerySettings, Shot, SimulatedCameraSettings, SimulatedEye, project,
+    unproject,
 };
 use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, distance, load_robot, load_world};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -42,7 +43,7 @@ fn ideal() -> SimulatedCameraSettings {
 }
 
 fn shoot(settings: &SimulatedCameraSettings, truth: &Truth) -> Shot {
-    let mut eye = Eye::new(settings, &truth.scene.robots()[0], 0, 7).unwrap();
+    let mut eye = SimulatedEye::new(settings, &truth.scene.robots()[0], 0, 7).unwrap();
     eye.shoot(truth, None, Time::from_secs(1.0)).unwrap()
 }
 
@@ -65,7 +66,8 @@ fn eyes_of_the_icub_are_where_its_reference_has_them() {
     let robot = icub();
     let mut rows = table.lines().map(|l| l.split(',').collect::<Vec<_>>());
     let names = rows.next().unwrap();
-    let eyes = ["l_eye", "r_eye"].map(|m| (m, Eye::new(&SimulatedCameraSettings::at(m), &robot, 0, 0).unwrap()));
+    let eyes =
+        ["l_eye", "r_eye"].map(|m| (m, SimulatedEye::new(&SimulatedCameraSettings::at(m), &robot, 0, 0).unwrap()));
     let mut count = 0;
     for row in rows {
         let number = |name: &str| row[names.iter().position(|n| *n == name).unwrap()].parse::<f64>().unwrap();
@@ -93,7 +95,7 @@ proptest! {
     #[test]
     fn a_ball_is_seen_where_a_pinhole_has_it(x in -0.3..0.3f64, y in -0.2..0.2f64, z in 0.3..1.0f64, radius in 0.02..0.05f64) {
         let robot = icub();
-        let eye = Eye::new(&ideal(), &robot, 0, 0).unwrap().at(&truth(&robot, Vec::new(), &[])).unwrap();
+        let eye = SimulatedEye::new(&ideal(), &robot, 0, 0).unwrap().at(&truth(&robot, Vec::new(), &[])).unwrap();
         let center = Point3::new(x * z, y * z, z);
         let ball = object("ball", Shape::Sphere { radius }, Isometry3::from(Vector3::from((eye * center).coords)));
         let shot = shoot(&ideal(), &truth(&robot, vec![ball], &[("l_elbow", 15.0), ("r_elbow", 15.0)]));
@@ -115,7 +117,7 @@ proptest! {
             Shape::Cylinder { radius: 0.03, height: 0.09 },
             Shape::Box { size: Vector3::new(0.05, 0.08, 0.03) },
         ][kind];
-        let eye = Eye::new(&ideal(), &robot, 0, 0).unwrap().at(&truth(&robot, Vec::new(), &[])).unwrap();
+        let eye = SimulatedEye::new(&ideal(), &robot, 0, 0).unwrap().at(&truth(&robot, Vec::new(), &[])).unwrap();
         let pose = eye * Isometry3::new(Vector3::new(0.03, -0.02, z), Vector3::from(angle));
         let distortion = if bent { [-0.3742, 0.2054, 0.00282, 0.00271] } else { [0.0; 4] };
         let settings = SimulatedCameraSettings { lens: LensSettings { distortion, ..LensSettings::default() }, ..ideal() };
@@ -165,7 +167,7 @@ fn distortion_is_that_of_opencv() {
 #[test]
 fn what_is_nearer_hides_what_is_behind_it_and_ghosts_are_not_seen() {
     let robot = icub();
-    let eye = Eye::new(&ideal(), &robot, 0, 0).unwrap().at(&truth(&robot, Vec::new(), &[])).unwrap();
+    let eye = SimulatedEye::new(&ideal(), &robot, 0, 0).unwrap().at(&truth(&robot, Vec::new(), &[])).unwrap();
     let ball = |name: &str, z: f64, radius: f64| {
         object(name, Shape::Sphere { radius }, eye * Isometry3::translation(0.0, 0.0, z))
     };
@@ -201,7 +203,7 @@ fn equal_seeds_and_times_give_equal_pictures_and_others_do_not() {
     settings.scenery.distractors = Some(distractors);
     let truth = truth(&robot, world, &[("neck_pitch", -30.0)]);
     let shot = |settings: &SimulatedCameraSettings, seed: u64, secs: f64| {
-        let mut eye = Eye::new(settings, &robot, 0, seed).unwrap();
+        let mut eye = SimulatedEye::new(settings, &robot, 0, seed).unwrap();
         // what it saw before does not matter
         eye.shoot(&truth, None, Time::from_secs(0.5)).unwrap();
         eye.shoot(&truth, None, Time::from_secs(secs)).unwrap()
@@ -227,10 +229,11 @@ fn sharpness(shot: &Shot) -> f64 {
 fn a_head_that_turns_blurs_and_noise_is_as_strong_as_told() {
     let robot = icub();
     let settings = SimulatedCameraSettings { exposure_ms: 20.0, ..ideal() };
-    let mut eye = Eye::new(&settings, &robot, 0, 0).unwrap();
+    let mut eye = SimulatedEye::new(&settings, &robot, 0, 0).unwrap();
     let at = |yaw: f64| truth(&robot, Vec::new(), &[("neck_yaw", yaw), ("l_elbow", 15.0), ("r_elbow", 15.0)]);
-    let before =
-        |yaw: f64| Some((Eye::new(&settings, &robot, 0, 0).unwrap().at(&at(yaw)).unwrap(), Time::from_secs(0.9)));
+    let before = |yaw: f64| {
+        Some((SimulatedEye::new(&settings, &robot, 0, 0).unwrap().at(&at(yaw)).unwrap(), Time::from_secs(0.9)))
+    };
     let (here, now) = (at(10.0), Time::from_secs(1.0));
     let still = eye.shoot(&here, before(10.0), now).unwrap();
     let turning = eye.shoot(&here, before(0.0), now).unwrap();
