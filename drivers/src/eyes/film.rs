@@ -90,7 +90,7 @@ impl Film {
                 done.clear();
                 done.extend(mixed.zip(share.iter().zip(noise)).map(|((m, (l, r)), (s, n))| {
                     let v = (1.0 - 2.0 * side) * m + side * (l + r);
-                    ((v * s * white + n).max(0.0).min(255.0) + ROUND).to_bits()
+                    ((v * s * white + n).clamp(0.0, 255.0) + ROUND).to_bits()
                 }));
             }
             let [red, green, blue] = &done;

@@ -9,7 +9,7 @@ use mobee_model::Shape;
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// The side of the lamp's picture, pixels.
-const SIDE: u32 = 192;
+const SIDE: u32 = 160;
 /// How wide the lamp looks: half its picture, at one meter, meters. Beyond that there are no shadows.
 const WIDE: f64 = 0.55;
 /// TileSurfaces nearer together than this do not shade each other, meters: the lamp's pixels are coarse.
