@@ -17,6 +17,7 @@ pub mod config;
 pub mod ctl;
 pub mod detector;
 pub mod doctor;
+pub mod eyes;
 mod import_inputs;
 pub mod inspect;
 pub mod kinds;

@@ -5,8 +5,9 @@ use miette::Report;
 use mobee::config::{ClockMode, ConfigError};
 use mobee::robot_import::ImportArgs;
 use mobee::{
-    agent, check, config, ctl, detector, doctor, inspect, kinds, locator, model_compare, model_convert, model_eval,
-    model_info, model_view, new, new_robot, replay, roadmap, run, schema, sim, terminal, torture, view, yarp,
+    agent, check, config, ctl, detector, doctor, eyes, inspect, kinds, locator, model_compare, model_convert,
+    model_eval, model_info, model_view, new, new_robot, replay, roadmap, run, schema, sim, terminal, torture, view,
+    yarp,
 };
 use std::io::Write;
 use std::path::PathBuf;
@@ -56,6 +57,11 @@ enum Command {
     Locator {
         #[command(subcommand)]
         command: locator::LocatorCommand,
+    },
+    /// Take pictures with simulated eyes, to teach detectors and locators.
+    Eyes {
+        #[command(subcommand)]
+        command: eyes::EyesCommand,
     },
     /// Summarize a run from its journal.
     Inspect {
@@ -293,6 +299,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         Command::Roadmap { command } => roadmap::command(&command),
         Command::Detector { command } => detector::command(&command).map(|()| ExitCode::SUCCESS),
         Command::Locator { command } => locator::command(&command).map(|()| ExitCode::SUCCESS),
+        Command::Eyes { command } => eyes::command(&command).map(|()| ExitCode::SUCCESS),
         Command::Inspect { run, poses: Some(file), robot, .. } => {
             terminal::out(&(inspect::poses(&run, robot.as_deref(), &file)? + "\n"));
             Ok(ExitCode::SUCCESS)

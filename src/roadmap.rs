@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-pub use settings::read as read_settings;
+pub use settings::{read as read_settings, read_table};
 
 /// How long a map file may be, bytes.
 const LONGEST: u64 = 64 * MIB;
@@ -86,14 +86,14 @@ impl PlaceArgs {
 }
 
 /// A robot alone in a world.
-fn scene(robot: &Path, world: Option<&Path>) -> Result<Scene, Report> {
+pub(crate) fn scene(robot: &Path, world: Option<&Path>) -> Result<Scene, Report> {
     let loaded = Arc::new(load_robot(robot)?.value);
     let objects = world.map(load_world).transpose()?.map(|w| w.value).unwrap_or_default();
     Scene::new(vec![(loaded, Isometry3::identity())], objects).map_err(|e| miette!("{e}"))
 }
 
 /// The scene's robot.
-fn robot(scene: &Scene) -> Result<&Arc<Robot>, Report> {
+pub(crate) fn robot(scene: &Scene) -> Result<&Arc<Robot>, Report> {
     scene.robots().first().ok_or_else(|| miette!("the scene has no robot"))
 }
 

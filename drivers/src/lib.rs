@@ -1,4 +1,4 @@
-//! Drivers: simulated robots, robots behind YARP, and recorded robots.
+//! Drivers: simulated robots, robots behind YARP, and recorded robots; and cameras ([`eyes`]).
 //!
 //! ```text
 //! settings ──> SimHardware ──connect──> SimDriver (one per life of a driver actor)
@@ -7,7 +7,7 @@
 //! ```
 //!
 //! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], its injectable faults ([`SimFaults`]), the driver of robots behind YARP ([`YarpHardware`], kind `yarp`), recorded robots
-//!   ([`ReplayHardware`], kind `replay`), and the estimate of reaction and braking path ([`stopping_path`]). `mobee-conformance` states what each must promise.
+//!   ([`ReplayHardware`], kind `replay`), cameras (kinds `simulated`, `folder` and `yarp`), and the estimate of reaction and braking path ([`stopping_path`]). `mobee-conformance` states what each must promise.
 //! * Accepts: `Command`s and leases of the driver contract. Emits: `Sample`s.
 //! * Promises: position, speed and acceleration limits are never exceeded; nothing moves without a lease; the plant outlives
 //!   its drivers; the same seed and the same calls give the same readings.
@@ -33,6 +33,7 @@
     deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::unreachable, clippy::indexing_slicing)
 )]
 
+pub mod eyes;
 mod fit;
 pub mod replay;
 mod sim;

@@ -47,6 +47,7 @@ pub use layout::{disagreement, joint_kind};
 pub use settings::{Moves, PartSettings, YarpDriverSettings};
 pub use sim::{Who, WireFault, YarpSim};
 
+pub(crate) use cell::instant;
 use cell::{SharedBoards, Trouble};
 use driver::Reach;
 use layout::Layout;
@@ -276,6 +277,24 @@ impl Drop for YarpHardware {
 /// them, another's would make the robot as fast as that one likes.
 fn may_pass(asked: &Bottle) -> bool {
     asked.get(0).and_then(Value::as_vocab) == Some(Vocab::new("get"))
+}
+
+/// The network of a name server given as `HOST:PORT`, with our ports on an address of this machine; `None`: what YARP's own files say.
+///
+/// # Errors
+/// One that is no address.
+pub(crate) fn network_of(server: Option<&str>, listen: Option<&str>) -> Result<Option<Network>, KindError> {
+    let network = server.map(at).transpose()?;
+    let Some(listen) = listen else { return Ok(network) };
+    let help = "give this machine's address in the robot's network, such as 10.0.0.12, or 0.0.0.0 for all";
+    let address =
+        listen.parse().map_err(|_| KindError::new("listen", format!("`{listen}` is not an address"), help))?;
+    let network = match network {
+        Some(network) => network,
+        None => config::network_or_default(&Env::real())
+            .map_err(|e| KindError::new("server", e.to_string(), "give the name server as HOST:PORT"))?,
+    };
+    Ok(Some(network.with_bind(address)))
 }
 
 /// The network of a name server given as `HOST:PORT`.

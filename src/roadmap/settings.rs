@@ -2,6 +2,8 @@
 
 use crate::config::{Complaints, Source, did_you_mean, misfits};
 use mobee_behaviors::table_map::TableMapSettings;
+use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
 use std::path::Path;
 
 /// Reads a file of settings, with overrides as of `--set`; paths in it are then as seen from here.
@@ -9,23 +11,34 @@ use std::path::Path;
 /// # Errors
 /// All that is wrong, each with its place.
 pub fn read(path: &Path, set: &[String]) -> Result<(TableMapSettings, Source), Complaints> {
-    let source = Source::load(path, set)?;
-    let schema = schemars::schema_for!(TableMapSettings).to_value();
-    let mut wrong = Complaints::default();
-    for m in misfits(&schema, &source.value) {
-        wrong.push(source.complain(&m.steps, m.at_key, m.what, m.help));
-    }
-    let mut settings: TableMapSettings = match serde_path_to_error::deserialize(&source.value) {
-        Ok(settings) => settings,
-        Err(_) if !wrong.is_empty() => return Err(wrong),
-        Err(e) => {
-            let message = e.inner().to_string();
-            let help = did_you_mean(&message).unwrap_or_else(|| "see docs/roadmaps.md for every setting".into());
-            return Err(source.error(&e.path().to_string(), message, help).into());
-        }
-    };
+    let (mut settings, source) = read_table::<TableMapSettings>(path, set, "docs/roadmaps.md")?;
     let folder = path.parent().unwrap_or(Path::new(""));
     settings.robot = folder.join(source.relocated("robot", &settings.robot));
     settings.world = settings.world.map(|world| folder.join(source.relocated("world", &world)));
-    wrong.none_or((settings, source))
+    Ok((settings, source))
+}
+
+/// Reads a file of settings of any kind, which `docs` describes.
+///
+/// # Errors
+/// All that is wrong, each with its place.
+pub fn read_table<T: DeserializeOwned + JsonSchema>(
+    path: &Path,
+    set: &[String],
+    docs: &str,
+) -> Result<(T, Source), Complaints> {
+    let source = Source::load(path, set)?;
+    let mut wrong = Complaints::default();
+    for m in misfits(&schemars::schema_for!(T).to_value(), &source.value) {
+        wrong.push(source.complain(&m.steps, m.at_key, m.what, m.help));
+    }
+    match serde_path_to_error::deserialize(&source.value) {
+        Ok(settings) => wrong.none_or((settings, source)),
+        Err(_) if !wrong.is_empty() => Err(wrong),
+        Err(e) => {
+            let message = e.inner().to_string();
+            let help = did_you_mean(&message).unwrap_or_else(|| format!("see {docs} for every setting"));
+            Err(source.error(&e.path().to_string(), message, help).into())
+        }
+    }
 }

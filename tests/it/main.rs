@@ -10,6 +10,7 @@ mod ctl;
 mod dependency_direction;
 mod detector_files;
 mod doctor;
+mod eyes_draw;
 mod filter_transparency;
 mod hostile_files;
 mod licenses;

@@ -1,6 +1,8 @@
 //! The tests of this package from outside, one module per promise, in one binary: a binary for each took longer to link than to run.
 
+mod cameras;
 mod conformance;
+mod eyes;
 mod net;
 mod plant;
 mod sim;

@@ -1,0 +1,36 @@
+//! Cameras: simulated ones, folders of pictures, and image ports of YARP.
+//!
+//! ```text
+//! truth (scene, poses) ──> solids in the eye's frame ──look──> depth, owner ──light──> colors ──film──> Frame
+//!                                     └──────────────look──> shadows of the lamp ──┘
+//! ```
+
+mod distractors;
+mod eye;
+mod film;
+mod folder;
+mod image_port;
+mod lens;
+mod lens_settings;
+mod light;
+mod mount;
+mod picture;
+mod room;
+mod scenery;
+mod settings;
+mod shadow;
+mod sight;
+mod simulated;
+mod solid;
+mod surface;
+mod texture;
+
+pub use distractors::DistractorSettings;
+pub use eye::{Owner, Shot, SimulatedEye};
+pub use folder::{FolderCamera, FolderCameraSettings};
+pub use image_port::{YarpCamera, YarpCameraSettings};
+pub use lens::{project, unproject};
+pub use lens_settings::LensSettings;
+pub use scenery::ScenerySettings;
+pub use settings::SimulatedCameraSettings;
+pub use simulated::SimulatedCamera;

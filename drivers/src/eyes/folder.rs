@@ -1,0 +1,111 @@
+//! The kind `folder`: pictures of a folder, one after the other, as if a camera took them.
+
+use super::lens_settings::LensSettings;
+use super::picture;
+use super::scenery::in_range;
+use mobee_contract::{Camera, CameraContext, Frame, Intrinsics, Kind, KindError, Registered, Time, settings};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// A folder of pictures as a camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FolderCameraSettings {
+    /// The folder: its `.jpg`, `.jpeg` and `.png` files (but for masks, `_mask.png`) in the order of their names, all of one size.
+    pub path: PathBuf,
+    /// Pictures per second.
+    #[serde(default = "fps")]
+    pub fps: f64,
+    /// Whether it begins anew after the last picture; otherwise there are no more.
+    #[serde(default)]
+    pub repeat: bool,
+    /// How the camera that took them projects.
+    #[serde(default)]
+    pub lens: LensSettings,
+}
+
+fn fps() -> f64 {
+    10.0
+}
+
+/// A camera that gives the pictures of a folder.
+pub struct FolderCamera {
+    files: Vec<PathBuf>,
+    lens: Intrinsics,
+    period: Duration,
+    repeats: bool,
+    /// When the first picture was asked for, and the number of the next one.
+    begun: Option<(Time, u64)>,
+}
+
+impl FolderCamera {
+    /// The camera of a folder whose pictures are all of one size; whether they are whole is seen when it is their turn.
+    ///
+    /// # Errors
+    /// Settings that make no sense, a folder without pictures, a file that is no picture, or one of another size.
+    pub fn new(settings: &FolderCameraSettings) -> Result<FolderCamera, KindError> {
+        in_range(("fps", settings.fps, 0.01, 1000.0))?;
+        let wrong = |what| {
+            KindError::new("path", what, "give a folder of JPEG or PNG files of one size, at most 4096x4096 pixels")
+        };
+        let files = picture::list(&settings.path).map_err(wrong)?;
+        let mut first = None;
+        for file in &files {
+            let found = picture::size(file).map_err(wrong)?;
+            let size = *first.get_or_insert(found);
+            if found != size {
+                let ([w, h], [fw, fh]) = (found, size);
+                let what = format!("{} is {w}x{h} pixels, but the pictures before it are {fw}x{fh}", file.display());
+                return Err(wrong(what));
+            }
+        }
+        let lens = settings.lens.intrinsics(first.unwrap_or_default()).map_err(|e| e.under("lens"))?;
+        let period = Duration::try_from_secs_f64(1.0 / settings.fps).unwrap_or(Duration::from_millis(100));
+        Ok(FolderCamera { files, lens, period, repeats: settings.repeat, begun: None })
+    }
+}
+
+impl Camera for FolderCamera {
+    fn period(&self) -> Duration {
+        self.period
+    }
+
+    fn frame(&mut self, now: Time) -> Result<Option<Frame>, String> {
+        let (begun, next) = *self.begun.get_or_insert((now, 0));
+        // who asks too late gets the newest
+        let due = (now.since(begun).as_nanos() / self.period.as_nanos().max(1)) as u64;
+        if due < next {
+            return Ok(None);
+        }
+        self.begun = Some((begun, due + 1));
+        let count = self.files.len() as u64;
+        let number = if self.repeats { due % count.max(1) } else { due };
+        let Some(file) = usize::try_from(number).ok().and_then(|n| self.files.get(n)) else { return Ok(None) };
+        let picture = picture::read(file)?;
+        let [width, height] = self.lens.size;
+        if picture.dimensions() != (width, height) {
+            return Err(format!("{} is of another size than when the run began", file.display()));
+        }
+        let exposed = begun + Duration::from_nanos(self.period.as_nanos() as u64 * due);
+        Ok(Some(Frame { exposed, intrinsics: self.lens, pixels: picture.into_raw().into() }))
+    }
+}
+
+fn build(value: &Value, _: &CameraContext) -> Result<Box<dyn Camera>, KindError> {
+    let settings: FolderCameraSettings = settings(value)?;
+    Ok(Box::new(FolderCamera::new(&settings)?))
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Camera> {
+        name: "folder",
+        doc: "The pictures of a folder in the order of their names, as if a camera took them now: recorded ones, to try detectors on. \
+              Who asks too rarely misses some.",
+        schema: || schemars::schema_for!(FolderCameraSettings),
+        example: |_| Ok(json!({ "path": "pictures", "fps": 10.0 })),
+        build,
+    })
+}

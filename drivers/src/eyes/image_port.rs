@@ -1,0 +1,298 @@
+//! The kind `yarp`: a camera behind a YARP image port.
+//!
+//! ```text
+//! their port ──images──> our port (newest wins) ──thread──> cell: the newest picture ──frame──> who asks
+//! ```
+
+use super::lens_settings::LensSettings;
+use super::scenery::in_range;
+use crate::yarp::{instant, network_of};
+use mobee_contract::{Camera, CameraContext, Frame, Intrinsics, Kind, KindError, Registered, Time, settings};
+use mobee_yarp::{Carrier, Dialect, Image, InputPort, Message, Network, PixelCode, Queue};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::time::{Instant, sleep, timeout};
+
+/// A camera behind a YARP image port.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct YarpCameraSettings {
+    /// The image port, such as `/icub/cam/left`.
+    pub port: String,
+    /// Width and height of its pictures, pixels.
+    #[serde(default = "size")]
+    pub size: [u32; 2],
+    /// How it projects.
+    #[serde(default)]
+    pub lens: LensSettings,
+    /// Pictures per second, at most: how often is looked for a new one.
+    #[serde(default = "fps")]
+    pub fps: f64,
+    /// Time from a picture's exposure to its arrival, ms.
+    #[serde(default = "delay_ms")]
+    pub delay_ms: f64,
+    /// Address of the name server, `HOST:PORT`. Default: from YARP's own files and environment.
+    #[serde(default)]
+    pub server: Option<String>,
+    /// The name of our own port; default: `/MoBeE/ROBOT` before the camera's.
+    #[serde(default)]
+    pub name: Option<String>,
+    /// The address of this machine on which our port listens; default: 127.0.0.1, for this machine only.
+    #[serde(default)]
+    pub listen: Option<String>,
+    /// The carrier of the pictures: `tcp` (the sender leaves pictures out while one is on its way), `fast_tcp` or `udp`.
+    #[serde(default = "carrier")]
+    pub carrier: String,
+}
+
+fn size() -> [u32; 2] {
+    [320, 240]
+}
+fn fps() -> f64 {
+    30.0
+}
+fn delay_ms() -> f64 {
+    30.0
+}
+fn carrier() -> String {
+    "tcp".into()
+}
+
+/// How long is waited before a port that can't be reached, or sends nothing, is asked again.
+const AGAIN: Duration = Duration::from_millis(500);
+
+/// What the thread has heard.
+#[derive(Default)]
+struct Heard {
+    newest: Option<(Instant, Vec<u8>)>,
+    /// Pictures that newer ones replaced before anybody asked.
+    dropped: u64,
+    /// What came that is no picture of this camera.
+    wrong: Option<String>,
+}
+
+type Cell = Arc<Mutex<Heard>>;
+
+fn lock(cell: &Cell) -> MutexGuard<'_, Heard> {
+    cell.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A camera behind a YARP image port. Its thread begins when the first picture is asked for, and ends with it.
+pub struct YarpCamera {
+    settings: YarpCameraSettings,
+    lens: Intrinsics,
+    network: Option<Network>,
+    own: String,
+    carrier: Carrier,
+    cell: Cell,
+    /// Dropped to end the thread.
+    thread: Option<watch::Sender<()>>,
+}
+
+impl YarpCamera {
+    /// A camera for a robot of this name. Nothing is opened or asked yet.
+    ///
+    /// # Errors
+    /// The settings that can't be used.
+    pub fn new(settings: &YarpCameraSettings, robot: &str) -> Result<YarpCamera, KindError> {
+        let [width, height] = settings.size.map(f64::from);
+        let mut checks = vec![
+            in_range(("size[0]", width, 1.0, 4096.0)),
+            in_range(("size[1]", height, 1.0, 4096.0)),
+            in_range(("fps", settings.fps, 0.01, 1000.0)),
+            in_range(("delay_ms", settings.delay_ms, 0.0, 10_000.0)),
+        ];
+        if !settings.port.starts_with('/') || settings.port.contains(char::is_whitespace) {
+            let what = format!("`{}` is no port name", settings.port);
+            checks.push(Err(KindError::new("port", what, "give the camera's output port, such as /icub/cam/left")));
+        }
+        let carrier = settings.carrier.parse().ok().filter(|c: &Carrier| !c.is_text());
+        if carrier.is_none() {
+            let what = format!("`{}` carries no pictures", settings.carrier);
+            checks.push(Err(KindError::new("carrier", what, "give tcp, fast_tcp or udp")));
+        }
+        let network = network_of(settings.server.as_deref(), settings.listen.as_deref());
+        checks.push(network.as_ref().map(drop).map_err(Clone::clone));
+        KindError::gather(checks)?;
+        Ok(YarpCamera {
+            lens: settings.lens.intrinsics(settings.size).map_err(|e| e.under("lens"))?,
+            network: network?,
+            own: settings.name.clone().unwrap_or_else(|| format!("/MoBeE/{robot}{}", settings.port)),
+            carrier: carrier.unwrap_or_default(),
+            settings: settings.clone(),
+            cell: Cell::default(),
+            thread: None,
+        })
+    }
+
+    /// The same on a network that is known already.
+    #[must_use]
+    pub fn on(self, network: &Network) -> YarpCamera {
+        YarpCamera { network: Some(network.clone()), ..self }
+    }
+
+    /// Pictures that came and were replaced by newer ones before anybody asked.
+    pub fn dropped(&self) -> u64 {
+        lock(&self.cell).dropped
+    }
+
+    fn listen(&self) -> Result<watch::Sender<()>, String> {
+        let network = match &self.network {
+            Some(network) => network.clone(),
+            None => {
+                mobee_yarp::config::network_or_default(&mobee_yarp::config::Env::real()).map_err(|e| e.to_string())?
+            }
+        };
+        let (end, mut ended) = watch::channel(());
+        let ear = Ear {
+            cell: Arc::clone(&self.cell),
+            network,
+            own: self.own.clone(),
+            theirs: self.settings.port.clone(),
+            carrier: self.carrier,
+            size: self.settings.size,
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let runtime = runtime.map_err(|e| format!("no thread for the camera's network: {e}"))?;
+        let work = async move {
+            tokio::select! {
+                () = ear.listen() => {}
+                _ = ended.changed() => {}
+            }
+        };
+        let thread = std::thread::Builder::new().name(format!("camera {}", self.settings.port));
+        thread.spawn(move || runtime.block_on(work)).map_err(|e| format!("no thread for the camera's network: {e}"))?;
+        Ok(end)
+    }
+}
+
+impl Camera for YarpCamera {
+    fn period(&self) -> Duration {
+        Duration::try_from_secs_f64(1.0 / self.settings.fps).unwrap_or(Duration::from_millis(33))
+    }
+
+    fn frame(&mut self, now: Time) -> Result<Option<Frame>, String> {
+        if self.thread.is_none() {
+            self.thread = Some(self.listen()?);
+        }
+        let mut heard = lock(&self.cell);
+        if let Some(wrong) = heard.wrong.take() {
+            return Err(format!("{}: {wrong}", self.settings.port));
+        }
+        let Some((arrived, pixels)) = heard.newest.take() else { return Ok(None) };
+        let age = arrived.elapsed() + Duration::try_from_secs_f64(self.settings.delay_ms * 1e-3).unwrap_or_default();
+        let exposed = Time(now.0.saturating_sub(age.as_nanos() as u64));
+        Ok(Some(Frame { exposed, intrinsics: self.lens, pixels: pixels.into() }))
+    }
+}
+
+/// What the thread listens with.
+struct Ear {
+    cell: Cell,
+    network: Network,
+    own: String,
+    theirs: String,
+    carrier: Carrier,
+    size: [u32; 2],
+}
+
+impl Ear {
+    /// Listens for ever: a port that is not there yet, or no longer, may come.
+    async fn listen(&self) {
+        let mut said = String::new();
+        loop {
+            match self.connected().await {
+                Ok(mut port) => {
+                    said.clear();
+                    self.hear(&mut port).await;
+                    port.close().await;
+                }
+                Err(why) if why != said => {
+                    tracing::warn!(camera = self.theirs, why, "no pictures from this camera; it is asked again");
+                    said = why;
+                }
+                Err(_) => {}
+            }
+            sleep(AGAIN).await;
+        }
+    }
+
+    async fn connected(&self) -> Result<InputPort, String> {
+        let mut port = InputPort::open(&self.network, &self.own, Queue::Newest).await.map_err(|e| e.to_string())?;
+        match port.connect_from(&self.theirs, self.carrier).await {
+            Ok(()) => Ok(port),
+            Err(e) => {
+                port.close().await;
+                Err(e.to_string())
+            }
+        }
+    }
+
+    /// Takes pictures until nobody is connected any more.
+    async fn hear(&self, port: &mut InputPort) {
+        let mut dropped = 0;
+        loop {
+            match timeout(AGAIN, port.recv()).await {
+                Ok(Some(message)) => {
+                    let picture = pixels(&message, self.network.dialect(), self.size);
+                    let mut heard = lock(&self.cell);
+                    heard.dropped += port.dropped() - dropped;
+                    dropped = port.dropped();
+                    match picture {
+                        Ok(pixels) => {
+                            heard.dropped += u64::from(heard.newest.replace((instant(), pixels)).is_some());
+                        }
+                        Err(wrong) => heard.wrong = Some(wrong),
+                    }
+                }
+                Ok(None) => return,
+                Err(_) if port.peers().is_empty() => return,
+                Err(_) => {}
+            }
+        }
+    }
+}
+
+/// The pixels of an image message: red, green and blue, row by row.
+fn pixels(message: &Message, dialect: Dialect, size: [u32; 2]) -> Result<Vec<u8>, String> {
+    let bottle = message.payload.bottle(dialect).map_err(|e| format!("what came is no image: {e}"))?;
+    let image = Image::from_bottle(bottle).map_err(|e| format!("what came is no image: {e}"))?;
+    if [image.width, image.height] != size {
+        let [width, height] = size;
+        let found = format!("its pictures are {}x{} pixels, not {width}x{height}", image.width, image.height);
+        return Err(format!("{found}: set `size`"));
+    }
+    let bytes = image.pixels();
+    let each = |count: usize, order: [usize; 3]| {
+        let pick = |p: &[u8]| order.map(|k| p.get(k).copied().unwrap_or(0));
+        bytes.chunks_exact(count).flat_map(pick).collect()
+    };
+    match image.pixel {
+        PixelCode::RGB => Ok(bytes),
+        PixelCode::BGR => Ok(each(3, [2, 1, 0])),
+        PixelCode::RGBA => Ok(each(4, [0, 1, 2])),
+        PixelCode::BGRA => Ok(each(4, [2, 1, 0])),
+        PixelCode::MONO => Ok(each(1, [0, 0, 0])),
+        other => Err(format!("its pixels are {:?}: only rgb, bgr, rgba, bgra and mono are understood", other.0)),
+    }
+}
+
+fn build(value: &Value, context: &CameraContext) -> Result<Box<dyn Camera>, KindError> {
+    let settings: YarpCameraSettings = settings(value)?;
+    Ok(Box::new(YarpCamera::new(&settings, &context.robot.name)?))
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Camera> {
+        name: "yarp",
+        doc: "A camera behind a YARP image port, in real time: the newest picture wins, what comes in between is dropped and counted. \
+              Pictures of rgb, bgr, rgba, bgra or mono pixels. A port that is not there is asked again until it is.",
+        schema: || schemars::schema_for!(YarpCameraSettings),
+        example: |_| Err("it needs a camera behind YARP"),
+        build,
+    })
+}

@@ -1,0 +1,150 @@
+//! What there is to see beside robots and objects: a room, its lamp, textures, and things that resemble what is looked for. All of it is
+//! drawn from one seed, so that several eyes see the same.
+
+use super::distractors::DistractorSettings;
+use super::picture;
+use super::solid::V3;
+use super::texture::{Texture, any_color, from_hsv};
+use mobee_contract::KindError;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// What there is to see beside robots and objects. Eyes that look at one world have the same scenery.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScenerySettings {
+    /// The seed of colors, textures, lamp and distractors.
+    pub seed: u64,
+    /// A picture (JPEG or PNG), or a folder of them, for the walls; default: drawn ones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pictures: Option<PathBuf>,
+    /// Contrast of textures, 0 (plain colors) to 1.
+    pub texture: f64,
+    /// Height of the floor in the world, m.
+    pub floor_m: f64,
+    /// Width, depth and height of the room around the robot, m.
+    pub room_m: [f64; 3],
+    /// Where the lamp is, from the robot's base, m; default: drawn, 1.1 to 1.7 m above it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lamp_m: Option<[f64; 3]>,
+    /// How bright the light is; default: drawn, 0.8 to 1.15.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub brightness: Option<f64>,
+    /// Whether things cast shadows.
+    pub shadows: bool,
+    /// Things that stand about and resemble an object; default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distractors: Option<DistractorSettings>,
+}
+
+impl Default for ScenerySettings {
+    fn default() -> ScenerySettings {
+        ScenerySettings {
+            seed: 0,
+            pictures: None,
+            texture: 0.5,
+            floor_m: -0.8,
+            room_m: [4.0, 4.0, 2.8],
+            lamp_m: None,
+            brightness: None,
+            shadows: true,
+            distractors: None,
+        }
+    }
+}
+
+impl ScenerySettings {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// Those that make no sense, with what would.
+    pub fn validate(&self) -> Result<(), KindError> {
+        let lamp = self.lamp_m.unwrap_or_default();
+        let [width, depth, height] = self.room_m;
+        let ranges = [
+            ("texture", self.texture, 0.0, 1.0),
+            ("floor_m", self.floor_m, -10.0, 10.0),
+            ("room_m[0]", width, 1.0, 100.0),
+            ("room_m[1]", depth, 1.0, 100.0),
+            ("room_m[2]", height, 1.0, 100.0),
+            ("lamp_m[0]", lamp[0], -50.0, 50.0),
+            ("lamp_m[1]", lamp[1], -50.0, 50.0),
+            ("lamp_m[2]", lamp[2], -50.0, 50.0),
+            ("brightness", self.brightness.unwrap_or(1.0), 0.0, 4.0),
+        ];
+        let mut checks: Vec<Result<(), KindError>> = ranges.into_iter().map(in_range).collect();
+        checks.extend(self.distractors.as_ref().map(|d| d.validate().map_err(|e| e.under("distractors"))));
+        KindError::gather(checks)?;
+        Ok(())
+    }
+}
+
+/// A number and the range that it must be in.
+pub fn in_range((name, value, least, most): (&str, f64, f64, f64)) -> Result<(), KindError> {
+    // written so that not-a-number fails
+    if value >= least && value <= most {
+        return Ok(());
+    }
+    let help = format!("give a number from {least} to {most}");
+    Err(KindError::new(name, format!("{value} is not a usable value here"), help))
+}
+
+/// A room, its light and its textures.
+pub struct Scenery {
+    /// The settings.
+    pub settings: ScenerySettings,
+    /// The colors of the six inner faces of the room: least and greatest x, y and z.
+    pub walls: [Texture; 6],
+    /// What large boxes such as tables are made of: to multiply colors by.
+    pub wood: Texture,
+    /// Pixels of the wood's texture in a meter.
+    pub wood_scale: f32,
+    /// Where the lamp is, from the robot's base, meters.
+    pub lamp: [f64; 3],
+    /// The color and strength of what comes from the lamp, and of what comes from everywhere.
+    pub light: [V3; 2],
+}
+
+impl Scenery {
+    /// As the settings say and their seed draws it.
+    ///
+    /// # Errors
+    /// A setting that makes no sense, or a picture that can't be read.
+    pub fn new(settings: &ScenerySettings) -> Result<Scenery, KindError> {
+        settings.validate()?;
+        let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+        let contrast = settings.texture as f32;
+        let hung = match &settings.pictures {
+            Some(path) => picture::textures(path, 6, &mut rng)?,
+            None => Vec::new(),
+        };
+        let mut hung = hung.into_iter();
+        let walls = std::array::from_fn(|k| {
+            let paint =
+                from_hsv(rng.random_range(0.0..360.0), rng.random_range(0.0..0.3), rng.random_range(110.0..230.0));
+            let drawn = match k {
+                4 if rng.random_bool(0.5) => Texture::tiles(any_color(&mut rng) * 0.6, contrast, &mut rng),
+                4 | 5 => Texture::rough(paint * 0.8, contrast, &mut rng),
+                _ => Texture::clutter(paint, contrast, &mut rng),
+            };
+            hung.next().unwrap_or(drawn)
+        });
+        let [x, y] = [0; 2].map(|_: u32| rng.random_range(-0.9..0.9));
+        let drawn = [x, y, rng.random_range(1.1..1.7)];
+        let (bright, ambient) = (rng.random_range(0.8..1.15f32), rng.random_range(0.4..0.65f32));
+        let bright = settings.brightness.map_or(bright, |b| b as f32);
+        let warm = rng.random_range(-0.08..0.08f32);
+        let lamp_color = V3::new(1.0 + warm, 1.0, 1.0 - warm) * (bright * (1.1 - ambient));
+        Ok(Scenery {
+            settings: settings.clone(),
+            walls,
+            wood: Texture::wood(contrast * 0.5, &mut rng),
+            wood_scale: rng.random_range(250.0..700.0),
+            lamp: settings.lamp_m.unwrap_or(drawn),
+            light: [lamp_color, V3::new(bright * ambient, bright * ambient, bright * ambient)],
+        })
+    }
+}

@@ -1,0 +1,152 @@
+//! The settings of a simulated camera.
+
+use super::film::FilmSettings;
+use super::lens_settings::LensSettings;
+use super::scenery::{ScenerySettings, in_range};
+use mobee_contract::{Intrinsics, KindError};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// A camera that a simulated robot carries.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SimulatedCameraSettings {
+    /// The marker of the robot's model that it is at; it looks along the marker's normal.
+    pub marker: String,
+    /// Where it is from there, in its own frame (x right, y down, z forward), m.
+    #[serde(default)]
+    pub offset_m: [f64; 3],
+    /// By what it is turned about its own x, y and z axis there, deg.
+    #[serde(default)]
+    pub rotation_deg: [f64; 3],
+    /// Width and height of its pictures, pixels.
+    #[serde(default = "size")]
+    pub size: [u32; 2],
+    /// How it projects.
+    #[serde(default)]
+    pub lens: LensSettings,
+    /// Pictures per second.
+    #[serde(default = "fps")]
+    pub fps: f64,
+    /// How long the shutter is open, ms: what moves meanwhile is blurred.
+    #[serde(default = "exposure_ms")]
+    pub exposure_ms: f64,
+    /// Standard deviation of the noise of each color of each pixel, of 255.
+    #[serde(default = "noise")]
+    pub noise: f64,
+    /// How much less light the corners get than the middle, 0 to 1.
+    #[serde(default = "vignetting")]
+    pub vignetting: f64,
+    /// How far red and blue drift within a minute, as a share of their strength.
+    #[serde(default = "white_drift")]
+    pub white_drift: f64,
+    /// Whether the lens is not quite sharp: each pixel has some light of those beside it.
+    #[serde(default = "soft")]
+    pub soft: bool,
+    /// What there is to see beside robots and objects.
+    #[serde(default)]
+    pub scenery: ScenerySettings,
+}
+
+fn size() -> [u32; 2] {
+    [320, 240]
+}
+fn fps() -> f64 {
+    30.0
+}
+fn exposure_ms() -> f64 {
+    10.0
+}
+fn noise() -> f64 {
+    3.0
+}
+fn vignetting() -> f64 {
+    0.25
+}
+fn white_drift() -> f64 {
+    0.03
+}
+fn soft() -> bool {
+    true
+}
+
+/// The longest side that pictures may have, pixels.
+const LONGEST: u32 = 4096;
+
+impl SimulatedCameraSettings {
+    /// A camera at this marker, with default settings.
+    pub fn at(marker: &str) -> SimulatedCameraSettings {
+        SimulatedCameraSettings {
+            marker: marker.into(),
+            offset_m: [0.0; 3],
+            rotation_deg: [0.0; 3],
+            size: size(),
+            lens: LensSettings::default(),
+            fps: fps(),
+            exposure_ms: exposure_ms(),
+            noise: noise(),
+            vignetting: vignetting(),
+            white_drift: white_drift(),
+            soft: soft(),
+            scenery: ScenerySettings::default(),
+        }
+    }
+
+    /// The same as an ideal camera: no noise, blur, vignetting and drift.
+    pub fn ideal(self) -> SimulatedCameraSettings {
+        SimulatedCameraSettings { exposure_ms: 0.0, noise: 0.0, vignetting: 0.0, white_drift: 0.0, soft: false, ..self }
+    }
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// Those that make no sense, with what would.
+    pub fn validate(&self) -> Result<(), KindError> {
+        let ([width, height], [ox, oy, oz], [rx, ry, rz]) = (self.size, self.offset_m, self.rotation_deg);
+        let longest = f64::from(LONGEST);
+        let ranges = [
+            ("offset_m[0]", ox, -10.0, 10.0),
+            ("offset_m[1]", oy, -10.0, 10.0),
+            ("offset_m[2]", oz, -10.0, 10.0),
+            ("rotation_deg[0]", rx, -360.0, 360.0),
+            ("rotation_deg[1]", ry, -360.0, 360.0),
+            ("rotation_deg[2]", rz, -360.0, 360.0),
+            ("size[0]", f64::from(width), 8.0, longest),
+            ("size[1]", f64::from(height), 8.0, longest),
+            ("fps", self.fps, 0.01, 1000.0),
+            ("exposure_ms", self.exposure_ms, 0.0, 1000.0),
+            ("noise", self.noise, 0.0, 100.0),
+            ("vignetting", self.vignetting, 0.0, 1.0),
+            ("white_drift", self.white_drift, 0.0, 0.5),
+        ];
+        let mut checks: Vec<Result<(), KindError>> = ranges.into_iter().map(in_range).collect();
+        checks.push(self.intrinsics().map(drop));
+        checks.push(self.scenery.validate().map_err(|e| e.under("scenery")));
+        KindError::gather(checks)?;
+        Ok(())
+    }
+
+    /// How it projects.
+    ///
+    /// # Errors
+    /// Those settings of the lens that make no sense.
+    pub fn intrinsics(&self) -> Result<Intrinsics, KindError> {
+        self.lens.intrinsics(self.size).map_err(|e| e.under("lens"))
+    }
+
+    /// The time between two pictures.
+    pub fn period(&self) -> Duration {
+        Duration::try_from_secs_f64(1.0 / self.fps).unwrap_or(Duration::from_millis(33))
+    }
+
+    /// What it says of optics and sensor.
+    pub(super) fn film(&self) -> FilmSettings {
+        FilmSettings {
+            noise: self.noise as f32,
+            vignetting: self.vignetting as f32,
+            drift: self.white_drift as f32,
+            soft: self.soft,
+        }
+    }
+}

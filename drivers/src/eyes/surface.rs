@@ -1,0 +1,152 @@
+//! What the pixels of a tile see: where the surface is, where it faces, and its own color, before any light.
+
+use super::lens::{TILE, Tile};
+use super::solid::{Form, V3};
+use super::texture::Texture;
+
+/// One number for each pixel of a tile.
+pub type Numbers = [f32; TILE];
+
+/// The surfaces that a tile sees.
+pub struct TileSurfaces {
+    /// Along the optical axis, meters.
+    pub depth: Numbers,
+    /// The unit normal: x, y and z in the eye's frame.
+    pub normal: [Numbers; 3],
+    /// Red, green and blue, 0 to 255.
+    pub color: [Numbers; 3],
+    /// How much of the lamp is mirrored, 0 to 1.
+    pub gloss: Numbers,
+}
+
+impl TileSurfaces {
+    /// Nothing yet.
+    pub fn new() -> TileSurfaces {
+        let none = [0.0; TILE];
+        TileSurfaces { depth: none, normal: [none; 3], color: [none; 3], gloss: none }
+    }
+
+    /// Pixels that lie one after the other, from `first` on.
+    pub fn run<'a>(&'a mut self, tile: &'a Tile, first: usize, count: usize) -> Run<'a> {
+        let [nx, ny, nz] = self.normal.each_mut().map(|n| part(n, first, count));
+        let [red, green, blue] = self.color.each_mut().map(|c| part(c, first, count));
+        let (depth, gloss) = (part(&mut self.depth, first, count), part(&mut self.gloss, first, count));
+        let ray = |of: &'a Numbers| of.get(first..first + count).unwrap_or_default();
+        Run { x: ray(&tile.x), y: ray(&tile.y), depth, nx, ny, nz, red, green, blue, gloss }
+    }
+}
+
+fn part(of: &mut Numbers, first: usize, count: usize) -> &mut [f32] {
+    of.get_mut(first..first + count).unwrap_or_default()
+}
+
+/// Some pixels of a tile; all slices are equally long.
+#[allow(missing_docs, reason = "as in `TileSurfaces`, and the rays `(x, y, 1)`")]
+pub struct Run<'a> {
+    pub x: &'a [f32],
+    pub y: &'a [f32],
+    pub depth: &'a mut [f32],
+    pub nx: &'a mut [f32],
+    pub ny: &'a mut [f32],
+    pub nz: &'a mut [f32],
+    pub red: &'a mut [f32],
+    pub green: &'a mut [f32],
+    pub blue: &'a mut [f32],
+    pub gloss: &'a mut [f32],
+}
+
+/// What a shape looks like.
+#[derive(Clone, Copy, Debug)]
+pub struct Paint {
+    /// Its color, 0 to 255.
+    pub color: V3,
+    /// Whether it has the texture of wood, as tables have.
+    pub wood: bool,
+    /// How much of the lamp it mirrors, 0 to 1.
+    pub gloss: f32,
+}
+
+impl Run<'_> {
+    /// All of these pixels see one shape.
+    ///
+    /// # Arguments
+    /// * `wood`: the texture of what is of wood, and its pixels in a meter.
+    pub fn see(&mut self, form: &Form, paint: &Paint, wood: (&Texture, f32)) {
+        self.red.fill(paint.color.x);
+        self.green.fill(paint.color.y);
+        self.blue.fill(paint.color.z);
+        self.gloss.fill(paint.gloss);
+        match *form {
+            Form::Ball { center, radius } => {
+                let scale = 1.0 / radius;
+                self.face(|at| (at - center) * scale);
+            }
+            Form::Rod(rod) => {
+                let scale = 1.0 / rod.radius;
+                // on the edge of a flat end, rounding decides
+                let flat = if rod.round { f32::INFINITY } else { rod.half * 0.9999 };
+                self.face(|at| {
+                    let from = at - rod.center;
+                    let along = from.x * rod.axis.x + from.y * rod.axis.y + from.z * rod.axis.z;
+                    let side = (from - rod.axis * along.max(-rod.half).min(rod.half)) * scale;
+                    let end = rod.axis * 1f32.copysign(along);
+                    if along.abs() > flat { end } else { side }
+                });
+            }
+            Form::Box { axes: [a, b, c], eye, half } => {
+                let own = |at: V3| V3::new(inner(a, at), inner(b, at), inner(c, at)) + eye;
+                self.face(|at| {
+                    let own = own(at);
+                    let over = own.abs() - half;
+                    let [a, b, c] = [(a, own.x), (b, own.y), (c, own.z)].map(|(axis, s)| axis * 1f32.copysign(s));
+                    let second = if over.y > over.z { b } else { c };
+                    if over.x > over.y.max(over.z) { a } else { second }
+                });
+                if paint.wood {
+                    self.grain(wood, |at| {
+                        let own = own(at);
+                        let over = own.abs() - half;
+                        let first = over.x > over.y.max(over.z);
+                        let second = over.y > over.z;
+                        [if first { own.y } else { own.x }, if first | second { own.z } else { own.y }]
+                    });
+                }
+            }
+        }
+    }
+
+    /// Which way the surface faces at each point in the eye's frame.
+    #[inline(always)]
+    fn face(&mut self, normal: impl Fn(V3) -> V3) {
+        let at = self.x.iter().zip(self.y).zip(self.depth.iter());
+        let n = self.nx.iter_mut().zip(self.ny.iter_mut()).zip(self.nz.iter_mut());
+        for (((x, y), t), ((nx, ny), nz)) in at.zip(n) {
+            let n = normal(V3::new(x * t, y * t, *t));
+            (*nx, *ny, *nz) = (n.x, n.y, n.z);
+        }
+    }
+
+    /// Multiplies the color by a texture around gray.
+    #[inline(always)]
+    fn grain(&mut self, (texture, scale): (&Texture, f32), place: impl Fn(V3) -> [f32; 2]) {
+        let (mut us, mut vs) = ([0.0f32; TILE], [0.0f32; TILE]);
+        let at = self.x.iter().zip(self.y).zip(self.depth.iter());
+        for (((x, y), t), (u, v)) in at.zip(us.iter_mut().zip(&mut vs)) {
+            let [a, b] = place(V3::new(x * t, y * t, *t));
+            (*u, *v) = (a * scale, b * scale);
+        }
+        let colors = self.red.iter_mut().zip(self.green.iter_mut()).zip(self.blue.iter_mut());
+        for ((u, v), ((r, g), b)) in us.iter().zip(&vs).zip(colors) {
+            let [red, green, blue] = texture.at(*u, *v);
+            *r *= red * (1.0 / 128.0);
+            *g *= green * (1.0 / 128.0);
+            *b *= blue * (1.0 / 128.0);
+        }
+    }
+}
+
+/// The inner product, in the words that become vector instructions.
+#[inline(always)]
+fn inner(a: V3, b: V3) -> f32 {
+    a.x * b.x + a.y * b.y + a.z * b.z
+}
