@@ -23,6 +23,7 @@ pub use controller::{Controller, schema as controller_schema};
 pub use difference::{Difference, differences};
 pub use error::ConfigError;
 pub use mobee_contract::{nearest, suggestion};
+pub(crate) use sensor::paths;
 pub use sensor::{EyeConfig, SensorConfig, WorldGateConfig};
 pub use shape::{Misfit, misfits};
 pub use source::Source;
@@ -325,7 +326,7 @@ impl Config {
                 *file = path.to_string_lossy().into_owned();
             }
         }
-        for (at, file) in self.sensor_files() {
+        for (at, file) in self.sensor_paths() {
             *file = source.relocated(&at, Path::new(file.as_str())).to_string_lossy().into_owned();
         }
         if let Some(folder) = self.yarp.as_mut().and_then(|y| y.save_folder.as_mut()) {

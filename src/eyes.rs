@@ -2,6 +2,7 @@
 
 mod draw;
 mod settings;
+mod views;
 
 use miette::Report;
 
@@ -9,7 +10,7 @@ use miette::Report;
 #[derive(clap::Subcommand, Clone, Debug)]
 pub enum EyesCommand {
     /// Take pictures of an object from random poses, in random light and scenery: NAME.png with NAME_mask.png for each eye, and
-    /// index.csv with motors, pixels and the true position.
+    /// index.csv with motors, pixels and the true position; for an iCub, views.csv for `mobee locator train`.
     Draw(draw::DrawArgs),
 }
 

@@ -13,6 +13,7 @@ mod simulated_head;
 
 use measure::{processor_time, sorted};
 use mobee_behaviors::locators::beginning::Beginning;
+use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::calibrated::Calibrated;
 use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
 use mobee_behaviors::locators::folds::{Fold, folds};
@@ -40,7 +41,8 @@ fn recorded(name: &str) {
     for kind in LocatorKind::ALL {
         let (mut all, mut unclipped) = (PlaceAnswers::default(), PlaceAnswers::default());
         for Fold { train, test } in folds(&known, 0).expect("folds") {
-            let file = LocatorFile::train(kind, &train, String::new(), 0, &mut |_| ()).expect("it learns");
+            let file = LocatorFile::train(kind, &train, String::new(), &Beginning::recorded(0), &mut |_| ())
+                .expect("it learns");
             let ready = file.ready();
             all.ask(&ready, &test);
             let test: Vec<KnownView> = test.into_iter().filter(|k| !k.view.is_clipped()).collect();

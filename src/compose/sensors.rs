@@ -1,12 +1,12 @@
 //! Sensors as a configuration names them: each part built once to see that it can be, and again whenever its actor starts.
 
 use super::{by_the_wall, derive_seed, kind, must_exist, placed};
-use crate::config::{ClockMode, Complaints, Config, SensorConfig, Source, WorldGateConfig, suggestion};
+use crate::config::{ClockMode, Complaints, Config, SensorConfig, Source, WorldGateConfig, paths, suggestion};
 use mobee_actors::system::{CameraSetup, LocatorSetup, PartMaker, SensorSetup, TruthCell, WorldGateSettings};
 use mobee_contract::{Camera, CameraContext, Context, Detector, Locator, Role};
 use mobee_model::Scene;
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::NamedTempFile;
@@ -52,15 +52,23 @@ impl Sensing<'_> {
             let seed = seed(&format!("{}/camera", eye.name));
             let truth = Arc::new(move || truth.now());
             let carried = CameraContext { robot: robot.clone(), index, seed, truth };
-            let camera = wrong.keep(self.part::<dyn Camera>(&at("camera"), &eye.camera, carried));
+            let camera = match source.was_sent() {
+                // who swaps a detector sends no pictures, and none are opened for others
+                true => None,
+                false => wrong.keep(self.part::<dyn Camera>(&at("camera"), &eye.camera, carried)),
+            };
             let detector = context(&format!("{}/detector", eye.name));
             let detector = wrong.keep(self.part::<dyn Detector>(&at("detector"), &eye.detector, detector));
-            let (Some((maker, first)), Some((detector, _))) = (camera, detector) else { continue };
-            is_simulated |= first.is_simulated();
-            if config.clock == ClockMode::Virtual && !first.runs_in_virtual_time() {
-                wrong.push(by_the_wall(source, &at("camera"), "camera"));
+            let Some((detector, _)) = detector else { continue };
+            if let Some((_, first)) = &camera {
+                is_simulated |= first.is_simulated();
+                if config.clock == ClockMode::Virtual && !first.runs_in_virtual_time() {
+                    wrong.push(by_the_wall(source, &at("camera"), "camera"));
+                }
             }
-            cameras.push(CameraSetup { name: eye.name.clone(), camera: maker, detector });
+            let none: PartMaker<dyn Camera> = Arc::new(|| Err("no camera was built".into()));
+            let camera = camera.map_or(none, |(maker, _)| maker);
+            cameras.push(CameraSetup { name: eye.name.clone(), camera, detector });
         }
         let locator = sensor.locator.as_ref().and_then(|table| {
             let at = format!("sensor[{i}].locator");
@@ -113,8 +121,11 @@ impl Sensing<'_> {
 
     /// A copy of the file that a part is made from, if it is; its settings then have the whole path of the original.
     fn kept(&self, at: &str, settings: &mut Value) -> Result<Option<Arc<NamedTempFile>>, Complaints> {
+        for (_, path) in paths(settings) {
+            *path = Config::beside(self.source, Path::new(path.as_str())).to_string_lossy().into_owned();
+        }
         let Some(Value::String(file)) = settings.get_mut("file") else { return Ok(None) };
-        let path = Config::beside(self.source, Path::new(file));
+        let path = PathBuf::from(file.as_str());
         let key = format!("{at}.file");
         let io = |e: std::io::Error| {
             self.source.error(&key, format!("no copy can be made of it: {e}"), "make room on the disk")
@@ -133,7 +144,6 @@ impl Sensing<'_> {
                     return Err(self.source.error(&key, what, "give a file of a detector or locator").into());
                 }
                 std::fs::copy(&path, copy.path()).map_err(io)?;
-                *file = path.to_string_lossy().into_owned();
             }
         }
         Ok(Some(Arc::new(copy)))

@@ -85,6 +85,24 @@ fn stale() -> f64 {
     2.0
 }
 
+/// The settings of a camera, detector or locator that are paths: of what was learned, or of pictures.
+pub(crate) fn paths(table: &mut Value) -> impl Iterator<Item = (&'static str, &mut String)> {
+    let mut found = Vec::new();
+    for (key, value) in table.as_object_mut().into_iter().flatten() {
+        match (key.as_str(), value) {
+            ("file", Value::String(path)) => found.push(("file", path)),
+            ("path", Value::String(path)) => found.push(("path", path)),
+            ("scenery", scenery) => {
+                if let Some(Value::String(path)) = scenery.get_mut("pictures") {
+                    found.push(("scenery.pictures", path));
+                }
+            }
+            _ => {}
+        }
+    }
+    found.into_iter()
+}
+
 impl SensorConfig {
     /// Which robot carries it.
     pub fn carrier(&self, config: &Config) -> Option<usize> {
@@ -97,18 +115,15 @@ impl SensorConfig {
 }
 
 impl Config {
-    /// The settings in tables of kinds that are paths of files, with their places.
-    pub(crate) fn sensor_files(&mut self) -> impl Iterator<Item = (String, &mut String)> {
+    /// The settings in tables of kinds that are paths, with their places.
+    pub(crate) fn sensor_paths(&mut self) -> impl Iterator<Item = (String, &mut String)> {
         self.sensor.iter_mut().enumerate().flat_map(|(i, sensor)| {
             let eyes = sensor.eye.iter_mut().enumerate().flat_map(move |(k, eye)| {
                 let at = move |part: &str| format!("sensor[{i}].eye[{k}].{part}");
                 [(at("camera"), &mut eye.camera), (at("detector"), &mut eye.detector)]
             });
             let tables = eyes.chain(sensor.locator.iter_mut().map(move |l| (format!("sensor[{i}].locator"), l)));
-            tables.filter_map(|(at, table)| match table.get_mut("file") {
-                Some(Value::String(path)) => Some((format!("{at}.file"), path)),
-                _ => None,
-            })
+            tables.flat_map(|(at, table)| paths(table).map(move |(key, path)| (format!("{at}.{key}"), path)))
         })
     }
 

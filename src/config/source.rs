@@ -78,6 +78,11 @@ impl Source {
         Source { texts: Some(texts), ..Source::resolved(path, value) }
     }
 
+    /// Whether the configuration was sent to a run, so that nothing is opened that it names.
+    pub fn was_sent(&self) -> bool {
+        self.texts.is_some()
+    }
+
     /// What was sent in place of the file at `path`, which the value at `at` names; `None` if files are to be read from the disk.
     ///
     /// # Errors

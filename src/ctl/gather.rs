@@ -30,7 +30,8 @@ pub(super) fn read(file: &Path) -> Result<Sent, Report> {
 
 /// The files that a configuration names.
 fn named(mut config: Config, source: &Source) -> Vec<PathBuf> {
-    let learned: Vec<PathBuf> = config.sensor_files().map(|(_, file)| PathBuf::from(file.as_str())).collect();
+    let learned = config.sensor_paths().filter(|(at, _)| at.ends_with(".file"));
+    let learned: Vec<PathBuf> = learned.map(|(_, file)| PathBuf::from(file.as_str())).collect();
     let models = config.robot.iter().map(|r| r.model.as_path());
     let tables = config.robot.iter().filter_map(|r| r.driver.get("file")?.as_str()).map(Path::new);
     let maps = config.robot.iter().filter_map(|r| r.agent.as_ref()?.get("map")?.as_str()).map(Path::new);

@@ -1,6 +1,7 @@
 //! `mobee eyes draw`.
 
 use super::settings::DrawSettings;
+use super::views::Views;
 use crate::config::{Complaints, ConfigError, Source};
 use crate::roadmap::{may_write, save_text};
 use crate::robot_import::Steps;
@@ -9,7 +10,7 @@ use miette::{IntoDiagnostic, Report, miette};
 use mobee_contract::{KindError, Time, Truth, suggestion};
 use mobee_drivers::eyes::{Owner, Shot, SimulatedEye, project};
 use mobee_model::{Edit, Robot, Scene};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Point3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::fmt::Write;
@@ -81,6 +82,7 @@ pub fn command(args: &DrawArgs) -> Result<String, Report> {
     std::fs::create_dir_all(&args.out).map_err(|e| unwritable(&args.out, &e))?;
     let mut rng = ChaCha8Rng::seed_from_u64(args.seed);
     let mut table = studio.head();
+    let mut views = Views::new(&studio.robot, studio.eyes.len());
     let bar = Steps::new();
     bar.step("takes pictures");
     for number in 0..args.count {
@@ -93,8 +95,14 @@ pub fn command(args: &DrawArgs) -> Result<String, Report> {
             save(&args.out.join(format!("{name}_{}", camera.marker)), shot, studio.object.1)?;
         }
         table += &studio.row(&name, &truth, &shots);
+        if let (Some(views), Some(q)) = (&mut views, truth.poses.first()) {
+            views.add(q, &shots, studio.object.1, &center(&truth.scene, &studio.object.0));
+        }
     }
     save_text(&index, &table)?;
+    if let Some(views) = views {
+        save_text(&args.out.join("views.csv"), &views.table)?;
+    }
     Ok(format!(
         "{}: {} pictures of {} from {} poses\n",
         args.out.display(),
@@ -252,12 +260,9 @@ impl Studio {
     }
 }
 
-/// The mean of the centers of an object's shapes, in the world.
+/// The middle of an object, in the world.
 fn center(scene: &Scene, name: &str) -> Point3<f64> {
-    let Some((_, object)) = scene.object(name) else { return Point3::origin() };
-    let sum: nalgebra::Vector3<f64> = object.shapes.iter().map(|s| s.pose.translation.vector).sum();
-    let at: Isometry3<f64> = object.pose;
-    at * Point3::from(sum / object.shapes.len().max(1) as f64)
+    scene.object(name).map_or_else(Point3::origin, |(_, object)| object.pose * Point3::from(object.middle()))
 }
 
 /// A picture and the mask of an object.

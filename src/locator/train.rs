@@ -4,7 +4,9 @@ use crate::config::ConfigError;
 use crate::roadmap::{may_write, save_text};
 use crate::robot_import::Steps;
 use miette::Report;
+use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
+use mobee_behaviors::locators::head::HeadKind;
 use std::path::PathBuf;
 
 /// What to learn, and where it goes.
@@ -20,6 +22,9 @@ pub struct LocatorTrainArgs {
     /// told more) or `calibrated` (by how much the head is off from its drawings).
     #[arg(long, value_parser = kind, default_value = "calibrated")]
     kind: LocatorKind,
+    /// The head's drawings that learning starts from: `v1` (iCubs of 2012) or `v2` (later ones, and the shipped model).
+    #[arg(long, value_parser = head, default_value = "v1")]
+    head: HeadKind,
     /// The seed of all randomness.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -34,6 +39,14 @@ fn kind(text: &str) -> Result<LocatorKind, String> {
     found.ok_or_else(|| format!("give one of {}", names.join(", ")))
 }
 
+fn head(text: &str) -> Result<HeadKind, String> {
+    match text {
+        "v1" => Ok(HeadKind::V1),
+        "v2" => Ok(HeadKind::V2),
+        _ => Err("give `v1` or `v2`".into()),
+    }
+}
+
 /// Learns the locator and says from how much.
 ///
 /// # Errors
@@ -44,8 +57,9 @@ pub fn command(args: &LocatorTrainArgs) -> Result<String, Report> {
     bar.step("reads views");
     let (table, digest) = super::table(&args.data)?;
     bar.step("learns, also without each fifth of the places");
+    let from = Beginning { head: args.head, ..Beginning::recorded(args.seed) };
     let file =
-        LocatorFile::train(args.kind, &table.known, digest, args.seed, &mut |share| bar.show(share)).map_err(|e| {
+        LocatorFile::train(args.kind, &table.known, digest, &from, &mut |share| bar.show(share)).map_err(|e| {
             let help = "give more views of more places, spread over the workspace";
             ConfigError::plain(format!("{}: {e}", args.data.display()), help)
         })?;

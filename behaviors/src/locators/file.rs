@@ -87,15 +87,15 @@ impl LocatorFile {
         kind: LocatorKind,
         known: &[KnownView],
         data: String,
-        seed: u64,
+        from: &Beginning,
         tell: &mut dyn FnMut(f64),
     ) -> Result<LocatorFile, Untaught> {
-        let from = Beginning::recorded(seed);
+        let seed = from.seed;
         let learned = match kind {
-            LocatorKind::Triangulate => LearnedPlaces::Triangulate(Box::new(Triangulated::train(known, &from)?)),
+            LocatorKind::Triangulate => LearnedPlaces::Triangulate(Box::new(Triangulated::train(known, from)?)),
             LocatorKind::Network => LearnedPlaces::Network(PublishedNetwork::train(known, seed, tell)?),
-            LocatorKind::Ensemble => LearnedPlaces::Ensemble(Box::new(Ensemble::train(known, &from, tell)?)),
-            LocatorKind::Calibrated => LearnedPlaces::Calibrated(Box::new(Calibrated::train(known, &from, tell)?)),
+            LocatorKind::Ensemble => LearnedPlaces::Ensemble(Box::new(Ensemble::train(known, from, tell)?)),
+            LocatorKind::Calibrated => LearnedPlaces::Calibrated(Box::new(Calibrated::train(known, from, tell)?)),
         };
         let format = learned_file::format_name(NOUN);
         let file = LocatorFile { format, version: LOCATOR_VERSION, data, seed, learned };

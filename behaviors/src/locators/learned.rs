@@ -5,7 +5,7 @@ use super::head::JointAngles;
 use super::lens::Lens;
 use super::tracker::Tracker;
 use super::view::{Glimpse, StereoView};
-use mobee_contract::{BodyState, Located, Locator, Sighting, Time};
+use mobee_contract::{BodyState, Intrinsics, Located, Locator, Region, Sighting, Time};
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -73,8 +73,8 @@ impl LearnedLocator {
 }
 
 /// What the camera that the file knows would have seen: another size or another lens makes other pixels of the same direction.
-fn glimpse(seen: &Sighting, lens: &Lens) -> Option<Glimpse> {
-    let own = Lens::from(seen.intrinsics);
+pub fn glimpse(region: &Region, intrinsics: Intrinsics, lens: &Lens) -> Option<Glimpse> {
+    let own = Lens::from(intrinsics);
     if !own.is_sound() {
         return None;
     }
@@ -82,10 +82,10 @@ fn glimpse(seen: &Sighting, lens: &Lens) -> Option<Glimpse> {
         let pixel = lens.project(&own.ray(&Vector2::from(pixel)))?.0;
         pixel.iter().all(|p| p.is_finite()).then_some(pixel)
     };
-    let [left, top, right, bottom] = seen.region.bounds;
+    let [left, top, right, bottom] = region.bounds;
     let (first, last) = (there([left, top])?, there([right, bottom])?);
     let bounds = Some([first.x, first.y, last.x - first.x, last.y - first.y]);
-    Some(Glimpse { center: there(seen.region.center)?.into(), bounds, is_clipped: seen.region.is_clipped })
+    Some(Glimpse { center: there(region.center)?.into(), bounds, is_clipped: region.is_clipped })
 }
 
 impl Locator for LearnedLocator {
@@ -107,7 +107,7 @@ impl Locator for LearnedLocator {
         }
         let mut found = Vec::new();
         for (object, (sighting, eye)) in surest {
-            let Some(glimpse) = glimpse(sighting, &lenses[eye]) else { continue };
+            let Some(glimpse) = glimpse(&sighting.region, sighting.intrinsics, &lenses[eye]) else { continue };
             let waiting = self.waiting.entry(object.to_owned()).or_default();
             waiting[eye] = Some((sighting.at, glimpse));
             let [Some((left_at, left)), Some((right_at, right))] = *waiting else { continue };

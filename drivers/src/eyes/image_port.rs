@@ -188,6 +188,10 @@ impl Camera for YarpCamera {
         let exposed = Time(now.0.saturating_sub(age.as_nanos() as u64));
         Ok(Some(Frame { exposed, intrinsics: self.lens, pixels: pixels.into() }))
     }
+
+    fn runs_in_virtual_time(&self) -> bool {
+        false
+    }
 }
 
 /// What the thread listens with.

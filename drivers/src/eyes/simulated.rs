@@ -39,6 +39,10 @@ impl Camera for SimulatedCamera {
         self.before = Some((at, now));
         Ok(Some(frame))
     }
+
+    fn is_simulated(&self) -> bool {
+        true
+    }
 }
 
 fn build(value: &Value, context: &CameraContext) -> Result<Box<dyn Camera>, KindError> {

@@ -1,6 +1,7 @@
 //! Locator files: what is written is read again, and nothing else is.
 
 use super::simulated_head::SimulatedHead;
+use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
 use mobee_behaviors::locators::view::KnownView;
 
@@ -12,7 +13,8 @@ fn views(n: usize) -> Vec<KnownView> {
 #[test]
 fn what_is_written_is_read_again() {
     for kind in [LocatorKind::Triangulate, LocatorKind::Ensemble, LocatorKind::Calibrated] {
-        let file = LocatorFile::train(kind, &views(40), "abc".into(), 7, &mut |_| ()).expect("learned");
+        let file =
+            LocatorFile::train(kind, &views(40), "abc".into(), &Beginning::recorded(7), &mut |_| ()).expect("learned");
         let again = LocatorFile::parse(&file.text()).expect("a locator");
         assert_eq!((again.kind(), again.seed, again.data.as_str()), (kind, 7, "abc"));
         let (a, b) = (file.ready(), again.ready());
@@ -27,7 +29,9 @@ fn what_is_written_is_read_again() {
 
 #[test]
 fn what_is_torn_of_another_version_or_impossible_is_refused_with_a_remedy() {
-    let file = LocatorFile::train(LocatorKind::Calibrated, &views(40), "abc".into(), 7, &mut |_| ()).expect("learned");
+    let file =
+        LocatorFile::train(LocatorKind::Calibrated, &views(40), "abc".into(), &Beginning::recorded(7), &mut |_| ())
+            .expect("learned");
     let text = file.text();
     let theta = text.find("\"theta\":[").expect("it has parameters") + 9;
     let comma = theta + text[theta..].find(',').expect("several");

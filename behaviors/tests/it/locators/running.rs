@@ -1,6 +1,7 @@
 //! A locator in a run, and the tracker.
 
 use super::simulated_head::SimulatedHead;
+use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
 use mobee_behaviors::locators::learned::{EyeNames, LearnedLocator};
 use mobee_behaviors::locators::lens::Lens;
@@ -49,7 +50,8 @@ fn ask(locator: &mut LearnedLocator, known: &KnownView, times_s: [f64; 2]) -> Ve
 fn eyes_are_paired_if_they_saw_it_at_about_the_same_time_whatever_the_size_of_their_pictures() {
     let mut head = SimulatedHead::new(21);
     let seen: Vec<KnownView> = (0..150).map(|_| head.view(true)).collect();
-    let file = LocatorFile::train(LocatorKind::Calibrated, &seen, String::new(), 0, &mut |_| ()).expect("learned");
+    let file = LocatorFile::train(LocatorKind::Calibrated, &seen, String::new(), &Beginning::recorded(0), &mut |_| ())
+        .expect("learned");
     let joints = std::array::from_fn(|i| i + 3);
     let mut locator = LearnedLocator::new(&file, joints, EyeNames { left: None, right: None }, false);
     let known = head.view(false);
