@@ -28,7 +28,7 @@ pub enum HeadKind {
     /// The first generation, as in the paper's years.
     #[default]
     V1,
-    /// The second one, with a longer neck.
+    /// The second one (2.10), with a longer neck.
     V2,
 }
 
@@ -50,7 +50,7 @@ impl HeadKind {
     fn links(self) -> [Link; 8] {
         let (waist, shoulders, neck, rise, eyes) = match self {
             HeadKind::V1 => ((0.00231, -0.1933), 0.033, 0.001, -0.054, 0.0825),
-            HeadKind::V2 => ((0.00231, -0.2233), 0.0095, 0.0, -0.0509, 0.08205),
+            HeadKind::V2 => ((0.0053, -0.2233), 0.011, 0.0, -0.051, 0.08052),
         };
         [
             (0.032, 0.0, 1, 0),

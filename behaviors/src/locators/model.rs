@@ -1,6 +1,6 @@
 //! The kinematic model of a seeing head, with everything that may be off from what its drawings say: where both eyes see a place.
 //!
-//! Parameters are a plain vector, because the fit wants one; [`Parameter`] says where each is, and how far it is believed to be off.
+//! Parameters are a plain vector, because the fit wants one; `parameters.rs` says where each is, and how far it is believed to be off.
 
 use super::head::{HeadKind, JointAngles};
 use super::lens::Lens;

@@ -12,14 +12,12 @@ use rand_chacha::ChaCha8Rng;
 fn eyes_are_where_the_drawings_have_them() {
     for (kind, x, z) in [(HeadKind::V1, -0.06281, 0.3408), (HeadKind::V2, -0.061709, 0.346347)] {
         for (eye, y) in kind.eyes(&[0.0; 9]).into_iter().zip([-0.034, 0.034]) {
-            assert!((eye.center - Vector3::new(x, y, z)).norm() < 0.027, "{kind:?} {}", eye.center);
+            assert!((eye.center - Vector3::new(x, y, z)).norm() < 1e-3, "{kind:?} {}", eye.center);
             // the optical axis looks along -x of the root, right is +y, down is -z
             let axes = Matrix3::new(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
             assert!((eye.root_from_camera - axes).norm() < 1e-12);
         }
     }
-    let [left, _] = HeadKind::V1.eyes(&[0.0; 9]);
-    assert!((left.center - Vector3::new(-0.06281, -0.034, 0.3408)).norm() < 1e-4, "{}", left.center);
 }
 
 #[test]
