@@ -83,7 +83,10 @@ impl Locating {
                 self.shared.model.send(ModelMsg::Seen(object.object.clone(), object.position));
             }
         }
-        self.shared.tell(Event::Located { sensor: self.placing.sensor.clone(), exposed, objects, admissions });
+        // what one eye saw alone, say, tells nothing yet
+        if !objects.is_empty() {
+            self.shared.tell(Event::Located { sensor: self.placing.sensor.clone(), exposed, objects, admissions });
+        }
         Ok(())
     }
 }
