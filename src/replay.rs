@@ -105,6 +105,7 @@ impl Recorded {
         let verdict = Verdict::default();
         let compare = Compare::new(&self.dir, until, verdict.clone(), stop).map_err(journal_error)?;
         let spec = SinkSpec {
+            pictures: false,
             name: "compare".into(),
             essential: false,
             poses: None,

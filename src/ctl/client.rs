@@ -93,9 +93,11 @@ async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
         _ => "robot",
     };
     let name = names.iter_mut().find(|(of, _)| *of == own).and_then(|(_, name)| name.take()).unwrap_or_default();
-    if names.iter().any(|(_, name)| name.is_some()) {
+    if let Some((other, _)) = names.iter().find(|(_, name)| name.is_some()) {
+        let option = if *other == "detector" { "sensor" } else { other };
+        let what = format!("--{option} does not say whose {} is meant", args.part);
         let help = "name a bridge with --bridge, a detector's sensor with --sensor, and the robot of any other part with --robot";
-        return Err(ConfigError::plain(format!("a {} is named otherwise", args.part), help).into());
+        return Err(ConfigError::plain(what, help).into());
     }
     let numbers = [args.shadow, args.probation, args.budget].map(|n| n.to_string());
     let mut words = vec!["swap".to_owned(), name.clone(), args.part.clone()];

@@ -33,6 +33,7 @@ pub(super) const TERMINAL: &str = "terminal";
 pub(super) fn journal(journal: &Journal) -> SinkSpec {
     let journal = journal.clone();
     SinkSpec {
+        pictures: false,
         name: "journal".into(),
         essential: true,
         poses: None,
@@ -48,6 +49,7 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
     let rings: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.history)).collect();
     let dir = folder.path().to_owned();
     (config.clock == ClockMode::Real).then(|| SinkSpec {
+        pictures: false,
         name: "poses".into(),
         essential: false,
         poses: Some(Duration::ZERO),
@@ -71,6 +73,7 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
     let robots: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.tolerance_deg.to_radians())).collect();
     let (tracks, dir) = (Tracks::open(folder.path(), &robots)?, folder.path().to_owned());
     Ok(Some(SinkSpec {
+        pictures: false,
         name: "track".into(),
         essential: false,
         poses: Some(Duration::ZERO),
@@ -86,6 +89,7 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
 /// Warnings, as they come.
 pub(super) fn terminal(bar: Bar) -> SinkSpec {
     SinkSpec {
+        pictures: false,
         name: TERMINAL.into(),
         essential: false,
         poses: None,
@@ -121,6 +125,7 @@ pub(super) fn recorder(
         })
     });
     Some(SinkSpec {
+        pictures: true,
         name: "recorder".into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
@@ -139,6 +144,7 @@ pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
         Arc::new(move || Ok(Box::new(Recorder::new(&settings).map_err(|e| e.to_string())?)))
     });
     (config.clock == ClockMode::Real).then(|| SinkSpec {
+        pictures: true,
         name: VIEWER.into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),

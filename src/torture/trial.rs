@@ -145,6 +145,7 @@ impl Sink for Watch {
                     self.witness.really(at, &truth);
                 }
             }
+            Entry::Picture { .. } => {}
             Entry::Scene(scene) => self.witness.scene(scene),
         }
         self.sinks.iter_mut().try_for_each(|sink| sink.write(at, entry))

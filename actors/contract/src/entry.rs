@@ -1,6 +1,6 @@
 //! The record of a run, as its sinks receive it.
 
-use crate::{Event, Pose, Time};
+use crate::{Event, Frame, Pose, Region, Time};
 use mobee_model::{Contact, Scene};
 use std::sync::Arc;
 
@@ -17,6 +17,15 @@ pub enum Entry {
         q: Pose,
         /// Pairs nearer than the margin.
         contacts: Arc<[Contact]>,
+    },
+    /// A picture and what a detector found in it, for a recorder; a journal ignores it.
+    Picture {
+        /// The camera, by its name in the run.
+        camera: Arc<str>,
+        /// What it saw.
+        frame: Frame,
+        /// What its detector found.
+        regions: Arc<[Region]>,
     },
     /// The scene, at the start and after each edit, for a recorder; a journal ignores it.
     Scene(Arc<Scene>),

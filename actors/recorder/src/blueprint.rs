@@ -27,6 +27,8 @@ pub(crate) struct Page {
     pub(crate) root: String,
     /// Its robots.
     pub(crate) robots: Vec<Shown>,
+    /// Its cameras, as entities.
+    pub(crate) eyes: Vec<String>,
     /// Where to look from.
     pub(crate) front: Front,
 }
@@ -121,7 +123,7 @@ impl Print<'_> {
 
     /// Everything of one recorder.
     fn page(&mut self, page: &Page) -> Result<Place, String> {
-        let Page { root, robots, front } = page;
+        let Page { root, robots, eyes, front } = page;
         let scene = self.scene(page, front)?;
         let mut maps = Vec::new();
         for robot in robots {
@@ -148,11 +150,30 @@ impl Print<'_> {
             }
         }
         let plots = self.tabs("Joints", &plots)?;
-        let right = self.container(ContainerKind::Vertical, "Map and words", &[maps, texts], &[3.0, 2.0])?;
+        let right = match self.eyes(root, eyes)? {
+            None => self.container(ContainerKind::Vertical, "Map and words", &[maps, texts], &[3.0, 2.0])?,
+            Some(seen) => {
+                let all = [seen, maps, texts];
+                self.container(ContainerKind::Vertical, "Eyes, map and words", &all, &[2.0, 2.0, 2.0])?
+            }
+        };
         let top = self.container(ContainerKind::Horizontal, "Scene and map", &[scene, right], &[3.0, 2.0])?;
         let bottom = self.container(ContainerKind::Horizontal, "Over time", &[lanes, plots], &[3.0, 2.0])?;
         let name = if root.is_empty() { "Run" } else { root.trim_end_matches('/') };
         self.container(ContainerKind::Vertical, name, &[top, bottom], &[3.0, 1.0])
+    }
+
+    /// What the cameras see, side by side.
+    fn eyes(&mut self, root: &str, eyes: &[String]) -> Result<Option<Place>, String> {
+        let mut views = Vec::new();
+        for eye in eyes {
+            let name = eye.trim_start_matches("eyes/");
+            views.push(self.view("2D", name, &format!("/{root}{eye}"))?);
+        }
+        if views.is_empty() {
+            return Ok(None);
+        }
+        self.container(ContainerKind::Horizontal, "Eyes", &views, &vec![1.0; views.len()]).map(Some)
     }
 
     /// The world, seen from the robot's front, trails of the last seconds only.

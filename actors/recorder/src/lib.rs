@@ -20,6 +20,7 @@ mod body;
 mod contents;
 mod disk;
 mod draw;
+mod eyes;
 mod front;
 mod layout;
 mod legend;

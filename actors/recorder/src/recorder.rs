@@ -2,6 +2,7 @@
 
 use crate::blueprint::Page;
 use crate::body::entity;
+use crate::eyes;
 use crate::front::Front;
 use crate::objects::Objects;
 use crate::palette;
@@ -10,7 +11,7 @@ use crate::shadow::Shadow;
 use crate::shapes::touched;
 use crate::stream::{Stream, Written};
 use crate::words;
-use mobee_contract::{Entry, Event, Sink, Time};
+use mobee_contract::{Entry, Event, Frame, Region, Sink, Time};
 use mobee_model::{Contact, Scene};
 use rerun::{Points3D, StateChange, TextLog};
 use std::sync::Arc;
@@ -29,6 +30,8 @@ pub struct Recorder {
     recording: Recording,
     stream: Stream,
     robots: Vec<Shadow>,
+    /// The cameras of which there were pictures, as entities.
+    eyes: Vec<String>,
     objects: Objects,
     front: Option<Front>,
     scene: Option<Arc<Scene>>,
@@ -63,6 +66,7 @@ impl Recorder {
             recording,
             stream,
             robots: Vec::new(),
+            eyes: Vec::new(),
             objects: Objects::default(),
             front: None,
             scene: None,
@@ -85,6 +89,16 @@ impl Recorder {
         self.objects.update(&self.stream, scene)?;
         self.scene = Some(Arc::clone(scene));
         self.paint()
+    }
+
+    /// Shows what a camera sees, with what was found in it. The first of a camera makes room for it in the layout.
+    fn picture(&mut self, camera: &str, frame: &Frame, regions: &[Region]) -> Written {
+        let eye = eyes::path(camera);
+        if !self.eyes.contains(&eye) {
+            self.eyes.push(eye.clone());
+            self.lay_out()?;
+        }
+        eyes::show(&self.stream, &eye, frame, regions)
     }
 
     fn pose(&mut self, at: Time, robot: usize, q: &[f64], contacts: &[Contact]) -> Written {
@@ -180,8 +194,8 @@ impl Recorder {
     /// Sends the layout; again when a map has outgrown its view, which does not follow by itself.
     fn lay_out(&self) -> Written {
         let Some(front) = self.front else { return Ok(()) };
-        let page =
-            Page { root: self.stream.root.clone(), robots: self.robots.iter().map(Shadow::shown).collect(), front };
+        let robots = self.robots.iter().map(Shadow::shown).collect();
+        let page = Page { root: self.stream.root.clone(), robots, eyes: self.eyes.clone(), front };
         self.recording.lay_out(page)
     }
 
@@ -215,6 +229,7 @@ impl Sink for Recorder {
             Entry::Event(event) => self.event(event),
             Entry::Pose { robot, q, contacts } => self.pose(at, *robot, q, contacts),
             Entry::Scene(scene) => self.scene(scene),
+            Entry::Picture { camera, frame, regions } => self.picture(camera, frame, regions),
         }
     }
 

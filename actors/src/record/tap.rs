@@ -19,7 +19,7 @@ pub use watch::TapActor;
 use crate::runtime::clock::ClockKind;
 use crate::runtime::stream::StreamCounters;
 use crate::runtime::supervision::Emit;
-use mobee_contract::{Entry, Event, Pose, Sink, Time};
+use mobee_contract::{Entry, Event, Frame, Pose, Region, Sink, Time};
 use mobee_model::{Contact, Scene};
 use pipe::Pipe;
 use std::fmt;
@@ -39,6 +39,8 @@ pub struct SinkSpec {
     /// Whether it wants poses and scenes, and how far apart: at most one pose per robot in each such span, and one whenever
     /// contact begins or ends. Zero wants every pose.
     pub poses: Option<Duration>,
+    /// Whether it wants pictures, too: a few per second of each camera. Only of a sink that wants poses.
+    pub pictures: bool,
     /// Greatest number of entries that wait for it.
     pub capacity: usize,
     /// How long it may take for one entry at the end of the run, before it is left behind.
@@ -144,6 +146,13 @@ impl Taps {
         }
         if self.0.memory.is_some() {
             self.remember(at, &Entry::Pose { robot, q: q.clone(), contacts: contacts.clone() });
+        }
+    }
+
+    /// Tells what a camera saw to those who want pictures, with what its detector found in it.
+    pub fn picture(&self, at: Time, camera: &str, frame: &Frame, regions: &[Region]) {
+        for pipe in &self.0.pipes {
+            pipe.push_picture(at, camera, frame, regions);
         }
     }
 

@@ -94,7 +94,7 @@ impl Sink for Tracks {
                 }
             }
             Entry::Pose { robot, q, .. } => self.tracks().get_mut(*robot).map_or(Ok(()), |track| track.pose(at, q)),
-            Entry::Scene(_) => Ok(()),
+            Entry::Scene(_) | Entry::Picture { .. } => Ok(()),
         }
     }
 

@@ -145,8 +145,15 @@ fn the_journal_works_behind_the_taps() {
     let keep = journal.clone();
     let open: OpenSink = Arc::new(move || Ok(journal.sink()));
     let patience = std::time::Duration::from_secs(30);
-    let spec =
-        SinkSpec { name: "journal".into(), essential: true, poses: None, capacity: 16, patience, open: Some(open) };
+    let spec = SinkSpec {
+        pictures: false,
+        name: "journal".into(),
+        essential: true,
+        poses: None,
+        capacity: 16,
+        patience,
+        open: Some(open),
+    };
     let taps = Taps::spawn(ClockKind::Virtual, vec![spec]).unwrap();
     (0..500).for_each(|i| taps.event(Time(i), outcome(i, vec![])));
     let report = taps.finish(Time(500), Event::Ended { reason: "done".into() });

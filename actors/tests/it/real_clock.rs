@@ -60,7 +60,15 @@ fn contact_stop_and_the_whole_retreat_wait_for_no_disk() {
     let disk = Arc::new(Disk::default());
     let spec = |name: &str, open: OpenSink| {
         let patience = Duration::from_secs(30);
-        SinkSpec { name: name.into(), essential: false, poses: None, capacity: 8192, patience, open: Some(open) }
+        SinkSpec {
+            pictures: false,
+            name: name.into(),
+            essential: false,
+            poses: None,
+            capacity: 8192,
+            patience,
+            open: Some(open),
+        }
     };
     let (on, by) = (disk.clone(), disk.clone());
     let slow: OpenSink = Arc::new(move || Ok(Box::new(OnDisk(journal.sink(), on.clone()))));

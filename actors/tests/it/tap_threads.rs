@@ -61,6 +61,7 @@ impl Sink for Slow {
 fn spec(name: &str, essential: bool, board: &Arc<Board>, capacity: usize) -> SinkSpec {
     let board = board.clone();
     SinkSpec {
+        pictures: false,
         name: name.into(),
         essential,
         poses: (!essential).then_some(Duration::from_millis(50)),

@@ -67,7 +67,7 @@ impl Kept {
     fn key(&mut self, entry: &Entry) -> Option<Key> {
         let event = match entry {
             Entry::Scene(_) => return Some(Key::Scene),
-            Entry::Pose { .. } => return None,
+            Entry::Pose { .. } | Entry::Picture { .. } => return None,
             Entry::Event(event) => event,
         };
         Some(match &**event {

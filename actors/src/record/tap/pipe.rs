@@ -3,7 +3,7 @@
 use super::{Kept, OpenSink, SinkSpec};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::stream::StreamCounters;
-use mobee_contract::{Entry, Event, Pose, Sink, Time};
+use mobee_contract::{Entry, Event, Frame, Pose, Region, Sink, Time};
 use mobee_model::Contact;
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -14,6 +14,11 @@ use std::time::Duration;
 
 /// How long entries may wait for more to come, so that the sink's thread is woken rarely.
 const GATHER: Duration = Duration::from_millis(20);
+
+/// How far apart the pictures of one camera are, at least.
+const PICTURES: Duration = Duration::from_millis(200);
+/// So many pictures wait for a sink at most.
+const WAITING: usize = 64;
 
 /// What became of the entries of a sink.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -82,6 +87,8 @@ struct Queue {
     dropped: u64,
     /// Per robot: the span of its last pose, and whether it was in contact.
     last: BTreeMap<usize, (u64, bool)>,
+    /// Per camera: when its last picture was told.
+    pictures: BTreeMap<String, Time>,
 }
 
 impl Shared {
@@ -196,6 +203,26 @@ impl Pipe {
             return;
         }
         let entry = Entry::Pose { robot, q: q.clone(), contacts: contacts.clone() };
+        self.put(queue, at, entry);
+    }
+
+    /// Pictures are large: a few per second of each camera are told, and few wait.
+    pub(super) fn push_picture(&self, at: Time, camera: &str, frame: &Frame, regions: &[Region]) {
+        if !self.spec.pictures {
+            return;
+        }
+        let mut queue = self.shared.lock();
+        let last = queue.pictures.get(camera);
+        if queue.threads == 0 || last.is_some_and(|last| at < *last + PICTURES) {
+            return;
+        }
+        queue.pictures.insert(camera.into(), at);
+        let waiting = queue.entries.iter().filter(|(_, e)| matches!(e, Entry::Picture { .. })).count();
+        if waiting >= WAITING {
+            (queue.sent, queue.dropped) = (queue.sent + 1, queue.dropped + 1);
+            return;
+        }
+        let entry = Entry::Picture { camera: camera.into(), frame: frame.clone(), regions: regions.into() };
         self.put(queue, at, entry);
     }
 

@@ -108,6 +108,7 @@ impl Detecting {
             let camera = self.eye.name.as_str().into();
             seen.push(Seen { camera, intrinsics, exposed, regions: regions.clone() });
         }
+        self.shared.taps.picture(self.shared.clock.now(), &self.eye.name, &shown, &regions);
         self.shared.tell(Event::Sighted { camera: self.eye.name.clone(), exposed, regions, is_shadow: false });
         self.look_on(&shown).await;
         Ok(true)

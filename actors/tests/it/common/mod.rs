@@ -161,7 +161,7 @@ fn behind(clock: ClockKind, mut sinks: Vec<SinkSpec>) -> (Taps, Collected) {
     let (keep, patience) = (told.clone(), Duration::from_secs(30));
     let open: mobee_actors::record::tap::OpenSink = Arc::new(move || Ok(Box::new(keep.clone())));
     let (name, essential, poses, capacity) = ("test".into(), false, None, 8192);
-    sinks.push(SinkSpec { name, essential, poses, capacity, patience, open: Some(open) });
+    sinks.push(SinkSpec { pictures: false, name, essential, poses, capacity, patience, open: Some(open) });
     (Taps::spawn(clock, sinks).unwrap(), told)
 }
 
