@@ -36,28 +36,28 @@ fn information(model: &HeadModel, lesson: &Lesson, noise: &Noise) -> Matrix4<f64
     covariance.try_inverse().unwrap_or_else(Matrix4::zeros)
 }
 
-fn cost(model: &HeadModel, lessons: &[Lesson], informations: &[Matrix4<f64>], priors: &[Prior]) -> f64 {
+fn cost(model: &HeadModel, lessons: &[Lesson], weights: &[Matrix4<f64>], priors: &[Prior]) -> f64 {
     let one = |(lesson, information): (&Lesson, &Matrix4<f64>)| {
         let square = off(model, lesson).map_or(UNSEEN, |r| r.dot(&(information * r)));
         0.5 * (NU + 4.0) * (square / NU).ln_1p()
     };
     let strange = |(t, p): (&f64, &Prior)| 0.5 * ((t - p.middle) / p.deviation).powi(2);
-    lessons.iter().zip(informations).map(one).sum::<f64>() + model.theta.iter().zip(priors).map(strange).sum::<f64>()
+    lessons.iter().zip(weights).map(one).sum::<f64>() + model.theta.iter().zip(priors).map(strange).sum::<f64>()
 }
 
 /// Fits the parameters, from where they are. Returns the curvature of what was minimized there: the inverse of the parameters'
 /// covariance.
 pub(super) fn fit(model: &mut HeadModel, lessons: &[Lesson], noise: &Noise, priors: &[Prior]) -> DMatrix<f64> {
-    let informations: Vec<_> = lessons.iter().map(|l| information(model, l, noise)).collect();
-    let mut now = cost(model, lessons, &informations, priors);
+    let weights: Vec<_> = lessons.iter().map(|l| information(model, l, noise)).collect();
+    let mut now = cost(model, lessons, &weights, priors);
     let mut damping = 1e-3;
-    let (mut curvature, mut gradient) = normal(model, lessons, &informations, priors);
+    let (mut curvature, mut gradient) = normal(model, lessons, &weights, priors);
     for _ in 0..STEPS.0 {
         let damped = &curvature + DMatrix::from_diagonal(&(curvature.diagonal() * damping));
         let Some(step) = damped.cholesky().map(|c| c.solve(&gradient)) else { break };
         let mut next = model.clone();
         next.theta.iter_mut().zip(step.iter()).for_each(|(t, s)| *t += s);
-        let then = cost(&next, lessons, &informations, priors);
+        let then = cost(&next, lessons, &weights, priors);
         // a cost that is not a number is none that is less
         if then.partial_cmp(&now) != Some(std::cmp::Ordering::Less) {
             damping *= 10.0;
@@ -68,7 +68,7 @@ pub(super) fn fit(model: &mut HeadModel, lessons: &[Lesson], noise: &Noise, prio
         }
         let gained = now - then;
         (*model, now, damping) = (next, then, (damping * 0.1).max(1e-9));
-        (curvature, gradient) = normal(model, lessons, &informations, priors);
+        (curvature, gradient) = normal(model, lessons, &weights, priors);
         if gained < STEPS.1 {
             break;
         }
@@ -80,13 +80,13 @@ pub(super) fn fit(model: &mut HeadModel, lessons: &[Lesson], noise: &Noise, prio
 fn normal(
     model: &HeadModel,
     lessons: &[Lesson],
-    informations: &[Matrix4<f64>],
+    weights: &[Matrix4<f64>],
     priors: &[Prior],
 ) -> (DMatrix<f64>, DVector<f64>) {
     let n = model.theta.len();
     let mut rows: Vec<f64> = Vec::with_capacity(lessons.len() * 4 * n);
     let mut gradient = DVector::zeros(n);
-    for (lesson, information) in lessons.iter().zip(informations) {
+    for (lesson, information) in lessons.iter().zip(weights) {
         let view = &lesson.known.view;
         let looking = model.look(&view.encoders, &lesson.origin.toward);
         let Some(seen) = looking.see(&lesson.known.place) else { continue };

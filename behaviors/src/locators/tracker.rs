@@ -13,7 +13,7 @@ const MOVED: usize = 3;
 /// The place that views of a resting object agree on; `None` if there are none. What they are off in common (`common`, square meters)
 /// does not get less with more views.
 pub fn fuse(views: &[Estimate], common: &Matrix3<f64>) -> Option<Estimate> {
-    let informations: Vec<_> = views.iter().map(|v| v.covariance.try_inverse()).collect::<Option<_>>()?;
+    let weights: Vec<_> = views.iter().map(|v| v.covariance.try_inverse()).collect::<Option<_>>()?;
     let middle = |axis: usize| {
         let mut all: Vec<f64> = views.iter().map(|v| v.place[axis]).collect();
         all.sort_by(f64::total_cmp);
@@ -23,7 +23,7 @@ pub fn fuse(views: &[Estimate], common: &Matrix3<f64>) -> Option<Estimate> {
     let mut information = Matrix3::zeros();
     for _ in 0..20 {
         let (mut sum, mut right) = (Matrix3::zeros(), Vector3::zeros());
-        for (view, of) in views.iter().zip(&informations) {
+        for (view, of) in views.iter().zip(&weights) {
             let off = view.place - place;
             let weight = (NU + 3.0) / (NU + off.dot(&(of * off)));
             sum += of * weight;
