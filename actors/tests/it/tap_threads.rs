@@ -49,6 +49,7 @@ impl Sink for Slow {
             },
             Entry::Pose { robot, .. } => format!("pose {robot}"),
             Entry::Scene(_) => "scene".into(),
+            Entry::Picture { camera, .. } => format!("picture {camera}"),
         };
         state.1.push(text);
         Ok(())
