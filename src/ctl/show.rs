@@ -1,7 +1,7 @@
 //! A running system in words: one line per robot, then the tree and the links.
 
 use mobee_actors::runtime::supervision::Health;
-use mobee_actors::system::{Kept, RobotReport, SystemReport};
+use mobee_actors::system::{KeptObject, RobotReport, SystemReport};
 use mobee_contract::{Hold, Status, SwapPart, SwapStep};
 use std::fmt::Write;
 
@@ -46,7 +46,7 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     }
     lines.extend(now.beside.iter().map(|((name, part), step)| format!("{name}  swap of the {part}: {step}")));
     for sensor in &now.sensors {
-        for Kept { object, place, seen, is_stale } in &sensor.objects {
+        for KeptObject { object, place, seen, is_stale } in &sensor.objects {
             let age = now.at.since(*seen).as_secs_f64();
             lines.push(match place {
                 None => format!("{}  {object} has not been seen", sensor.name),
@@ -141,7 +141,7 @@ mod tests {
         let child = |name: &str, restarts, alive| Health { name: name.into(), alive, restarts, children: Vec::new() };
         let children = vec![child("model", 0, true), child("icub/driver", 2, false)];
         let counters = |sent| StreamCounters { sent, handled: sent - 3, queued: 1, dropped: 2 };
-        let cup = |secs: u64| Kept {
+        let cup = |secs: u64| KeptObject {
             object: "cup".into(),
             place: Some([0.3, -0.1, 1.0]),
             seen: Time((secs - 3) * 1_000_000_000),

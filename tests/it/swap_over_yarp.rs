@@ -91,7 +91,7 @@ fn a_bridge_is_exchanged_while_a_program_moves_the_robot_through_it() {
         (&["swap", "bridge", &several, "--bridge", "yarb"], "there are: yarp"),
         (&["swap", "bridge", &wrong], "there is no kind `yarb`"),
         (&["swap", "bridge", &none], "add a table [yarp] or [[bridge]]"),
-        (&["swap", "detector", &other], "no camera"),
+        (&["swap", "detector", &other], "no sensor"),
         (&["swap", "planner", &other], "can't be swapped"),
     ] {
         let (done, said) = ctl(words);

@@ -17,7 +17,7 @@ mod world_gate;
 pub use camera::CameraActor;
 pub use detector::{DetectorActor, DetectorMsg};
 pub use locator::LocatorActor;
-pub use world_gate::{Kept, WorldGate, WorldGateSettings};
+pub use world_gate::{KeptObject, WorldGate, WorldGateSettings};
 
 use crate::runtime::stream::{Stream, StreamCounters};
 use crate::wiring::{ActorLink, LatestCell, RobotContext, Seat, SharedContext};

@@ -3,7 +3,7 @@
 use super::RunCounts;
 use crate::runtime::stream::StreamCounters;
 use crate::runtime::supervision::Health;
-use crate::shell::{Kept, Sensor};
+use crate::shell::{KeptObject, Sensor};
 use crate::wiring::{RobotContext, SharedContext};
 use mobee_contract::{AnswerTime, Status, SwapPart, SwapStep, Time};
 use std::collections::BTreeMap;
@@ -55,7 +55,7 @@ pub struct SensorReport {
     /// Its name.
     pub name: String,
     /// The objects that it keeps.
-    pub objects: Vec<Kept>,
+    pub objects: Vec<KeptObject>,
 }
 
 impl SensorReport {

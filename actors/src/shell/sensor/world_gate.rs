@@ -54,7 +54,7 @@ struct Track {
 
 /// How an object is kept.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Kept {
+pub struct KeptObject {
     /// Its name.
     pub object: String,
     /// Where it was seen last and believed, meters.
@@ -123,8 +123,8 @@ impl WorldGate {
     }
 
     /// How all its objects are.
-    pub fn kept(&self) -> Vec<Kept> {
-        let kept = |(name, track): (&String, &Track)| Kept {
+    pub fn kept(&self) -> Vec<KeptObject> {
+        let kept = |(name, track): (&String, &Track)| KeptObject {
             object: name.clone(),
             place: track.place.map(Into::into),
             seen: track.seen,
