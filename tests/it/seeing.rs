@@ -26,7 +26,7 @@ fn the_model_follows_what_is_seen_and_equal_seeds_see_the_same() {
 }
 
 #[test]
-fn without_a_gate_the_model_has_what_the_script_says() {
+fn what_no_sensor_keeps_is_where_the_script_puts_it() {
     let done = look(&["sensor.eyes.gate.objects=[\"table\"]"]);
     assert!(off(&done, [-0.42, -0.12, -0.10]) < 1e-9, "nothing keeps the cup but the script");
 }
