@@ -13,7 +13,6 @@ mod simulated_head;
 
 use measure::{processor_time, sorted};
 use mobee_behaviors::locators::beginning::Beginning;
-use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::calibrated::Calibrated;
 use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
 use mobee_behaviors::locators::folds::{Fold, folds};

@@ -25,6 +25,7 @@ mod resume_evidence;
 mod roadmap_files;
 mod same_seed_same_run;
 mod schema;
+mod seeing;
 mod shipped_behaviors;
 mod slides_over_yarp;
 mod swap_over_yarp;
