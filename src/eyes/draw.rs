@@ -7,6 +7,7 @@ use crate::roadmap::{may_write, save_text};
 use crate::robot_import::Steps;
 use image::{GrayImage, RgbImage};
 use miette::{IntoDiagnostic, Report, miette};
+use mobee_behaviors::locators::rows;
 use mobee_contract::{KindError, Time, Truth, suggestion};
 use mobee_drivers::eyes::{Owner, Shot, SimulatedEye, project};
 use mobee_model::{Edit, Robot, Scene};
@@ -101,7 +102,7 @@ pub fn command(args: &DrawArgs) -> Result<String, Report> {
     }
     save_text(&index, &table)?;
     if let Some(views) = views {
-        save_text(&args.out.join("views.csv"), &views.table)?;
+        save_text(&args.out.join("views.csv"), &rows::table(&views.known))?;
     }
     Ok(format!(
         "{}: {} pictures of {} from {} poses\n",

@@ -1,7 +1,12 @@
 //! What really happens, beside what the system says of it: contacts computed anew from every second pose, and the boards' true speeds.
 //! A checker of the journal can't see what was never told; a witness can.
 
-use mobee_contract::{Event, Hold, Pose, Status, Time};
+mod joint;
+
+pub use joint::Joint;
+
+use joint::stopped_by;
+use mobee_contract::{Event, Pose, Status, Time};
 use mobee_model::{Contact, Pair, Scene, ShapeId, Sweep};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -53,48 +58,6 @@ pub struct Witness {
     pub joint: Joint,
     /// What was seen to be broken: the invariant, and a sentence.
     pub found: Vec<(&'static str, String)>,
-}
-
-/// Retreats of several robots at once.
-#[derive(Clone, Debug, Default)]
-pub struct Joint {
-    /// How often that began.
-    pub times: u64,
-    /// How many robots took part.
-    pub retreats: u64,
-    /// Why some of these retreats were stopped, and how often.
-    pub stopped: BTreeMap<&'static str, u64>,
-    /// By how much two of them came nearer to each other than they were since they set out on what is taken back, or than the
-    /// margin, at most, meters: where they really were, between the readings as well.
-    pub nearer: f64,
-}
-
-impl Joint {
-    /// With what was seen in another run.
-    pub fn add(&mut self, other: &Joint) {
-        self.times += other.times;
-        self.retreats += other.retreats;
-        for (why, n) in &other.stopped {
-            *self.stopped.entry(why).or_default() += n;
-        }
-        self.nearer = self.nearer.max(other.nearer);
-    }
-}
-
-/// Why a retreat was stopped, in a word, by its reason and by what the journal says of it.
-fn stopped_by(reason: Hold, what: &str) -> &'static str {
-    let robot = |shape: Option<&str>| shape.and_then(|s| s.split(':').next()).map(str::to_owned);
-    match reason {
-        Hold::RetreatBlocked if what.ends_with(" mm") => {
-            let mut pair = what.split(" and ");
-            if robot(pair.next()) == robot(pair.next()) { "its own shapes" } else { "another robot or object" }
-        }
-        Hold::RetreatBlocked if what.contains("constraint") => "a constraint",
-        Hold::RetreatBlocked => "no way past",
-        Hold::RetreatMissed => "not followed",
-        Hold::HistoryTooShort => "history too short",
-        _ => "stale",
-    }
 }
 
 #[derive(Debug)]
@@ -418,57 +381,4 @@ impl Witness {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::compose::compose;
-    use crate::config::Config;
-    use mobee_contract::CommitId;
-    use rand::{Rng, SeedableRng};
-    use rand_chacha::ChaCha8Rng;
-
-    fn sets_out(robot: &str, near: Vec<Contact>) -> Event {
-        Event::RetreatBegan { robot: robot.into(), id: CommitId(1), poses: 1, secs: 1.0, near }
-    }
-
-    /// I14: the arms come nearer to each other than they were.
-    #[test]
-    fn arms_that_meet_on_the_retreat_of_both_break_i14() {
-        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/torture.toml");
-        let (config, source) = Config::load(&file, &[]).unwrap();
-        let scene = Arc::new(compose(config, &source).unwrap().scene);
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let mut draw = || -> Vec<Pose> {
-            let any = |m: &mobee_model::Motor, rng: &mut ChaCha8Rng| {
-                let (min, max) = m.range();
-                rng.random_range(min..=max)
-            };
-            scene.robots().iter().map(|r| r.motors.iter().map(|m| any(m, &mut rng)).collect()).collect()
-        };
-        let of = |s: ShapeId| if let ShapeId::Robot { robot, .. } = s { robot } else { 9 };
-        let poses = loop {
-            let poses = draw();
-            let met = |c: &Contact| of(c.pair.0) != of(c.pair.1) && of(c.pair.1) < 2;
-            if scene.contacts(&poses, 0.0).iter().any(met) {
-                break poses;
-            }
-        };
-        let seen = |before: bool, events: Vec<Event>| {
-            let mut witness = Witness::default();
-            witness.scene(&scene);
-            witness.robots =
-                ["left", "right"].map(|r| Seen::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
-            let truth: Vec<Vec<f64>> = poses.iter().map(|q| q.to_vec()).collect();
-            if before {
-                witness.really(Time::ZERO, &truth);
-            }
-            events.iter().for_each(|event| witness.event(Time::ZERO, event));
-            witness.really(Time::from_secs(1.0), &truth);
-            witness.found.iter().any(|(invariant, _)| *invariant == "I14")
-        };
-        let both = || vec![sets_out("left", vec![]), sets_out("right", vec![])];
-        assert!(seen(false, both()));
-        // as near on what is taken back, or alone on the way
-        assert!(!seen(true, both()));
-        assert!(!seen(false, vec![sets_out("left", vec![])]));
-    }
-}
+mod tests;

@@ -54,6 +54,20 @@ fn pictures_masks_and_table_agree_and_a_seed_gives_them_again() {
     for name in ["index.csv", "0001_r_eye.png", "0000_l_eye_mask.png"] {
         assert!(same("first", "again", name) && !same("first", "other", name), "{name}");
     }
+    // the views are those of the table's rows, in the columns that locators learn from
+    let views = std::fs::read_to_string(at("first").join("views.csv")).expect("views");
+    let views = mobee_behaviors::locators::rows::parse(&views).expect("a table of views");
+    assert!(views.has_boxes);
+    for view in &views.known {
+        let is_it = |row: &&Vec<String>| {
+            let number = |name: &str| row[column(name)].parse::<f64>().expect("a number");
+            let is_near = |a: f64, b: f64, by: f64| (a - b).abs() < by;
+            is_near(number("x_m"), view.place.x, 1e-4)
+                && is_near(number("neck_yaw_deg"), view.view.encoders[5].to_degrees(), 1e-2)
+                && is_near(number("eyes_verg_deg"), view.view.encoders[8].to_degrees(), 1e-2)
+        };
+        assert_eq!(table[1..].iter().filter(is_it).count(), 1, "{view:?}");
+    }
     // whatever is trained from a folder of these is trained from this one
     let color = at("color.json");
     let first = at("first");

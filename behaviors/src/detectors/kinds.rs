@@ -41,15 +41,7 @@ impl Detector for LearnedDetector {
             return Vec::new();
         }
         let (_, blobs) = self.file.look(&Picture { width, height, rgb: frame.pixels.to_vec() });
-        let region = |b: super::regions::Blob| Region {
-            object: self.file.object.clone(),
-            center: b.centroid,
-            bounds: b.bounds.map(|n| n as f64),
-            area: b.area as f64,
-            is_clipped: b.is_clipped,
-            confidence: b.confidence,
-        };
-        blobs.into_iter().map(region).collect()
+        blobs.iter().map(|blob| blob.region(&self.file.object)).collect()
     }
 
     fn takes(&self) -> Duration {

@@ -2,6 +2,7 @@
 
 use super::picture::Mask;
 use super::plane::Plane;
+use mobee_contract::Region;
 use serde::{Deserialize, Serialize};
 
 /// How a likelihood becomes a mask and its regions.
@@ -31,6 +32,20 @@ pub struct Blob {
     pub confidence: f64,
     /// The sum of that over its pixels.
     pub weight: f64,
+}
+
+impl Blob {
+    /// As a region of the object of this name.
+    pub fn region(&self, object: &str) -> Region {
+        Region {
+            object: object.into(),
+            center: self.centroid,
+            bounds: self.bounds.map(|n| n as f64),
+            area: self.area as f64,
+            is_clipped: self.is_clipped,
+            confidence: self.confidence,
+        }
+    }
 }
 
 impl Cut {

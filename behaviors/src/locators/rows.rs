@@ -93,6 +93,22 @@ pub fn parse(text: &str) -> Result<ViewTable, RowFault> {
     Ok(ViewTable { known, has_boxes })
 }
 
+/// Views with boxes as a table that [`parse`] reads; a view without a box of either eye is left out.
+pub fn table(known: &[KnownView]) -> String {
+    let names: Vec<&str> = CENTERS.iter().chain(&ENCODERS).chain(&PLACE).chain(&BOXES).copied().collect();
+    let mut text = names.join(",") + "\n";
+    for KnownView { view, place } in known {
+        let [left, right] = &view.eyes;
+        let (Some(l), Some(r)) = (left.bounds, right.bounds) else { continue };
+        let centers = left.center.into_iter().chain(right.center);
+        let encoders = view.encoders.iter().map(|q| q.to_degrees());
+        let numbers = centers.chain(encoders).chain(place.iter().map(|m| m * 1e3)).chain(l).chain(r);
+        let fields: Vec<String> = numbers.map(|n| format!("{n:.4}")).collect();
+        text += &(fields.join(",") + "\n");
+    }
+    text
+}
+
 /// Where each column is: centers, joints, place, boxes.
 fn columns(names: &[&str]) -> Result<(Vec<usize>, bool), RowFault> {
     let at = |name: &str| names.iter().position(|n| *n == name);

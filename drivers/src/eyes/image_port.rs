@@ -4,7 +4,7 @@
 //! their port ──images──> our port (newest wins) ──thread──> cell: the newest picture ──frame──> who asks
 //! ```
 
-use super::lens_settings::LensSettings;
+use super::lens_settings::{LensSettings, size};
 use super::scenery::in_range;
 use crate::yarp::{instant, network_of};
 use mobee_contract::{Camera, CameraContext, Frame, Intrinsics, Kind, KindError, Registered, Time, settings};
@@ -49,9 +49,6 @@ pub struct YarpCameraSettings {
     pub carrier: String,
 }
 
-fn size() -> [u32; 2] {
-    [320, 240]
-}
 fn fps() -> f64 {
     30.0
 }

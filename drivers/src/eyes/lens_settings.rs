@@ -8,6 +8,11 @@ use serde::{Deserialize, Serialize};
 /// Focal length of the iCub's simulator for each pixel of height: 1 / (2 tan 25 deg).
 const FOCAL: f64 = 1.072_253_5;
 
+/// The size of pictures if nothing else is said, pixels: that of the iCub's cameras as they are mostly used.
+pub(super) fn size() -> [u32; 2] {
+    [320, 240]
+}
+
 /// How a camera projects: a pinhole, and what its lens bends.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]

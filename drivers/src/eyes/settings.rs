@@ -1,7 +1,7 @@
 //! The settings of a simulated camera.
 
 use super::film::FilmSettings;
-use super::lens_settings::LensSettings;
+use super::lens_settings::{LensSettings, size};
 use super::scenery::{ScenerySettings, in_range};
 use mobee_contract::{Intrinsics, KindError};
 use schemars::JsonSchema;
@@ -49,9 +49,6 @@ pub struct SimulatedCameraSettings {
     pub scenery: ScenerySettings,
 }
 
-fn size() -> [u32; 2] {
-    [320, 240]
-}
 fn fps() -> f64 {
     30.0
 }

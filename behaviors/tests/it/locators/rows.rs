@@ -1,6 +1,9 @@
 //! Tables: taken whole, or refused with line, column and remedy.
 
-use mobee_behaviors::locators::rows::parse;
+use mobee_behaviors::locators::rows::{parse, table as written};
+use mobee_behaviors::locators::view::{Glimpse, KnownView, StereoView};
+use nalgebra::Vector3;
+use proptest::prelude::*;
 
 const HEADER: &str = "lcx,lcy,rcx,rcy,neck_pitch,neck_roll,neck_yaw,eyes_tilt,eyes_version,eyes_vergence,torso_yaw,torso_roll,torso_pitch,\
                       x_mm,y_mm,z_mm";
@@ -58,4 +61,33 @@ fn whatever_is_wrong_is_refused_with_its_place() {
     }
     let short = table(&[&ROW[..ROW.len() - 4]]).replace(",z_mm", "");
     assert!(parse(&short).expect_err("it is wrong").what.contains("columns are missing: z_mm"));
+}
+
+proptest! {
+    /// What is written is read again, but for what was rounded.
+    #[test]
+    fn a_table_that_was_written_is_read(
+        rows in prop::collection::vec((prop::array::uniform8(20.0..400.0f64), prop::array::uniform9(-1.5..1.5f64), prop::array::uniform3(-2.0..2.0f64)), 1..20),
+    ) {
+        let known = |(n, encoders, place): &([f64; 8], [f64; 9], [f64; 3])| {
+            let eye = |k: usize| {
+                let center = [n[k], n[k + 1]];
+                Glimpse { center, bounds: Some([n[k], n[k + 1], n[k + 2] / 10.0, n[k + 3] / 10.0]), is_clipped: false }
+            };
+            let view = StereoView { eyes: [eye(0), eye(4)], encoders: *encoders, is_timed: false };
+            KnownView { view, place: Vector3::from(*place) }
+        };
+        let all: Vec<KnownView> = rows.iter().map(known).collect();
+        let read = parse(&written(&all)).expect("a table");
+        prop_assert!(read.has_boxes && read.known.len() == all.len());
+        for (a, b) in all.iter().zip(&read.known) {
+            prop_assert!((a.place - b.place).norm() < 1e-6);
+            prop_assert!((a.view.pixels() - b.view.pixels()).norm() < 1e-3);
+            prop_assert!(a.view.encoders.iter().zip(&b.view.encoders).all(|(a, b)| (a - b).abs() < 1e-5));
+            for (a, b) in a.view.eyes.iter().zip(&b.view.eyes) {
+                let (a, b) = (a.bounds.expect("a box"), b.bounds.expect("a box"));
+                prop_assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3));
+            }
+        }
+    }
 }

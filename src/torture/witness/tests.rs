@@ -1,0 +1,52 @@
+use super::*;
+use crate::compose::compose;
+use crate::config::Config;
+use mobee_contract::CommitId;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+fn sets_out(robot: &str, near: Vec<Contact>) -> Event {
+    Event::RetreatBegan { robot: robot.into(), id: CommitId(1), poses: 1, secs: 1.0, near }
+}
+
+/// I14: the arms come nearer to each other than they were.
+#[test]
+fn arms_that_meet_on_the_retreat_of_both_break_i14() {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/torture.toml");
+    let (config, source) = Config::load(&file, &[]).unwrap();
+    let scene = Arc::new(compose(config, &source).unwrap().scene);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut draw = || -> Vec<Pose> {
+        let any = |m: &mobee_model::Motor, rng: &mut ChaCha8Rng| {
+            let (min, max) = m.range();
+            rng.random_range(min..=max)
+        };
+        scene.robots().iter().map(|r| r.motors.iter().map(|m| any(m, &mut rng)).collect()).collect()
+    };
+    let of = |s: ShapeId| if let ShapeId::Robot { robot, .. } = s { robot } else { 9 };
+    let poses = loop {
+        let poses = draw();
+        let met = |c: &Contact| of(c.pair.0) != of(c.pair.1) && of(c.pair.1) < 2;
+        if scene.contacts(&poses, 0.0).iter().any(met) {
+            break poses;
+        }
+    };
+    let seen = |before: bool, events: Vec<Event>| {
+        let mut witness = Witness::default();
+        witness.scene(&scene);
+        witness.robots =
+            ["left", "right"].map(|r| Seen::new(r, (0.01, Duration::from_millis(20), 0.02), Time::ZERO)).into();
+        let truth: Vec<Vec<f64>> = poses.iter().map(|q| q.to_vec()).collect();
+        if before {
+            witness.really(Time::ZERO, &truth);
+        }
+        events.iter().for_each(|event| witness.event(Time::ZERO, event));
+        witness.really(Time::from_secs(1.0), &truth);
+        witness.found.iter().any(|(invariant, _)| *invariant == "I14")
+    };
+    let both = || vec![sets_out("left", vec![]), sets_out("right", vec![])];
+    assert!(seen(false, both()));
+    // as near on what is taken back, or alone on the way
+    assert!(!seen(true, both()));
+    assert!(!seen(false, vec![sets_out("left", vec![])]));
+}
