@@ -1,4 +1,4 @@
-//! The least distances between robots on their way from one pose to the next.
+//! The least distances on the way from one pose to the next: between robots, or of all pairs.
 //!
 //! Readings are instants. Between two of them arms at half of their speed go several millimeters, and may pass each other: at both
 //! instants they are apart, in between they were not. So the way is divided until no shape goes farther than a millimeter against
@@ -44,8 +44,10 @@ const PARTS: f64 = 64.0;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Sweep<E: Engine = DefaultEngine> {
-    /// Looks at the pairs of two robots.
+    /// Looks at the pairs.
     watch: Watch<E>,
+    /// How far shapes may go against each other from one place of the way to the next, meters.
+    step: f64,
     /// Where the robots were last.
     last: Option<Vec<Vec<f64>>>,
     /// What was nearest on the way from there, sorted by pair.
@@ -55,7 +57,12 @@ pub struct Sweep<E: Engine = DefaultEngine> {
 impl<E: Engine> Sweep<E> {
     /// Looks for pairs of two robots that come nearer than a margin, meters.
     pub fn new(scene: Arc<Scene<E>>, within: f64) -> Self {
-        Sweep { watch: Watch::between_robots(scene, within), last: None, least: Vec::new() }
+        Sweep { watch: Watch::between_robots(scene, within), step: STEP, last: None, least: Vec::new() }
+    }
+
+    /// Looks for any pairs that come nearer than a margin, meters, in places between which no shape goes farther than `step`, meters.
+    pub fn of_all(scene: Arc<Scene<E>>, within: f64, step: f64) -> Self {
+        Sweep { watch: Watch::new(scene, within), step, last: None, least: Vec::new() }
     }
 
     /// Goes on with another scene, such as one after an edit.
@@ -80,7 +87,7 @@ impl<E: Engine> Sweep<E> {
         let way = |last: &Vec<Vec<f64>>| -> f64 {
             last.iter().zip(&here).enumerate().map(|(robot, (a, b))| scene.travel(robot, a, b)).sum()
         };
-        let parts = last.as_ref().map_or(1.0, |last| (way(last) / STEP).ceil().clamp(1.0, PARTS));
+        let parts = last.as_ref().map_or(1.0, |last| (way(last) / self.step).ceil().clamp(1.0, PARTS));
         for part in 1..parts as usize {
             let share = part as f64 / parts;
             let on_line = |(a, b): (&Vec<f64>, &Vec<f64>)| -> Vec<f64> {

@@ -116,6 +116,10 @@ impl Config {
             // no margin at all may be wanted in a simulation; one of micrometers is a mistake
             let least = if k.margin_mm == 0.0 { 0.0 } else { 0.5 };
             c.range_or(&at("controller.margin_mm"), k.margin_mm, (least, 500.0), "mm", Some(("meters", 1e3)));
+            if let Some(mm) = k.reserve_mm {
+                // beyond the margin it is the margin that stops a robot that goes slowly
+                c.range_or(&at("controller.reserve_mm"), mm, (0.5, k.margin_mm.max(0.5)), "mm", Some(("meters", 1e3)));
+            }
             c.range(&at("controller.tolerance_deg"), k.tolerance_deg, 1e-3, 10.0, "deg");
             if let Some(ms) = k.stale_ms {
                 c.range(&at("controller.stale_ms"), ms, 2.0 * k.period_ms, 10_000.0, "ms");

@@ -22,6 +22,10 @@ pub struct Controller {
     /// The reflex acts when anything comes nearer than this, millimeters.
     #[serde(default = "margin")]
     pub margin_mm: f64,
+    /// The reflex also looks ahead: it acts when the way on which the robot would brake leads nearer to anything than this,
+    /// millimeters, so that fast robots come to rest before they touch. Without it only the margin counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reserve_mm: Option<f64>,
     /// A pose counts as reached within this, degrees per motor.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
@@ -37,7 +41,7 @@ pub struct Controller {
 }
 
 /// The settings that all kinds have.
-pub(super) const SHARED: &[&str] = &["period_ms", "history", "margin_mm", "tolerance_deg", "stale_ms"];
+pub(super) const SHARED: &[&str] = &["period_ms", "history", "margin_mm", "reserve_mm", "tolerance_deg", "stale_ms"];
 
 fn kind() -> String {
     DEFAULT_KIND.into()
@@ -101,6 +105,7 @@ impl Controller {
             period_s: self.period_ms * 1e-3,
             history: self.history,
             margin_m: self.margin_mm * 1e-3,
+            reserve_m: self.reserve_mm.map(|mm| mm * 1e-3),
             tolerance_deg: self.tolerance_deg,
             stale_s: self.stale_ms.map(|ms| ms * 1e-3),
             drive: self.drive()?,

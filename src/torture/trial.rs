@@ -329,6 +329,7 @@ fn board_faults(planned: &[Planned], boards: &[Option<SimHardware>]) -> Vec<Vec<
 fn in_a_word(cause: Option<&Cause>) -> &'static str {
     match cause {
         Some(Cause::Contact(_)) => "contact",
+        Some(Cause::Foreseen(_)) => "foreseen",
         Some(Cause::Constraint { .. }) => "constraint",
         Some(Cause::TargetMissed) => "target missed",
         Some(Cause::AgentDied) => "agent died",

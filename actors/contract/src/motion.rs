@@ -154,6 +154,8 @@ impl fmt::Display for Hold {
 pub enum Cause {
     /// A pair came nearer than its margin.
     Contact(Vec<mobee_model::Contact>),
+    /// The way on which the robot would come to rest leads nearer to these than what must be left: each where it would be nearest.
+    Foreseen(Vec<mobee_model::Contact>),
     /// A constraint of a body part does not hold.
     Constraint {
         /// The part's name.

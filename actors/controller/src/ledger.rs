@@ -119,7 +119,11 @@ impl TransactionState {
     /// What came into contact in a motion that failed by that, if it is remembered.
     pub fn contacts_of(&self, id: CommitId) -> Option<&[Contact]> {
         match self.ends.iter().rev().find(|ended| ended.id == id) {
-            Some(PastEnd { end: MotionEnd::Failed, cause: Some(Cause::Contact(contacts)), .. }) => Some(contacts),
+            Some(PastEnd {
+                end: MotionEnd::Failed,
+                cause: Some(Cause::Contact(contacts) | Cause::Foreseen(contacts)),
+                ..
+            }) => Some(contacts),
             _ => None,
         }
     }

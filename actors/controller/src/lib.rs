@@ -10,6 +10,7 @@
 //! | [`supervise`] | Algorithm 5 | takes commits, keeps transactions, opens the filter |
 //! | [`reflex`] | Algorithm 6 | closes the filter, stops the robot, takes it back |
 //! | [`joint_retreat`] | | leads several robots back on one clock |
+//! | [`look_ahead`] | | where a robot would come to rest, and what is in the way there |
 //! | [`simultaneous`] | | how near robots come to each other at common instants |
 //! | [`gate`], [`command_guard`] | | the filter itself: a fencing token, and who asks for it |
 //! | [`ledger`] | | what survives the death of all of these |
@@ -34,6 +35,7 @@ pub mod history;
 pub mod joint_retreat;
 pub mod kinds;
 pub mod ledger;
+pub mod look_ahead;
 pub mod pulse;
 pub mod reflex;
 pub mod rules;

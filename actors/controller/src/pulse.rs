@@ -30,6 +30,8 @@ pub struct Pulse {
     /// The pairs of this robot and others that were as near since its last reading, where all were at one instant, each
     /// where it was nearest (model).
     pub together: Arc<[Contact]>,
+    /// The pairs of this robot that would come nearer than its reserve if it were stopped now (model).
+    pub foreseen: Arc<[Contact]>,
     /// The first violated constraint: part and clause (model).
     pub violated: Option<(usize, usize)>,
     /// By how much the constraint that holds least is violated, in the units of its clause (model).
@@ -67,6 +69,7 @@ impl Pulse {
             unchanged,
             contacts: none.clone(),
             together: none.clone(),
+            foreseen: none.clone(),
             violated: None,
             depth: 0.0,
             epoch: 0,

@@ -210,6 +210,8 @@ pub struct ReflexCore {
     escape: Option<Escape>,
     /// The last motion.
     motion: Option<CommitId>,
+    /// The scene's count of edits as it set out: up to there the way back was free.
+    epoch: u64,
     /// The contacts that began in it: what its agent learns from, though the retreat has ended them since.
     met: Vec<Contact>,
 }
@@ -233,6 +235,7 @@ impl ReflexCore {
             stopped: Vec::new().into(),
             escape: None,
             motion: None,
+            epoch: 0,
             met: Vec::new(),
         }
     }
@@ -291,7 +294,7 @@ impl ReflexCore {
         self.violated = pulse.violated.is_some();
         self.near = pulse.near(|_| true);
         if let Some(m) = motion.filter(|m| self.motion != Some(m.id)) {
-            self.motion = Some(m.id);
+            (self.motion, self.epoch) = (Some(m.id), pulse.epoch);
             self.met.clear();
         }
         // what touches a robot at rest was moved there by somebody else
@@ -375,6 +378,10 @@ impl ReflexCore {
             None
         } else if !self.present().is_empty() {
             Some(Cause::Contact(self.present().to_vec()))
+        } else if motion.is_some() && !pulse.foreseen.is_empty() {
+            // the agent learns from what it did not come to touch as from a contact
+            self.met.extend_from_slice(&pulse.foreseen);
+            Some(Cause::Foreseen(pulse.foreseen.to_vec()))
         } else {
             pulse.violated.map(|v| constraint(v, step.rules))
         };

@@ -40,6 +40,8 @@ pub struct Rules {
     pub position_direct: bool,
     /// Margin of the reflex, meters.
     pub margin: f64,
+    /// What must be left when the robot has braked, meters; `None`: the reflex does not look ahead.
+    pub reserve: Option<f64>,
     /// Greatest distance per motor at which a pose counts as reached, rad.
     pub tolerance: f64,
     /// Speed below which a motor counts as at rest, rad/s.
@@ -70,6 +72,7 @@ impl Rules {
             latency: board.latency,
             position_direct: board.position_direct,
             margin: controller.margin_m,
+            reserve: controller.reserve_m,
             tolerance: controller.tolerance_deg.to_radians(),
             rest_speed: controller.rest_speed_deg.to_radians(),
             escape_speed: controller.escape_speed,

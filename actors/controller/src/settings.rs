@@ -16,6 +16,9 @@ pub struct ControllerSettings {
     /// Distance below which two shapes count as touching, meters.
     #[serde(default = "margin")]
     pub margin_m: f64,
+    /// Distance that must be left when the robot has braked, meters; without it the reflex does not look ahead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reserve_m: Option<f64>,
     /// Greatest distance per motor at which a pose counts as reached, degrees.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
@@ -97,6 +100,7 @@ impl Default for ControllerSettings {
             period_s: 0.02,
             history: 3000,
             margin_m: margin(),
+            reserve_m: None,
             tolerance_deg: tolerance(),
             rest_speed_deg: rest_speed(),
             escape_speed: escape_speed(),

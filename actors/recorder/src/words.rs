@@ -1,6 +1,7 @@
 //! Events in words, for the log: where it belongs, how grave it is, and one sentence.
 
 use mobee_contract::{Cause, EdgeState, Event, Hold, Note, Outcome, Status, SwapStep};
+use mobee_model::Contact;
 
 /// How grave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -144,11 +145,13 @@ fn note_line<'a>(robot: &'a str, note: &Note) -> Option<(&'a str, Level, String)
 
 /// A cause in a few words.
 fn why(cause: &Cause) -> String {
+    let nearest = |what: &str, contacts: &[Contact]| {
+        let least = contacts.iter().map(|c| c.distance).fold(f64::INFINITY, f64::min);
+        if least.is_finite() { format!("{what}, {:.1} mm", least * 1e3) } else { what.to_owned() }
+    };
     match cause {
-        Cause::Contact(contacts) => {
-            let least = contacts.iter().map(|c| c.distance).fold(f64::INFINITY, f64::min);
-            if least.is_finite() { format!("contact, {:.1} mm", least * 1e3) } else { "contact".to_owned() }
-        }
+        Cause::Contact(contacts) => nearest("contact", contacts),
+        Cause::Foreseen(contacts) => nearest("contact foreseen", contacts),
         Cause::Constraint { part, clause } => format!("constraint {clause} of {part}"),
         Cause::TargetMissed => "the target was missed".to_owned(),
         Cause::AgentDied => "the agent died".to_owned(),

@@ -3,7 +3,9 @@
 use crate::wiring::{AgentMsg, ModelMsg, RobotContext, SharedContext};
 use mobee_contract::{CommitId, Event, Pose, Status, WorldChange};
 use mobee_controller::RELEASE;
+use mobee_controller::gate::Gate;
 use mobee_controller::ledger::{Motion, Open};
+use mobee_controller::look_ahead::LookAhead;
 use mobee_controller::simultaneous::Simultaneous;
 use mobee_model::{Contact, Edit, Field, Object, Scene, ShapeId, Watch};
 use nalgebra::{Isometry3, Vector3};
@@ -22,6 +24,8 @@ pub struct Model {
     watch: Watch,
     /// How near robots come to each other between readings.
     simultaneous: Simultaneous,
+    /// Where robots would come to rest, if any of them looks ahead.
+    ahead: Option<LookAhead>,
     poses: Vec<Pose>,
     /// The fields of robots that move under forces.
     fields: Vec<Option<Fields>>,
@@ -40,11 +44,12 @@ impl Actor for ModelActor {
         let scene = shared.scene.lock().clone();
         let truth = shared.truth.lock().clone();
         let (watch, simultaneous) = (watch(&shared, &scene), simultaneous(&shared, &scene));
+        let ahead = ahead(&shared, &scene);
         let poses = shared.robots.iter().map(|w| w.latest.lock().q.clone()).collect();
         let fields = shared.robots.iter().map(|w| Fields::new(w, &scene)).collect();
         shared.model.connect(myself.clone());
         shared.to_model.attach(Box::new(move || myself.send_message(ModelMsg::Pulses).is_ok()));
-        Ok(Model { shared, scene, truth, watch, simultaneous, poses, fields })
+        Ok(Model { shared, scene, truth, watch, simultaneous, ahead, poses, fields })
     }
 
     async fn handle(
@@ -58,6 +63,7 @@ impl Actor for ModelActor {
             ModelMsg::Margins => {
                 model.watch = watch(&model.shared, &model.scene);
                 model.simultaneous = simultaneous(&model.shared, &model.scene);
+                model.ahead = ahead(&model.shared, &model.scene);
                 model.fields = model.shared.robots.iter().map(|w| Fields::new(w, &model.scene)).collect();
             }
             ModelMsg::Edit(edit, reply) => {
@@ -98,6 +104,11 @@ fn simultaneous(shared: &SharedContext, scene: &Arc<Scene>) -> Simultaneous {
     Simultaneous::new(scene, rules.iter().map(|rules| &**rules))
 }
 
+/// Looks ahead for the robots that want it.
+fn ahead(shared: &SharedContext, scene: &Arc<Scene>) -> Option<LookAhead> {
+    LookAhead::new(scene, shared.robots.iter().map(|w| w.rules()))
+}
+
 impl Model {
     fn pulses(&mut self) {
         while let Some((robot, mut pulse)) = self.shared.to_model.pop() {
@@ -117,6 +128,13 @@ impl Model {
                 let met = self.simultaneous.read(robot, pulse.sample.at, &pulse.sample.q);
                 if !met.is_empty() {
                     pulse.together = met.into();
+                }
+            }
+            if let Some(ahead) = &mut self.ahead {
+                let open = Gate::opens(context.gate.token());
+                let foreseen = ahead.read(robot, &pulse.sample, &self.poses, &pulse.contacts, open);
+                if !foreseen.is_empty() {
+                    pulse.foreseen = foreseen.into();
                 }
             }
             if let Some(model) = self.scene.robots().get(robot) {
@@ -161,6 +179,7 @@ impl Model {
         let before = std::mem::replace(&mut self.scene, next.clone());
         self.watch.set_scene(next.clone());
         self.simultaneous.set_scene(&next);
+        self.ahead.iter_mut().for_each(|ahead| ahead.set_scene(&next));
         self.fields.iter_mut().flatten().for_each(|f| f.set_scene(&next));
         *self.shared.scene.lock() = next.clone();
         for event in differences(&before, &next) {

@@ -74,7 +74,9 @@ impl Actor for SuperviseActor {
             SuperviseMsg::Fault(what) => supervise.on(SuperviseIn::Fault(what)),
             SuperviseMsg::Closed(token, cause) => {
                 let blamed = match &cause {
-                    Cause::Contact(contacts) => Some(supervise.shared.movers(contacts, supervise.context.robot)),
+                    Cause::Contact(contacts) | Cause::Foreseen(contacts) => {
+                        Some(supervise.shared.movers(contacts, supervise.context.robot))
+                    }
                     _ => None,
                 };
                 supervise.on(SuperviseIn::Closed(token, cause, blamed));

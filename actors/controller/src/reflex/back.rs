@@ -63,7 +63,8 @@ impl ReflexCore {
                 // by the way of the set-points, too: at a recorded rest readings may well be equal for long
                 let long = sampled_at.since(still.sampled_at) >= FROZEN;
                 let frozen = long && distance(retreat.written(), &still.written) > FROZEN_WAY;
-                let broken = self.floors.broken(close).copied();
+                let ahead = put_there(pulse, self.epoch);
+                let broken = self.floors.broken(close).or_else(|| self.floors.broken(&ahead)).copied();
                 // one that was violated as the retreat began is what it leads out of
                 let newly_violated = pulse.violated.is_some() && !*violated;
                 if frozen {
@@ -206,6 +207,14 @@ impl ReflexCore {
         step.out.push(ReflexOut::ReflexReport(word));
         self.turn(Phase::Watching, step);
     }
+}
+
+/// What is foreseen with objects, if the world was edited since that count: only then is the path not as free as it was driven, and a
+/// robot that is about to turn into a corner of it is not stopped by what is beyond.
+fn put_there(pulse: &Pulse, epoch: u64) -> Vec<Contact> {
+    let is_object = |c: &&Contact| c.pair.0.robot().is_none() || c.pair.1.robot().is_none();
+    let foreseen: &[Contact] = if pulse.epoch == epoch { &[] } else { &pulse.foreseen };
+    foreseen.iter().filter(is_object).copied().collect()
 }
 
 /// Why a retreat is blocked, in words: by this contact, or, without one, by a constraint.

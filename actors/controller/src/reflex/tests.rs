@@ -7,7 +7,7 @@ use crate::ledger::{Motion, Open, SafePose, TransactionState, Underway};
 use crate::pulse::Pulse;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut, ReflexReport};
 use crate::{Rules, Shared};
-use mobee_contract::{Command, CommitId, Event, Hold, Sample, Status, Time};
+use mobee_contract::{Cause, Command, CommitId, Event, Hold, Sample, Status, Time};
 use mobee_model::{Contact, Pair, ShapeId};
 use std::sync::Arc;
 use std::time::Duration;
@@ -123,6 +123,8 @@ struct Wrong {
     restless: bool,
     /// It counts as being at rest all the time.
     calm: bool,
+    /// It would come to half a millimeter of something, in a world that was edited.
+    ahead: bool,
 }
 
 /// A robot is taken back over 90 degrees, which takes 3 s: what is told of it, each with its reading (every 10 ms), and why it was stopped.
@@ -147,6 +149,9 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
         let speed = if wrong.restless { rules(true).rest_speed } else { 0.0 };
         (pulse.speed, pulse.unchanged) = (if moves && !wrong.calm { 0.5 } else { speed }, unchanged);
         pulse.violated = wrong.violated.then_some((0, 0));
+        if wrong.ahead {
+            (pulse.foreseen, pulse.epoch) = (vec![Contact { distance: 0.0005, ..near }].into(), 1);
+        }
         reflex.read(&mut pulse, None, Status::Stopping, at)
     };
     read(0, &mut reflex, None, goal);
@@ -210,6 +215,8 @@ fn a_retreat_stops_at_what_is_new_in_it() {
     assert!(told.last().is_some_and(|(k, _)| *k < 110), "at once: {told:?}");
     let (told, why) = taken_back(at(0));
     assert_eq!((told.last().map(|(_, w)| w), why), (Some(&ReflexReport::Back), None), "it was violated from the start");
+    let (told, why) = taken_back(|k, _| Wrong { ahead: k >= 100, ..Wrong::default() });
+    assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (blocked, Some("arm and post are at 0.5 mm")));
     // where it settles, too
     let settling = |what: fn(bool) -> Wrong| {
         let (told, why) = taken_back(move |_, last| what(last == Some(&ReflexReport::Settling)));
@@ -359,6 +366,28 @@ fn only_an_escape_may_be_in_contact() {
     };
     assert!(!closes(Status::Escaping, None), "it sets out in contact");
     assert!(closes(Status::Moving, None) && closes(Status::Escaping, Some(0.0)) && closes(Status::Moving, Some(0.0)));
+}
+
+/// What is foreseen stops a motion, and is what its agent learns from. A robot at rest goes nowhere, and an escape goes where its own rule
+/// lets it.
+#[test]
+fn what_is_foreseen_stops_a_motion() {
+    let closes = |status: Status, safe: Option<f64>, moves: bool| {
+        let mut reflex = Alone::new(rules(true));
+        reflex.gate.open(reflex.gate.token()).unwrap();
+        let safe = safe.map(|q: f64| SafePose { since: Time::ZERO, q: vec![q].into() });
+        let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+        let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
+        let sample = Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false] };
+        let (at, mut pulse) = (sample.at, Pulse::new(sample, &Vec::new().into()));
+        pulse.foreseen = vec![Contact { pair, distance: 0.004, points: Default::default() }].into();
+        let out = reflex.read(&mut pulse, moves.then_some(&motion), status, at);
+        let foreseen = out.iter().any(|o| matches!(o, ReflexOut::Closed { cause: Cause::Foreseen(_), .. }));
+        assert_eq!(reflex.reflex.seen().len(), usize::from(foreseen));
+        foreseen && !reflex.gate.is_open()
+    };
+    assert!(closes(Status::Moving, Some(0.0), true));
+    assert!(!closes(Status::Rest, None, false) && !closes(Status::Escaping, None, true));
 }
 
 /// A robot that becomes slower all the time, and does not come to rest, is stopped again every three seconds.

@@ -1,0 +1,91 @@
+//! How fast each motor goes, and how that changes.
+
+use mobee_contract::{Pose, Sample, Time};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// From how many readings both are told.
+const READINGS: usize = 8;
+/// How far apart they are at least: a board that tells a thousand a second is noise from one to the next.
+const APART: Duration = Duration::from_millis(8);
+
+/// A motor's motion at the newest reading.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Moving {
+    /// Rad/s.
+    pub speed: f64,
+    /// Rad/s^2.
+    pub gain: f64,
+}
+
+/// The last readings.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Course {
+    /// Oldest first; all but the newest [`APART`] of each other.
+    readings: VecDeque<(Time, Pose)>,
+    /// The longest time from one reading to the next of late.
+    period: f64,
+}
+
+impl Course {
+    /// Takes in a reading. One that comes so late that the one before was stale begins anew.
+    pub fn push(&mut self, sample: &Sample, fresh: Duration) {
+        if let Some((last, q)) = self.readings.back() {
+            if sample.at > *last + fresh || q.len() != sample.q.len() {
+                self.readings.clear();
+            } else if sample.at <= *last {
+                return;
+            }
+        }
+        let n = self.readings.len();
+        let is_close = |(before, last): (&(Time, Pose), &(Time, Pose))| last.0 < before.0 + APART;
+        if n >= 2 && self.readings.get(n - 2).zip(self.readings.back()).is_some_and(is_close) {
+            self.readings.pop_back();
+        }
+        if let Some((last, _)) = self.readings.back() {
+            let pause = sample.at.since(*last).as_secs_f64();
+            self.period = pause.max(self.period + 0.05 * (pause - self.period));
+        }
+        self.readings.push_back((sample.at, sample.q.clone()));
+        if self.readings.len() > READINGS {
+            self.readings.pop_front();
+        }
+    }
+
+    /// Per motor the parabola through the readings that fits best, at the newest of them; nothing moves before there are enough.
+    ///
+    /// By polynomials that are orthogonal on the readings' times: 1, `p = t - mean` and `r = p^2 - skew p - spread`.
+    pub fn now(&self) -> Motion {
+        let motors = self.readings.back().map_or(0, |(_, q)| q.len());
+        let still = Motion { motors: vec![Moving::default(); motors], period: self.period };
+        let Some((newest, _)) = self.readings.back().filter(|_| self.readings.len() == READINGS) else { return still };
+        let n = READINGS as f64;
+        let times = || self.readings.iter().map(|(at, _)| -newest.since(*at).as_secs_f64());
+        let mean = times().sum::<f64>() / n;
+        let sum = |power: i32| times().map(|t| (t - mean).powi(power)).sum::<f64>();
+        let (squares, cubes) = (sum(2), sum(3));
+        let (skew, spread) = (cubes / squares, squares / n);
+        let curved = |t: f64| (t - mean).powi(2) - skew * (t - mean) - spread;
+        let norm = times().map(|t| curved(t).powi(2)).sum::<f64>();
+        if !(squares > 0.0 && norm > 0.0) {
+            return still;
+        }
+        let of = |motor: usize| {
+            let on = |f: &dyn Fn(f64) -> f64| -> f64 {
+                times().zip(&self.readings).map(|(t, (_, q))| f(t) * q.get(motor).copied().unwrap_or_default()).sum()
+            };
+            let (slope, bend) = (on(&|t| t - mean) / squares, on(&curved) / norm);
+            Moving { speed: slope + bend * (-2.0 * mean - skew), gain: 2.0 * bend }
+        };
+        Motion { motors: (0..motors).map(of).collect(), period: self.period }
+    }
+}
+
+/// How a robot moves at its newest reading.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Motion {
+    /// Per motor.
+    pub motors: Vec<Moving>,
+    /// The time until the next reading, seconds.
+    pub period: f64,
+}

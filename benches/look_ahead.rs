@@ -1,0 +1,278 @@
+//! Whether a robot touches anything at any speed: the reflex of Algorithm 6, which acts on what is near, beside the one that looks ahead.
+//!
+//! An iCub moves torso and right arm at random to free poses; balls appear about it at random. Counted by a witness of its own, from the
+//! measured poses and what is between them:
+//!
+//! * *hard*: a pair comes to distance zero or below, that physics allowed to avoid;
+//! * *unavoidable*: the same with a ball that was put onto the robot, or into the way on which it would have come to rest if it had been
+//!   stopped at the second reading after the ball appeared (the first tells of the ball, the board's latency, and braking as hard as it can);
+//! * *false*: the reflex stopped a motion, and the straight way from there to its target is free of the margin.
+//!
+//! `cargo bench --bench look_ahead -- [runs per speed] [seconds per run]` (default 100 and 60); seeds are 1, 2, ...
+
+use mobee::compose::read;
+use mobee_actors::record::tap::Taps;
+use mobee_actors::runtime::clock::ClockKind;
+use mobee_actors::system::{Setup, run};
+use mobee_contract::{Axis, Cause, Entry, Event, Outcome, Pose, Sink, Time};
+use mobee_model::{Pair, Scene, ShapeId, Sweep};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+const MARGIN: f64 = 0.010;
+const BALLS: usize = 3;
+
+/// A behavior and its world, in a folder.
+fn write_files(dir: &Path, seed: u64, speed: f64, reserve: &str, secs: f64) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut world = String::from("<WorldList version=\"1.0\">\n");
+    let mut script = String::new();
+    for k in 0..BALLS {
+        let _ =
+            writeln!(world, "<object name=\"ball{k}\" type=\"obstacle\" pz=\"-5\"><sphere radius=\"0.04\"/></object>");
+        // each of them appears, and elsewhere again, every few seconds
+        let mut at = 1.0 + rng.random_range(0.0..4.0);
+        while at < secs {
+            let [x, y, z]: [f64; 3] =
+                [rng.random_range(-0.6..-0.2), rng.random_range(-0.2..0.6), rng.random_range(-0.25..0.35)];
+            let _ = writeln!(
+                script,
+                "[[script]]\nwhen.at_s = {at:.3}\nedit = {{ object = \"ball{k}\", position_m = [{x:.3}, {y:.3}, {z:.3}] }}"
+            );
+            at += rng.random_range(2.0..8.0);
+        }
+    }
+    world.push_str("</WorldList>\n");
+    let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/icub.xml");
+    let behavior = format!(
+        "seed = {seed}\nworld.file = \"world.xml\"\n[[robot]]\nname = \"icub\"\nmodel = {:?}\n\
+         controller = {{ period_ms = 20, history = 6000{reserve} }}\ndriver = {{ kind = \"sim\" }}\n\
+         agent = {{ kind = \"random\", motors = [\"torso\", \"right_arm\"], count = 0, speed = {speed}, checked = true }}\n{script}",
+        robots.display().to_string()
+    );
+    std::fs::write(dir.join("world.xml"), world).expect("a file");
+    std::fs::write(dir.join("behavior.toml"), behavior).expect("a file");
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    motions: u32,
+    stops: u32,
+    foreseen: u32,
+    false_stops: u32,
+    hard: u32,
+    unavoidable: u32,
+    escapes: u32,
+    faulted: u32,
+}
+
+/// Sees everything, and counts.
+struct Witness {
+    axes: Vec<Axis>,
+    latency: f64,
+    scene: Option<Arc<Scene>>,
+    sweep: Option<Sweep>,
+    readings: Vec<(Time, Pose)>,
+    /// The world was edited so many readings ago.
+    since_edit: u32,
+    target: Option<Pose>,
+    escaping: bool,
+    status: Option<mobee_contract::Status>,
+    /// Pairs at distance zero, and those for which that could not be avoided, until they are apart again.
+    touching: BTreeSet<Pair>,
+    excused: BTreeSet<Pair>,
+    tally: Tally,
+    /// What touched hard, in words.
+    shown: Vec<String>,
+}
+
+impl Witness {
+    fn distances(scene: &Scene, q: &Pose, within: f64) -> BTreeMap<Pair, f64> {
+        scene.contacts(std::slice::from_ref(q), within).iter().map(|c| (c.pair, c.distance)).collect()
+    }
+
+    /// The pairs that touch on the straight way between two poses.
+    fn on_way(scene: &Scene, from: &Pose, to: &Pose, within: f64) -> BTreeSet<Pair> {
+        let parts = (scene.travel(0, from, to) / 0.003).ceil().max(1.0);
+        let at =
+            |k: usize| -> Pose { from.iter().zip(to.iter()).map(|(a, b)| a + (b - a) * k as f64 / parts).collect() };
+        (0..=parts as usize).flat_map(|k| Self::distances(scene, &at(k), within).into_keys()).collect()
+    }
+
+    /// Where it would come to rest at best.
+    fn rest(&self) -> Option<Pose> {
+        let [.., (t0, a), (t1, b)] = self.readings.as_slice() else { return None };
+        let dt = t1.since(*t0).as_secs_f64();
+        let stop = |((a, b), axis): ((&f64, &f64), &Axis)| {
+            let v = (b - a) / dt;
+            b + v * (self.latency + dt) + v * v.abs() / (2.0 * axis.max_acceleration)
+        };
+        Some(a.iter().zip(b.iter()).zip(&self.axes).map(stop).collect())
+    }
+
+    fn pose(&mut self, at: Time, q: &Pose) {
+        let Some(scene) = self.scene.clone() else { return };
+        self.readings.push((at, q.clone()));
+        if self.readings.len() > 4 {
+            self.readings.remove(0);
+        }
+        self.since_edit += 1;
+        if self.since_edit <= 2 {
+            // what is inevitable by now is nobody's fault
+            let rest = self.rest().unwrap_or_else(|| q.clone());
+            let is_ball = |p: &Pair| matches!(p.0, ShapeId::Object { .. }) || matches!(p.1, ShapeId::Object { .. });
+            self.excused.extend(Self::on_way(&scene, q, &rest, 0.0).into_iter().filter(is_ball));
+        }
+        let Some(sweep) = &mut self.sweep else { return };
+        let now: BTreeSet<Pair> =
+            sweep.to(std::slice::from_ref(q)).iter().filter(|c| c.distance <= 0.0).map(|c| c.pair).collect();
+        for pair in now.difference(&self.touching) {
+            // an escape may touch what it was pressed against
+            match self.excused.contains(pair) || self.escaping {
+                true => self.tally.unavoidable += 1,
+                false => {
+                    self.tally.hard += 1;
+                    let (a, b) = (scene.shape_name(pair.0), scene.shape_name(pair.1));
+                    self.shown.push(format!("{a} and {b} at {at} while {:?}", self.status));
+                }
+            }
+        }
+        if self.since_edit > 200 {
+            self.excused.retain(|pair| now.contains(pair));
+        }
+        self.touching = now;
+    }
+
+    fn event(&mut self, event: &Event) {
+        match event {
+            Event::Commit { target, escape, .. } => {
+                (self.target, self.escaping) = (Some(target.clone()), *escape);
+                self.tally.motions += 1;
+                self.tally.escapes += u32::from(*escape);
+            }
+            Event::State { status, .. } => self.status = Some(*status),
+            Event::Outcome { outcome, .. } => {
+                self.escaping = false;
+                self.tally.faulted += u32::from(*outcome == Outcome::Faulted);
+            }
+            Event::Disabled { cause: cause @ (Cause::Contact(_) | Cause::Foreseen(_)), .. } if !self.escaping => {
+                let (Some(target), Some(scene), Some((_, q))) = (self.target.take(), &self.scene, self.readings.last())
+                else {
+                    return;
+                };
+                self.tally.stops += 1;
+                if matches!(cause, Cause::Foreseen(_)) {
+                    self.tally.foreseen += 1;
+                    self.tally.false_stops += u32::from(Self::on_way(scene, q, &target, MARGIN).is_empty());
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Sink for Witness {
+    fn write(&mut self, at: Time, entry: &Entry) -> Result<(), String> {
+        match entry {
+            Entry::Pose { q, .. } => self.pose(at, q),
+            Entry::Event(event) => self.event(event),
+            Entry::Scene(scene) => {
+                self.sweep = Some(Sweep::of_all(scene.clone(), 0.002, 0.001));
+                (self.scene, self.since_edit) = (Some(scene.clone()), 0);
+            }
+            Entry::Picture { .. } => {}
+        }
+        Ok(())
+    }
+    fn flush(&mut self) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+fn one(seed: u64, speed: f64, reserve: &str, secs: f64) -> (Tally, Vec<String>) {
+    let dir = tempfile::tempdir().expect("a folder");
+    write_files(dir.path(), seed, speed, reserve, secs);
+    let composed = read(&dir.path().join("behavior.toml"), &[]).unwrap_or_else(|_| panic!("seed {seed} composes"));
+    let board = composed.robots[0].hardware.connect().expect("simulated").board().clone();
+    let witness = Arc::new(Mutex::new(Witness {
+        axes: board.axes.clone(),
+        latency: board.latency.as_secs_f64(),
+        scene: None,
+        sweep: None,
+        readings: Vec::new(),
+        since_edit: 0,
+        target: None,
+        escaping: false,
+        status: None,
+        touching: BTreeSet::new(),
+        excused: BTreeSet::new(),
+        tally: Tally::default(),
+        shown: Vec::new(),
+    }));
+    let setup = Setup {
+        scene: composed.scene,
+        robots: composed.robots,
+        seed,
+        clock: ClockKind::Virtual,
+        taps: Taps::in_place(witness.clone()),
+        config: serde_json::Value::Null,
+        script: composed.script,
+        services: Vec::new(),
+        sensors: Vec::new(),
+        truth: None,
+        past: None,
+    };
+    let (_controls, receiver) = tokio::sync::mpsc::channel(1);
+    run(setup, receiver, Some(Duration::from_secs_f64(secs)), |_| ()).expect("it runs");
+    let mut witness = witness.lock().expect("no panic");
+    (witness.tally, std::mem::take(&mut witness.shown))
+}
+
+fn main() {
+    // cargo passes `--bench`
+    let numbers: Vec<f64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
+    let runs = numbers.first().copied().unwrap_or(100.0) as u64;
+    let secs = numbers.get(1).copied().unwrap_or(60.0);
+    println!("{runs} runs of {secs} s, seeds 1 to {runs}, {BALLS} balls that appear every few seconds");
+    println!(
+        "| speed | reflex | motions | stops | of these foreseen | false | hard | unavoidable | escapes | faulted | real-time factor |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    for speed in [0.1, 0.5, 1.0] {
+        for (name, reserve) in [("Algorithm 6", ""), ("looks ahead, 5 mm", ", reserve_mm = 5")] {
+            let (began, mut sum) = (Instant::now(), Tally::default());
+            for seed in 1..=runs {
+                let (t, shown) = one(seed, speed, reserve, secs);
+                if !reserve.is_empty() {
+                    shown.iter().for_each(|what| println!("  seed {seed}: {what}"));
+                }
+                sum.motions += t.motions;
+                sum.stops += t.stops;
+                sum.foreseen += t.foreseen;
+                sum.false_stops += t.false_stops;
+                sum.hard += t.hard;
+                sum.unavoidable += t.unavoidable;
+                sum.escapes += t.escapes;
+                sum.faulted += t.faulted;
+            }
+            let factor = runs as f64 * secs / began.elapsed().as_secs_f64();
+            println!(
+                "| {:.0} % | {name} | {} | {} | {} | {} | {} | {} | {} | {} | {factor:.0} |",
+                speed * 100.0,
+                sum.motions,
+                sum.stops,
+                sum.foreseen,
+                sum.false_stops,
+                sum.hard,
+                sum.unavoidable,
+                sum.escapes,
+                sum.faulted
+            );
+        }
+    }
+}
