@@ -13,25 +13,44 @@
 //! not getting nearer is never a reason: what is inside of the reserve already may always move out.
 //!
 //! The ghost moves on with each reading, and its way since the last one is looked at in steps, so that nothing slips between two
-//! readings at any speed. After an edit of the world, the way from the robot to its ghost is looked at as well.
+//! readings at any speed. Motors brake each by itself, so that the way on which the robot brakes is not the one that it would have gone:
+//! of a fast robot, more ghosts are where it would be on that way. After an edit of the world, the way from the robot to its ghosts is
+//! looked at as well.
 
 mod brakes;
 mod course;
 
+use crate::simultaneous::note;
 use crate::{DEEPER, Rules};
 use brakes::Brakes;
 use course::Course;
 use mobee_contract::{Pose, Sample};
-use mobee_model::{Contact, Scene, Sweep};
+use mobee_model::{Contact, Scene, ShapeId, Sweep};
+use std::collections::BTreeMap;
 use std::sync::Arc;
+
+/// The parts of the time to rest after which a ghost is: the last is where the robot rests.
+const GHOSTS: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+
+/// A pair that would come nearer than the reserve if the robot were stopped now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Foreseen {
+    /// Where it would be nearest.
+    pub contact: Contact,
+    /// The scene's count of edits as its object was put there; zero for robots, and for what never changed.
+    pub edited: u64,
+}
 
 /// Looks ahead for the robots of a scene.
 #[derive(Clone, Debug)]
 pub struct LookAhead {
     /// By their index in the scene.
     robots: Vec<Runner>,
-    /// Looks at the ways of the ghosts.
-    sweep: Sweep,
+    scene: Arc<Scene>,
+    /// Per object the count of edits as it was put where it is.
+    edited: BTreeMap<u32, u64>,
+    /// Look at the ways of the ghosts, each at those of one part of the time.
+    sweeps: [Sweep; GHOSTS.len()],
 }
 
 /// A robot and its ghost.
@@ -41,8 +60,8 @@ struct Runner {
     rules: Option<Arc<Rules>>,
     course: Course,
     brakes: Brakes,
-    /// Where it would come to rest; empty before the first reading.
-    ghost: Pose,
+    /// Where it would be, the last at rest; none before the first reading.
+    ghosts: Vec<Pose>,
     /// Whether the world was edited since its last reading.
     edited: bool,
 }
@@ -54,14 +73,16 @@ impl Runner {
 
     /// Takes in a reading; its ghost moves on. `open`: whether agents' commands reach the robot.
     fn follow(&mut self, sample: &Sample, open: bool) {
-        let Some(rules) = &self.rules else {
-            self.ghost = sample.q.clone();
-            return;
-        };
+        let Some(rules) = &self.rules else { return };
         self.course.push(sample, rules.fresh);
         let moving = self.course.now();
         self.brakes.learn(&sample.q, &moving, open, rules);
-        self.ghost = self.brakes.rest(&sample.q, &moving, rules);
+        self.ghosts = self.brakes.ahead(&sample.q, &moving, rules, &GHOSTS);
+    }
+
+    /// A ghost of it, or where it is.
+    fn ghost(&self, k: usize, q: &Pose) -> Pose {
+        self.ghosts.get(k).filter(|ghost| ghost.len() == q.len()).unwrap_or(q).clone()
     }
 }
 
@@ -72,24 +93,33 @@ impl LookAhead {
             rules: rules.reserve.is_some().then_some(rules),
             course: Course::default(),
             brakes: Brakes::default(),
-            ghost: Vec::new().into(),
+            ghosts: Vec::new(),
             edited: true,
         };
         let robots: Vec<Runner> = rules.into_iter().map(runner).collect();
         let reserves = || robots.iter().filter(|r| r.rules.is_some()).map(Runner::reserve);
         let (most, least) = (reserves().fold(0.0, f64::max), reserves().fold(f64::INFINITY, f64::min));
         // of a way in such steps nothing nearer than half of the reserve is overlooked
-        least.is_finite().then(|| LookAhead { sweep: Sweep::of_all(scene.clone(), most, least / 2.0), robots })
+        let sweep = || Sweep::of_all(scene.clone(), most, least / 2.0);
+        let sweeps = || GHOSTS.map(|_| sweep());
+        least.is_finite().then(|| LookAhead { sweeps: sweeps(), scene: scene.clone(), edited: BTreeMap::new(), robots })
     }
 
     /// Goes on with another scene, such as one after an edit.
     pub fn set_scene(&mut self, scene: &Arc<Scene>) {
-        self.sweep.set_scene(scene.clone());
+        let before = std::mem::replace(&mut self.scene, scene.clone());
+        for (id, object) in scene.objects() {
+            let as_before = before.objects().any(|(i, o)| i == id && o.pose == object.pose && o.class == object.class);
+            if !as_before {
+                self.edited.insert(id, scene.epoch());
+            }
+        }
+        self.sweeps.iter_mut().for_each(|sweep| sweep.set_scene(scene.clone()));
         self.robots.iter_mut().for_each(|runner| runner.edited = true);
     }
 
-    /// A robot was read: the pairs of it that would come nearer than its reserve if it were stopped now, each where it would be
-    /// nearest. None of those that are as near already.
+    /// A robot was read: the pairs of it that would come nearer than its reserve if it were stopped now. None of those that are as near
+    /// already.
     ///
     /// # Arguments
     /// * `poses`: the newest of all robots, rad, in the scene's order.
@@ -102,26 +132,38 @@ impl LookAhead {
         poses: &[Pose],
         near: &[Contact],
         open: bool,
-    ) -> Vec<Contact> {
+    ) -> Vec<Foreseen> {
         let Some(runner) = self.robots.get_mut(robot) else { return Vec::new() };
         runner.follow(sample, open);
         let (reserve, looks, edited) = (runner.reserve(), runner.rules.is_some(), std::mem::take(&mut runner.edited));
-        let ghost = |(runner, q): (&Runner, &Pose)| match runner.ghost.len() == q.len() {
-            true => runner.ghost.clone(),
-            false => q.clone(),
-        };
-        let ghosts: Vec<Pose> = self.robots.iter().zip(poses).map(ghost).collect();
-        if edited {
-            self.sweep.jump();
-            self.sweep.to(poses);
-        }
+        let last = self.sweeps.len() - 1;
+        let rests = runner.ghost(last, &sample.q);
+        let is_far = self.scene.travel(robot, &sample.q, &rests) > 2.0 * reserve;
         let comes = |c: &&Contact| {
             let own = [c.pair.0.robot(), c.pair.1.robot()].contains(&Some(robot));
             let present = || near.iter().find(|n| n.pair == c.pair).map_or(f64::INFINITY, |n| n.distance);
-            own && c.distance < reserve && c.distance < present() - DEEPER
+            looks && own && c.distance < reserve && c.distance < present() - DEEPER
         };
-        let met = self.sweep.to(&ghosts);
-        if looks { met.iter().filter(comes).copied().collect() } else { Vec::new() }
+        let mut met: Vec<Contact> = Vec::new();
+        for (k, sweep) in self.sweeps.iter_mut().enumerate() {
+            let ghosts: Vec<Pose> = self.robots.iter().zip(poses).map(|(runner, q)| runner.ghost(k, q)).collect();
+            if k < last && !is_far {
+                // all of its way is near where it rests
+                sweep.jump();
+                continue;
+            }
+            if edited {
+                sweep.jump();
+                sweep.to(poses);
+            }
+            sweep.to(&ghosts).iter().filter(comes).for_each(|c| note(&mut met, c));
+        }
+        let edits = |s: ShapeId| match s {
+            ShapeId::Object { object, .. } => self.edited.get(&object).copied().unwrap_or(0),
+            ShapeId::Robot { .. } => 0,
+        };
+        let foreseen = |c: Contact| Foreseen { contact: c, edited: edits(c.pair.0).max(edits(c.pair.1)) };
+        met.into_iter().map(foreseen).collect()
     }
 }
 

@@ -9,6 +9,7 @@
 //! anywhere breaks the chain, the lease runs out, and the robot brakes without anybody being told. A watchdog of its
 //! own would have to be trusted as much as what it watches.
 
+use crate::look_ahead::Foreseen;
 use crate::simultaneous::note;
 use mobee_contract::{AnswerTime, Sample, Time};
 use mobee_model::Contact;
@@ -31,7 +32,7 @@ pub struct Pulse {
     /// where it was nearest (model).
     pub together: Arc<[Contact]>,
     /// The pairs of this robot that would come nearer than its reserve if it were stopped now (model).
-    pub foreseen: Arc<[Contact]>,
+    pub foreseen: Arc<[Foreseen]>,
     /// The first violated constraint: part and clause (model).
     pub violated: Option<(usize, usize)>,
     /// By how much the constraint that holds least is violated, in the units of its clause (model).
@@ -69,7 +70,7 @@ impl Pulse {
             unchanged,
             contacts: none.clone(),
             together: none.clone(),
-            foreseen: none.clone(),
+            foreseen: Arc::default(),
             violated: None,
             depth: 0.0,
             epoch: 0,

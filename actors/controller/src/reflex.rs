@@ -380,8 +380,9 @@ impl ReflexCore {
             Some(Cause::Contact(self.present().to_vec()))
         } else if motion.is_some() && !pulse.foreseen.is_empty() {
             // the agent learns from what it did not come to touch as from a contact
-            self.met.extend_from_slice(&pulse.foreseen);
-            Some(Cause::Foreseen(pulse.foreseen.to_vec()))
+            let foreseen: Vec<Contact> = pulse.foreseen.iter().map(|f| f.contact).collect();
+            self.met.extend_from_slice(&foreseen);
+            Some(Cause::Foreseen(foreseen))
         } else {
             pulse.violated.map(|v| constraint(v, step.rules))
         };

@@ -24,22 +24,27 @@ pub(super) struct Brakes {
 }
 
 impl Brakes {
-    /// Where the robot comes to rest if it is told to stop at this reading.
-    pub fn rest(&self, q: &Pose, motion: &Motion, rules: &Rules) -> Pose {
-        let ways = ways(motion, rules).into_iter().enumerate();
+    /// Where the robot would be after these parts of the time to rest if it were told to stop at this reading, each motor braking by itself.
+    pub fn ahead(&self, q: &Pose, motion: &Motion, rules: &Rules, parts: &[f64]) -> Vec<Pose> {
+        let stops: Vec<Stop> = stops(motion, rules);
+        let rest = stops.iter().map(Stop::time).fold(0.0, f64::max);
         let factor = |m: usize| self.factors.get(m).copied().unwrap_or(1.0);
-        let end = |((m, way), (q, axis)): ((usize, f64), (&f64, &Axis))| match way == 0.0 {
-            true => *q,
-            // no motor goes beyond its limits
-            false => within(q + way * factor(m), axis),
+        let at = |part: f64| -> Pose {
+            let end = |(m, ((q, axis), stop)): (usize, ((&f64, &Axis), &Stop))| match stop.is_none() {
+                true => *q,
+                // no motor goes beyond its limits
+                false => within(q + stop.way(part * rest) * factor(m), axis),
+            };
+            q.iter().zip(rules.axes.iter()).zip(&stops).enumerate().map(end).collect()
         };
-        ways.zip(q.iter().zip(rules.axes.iter())).map(end).collect()
+        parts.iter().map(|part| at(*part)).collect()
     }
 
     /// Measures a stop: from the reading at which the filter was closed to the first at which the robot rests.
     pub fn learn(&mut self, q: &Pose, motion: &Motion, open: bool, rules: &Rules) {
         if open {
-            (self.last, self.told) = (Some((q.clone(), ways(motion, rules))), None);
+            let ways = stops(motion, rules).iter().map(|stop| stop.way(f64::INFINITY)).collect();
+            (self.last, self.told) = (Some((q.clone(), ways)), None);
             return;
         }
         self.told = self.last.take().or(self.told.take());
@@ -56,24 +61,57 @@ impl Brakes {
     }
 }
 
-/// How far each motor goes on by its board's word, rad.
-fn ways(motion: &Motion, rules: &Rules) -> Vec<f64> {
+/// How each motor stops by its board's word.
+fn stops(motion: &Motion, rules: &Rules) -> Vec<Stop> {
     // a stop that is not told at this reading is told at the next one
     let reaction = rules.latency.as_secs_f64() + motion.period;
-    let way = |(m, axis): (&Moving, &Axis)| match m.speed.abs() < rules.rest_speed {
-        true => 0.0,
-        false => way(*m, reaction, axis),
+    let stop = |(m, axis): (&Moving, &Axis)| match m.speed.abs() < rules.rest_speed {
+        true => Stop::default(),
+        false => Stop::new(*m, reaction, axis),
     };
-    motion.motors.iter().zip(rules.axes.iter()).map(way).collect()
+    motion.motors.iter().zip(rules.axes.iter()).map(stop).collect()
 }
 
-/// As it goes until the stop takes effect, and then braking as hard as it can: `v t + g t^2 / 2 + u^2 / 2a`, `u = v + g t`.
-fn way(moving: Moving, reaction: f64, axis: &Axis) -> f64 {
-    let (sign, most) = (moving.speed.signum(), axis.max_acceleration);
-    let (speed, gain) = (moving.speed.abs(), (moving.gain * sign).clamp(-most, most));
-    // one that gets slower comes to rest, and does not turn round
-    let time = if gain < 0.0 { reaction.min(-speed / gain) } else { reaction };
-    let then = (speed + gain * time).clamp(0.0, axis.max_speed.max(speed));
-    let brakes = if most > 0.0 { then * then / (2.0 * most) } else { 0.0 };
-    sign * (0.5 * (speed + then) * time + brakes)
+/// A motor that goes on as it does until the stop takes effect, and then brakes as hard as it can.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stop {
+    sign: f64,
+    /// Its speed, and what it gains, until the stop takes effect at `time`; rad/s, rad/s^2, s.
+    speed: f64,
+    gain: f64,
+    time: f64,
+    /// Its speed then, and how it brakes.
+    then: f64,
+    brakes: f64,
+}
+
+impl Stop {
+    fn new(moving: Moving, reaction: f64, axis: &Axis) -> Stop {
+        let (sign, brakes) = (moving.speed.signum(), axis.max_acceleration.max(1e-6));
+        let (speed, gain) = (moving.speed.abs(), (moving.gain * sign).clamp(-brakes, brakes));
+        // one that gets slower comes to rest, and does not turn round
+        let time = if gain < 0.0 { reaction.min(-speed / gain) } else { reaction };
+        let then = (speed + gain * time).clamp(0.0, axis.max_speed.max(speed));
+        Stop { sign, speed, gain: (then - speed) / time.max(1e-9), time, then, brakes }
+    }
+
+    fn is_none(&self) -> bool {
+        self.sign == 0.0
+    }
+
+    /// How long it takes, s.
+    fn time(&self) -> f64 {
+        if self.is_none() { 0.0 } else { self.time + self.then / self.brakes }
+    }
+
+    /// How far it has gone after a time, rad: `v t + g t^2 / 2`, and then `u t - a t^2 / 2`.
+    fn way(&self, after: f64) -> f64 {
+        if self.is_none() {
+            return 0.0;
+        }
+        let (goes, brakes) = (after.min(self.time), (after - self.time).clamp(0.0, self.then / self.brakes));
+        let way = self.speed * goes + 0.5 * self.gain * goes * goes + self.then * brakes
+            - 0.5 * self.brakes * brakes * brakes;
+        self.sign * way
+    }
 }

@@ -209,12 +209,10 @@ impl ReflexCore {
     }
 }
 
-/// What is foreseen with objects, if the world was edited since that count: only then is the path not as free as it was driven, and a
-/// robot that is about to turn into a corner of it is not stopped by what is beyond.
-fn put_there(pulse: &Pulse, epoch: u64) -> Vec<Contact> {
-    let is_object = |c: &&Contact| c.pair.0.robot().is_none() || c.pair.1.robot().is_none();
-    let foreseen: &[Contact] = if pulse.epoch == epoch { &[] } else { &pulse.foreseen };
-    foreseen.iter().filter(is_object).copied().collect()
+/// What is foreseen with objects that were put where they are since that edit of the world: of all others the path is as free as it was
+/// driven, and a robot that is about to turn into a corner of it is not stopped by what is beyond.
+fn put_there(pulse: &Pulse, edit: u64) -> Vec<Contact> {
+    pulse.foreseen.iter().filter(|f| f.edited > edit).map(|f| f.contact).collect()
 }
 
 /// Why a retreat is blocked, in words: by this contact, or, without one, by a constraint.

@@ -4,6 +4,7 @@ use crate::gate::Gate;
 use crate::joint_retreat::JointRetreat;
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
 use crate::ledger::{Motion, Open, SafePose, TransactionState, Underway};
+use crate::look_ahead::Foreseen;
 use crate::pulse::Pulse;
 use crate::reflex::{ReflexCore, ReflexIn, ReflexOut, ReflexReport};
 use crate::{Rules, Shared};
@@ -123,7 +124,7 @@ struct Wrong {
     restless: bool,
     /// It counts as being at rest all the time.
     calm: bool,
-    /// It would come to half a millimeter of something, in a world that was edited.
+    /// It would come to half a millimeter of something that was put there.
     ahead: bool,
 }
 
@@ -150,7 +151,8 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
         (pulse.speed, pulse.unchanged) = (if moves && !wrong.calm { 0.5 } else { speed }, unchanged);
         pulse.violated = wrong.violated.then_some((0, 0));
         if wrong.ahead {
-            (pulse.foreseen, pulse.epoch) = (vec![Contact { distance: 0.0005, ..near }].into(), 1);
+            let contact = Contact { distance: 0.0005, ..near };
+            pulse.foreseen = vec![Foreseen { contact, edited: 1 }].into();
         }
         reflex.read(&mut pulse, None, Status::Stopping, at)
     };
@@ -380,7 +382,8 @@ fn what_is_foreseen_stops_a_motion() {
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let sample = Sample { seq: 1, at: Time::from_secs(5.0), q: vec![0.0].into(), done: vec![false] };
         let (at, mut pulse) = (sample.at, Pulse::new(sample, &Vec::new().into()));
-        pulse.foreseen = vec![Contact { pair, distance: 0.004, points: Default::default() }].into();
+        let contact = Contact { pair, distance: 0.004, points: Default::default() };
+        pulse.foreseen = vec![Foreseen { contact, edited: 0 }].into();
         let out = reflex.read(&mut pulse, moves.then_some(&motion), status, at);
         let foreseen = out.iter().any(|o| matches!(o, ReflexOut::Closed { cause: Cause::Foreseen(_), .. }));
         assert_eq!(reflex.reflex.seen().len(), usize::from(foreseen));
