@@ -30,7 +30,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The parts of the time to rest after which a ghost is: the last is where the robot rests.
-const GHOSTS: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+const GHOSTS: [f64; 8] = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0];
 
 /// A pair that would come nearer than the reserve if the robot were stopped now.
 #[derive(Clone, Copy, Debug, PartialEq)]
