@@ -15,6 +15,7 @@
 mod aim;
 mod choice;
 mod end;
+mod exhaustive;
 mod look;
 mod map;
 mod settings;
@@ -211,7 +212,7 @@ impl Reach {
         self.look_at_scene(view);
         let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
         let (Some(hand), Some(space)) = (hand, self.space.as_mut()) else { return Err(NoChoice::OutOfReach) };
-        let choice = choice::choose(&self.walker.map, hand, space, view, &places)?;
+        let choice = choice::choose(&self.walker.map, hand, space, view, (&places, choice::VERTICES))?;
         let place = self.enter(choice, object, view);
         let pre = place.pre;
         self.mind.place = Some(place);
@@ -223,7 +224,7 @@ impl Reach {
     fn begin(&mut self, object: Vector3<f64>, view: &View) -> Option<Intent> {
         match self.set_out(object, view) {
             Ok(pre) => {
-                self.mind.counts.set_out(view.at);
+                self.mind.counts.set_out(view.at, self.mind.looking.first_seen());
                 self.walker.log(format!("{} is seen: the hand sets out", self.settings.object));
                 self.enter_phase(Phase::Go, pre);
                 None
@@ -268,8 +269,8 @@ impl Reach {
         }
         match (self.mind.phase, place) {
             (Phase::Go, Some(place)) => {
-                let off = self.off(view);
-                self.mind.counts.before(view.at, off);
+                let (at, off) = self.hand_at(view);
+                self.mind.counts.before(view.at, at, off);
                 self.enter_phase(Phase::Approach, place.grasp);
             }
             (Phase::Approach, Some(place)) => {
@@ -291,12 +292,12 @@ impl Reach {
         None
     }
 
-    /// How far the hand is from where it is to be before the object, as the model has both, meters.
-    fn off(&self, view: &View) -> f64 {
+    /// Where the hand is, and how far that is from where it is to be before the object, as the model has both, meters.
+    fn hand_at(&self, view: &View) -> ([f64; 3], f64) {
         let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
         let object = self.mind.place.as_ref().map(|place| Vector3::from(place.object));
-        let (Some(hand), Some(object)) = (hand, object) else { return f64::NAN };
-        hand.off(view.pose(), self.places(object).pre).0
+        let (Some(hand), Some(object)) = (hand, object) else { return ([0.0; 3], 0.0) };
+        (hand.chain.at(view.pose()).at.coords.into(), hand.off(view.pose(), self.places(object).pre).0)
     }
 
     /// The object moved while the hand goes there: postures are chosen anew. Answers their vertex.

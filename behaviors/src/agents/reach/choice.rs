@@ -13,7 +13,7 @@ use mobee_fast::EdgeVerdict;
 use nalgebra::Vector3;
 
 /// So many vertices near the place are begun from.
-const VERTICES: usize = 24;
+pub(super) const VERTICES: usize = 24;
 /// A posture is one if the hand is so near, meters, and its palm points so near to where it should, rad.
 const PLACE: f64 = 0.002;
 const ANGLE: f64 = std::f64::consts::PI / 12.0;
@@ -43,13 +43,14 @@ pub(super) struct Places {
     pub grasp: Vector3<f64>,
 }
 
-/// Chooses postures for the hand at these places, from where the robot is; of those that are free, the one that is nearest.
+/// Chooses postures for the hand at these places, from where the robot is; of those that are free, the one that is nearest. So many
+/// vertices are begun from.
 pub(super) fn choose(
     map: &Roadmap,
     hand: &Hand,
     space: &mut JointSpace,
     view: &View,
-    places: &Places,
+    (places, vertices): (&Places, usize),
 ) -> Result<Choice, NoChoice> {
     let far = |at: [f64; 3]| (Vector3::from(at) - places.pre).norm();
     let mut near: Vec<(f64, u32)> = map.vertices().map(|(id, v)| (far(v.at), id)).collect();
@@ -66,7 +67,7 @@ pub(super) fn choose(
         let grasp = posture(&pre, places.grasp)?;
         Some((from, Choice { vertex: *vertex, pre, grasp }))
     };
-    let choices: Vec<(Vec<f64>, Choice)> = near.iter().take(VERTICES).filter_map(choice).collect();
+    let choices: Vec<(Vec<f64>, Choice)> = near.iter().take(vertices).filter_map(choice).collect();
     if choices.is_empty() {
         return Err(NoChoice::OutOfReach);
     }

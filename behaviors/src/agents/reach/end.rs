@@ -25,6 +25,10 @@ pub(super) struct Counts {
     arrivals: u32,
     seconds: f64,
     off: f64,
+    /// Longest time from when the object was seen to when the hand set out, seconds.
+    delay: f64,
+    /// Where the hand was then, the last time, meters.
+    at: [f64; 3],
 }
 
 /// Why a reach was in vain.
@@ -51,13 +55,16 @@ impl Miss {
 }
 
 impl Counts {
-    pub fn set_out(&mut self, now: Time) {
+    /// The hand sets out for what was first seen at that time.
+    pub fn set_out(&mut self, now: Time, seen: Option<Time>) {
         self.under_way = Some(now);
+        self.delay = seen.map_or(0.0, |seen| now.since(seen).as_secs_f64()).max(self.delay);
     }
 
-    /// The hand is before the object, so far off, meters.
-    pub fn before(&mut self, now: Time, off: f64) {
+    /// The hand is before the object, there, and so far off, meters.
+    pub fn before(&mut self, now: Time, at: [f64; 3], off: f64) {
         let Some(since) = self.under_way.take() else { return };
+        self.at = at;
         self.arrivals += 1;
         self.seconds += now.since(since).as_secs_f64();
         self.off = self.off.max(off);
@@ -132,8 +139,12 @@ impl Reach {
             ("plans", f64::from(counts.planned)),
             ("motions_along_edges", f64::from(progress.driven)),
             ("motions_failed", f64::from(progress.failed)),
+            ("set_out_s", counts.delay),
             ("pre_grasp_s", mean),
             ("pre_grasp_off_mm", 1e3 * counts.off),
+            ("hand_x_mm", 1e3 * counts.at[0]),
+            ("hand_y_mm", 1e3 * counts.at[1]),
+            ("hand_z_mm", 1e3 * counts.at[2]),
         ];
         let all = [("reached", f64::from(counts.reached))].into_iter().chain(missed).chain(others);
         let figures = all.map(|(name, n)| (name.to_owned(), n)).collect();

@@ -12,8 +12,9 @@ use std::time::Duration;
 
 /// The object counts as looked at if no eye has it farther from the middle of its picture, rad (10 degrees).
 const CENTERED: f64 = std::f64::consts::PI / 18.0;
-/// So often the eyes are turned to where the object was seen before it is good enough.
+/// So often the eyes are turned to where the object was seen before it is good enough, each time only if they gain so much, rad.
 const TURNS: u32 = 3;
+const GAIN: f64 = CENTERED / 3.0;
 /// Looking about: rings of points, meters, and how many points each has.
 const RINGS: [f64; 2] = [0.15, 0.30];
 const POINTS: u32 = 6;
@@ -30,6 +31,8 @@ pub(super) struct Looking {
     since: Time,
     /// When the eyes came to rest where they look now.
     rested: Option<Time>,
+    /// When the object was first seen.
+    first: Option<Time>,
     /// Places looked at while the object was not seen, and how often they were turned to where it was seen.
     glances: u32,
     turns: u32,
@@ -66,6 +69,14 @@ impl Gaze {
         Intent::MoveTo(Target { motors: self.plan.motors.clone(), q, speed: self.plan.speed })
     }
 
+    /// Turns the eyes to what is too far from the middle of their pictures, if that brings it nearer.
+    fn center(&self, view: &View, to: Vector3<f64>) -> Option<Intent> {
+        let now = self.eyes.off(view.pose(), to);
+        let q = self.eyes.turn(view.pose(), to);
+        let then = self.eyes.off(&self.eyes.group.whole(view.pose(), &q), to);
+        (now > CENTERED && then < now - GAIN).then(|| self.turn(q))
+    }
+
     /// The next of the places to look at: first where the object is thought to be, then about there.
     fn glance(&self, view: &View, thought: Option<Vector3<f64>>, number: u32) -> Option<Vec<f64>> {
         let sweep = self.plan.sweep.len() as u32;
@@ -92,6 +103,11 @@ impl Looking {
         Looking { since: now, ..Looking::default() }
     }
 
+    /// When the object was first seen.
+    pub fn first_seen(&self) -> Option<Time> {
+        self.first
+    }
+
     /// The robot rests: what to do to see the object, unless it is seen, and in the middle of the eyes' pictures. An object that no sensor
     /// keeps is where the scene has it.
     pub fn step(&mut self, object: &str, gaze: Option<&Gaze>, view: &View) -> Look {
@@ -106,10 +122,11 @@ impl Looking {
             let lately = seen.at.is_some() && !seen.is_stale;
             return Look::Do(self.about(gaze, view, Some(at), lately));
         }
-        if let Some(gaze) = gaze.filter(|g| self.turns < TURNS && g.eyes.off(view.pose(), at) > CENTERED) {
+        self.first.get_or_insert(seen.at.unwrap_or(view.at));
+        if let Some(q) = gaze.filter(|_| self.turns < TURNS).and_then(|gaze| gaze.center(view, at)) {
             self.turns += 1;
             self.rested = None;
-            return Look::Do(gaze.turn(gaze.eyes.turn(view.pose(), at)));
+            return Look::Do(q);
         }
         Look::Seen(at)
     }
