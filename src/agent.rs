@@ -249,6 +249,7 @@ impl Session {
             contacts: self.scene.contacts(&self.poses, self.margin).into(),
             scene: self.scene.clone(),
             clearance: self.clearance,
+            seen: Arc::new([]),
         })
     }
 

@@ -11,6 +11,7 @@
 pub mod terminal;
 
 pub mod agent;
+pub mod bench;
 pub mod check;
 pub mod compose;
 pub mod config;

@@ -5,7 +5,7 @@ use miette::Report;
 use mobee::config::{ClockMode, ConfigError};
 use mobee::robot_import::ImportArgs;
 use mobee::{
-    agent, check, config, ctl, detector, doctor, eyes, inspect, kinds, locator, model_compare, model_convert,
+    agent, bench, check, config, ctl, detector, doctor, eyes, inspect, kinds, locator, model_compare, model_convert,
     model_eval, model_info, model_view, new, new_robot, replay, roadmap, run, schema, sim, terminal, torture, view,
     yarp,
 };
@@ -88,6 +88,11 @@ enum Command {
     Sim(sim::SimArgs),
     /// Search for faults: run a behavior in virtual time under seeded random faults, checking all invariants.
     Torture(torture::TortureArgs),
+    /// Measure what a behavior achieves in many random scenes, in virtual time.
+    Bench {
+        #[command(subcommand)]
+        command: bench::BenchCommand,
+    },
     /// List the kinds of agents, bridges, controllers, drivers and sensors, with their settings.
     Kinds {
         /// Show this kind in full.
@@ -318,6 +323,7 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Torture(args) => torture::command(&args),
+        Command::Bench { command } => bench::command(&command),
         Command::Kinds { name } => {
             terminal::out(&kinds::listing(name.as_deref())?);
             Ok(ExitCode::SUCCESS)

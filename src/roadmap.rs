@@ -1,6 +1,7 @@
 //! `mobee roadmap`: maps in files, from the first pose to a plan.
 
 mod build;
+mod cached;
 mod certified;
 mod improve;
 mod info;
@@ -11,7 +12,7 @@ mod settings;
 mod validate;
 mod view;
 
-use crate::config::ConfigError;
+use crate::config::{Complaints, ConfigError};
 use miette::{Report, miette};
 use mobee_behaviors::map_file::MapFile;
 use mobee_model::file::{MIB, read_text};
@@ -110,13 +111,26 @@ fn parsed(path: &Path, text: &str) -> Result<MapFile, ConfigError> {
     MapFile::parse(text).map_err(|e| ConfigError::at(&path.display().to_string(), text, e.span, e.what, e.help))
 }
 
-/// A map for an agent, which takes it as JSON: from the disk, or as it was sent.
+/// A map for an agent, which takes it as JSON: from the disk, as it was sent, or built from settings (a file `.toml`).
 ///
 /// # Errors
-/// If it can't be read, or is no map.
-pub(crate) fn for_agent(path: &Path, sent: Option<&str>) -> Result<Value, ConfigError> {
-    let map = sent.map_or_else(|| Ok(load(path)?.0), |text| parsed(path, text))?;
+/// If it can't be read, or is no map; settings that were sent.
+pub(crate) fn for_agent(path: &Path, sent: Option<&str>) -> Result<Value, Complaints> {
+    let map = match sent {
+        Some(_) if is_settings(path) => {
+            let what = format!("{}: a map that is still to be built can't be sent", path.display());
+            let help = "build it by `mobee roadmap build`, and name the map";
+            return Err(ConfigError::plain(what, help).into());
+        }
+        Some(text) => parsed(path, text)?,
+        None if is_settings(path) => cached::of_settings(path)?,
+        None => load(path)?.0,
+    };
     Ok(serde_json::to_value(map).unwrap_or_default())
+}
+
+fn is_settings(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e == "toml")
 }
 
 /// The text of the map that an agent left behind at the end of a run; `None` if it is none of ours.

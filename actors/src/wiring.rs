@@ -21,7 +21,7 @@ pub use truth::TruthCell;
 use crate::record::tap::Taps;
 use crate::runtime::clock::Clock;
 use crate::runtime::stream::Stream;
-use mobee_contract::{AnswerTime, Board, Event, Hardware, Latest, Note, Snapshot, SwapPart, SwapStep};
+use mobee_contract::{AnswerTime, Board, Event, Hardware, Latest, Note, SeenObject, Snapshot, SwapPart, SwapStep};
 use mobee_controller::gate::Gate;
 use mobee_controller::joint_retreat::JointRetreat;
 use mobee_controller::ledger::Ledger;
@@ -197,6 +197,8 @@ pub struct SharedContext {
     pub truth: LatestCell<Arc<Scene>>,
     /// The objects that sensors with simulated cameras keep.
     pub looked_at: BTreeSet<String>,
+    /// How the objects that sensors keep were seen, sensor by sensor in the order of their names.
+    pub seen: LatestCell<BTreeMap<String, Vec<SeenObject>>>,
     /// Robots that go back together.
     pub joint_retreat: Arc<JointRetreat>,
     /// The pulse of all robots into the model.

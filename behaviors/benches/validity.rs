@@ -146,6 +146,7 @@ fn view(scene: &Arc<Scene>) -> View {
         scene: scene.clone(),
         contacts: Arc::new([]),
         clearance: CLEARANCE,
+        seen: Arc::new([]),
     }
 }
 

@@ -5,6 +5,7 @@ mod jog;
 mod named;
 mod plan;
 mod random;
+mod reach;
 mod roadmap;
 mod scripted;
 mod tour;
@@ -14,6 +15,7 @@ pub use jog::{Jog, JogBy, JogSettings};
 pub use named::NamedPose;
 pub use plan::{PlanAgent, PlanSettings};
 pub use random::{Random, RandomSettings};
+pub use reach::{GazeSettings, Reach, ReachSettings};
 pub use roadmap::{RoadmapAgent, RoadmapSettings};
 pub use scripted::{Scripted, ScriptedPose, ScriptedSettings};
 

@@ -14,7 +14,7 @@
 //! scene, table ──> table_map ──search──> poses ──> roadmap <──> map_file (JSON)
 //! ```
 //!
-//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `scripted`, `random`, `jog`; so are
+//! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `reach`, `scripted`, `random`, `jog`; so are
 //! [`detectors`] that learn from pictures: `color`, `cgp`; and [`locators`]: `triangulate`, `network`, `ensemble`, `calibrated`. A program must name this
 //! crate (`use mobee_behaviors as _;`), or the linker drops them.
 //!

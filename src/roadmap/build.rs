@@ -104,13 +104,13 @@ pub fn command(args: &BuildArgs) -> Result<String, Report> {
 }
 
 /// All that is wrong with settings, at their places.
-fn complaints(source: &Source, error: KindError) -> Complaints {
+pub(super) fn complaints(source: &Source, error: KindError) -> Complaints {
     let mut wrong = Complaints::default();
     error.all().into_iter().for_each(|e| wrong.push(source.error(&e.path, e.what, e.help)));
     wrong
 }
 
-fn map(growth: &Growth, plan: &TableMapPlan, robot: &Robot, world: String) -> MapFile {
+pub(super) fn map(growth: &Growth, plan: &TableMapPlan, robot: &Robot, world: String) -> MapFile {
     let mut map = Roadmap::new(plan.motors.clone(), robot);
     for found in growth.found() {
         map.add(Vertex { name: None, q: found.whole.clone(), at: found.at });

@@ -20,6 +20,7 @@ mod old_program;
 mod planted_defects;
 mod private_runs;
 mod process_faults;
+mod reaching;
 mod replay;
 mod resume_evidence;
 mod roadmap_files;

@@ -23,12 +23,32 @@ pub struct View {
     pub contacts: Arc<[Contact]>,
     /// The distance that a plan should keep from everything, meters (the robot's margin and what planning adds to it).
     pub clearance: f64,
+    /// The objects that sensors keep where they see them. Of all others the scene is believed.
+    pub seen: Arc<[SeenObject]>,
+}
+
+/// An object that a sensor keeps in the model, and when it was seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeenObject {
+    /// Its name.
+    pub object: String,
+    /// When it was last seen, as far as that was believed; `None`: not yet, and where it is was only told.
+    pub at: Option<Time>,
+    /// Where its middle was then, meters. The scene has it there a moment later, unless that is nearer than the sensor's least move.
+    pub place: Option<[f64; 3]>,
+    /// Whether that is too long ago.
+    pub is_stale: bool,
 }
 
 impl View {
     /// The agent's own robot's pose.
     pub fn pose(&self) -> &[f64] {
         self.poses.get(self.robot).map_or(&[], |p| p)
+    }
+
+    /// How an object was seen, if a sensor keeps it.
+    pub fn seen(&self, object: &str) -> Option<&SeenObject> {
+        self.seen.iter().find(|seen| seen.object == object)
     }
 }
 

@@ -122,6 +122,7 @@ impl Planning {
             scene: self.shared.scene.lock().clone(),
             contacts: latest.contacts,
             clearance: rules.margin + RELEASE,
+            seen: self.shared.seen.lock().values().flatten().cloned().collect(),
         }
     }
 

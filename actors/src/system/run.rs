@@ -133,6 +133,8 @@ async fn conduct(
     }
     let sensors = sensors.into_iter().map(|s| Sensor::new(s, &shared.robots, clock.now()).map(Arc::new));
     let sensors: Vec<Arc<Sensor>> = sensors.collect::<Result<_, _>>().map_err(RunError::Body)?;
+    // agents know from the first what is kept by sensors and not seen yet
+    sensors.iter().flat_map(|s| &s.placing).for_each(|placing| placing.show_seen(&shared));
     let controller = begin(tree::controller(&shared), safety.as_ref()).await?;
     let agents = begin(tree::agents(&shared), None).await?;
     let taps = begin(tree::taps(&shared), None).await?;
@@ -291,6 +293,7 @@ fn wire(
         truth: LatestCell::new(scene.clone()),
         scene: LatestCell::new(scene),
         looked_at,
+        seen: LatestCell::default(),
         to_model: Stream::new("history>model", 256),
         model: ActorLink::default(),
         clock,

@@ -17,6 +17,11 @@ pub(super) struct About {
 }
 
 impl Roadmap {
+    /// The marker that its vertices' places are of, if its file says so.
+    pub fn hand(&self) -> Option<&str> {
+        self.about.hand.as_deref()
+    }
+
     /// The roadmap as JSON: see [`Roadmap::file`].
     pub fn export(&self, robot: &Robot) -> Value {
         serde_json::to_value(self.file(robot)).unwrap_or(Value::Null)

@@ -9,6 +9,8 @@
 //! its way (`validation.rs`). It plans anew at every vertex and commits edge by edge, so the robot's safe pose is always a vertex. WAITFORMOTION is
 //! the [`MotionEnd`] that the next [`Walker::step`] is given. Nothing but the pose says where the robot is.
 
+mod far;
+
 use crate::group::cause;
 use crate::planners::escape::{caught, escape, line_free};
 use crate::planners::{JointSpace, RrtConnect};
@@ -59,6 +61,8 @@ enum Doing {
         from: u32,
         to: u32,
     },
+    /// A motion that is no edge: where it leads to was changed on the way, or it was given up.
+    Turned,
 }
 
 /// What a successor must know besides the map.
@@ -96,6 +100,8 @@ pub struct Walker {
     tolerance: f64,
     seed: u64,
     validator: Validator,
+    /// Whether vertices on the way are left out where a straight line will do.
+    leaps: bool,
     progress: WalkProgress,
     plan: Vec<u32>,
     notes: Vec<Note>,
@@ -112,6 +118,7 @@ impl Walker {
             speed,
             tolerance,
             seed,
+            leaps: false,
             progress: WalkProgress::default(),
             plan: Vec::new(),
             notes: Vec::new(),
@@ -166,7 +173,7 @@ impl Walker {
         let doing = match &self.progress.doing {
             Doing::Driving { from, to } => [*from, *to].contains(&id),
             Doing::Connecting { to, rest } => *to == id || rest.contains(&id),
-            Doing::Nothing | Doing::Escaping => false,
+            Doing::Nothing | Doing::Escaping | Doing::Turned => false,
         };
         doing || self.progress.goal == Some(id)
     }
@@ -215,7 +222,10 @@ impl Walker {
         (self.progress.last, self.progress.connects) = (Some(at), 0);
         match self.progress.goal {
             Some(goal) if goal != at => match self.plan(at, goal, view) {
-                Some(path) => WalkStep::Do(self.follow(path, view)),
+                Some(path) => {
+                    let path = if self.leaps { self.leap(path, view) } else { path };
+                    WalkStep::Do(self.follow(path, view))
+                }
                 None => {
                     self.progress.goal = None;
                     self.show(Vec::new());
@@ -235,7 +245,7 @@ impl Walker {
         let to = match &self.progress.doing {
             Doing::Driving { from, to } => self.is_blocked(*from, *to).then_some(*to),
             Doing::Connecting { to, .. } => self.validator.certifies().then_some(*to),
-            Doing::Nothing | Doing::Escaping => None,
+            Doing::Nothing | Doing::Escaping | Doing::Turned => None,
         }?;
         // what blocks an edge may be behind the robot
         let blocked = self.whole(to, view).is_some_and(|q| !line_free(view, &q));

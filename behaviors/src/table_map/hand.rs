@@ -27,9 +27,14 @@ impl HandChain {
     /// The chain to a marker (an index into `Robot::markers`) of the scene's first robot; `palm` is given in the marker's
     /// frame.
     pub fn new(scene: &Scene, marker: usize, palm: Unit<Vector3<f64>>) -> HandChain {
-        let mut chain = HandChain { base: scene.base(0), hinges: Vec::new(), tip: Isometry3::identity(), palm };
-        let node = scene.robots().first().and_then(|r| r.markers.get(marker)).map(|m| m.node);
-        let (Some(skeleton), Some(node)) = (scene.skeletons().first(), node) else { return chain };
+        HandChain::of_robot(scene, 0, marker, palm)
+    }
+
+    /// The same of another robot, an index into the scene's robots. Whatever has a marker will do for a hand: of an eye, `palm` is where it looks.
+    pub fn of_robot(scene: &Scene, robot: usize, marker: usize, palm: Unit<Vector3<f64>>) -> HandChain {
+        let mut chain = HandChain { base: scene.base(robot), hinges: Vec::new(), tip: Isometry3::identity(), palm };
+        let node = scene.robots().get(robot).and_then(|r| r.markers.get(marker)).map(|m| m.node);
+        let (Some(skeleton), Some(node)) = (scene.skeletons().get(robot), node) else { return chain };
         chain.tip = skeleton.in_frame.get(node).copied().unwrap_or_default();
         let mut frame = skeleton.frame.get(node).copied().unwrap_or(0);
         // a frame has a higher number than the one that it hangs on, so this ends

@@ -7,6 +7,7 @@ mod locators;
 mod map_files;
 mod plan_agent;
 mod planners;
+mod reach_agent;
 mod roadmap_agent;
 mod short_way;
 mod simple_agents;

@@ -1,10 +1,10 @@
 //! The locator's shell: pairs what was seen with the body as it was then.
 
-use super::{Eye, PATIENCE, Placing, Seen};
+use super::{Eye, KeptObject, PATIENCE, Placing, Seen};
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::Clock;
 use crate::wiring::{ModelMsg, SharedContext};
-use mobee_contract::{Admission, BodyState, Event, Locator, Sighting, Time};
+use mobee_contract::{Admission, BodyState, Event, Locator, SeenObject, Sighting, Time};
 use mobee_controller::history::Unrecorded;
 use ractor::{Actor, ActorProcessingErr, ActorRef};
 use std::sync::Arc;
@@ -43,9 +43,25 @@ impl Placing {
     pub fn tell_stale(&self, shared: &SharedContext, by: Time) {
         let Some(gate) = &self.gate else { return };
         let stale = gate.lock().stale(by);
+        if !stale.is_empty() {
+            self.show_seen(shared);
+        }
         for object in stale {
             shared.tell(Event::Stale { sensor: self.sensor.clone(), object });
         }
+    }
+
+    /// Lets agents know how the gate's objects were seen.
+    pub fn show_seen(&self, shared: &SharedContext) {
+        let Some(gate) = &self.gate else { return };
+        let seen = |kept: KeptObject| SeenObject {
+            at: kept.place.map(|_| kept.seen),
+            place: kept.place,
+            object: kept.object,
+            is_stale: kept.is_stale,
+        };
+        let seen = gate.lock().kept().into_iter().map(seen).collect();
+        shared.seen.lock().insert(self.sensor.clone(), seen);
     }
 
     /// The body at this instant, by the robot's recorded poses; none if they don't tell.
@@ -78,6 +94,7 @@ impl Locating {
         *self.placing.state.lock() = state;
         let gate = self.placing.gate.as_ref();
         let admissions = gate.map(|gate| gate.lock().admit(exposed, &objects)).unwrap_or_default();
+        self.placing.show_seen(&self.shared);
         for (object, admission) in objects.iter().zip(&admissions) {
             if *admission == Admission::Moved {
                 self.shared.model.send(ModelMsg::Seen(object.object.clone(), object.position));

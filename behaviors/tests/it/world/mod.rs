@@ -103,6 +103,7 @@ pub fn view(scene: &Arc<Scene>, q: &[f64]) -> View {
         scene: scene.clone(),
         contacts: Arc::new([]),
         clearance: 0.012,
+        seen: Arc::new([]),
     }
 }
 

@@ -1,0 +1,426 @@
+//! The reaching agent: looks for an object, brings a hand before it over a roadmap, to it, and back (paper, section 3.3, figure 8).
+//!
+//! ```text
+//!          seen: postures chosen, certified        at the pre-grasp          in the grasp posture      back before it
+//!  Look ──────────────────────────────────> Go ───────────────────> Approach ───────────────> Back ───────────────> Home ──> Look ...
+//!   ^  \                                   ^  \__ the object moved: chosen anew, the motion is led there
+//!   │   └─ not seen: the eyes turn         └──── rolled back: the map has learned it, another way
+//!   └── no posture, no way: a miss, with its cause
+//! ```
+//!
+//! Where the arm goes is the [`Walker`]'s matter: postures are vertices of its map, so that a rollback, a certificate and a world that
+//! changes mean here what they mean to every agent with a map. Where no way leads over the map a planner looks for one, and its
+//! way-points become vertices.
+
+mod aim;
+mod choice;
+mod end;
+mod exhaustive;
+mod look;
+mod map;
+mod settings;
+
+pub use settings::{GazeSettings, ReachSettings};
+
+use super::{open, seal};
+use crate::group;
+use crate::planners::JointSpace;
+use crate::planners::escape::caught;
+use crate::roadmap::Roadmap;
+use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
+use aim::Hand;
+use choice::{NoChoice, Places};
+use end::Counts;
+use look::{Gaze, Look, Looking};
+use map::Own;
+use mobee_contract::*;
+use mobee_model::Robot;
+use nalgebra::{Unit, Vector3};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use settings::GazePlan;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Changes of mind within one call: more would be a circle.
+const TURNS: usize = 20;
+/// So often in a row postures are chosen in vain before that counts as a miss, a pause apart.
+const TRIES: u32 = 3;
+const PAUSE: Duration = Duration::from_millis(500);
+/// Plans made where no way leads to a goal, for one reach.
+const PLANS: u32 = 3;
+/// How often the way home is looked for, a second apart.
+const HOMEWARD: u32 = 60;
+
+/// What is being done: part of the agent's state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Phase {
+    Look,
+    Go,
+    Approach,
+    Back,
+    Home,
+}
+
+/// Where the hand is going: part of the agent's state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Place {
+    /// The object's middle when it was chosen, meters.
+    object: [f64; 3],
+    /// Vertices of the postures.
+    pre: u32,
+    grasp: u32,
+}
+
+/// Reaches for an object.
+pub struct Reach {
+    robot: Arc<Robot>,
+    settings: ReachSettings,
+    walker: Walker,
+    hand: Option<usize>,
+    palm: Option<Unit<Vector3<f64>>>,
+    palm_toward: Unit<Vector3<f64>>,
+    gaze_plan: Option<GazePlan>,
+    wait: Duration,
+    seed: u64,
+    /// Its rest posture in the map.
+    rest: u32,
+    /// What follows from the view: made when first asked.
+    ready: Option<Ready>,
+    space: Option<JointSpace>,
+    /// Vertices that were told, for pictures.
+    told: BTreeSet<u32>,
+    mind: Mind,
+}
+
+struct Ready {
+    hand: Option<Hand>,
+    gaze: Option<Gaze>,
+}
+
+/// What it has in mind: the part of its state that is no map.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Mind {
+    phase: Phase,
+    looking: Looking,
+    /// Whether the motion under way is the eyes'.
+    eyes_turn: bool,
+    place: Option<Place>,
+    /// Choices in vain, plans made, times that the way home was looked for: of this reach.
+    in_vain: u32,
+    plans: u32,
+    homeward: u32,
+    own: Own,
+    /// Whether the rest posture was joined to the map.
+    joined: bool,
+    counts: Counts,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    map: Value,
+    progress: WalkProgress,
+    mind: Mind,
+}
+
+impl Reach {
+    /// An agent from its settings.
+    ///
+    /// # Errors
+    /// Unknown motors and markers, positions outside the limits, numbers out of bounds, a broken map: with their path.
+    pub fn new(settings: ReachSettings, context: &Context) -> Result<Reach, KindError> {
+        let robot = context.robot.clone();
+        let map = map::begin(&settings, &robot);
+        let speed = group::speed("speed", settings.speed);
+        let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
+        let wait = group::seconds("wait_s", settings.wait_s);
+        let gaze = settings.gaze.as_ref().map(|gaze| gaze.plan(&robot)).transpose();
+        let hand = group::marker("hand", settings.hand.as_deref(), &robot);
+        let toward = settings.check();
+        KindError::gather([
+            map.as_ref().map(drop).map_err(Clone::clone),
+            speed.clone().map(drop),
+            tolerance.clone().map(drop),
+            wait.clone().map(drop),
+            gaze.as_ref().map(drop).map_err(Clone::clone),
+            hand.clone().map(drop),
+            toward.clone().map(drop),
+        ])?;
+        let (map, rest) = map?;
+        let of_map = map.hand().and_then(|name| robot.markers.iter().position(|m| m.name == name));
+        let hand = hand?.or(of_map).or_else(|| group::hand(&robot, map.motors()));
+        let palm = settings.palm.map(|palm| settings::direction("palm", palm)).transpose()?;
+        let palm = palm.or_else(|| Some(robot.markers.get(hand?)?.normal));
+        let seed = settings.seed.unwrap_or(context.seed);
+        let walker = Walker::new(map, speed?, tolerance?, seed).with_validation(settings.validation).with_leaps();
+        let mind = Mind {
+            phase: Phase::Look,
+            looking: Looking::default(),
+            eyes_turn: false,
+            place: None,
+            in_vain: 0,
+            plans: 0,
+            homeward: 0,
+            own: Own::default(),
+            joined: false,
+            counts: Counts::default(),
+        };
+        Ok(Reach {
+            robot,
+            palm,
+            hand,
+            palm_toward: toward?,
+            gaze_plan: gaze?,
+            wait: wait?,
+            seed,
+            rest,
+            ready: None,
+            space: None,
+            told: BTreeSet::new(),
+            mind,
+            walker,
+            settings,
+        })
+    }
+
+    /// The roadmap as it is now.
+    pub fn map(&self) -> &Roadmap {
+        &self.walker.map
+    }
+
+    /// Where the hand is to be for an object there.
+    fn places(&self, object: Vector3<f64>) -> Places {
+        let from = |mm: [f64; 3]| object + Vector3::from(mm) * 1e-3;
+        Places { pre: from(self.settings.pre_grasp_mm), grasp: from(self.settings.grasp_mm) }
+    }
+
+    /// Whether the object is not any more where it was when the hand set out.
+    fn has_moved(&self, view: &View) -> Option<Vector3<f64>> {
+        let now = look::middle(&self.settings.object, view)?;
+        let then = Vector3::from(self.mind.place.as_ref()?.object);
+        ((now - then).norm() > self.settings.moved_mm * 1e-3).then_some(now)
+    }
+
+    /// Chooses postures for an object there, and takes them into the map.
+    fn set_out(&mut self, object: Vector3<f64>, view: &View) -> Result<u32, NoChoice> {
+        let places = self.places(object);
+        self.look_at_scene(view);
+        let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
+        let (Some(hand), Some(space)) = (hand, self.space.as_mut()) else { return Err(NoChoice::OutOfReach) };
+        let choice = choice::choose(&self.walker.map, hand, space, view, (&places, choice::VERTICES))?;
+        let place = self.enter(choice, object, view);
+        let pre = place.pre;
+        self.mind.place = Some(place);
+        self.mind.in_vain = 0;
+        Ok(pre)
+    }
+
+    /// The object is seen: sets out for it. Answers what to do if that is not possible now.
+    fn begin(&mut self, object: Vector3<f64>, view: &View) -> Option<Intent> {
+        match self.set_out(object, view) {
+            Ok(pre) => {
+                self.mind.counts.set_out(view.at, self.mind.looking.first_seen());
+                self.walker.log(format!("{} is seen: the hand sets out", self.settings.object));
+                self.enter_phase(Phase::Go, pre);
+                None
+            }
+            Err(why) => {
+                self.mind.in_vain += 1;
+                if self.mind.in_vain >= TRIES {
+                    self.mind.in_vain = 0;
+                    self.miss(&why.into());
+                    if self.is_done() {
+                        return Some(self.done("all reaches are done"));
+                    }
+                }
+                self.mind.looking = Looking::from(view.at);
+                Some(Intent::Wait(PAUSE))
+            }
+        }
+    }
+
+    fn enter_phase(&mut self, phase: Phase, goal: u32) {
+        self.mind.phase = phase;
+        self.walker.goto(goal);
+    }
+
+    fn go_home(&mut self) {
+        self.mind.homeward = 0;
+        self.enter_phase(Phase::Home, self.rest);
+    }
+
+    /// The robot rests at a vertex and no goal is left: what is next. `None`: to be found out by the next step.
+    fn arrived(&mut self, at: u32, view: &View) -> Option<Intent> {
+        let place = self.mind.place.clone();
+        let goal = match (self.mind.phase, &place) {
+            (Phase::Look, _) => return Some(Intent::Wait(PAUSE)),
+            (Phase::Home, _) | (_, None) => self.rest,
+            (Phase::Go | Phase::Back, Some(place)) => place.pre,
+            (Phase::Approach, Some(place)) => place.grasp,
+        };
+        if at != goal {
+            self.walker.goto(goal);
+            return None;
+        }
+        match (self.mind.phase, place) {
+            (Phase::Go, Some(place)) => {
+                let (at, off) = self.hand_at(view);
+                self.mind.counts.before(view.at, at, off);
+                self.enter_phase(Phase::Approach, place.grasp);
+            }
+            (Phase::Approach, Some(place)) => {
+                self.mind.counts.reached += 1;
+                let count = self.mind.counts.reached;
+                self.walker.log(format!("{} is reached, {count} times so far", self.settings.object));
+                self.enter_phase(Phase::Back, place.pre);
+                return (!self.wait.is_zero()).then_some(Intent::Wait(self.wait));
+            }
+            (Phase::Back, _) => self.go_home(),
+            (Phase::Home, _) if self.is_done() => return Some(self.done("all reaches are done")),
+            _ => {
+                self.mind.phase = Phase::Look;
+                self.mind.looking = Looking::from(view.at);
+                self.mind.place = None;
+                self.mind.plans = 0;
+            }
+        }
+        None
+    }
+
+    /// Where the hand is, and how far that is from where it is to be before the object, as the model has both, meters.
+    fn hand_at(&self, view: &View) -> ([f64; 3], f64) {
+        let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
+        let object = self.mind.place.as_ref().map(|place| Vector3::from(place.object));
+        let (Some(hand), Some(object)) = (hand, object) else { return ([0.0; 3], 0.0) };
+        (hand.chain.at(view.pose()).at.coords.into(), hand.off(view.pose(), self.places(object).pre).0)
+    }
+
+    /// The object moved while the hand goes there: postures are chosen anew. Answers their vertex.
+    fn follow(&mut self, view: &View) -> Option<u32> {
+        let object = self.has_moved(view)?;
+        let pre = self.set_out(object, view).ok()?;
+        self.mind.counts.replanned += 1;
+        self.walker.log(format!("{} has moved: the hand goes where it is now", self.settings.object));
+        Some(pre)
+    }
+}
+
+impl Agent for Reach {
+    fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
+        self.prepare(view);
+        let mut last = last.filter(|_| !std::mem::take(&mut self.mind.eyes_turn));
+        for _ in 0..TURNS {
+            if self.mind.phase == Phase::Look && !caught(view) {
+                let gaze = self.ready.as_ref().and_then(|r| r.gaze.as_ref());
+                match self.mind.looking.step(&self.settings.object, gaze, view) {
+                    Look::Do(intent) => {
+                        self.mind.eyes_turn = matches!(intent, Intent::MoveTo(_));
+                        return intent;
+                    }
+                    Look::Seen(object) => {
+                        if let Some(intent) = self.begin(object, view) {
+                            return intent;
+                        }
+                    }
+                }
+            }
+            if self.mind.phase == Phase::Go
+                && let Some(pre) = self.follow(view)
+            {
+                self.walker.goto(pre);
+            }
+            let on = match self.walker.step(last.take(), view) {
+                WalkStep::Do(intent) => return intent,
+                WalkStep::Lost(why) => return self.done(&why),
+                WalkStep::Unreachable(goal) => self.no_way(goal, view),
+                WalkStep::At(at) => self.arrived(at, view),
+            };
+            if let Some(intent) = on {
+                return intent;
+            }
+        }
+        Intent::Wait(Duration::from_secs(1))
+    }
+
+    fn revise(&mut self, view: &View) -> Option<Intent> {
+        match self.mind.phase {
+            Phase::Go if self.has_moved(view).is_some() => {
+                let Some(pre) = self.follow(view) else { return self.walker.revise(view) };
+                let straight = self.is_straight(pre, view);
+                let turned = straight.then(|| self.walker.turn_to(pre, view)).flatten();
+                Some(turned.unwrap_or_else(|| {
+                    self.walker.goto(pre);
+                    self.walker.give_up()
+                }))
+            }
+            Phase::Approach if self.has_moved(view).is_some() => {
+                self.mind.phase = Phase::Go;
+                Some(self.walker.give_up())
+            }
+            Phase::Look => None,
+            _ => self.walker.revise(view),
+        }
+    }
+
+    fn notes(&mut self) -> Vec<Note> {
+        self.told_notes()
+    }
+
+    fn recall(&mut self, past: &[Note]) {
+        self.walker.map.recall(past);
+    }
+
+    fn requirements(&self) -> Requirements {
+        let gaze = self.gaze_plan.iter().flat_map(|gaze| gaze.motors.iter().copied());
+        let motors: BTreeSet<usize> = self.walker.map.motors().iter().copied().chain(gaze).collect();
+        let rest = self.walker.map.vertex(self.rest).filter(|_| !self.settings.rest_deg.is_empty());
+        let rest = rest.map(|v| SetPose { path: "rest_deg".to_owned(), q: v.q.clone(), optional: false });
+        Requirements { motors: motors.into_iter().collect(), poses: rest.into_iter().collect() }
+    }
+
+    fn export(&self) -> Snapshot {
+        let (map, progress) = (self.walker.map.export(&self.robot), self.walker.progress().clone());
+        seal("reach", 1, &State { map, progress, mind: self.mind.clone() })
+    }
+
+    fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
+        let state: State = open(&from, "reach", 1)?;
+        let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
+        let is_in = |id: u32| map.vertex(id).is_some();
+        let place = state.mind.place.iter().all(|p| is_in(p.pre) && is_in(p.grasp));
+        if map.motors() != self.walker.map.motors() || !is_in(self.rest) || !place {
+            let what = "map: the roadmap is one of other motors, or lacks a posture".to_owned();
+            return Err(Refusal::State { what });
+        }
+        self.walker.resume(map, state.progress);
+        self.mind = state.mind;
+        Ok(())
+    }
+}
+
+fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {
+    Ok(Box::new(Reach::new(settings(value)?, context)?))
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Agent> {
+        name: "reach",
+        doc: "Reaches for an object: turns the eyes until it is seen, brings the hand before it over a roadmap of pre-grasp poses, to it, \
+              and back. When the object moves on the way it goes where that is now; when it is rolled back it takes another way.",
+        schema: || schemars::schema_for!(ReachSettings),
+        example: |robot| {
+            let part = group::example_part(robot).map(|p| p.name.clone());
+            let sweep = [group::example_pose(robot, 0.2), group::example_pose(robot, 0.0)];
+            Ok(json!({
+                "object": "cup", "motors": [part], "speed": 0.1,
+                "gaze": { "motors": [part], "sweep_deg": sweep, "speed": 0.1 },
+            }))
+        },
+        build,
+    })
+}

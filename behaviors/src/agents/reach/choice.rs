@@ -1,0 +1,94 @@
+//! Where the hand goes: the vertex of the map that is nearest to the pre-grasp posture, and the two last lines from there.
+//!
+//! ```text
+//! object's middle ──> places of the hand before the grasp, and at it
+//!    nearest vertices ──damped least squares──> pre-grasp posture ──> grasp posture ──> lines certified ──> the nearest one
+//! ```
+
+use super::aim::Hand;
+use crate::planners::JointSpace;
+use crate::roadmap::Roadmap;
+use mobee_contract::View;
+use mobee_fast::EdgeVerdict;
+use nalgebra::Vector3;
+
+/// So many vertices near the place are begun from.
+pub(super) const VERTICES: usize = 24;
+/// A posture is one if the hand is so near, meters, and its palm points so near to where it should, rad.
+const PLACE: f64 = 0.002;
+const ANGLE: f64 = std::f64::consts::PI / 12.0;
+
+/// Two postures, and the vertex that they are reached from.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Choice {
+    pub vertex: u32,
+    /// Positions of the map's motors, rad.
+    pub pre: Vec<f64>,
+    pub grasp: Vec<f64>,
+}
+
+/// Why there is none.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum NoChoice {
+    /// The hand can't be brought there.
+    OutOfReach,
+    /// It can, but not freely; what is in the way, in words.
+    NotFree(String),
+}
+
+/// Where the hand is to be, in the world, meters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Places {
+    pub pre: Vector3<f64>,
+    pub grasp: Vector3<f64>,
+}
+
+/// Chooses postures for the hand at these places, from where the robot is; of those that are free, the one that is nearest. So many
+/// vertices are begun from.
+pub(super) fn choose(
+    map: &Roadmap,
+    hand: &Hand,
+    space: &mut JointSpace,
+    view: &View,
+    (places, vertices): (&Places, usize),
+) -> Result<Choice, NoChoice> {
+    let far = |at: [f64; 3]| (Vector3::from(at) - places.pre).norm();
+    let mut near: Vec<(f64, u32)> = map.vertices().map(|(id, v)| (far(v.at), id)).collect();
+    near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let rest = view.pose();
+    let posture = |from: &[f64], to: Vector3<f64>| {
+        let q = hand.bring(&hand.group.whole(rest, from), to);
+        let (off, angle) = hand.off(&hand.group.whole(rest, &q), to);
+        (off <= PLACE && angle <= ANGLE).then_some(q)
+    };
+    let choice = |(_, vertex): &(f64, u32)| {
+        let from = map.group(&map.vertex(*vertex)?.q);
+        let pre = posture(&from, places.pre)?;
+        let grasp = posture(&pre, places.grasp)?;
+        Some((from, Choice { vertex: *vertex, pre, grasp }))
+    };
+    let choices: Vec<(Vec<f64>, Choice)> = near.iter().take(vertices).filter_map(choice).collect();
+    if choices.is_empty() {
+        return Err(NoChoice::OutOfReach);
+    }
+    let lines = choices.iter().flat_map(|(from, c)| [(from, &c.pre), (&c.pre, &c.grasp)]);
+    let lines: Vec<(Vec<f64>, Vec<f64>)> = lines.map(|(a, b)| (space.within(a), b.clone())).collect();
+    let verdicts = space.certify(lines.iter().map(|(a, b)| (a.as_slice(), b.as_slice()))).to_vec();
+    let here = map.group(rest);
+    let is_free = |v: &[EdgeVerdict]| v.iter().all(|v| *v == EdgeVerdict::Free);
+    let free = choices.iter().zip(verdicts.chunks(2)).filter(|(_, v)| is_free(v)).map(|((_, c), _)| c);
+    let nearest = free.min_by(|a, b| {
+        let way = |c: &Choice| space.metric().distance(&here, &c.pre);
+        way(a).total_cmp(&way(b)).then(a.vertex.cmp(&b.vertex))
+    });
+    nearest.cloned().ok_or_else(|| NoChoice::NotFree(obstruction(&verdicts, view)))
+}
+
+/// The first thing that is in the way of a line, in words.
+fn obstruction(verdicts: &[EdgeVerdict], view: &View) -> String {
+    let pair = verdicts.iter().find_map(|v| if let EdgeVerdict::Blocked(found) = v { found.pair } else { None });
+    pair.map_or_else(
+        || "a limit or constraint".to_owned(),
+        |(a, b)| format!("{} and {}", view.scene.shape_name(a), view.scene.shape_name(b)),
+    )
+}

@@ -1,0 +1,153 @@
+//! How reaches ended: what is counted, misses by their cause, and what is done where no way leads on.
+
+use super::choice::NoChoice;
+use super::{HOMEWARD, PLANS, Phase, Reach};
+use mobee_contract::{Intent, Summary, Time, View};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// What became of the reaches so far: part of the agent's state.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Counts {
+    /// Times that the hand was in the grasp posture.
+    pub reached: u32,
+    /// Times that it was not, by the cause.
+    pub missed: BTreeMap<Miss, u32>,
+    /// Times that the object moved on the way, and another way was chosen.
+    pub replanned: u32,
+    /// Ways that a planner found.
+    pub planned: u32,
+    /// When the hand set out, if it is not there yet.
+    under_way: Option<Time>,
+    /// Times that it was before the object, how long that took in all, seconds, and the greatest distance from the posture, meters.
+    arrivals: u32,
+    seconds: f64,
+    off: f64,
+    /// Longest time from when the object was seen to when the hand set out, seconds.
+    delay: f64,
+    /// Where the hand was then, the last time, meters.
+    at: [f64; 3],
+}
+
+/// Why a reach was in vain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Miss {
+    /// The hand can't be brought to the object.
+    OutOfReach,
+    /// It can, but something is in the way of its last lines.
+    NotFree,
+    /// No way was found to the posture before it.
+    NoWay,
+    /// The last line failed.
+    Approach,
+}
+
+impl Miss {
+    const ALL: [(Miss, &str); 4] = [
+        (Miss::OutOfReach, "missed_out_of_reach"),
+        (Miss::NotFree, "missed_not_free"),
+        (Miss::NoWay, "missed_no_way"),
+        (Miss::Approach, "missed_approach"),
+    ];
+}
+
+impl Counts {
+    /// The hand sets out for what was first seen at that time.
+    pub fn set_out(&mut self, now: Time, seen: Option<Time>) {
+        self.under_way = Some(now);
+        self.delay = seen.map_or(0.0, |seen| now.since(seen).as_secs_f64()).max(self.delay);
+    }
+
+    /// The hand is before the object, there, and so far off, meters.
+    pub fn before(&mut self, now: Time, at: [f64; 3], off: f64) {
+        let Some(since) = self.under_way.take() else { return };
+        self.at = at;
+        self.arrivals += 1;
+        self.seconds += now.since(since).as_secs_f64();
+        self.off = self.off.max(off);
+    }
+
+    pub fn ended(&self) -> u32 {
+        self.missed.values().fold(self.reached, |a, b| a.saturating_add(*b))
+    }
+}
+
+/// A miss in words, with its cause.
+pub(super) struct Missed {
+    pub miss: Miss,
+    pub why: String,
+}
+
+impl From<NoChoice> for Missed {
+    fn from(why: NoChoice) -> Missed {
+        match why {
+            NoChoice::OutOfReach => Missed { miss: Miss::OutOfReach, why: "it is out of reach".to_owned() },
+            NoChoice::NotFree(by) => Missed { miss: Miss::NotFree, why: format!("in the way: {by}") },
+        }
+    }
+}
+
+impl Reach {
+    pub(super) fn miss(&mut self, Missed { miss, why }: &Missed) {
+        let count = self.mind.counts.missed.entry(*miss).or_default();
+        *count = count.saturating_add(1);
+        self.walker.log(format!("{} is not reached: {why}", self.settings.object));
+    }
+
+    /// Whether it has reached as often as it was to, in vain or not.
+    pub(super) fn is_done(&self) -> bool {
+        self.settings.repeat > 0 && self.mind.counts.ended() >= self.settings.repeat
+    }
+
+    /// No way leads to a vertex. `None`: there is something else to do, which the next step finds.
+    pub(super) fn no_way(&mut self, goal: u32, view: &View) -> Option<Intent> {
+        let may_plan = self.mind.plans < PLANS || self.mind.phase == Phase::Home;
+        self.mind.plans = self.mind.plans.saturating_add(1);
+        let found = if may_plan && self.mind.phase != Phase::Approach { self.plan(goal, view) } else { None };
+        if let Some(text) = found.as_ref().and_then(|found| found.as_ref().err()) {
+            self.walker.log(format!("no plan either: {text}"));
+        } else if found.is_some() {
+            self.walker.goto(goal);
+            return None;
+        }
+        match self.mind.phase {
+            Phase::Go => self.miss(&Missed { miss: Miss::NoWay, why: "no way leads there".to_owned() }),
+            Phase::Approach => self.miss(&Missed { miss: Miss::Approach, why: "the last line failed".to_owned() }),
+            Phase::Home if self.mind.homeward >= HOMEWARD => {
+                return Some(self.done("no way leads back to where the arm rests"));
+            }
+            Phase::Home => {
+                self.mind.homeward += 1;
+                return Some(Intent::Wait(Duration::from_secs(1)));
+            }
+            Phase::Look | Phase::Back => {}
+        }
+        self.go_home();
+        None
+    }
+
+    pub(super) fn done(&mut self, text: &str) -> Intent {
+        self.walker.show(Vec::new());
+        let (counts, progress) = (&self.mind.counts, self.walker.progress());
+        let mean = if counts.arrivals > 0 { counts.seconds / f64::from(counts.arrivals) } else { 0.0 };
+        let missed = Miss::ALL.map(|(miss, name)| (name, counts.missed.get(&miss).copied().unwrap_or(0).into()));
+        let others = [
+            ("replanned", f64::from(counts.replanned)),
+            ("plans", f64::from(counts.planned)),
+            ("motions_along_edges", f64::from(progress.driven)),
+            ("motions_failed", f64::from(progress.failed)),
+            ("set_out_s", counts.delay),
+            ("pre_grasp_s", mean),
+            ("pre_grasp_off_mm", 1e3 * counts.off),
+            ("hand_x_mm", 1e3 * counts.at[0]),
+            ("hand_y_mm", 1e3 * counts.at[1]),
+            ("hand_z_mm", 1e3 * counts.at[2]),
+        ];
+        let all = [("reached", f64::from(counts.reached))].into_iter().chain(missed).chain(others);
+        let figures = all.map(|(name, n)| (name.to_owned(), n)).collect();
+        Intent::Done(Summary { text: text.to_owned(), figures })
+    }
+}

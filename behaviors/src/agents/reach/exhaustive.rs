@@ -1,0 +1,31 @@
+//! Whether a reach can succeed at all: a slow search, to judge the agent by.
+
+use super::{Reach, choice};
+use crate::planners::{Planner, PlanningProblem, RrtConnect};
+use mobee_contract::View;
+use nalgebra::Vector3;
+use std::ops::ControlFlow;
+
+/// Straight lines that the way to the posture may cost.
+const BUDGET: u64 = 200_000;
+/// Plans with seeds of their own.
+const PLANS: u64 = 3;
+
+impl Reach {
+    /// Whether the hand can be brought from where the robot is to an object there, freely and to the grasp posture: postures are begun from
+    /// every vertex of the map, and the way is planned whatever it costs. For benchmarks.
+    pub fn can_reach(&mut self, object: [f64; 3], view: &View) -> bool {
+        self.prepare(view);
+        self.look_at_scene(view);
+        let places = self.places(Vector3::from(object));
+        let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
+        let (Some(hand), Some(space)) = (hand, self.space.as_mut()) else { return false };
+        let all = self.walker.map.len();
+        let Ok(choice) = choice::choose(&self.walker.map, hand, space, view, (&places, all)) else { return false };
+        let start = space.within(&self.walker.map.group(view.pose()));
+        (0..PLANS).any(|seed| {
+            let problem = PlanningProblem { start: start.clone(), goal: choice.pre.clone(), seed, budget: BUDGET };
+            RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(())).is_ok()
+        })
+    }
+}

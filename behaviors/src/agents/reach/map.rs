@@ -1,0 +1,220 @@
+//! The reaching agent's map: postures, rest and planned way-points as vertices of the roadmap it was given.
+
+use super::aim::{Group, Hand};
+use super::choice::Choice;
+use super::look::{Gaze, limits};
+use super::{Place, Reach, ReachSettings, Ready};
+use crate::group;
+use crate::planners::{JointSpace, Planner, PlanningProblem, RrtConnect, shorten};
+use crate::roadmap::{Roadmap, Vertex};
+use crate::table_map::HandChain;
+use mobee_contract::{EdgeState, KindError, Note, View};
+use mobee_model::Robot;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+
+/// The name of the vertex where the arm rests.
+const REST: &str = "rest";
+/// Lines from there to its nearest vertices that are certified, and how many of those that are free become edges.
+const NEAREST: usize = 200;
+const EDGES: usize = 12;
+/// Vertices of its own beside the map's; then the oldest makes room.
+const MOST: usize = 120;
+
+/// The vertices that the agent added, the oldest first: part of its state.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub(super) struct Own(Vec<u32>);
+
+/// The map to begin with, and its vertex of rest.
+///
+/// # Errors
+/// Unknown motors, positions outside the limits, a broken map, no motors at all: with their path.
+pub(super) fn begin(settings: &ReachSettings, robot: &Robot) -> Result<(Roadmap, u32), KindError> {
+    let mut map = match &settings.map {
+        Some(value) => {
+            let mut map = Roadmap::import(value, robot).map_err(|e| e.under("map"))?;
+            // it is told by its file
+            map.notes();
+            map
+        }
+        None => Roadmap::new(group::motors("motors", &settings.motors, robot)?, robot),
+    };
+    if settings.map.is_some() && !settings.motors.is_empty() {
+        let named = group::motors("motors", &settings.motors, robot)?;
+        if named != map.motors() {
+            let help = "leave `motors` out: the map says which motors it moves";
+            return Err(KindError::new("motors", "the map moves other motors", help));
+        }
+    }
+    let mut q = group::home(robot);
+    if !settings.rest_deg.is_empty() {
+        for (motor, at) in group::positions("rest_deg", &settings.rest_deg, robot)? {
+            if !map.motors().contains(&motor) {
+                let name = robot.motors.get(motor).map_or("?", |m| m.name.as_str());
+                let help = "remove it, or take a map that moves it";
+                return Err(KindError::new("rest_deg", format!("the map does not move {name}"), help));
+            }
+            if let Some(slot) = q.get_mut(motor) {
+                *slot = at;
+            }
+        }
+    }
+    let known = map.vertices().find(|(_, v)| v.name.as_deref() == Some(REST) && v.q == q).map(|(id, _)| id);
+    let rest = known.unwrap_or_else(|| map.add(Vertex { name: Some(REST.to_owned()), q, at: [0.0; 3] }));
+    Ok((map, rest))
+}
+
+impl Reach {
+    /// Once: what follows from robot and board, where the map's vertices are shown, and how the rest posture is left.
+    pub(super) fn prepare(&mut self, view: &View) {
+        if self.ready.is_some() {
+            return;
+        }
+        let motors = self.walker.map.motors().to_vec();
+        let group = Group { limits: limits(&motors, &self.robot, view), motors };
+        let hand = self.hand.zip(self.palm).map(|(marker, palm)| {
+            let chain = HandChain::of_robot(&view.scene, view.robot, marker, palm);
+            Hand { chain, group, palm: self.palm_toward }
+        });
+        if let Some(hand) = &hand {
+            self.walker.map.place(|q| hand.chain.at(q).at.coords.into());
+        }
+        let gaze = self.gaze_plan.clone().map(|plan| Gaze::new(plan, &self.robot, view));
+        self.ready = Some(Ready { hand, gaze });
+        if !std::mem::replace(&mut self.mind.joined, true) {
+            self.join_rest(view);
+        }
+    }
+
+    /// Joins the rest posture to the vertices near it that a free line leads to.
+    fn join_rest(&mut self, view: &View) {
+        self.look_at_scene(view);
+        let (map, Some(space)) = (&mut self.walker.map, self.space.as_mut()) else { return };
+        let Some(rest) = map.vertex(self.rest).map(|v| v.q.clone()) else { return };
+        let near: Vec<u32> = map.by_distance(&rest).into_iter().filter(|id| *id != self.rest).take(NEAREST).collect();
+        let from = map.group(&rest);
+        let to: Vec<Vec<f64>> = near.iter().filter_map(|id| Some(map.group(&map.vertex(*id)?.q))).collect();
+        let free = space.free_lines(to.iter().map(|to| (from.as_slice(), to.as_slice())));
+        for (id, _) in near.iter().zip(free).filter(|(_, free)| *free).take(EDGES) {
+            map.join(self.rest, *id);
+        }
+    }
+
+    /// The space of the map's motors in the scene as it is now.
+    pub(super) fn look_at_scene(&mut self, view: &View) {
+        let motors = self.walker.map.motors();
+        let kept = self.space.take().filter(|space| space.fits(view, motors, 0.0));
+        let mut space = kept.or_else(|| JointSpace::of(view, motors, 0.0).ok());
+        if let Some(space) = &mut space {
+            space.stand(&view.scene, &view.poses);
+        }
+        self.space = space;
+    }
+
+    /// A vertex for a posture: a new one, or in the place of the oldest of its own that is not in use.
+    fn add(&mut self, q: &[f64], view: &View) -> u32 {
+        let pose = self.walker.map.motors().iter().zip(q).fold(view.pose().to_vec(), |mut pose, (m, q)| {
+            if let Some(slot) = pose.get_mut(*m) {
+                *slot = *q;
+            }
+            pose
+        });
+        // an encoder may read a little beyond a limit
+        let pose: Vec<f64> = pose.iter().zip(&self.robot.motors).map(|(q, m)| q.max(m.min).min(m.max)).collect();
+        let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
+        let at = hand.map_or([0.0; 3], |hand| hand.chain.at(&pose).at.coords.into());
+        let vertex = Vertex { name: None, q: pose, at };
+        let here = self.walker.map.at(view.pose(), f64::to_radians(1.0));
+        let place = self.mind.place.clone();
+        let used = |id: u32| {
+            place.as_ref().is_some_and(|p| p.pre == id || p.grasp == id) || self.walker.needs(id) || here == Some(id)
+        };
+        let room = self.mind.own.0.len() < MOST;
+        let oldest = self.mind.own.0.iter().position(|id| !used(*id)).filter(|_| !room);
+        let id = match oldest {
+            Some(i) => {
+                let id = self.mind.own.0.remove(i);
+                self.walker.replace(id, vertex);
+                id
+            }
+            None => self.walker.map.add(vertex),
+        };
+        self.told.remove(&id);
+        self.mind.own.0.push(id);
+        id
+    }
+
+    /// Takes postures into the map.
+    pub(super) fn enter(&mut self, choice: Choice, object: Vector3<f64>, view: &View) -> Place {
+        let pre = self.add(&choice.pre, view);
+        let grasp = self.add(&choice.grasp, view);
+        self.walker.map.join(choice.vertex, pre);
+        self.walker.map.join(pre, grasp);
+        Place { object: object.into(), pre, grasp }
+    }
+
+    /// Whether a straight line leads from where the robot is to a vertex.
+    pub(super) fn is_straight(&mut self, to: u32, view: &View) -> bool {
+        self.look_at_scene(view);
+        let Some(q) = self.walker.map.vertex(to).map(|v| self.walker.map.group(&v.q)) else { return false };
+        let here = self.walker.map.group(view.pose());
+        let Some(space) = self.space.as_mut() else { return false };
+        let here = space.within(&here);
+        let q = space.toward(&here, &q);
+        space.all_free([(here.as_slice(), q.as_slice())])
+    }
+
+    /// Looks for a way from where the robot rests to a vertex that no way leads to, and takes it into the map. `None`: nobody can look;
+    /// otherwise whether it was found, or why not.
+    pub(super) fn plan(&mut self, goal: u32, view: &View) -> Option<Result<(), String>> {
+        self.look_at_scene(view);
+        let at = self.walker.map.at(view.pose(), self.settings.tolerance_deg.to_radians())?;
+        let to = self.walker.map.vertex(goal).map(|v| self.walker.map.group(&v.q))?;
+        let here = self.walker.map.group(view.pose());
+        let space = self.space.as_mut()?;
+        let seed = self.seed.wrapping_add(u64::from(self.mind.counts.planned)).wrapping_add(u64::from(self.mind.plans));
+        let budget = self.settings.budget;
+        let problem = PlanningProblem { start: space.within(&here), goal: to, seed, budget };
+        let path = match RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(())) {
+            Ok(path) => shorten(space, path, seed, budget),
+            Err(why) => return Some(Err(why.text(&view.scene, view.robot))),
+        };
+        self.mind.counts.planned += 1;
+        let inner = path.poses.len().saturating_sub(2);
+        let failed = self.walker.map.edge(at, goal).is_some_and(|e| e.state == EdgeState::Removed);
+        if inner == 0 && failed {
+            return Some(Err("the straight line is free, and yet it failed".to_owned()));
+        }
+        let mut before = at;
+        for pose in path.poses.iter().skip(1).take(inner) {
+            let id = self.add(pose, view);
+            self.walker.map.join(before, id);
+            before = id;
+        }
+        self.walker.map.join(before, goal);
+        self.walker.log(format!("no way over the map: a plan of {inner} way-points leads there"));
+        Some(Ok(()))
+    }
+
+    /// The notes of map and mind; vertices that a plan leads over are told before it: those of the map's file were not.
+    pub(super) fn told_notes(&mut self) -> Vec<Note> {
+        let mut all = Vec::new();
+        for note in self.walker.notes() {
+            match &note {
+                Note::Vertex { id, .. } => drop(self.told.insert(*id)),
+                Note::Plan { path } => {
+                    for id in path.iter().filter(|id| !self.told.contains(id)) {
+                        let vertex = self.walker.map.vertex(*id);
+                        all.extend(vertex.map(|v| Note::Vertex { id: *id, q: v.q.clone(), at: v.at }));
+                    }
+                    self.told.extend(path);
+                }
+                _ => {}
+            }
+            all.push(note);
+        }
+        all
+    }
+}

@@ -1,0 +1,185 @@
+//! The reaching agent, alone: when it looks, where it goes, what it does when the object moves, and what it calls a miss.
+
+use super::world::{arm, ball, by_scene, drive, kind, scene, try_kind, view};
+use mobee_contract::*;
+use mobee_model::{Edit, Object, ObjectClass, Scene};
+use nalgebra::Isometry3;
+use serde_json::{Value, json};
+use std::sync::Arc;
+
+/// Hand before and at the cup, meters: settings below.
+const BEFORE: [f64; 2] = [-0.12, 0.0];
+const AT: [f64; 2] = [-0.06, 0.0];
+
+fn settings(extra: Value) -> Value {
+    let mut all = json!({
+        "object": "cup", "motors": ["arm"], "palm_toward": [1, 0, 0], "repeat": 1,
+        "pre_grasp_mm": [-120, 0, 0], "grasp_mm": [-60, 0, 0], "rest_deg": { "joint0": 90, "joint1": 10 },
+    });
+    all.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+    all
+}
+
+fn cup(x: f64, y: f64) -> Object {
+    ball("cup", x, y, 0.03, ObjectClass::Target)
+}
+
+fn rest() -> [f64; 3] {
+    [90f64.to_radians(), 10f64.to_radians(), 0.0]
+}
+
+/// Where the tip of the arm is.
+fn tip(q: &[f64]) -> [f64; 2] {
+    let (mut angle, mut at) = (0.0, [0.0, 0.0]);
+    for (i, q) in q.iter().enumerate() {
+        angle += q;
+        let length = if i == 2 { 0.31 } else { 0.3 };
+        at = [at[0] + length * angle.cos(), at[1] + length * angle.sin()];
+    }
+    at
+}
+
+fn is_near(q: &[f64], cup: [f64; 2], off: [f64; 2]) -> bool {
+    let at = tip(q);
+    (at[0] - cup[0] - off[0]).hypot(at[1] - cup[1] - off[1]) < 0.003
+}
+
+fn figure(summary: &Option<Summary>, name: &str) -> f64 {
+    let summary = summary.as_ref().expect("it is done");
+    summary.figures.iter().find(|(n, _)| n == name).unwrap_or_else(|| panic!("no figure {name}")).1
+}
+
+#[test]
+fn it_goes_before_the_cup_to_it_and_back() {
+    let robot = arm(3);
+    let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
+    let mut agent = kind("reach", &robot, 1, settings(json!({})));
+    let run = drive(&mut *agent, &mut view, 50, by_scene);
+    let ends: Vec<&Vec<f64>> = run.motions.iter().map(|(_, to, _)| to).collect();
+    let before = ends.iter().position(|q| is_near(q, [0.5, 0.3], BEFORE)).expect("before the cup");
+    assert!(is_near(ends[before + 1], [0.5, 0.3], AT), "then to it");
+    assert!(is_near(ends[before + 2], [0.5, 0.3], BEFORE), "and back");
+    assert!(run.q.iter().zip(rest()).all(|(a, b)| (a - b).abs() < 0.01), "home: {:?}", run.q);
+    assert_eq!(figure(&run.done, "reached"), 1.0);
+}
+
+#[test]
+fn it_waits_until_a_cup_that_a_sensor_keeps_is_seen() {
+    let robot = arm(3);
+    let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
+    let unseen = SeenObject { object: "cup".into(), at: None, place: None, is_stale: false };
+    view.seen = Arc::new([unseen.clone()]);
+    let mut agent = kind("reach", &robot, 1, settings(json!({})));
+    let run = drive(&mut *agent, &mut view, 10, by_scene);
+    assert!(run.motions.is_empty() && run.waits == 10, "{run:?}");
+    // where it is seen goes before where the scene has it
+    let place = Some([0.4, 0.4, 0.0]);
+    view.at = Time::from_secs(1.0);
+    view.seen = Arc::new([SeenObject { at: Some(Time::from_secs(0.9)), place, ..unseen.clone() }]);
+    let run = drive(&mut *agent, &mut view, 1, by_scene);
+    assert!(is_near(&run.q, [0.4, 0.4], BEFORE), "{:?}", tip(&run.q));
+    // a stale one is not gone for
+    let mut agent = kind("reach", &robot, 1, settings(json!({})));
+    view.seen = Arc::new([SeenObject { at: Some(Time::from_secs(0.9)), place, is_stale: true, ..unseen }]);
+    assert!(matches!(agent.next(None, &view), Intent::Wait(_)));
+}
+
+#[test]
+fn eyes_that_see_nothing_are_turned() {
+    let robot = arm(3);
+    let mut view = view(&scene(&robot, Vec::new()), &rest());
+    let sweep = json!([{ "joint0": 80 }, { "joint0": 100 }]);
+    let gaze = json!({ "motors": ["joint0"], "sweep_deg": sweep, "dwell_s": 0 });
+    let mut agent = kind("reach", &robot, 1, settings(json!({ "gaze": gaze })));
+    let run = drive(&mut *agent, &mut view, 4, by_scene);
+    let looked: Vec<f64> = run.motions.iter().map(|(_, to, _)| to[0].to_degrees().round()).collect();
+    assert_eq!(looked, [80.0, 100.0, 80.0, 100.0]);
+}
+
+fn moved(scene: &Scene, x: f64, y: f64) -> Arc<Scene> {
+    let pose = Isometry3::translation(x, y, 0.0);
+    Arc::new(scene.edit(&Edit::Move { name: "cup".into(), pose }).unwrap())
+}
+
+#[test]
+fn a_cup_that_moves_on_the_way_is_followed_and_a_small_move_is_not() {
+    let robot = arm(3);
+    let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
+    let mut agent = kind("reach", &robot, 1, settings(json!({})));
+    assert!(matches!(agent.next(None, &view), Intent::MoveTo(_)));
+    view.scene = moved(&view.scene, 0.51, 0.3);
+    assert_eq!(agent.revise(&view), None, "a centimeter");
+    view.scene = moved(&view.scene, 0.45, 0.4);
+    let Some(Intent::MoveTo(target)) = agent.revise(&view) else { panic!("it is followed") };
+    assert!(is_near(&target.q, [0.45, 0.4], BEFORE), "{:?}", tip(&target.q));
+    view.poses = vec![target.pose(view.pose())];
+    let Intent::MoveTo(target) = agent.next(Some(MotionEnd::Reached), &view) else { panic!("to it") };
+    assert!(is_near(&target.q, [0.45, 0.4], AT), "{:?}", tip(&target.q));
+    // away while the hand comes down: the motion is taken back, and the hand goes there
+    view.scene = moved(&view.scene, 0.5, 0.2);
+    assert_eq!(agent.revise(&view), Some(Intent::Stop));
+    let Intent::MoveTo(target) = agent.next(Some(MotionEnd::Failed), &view) else { panic!("there") };
+    assert!(is_near(&target.q, [0.5, 0.2], BEFORE), "{:?}", tip(&target.q));
+}
+
+#[test]
+fn a_way_that_fails_is_gone_round_in_every_mode() {
+    let robot = arm(3);
+    for mode in ["optimistic", "lazy", "verified"] {
+        // in the way of the straight line from rest
+        let wall = ball("wall", 0.25, 0.75, 0.12, ObjectClass::Obstacle);
+        let mut view = view(&scene(&robot, vec![cup(0.6, 0.15), wall]), &rest());
+        let mut agent = kind("reach", &robot, 1, settings(json!({ "validation": mode })));
+        let run = drive(&mut *agent, &mut view, 80, by_scene);
+        assert_eq!(figure(&run.done, "reached"), 1.0, "{mode}: {:?}", run.done);
+        let failed = run.motions.iter().filter(|(.., ok)| !ok).count();
+        assert!(mode == "optimistic" || failed == 0, "{mode}: {failed} motions failed");
+    }
+}
+
+#[test]
+fn a_miss_has_a_cause() {
+    let robot = arm(3);
+    let miss = |objects: Vec<Object>, cause: &str| {
+        let mut view = view(&scene(&robot, objects), &rest());
+        let mut agent = kind("reach", &robot, 1, settings(json!({ "budget": 500 })));
+        let run = drive(&mut *agent, &mut view, 300, by_scene);
+        assert_eq!((figure(&run.done, cause), figure(&run.done, "reached")), (1.0, 0.0), "{cause}: {:?}", run.done);
+    };
+    miss(vec![cup(2.0, 0.0)], "missed_out_of_reach");
+    let lid = ball("lid", 0.42, 0.3, 0.06, ObjectClass::Obstacle);
+    miss(vec![cup(0.5, 0.3), lid], "missed_not_free");
+}
+
+#[test]
+fn a_successor_goes_on_where_it_was() {
+    let robot = arm(3);
+    let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
+    let mut agent = kind("reach", &robot, 1, settings(json!({})));
+    let Intent::MoveTo(target) = agent.next(None, &view) else { panic!("it sets out") };
+    let mut next = kind("reach", &robot, 2, settings(json!({})));
+    next.import(agent.export()).expect("a state of its kind");
+    view.poses = vec![target.pose(view.pose())];
+    let Intent::MoveTo(target) = next.next(Some(MotionEnd::Reached), &view) else { panic!("to the cup") };
+    assert!(is_near(&target.q, [0.5, 0.3], AT));
+    assert!(next.import(Snapshot { kind: "plan".into(), version: 1, state: json!({}) }).is_err());
+}
+
+#[test]
+fn settings_that_make_no_sense_are_refused_with_their_place() {
+    let robot = arm(3);
+    let refused = |extra: Value, place: &str| {
+        let error = try_kind("reach", &robot, 1, settings(extra)).err().unwrap_or_else(|| panic!("{place} is refused"));
+        assert!(error.clone().all().iter().any(|e| e.path == place), "{place}: {error:?}");
+    };
+    refused(json!({ "motors": ["leg"] }), "motors[0]");
+    refused(json!({ "hand": "foot" }), "hand");
+    refused(json!({ "palm_toward": [0, 0, 0] }), "palm_toward");
+    refused(json!({ "pre_grasp_mm": [0, 0, 3000] }), "pre_grasp_mm");
+    refused(json!({ "moved_mm": 0 }), "moved_mm");
+    refused(json!({ "budget": 0 }), "budget");
+    refused(json!({ "speed": 2 }), "speed");
+    refused(json!({ "rest_deg": { "joint9": 1 } }), "rest_deg.joint9");
+    refused(json!({ "gaze": { "motors": ["arm"], "eyes": ["third"] } }), "gaze.eyes[0]");
+    refused(json!({ "gaze": { "motors": ["joint0"], "sweep_deg": [{ "joint1": 5 }] } }), "gaze.sweep_deg[0]");
+}

@@ -1,0 +1,24 @@
+//! `mobee bench`: what behaviors achieve, over many seeded scenes in virtual time.
+
+mod reach;
+mod scene;
+
+use miette::Report;
+use std::process::ExitCode;
+
+/// What to measure.
+#[derive(clap::Subcommand, Clone, Debug)]
+pub enum BenchCommand {
+    /// Reach for an object in random scenes: how often it is reached, how fast, how exactly, and why not.
+    Reach(reach::ReachBenchArgs),
+}
+
+/// Measures, and says what came of it.
+///
+/// # Errors
+/// Complaints about the arguments or the configuration.
+pub fn command(command: &BenchCommand) -> Result<ExitCode, Report> {
+    match command {
+        BenchCommand::Reach(args) => reach::command(args),
+    }
+}

@@ -1,0 +1,68 @@
+//! The paper's third experiment as a configuration composes it: a cup that eyes see is reached, again where it was moved to, and round what
+//! the map does not know.
+
+use mobee::run::{Done, example, in_order};
+use std::path::Path;
+
+/// The behavior with a map of poses three centimeters apart, which is built in half a second.
+fn reach(set: &[&str]) -> Done {
+    let folder = tempfile::tempdir().expect("a folder");
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+    let text = std::fs::read_to_string(configs.join("roadmaps/reach.toml")).expect("settings");
+    let text =
+        text.replace("\"../", &format!("\"{}/", configs.display())).replace("spacing_mm = 10", "spacing_mm = 30");
+    let map = folder.path().join("thin.toml");
+    std::fs::write(&map, text).expect("written");
+    let map = format!("robot.icub.agent.map=\"{}\"", map.display());
+    let set = [&["record.enabled=false", "clock=\"virtual\"", map.as_str()], set].concat();
+    let done = example("configs/behaviors/reach.toml", &set).expect("a run");
+    assert!(in_order(&done.end) && done.complaints.is_empty(), "{:?}", done.complaints);
+    assert_eq!(done.end.counts.hard_contacts, 0);
+    done
+}
+
+fn figure(done: &Done, name: &str) -> f64 {
+    let told = done.end.counts.done.get("icub").expect("it is done");
+    told.figures.iter().find(|(n, _)| n == name).unwrap_or_else(|| panic!("no figure {name}")).1
+}
+
+/// How far the hand was from above the cup in truth when it was before it last, mm.
+fn off(done: &Done, truth: [f64; 3]) -> f64 {
+    let should = [truth[0] * 1e3, truth[1] * 1e3, truth[2] * 1e3 + 140.0];
+    let at = ["hand_x_mm", "hand_y_mm", "hand_z_mm"].map(|name| figure(done, name));
+    at.iter().zip(should).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+#[test]
+fn the_cup_is_reached_wherever_it_is_put_and_equal_seeds_reach_alike() {
+    let (done, again) = (reach(&[]), reach(&[]));
+    assert_eq!(done.hash, again.hash);
+    assert_eq!(figure(&done, "reached"), 4.0, "{:?}", done.end.counts.done);
+    assert!(figure(&done, "replanned") >= 1.0, "it was moved while the hand was on its way");
+    let mm = off(&done, [-0.30, 0.12, -0.10]);
+    assert!(mm < 20.0, "{mm} mm off");
+}
+
+#[test]
+fn what_was_not_in_the_way_when_the_hand_set_out_is_gone_round_in_every_mode() {
+    for mode in ["optimistic", "lazy", "verified"] {
+        let mode = format!("robot.icub.agent.validation=\"{mode}\"");
+        let script = "script=[{when={at_s=0.1},edit={object=\"cup\",position_m=[-0.38,-0.02,-0.10]}},\
+                      {when={at_s=0.2},edit={object=\"lamp\",position_m=[-0.33,0.12,0.03]}}]";
+        let done = reach(&[&mode, script, "robot.icub.agent.repeat=1"]);
+        assert_eq!(figure(&done, "reached"), 1.0, "{mode}: {:?}", done.end.counts.done);
+        let rolled_back = done.end.counts.rolled_back;
+        assert!(mode.contains("optimistic") || rolled_back == 0, "{mode}: {rolled_back} rolled back");
+    }
+}
+
+#[test]
+fn settings_of_a_map_are_refused_at_their_place() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let map = folder.path().join("map.toml");
+    std::fs::write(&map, "robot = \"nowhere.xml\"\nmotors = [\"torso\"]\n").expect("written");
+    let map = format!("robot.icub.agent.map=\"{}\"", map.display());
+    let refused = example("configs/behaviors/reach.toml", &[&map]).err().expect("refused");
+    let said = format!("{:?}", miette::Report::msg(refused.to_string()));
+    assert!(said.contains("table"), "{said}");
+}
