@@ -1,6 +1,7 @@
 //! `mobee detector`: detectors in files, learned from pictures with masks and judged by others.
 
 mod part;
+mod tag;
 mod train;
 
 use crate::config::ConfigError;
@@ -39,6 +40,8 @@ pub enum DetectorCommand {
         /// The detector.
         file: PathBuf,
     },
+    /// Make the picture of a tag, for a printer or for the scenery of simulated cameras.
+    Tag(tag::TagArgs),
 }
 
 /// Does it.
@@ -50,6 +53,7 @@ pub fn command(command: &DetectorCommand) -> Result<(), Report> {
         DetectorCommand::Train(args) => train::command(args)?,
         DetectorCommand::Eval { detector, images, json } => eval(detector, images, *json)?,
         DetectorCommand::Show { file } => show(&load(file)?),
+        DetectorCommand::Tag(args) => tag::command(args)?,
     };
     crate::terminal::out(&said);
     Ok(())

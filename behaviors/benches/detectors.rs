@@ -8,16 +8,24 @@
 
 #[path = "../../model/fast/benches/measure/mod.rs"]
 mod measure;
+#[path = "../tests/it/onnx/written.rs"]
+mod written;
 
 use measure::{processor_time, sorted};
 use mobee_behaviors::detectors::cgp::{ALL_OPS, Evolution, ImageNode, ImageProgram, Op, channels};
 use mobee_behaviors::detectors::file::DetectorFile;
+use mobee_behaviors::detectors::onnx::OnnxDetector;
 use mobee_behaviors::detectors::picture::{LabeledPicture, Mask, Picture};
 use mobee_behaviors::detectors::plane::Plane;
+use mobee_behaviors::detectors::tag::{TagFamilyName, TagSeeker};
 use mobee_behaviors::detectors::train::Lessons;
+use mobee_contract::{Detector, Frame, Intrinsics, Time};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde_json::json;
+use std::cell::RefCell;
 use std::time::Instant;
+use written::{Graph, constant, input, node};
 
 /// Frames, and programs.
 const ROUNDS: usize = 41;
@@ -47,6 +55,18 @@ fn main() {
         report(&format!("{name}, 320x240"), &look_times(file, &pictures[3].picture, clock));
     }
 
+    let (seeker, tags) = (RefCell::new(TagSeeker::new(TagFamilyName::default())), tags(&pictures[3].picture));
+    let seen = seeker.borrow_mut().seek(&tags).len();
+    let times: Vec<f64> = (0..ROUNDS).map(|_| time_of(clock, || seeker.borrow_mut().seek(&tags))).collect();
+    report(&format!("tag, 320x240, {seen} tags"), &times);
+    for size in [[160, 120], [320, 240]] {
+        let (mut detector, frame) = (network(size), frame(&pictures[3].picture));
+        assert!(!detector.detect(&frame).is_empty());
+        let detector = RefCell::new(detector);
+        let times: Vec<f64> = (0..ROUNDS).map(|_| time_of(clock, || detector.borrow_mut().detect(&frame))).collect();
+        report(&format!("onnx, {}x{}", size[0], size[1]), &times);
+    }
+
     let small: [Plane; 3] = [0; 3].map(|_| {
         let data = (0..160 * 120).map(|_| rng.random_range(0.0..255.0)).collect();
         Plane { width: 160, height: 120, data }
@@ -60,6 +80,55 @@ fn main() {
     let mean = times.iter().sum::<f64>() / times.len() as f64;
     report("20-node programs, 160x120", &times);
     println!("programs times frames per second, mean over programs: {:.0}", 1.0 / mean);
+}
+
+/// The same with four tags in it.
+fn tags(background: &Picture) -> Picture {
+    let mut picture = background.clone();
+    for (id, [left, top]) in [(1, [10, 10]), (2, [200, 20]), (3, [40, 150]), (4, [220, 150])] {
+        let tag = TagFamilyName::default().picture(id, 7).expect("a tag");
+        for y in 0..tag.height {
+            let (to, from) = (((top + y) * picture.width + left) * 3, y * tag.width * 3);
+            picture.rgb[to..to + tag.width * 3].copy_from_slice(&tag.rgb[from..from + tag.width * 3]);
+        }
+    }
+    picture
+}
+
+fn frame(picture: &Picture) -> Frame {
+    let size = [picture.width as u32, picture.height as u32];
+    let intrinsics = Intrinsics { size, focal: [257.3; 2], center: [160.0, 120.0], distortion: [0.0; 4] };
+    Frame { exposed: Time::ZERO, intrinsics, pixels: picture.rgb.clone().into() }
+}
+
+/// Three convolutions of 3x3 pixels with 16 channels between them, which sum up to how red a pixel is.
+fn network(size: [u64; 2]) -> OnnxDetector {
+    let pads: &[(&str, &[u64])] = &[("pads", &[1, 1, 1, 1]), ("strides", &[1, 1]), ("dilations", &[1, 1])];
+    let layer = |name: &str, to: usize, from: usize, weight: &dyn Fn(usize) -> f32| {
+        let values: Vec<f32> = (0..to * from).flat_map(|k| [weight(k % from) / 9.0; 9]).collect();
+        constant(name, &[to as u64, from as u64, 3, 3], &values)
+    };
+    let graph = Graph {
+        nodes: vec![
+            node("Conv", &["picture", "first"], &["a"], pads),
+            node("Relu", &["a"], &["b"], &[]),
+            node("Conv", &["b", "second"], &["c"], pads),
+            node("Relu", &["c"], &["d"], &[]),
+            node("Conv", &["d", "third", "bias"], &["logits"], pads),
+        ],
+        constants: vec![
+            layer("first", 16, 3, &|k| [20.0, -10.0, -10.0][k]),
+            layer("second", 16, 16, &|_| 1.0 / 16.0),
+            layer("third", 1, 16, &|_| 1.0 / 16.0),
+            constant("bias", &[1], &[-2.0]),
+        ],
+        inputs: vec![input("picture", &[Some(1), Some(3), Some(size[1]), Some(size[0])])],
+        outputs: vec!["logits".into()],
+    };
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    std::fs::write(file.path(), graph.bytes()).expect("written");
+    let settings = json!({ "file": file.path(), "output": { "means": "mask" }, "objects": [{ "object": "disk" }] });
+    OnnxDetector::new(serde_json::from_value(settings).expect("settings")).expect("a detector")
 }
 
 fn look_times(file: &DetectorFile, picture: &Picture, clock: Instant) -> Vec<f64> {

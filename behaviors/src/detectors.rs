@@ -1,4 +1,5 @@
-//! Detectors that learn from pictures with masks: where in a frame is the one object that they know.
+//! Detectors: those that learn from pictures with masks where in a frame is the one object that they know; printed tags ([`tag`]); and
+//! networks of others ([`onnx`]).
 //!
 //! ```text
 //! NAME.jpg, NAME_mask.png ──read_folder──> LabeledPicture ──train──> DetectorFile (JSON) ──> LearnedDetector: Frame ──> regions
@@ -17,11 +18,13 @@ pub mod color;
 pub mod features;
 pub mod file;
 pub mod kinds;
+pub mod onnx;
 pub mod picture;
 pub mod pixels;
 pub mod plane;
 pub mod regions;
 pub mod score;
+pub mod tag;
 pub mod train;
 
 #[cfg(test)]

@@ -15,7 +15,7 @@
 //! ```
 //!
 //! Agents are kinds, registered where they are defined: `explorer`, `roadmap`, `plan`, `reach`, `scripted`, `random`, `jog`; so are
-//! [`detectors`] that learn from pictures: `color`, `cgp`; and [`locators`]: `triangulate`, `network`, `ensemble`, `calibrated`. A program must name this
+//! [`detectors`]: `color` and `cgp`, which learn from pictures, `tag` and `onnx`; and [`locators`]: `triangulate`, `network`, `ensemble`, `calibrated`. A program must name this
 //! crate (`use mobee_behaviors as _;`), or the linker drops them.
 //!
 //! Units: radians, meters, seconds; degrees only in settings, named `_deg`.

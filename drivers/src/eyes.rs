@@ -22,6 +22,7 @@ mod shadow;
 mod sight;
 mod simulated;
 mod solid;
+mod sticker;
 mod surface;
 mod texture;
 
@@ -34,3 +35,4 @@ pub use lens_settings::LensSettings;
 pub use scenery::ScenerySettings;
 pub use settings::SimulatedCameraSettings;
 pub use simulated::SimulatedCamera;
+pub use sticker::{BoxSide, StickerSettings};

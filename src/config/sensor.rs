@@ -92,9 +92,17 @@ pub(crate) fn paths(table: &mut Value) -> impl Iterator<Item = (&'static str, &m
         match (key.as_str(), value) {
             ("file", Value::String(path)) => found.push(("file", path)),
             ("path", Value::String(path)) => found.push(("path", path)),
-            ("scenery", scenery) => {
-                if let Some(Value::String(path)) = scenery.get_mut("pictures") {
-                    found.push(("scenery.pictures", path));
+            ("scenery", Value::Object(scenery)) => {
+                for (key, value) in scenery {
+                    match (key.as_str(), value) {
+                        ("pictures", Value::String(path)) => found.push(("scenery.pictures", path)),
+                        ("stickers", Value::Array(stickers)) => {
+                            let pictures = stickers.iter_mut().filter_map(|s| s.get_mut("picture"));
+                            let paths = pictures.filter_map(|p| if let Value::String(p) = p { Some(p) } else { None });
+                            found.extend(paths.map(|path| ("scenery.stickers", path)));
+                        }
+                        _ => {}
+                    }
                 }
             }
             _ => {}

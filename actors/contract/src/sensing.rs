@@ -50,6 +50,20 @@ pub struct Region {
     pub is_clipped: bool,
     /// How sure the detector is, 0 to 1.
     pub confidence: f64,
+    /// Where it is before the camera, if its detector can tell that from one picture.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose: Option<SeenPose>,
+}
+
+/// Where something is before the camera that saw it, in all six degrees of freedom.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SeenPose {
+    /// Its middle in the camera's frame, meters.
+    pub position: [f64; 3],
+    /// How it is turned there (`camera_from_it`): a unit quaternion, w, x, y, z.
+    pub rotation: [f64; 4],
+    /// How sure that is, row by row: the covariance of the position (meters) and of a small turn about the camera's axes (rad).
+    pub covariance: [[f64; 6]; 6],
 }
 
 /// Gives frames.

@@ -42,7 +42,15 @@ impl Detector for Slow {
         let center = [f64::from(frame.pixels[0]), self.seen as f64];
         let [u, v] = center;
         let bounds = [u - 0.5, v - 0.5, u + 0.5, v + 0.5];
-        vec![Region { object: self.name.into(), center, bounds, area: 1.0, is_clipped: false, confidence: 1.0 }]
+        vec![Region {
+            object: self.name.into(),
+            center,
+            bounds,
+            area: 1.0,
+            is_clipped: false,
+            confidence: 1.0,
+            pose: None,
+        }]
     }
     fn takes(&self) -> Duration {
         self.takes

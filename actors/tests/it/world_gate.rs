@@ -42,7 +42,15 @@ impl Detector for Reading {
     fn detect(&mut self, frame: &Frame) -> Vec<Region> {
         let [x, y, z] = [0, 1, 2].map(|i| f64::from(frame.pixels[i]));
         let bounds = [z, 0.0, 0.0, 0.0];
-        vec![Region { object: "cup".into(), center: [x, y], bounds, area: 1.0, is_clipped: false, confidence: 1.0 }]
+        vec![Region {
+            object: "cup".into(),
+            center: [x, y],
+            bounds,
+            area: 1.0,
+            is_clipped: false,
+            confidence: 1.0,
+            pose: None,
+        }]
     }
     fn takes(&self) -> Duration {
         Duration::from_millis(10)

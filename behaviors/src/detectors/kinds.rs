@@ -35,12 +35,8 @@ impl LearnedDetector {
 
 impl Detector for LearnedDetector {
     fn detect(&mut self, frame: &Frame) -> Vec<Region> {
-        let [width, height] = frame.intrinsics.size.map(|n| n as usize);
-        if width == 0 || height == 0 || frame.pixels.len() != width * height * 3 {
-            // a frame that is not what it says shows nothing
-            return Vec::new();
-        }
-        let (_, blobs) = self.file.look(&Picture { width, height, rgb: frame.pixels.to_vec() });
+        let Some(picture) = Picture::of(frame) else { return Vec::new() };
+        let (_, blobs) = self.file.look(&picture);
         blobs.iter().map(|blob| blob.region(&self.file.object)).collect()
     }
 

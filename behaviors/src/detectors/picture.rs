@@ -2,6 +2,7 @@
 
 use super::plane::Plane;
 use image::{ImageReader, Limits};
+use mobee_contract::Frame;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -63,6 +64,13 @@ fn fault(path: &Path, what: impl Into<String>, help: &str) -> PictureFault {
 }
 
 impl Picture {
+    /// What a frame shows; `None` if it is not what it says.
+    pub fn of(frame: &Frame) -> Option<Picture> {
+        let [width, height] = frame.intrinsics.size.map(|n| n as usize);
+        let is_whole = width > 0 && height > 0 && frame.pixels.len() == width.saturating_mul(height).saturating_mul(3);
+        is_whole.then(|| Picture { width, height, rgb: frame.pixels.to_vec() })
+    }
+
     /// Red, green and blue as planes, made smaller by a whole factor.
     pub fn planes(&self, shrink: usize) -> [Plane; 3] {
         [0, 1, 2].map(|c| {

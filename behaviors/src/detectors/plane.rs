@@ -115,14 +115,29 @@ impl Plane {
         if by <= 1 || self.data.is_empty() {
             return self.clone();
         }
-        let places = |n: usize, of: usize| -> Vec<(usize, usize, f32)> {
+        self.interpolated([by as f32; 2], width, height)
+    }
+
+    /// Made as large as this, interpolated between the middles of pixels; where it gets much smaller, these are means first.
+    pub fn stretched(&self, [width, height]: [usize; 2]) -> Plane {
+        if [width, height] == [self.width, self.height] || self.data.is_empty() || width == 0 || height == 0 {
+            return self.clone();
+        }
+        let by = (self.width / width).min(self.height / height).max(1);
+        let scale = [(width * by) as f32 / self.width as f32, (height * by) as f32 / self.height as f32];
+        self.shrunk(by).interpolated(scale, width, height)
+    }
+
+    /// Larger by these factors across and down, cut to a size.
+    fn interpolated(&self, scale: [f32; 2], width: usize, height: usize) -> Plane {
+        let places = |n: usize, of: usize, by: f32| -> Vec<(usize, usize, f32)> {
             let place = |i: usize| {
-                let at = ((i as f32 + 0.5) / by as f32 - 0.5).clamp(0.0, (of - 1) as f32);
+                let at = ((i as f32 + 0.5) / by - 0.5).clamp(0.0, (of - 1) as f32);
                 (at as usize, (at as usize + 1).min(of - 1), at.fract())
             };
             (0..n).map(place).collect()
         };
-        let (columns, rows) = (places(width, self.width), places(height, self.height));
+        let (columns, rows) = (places(width, self.width, scale[0]), places(height, self.height, scale[1]));
         let mut data = Vec::with_capacity(width * height);
         let mut between = vec![0.0f32; self.width];
         for (above, below, part) in rows {

@@ -44,6 +44,7 @@ impl Blob {
             area: self.area as f64,
             is_clipped: self.is_clipped,
             confidence: self.confidence,
+            pose: None,
         }
     }
 }

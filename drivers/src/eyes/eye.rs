@@ -10,7 +10,8 @@ use super::settings::SimulatedCameraSettings;
 use super::shadow::Shadows;
 use super::sight::{TileSight, lay, look};
 use super::solid::{Form, V3};
-use super::surface::{Paint, TileSurfaces};
+use super::sticker;
+use super::surface::{Materials, Paint, TileSurfaces};
 use mobee_contract::{Frame, Intrinsics, KindError, Time, Truth};
 use mobee_model::{ObjectClass, Robot, Shape};
 use nalgebra::{Isometry3, Vector3};
@@ -182,10 +183,15 @@ impl SimulatedEye {
         let light = Light::new(&self.scenery, shadows, base, &eye);
         let forms: Vec<Form> = solids.iter().map(|s| Form::new(&s.shape, &s.pose)).collect();
         let size = self.rays.size;
-        let (scenery, room) = (&self.scenery, Room::new(&self.scenery, base, &eye));
+        let room = Room::new(&self.scenery, base, &eye);
+        let materials = Materials {
+            wood: (&self.scenery.wood, self.scenery.wood_scale),
+            stickers: &self.scenery.stickers,
+            pitch: self.lens.focal.map(|f| (1.0 / f) as f32),
+        };
         let mut surfaces = TileSurfaces::new();
         look(&self.rays, &forms, |seen| {
-            see(&seen, &forms, &solids, scenery, &room, &mut surfaces);
+            see(&seen, &forms, &solids, materials, &room, &mut surfaces);
             light.fall(seen.tile, &mut surfaces);
             let laid = planes.iter_mut().zip(&surfaces.color);
             laid.for_each(|(plane, color)| lay(seen.corner, color, plane, size));
@@ -215,7 +221,7 @@ impl SimulatedEye {
                     }
                     // parts of a robot are of slightly different paint
                     let tone = 0.86 + 0.04 * ((n * 7 + s * 3) % 8) as f32;
-                    let paint = Paint { color: V3::from(ROBOT) * tone, wood: false, gloss: 0.15 };
+                    let paint = Paint { color: V3::from(ROBOT) * tone, wood: false, gloss: 0.15, stickers: [None; 6] };
                     let owner = Owner::Robot(u16::try_from(r).unwrap_or(u16::MAX));
                     solids.push(Solid { shape: primitive.shape, pose: frame * primitive.pose, paint, owner });
                 }
@@ -223,9 +229,13 @@ impl SimulatedEye {
         }
         for (id, object) in scene.objects().filter(|(_, o)| o.class != ObjectClass::Ghost) {
             let color = V3::from(object.color.unwrap_or(PLAIN).map(f32::from));
+            let mut stickers = sticker::on(&self.scenery.stickers, &object.name);
             for primitive in &object.shapes {
                 let wood = is_table(&primitive.shape);
-                let paint = Paint { color, wood, gloss: if wood { 0.0 } else { 0.25 } };
+                let is_box = matches!(primitive.shape, Shape::Box { .. });
+                // the first box has them
+                let stickers = if is_box { std::mem::take(&mut stickers) } else { [None; 6] };
+                let paint = Paint { color, wood, gloss: if wood { 0.0 } else { 0.25 }, stickers };
                 let pose = eye_from_world * object.pose * primitive.pose;
                 solids.push(Solid { shape: primitive.shape, pose, paint, owner: Owner::Object(id) });
             }
@@ -233,7 +243,7 @@ impl SimulatedEye {
         if let Some(distractors) = &self.scenery.settings.distractors {
             let missing = |name| format!("the world has no object {name}, which the scenery's distractors name");
             for d in distractors.stand(scene, self.scenery.settings.seed).map_err(missing)? {
-                let paint = Paint { color: d.color, wood: false, gloss: 0.25 };
+                let paint = Paint { color: d.color, wood: false, gloss: 0.25, stickers: [None; 6] };
                 let pose = eye_from_world * d.shape.pose;
                 solids.push(Solid { shape: d.shape.shape, pose, paint, owner: Owner::Scenery });
             }
@@ -272,7 +282,7 @@ fn see(
     seen: &TileSight,
     forms: &[Form],
     solids: &[Solid],
-    scenery: &Scenery,
+    materials: Materials,
     room: &Room,
     surfaces: &mut TileSurfaces,
 ) {
@@ -282,7 +292,7 @@ fn see(
         let mut run = surfaces.run(seen.tile, first, same.len());
         let known = same.first().map(|k| *k as usize).and_then(|k| forms.get(k).zip(solids.get(k)));
         match known {
-            Some((form, solid)) => run.see(form, &solid.paint, (&scenery.wood, scenery.wood_scale)),
+            Some((form, solid)) => run.see(form, &solid.paint, materials),
             None => room.fill(&mut run),
         }
         first += same.len();

@@ -4,6 +4,7 @@
 use super::distractors::DistractorSettings;
 use super::picture;
 use super::solid::V3;
+use super::sticker::{Sticker, StickerSettings};
 use super::texture::{Texture, any_color, from_hsv};
 use mobee_contract::KindError;
 use rand::{Rng, SeedableRng};
@@ -38,6 +39,9 @@ pub struct ScenerySettings {
     /// Things that stand about and resemble an object; default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub distractors: Option<DistractorSettings>,
+    /// Pictures that are glued to boxes of the world, such as tags.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub stickers: Vec<StickerSettings>,
 }
 
 impl Default for ScenerySettings {
@@ -52,6 +56,7 @@ impl Default for ScenerySettings {
             brightness: None,
             shadows: true,
             distractors: None,
+            stickers: Vec::new(),
         }
     }
 }
@@ -76,6 +81,8 @@ impl ScenerySettings {
             ("brightness", self.brightness.unwrap_or(1.0), 0.0, 4.0),
         ];
         let mut checks: Vec<Result<(), KindError>> = ranges.into_iter().map(in_range).collect();
+        let stickers = self.stickers.iter().enumerate();
+        checks.extend(stickers.map(|(k, s)| s.validate().map_err(|e| e.under(&format!("stickers[{k}]")))));
         checks.extend(self.distractors.as_ref().map(|d| d.validate().map_err(|e| e.under("distractors"))));
         KindError::gather(checks)?;
         Ok(())
@@ -106,6 +113,8 @@ pub struct Scenery {
     pub lamp: [f64; 3],
     /// The color and strength of what comes from the lamp, and of what comes from everywhere.
     pub light: [V3; 2],
+    /// What is glued to boxes.
+    pub stickers: Vec<Sticker>,
 }
 
 impl Scenery {
@@ -117,6 +126,9 @@ impl Scenery {
         settings.validate()?;
         let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
         let contrast = settings.texture as f32;
+        let stickers = settings.stickers.iter().enumerate();
+        let stickers = stickers.map(|(k, s)| s.read().map_err(|e| e.under(&format!("stickers[{k}]"))));
+        let stickers = KindError::gather(stickers)?;
         let hung = match &settings.pictures {
             Some(path) => picture::textures(path, 6, &mut rng)?,
             None => Vec::new(),
@@ -145,6 +157,7 @@ impl Scenery {
             wood_scale: rng.random_range(250.0..700.0),
             lamp: settings.lamp_m.unwrap_or(drawn),
             light: [lamp_color, V3::new(bright * ambient, bright * ambient, bright * ambient)],
+            stickers,
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use super::lens::{TILE, Tile};
 use super::solid::{Form, V3};
+use super::sticker::{self, Sticker, Stickers};
 use super::texture::Texture;
 
 /// One number for each pixel of a tile.
@@ -64,14 +65,27 @@ pub struct Paint {
     pub wood: bool,
     /// How much of the lamp it mirrors, 0 to 1.
     pub gloss: f32,
+    /// What is glued to its sides, if it is a box.
+    pub stickers: Stickers,
 }
+
+/// What surfaces have textures from.
+#[derive(Clone, Copy)]
+pub struct Materials<'a> {
+    /// The texture of what is of wood, and its pixels in a meter.
+    pub wood: (&'a Texture, f32),
+    /// What may be glued to things.
+    pub stickers: &'a [Sticker],
+    /// How far apart the rays of two pixels beside each other are, across and down, at a depth of one.
+    pub pitch: [f32; 2],
+}
+
+/// Rays within a pixel, along each edge of it, by which pictures on things are sampled: what looks for their edges tells tenths of pixels.
+const WITHIN: u8 = 4;
 
 impl Run<'_> {
     /// All of these pixels see one shape.
-    ///
-    /// # Arguments
-    /// * `wood`: the texture of what is of wood, and its pixels in a meter.
-    pub fn see(&mut self, form: &Form, paint: &Paint, wood: (&Texture, f32)) {
+    pub fn see(&mut self, form: &Form, paint: &Paint, materials: Materials) {
         self.red.fill(paint.color.x);
         self.green.fill(paint.color.y);
         self.blue.fill(paint.color.z);
@@ -103,13 +117,18 @@ impl Run<'_> {
                     if over.x > over.y.max(over.z) { a } else { second }
                 });
                 if paint.wood {
-                    self.grain(wood, |at| {
+                    self.grain(materials.wood, |at| {
                         let own = own(at);
                         let over = own.abs() - half;
                         let first = over.x > over.y.max(over.z);
                         let second = over.y > over.z;
                         [if first { own.y } else { own.x }, if first | second { own.z } else { own.y }]
                     });
+                }
+                for (side, sticker) in paint.stickers.iter().enumerate() {
+                    if let Some(sticker) = sticker.and_then(|k| materials.stickers.get(usize::from(k))) {
+                        self.stick(sticker, side, ([a, b, c], eye, half), materials.pitch);
+                    }
                 }
             }
         }
@@ -123,6 +142,40 @@ impl Run<'_> {
         for (((x, y), t), ((nx, ny), nz)) in at.zip(n) {
             let n = normal(V3::new(x * t, y * t, *t));
             (*nx, *ny, *nz) = (n.x, n.y, n.z);
+        }
+    }
+
+    /// Pixels that see a side of a box see what is glued to it: the mean over several rays within each.
+    fn stick(&mut self, of: &Sticker, side: usize, (axes, eye, half): ([V3; 3], V3, V3), pitch: [f32; 2]) {
+        let (axis, sign) = (side / 2, if side % 2 == 1 { -1.0 } else { 1.0 });
+        let [right, down] = sticker::axes(side);
+        let (Some(far), Some(from)) = (half.get(axis).map(|h| h * sign), eye.get(axis)) else { return };
+        // the eye is not before that side
+        if (from - far) * sign <= 0.0 {
+            return;
+        }
+        let met = |x: f32, y: f32| {
+            let ray = V3::new(x, y, 1.0);
+            let ray = V3::new(inner(axes[0], ray), inner(axes[1], ray), inner(axes[2], ray));
+            eye + ray * ((far - from) / ray.get(axis).copied().unwrap_or(0.0))
+        };
+        let steps = || (0..WITHIN).map(|k| (f32::from(k) + 0.5) / f32::from(WITHIN) - 0.5);
+        let rays = self.x.iter().zip(self.y);
+        let colors = self.red.iter_mut().zip(self.green.iter_mut()).zip(self.blue.iter_mut());
+        for ((x, y), ((red, green), blue)) in rays.zip(colors) {
+            let over = met(*x, *y).abs() - half;
+            // another side, but for the rounding of what is on this one
+            if over.iter().any(|o| o.is_nan() || *o > 1e-4) {
+                continue;
+            }
+            let own = V3::new(*red, *green, *blue);
+            let mut sum = V3::zeros();
+            for (dx, dy) in steps().flat_map(|dy| steps().map(move |dx| (dx, dy))) {
+                let at = met(x + dx * pitch[0], y + dy * pitch[1]);
+                sum += of.at([inner(right, at), inner(down, at)]).unwrap_or(own);
+            }
+            let mean = sum / f32::from(WITHIN * WITHIN);
+            (*red, *green, *blue) = (mean.x, mean.y, mean.z);
         }
     }
 

@@ -30,6 +30,7 @@ fn sighting(camera: &str, center: [f64; 2], at_s: f64, eye: usize) -> Sighting {
         area: 100.0,
         is_clipped: false,
         confidence: 1.0,
+        pose: None,
     };
     Sighting { camera: camera.into(), intrinsics, region, at: Time::from_secs(at_s) }
 }

@@ -1,0 +1,17 @@
+//! A user's own network, in a file in ONNX format: what each pixel is, or boxes around what it finds.
+//!
+//! ```text
+//! frame ──stretched, scaled──> input ──network──> mask: one likelihood for each class ──cut──┐
+//!                                             └─> boxes: place, score, class ──the best ones──┴──> regions
+//! ```
+
+mod boxes;
+mod kind;
+mod mask;
+mod network;
+mod settings;
+
+pub use boxes::BoxOutput;
+pub use kind::OnnxDetector;
+pub use mask::MaskOutput;
+pub use settings::*;

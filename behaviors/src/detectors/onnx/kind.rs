@@ -1,0 +1,138 @@
+//! The kind `onnx`.
+
+use super::network::{OnnxNetwork, Told};
+use super::settings::{OnnxDetectorSettings, OnnxOutput};
+use crate::detectors::picture::Picture;
+use mobee_contract::*;
+use mobee_model::file::{MIB, read};
+use serde_json::{Value, json};
+use std::time::Duration;
+
+/// How long a network's file may be, bytes.
+const LONGEST: u64 = 256 * MIB;
+
+/// Finds what a network finds.
+pub struct OnnxDetector {
+    settings: OnnxDetectorSettings,
+    network: OnnxNetwork,
+}
+
+impl OnnxDetector {
+    /// One that looks as the settings say. The network is tried on two pictures first.
+    ///
+    /// # Errors
+    /// Settings that make no sense, a file that is no network, and a network whose output is not what the settings say, or no numbers.
+    pub fn new(settings: OnnxDetectorSettings) -> Result<OnnxDetector, KindError> {
+        sound(&settings)?;
+        let at = settings.file.display();
+        let bytes = read(&settings.file, LONGEST)
+            .map_err(|e| KindError::new("file", format!("can't read {at}: {e}"), "give a network in ONNX format"))?;
+        let network = OnnxNetwork::load(bytes, &settings.input, settings.output.name()).map_err(|mut e| {
+            e.what = format!("{at}: {}", e.what);
+            e
+        })?;
+        let detector = OnnxDetector { settings, network };
+        for level in [0u8, 170] {
+            detector.rehearse(level)?;
+        }
+        Ok(detector)
+    }
+
+    /// Whether the output on a picture is what the settings say.
+    fn rehearse(&self, level: u8) -> Result<(), KindError> {
+        let [width, height] = self.network.size;
+        // a ramp over a level, so that no channel is all the same
+        let value = |k: usize| level.wrapping_add((k % 61) as u8);
+        let picture = Picture { width, height, rgb: (0..width * height * 3).map(value).collect() };
+        let at = self.settings.file.display();
+        let told = self.network.ask(&picture).map_err(|e| {
+            let help = "give a network that takes one picture, of the size and layout that `input` says";
+            KindError::new("file", format!("{at} can't be run: {e}"), help)
+        })?;
+        self.check(&told)?;
+        if told.numbers.iter().any(|v| !v.is_finite()) {
+            let what = format!("{at} tells numbers that are none (NaN or infinite)");
+            return Err(KindError::new("file", what, "check `input.mean` and `input.std`, and the network's weights"));
+        }
+        Ok(())
+    }
+
+    fn check(&self, told: &Told) -> Result<(), KindError> {
+        let shape = told.shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        let said = match &self.settings.output {
+            OnnxOutput::Mask(mask) => mask.sizes(&told.shape).map(|[channels, ..]| Some(channels)),
+            OnnxOutput::Boxes(boxes) => boxes.sizes(&told.shape).map(|_| None),
+        };
+        let channels = said.map_err(|e| {
+            let help = "say in `output` what it means, and which one it is by `output.name`";
+            KindError::new("output", format!("the network's output has the dimensions [{shape}]: {e}"), help)
+        })?;
+        let beyond = |class: usize| channels.is_some_and(|c| class >= c);
+        match self.settings.objects.iter().enumerate().find(|(_, o)| beyond(o.class)) {
+            Some((k, o)) => {
+                let what =
+                    format!("the network tells of no class {}: its output has the dimensions [{shape}]", o.class);
+                Err(KindError::new(format!("objects[{k}].class"), what, "classes count from 0"))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Whether the settings' numbers are what they may be.
+fn sound(settings: &OnnxDetectorSettings) -> Result<(), KindError> {
+    let mut checks = Vec::new();
+    let mut say = |path: &str, is_right: bool, what: &str, help: &str| {
+        checks.push(if is_right { Ok(()) } else { Err(KindError::new(path, what, help)) });
+    };
+    let share = |v: f64| (0.0..=1.0).contains(&v);
+    let range = "give a number from 0 to 1";
+    say(
+        "threshold",
+        share(settings.threshold) && settings.threshold >= 0.001,
+        "it is no threshold",
+        "give a number from 0.001 to 1",
+    );
+    let is_mean = settings.input.mean.iter().all(|v| v.is_finite());
+    say("input.mean", is_mean, "a color's mean is a number", "give three numbers from 0 to 255");
+    let is_std = settings.input.std.iter().all(|v| v.is_finite() && *v > 0.0);
+    say("input.std", is_std, "nothing can be divided by that", "give three numbers above 0");
+    let known = "say which class is which object: objects = [{ class = 0, object = \"cup\" }]";
+    say("objects", !settings.objects.is_empty(), "without an object there is nothing to find", known);
+    match &settings.output {
+        OnnxOutput::Mask(mask) => say("output.keep", share(mask.keep), "it is no share", range),
+        OnnxOutput::Boxes(boxes) => say("output.overlap", share(boxes.overlap), "it is no share", range),
+    }
+    KindError::gather(checks).map(drop)
+}
+
+impl Detector for OnnxDetector {
+    fn detect(&mut self, frame: &Frame) -> Vec<Region> {
+        let Some(picture) = Picture::of(frame) else { return Vec::new() };
+        let size = [picture.width, picture.height];
+        // it was tried when it was made; what can't be run now shows nothing
+        let Ok(told) = self.network.ask(&picture) else { return Vec::new() };
+        let OnnxDetectorSettings { objects, threshold, .. } = &self.settings;
+        match &self.settings.output {
+            OnnxOutput::Mask(mask) => mask.regions(&told, objects, *threshold, size),
+            OnnxOutput::Boxes(boxes) => boxes.regions(&told, objects, *threshold, [size, self.network.size]),
+        }
+    }
+
+    fn takes(&self) -> Duration {
+        Duration::from_millis(30)
+    }
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Detector> {
+        name: "onnx",
+        doc: "Finds objects by a network of your own in ONNX format: one that tells what each pixel is, or boxes. The settings say what goes \
+              in and what comes out.",
+        schema: || schemars::schema_for!(OnnxDetectorSettings),
+        example: |_| Ok(json!({
+            "file": "cup.onnx", "objects": [{ "class": 1, "object": "cup" }], "output": { "means": "mask", "values": "logits" },
+        })),
+        build: |value: &Value, _| Ok(Box::new(OnnxDetector::new(settings(value)?)?)),
+    })
+}

@@ -1,0 +1,181 @@
+//! The network itself: what it is, and running it.
+
+use super::settings::{OnnxColors, OnnxInput, OnnxLayout};
+use crate::detectors::picture::Picture;
+use mobee_contract::{KindError, suggestion};
+use rten::{Dimension, Model, NodeId, RunOptions, ThreadPool};
+use rten_tensor::prelude::*;
+use rten_tensor::{NdTensor, Tensor};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+
+/// The longest edge of what goes in, pixels.
+const LONGEST: usize = 4096;
+
+/// What a network has told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Told {
+    /// The sizes of its dimensions.
+    pub shape: Vec<usize>,
+    /// Its numbers, the last dimension's beside each other.
+    pub numbers: Vec<f32>,
+}
+
+/// A network that is ready to be asked.
+pub struct OnnxNetwork {
+    model: Model,
+    input: NodeId,
+    output: NodeId,
+    settings: OnnxInput,
+    /// Width and height of what goes in, pixels.
+    pub size: [usize; 2],
+    options: RunOptions,
+}
+
+/// Whatever a file makes the runtime do, what called it goes on.
+fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+        format!("the runtime gave up: {}", text.unwrap_or("no reason is told"))
+    })
+}
+
+impl OnnxNetwork {
+    /// From the bytes of a file.
+    ///
+    /// # Errors
+    /// If they are no network, if it has not the input or output that settings name, or if the input is no picture of a known size.
+    pub fn load(bytes: Vec<u8>, settings: &OnnxInput, output: Option<&str>) -> Result<OnnxNetwork, KindError> {
+        let help = "give a whole file in ONNX format with its weights in it, exported for inference";
+        let model = guarded(|| Model::load(bytes))
+            .and_then(|loaded| loaded.map_err(|e| e.to_string()))
+            .map_err(|e| KindError::new("file", format!("it is no network that can be run: {e}"), help))?;
+        let input = pick(&model, model.input_ids(), settings.name.as_deref(), "input")?;
+        let output = pick(&model, model.output_ids(), output, "output")?;
+        if model.input_ids().len() != 1 {
+            let what = format!("the network has {} inputs", model.input_ids().len());
+            return Err(KindError::new("file", what, "export one that asks for nothing but a picture"));
+        }
+        let says = model.node_info(input).and_then(|info| info.shape());
+        let size = size(says.as_deref(), settings)?;
+        // on the detector's own thread, so that what else runs on the machine keeps its cores
+        let options = RunOptions::default().with_thread_pool(Some(Arc::new(ThreadPool::with_num_threads(1))));
+        Ok(OnnxNetwork { model, input, output, settings: settings.clone(), size, options })
+    }
+
+    /// What it makes of a picture.
+    ///
+    /// # Errors
+    /// In words, if it can't be run or tells no floating-point numbers.
+    pub fn ask(&self, picture: &Picture) -> Result<Told, String> {
+        let input = self.input(picture);
+        let options = Some(self.options.clone());
+        let told = guarded(|| self.model.run(vec![(self.input, input.into())], &[self.output], options))?;
+        let value = told.map_err(|e| e.to_string())?.pop().ok_or("it tells nothing")?;
+        let tensor: Tensor<f32> = value.try_into().map_err(|_| "its numbers are not of floating point")?;
+        Ok(Told { shape: tensor.shape().to_vec(), numbers: tensor.to_vec() })
+    }
+
+    /// The picture, stretched and scaled.
+    fn input(&self, picture: &Picture) -> NdTensor<f32, 4> {
+        let [width, height] = self.size;
+        let planes = picture.planes(1).map(|p| p.stretched(self.size));
+        let order = match self.settings.colors {
+            OnnxColors::Rgb => [0, 1, 2],
+            OnnxColors::Bgr => [2, 1, 0],
+        };
+        let scaled: Vec<Vec<f32>> = order
+            .into_iter()
+            .zip(self.settings.mean.iter().zip(&self.settings.std))
+            .map(|(k, (mean, std))| {
+                let (mean, scale) = (*mean as f32, (1.0 / std) as f32);
+                planes.get(k).map(|p| p.data.iter().map(|v| (v - mean) * scale).collect()).unwrap_or_default()
+            })
+            .collect();
+        match self.settings.layout {
+            OnnxLayout::Nchw => NdTensor::from_data([1, 3, height, width], scaled.concat()),
+            OnnxLayout::Nhwc => {
+                let at = |k: usize| scaled.iter().map(move |c| c.get(k).copied().unwrap_or(0.0));
+                NdTensor::from_data([1, height, width, 3], (0..width * height).flat_map(at).collect::<Vec<f32>>())
+            }
+        }
+    }
+}
+
+/// The input or output of this name, or the first.
+fn pick(model: &Model, ids: &[NodeId], name: Option<&str>, what: &str) -> Result<NodeId, KindError> {
+    let names: Vec<String> = ids.iter().map(|id| name_of(model, *id)).collect();
+    let found = match name {
+        Some(name) => names.iter().position(|n| n == name).and_then(|k| ids.get(k)),
+        None => ids.first(),
+    };
+    found.copied().ok_or_else(|| match name {
+        Some(name) => {
+            let known: Vec<&str> = names.iter().map(String::as_str).collect();
+            let problem = format!("the network has no {what} {name:?}");
+            KindError::new(format!("{what}.name"), problem, suggestion(name, what, &known))
+        }
+        None => KindError::new("file", format!("the network has no {what}"), "export it with inputs and outputs"),
+    })
+}
+
+fn name_of(model: &Model, id: NodeId) -> String {
+    model.node_info(id).and_then(|info| info.name().map(str::to_owned)).unwrap_or_default()
+}
+
+/// Width and height of what goes in, by what the network says and what settings say.
+fn size(says: Option<&[Dimension]>, settings: &OnnxInput) -> Result<[usize; 2], KindError> {
+    let shown = |dimensions: &[Dimension]| {
+        let each = dimensions.iter().map(|d| match d {
+            Dimension::Fixed(n) => n.to_string(),
+            Dimension::Symbolic(name) => name.clone(),
+        });
+        each.collect::<Vec<_>>().join(", ")
+    };
+    let own = match says {
+        None => [None, None],
+        Some(dimensions) => {
+            let [batch, channels, height, width] = match (dimensions, settings.layout) {
+                ([n, c, h, w], OnnxLayout::Nchw) | ([n, h, w, c], OnnxLayout::Nhwc) => [n, c, h, w].map(fixed),
+                _ => {
+                    let what = format!("the network's input has the dimensions [{}]", shown(dimensions));
+                    let help = "give one whose input has four: picture, channel, row, column, or with the channel last";
+                    return Err(KindError::new("input.layout", what, help));
+                }
+            };
+            if batch.is_some_and(|n| n != 1) || channels.is_some_and(|n| n != 3) {
+                let what = format!("the network's input has the dimensions [{}]", shown(dimensions));
+                let help = "give one that takes one picture of three colors; for the channel last: layout = \"nhwc\"";
+                return Err(KindError::new("input.layout", what, help));
+            }
+            [width, height]
+        }
+    };
+    let mut size = [0; 2];
+    for (k, (to, own)) in size.iter_mut().zip(own).enumerate() {
+        let asked = settings.size.map(|s| s[k]);
+        *to = match (own, asked) {
+            (Some(own), Some(asked)) if own != asked => {
+                let what = format!("the network's input is {own} pixels {}", ["wide", "high"][k]);
+                return Err(KindError::new("input.size", what, "leave the size out, or give the network's"));
+            }
+            (Some(n), _) | (None, Some(n)) => n,
+            (None, None) => {
+                let help = "give width and height in pixels: size = [160, 120]";
+                return Err(KindError::new("input.size", "the network leaves its input's size open", help));
+            }
+        };
+    }
+    if size.iter().any(|n| !(1..=LONGEST).contains(n)) {
+        let what = format!("pictures of {}x{} pixels are none", size[0], size[1]);
+        return Err(KindError::new("input.size", what, "give 1 to 4096 pixels"));
+    }
+    Ok(size)
+}
+
+fn fixed(of: &Dimension) -> Option<usize> {
+    match of {
+        Dimension::Fixed(n) => Some(*n),
+        Dimension::Symbolic(_) => None,
+    }
+}

@@ -1,0 +1,160 @@
+//! The kind `tag`.
+
+use super::family::TagFamilyName;
+use super::pose::pose_of_square;
+use super::seek::{SeenTag, TagSeeker};
+use crate::detectors::picture::Picture;
+use crate::locators::lens::Lens;
+use mobee_contract::*;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::time::Duration;
+
+/// Settings of the kind `tag`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TagDetectorSettings {
+    /// The family of the tags.
+    #[serde(default)]
+    pub family: TagFamilyName,
+    /// The edge of their black border, m.
+    pub size_m: f64,
+    /// Which tag is on which object; others are not told.
+    pub tags: Vec<TagSettings>,
+    /// How many bits of a tag may be read wrong, 0 to 2.
+    #[serde(default = "errors")]
+    pub errors: u8,
+    /// How far its bits must be from being read otherwise, of 255.
+    #[serde(default = "margin")]
+    pub margin: f64,
+}
+
+/// A tag on an object.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TagSettings {
+    /// Its number in the family.
+    pub id: u16,
+    /// The object's name in the world.
+    pub object: String,
+    /// The edge of its black border, m; default: that of all.
+    #[serde(default)]
+    pub size_m: Option<f64>,
+}
+
+fn errors() -> u8 {
+    1
+}
+fn margin() -> f64 {
+    15.0
+}
+
+/// Tags, in meters.
+const SIZES: std::ops::RangeInclusive<f64> = 0.001..=10.0;
+/// A tag with this margin is told with full confidence.
+const SURE: f64 = 100.0;
+
+/// Finds the tags that it is told of.
+pub struct TagDetector {
+    settings: TagDetectorSettings,
+    seeker: TagSeeker,
+}
+
+impl TagDetector {
+    /// One that looks as the settings say.
+    ///
+    /// # Errors
+    /// Settings that make no sense, with what would.
+    pub fn new(settings: TagDetectorSettings) -> Result<TagDetector, KindError> {
+        let wrong = |path: &str, what: String, help: &str| Err(KindError::new(path, what, help));
+        let mut checks = Vec::new();
+        let mut size = |path: String, size: f64| {
+            if !SIZES.contains(&size) {
+                let help = "give the edge of the black border in meters, such as 0.06";
+                checks.push(wrong(&path, format!("a tag of {size} m is none"), help));
+            }
+        };
+        size("size_m".into(), settings.size_m);
+        for (k, own) in settings.tags.iter().enumerate().filter_map(|(k, t)| t.size_m.map(|s| (k, s))) {
+            size(format!("tags[{k}].size_m"), own);
+        }
+        if settings.tags.is_empty() {
+            let help = "say which tag is on which object: tags = [{ id = 7, object = \"cup\" }]";
+            checks.push(wrong("tags", "without a tag there is nothing to find".into(), help));
+        }
+        let (family, count) = (settings.family.name(), settings.family.count());
+        for (k, tag) in settings.tags.iter().enumerate() {
+            if tag.id >= count {
+                let what = format!("the family {family} has no tag {}", tag.id);
+                checks.push(wrong(&format!("tags[{k}].id"), what, &format!("give a number from 0 to {}", count - 1)));
+            }
+            if settings.tags.iter().take(k).any(|other| other.id == tag.id) {
+                let what = format!("tag {} is on two objects", tag.id);
+                checks.push(wrong(&format!("tags[{k}].id"), what, "print another tag for one of them"));
+            }
+        }
+        if settings.errors > 2 {
+            let what = format!("{} wrong bits are not told apart from another tag", settings.errors);
+            checks.push(wrong("errors", what, "give 0, 1 or 2"));
+        }
+        if !(0.0..=255.0).contains(&settings.margin) {
+            checks.push(wrong("margin", format!("{} is no margin", settings.margin), "give a number from 0 to 255"));
+        }
+        KindError::gather::<()>(checks)?;
+        let seeker = TagSeeker::new(settings.family);
+        Ok(TagDetector { settings, seeker })
+    }
+
+    fn region(&self, seen: &SeenTag, frame: &Frame) -> Option<Region> {
+        let tag = self.settings.tags.iter().find(|t| t.id == seen.id)?;
+        if seen.errors > self.settings.errors || seen.margin < self.settings.margin {
+            return None;
+        }
+        let [xs, ys] = [0, 1].map(|i| seen.corners.map(|c| c[i]));
+        let (least, most) = (
+            |of: [f64; 4]| of.into_iter().fold(f64::MAX, f64::min),
+            |of: [f64; 4]| of.into_iter().fold(f64::MIN, f64::max),
+        );
+        let size = tag.size_m.unwrap_or(self.settings.size_m);
+        let doubt = 1.0 - 0.25 * f64::from(seen.errors);
+        Some(Region {
+            object: tag.object.clone(),
+            center: seen.center,
+            bounds: [least(xs), least(ys), most(xs), most(ys)],
+            area: area(&seen.corners),
+            // one that the border cuts has not four corners, and is not found
+            is_clipped: false,
+            confidence: (seen.margin / SURE).clamp(0.0, 1.0) * doubt,
+            pose: pose_of_square(&seen.corners, size, &Lens::from(frame.intrinsics)),
+        })
+    }
+}
+
+/// Of what has these corners.
+fn area([a, b, c, d]: &[[f64; 2]; 4]) -> f64 {
+    ((c[0] - a[0]) * (d[1] - b[1]) - (c[1] - a[1]) * (d[0] - b[0])).abs() / 2.0
+}
+
+impl Detector for TagDetector {
+    fn detect(&mut self, frame: &Frame) -> Vec<Region> {
+        let Some(picture) = Picture::of(frame) else { return Vec::new() };
+        let seen = self.seeker.seek(&picture);
+        seen.iter().filter_map(|tag| self.region(tag, frame)).collect()
+    }
+
+    fn takes(&self) -> Duration {
+        Duration::from_millis(10)
+    }
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Detector> {
+        name: "tag",
+        doc: "Finds objects by the AprilTags on them, and tells where each tag is before the camera in all six degrees of freedom. `mobee \
+              detector tag` makes their pictures for a printer.",
+        schema: || schemars::schema_for!(TagDetectorSettings),
+        example: |_| Ok(json!({ "size_m": 0.06, "tags": [{ "id": 7, "object": "cup" }] })),
+        build: |value: &Value, _| Ok(Box::new(TagDetector::new(settings(value)?)?)),
+    })
+}

@@ -1,0 +1,148 @@
+//! Pictures that are glued to the sides of boxes, such as tags and labels.
+
+use super::picture;
+use super::scenery::in_range;
+use super::solid::V3;
+use mobee_contract::KindError;
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// A picture on a side of an object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StickerSettings {
+    /// The object that it is on, in the middle of a side of its first box.
+    pub on: String,
+    /// The side, by the box's own axes.
+    #[serde(default)]
+    pub side: BoxSide,
+    /// The picture (JPEG or PNG).
+    pub picture: PathBuf,
+    /// How wide it is there, m.
+    pub width_m: f64,
+}
+
+/// A side of a box, by its outer normal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum BoxSide {
+    /// Along x.
+    #[serde(rename = "+x")]
+    Right,
+    /// Against x.
+    #[serde(rename = "-x")]
+    Left,
+    /// Along y.
+    #[serde(rename = "+y")]
+    Back,
+    /// Against y.
+    #[serde(rename = "-y")]
+    Front,
+    /// Along z.
+    #[default]
+    #[serde(rename = "+z")]
+    Top,
+    /// Against z.
+    #[serde(rename = "-z")]
+    Bottom,
+}
+
+impl BoxSide {
+    /// Its place among [`Stickers`] of a box: twice its axis, and one more for the far side.
+    fn number(self) -> usize {
+        match self {
+            BoxSide::Right => 0,
+            BoxSide::Left => 1,
+            BoxSide::Back => 2,
+            BoxSide::Front => 3,
+            BoxSide::Top => 4,
+            BoxSide::Bottom => 5,
+        }
+    }
+
+    /// The frame of what is on it, `box_from_sticker`: its middle, x to the right and y down as it is read, z into the box. Up is the
+    /// box's z axis, on the sides along that its y axis.
+    pub fn frame(self, size: &Vector3<f64>) -> Isometry3<f64> {
+        let [axis, far] = [self.number() / 2, self.number() % 2];
+        let mut out = Vector3::zeros();
+        out[axis] = if far == 1 { -1.0 } else { 1.0 };
+        let up = if axis == 2 { Vector3::y() } else { Vector3::z() };
+        let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[up.cross(&out), -up, -out]));
+        let middle = out.component_mul(size) / 2.0;
+        Isometry3::from_parts(middle.into(), UnitQuaternion::from_rotation_matrix(&axes))
+    }
+}
+
+/// The sticker on each side of a box, by its index in the scenery.
+pub type Stickers = [Option<u16>; 6];
+
+/// A picture that is somewhere.
+pub struct Sticker {
+    on: String,
+    side: BoxSide,
+    /// Half its width and height, meters.
+    half: [f32; 2],
+    /// Columns and rows.
+    size: [u32; 2],
+    /// Row by row.
+    texels: Vec<[u8; 3]>,
+}
+
+impl StickerSettings {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// Those that make no sense, with what would.
+    pub fn validate(&self) -> Result<(), KindError> {
+        in_range(("width_m", self.width_m, 0.001, 10.0))
+    }
+
+    /// Reads the picture.
+    ///
+    /// # Errors
+    /// If it can't be read, is broken or larger than 4096x4096 pixels.
+    pub fn read(&self) -> Result<Sticker, KindError> {
+        let wrong = |what| KindError::new("picture", what, "give a JPEG or PNG file of at most 4096x4096 pixels");
+        let picture = picture::read(&self.picture).map_err(wrong)?;
+        let (columns, rows) = picture.dimensions();
+        let width = (self.width_m / 2.0) as f32;
+        let half = [width, width * rows as f32 / columns.max(1) as f32];
+        let texels = picture.pixels().map(|p| p.0).collect();
+        Ok(Sticker { on: self.on.clone(), side: self.side, half, size: [columns, rows], texels })
+    }
+}
+
+impl Sticker {
+    /// The color at a place from its middle, meters right and down; `None` beside it.
+    #[inline(always)]
+    pub fn at(&self, [right, down]: [f32; 2]) -> Option<V3> {
+        let share = |at: f32, half: f32, n: u32| {
+            let share = (at / half + 1.0) / 2.0;
+            (0.0..1.0).contains(&share).then(|| ((share * n as f32) as u32).min(n.saturating_sub(1)))
+        };
+        let (u, v) = (share(right, self.half[0], self.size[0])?, share(down, self.half[1], self.size[1])?);
+        self.texels.get((v * self.size[0] + u) as usize).map(|c| V3::from(c.map(f32::from)))
+    }
+}
+
+/// Which stickers an object has.
+pub fn on(stickers: &[Sticker], object: &str) -> Stickers {
+    let mut found = [None; 6];
+    for (sticker, k) in stickers.iter().zip(0u16..).filter(|(s, _)| s.on == object) {
+        if let Some(side) = found.get_mut(sticker.side.number()) {
+            *side = Some(k);
+        }
+    }
+    found
+}
+
+/// The axes to the right and down on each side of a box, in its own frame, in the order of [`Stickers`].
+pub fn axes(side: usize) -> [V3; 2] {
+    let up = if side / 2 == 2 { V3::y() } else { V3::z() };
+    let mut out = V3::zeros();
+    if let Some(along) = out.get_mut(side / 2) {
+        *along = if side % 2 == 1 { -1.0 } else { 1.0 };
+    }
+    [up.cross(&out), -up]
+}
