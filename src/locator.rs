@@ -1,5 +1,7 @@
 //! `mobee locator`: locators in files, learned from recorded views of known places and judged by others.
 
+mod best;
+mod collect;
 mod train;
 
 use crate::config::ConfigError;
@@ -23,6 +25,10 @@ const LONGEST: (u64, u64) = (16 * MIB, 32 * MIB);
 pub enum LocatorCommand {
     /// Learn from a table of recorded views of known places.
     Train(train::LocatorTrainArgs),
+    /// Take a table of views of known places from a run in which one robot looks at what another one holds, and check it.
+    Collect(collect::CollectArgs),
+    /// Learn every kind from a table, compare them by whole places held out, and keep the best.
+    Best(best::BestArgs),
     /// Judge a locator by a table of views of known places: by single views, and by all views of each place together.
     Eval {
         /// The locator.
@@ -49,6 +55,8 @@ pub enum LocatorCommand {
 pub fn command(command: &LocatorCommand) -> Result<(), Report> {
     let said = match command {
         LocatorCommand::Train(args) => train::command(args)?,
+        LocatorCommand::Collect(args) => collect::command(args)?,
+        LocatorCommand::Best(args) => best::command(args)?,
         LocatorCommand::Eval { locator, data, json } => eval(&load(locator)?, data, *json)?,
         LocatorCommand::Show { file } => show(&load(file)?),
     };

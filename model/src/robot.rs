@@ -119,6 +119,8 @@ pub struct Node {
     pub solids: Vec<Primitive>,
     /// Shapes of the force field.
     pub fields: Vec<Primitive>,
+    /// What simulated cameras see its shapes painted in, red, green and blue; `None`: as robots are.
+    pub color: Option<[u8; 3]>,
     /// Whether the file marks this node's subtree `noSelfCollision`.
     pub no_self_collision: bool,
     /// Whether it belongs to the base, which is never tested against the world.

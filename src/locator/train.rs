@@ -39,7 +39,7 @@ fn kind(text: &str) -> Result<LocatorKind, String> {
     found.ok_or_else(|| format!("give one of {}", names.join(", ")))
 }
 
-fn head(text: &str) -> Result<HeadKind, String> {
+pub(super) fn head(text: &str) -> Result<HeadKind, String> {
     match text {
         "v1" => Ok(HeadKind::V1),
         "v2" => Ok(HeadKind::V2),

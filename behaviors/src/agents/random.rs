@@ -27,6 +27,9 @@ pub struct RandomSettings {
     /// Ranges to sample poses from, in degrees, by motor, such as `{ torso_yaw = [-20, 20] }`; default: the motor's limits.
     #[serde(default)]
     pub range_deg: BTreeMap<String, [f64; 2]>,
+    /// How long to rest at a pose that was reached, seconds.
+    #[serde(default)]
+    pub wait_s: f64,
     /// Whether to look in the scene first, and go only to poses that are free and satisfy the constraints. The way there is not checked.
     #[serde(default)]
     pub checked: bool,
@@ -51,6 +54,7 @@ pub struct Random {
     motors: Vec<usize>,
     /// Per motor: index, and from where to where it goes, rad.
     ranges: Vec<(usize, f64, f64)>,
+    wait: Duration,
     settings: RandomSettings,
     seed: u64,
     rng: ChaCha8Rng,
@@ -73,12 +77,14 @@ impl Random {
     /// An unknown motor, or a speed that is none: with its path.
     pub fn new(settings: RandomSettings, context: &Context) -> Result<Random, KindError> {
         let motors = group::motors("motors", &settings.motors, &context.robot);
-        KindError::gather([motors.clone().map(drop), group::speed("speed", settings.speed).map(drop)])?;
-        let motors = motors?;
+        let wait = group::seconds("wait_s", settings.wait_s);
+        let speed = group::speed("speed", settings.speed);
+        KindError::gather([motors.clone().map(drop), speed.map(drop), wait.clone().map(drop)])?;
+        let (motors, wait) = (motors?, wait?);
         let ranges = group::ranges("range_deg", &settings.range_deg, &motors, &context.robot)?;
         let seed = settings.seed.unwrap_or(context.seed);
         let rng = ChaCha8Rng::seed_from_u64(seed);
-        Ok(Random { motors, ranges, settings, seed, rng, reached: 0, failed: 0 })
+        Ok(Random { motors, ranges, wait, settings, seed, rng, reached: 0, failed: 0 })
     }
 
     fn draw(&mut self, view: &View) -> Target {
@@ -100,6 +106,9 @@ impl Agent for Random {
                 text: format!("{} random moves ended at their target, {} did not", self.reached, self.failed),
                 figures: vec![("reached".into(), self.reached.into()), ("missed".into(), self.failed.into())],
             });
+        }
+        if last == Some(MotionEnd::Reached) && !self.wait.is_zero() {
+            return Intent::Wait(self.wait);
         }
         for _ in 0..DRAWS {
             let target = self.draw(view);

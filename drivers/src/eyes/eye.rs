@@ -73,8 +73,10 @@ struct Work {
     owner: Vec<Owner>,
 }
 
-/// What robots are painted in.
+/// What robots are painted in where their file gives no color.
 const ROBOT: [f32; 3] = [190.0, 190.0, 196.0];
+/// How much of the lamp things with a color of their own mirror.
+const GLOSS: f32 = 0.25;
 /// What objects without a color are painted in.
 const PLAIN: [u8; 3] = [150, 150, 150];
 /// Boxes with two edges at least so long have a texture, meters.
@@ -221,7 +223,11 @@ impl SimulatedEye {
                     }
                     // parts of a robot are of slightly different paint
                     let tone = 0.86 + 0.04 * ((n * 7 + s * 3) % 8) as f32;
-                    let paint = Paint { color: V3::from(ROBOT) * tone, wood: false, gloss: 0.15, stickers: [None; 6] };
+                    let (color, gloss) = match node.color {
+                        Some(own) => (V3::from(own.map(f32::from)), GLOSS),
+                        None => (V3::from(ROBOT) * tone, 0.15),
+                    };
+                    let paint = Paint { color, wood: false, gloss, stickers: [None; 6] };
                     let owner = Owner::Robot(u16::try_from(r).unwrap_or(u16::MAX));
                     solids.push(Solid { shape: primitive.shape, pose: frame * primitive.pose, paint, owner });
                 }
@@ -235,7 +241,7 @@ impl SimulatedEye {
                 let is_box = matches!(primitive.shape, Shape::Box { .. });
                 // the first box has them
                 let stickers = if is_box { std::mem::take(&mut stickers) } else { [None; 6] };
-                let paint = Paint { color, wood, gloss: if wood { 0.0 } else { 0.25 }, stickers };
+                let paint = Paint { color, wood, gloss: if wood { 0.0 } else { GLOSS }, stickers };
                 let pose = eye_from_world * object.pose * primitive.pose;
                 solids.push(Solid { shape: primitive.shape, pose, paint, owner: Owner::Object(id) });
             }
@@ -243,7 +249,7 @@ impl SimulatedEye {
         if let Some(distractors) = &self.scenery.settings.distractors {
             let missing = |name| format!("the world has no object {name}, which the scenery's distractors name");
             for d in distractors.stand(scene, self.scenery.settings.seed).map_err(missing)? {
-                let paint = Paint { color: d.color, wood: false, gloss: 0.25, stickers: [None; 6] };
+                let paint = Paint { color: d.color, wood: false, gloss: GLOSS, stickers: [None; 6] };
                 let pose = eye_from_world * d.shape.pose;
                 solids.push(Solid { shape: d.shape.shape, pose, paint, owner: Owner::Scenery });
             }

@@ -339,7 +339,7 @@ impl Builder<'_> {
         }
         let (solids, fields) = (Vec::new(), Vec::new());
         let node =
-            Node { name: None, parent, part: 0, kind, solids, fields, no_self_collision: false, near_root: false };
+            Node { name: None, parent, part: 0, kind, solids, fields, color: None, no_self_collision: false, near_root: false };
         self.robot.nodes.push(node);
         Ok(index)
     }

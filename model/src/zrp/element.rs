@@ -13,6 +13,9 @@ const MIN_SIZE: f64 = 1e-9;
 /// Warnings are kept up to this number.
 const MAX_WARNINGS: usize = 100;
 
+/// The attributes of a color.
+pub(super) const COLOR: &[&str] = &["r", "g", "b"];
+
 /// The warnings of one file. Making one searches the file for its line, so none is made in vain.
 #[derive(Default)]
 pub(super) struct Warnings(pub(super) Vec<FileError>);
@@ -167,6 +170,25 @@ impl Element {
             let message = format!("`{name}` is not a whole number: \"{}\"", attr.value);
             self.error_at(name, message, format!("write digits only, such as {name}=\"0\""))
         })
+    }
+
+    /// `r`, `g` and `b` of 0 to 255; a channel that is left out is 0, `None` if all are.
+    pub(super) fn color(&self) -> Result<Option<[u8; 3]>, FileError> {
+        let mut rgb = [0; 3];
+        let mut given = false;
+        for (channel, name) in rgb.iter_mut().zip(COLOR) {
+            if let Some(value) = self.integer(name)? {
+                given = true;
+                *channel = u8::try_from(value).map_err(|_| {
+                    self.error_at(
+                        name,
+                        format!("`{name}` is {value}, outside 0 to 255"),
+                        "give a color as three whole numbers of 0 to 255",
+                    )
+                })?;
+            }
+        }
+        Ok(given.then_some(rgb))
     }
 
     /// A blank-separated list of numbers; empty if the attribute is missing.

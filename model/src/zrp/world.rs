@@ -2,7 +2,7 @@
 //!
 //! An object is a name, a class, a pose and any number of shapes on it; worlds are flat, nothing hangs on anything.
 
-use super::element::{Element, Warnings};
+use super::element::{COLOR, Element, Warnings};
 use super::geometry;
 use super::xml::{Token, Tokens};
 use crate::error::{FileError, Loaded, Source};
@@ -120,8 +120,8 @@ impl WorldReader {
 
     /// The attributes of an object. Without a type it is an obstacle: what is not known to be harmless is not touched.
     fn object(&mut self, e: &Element) -> Result<Object, FileError> {
-        let own: &[&str] = &["name", "type", "persistent", "r", "g", "b"];
-        e.warn_unknown(&[own, geometry::POSE], &mut self.warnings);
+        let own: &[&str] = &["name", "type", "persistent"];
+        e.warn_unknown(&[own, COLOR, geometry::POSE], &mut self.warnings);
         let class = match e.get("type").map_or("", |t| t.value.trim()) {
             "" | "obstacle" => ObjectClass::Obstacle,
             "target" => ObjectClass::Target,
@@ -147,25 +147,6 @@ impl WorldReader {
             return Err(e.error_at("name", message, "give each object its own name"));
         }
         let persistent = e.integer("persistent")?.unwrap_or(0) != 0;
-        Ok(Object { name, class, persistent, pose: geometry::pose(e)?, shapes: Vec::new(), color: color(e)? })
+        Ok(Object { name, class, persistent, pose: geometry::pose(e)?, shapes: Vec::new(), color: e.color()? })
     }
-}
-
-/// `r`, `g` and `b` of 0 to 255; a channel that is left out is 0, a color that is left out altogether is the viewer's.
-fn color(e: &Element) -> Result<Option<[u8; 3]>, FileError> {
-    let mut rgb = [0; 3];
-    let mut given = false;
-    for (channel, name) in rgb.iter_mut().zip(["r", "g", "b"]) {
-        if let Some(value) = e.integer(name)? {
-            given = true;
-            *channel = u8::try_from(value).map_err(|_| {
-                e.error_at(
-                    name,
-                    format!("`{name}` is {value}, outside 0 to 255"),
-                    "give a color as three whole numbers of 0 to 255",
-                )
-            })?;
-        }
-    }
-    Ok(given.then_some(rgb))
 }

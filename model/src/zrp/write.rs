@@ -303,10 +303,16 @@ fn node_attributes(node: &Node) -> String {
             let _ = write!(out, " {name}=\"{radius}\"");
         }
     }
+    out += &color(node.color);
     if node.no_self_collision {
         out.push_str(" noSelfCollision=\"true\"");
     }
     out
+}
+
+/// The attributes of a color; none without one.
+fn color(color: Option<[u8; 3]>) -> String {
+    color.map_or(String::new(), |[r, g, b]| format!(" r=\"{r}\" g=\"{g}\" b=\"{b}\""))
 }
 
 /// The tag of a shape: sizes in meters, its pose on the node as position, heading and angle in degrees.

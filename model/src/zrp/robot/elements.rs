@@ -3,7 +3,7 @@
 use super::{Open, PartBuilder, ROOT, RobotReader};
 use crate::error::FileError;
 use crate::zrp::constraint::Member;
-use crate::zrp::element::Element;
+use crate::zrp::element::{COLOR, Element};
 use crate::zrp::geometry;
 use crate::zrp::motion::{self, MotorMotion, limits};
 use crate::{Marker, Motor, Node, NodeKind};
@@ -132,7 +132,7 @@ impl RobotReader {
     pub(super) fn tree_node(&mut self, e: &Element) -> Result<Open, FileError> {
         let is_joint = e.name == "joint";
         let own: &[&str] = if is_joint { &["type", "minPos", "maxPos"] } else { &[] };
-        e.warn_unknown(&[NODE, own], &mut self.warnings);
+        e.warn_unknown(&[NODE, COLOR, own], &mut self.warnings);
         let part = self.current_part(e)?;
         let index = self.nodes.len();
         if index >= MAX_NODES {
@@ -168,6 +168,7 @@ impl RobotReader {
             kind,
             solids: e.optional_size("radius")?.map(automatic).into_iter().collect(),
             fields: e.optional_size("field")?.map(automatic).into_iter().collect(),
+            color: e.color()?,
             no_self_collision: e.flag("noSelfCollision", &mut self.warnings),
             near_root: false,
         });

@@ -1,6 +1,6 @@
 //! Objects of a world to XML that reads back to the same objects: what a running world looks like now, as a file to start from.
 
-use super::{degrees, escape, heading, primitive, vector};
+use super::{color, degrees, escape, heading, primitive, vector};
 use crate::{Object, ObjectClass, Primitive};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::fmt::Write;
@@ -20,9 +20,7 @@ pub fn write_world<'a>(objects: impl IntoIterator<Item = &'a Object>) -> String 
         if object.persistent {
             out.push_str(" persistent=\"1\"");
         }
-        if let Some([r, g, b]) = object.color {
-            let _ = write!(out, " r=\"{r}\" g=\"{g}\" b=\"{b}\"");
-        }
+        out += &color(object.color);
         out.push_str(&vector(&pose.translation.vector, ["px", "py", "pz"]));
         let (h, angle) = heading(&pose.rotation);
         if h != Vector3::y() {

@@ -1,0 +1,117 @@
+//! `mobee locator best`: every kind learns from one table, is judged by whole places that it has not seen, and the best one is kept.
+
+use crate::config::ConfigError;
+use crate::roadmap::{may_write, save_text};
+use crate::robot_import::Steps;
+use miette::Report;
+use mobee_behaviors::locators::beginning::{Beginning, Untaught};
+use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
+use mobee_behaviors::locators::folds::folds;
+use mobee_behaviors::locators::head::HeadKind;
+use mobee_behaviors::locators::score::{LocatorScore, PlaceAnswers};
+use mobee_behaviors::locators::view::KnownView;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// The least share of held-out views that a kind must answer to be the best.
+const ANSWERED: f64 = 0.9;
+
+/// What to learn from, and where the best goes.
+#[derive(clap::Args, Clone, Debug)]
+pub struct BestArgs {
+    /// The table of views of known places, such as `mobee locator collect` writes.
+    #[arg(long, value_name = "FILE.csv")]
+    data: PathBuf,
+    /// The locator to write: the best kind, learned from all places.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// The head's drawings that learning starts from: `v1` (iCubs of 2012) or `v2` (later ones, and the shipped model).
+    #[arg(long, value_parser = super::train::head, default_value = "v2")]
+    head: HeadKind,
+    /// The seed of all randomness.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Replace the locator if it exists.
+    #[arg(long)]
+    force: bool,
+}
+
+/// What became of a kind: how good it is at places held out, or why it did not learn.
+type Judged = (LocatorKind, Result<LocatorScore, Untaught>);
+
+/// Learns, compares and keeps the best.
+///
+/// # Errors
+/// If the table can't be read, no kind learns from it, or the locator can't be written.
+pub fn command(args: &BestArgs) -> Result<String, Report> {
+    may_write(&args.out, args.force)?;
+    let bar = Steps::new();
+    bar.step("reads views");
+    let (table, digest) = super::table(&args.data)?;
+    let from = Beginning { head: args.head, ..Beginning::recorded(args.seed) };
+    let untaught = |e: &Untaught| {
+        let help = "give more views of more places, spread over the workspace";
+        ConfigError::plain(format!("{}: {e}", args.data.display()), help)
+    };
+    let judged: Vec<Judged> = LocatorKind::ALL
+        .into_iter()
+        .map(|kind| {
+            bar.step(kind.name());
+            (kind, held_out(kind, &table.known, &from))
+        })
+        .collect();
+    let Some(best) = best(&judged) else {
+        let why = judged.iter().find_map(|(_, score)| score.as_ref().err());
+        let none = Untaught("no kind answers what it is asked".into());
+        return Err(untaught(why.unwrap_or(&none)).into());
+    };
+    bar.step("learns the best from all places");
+    let file = LocatorFile::train(best, &table.known, digest, &from, &mut |share| bar.show(share));
+    save_text(&args.out, &file.map_err(|e| untaught(&e))?.text())?;
+    let views = table.known.len();
+    Ok(text(&judged) + &format!("{}: {}, from all {views} views\n", args.out.display(), best.name()))
+}
+
+/// How good a kind is at whole places that it has not seen: each fifth of them judged by what learned the others.
+fn held_out(kind: LocatorKind, known: &[KnownView], from: &Beginning) -> Result<LocatorScore, Untaught> {
+    let mut answers = PlaceAnswers::default();
+    for fold in folds(known, from.seed)? {
+        let file = LocatorFile::train(kind, &fold.train, String::new(), from, &mut |_| ())?;
+        answers.ask(&file.ready(), &fold.test);
+    }
+    Ok(answers.score())
+}
+
+/// The kind whose single views are least off in the mean, of those that answer nearly all.
+fn best(judged: &[Judged]) -> Option<LocatorKind> {
+    let able = judged.iter().filter_map(|(kind, score)| Some((*kind, score.as_ref().ok()?.single)));
+    let able = able.filter(|(_, e)| e.n > 0 && e.located as f64 >= ANSWERED * e.n as f64);
+    able.min_by(|(_, a), (_, b)| a.mean_mm.total_cmp(&b.mean_mm)).map(|(kind, _)| kind)
+}
+
+fn text(judged: &[Judged]) -> String {
+    let mut said = String::from("errors at places held out, mm\n");
+    let of = ["one view: median", "mean", "95 %", "all of a place: mean", "95 %"];
+    let _ = write!(said, "{:12}{:>16}", "", "answered");
+    for name in of {
+        let _ = write!(said, "  {name}");
+    }
+    said.push_str("  in region of 95 %\n");
+    for (kind, score) in judged {
+        match score {
+            Ok(LocatorScore { single: s, fused: f }) => {
+                let answered = format!("{} of {}", s.located, s.n);
+                let _ = write!(said, "{:12}{answered:>16}", kind.name());
+                let values = [s.median_mm, s.mean_mm, s.p95_mm, f.mean_mm, f.p95_mm];
+                for (name, mm) in of.iter().zip(values) {
+                    let _ = write!(said, "  {mm:>0$.1}", name.len());
+                }
+                let _ = writeln!(said, "  {:>15.1} %", 100.0 * s.inside_95);
+            }
+            Err(why) => {
+                let _ = writeln!(said, "{:12}learned nothing: {why}", kind.name());
+            }
+        }
+    }
+    said
+}

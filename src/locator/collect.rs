@@ -1,0 +1,202 @@
+//! `mobee locator collect`: what a run saw of something that a robot held, as a table that locators learn from.
+//!
+//! ```text
+//! journal: what both eyes saw ──┐
+//! track of who looks: its joints ┼──> row, if both robots rested and the picture's border cut nothing off ──> check ──> table
+//! track of who holds: its marker ┘
+//! ```
+//! A run that is still going can be read too: what its journal and its tracks have so far is taken.
+
+mod bodies;
+mod report;
+mod rows;
+
+use crate::compose::{Composition, compose};
+use crate::config::{Config, ConfigError, SensorConfig, Source};
+use crate::inspect::journal_error;
+use crate::roadmap::{may_write, save_text};
+use bodies::Body;
+use miette::Report;
+use mobee_actors::record::journal;
+use mobee_behaviors::locators::head::JOINTS;
+use mobee_behaviors::locators::rows::table;
+use mobee_contract::{Event, Intrinsics, Outcome, suggestion};
+use mobee_drivers::eyes::SimulatedCameraSettings;
+use report::{Check, Collected};
+use rows::Rows;
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// What to read, and where the table goes.
+#[derive(clap::Args, Clone, Debug)]
+pub struct CollectArgs {
+    /// The folder of a run, ended or not.
+    run: PathBuf,
+    /// The table to write.
+    #[arg(long, value_name = "FILE.csv")]
+    out: PathBuf,
+    /// The marker that is at the center of what is held, of another robot than the one that looks.
+    #[arg(long, value_name = "NAME", default_value = "block")]
+    marker: String,
+    /// The sensor that looks, if there are several: two cameras on an iCub's head, the left one first.
+    #[arg(long, value_name = "NAME")]
+    sensor: Option<String>,
+    /// The behavior that ran, for a folder that has no config.json, as `mobee torture --keep` leaves them.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// The greatest speed of any motor of the robot that looks at which a picture counts, deg/s.
+    #[arg(long, value_name = "DEG_S", default_value_t = 3.0, value_parser = positive)]
+    still: f64,
+    /// The same for the robot that holds: what creeps is at no place. A step of an encoder of 0.01 degrees in 20 ms is 0.5.
+    #[arg(long, value_name = "DEG_S", default_value_t = 0.6, value_parser = positive)]
+    held: f64,
+    /// Rows that are off by more pixels (of 640x480) than the drawings say, beside what most rows are off by, are gross errors, and left out.
+    #[arg(long, value_name = "PIXELS", default_value_t = 60.0, value_parser = positive)]
+    gross: f64,
+    /// The most rows of one place, spread over the run; 0: all.
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    per_place: usize,
+    /// Places of fewer rows are left out.
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    least: usize,
+    /// Replace the table if it exists.
+    #[arg(long)]
+    force: bool,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|n| n.is_finite() && *n > 0.0);
+    number.ok_or_else(|| "give a number above 0".into())
+}
+
+/// Who looks, who holds, and through what.
+pub(super) struct Scene {
+    /// The sensor's cameras in the journal, left and right.
+    cameras: [String; 2],
+    lenses: [Intrinsics; 2],
+    /// Indices of the robots that look and hold.
+    looks: usize,
+    holds: usize,
+    /// Where the nine joints are in the pose of who looks.
+    joints: [usize; 9],
+    /// Which marker of who holds.
+    marker: usize,
+}
+
+/// Reads a run, writes the table, and says what is in it and what is not.
+///
+/// # Errors
+/// If the run can't be read, has no such sensor or marker, or teaches nothing; if the table can't be written.
+pub fn command(args: &CollectArgs) -> Result<String, Report> {
+    may_write(&args.out, args.force)?;
+    let c = composition(args)?;
+    let scene = Scene::find(&c, args)?;
+    let name = |robot: usize| c.config.robot.get(robot).map(|r| r.name.clone()).unwrap_or_default();
+    let body = |robot: usize| -> Result<Body, ConfigError> {
+        let motors = c.scene.robots().get(robot).map_or(0, |r| r.motors.len());
+        Body::open(&args.run, &name(robot), motors)
+    };
+    let mut rows = Rows::new(&c, &scene, [body(scene.looks)?, body(scene.holds)?], [args.still, args.held].map(f64::to_radians));
+    let mut collected = Collected::default();
+    for line in journal::read(&args.run).map_err(journal_error)? {
+        let line = match line {
+            Ok(line) => line,
+            // a run that is going, or that died
+            Err(e) if e.truncated => break,
+            Err(e) => return Err(journal_error(e).into()),
+        };
+        collected.secs = line.at.secs();
+        match line.event {
+            Event::Sighted { camera, exposed, regions, is_shadow: false } => {
+                let Some(eye) = scene.cameras.iter().position(|c| *c == camera) else { continue };
+                collected.pictures += 1;
+                rows.see(eye, exposed, &regions);
+            }
+            Event::Outcome { outcome: Outcome::RolledBack, .. } => collected.rolled_back += 1,
+            _ => {}
+        }
+    }
+    let (raw, dropped) = rows.finish();
+    let check = Check::new(raw, args.gross, (args.least, args.per_place));
+    if check.known.is_empty() {
+        let what = format!("{}: nothing that was seen is of use: {dropped}", args.run.display());
+        return Err(ConfigError::plain(what, "let both robots rest for a second or two in sight of each other").into());
+    }
+    save_text(&args.out, &table(&check.known))?;
+    Ok(format!("{}: {} rows\n{}", args.out.display(), check.known.len(), check.text(&collected, &dropped)))
+}
+
+/// The run as it was composed.
+fn composition(args: &CollectArgs) -> Result<Composition, Report> {
+    if !args.run.join(journal::FILE).is_file() {
+        let what = format!("{} is no run: it has no {}", args.run.display(), journal::FILE);
+        return Err(ConfigError::plain(what, "give the folder of a run").into());
+    }
+    let (config, source): (Config, Source) = match &args.config {
+        Some(file) => Config::load(file, &[])?,
+        None => Config::load_resolved(&args.run.join("config.json"))?,
+    };
+    Ok(compose(config, &source)?)
+}
+
+impl Scene {
+    fn find(c: &Composition, args: &CollectArgs) -> Result<Scene, ConfigError> {
+        let file = c.file.display();
+        let named = |s: &&SensorConfig| args.sensor.as_ref().is_none_or(|name| s.name == *name);
+        let names: Vec<&str> = c.config.sensor.iter().map(|s| s.name.as_str()).collect();
+        let mut found = c.config.sensor.iter().filter(named);
+        let sensor = match (found.next(), found.next()) {
+            (Some(one), None) => one,
+            (Some(_), Some(_)) => {
+                let help = format!("give --sensor; there are: {}", names.join(", "));
+                return Err(ConfigError::plain("which sensor's pictures?", help));
+            }
+            (None, _) => {
+                let asked = args.sensor.as_deref().unwrap_or_default();
+                let help = match names.as_slice() {
+                    [] => "run a behavior with a table [[sensor]], such as configs/behaviors/collect.toml".into(),
+                    names => suggestion(asked, "sensor", names),
+                };
+                return Err(ConfigError::plain(format!("{file}: no sensor looked there"), help));
+            }
+        };
+        let [left, right] = sensor.eye.as_slice() else {
+            let what = format!("the sensor {} has {} cameras", sensor.name, sensor.eye.len());
+            return Err(ConfigError::plain(what, "locators learn from two: the left eye first, then the right one"));
+        };
+        let lens = |camera: &Value| -> Result<Intrinsics, ConfigError> {
+            let mut settings = camera.clone();
+            let kind = settings.as_object_mut().and_then(|table| table.remove("kind"));
+            let simulated = kind.filter(|kind| kind == "simulated");
+            let settings = simulated.and_then(|_| serde_json::from_value::<SimulatedCameraSettings>(settings).ok());
+            settings.and_then(|s| s.intrinsics().ok()).ok_or_else(|| {
+                let what = format!("the cameras of the sensor {} are not simulated", sensor.name);
+                ConfigError::plain(what, "give a run with cameras of the kind `simulated`: their truth is known")
+            })
+        };
+        let lenses = [lens(&left.camera)?, lens(&right.camera)?];
+        let robots = c.scene.robots();
+        let looks = sensor.carrier(&c.config).unwrap_or_default();
+        let mut joints = [0; 9];
+        for (joint, name) in joints.iter_mut().zip(JOINTS) {
+            *joint = robots.get(looks).and_then(|r| r.motor_index(name)).ok_or_else(|| {
+                let what = format!("the robot that carries the sensor {} has no motor {name}", sensor.name);
+                ConfigError::plain(what, "locators learn an iCub's head: give a run in which one looks")
+            })?;
+        }
+        let others = || robots.iter().enumerate().filter(|(i, _)| *i != looks);
+        let marked = others().find_map(|(i, r)| Some((i, r.markers.iter().position(|m| m.name == args.marker)?)));
+        let (holds, marker) = marked.ok_or_else(|| {
+            let markers: Vec<&str> = others().flat_map(|(_, r)| r.markers.iter().map(|m| m.name.as_str())).collect();
+            let what = format!("no other robot of {file} has a marker {}", args.marker);
+            let help = match markers.as_slice() {
+                [] => "give a run in which another robot holds what is looked at".into(),
+                markers => suggestion(&args.marker, "marker", markers),
+            };
+            ConfigError::plain(what, help)
+        })?;
+        let cameras = [left, right].map(|eye| format!("{}/{}", sensor.name, eye.name));
+        Ok(Scene { cameras, lenses, looks, holds, joints, marker })
+    }
+}
+
