@@ -5,6 +5,7 @@
 //!                                     └──────────────look──> shadows of the lamp ──┘
 //! ```
 
+mod by_pose;
 mod distractors;
 mod eye;
 mod film;
@@ -26,6 +27,7 @@ mod sticker;
 mod surface;
 mod texture;
 
+pub use by_pose::{CameraPlace, ObjectPlace, PoseLocator, PoseLocatorSettings};
 pub use distractors::DistractorSettings;
 pub use eye::{Owner, Shot, SimulatedEye};
 pub use folder::{FolderCamera, FolderCameraSettings};

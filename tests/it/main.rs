@@ -30,6 +30,7 @@ mod seeing;
 mod shipped_behaviors;
 mod slides_over_yarp;
 mod swap_over_yarp;
+mod tags;
 mod through_the_filter;
 mod torture_seeds;
 mod type_names;

@@ -8,6 +8,7 @@
 mod family;
 mod kind;
 mod pose;
+mod read;
 mod seek;
 
 pub use family::TagFamilyName;

@@ -21,7 +21,7 @@ fn build(settings: &Value) -> Result<Box<dyn Detector>, KindError> {
 }
 
 /// Not left out by anybody who writes networks, and asked for by the runtime.
-const STEPS: &[(&str, &[u64])] = &[("strides", &[1, 1]), ("dilations", &[1, 1])];
+const STEPS: &[(&str, &[u64])] = &[("strides", &[1, 1]), ("dilations", &[1, 1]), ("pads", &[0, 0, 0, 0])];
 
 /// Reddish pixels: a convolution by one pixel whose output is positive where red is well above green and blue, inputs 0 to 1.
 fn reddish(size: [Option<u64>; 2]) -> Graph {

@@ -59,7 +59,7 @@ impl TagFamilyName {
     }
 
     /// The width of the black border, in bits: two more than the code's.
-    fn cells_at_border(self) -> usize {
+    pub(super) fn cells_at_border(self) -> usize {
         match self {
             TagFamilyName::Bits36Apart11 => 8,
             TagFamilyName::Bits25Apart9 => 7,

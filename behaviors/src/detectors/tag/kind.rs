@@ -47,7 +47,7 @@ fn errors() -> u8 {
     1
 }
 fn margin() -> f64 {
-    15.0
+    20.0
 }
 
 /// Tags, in meters.
