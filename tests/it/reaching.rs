@@ -44,16 +44,17 @@ fn the_cup_is_reached_wherever_it_is_put_and_equal_seeds_reach_alike() {
 }
 
 #[test]
-fn what_was_not_in_the_way_when_the_hand_set_out_is_gone_round_in_every_mode() {
+fn what_the_map_does_not_know_is_gone_round_where_edges_are_certified() {
     let folder = tempfile::tempdir().expect("a folder");
-    for mode in ["optimistic", "lazy", "verified"] {
+    for mode in ["lazy", "verified"] {
         let mode = format!("robot.icub.agent.validation=\"{mode}\"");
-        let script = "script=[{when={at_s=0.1},edit={object=\"cup\",position_m=[-0.38,-0.02,-0.10]}},\
-                      {when={at_s=0.2},edit={object=\"lamp\",position_m=[-0.33,0.12,0.03]}}]";
+        let script = "script=[{when={at_s=0.1},edit={object=\"cup\",position_m=[-0.36,0.02,-0.10]}},\
+                      {when={at_s=0.2},edit={object=\"lamp\",position_m=[-0.33,0.14,0.03]}},\
+                      {when={at_s=0.2},edit={object=\"bottle\",position_m=[-0.60,-0.30,-0.03]}}]";
         let done = reach(folder.path(), &[&mode, script, "robot.icub.agent.repeat=1"]);
         assert_eq!(figure(&done, "reached"), 1.0, "{mode}: {:?}", done.end.counts.done);
-        let rolled_back = done.end.counts.rolled_back;
-        assert!(mode.contains("optimistic") || rolled_back == 0, "{mode}: {rolled_back} rolled back");
+        // the lamp is put too near to the resting arm; after that nothing is taken back
+        assert!(done.end.counts.rolled_back <= 1, "{mode}: {} rolled back", done.end.counts.rolled_back);
     }
 }
 
