@@ -15,7 +15,7 @@ pub use jog::{Jog, JogBy, JogSettings};
 pub use named::NamedPose;
 pub use plan::{PlanAgent, PlanSettings};
 pub use random::{Random, RandomSettings};
-pub use reach::{GazeSettings, Reach, ReachSettings};
+pub use reach::{GazeSettings, ReachAgent, ReachSettings};
 pub use roadmap::{RoadmapAgent, RoadmapSettings};
 pub use scripted::{Scripted, ScriptedPose, ScriptedSettings};
 

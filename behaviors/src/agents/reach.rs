@@ -76,7 +76,7 @@ struct Place {
 }
 
 /// Reaches for an object.
-pub struct Reach {
+pub struct ReachAgent {
     robot: Arc<Robot>,
     settings: ReachSettings,
     walker: Walker,
@@ -128,12 +128,12 @@ struct State {
     mind: Mind,
 }
 
-impl Reach {
+impl ReachAgent {
     /// An agent from its settings.
     ///
     /// # Errors
     /// Unknown motors and markers, positions outside the limits, numbers out of bounds, a broken map: with their path.
-    pub fn new(settings: ReachSettings, context: &Context) -> Result<Reach, KindError> {
+    pub fn new(settings: ReachSettings, context: &Context) -> Result<ReachAgent, KindError> {
         let robot = context.robot.clone();
         let map = map::begin(&settings, &robot);
         let speed = group::speed("speed", settings.speed);
@@ -170,7 +170,7 @@ impl Reach {
             joined: false,
             counts: Counts::default(),
         };
-        Ok(Reach {
+        Ok(ReachAgent {
             robot,
             palm,
             hand,
@@ -310,7 +310,7 @@ impl Reach {
     }
 }
 
-impl Agent for Reach {
+impl Agent for ReachAgent {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
         self.prepare(view);
         let mut last = last.filter(|_| !std::mem::take(&mut self.mind.eyes_turn));
@@ -404,7 +404,7 @@ impl Agent for Reach {
 }
 
 fn build(value: &Value, context: &Context) -> Result<Box<dyn Agent>, KindError> {
-    Ok(Box::new(Reach::new(settings(value)?, context)?))
+    Ok(Box::new(ReachAgent::new(settings(value)?, context)?))
 }
 
 inventory::submit! {

@@ -31,10 +31,9 @@ fn rest() -> [f64; 3] {
 /// Where the tip of the arm is.
 fn tip(q: &[f64]) -> [f64; 2] {
     let (mut angle, mut at) = (0.0, [0.0, 0.0]);
-    for (i, q) in q.iter().enumerate() {
+    for q in q {
         angle += q;
-        let length = if i == 2 { 0.31 } else { 0.3 };
-        at = [at[0] + length * angle.cos(), at[1] + length * angle.sin()];
+        at = [at[0] + 0.3 * angle.cos(), at[1] + 0.3 * angle.sin()];
     }
     at
 }

@@ -21,7 +21,9 @@ const ANGLE: f64 = std::f64::consts::PI / 12.0;
 /// Two postures, and the vertex that they are reached from.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Choice {
+    /// The vertex that the first posture was begun from, and whether the line from there is free; if not, the way is to be planned.
     pub vertex: u32,
+    pub is_joined: bool,
     /// Positions of the map's motors, rad.
     pub pre: Vec<f64>,
     pub grasp: Vec<f64>,
@@ -43,8 +45,8 @@ pub(super) struct Places {
     pub grasp: Vector3<f64>,
 }
 
-/// Chooses postures for the hand at these places, from where the robot is; of those that are free, the one that is nearest. So many
-/// vertices are begun from.
+/// Chooses postures for the hand at these places, from where the robot is; of those that are free, the one that is nearest, and one that a
+/// free line leads to before all others. So many vertices are begun from.
 pub(super) fn choose(
     map: &Roadmap,
     hand: &Hand,
@@ -65,7 +67,7 @@ pub(super) fn choose(
         let from = map.group(&map.vertex(*vertex)?.q);
         let pre = posture(&from, places.pre)?;
         let grasp = posture(&pre, places.grasp)?;
-        Some((from, Choice { vertex: *vertex, pre, grasp }))
+        Some((from, Choice { vertex: *vertex, is_joined: false, pre, grasp }))
     };
     let choices: Vec<(Vec<f64>, Choice)> = near.iter().take(vertices).filter_map(choice).collect();
     if choices.is_empty() {
@@ -75,13 +77,17 @@ pub(super) fn choose(
     let lines: Vec<(Vec<f64>, Vec<f64>)> = lines.map(|(a, b)| (space.within(a), b.clone())).collect();
     let verdicts = space.certify(lines.iter().map(|(a, b)| (a.as_slice(), b.as_slice()))).to_vec();
     let here = map.group(rest);
-    let is_free = |v: &[EdgeVerdict]| v.iter().all(|v| *v == EdgeVerdict::Free);
-    let free = choices.iter().zip(verdicts.chunks(2)).filter(|(_, v)| is_free(v)).map(|((_, c), _)| c);
-    let nearest = free.min_by(|a, b| {
-        let way = |c: &Choice| space.metric().distance(&here, &c.pre);
-        way(a).total_cmp(&way(b)).then(a.vertex.cmp(&b.vertex))
+    let judged = choices.into_iter().zip(verdicts.chunks(2)).filter_map(|((_, choice), verdicts)| {
+        let [first, last] = verdicts else { return None };
+        // the last line begins at the first posture, which is therefore free as well
+        let is_joined = *first == EdgeVerdict::Free;
+        (*last == EdgeVerdict::Free).then_some(Choice { is_joined, ..choice })
     });
-    nearest.cloned().ok_or_else(|| NoChoice::NotFree(obstruction(&verdicts, view)))
+    let nearest = judged.min_by(|a, b| {
+        let way = |c: &Choice| space.metric().distance(&here, &c.pre);
+        b.is_joined.cmp(&a.is_joined).then(way(a).total_cmp(&way(b))).then(a.vertex.cmp(&b.vertex))
+    });
+    nearest.ok_or_else(|| NoChoice::NotFree(obstruction(&verdicts, view)))
 }
 
 /// The first thing that is in the way of a line, in words.

@@ -1,7 +1,8 @@
 //! How reaches ended: what is counted, misses by their cause, and what is done where no way leads on.
 
 use super::choice::NoChoice;
-use super::{HOMEWARD, PLANS, Phase, Reach};
+use super::look::middle;
+use super::{HOMEWARD, PLANS, Phase, ReachAgent};
 use mobee_contract::{Intent, Summary, Time, View};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -90,7 +91,7 @@ impl From<NoChoice> for Missed {
     }
 }
 
-impl Reach {
+impl ReachAgent {
     pub(super) fn miss(&mut self, Missed { miss, why }: &Missed) {
         let count = self.mind.counts.missed.entry(*miss).or_default();
         *count = count.saturating_add(1);
@@ -113,6 +114,10 @@ impl Reach {
             self.walker.goto(goal);
             return None;
         }
+        // the object was found a little elsewhere meanwhile: other postures, from here
+        if self.mind.phase == Phase::Approach && may_plan && self.choose_again(view) {
+            return None;
+        }
         match self.mind.phase {
             Phase::Go => self.miss(&Missed { miss: Miss::NoWay, why: "no way leads there".to_owned() }),
             Phase::Approach => self.miss(&Missed { miss: Miss::Approach, why: "the last line failed".to_owned() }),
@@ -127,6 +132,16 @@ impl Reach {
         }
         self.go_home();
         None
+    }
+
+    /// Chooses postures for where the object is now. Answers whether there are any.
+    fn choose_again(&mut self, view: &View) -> bool {
+        let object = middle(&self.settings.object, view);
+        let pre = object.and_then(|object| self.set_out(object, view).ok());
+        pre.is_some_and(|pre| {
+            self.enter_phase(Phase::Go, pre);
+            true
+        })
     }
 
     pub(super) fn done(&mut self, text: &str) -> Intent {

@@ -1,6 +1,6 @@
 //! Whether a reach can succeed at all: a slow search, to judge the agent by.
 
-use super::{Reach, choice};
+use super::{ReachAgent, choice};
 use crate::planners::{Planner, PlanningProblem, RrtConnect};
 use mobee_contract::View;
 use nalgebra::Vector3;
@@ -11,7 +11,7 @@ const BUDGET: u64 = 200_000;
 /// Plans with seeds of their own.
 const PLANS: u64 = 3;
 
-impl Reach {
+impl ReachAgent {
     /// Whether the hand can be brought from where the robot is to an object there, freely and to the grasp posture: postures are begun from
     /// every vertex of the map, and the way is planned whatever it costs. For benchmarks.
     pub fn can_reach(&mut self, object: [f64; 3], view: &View) -> bool {

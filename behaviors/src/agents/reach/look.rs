@@ -10,11 +10,11 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// The object counts as looked at if no eye has it farther from the middle of its picture, rad (10 degrees).
-const CENTERED: f64 = std::f64::consts::PI / 18.0;
+/// The object counts as looked at if no eye has it farther from the middle of its picture, rad (15 degrees).
+const CENTERED: f64 = std::f64::consts::PI / 12.0;
 /// So often the eyes are turned to where the object was seen before it is good enough, each time only if they gain so much, rad.
 const TURNS: u32 = 3;
-const GAIN: f64 = CENTERED / 3.0;
+const GAIN: f64 = CENTERED / 5.0;
 /// Looking about: rings of points, meters, and how many points each has.
 const RINGS: [f64; 2] = [0.15, 0.30];
 const POINTS: u32 = 6;

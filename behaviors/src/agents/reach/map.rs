@@ -3,7 +3,7 @@
 use super::aim::{Group, Hand};
 use super::choice::Choice;
 use super::look::{Gaze, limits};
-use super::{Place, Reach, ReachSettings, Ready};
+use super::{Place, ReachAgent, ReachSettings, Ready};
 use crate::group;
 use crate::planners::{JointSpace, Planner, PlanningProblem, RrtConnect, shorten};
 use crate::roadmap::{Roadmap, Vertex};
@@ -66,7 +66,7 @@ pub(super) fn begin(settings: &ReachSettings, robot: &Robot) -> Result<(Roadmap,
     Ok((map, rest))
 }
 
-impl Reach {
+impl ReachAgent {
     /// Once: what follows from robot and board, where the map's vertices are shown, and how the rest posture is left.
     pub(super) fn prepare(&mut self, view: &View) {
         if self.ready.is_some() {
@@ -150,7 +150,9 @@ impl Reach {
     pub(super) fn enter(&mut self, choice: Choice, object: Vector3<f64>, view: &View) -> Place {
         let pre = self.add(&choice.pre, view);
         let grasp = self.add(&choice.grasp, view);
-        self.walker.map.join(choice.vertex, pre);
+        if choice.is_joined {
+            self.walker.map.join(choice.vertex, pre);
+        }
         self.walker.map.join(pre, grasp);
         Place { object: object.into(), pre, grasp }
     }
