@@ -335,7 +335,8 @@ pub(crate) fn margin_warning(
     controller: &ControllerSettings,
     foreign: Option<f64>,
 ) -> Option<String> {
-    if !hardware.runs_in_virtual_time() {
+    // one that looks ahead comes to rest in time
+    if !hardware.runs_in_virtual_time() || controller.reserve_m.is_some() {
         return None;
     }
     let own = r.agent.as_ref().map(|a| a.get("speed").and_then(Value::as_f64).unwrap_or(0.1));

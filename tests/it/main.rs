@@ -15,6 +15,7 @@ mod filter_transparency;
 mod hostile_files;
 mod licenses;
 mod locator_files;
+mod looking_ahead;
 mod new_behavior;
 mod old_program;
 mod planted_defects;
