@@ -96,7 +96,8 @@ pub fn command(args: &CollectArgs) -> Result<String, Report> {
         let motors = c.scene.robots().get(robot).map_or(0, |r| r.motors.len());
         Body::open(&args.run, &name(robot), motors)
     };
-    let mut rows = Rows::new(&c, &scene, [body(scene.looks)?, body(scene.holds)?], [args.still, args.held].map(f64::to_radians));
+    let mut rows =
+        Rows::new(&c, &scene, [body(scene.looks)?, body(scene.holds)?], [args.still, args.held].map(f64::to_radians));
     let mut collected = Collected::default();
     for line in journal::read(&args.run).map_err(journal_error)? {
         let line = match line {
@@ -199,4 +200,3 @@ impl Scene {
         Ok(Scene { cameras, lenses, looks, holds, joints, marker })
     }
 }
-

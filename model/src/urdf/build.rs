@@ -338,8 +338,17 @@ impl Builder<'_> {
             return Err(self.source.error(self.urdf.links[link].at.clone(), message, "merge or remove links"));
         }
         let (solids, fields) = (Vec::new(), Vec::new());
-        let node =
-            Node { name: None, parent, part: 0, kind, solids, fields, color: None, no_self_collision: false, near_root: false };
+        let node = Node {
+            name: None,
+            parent,
+            part: 0,
+            kind,
+            solids,
+            fields,
+            color: None,
+            no_self_collision: false,
+            near_root: false,
+        };
         self.robot.nodes.push(node);
         Ok(index)
     }

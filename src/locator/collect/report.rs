@@ -83,7 +83,11 @@ impl Check {
             "run         {:.0} s, {} pictures, {} motions taken back",
             run.secs, run.pictures, run.rolled_back
         );
-        let _ = writeln!(said, "left out    {dropped}, {} gross errors, {} of places seen too seldom", self.gross, self.sparse);
+        let _ = writeln!(
+            said,
+            "left out    {dropped}, {} gross errors, {} of places seen too seldom",
+            self.gross, self.sparse
+        );
         let mut counts: Vec<usize> = self.places.iter().map(|(_, had, _)| *had).collect();
         counts.sort_unstable();
         let at = |share: usize| counts.get((counts.len().saturating_sub(1)) * share / 2).copied().unwrap_or_default();
