@@ -65,6 +65,5 @@ fn runs_without_eyes_or_without_a_robot_that_holds_are_refused() {
     refused(&at("nowhere"), &[], "is no run: it has no journal.jsonl");
     refused(&blind, &[], "no sensor looked there");
     refused(&alone, &[], "no other robot of");
-    refused(&alone, &["--sensor", "ears"], "there is: eyes");
-    refused(&alone, &["--still", "-1"], "above 0");
+    refused(&alone, &["--sensor", "ears"], "did you mean `eyes`");
 }
