@@ -188,7 +188,7 @@ fn a_link_with_a_color_is_seen_in_it() {
     let base = Isometry3::translation(-0.85, 0.0, 0.05);
     let robots = vec![(Arc::clone(&robot), Isometry3::identity()), (Arc::clone(&katana), base)];
     let scene = Scene::new(robots, Vec::new()).unwrap();
-    let mut poses = scene.home();
+    let mut poses: Vec<Vec<f64>> = scene.home().iter().map(|q| q.to_vec()).collect();
     for (motor, deg) in [("motor2_lift", 60.0f64), ("motor3_lift", -90.0), ("motor4_lift", -30.0)] {
         poses[1][katana.motor_index(motor).unwrap()] = deg.to_radians();
     }
