@@ -50,7 +50,7 @@ enum CtlCommand {
         #[arg(long, value_name = "N")]
         times: Option<u64>,
     },
-    /// Replace a part of a running robot, a bridge or a detector with the one from another configuration file.
+    /// Replace a part of a running robot, a bridge, a detector or a locator with the one from another configuration file.
     Swap(SwapArgs),
     /// Pause the robots' own agents (motions under way end first).
     Pause {
@@ -91,7 +91,7 @@ enum CtlCommand {
 
 #[derive(Args)]
 struct SwapArgs {
-    /// The part to swap: `agent`, `controller`, `driver`, `bridge` or `detector`.
+    /// The part to swap: `agent`, `controller`, `driver`, `bridge`, `detector` or `locator`.
     part: String,
     /// The configuration file that contains the new part. It may `include` the running one.
     file: PathBuf,
@@ -101,7 +101,7 @@ struct SwapArgs {
     /// The bridge, as `mobee ctl status` names it; required if there are several.
     #[arg(long)]
     bridge: Option<String>,
-    /// The sensor whose detectors are swapped, or one camera of it as SENSOR/CAMERA; required if there are several sensors.
+    /// The sensor whose detectors or locator are swapped, or for a detector one camera of it as SENSOR/CAMERA; required if there are several sensors.
     #[arg(long)]
     sensor: Option<String>,
     /// Seconds for which a new agent or detector only observes; the journal records what it would have done, or what it sees.
@@ -113,7 +113,7 @@ struct SwapArgs {
     /// The longest time that the new part may take to answer during its probation, seconds.
     #[arg(long, value_name = "SECONDS", default_value_t = 1.0)]
     budget: f64,
-    /// Start without what the old agent or detector knew: for an agent of another kind.
+    /// Start without what the old agent, detector or locator knew: for an agent of another kind.
     #[arg(long)]
     fresh: bool,
     /// Return once the part is built and checked, without waiting for the end of its probation.

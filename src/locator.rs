@@ -53,15 +53,32 @@ pub enum LocatorCommand {
 /// # Errors
 /// If a file can't be read or written, or is not what it should be, with place and remedy.
 pub fn command(command: &LocatorCommand) -> Result<(), Report> {
-    let said = match command {
+    crate::terminal::out(&done(command)?);
+    Ok(())
+}
+
+/// Does what the words after `mobee locator` say, and returns what it says: for examples and tests.
+///
+/// # Errors
+/// As for [`command`], and words that are no command.
+pub fn example(words: &[&str]) -> Result<String, Box<dyn std::error::Error>> {
+    #[derive(clap::Parser)]
+    struct Words {
+        #[command(subcommand)]
+        command: LocatorCommand,
+    }
+    let words: Words = clap::Parser::try_parse_from(["locator"].iter().chain(words))?;
+    Ok(done(&words.command)?)
+}
+
+fn done(command: &LocatorCommand) -> Result<String, Report> {
+    Ok(match command {
         LocatorCommand::Train(args) => train::command(args)?,
         LocatorCommand::Collect(args) => collect::command(args)?,
         LocatorCommand::Best(args) => best::command(args)?,
         LocatorCommand::Eval { locator, data, json } => eval(&load(locator)?, data, *json)?,
         LocatorCommand::Show { file } => show(&load(file)?),
-    };
-    crate::terminal::out(&said);
-    Ok(())
+    })
 }
 
 fn load(path: &Path) -> Result<LocatorFile, ConfigError> {

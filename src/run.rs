@@ -285,12 +285,20 @@ pub(crate) fn run_with(
 /// # Errors
 /// As for [`command`].
 pub fn example(file: &str, set: &[&str]) -> Result<Done, Box<dyn std::error::Error>> {
+    let scratch = tempfile::tempdir()?;
+    example_in(scratch.path(), file, set)
+}
+
+/// The same in this folder, which is empty, and stays.
+///
+/// # Errors
+/// As for [`command`].
+pub fn example_in(folder: &Path, file: &str, set: &[&str]) -> Result<Done, Box<dyn std::error::Error>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
     let set: Vec<String> = set.iter().map(|s| (*s).to_owned()).collect();
     let (config, source) = Config::load(&path, &set)?;
     let composition = compose(config, &source)?;
-    let scratch = tempfile::tempdir()?;
-    let folder = Folder::create("example", Some(scratch.path()))?;
+    let folder = Folder::create("example", Some(folder))?;
     let (_controls, receiver) = mpsc::channel(1);
     Ok(run(composition, &folder, receiver, |_| ())?)
 }

@@ -87,16 +87,16 @@ async fn top(client: &mut Client, times: Option<u64>) -> Result<ExitCode, Report
 
 async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
     let offer = gather::read(&args.file)?;
-    let mut names = [("bridge", args.bridge), ("detector", args.sensor), ("robot", args.robot)];
+    let mut names = [("bridge", args.bridge), ("sensor", args.sensor), ("robot", args.robot)];
     let own = match args.part.as_str() {
-        part @ ("bridge" | "detector") => part,
+        "bridge" => "bridge",
+        "detector" | "locator" => "sensor",
         _ => "robot",
     };
     let name = names.iter_mut().find(|(of, _)| *of == own).and_then(|(_, name)| name.take()).unwrap_or_default();
-    if let Some((other, _)) = names.iter().find(|(_, name)| name.is_some()) {
-        let option = if *other == "detector" { "sensor" } else { other };
+    if let Some((option, _)) = names.iter().find(|(_, name)| name.is_some()) {
         let what = format!("--{option} does not say whose {} is meant", args.part);
-        let help = "name a bridge with --bridge, a detector's sensor with --sensor, and the robot of any other part with --robot";
+        let help = "name a bridge with --bridge, a detector's or locator's sensor with --sensor, and the robot of any other part with --robot";
         return Err(ConfigError::plain(what, help).into());
     }
     let numbers = [args.shadow, args.probation, args.budget].map(|n| n.to_string());

@@ -1,6 +1,6 @@
 //! Who answers at the control port.
 
-use super::offer::{Offered, Wanted, WantedBridge, WantedDetector, Which};
+use super::offer::{Offered, Wanted, WantedBridge, WantedDetector, WantedLocator, Which};
 use super::wire::{Reply, Request, Sent};
 use super::{offer, show};
 use crate::run::Recording;
@@ -42,7 +42,7 @@ pub(super) struct Desk {
 }
 
 const HELP: &str = "Commands: status; swap ROBOT agent|controller|driver [SHADOW_S PROBATION_S BUDGET_S [fresh]]; \
-                    swap NAME bridge [0 PROBATION_S BUDGET_S]; swap SENSOR[/CAMERA] detector [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swapped NAME PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
+                    swap NAME bridge [0 PROBATION_S BUDGET_S]; swap SENSOR[/CAMERA] detector [SHADOW_S PROBATION_S BUDGET_S [fresh]]; swap SENSOR locator [0 PROBATION_S BUDGET_S [fresh]]; swapped NAME PART; pause|resume|recover [ROBOT]; stop [now]; world ...; \
                     record on|off|connect [ADDRESS].";
 
 impl Desk {
@@ -223,6 +223,11 @@ impl Desk {
         match part {
             SwapPart::Bridge => self.bridge(name).map(|name| vec![name]),
             SwapPart::Detector => self.cameras(name),
+            SwapPart::Locator => {
+                let cameras = self.cameras(name)?;
+                let sensor = cameras.first().and_then(|camera| camera.split_once('/')).map(|(sensor, _)| sensor.into());
+                sensor.map(|sensor| vec![sensor]).ok_or_else(|| format!("there is no sensor `{name}` in this run"))
+            }
             SwapPart::Agent | SwapPart::Controller | SwapPart::Driver => {
                 let robot = self.running.robots().get(self.robot(name)?).map(|robot| vec![robot.name().to_owned()]);
                 robot.ok_or_else(|| self.unknown(name))
@@ -235,7 +240,11 @@ impl Desk {
         let owners = self.owners(name, part)?;
         let terms = terms(rest)?;
         let fresh = rest.contains(&"fresh");
-        if !matches!(part, SwapPart::Agent | SwapPart::Detector) && (fresh || !terms.shadow.is_zero()) {
+        if part == SwapPart::Locator && !terms.shadow.is_zero() {
+            return Err("a locator can't observe; omit --shadow".into());
+        }
+        let has_state = matches!(part, SwapPart::Agent | SwapPart::Detector | SwapPart::Locator);
+        if !has_state && (fresh || !terms.shadow.is_zero()) {
             return Err(format!("a {part} can't observe, and has no state to discard; omit --shadow and --fresh"));
         }
         let (models, robots) = (self.running.models(), self.running.robots());
@@ -250,6 +259,9 @@ impl Desk {
                 }
                 (SwapPart::Detector, _) => {
                     offer::sent_detector(sent.clone(), &WantedDetector { camera: name, fresh, terms })
+                }
+                (SwapPart::Locator, _) => {
+                    offer::sent_locator(sent.clone(), &WantedLocator { sensor: name, models: &models, fresh, terms })
                 }
                 (part, Some(model)) => offer::sent(sent.clone(), &Wanted { part, name, model, fresh, terms }),
                 (part, None) => Err(format!("there is no {part} of {name}")),
@@ -309,9 +321,12 @@ fn word(value: &Value) -> String {
 }
 
 fn swappable(part: &str) -> Result<SwapPart, String> {
-    let all = [SwapPart::Agent, SwapPart::Controller, SwapPart::Driver, SwapPart::Bridge, SwapPart::Detector];
+    use SwapPart::{Agent, Bridge, Controller, Detector, Driver, Locator};
+    let all = [Agent, Controller, Driver, Bridge, Detector, Locator];
     let found = all.into_iter().find(|p| p.to_string() == part);
-    found.ok_or_else(|| format!("`{part}` can't be swapped; agent, controller, driver, bridge and detector can"))
+    found.ok_or_else(|| {
+        format!("`{part}` can't be swapped; agent, controller, driver, bridge, detector and locator can")
+    })
 }
 
 /// Shadow, probation and budget, seconds.

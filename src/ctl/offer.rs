@@ -67,6 +67,18 @@ pub(crate) struct WantedDetector<'a> {
     pub terms: SwapPolicy,
 }
 
+/// Which locator is asked for of a file.
+pub(crate) struct WantedLocator<'a> {
+    /// The sensor in the run.
+    pub sensor: &'a str,
+    /// The robots of the run, of which the file's must be one.
+    pub models: &'a [Arc<Robot>],
+    /// Whether it begins without what the old one remembers.
+    pub fresh: bool,
+    /// How it is tried.
+    pub terms: SwapPolicy,
+}
+
 /// A bridge of a file.
 #[derive(Clone, Copy)]
 pub(crate) enum Which<'a> {
@@ -101,6 +113,15 @@ pub(super) fn sent_bridge(sent: Sent, wanted: &WantedBridge<'_>) -> Result<Offer
 pub(super) fn sent_detector(sent: Sent, wanted: &WantedDetector<'_>) -> Result<Offered, String> {
     let (config, source) = read(sent)?;
     take_detector(config, &source, wanted)
+}
+
+/// The same for a locator.
+///
+/// # Errors
+/// Everything that is wrong with it, as it would be printed.
+pub(super) fn sent_locator(sent: Sent, wanted: &WantedLocator<'_>) -> Result<Offered, String> {
+    let (config, source) = read(sent)?;
+    take_locator(config, &source, wanted)
 }
 
 fn read(sent: Sent) -> Result<(Config, Source), String> {
@@ -172,6 +193,52 @@ pub(crate) fn take_detector(
     Ok(Offered::Beside(BesideOffer { part, what, terms: wanted.terms }))
 }
 
+/// Checks a whole configuration, and takes the locator of a sensor of it: of the one that has this name there, or of the only one.
+///
+/// # Errors
+/// Everything that is wrong with it, as it would be printed.
+pub(crate) fn take_locator(mut config: Config, source: &Source, wanted: &WantedLocator<'_>) -> Result<Offered, String> {
+    let file = source.path.display();
+    // no board is touched
+    config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
+    let sensors: Vec<(String, Value)> = config
+        .sensor
+        .iter()
+        .map(|s| (s.name.clone(), s.locator.as_ref().map_or(Value::Null, |table| table["kind"].clone())))
+        .collect();
+    let composition = compose(config, source).map_err(|report| format!("{report:?}"))?;
+    let at = match sensors.as_slice() {
+        [_] => Some(0),
+        sensors => sensors.iter().position(|(name, _)| name == wanted.sensor),
+    };
+    let Some((setup, (name, kind))) = at.and_then(|at| composition.sensors.into_iter().nth(at).zip(sensors.get(at)))
+    else {
+        let names: Vec<&str> = sensors.iter().map(|(name, _)| name.as_str()).collect();
+        return Err(match names.as_slice() {
+            [] => format!("there is no sensor in {file}; add a table [[sensor]]"),
+            names => format!("there is no sensor {} in {file}; there are: {}", wanted.sensor, names.join(", ")),
+        });
+    };
+    let locator = setup
+        .locator
+        .ok_or_else(|| format!("the sensor {name} of {file} has no locator; add a table [sensor.locator]"))?;
+    let carrier = composition.scene.robots().iter().find(|robot| robot.name == locator.robot);
+    if !carrier.is_some_and(|robot| wanted.models.iter().any(|model| motors(model) == motors(robot))) {
+        return Err(format!(
+            "no robot of the run has the motors of {} of {file}; give a file of this run",
+            locator.robot
+        ));
+    }
+    let what = format!("{} from {file}", kind.as_str().unwrap_or_default());
+    let part = NewBeside::Locator { maker: locator.locator, fresh: wanted.fresh };
+    Ok(Offered::Beside(BesideOffer { part, what, terms: wanted.terms }))
+}
+
+/// The names of a robot's motors, in order.
+fn motors(robot: &Robot) -> Vec<&str> {
+    robot.motors.iter().map(|m| m.name.as_str()).collect()
+}
+
 /// Checks a whole configuration, and takes what is wanted of it.
 ///
 /// # Errors
@@ -201,7 +268,6 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
     let robot = config.robot.get(index).cloned();
     let mut composition = compose(config, source).map_err(|report| format!("{report:?}"))?;
     let other = composition.scene.robots().get(index).cloned();
-    let motors = |robot: &Robot| robot.motors.iter().map(|m| m.name.clone()).collect::<Vec<String>>();
     let (Some(robot), Some(_)) = (robot, other.filter(|other| motors(other) == motors(model))) else {
         return Err(format!("the robot of {file} has other motors than {name}; give a file of this robot"));
     };
@@ -225,7 +291,7 @@ pub(crate) fn take(mut config: Config, source: &Source, wanted: &Wanted<'_>) -> 
             let what = format!("{} from {file}", kind(&robot.driver));
             Ok(Offered::Part(PartOffer { part: NewPart::Driver(setup.hardware), what, terms }))
         }
-        SwapPart::Bridge | SwapPart::Detector => Err(format!("a {part} is no part of a robot")),
+        SwapPart::Bridge | SwapPart::Detector | SwapPart::Locator => Err(format!("a {part} is no part of a robot")),
     }
 }
 

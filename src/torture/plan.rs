@@ -238,7 +238,7 @@ impl Planner<'_> {
                     ("tolerance_deg", json!(tolerance)),
                 ]
             }
-            SwapPart::Driver | SwapPart::Bridge | SwapPart::Detector => Vec::new(),
+            SwapPart::Driver | SwapPart::Bridge | SwapPart::Detector | SwapPart::Locator => Vec::new(),
         };
         let flaw = match self.rng.random_range(0..6) {
             0 if part != SwapPart::Controller => Some(Flaw::Useless),

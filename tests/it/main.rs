@@ -2,6 +2,7 @@
 
 mod agent_over_yarp;
 mod broken_files;
+mod collecting;
 mod common;
 mod composition_matrix;
 mod config_layers;

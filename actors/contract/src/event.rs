@@ -388,7 +388,7 @@ pub enum Event {
     },
     /// A part that runs beside the robots is being swapped.
     SwapBeside {
-        /// The name of the bridge, or of the camera whose detector it is.
+        /// The name of the bridge, of the camera whose detector it is, or of the sensor whose locator.
         name: String,
         /// Which part.
         part: SwapPart,

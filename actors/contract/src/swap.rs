@@ -17,6 +17,8 @@ pub enum SwapPart {
     Bridge,
     /// What finds regions in a camera's frames.
     Detector,
+    /// What tells where that is which detectors have found.
+    Locator,
 }
 
 impl fmt::Display for SwapPart {
@@ -27,6 +29,7 @@ impl fmt::Display for SwapPart {
             SwapPart::Driver => "driver",
             SwapPart::Bridge => "bridge",
             SwapPart::Detector => "detector",
+            SwapPart::Locator => "locator",
         })
     }
 }

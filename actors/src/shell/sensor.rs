@@ -16,7 +16,7 @@ mod world_gate;
 
 pub use camera::CameraActor;
 pub use detector::{DetectorActor, DetectorMsg};
-pub use locator::LocatorActor;
+pub use locator::{LocatorActor, LocatorMsg};
 pub use world_gate::{KeptObject, WorldGate, WorldGateSettings};
 
 use crate::runtime::stream::{Stream, StreamCounters};
@@ -100,11 +100,13 @@ pub struct Eye {
 pub struct Placing {
     /// Its name in the run.
     pub name: String,
-    sensor: String,
+    /// Its sensor's.
+    pub sensor: String,
     robot: Arc<RobotContext>,
-    locator: PartMaker<dyn Locator>,
-    /// What it remembered last.
-    state: LatestCell<Option<Snapshot>>,
+    /// Which locator places, and how far its exchange is.
+    pub seat: Seat<Remembering>,
+    /// The line to it.
+    pub locator: ActorLink<LocatorMsg>,
     /// What of it becomes the model's.
     pub gate: Option<LatestCell<WorldGate>>,
 }
@@ -115,6 +117,15 @@ pub struct Looking {
     /// Makes it.
     pub maker: PartMaker<dyn Detector>,
     /// What it knew after its last frame.
+    pub state: Option<Snapshot>,
+}
+
+/// A locator that places: how it is made, and what it remembers.
+#[derive(Clone)]
+pub struct Remembering {
+    /// Makes it.
+    pub maker: PartMaker<dyn Locator>,
+    /// What it knew after it was last asked.
     pub state: Option<Snapshot>,
 }
 
@@ -139,9 +150,10 @@ impl Sensor {
         let placing = locator.map(|setup| {
             let robot = robots.iter().find(|r| r.name == setup.robot).cloned().ok_or(setup.robot)?;
             let own = format!("{name}/{}", crate::record::names::LOCATOR);
-            let (sensor, locator, state) = (name.clone(), setup.locator, LatestCell::default());
+            let (sensor, locator) = (name.clone(), ActorLink::default());
+            let seat = Seat::new(Remembering { maker: setup.locator, state: None });
             let gate = setup.gate.map(|settings| LatestCell::new(WorldGate::new(settings, now)));
-            Ok::<_, String>(Arc::new(Placing { name: own, sensor, robot, locator, state, gate }))
+            Ok::<_, String>(Arc::new(Placing { name: own, sensor, robot, seat, locator, gate }))
         });
         let placing = placing.transpose()?;
         Ok(Sensor { name, eyes, placing })
@@ -176,6 +188,15 @@ impl Eye {
     pub fn fell(&self, shared: &SharedContext, why: &str) {
         if self.seat.broke(shared.clock.now()) {
             shared.tell_beside(&self.name, SwapPart::Detector, SwapStep::Reverted { why: why.into() });
+        }
+    }
+}
+
+impl Placing {
+    /// Its locator has failed: on probation the one before is back.
+    pub fn fell(&self, shared: &SharedContext, why: &str) {
+        if self.seat.broke(shared.clock.now()) {
+            shared.tell_beside(&self.sensor, SwapPart::Locator, SwapStep::Reverted { why: why.into() });
         }
     }
 }

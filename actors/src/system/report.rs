@@ -88,7 +88,7 @@ impl SystemReport {
             SwapPart::Agent | SwapPart::Controller | SwapPart::Driver => {
                 self.robots.iter().find(|r| r.name == name)?.swaps.get(&part)
             }
-            SwapPart::Bridge | SwapPart::Detector => self.beside.get(&(name.to_owned(), part)),
+            SwapPart::Bridge | SwapPart::Detector | SwapPart::Locator => self.beside.get(&(name.to_owned(), part)),
         }
     }
 }

@@ -150,7 +150,8 @@ async fn conduct(
     let groups: Vec<_> = [&controller, &agents].into_iter().chain(&services).chain(&seen).cloned().collect();
     let mut exchanges = Exchanges::new(&shared, &controller);
     let eyes: Vec<Arc<Eye>> = sensors.iter().flat_map(|s| s.eyes.clone()).collect();
-    exchanges.beside = Beside { services: services.clone(), posts: posts.clone(), eyes: eyes.clone() };
+    let placings = sensors.iter().filter_map(|s| s.placing.clone()).collect();
+    exchanges.beside = Beside { services: services.clone(), posts: posts.clone(), eyes: eyes.clone(), placings };
     let limit = limit.map(|l| Time::ZERO + l);
     let mut told = Time::ZERO;
     let mut listening = true;

@@ -158,11 +158,12 @@ pub fn sensors(shared: &Arc<SharedContext>, sensors: &[Arc<Sensor>]) -> Group {
 
 fn sensor(shared: &Arc<SharedContext>, sensor: &Arc<Sensor>) -> Group {
     let (gone, blind) = (shared.clone(), sensor.clone());
-    let (run, eyes) = (shared.clone(), sensor.eyes.clone());
+    let (run, eyes, placing) = (shared.clone(), sensor.eyes.clone(), sensor.placing.clone());
     let mut own = group(&format!("{}/{SENSOR}", sensor.name), Strategy::OneForOne, shared)
         .on_death(move |name, reason| {
             let detector = |eye: &&Arc<Eye>| *name == format!("{}/{DETECTOR}", eye.name);
             eyes.iter().filter(detector).for_each(|eye| eye.fell(&run, reason));
+            placing.iter().filter(|placing| placing.name == *name).for_each(|placing| placing.fell(&run, reason));
         })
         .on_give_up(move || {
             gone.tell(Event::Warning { text: format!("sensor {} is gone until the next run", blind.name) });

@@ -253,11 +253,16 @@ fn silence_planted() {
     }));
 }
 
-/// The steps of all swaps, without their words.
+/// The steps of all swaps of the detector, without their words.
 fn steps(ran: &Ran) -> Vec<String> {
+    steps_of(ran, ("eyes/left", SwapPart::Detector))
+}
+
+/// The steps of all swaps, which are all of this part, without their words.
+fn steps_of(ran: &Ran, whose: (&str, SwapPart)) -> Vec<String> {
     let of = |(_, event): (Time, Arc<Event>)| match &*event {
-        Event::SwapBeside { name, part: SwapPart::Detector, step } => {
-            assert_eq!(name, "eyes/left");
+        Event::SwapBeside { name, part, step } => {
+            assert_eq!((name.as_str(), *part), whose);
             Some(match step {
                 SwapStep::Offered { what, .. } => what.clone(),
                 SwapStep::Refused { why } | SwapStep::Reverted { why } => format!("{step:?}: {why}"),
@@ -329,5 +334,61 @@ fn a_detector_that_fails_on_probation_is_reverted_and_one_that_is_none_refused()
         let after: Vec<f64> = seen.iter().filter(|(at, ..)| at.secs() > 6.0).map(|(.., r)| r.center[1]).collect();
         assert!(seen.iter().all(|(.., region)| region.object == "ball"), "{name}");
         assert!(after.len() > 20 && after[0] > 40.0, "{name}: {after:?}");
+    }
+}
+
+/// The locator of this name takes over after three seconds.
+fn swap_locator(name: &'static str) -> Control {
+    let terms = SwapPolicy { probation: Duration::from_secs(2), ..SwapPolicy::default() };
+    let maker: PartMaker<dyn Locator> = match name {
+        "none" => Arc::new(|| Err("there is no such head".into())),
+        name => Arc::new(move || Ok(Box::new(Elsewhere { name, asked: 0 }))),
+    };
+    let offer = BesideOffer { part: NewBeside::Locator { maker, fresh: false }, what: name.into(), terms };
+    let (reply, _) = tokio::sync::oneshot::channel();
+    Control::SwapBeside { name: "eyes".into(), offer, reply }
+}
+
+/// Places everything at one place, or breaks at that.
+struct Elsewhere {
+    name: &'static str,
+    asked: u32,
+}
+
+impl Locator for Elsewhere {
+    fn locate(&mut self, seen: &[Sighting], _: &BodyState) -> Vec<Located> {
+        self.asked += 1;
+        assert!(self.name != "breaks", "planted");
+        let place = |s: &Sighting| {
+            let covariance = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            Located { object: s.region.object.clone(), position: [9.0, 0.0, f64::from(self.asked)], covariance }
+        };
+        seen.iter().map(place).collect()
+    }
+    fn takes(&self) -> Duration {
+        if self.name == "dreams" { Duration::from_secs(2) } else { Duration::ZERO }
+    }
+}
+
+#[test]
+fn a_locator_is_exchanged_while_its_sensor_runs_and_one_that_fails_is_reverted() {
+    silence_planted();
+    let is_new = |(_, l): &(Time, Located)| l.position[0] == 9.0;
+    let expected: [(&str, &[&str]); 4] = [
+        ("quick", &["quick", "TookOver", "Settled"]),
+        ("breaks", &["breaks", "TookOver", "Reverted"]),
+        ("dreams", &["dreams", "TookOver", "Reverted"]),
+        ("none", &["none", "Refused"]),
+    ];
+    for (name, expected) in expected {
+        let ran = run(eyes(Duration::ZERO), vec![(3_000, swap_locator(name))]);
+        assert_eq!(steps_of(&ran, ("eyes", SwapPart::Locator)), expected, "{}", ran.lines());
+        let placed = located(&ran);
+        let late = placed.iter().filter(|(at, _)| at.secs() > 6.0).collect::<Vec<_>>();
+        assert!(late.len() > 20, "{name}: {}", late.len());
+        assert!(
+            placed.iter().all(|p| (name == "quick" && p.0.secs() > 3.5) == is_new(p) || p.0.secs() < 3.5),
+            "{name}"
+        );
     }
 }

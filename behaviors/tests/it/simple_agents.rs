@@ -58,6 +58,16 @@ fn random_stays_within_limits_counts_its_moves_and_looks_first_if_asked_to() {
     assert_ne!(run(true, 5).motions, checked.motions);
 }
 
+#[test]
+fn random_rests_at_poses_that_it_reached_if_asked_to() {
+    let robot = arm(3);
+    let mut agent = kind("random", &robot, 4, json!({ "motors": ["joint0"], "count": 3, "wait_s": 2 }));
+    let mut fails = [true, false, true].into_iter();
+    let run = drive(agent.as_mut(), &mut view(&scene(&robot, vec![]), &[0.0; 3]), 9, |_, _, _| fails.next().unwrap());
+    // after the last one it is done
+    assert_eq!((run.motions.len(), run.waits), (3, 1));
+}
+
 /// A board may allow less than the model: what lies beyond would be refused.
 #[test]
 fn poses_are_drawn_within_what_the_board_allows() {

@@ -180,6 +180,27 @@ fn what_is_nearer_hides_what_is_behind_it_and_ghosts_are_not_seen() {
     assert_eq!(centroid(&shot, Owner::Object(2)).1, 0);
 }
 
+/// Without noise, the lamp alone decides how light a color is, and not which.
+#[test]
+fn a_link_with_a_color_is_seen_in_it() {
+    let block = concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/robots/katana-block.xml");
+    let (robot, katana) = (icub(), Arc::new(load_robot(block).unwrap().value));
+    let base = Isometry3::translation(-0.85, 0.0, 0.05);
+    let robots = vec![(Arc::clone(&robot), Isometry3::identity()), (Arc::clone(&katana), base)];
+    let scene = Scene::new(robots, Vec::new()).unwrap();
+    let mut poses: Vec<Vec<f64>> = scene.home().iter().map(|q| q.to_vec()).collect();
+    for (motor, deg) in [("motor2_lift", 60.0f64), ("motor3_lift", -90.0), ("motor4_lift", -30.0)] {
+        poses[1][katana.motor_index(motor).unwrap()] = deg.to_radians();
+    }
+    poses[0][robot.motor_index("neck_pitch").unwrap()] = -0.3;
+    let truth = Truth { scene: Arc::new(scene), poses: poses.into_iter().map(Into::into).collect() };
+    let shot = shoot(&ideal(), &truth);
+    let pixels = shot.frame.pixels.chunks(3).zip(&shot.owner).filter(|(_, owner)| **owner == Owner::Robot(1));
+    let red = |p: &[u8]| p[0] > 60 && u32::from(p[0]) > 2 * u32::from(p[1].max(p[2]));
+    let (block, arm): (Vec<_>, Vec<_>) = pixels.map(|(p, _)| p).partition(|p| red(p));
+    assert!(block.len() > 200 && arm.len() > 200, "{} {}", block.len(), arm.len());
+}
+
 #[test]
 fn the_robot_sees_its_own_hand_and_not_what_houses_its_eyes() {
     let robot = icub();

@@ -143,6 +143,17 @@ fn a_capsule_takes_the_place_of_the_automatic_cylinder() {
 }
 
 #[test]
+fn links_and_joints_have_colors_that_are_written_again() {
+    let text = robot("<link x=\"0.3\" r=\"190\" g=\"40\"><sphere radius=\"0.1\"/></link>");
+    let read = parse_robot("r.xml", &text).unwrap();
+    assert!(read.warnings.is_empty());
+    let colors: Vec<_> = read.value.nodes.iter().map(|n| n.color).collect();
+    assert_eq!(colors, [None, Some([190, 40, 0])]);
+    assert_eq!(parse_robot("again.xml", &mobee_model::write_robot(&read.value)).unwrap().value, read.value);
+    points_at(&robot("<link x=\"1\" b=\"256\"/>"), "256", "outside 0 to 255");
+}
+
+#[test]
 fn a_world_has_obstacles_targets_and_ghosts() {
     let text = "<WorldList version=\"1.0\"><object name=\"table\" pz=\"-.02\" persistent=\"1\"><box width=\"1\" height=\"2\" depth=\".1\"/></object>\
         <object type=\"target\" r=\"0\" g=\"100\" b=\"0\"><sphere radius=\".05\"/></object><object type=\"ghost\"/></WorldList>";

@@ -1,12 +1,12 @@
 //! The locator's shell: pairs what was seen with the body as it was then.
 
-use super::{Eye, KeptObject, PATIENCE, Placing, Seen};
+use super::{Eye, KeptObject, PATIENCE, PartMaker, Placing, Remembering, Seen};
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::Clock;
 use crate::wiring::{ModelMsg, SharedContext};
-use mobee_contract::{Admission, BodyState, Event, Locator, SeenObject, Sighting, Time};
+use mobee_contract::{Admission, BodyState, Event, Locator, SeenObject, Sighting, SwapPart, SwapStep, Time};
 use mobee_controller::history::Unrecorded;
-use ractor::{Actor, ActorProcessingErr, ActorRef};
+use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -21,12 +21,20 @@ const LOOK: Duration = Duration::from_millis(200);
 pub struct LocatorActor;
 
 /// What it hears.
-#[derive(Debug)]
 pub enum LocatorMsg {
     /// Something was seen by the camera of this index.
     Seen(usize),
     /// It is time to look for what has not been seen.
     Look,
+    /// Another locator takes over, with what this one remembers unless it is to begin anew; answered when it has.
+    TakeOver {
+        /// Makes it.
+        maker: PartMaker<dyn Locator>,
+        /// Whether it begins anew.
+        fresh: bool,
+        /// Who waits.
+        reply: RpcReplyPort<()>,
+    },
 }
 
 /// What it keeps.
@@ -79,6 +87,30 @@ impl Placing {
 }
 
 impl Locating {
+    /// Makes the locator in force. One that does not take what was remembered begins anew.
+    fn make(&mut self) -> Result<(), String> {
+        let Remembering { maker, state } = self.placing.seat.part();
+        let mut locator = maker()?;
+        if let Some(state) = state {
+            let _ = locator.import(state);
+        }
+        self.locator = Some(locator);
+        Ok(())
+    }
+
+    /// Makes another locator the one in force.
+    fn take_over(&mut self, maker: PartMaker<dyn Locator>, fresh: bool) -> Result<(), String> {
+        let seat = &self.placing.seat;
+        let state = seat.part().state.filter(|_| !fresh);
+        if !seat.take_over(Remembering { maker, state }, self.shared.clock.now()) {
+            return Ok(());
+        }
+        // told first: what its making breaks is a reason to revert
+        let took_over = SwapStep::TookOver { gap: 0.0, map: None };
+        self.shared.tell_beside(&self.placing.sensor, SwapPart::Locator, took_over);
+        self.make()
+    }
+
     async fn locate(&mut self, seen: Seen, body: BodyState) -> Result<(), String> {
         let mut locator = self.locator.take().ok_or("the locator is away")?;
         let Seen { camera, intrinsics, exposed, regions } = seen;
@@ -89,9 +121,11 @@ impl Locating {
             let state = locator.export();
             Given { value: (locator, objects, state), cost }
         };
-        let (locator, objects, state) = attempt(&self.shared.clock, PATIENCE, locate).await?;
+        let budget = self.placing.seat.budget().unwrap_or(PATIENCE);
+        let (locator, objects, state) = attempt(&self.shared.clock, budget, locate).await?;
         self.locator = Some(locator);
-        *self.placing.state.lock() = state;
+        self.placing.seat.change(|remembering| remembering.state = state);
+        self.placing.seat.answered(self.shared.clock.now());
         let gate = self.placing.gate.as_ref();
         let admissions = gate.map(|gate| gate.lock().admit(exposed, &objects)).unwrap_or_default();
         self.placing.show_seen(&self.shared);
@@ -118,20 +152,18 @@ impl Actor for LocatorActor {
         myself: ActorRef<LocatorMsg>,
         (shared, eyes, placing): Self::Arguments,
     ) -> Result<Locating, ActorProcessingErr> {
-        let mut locator = (placing.locator)()?;
-        if let Some(state) = placing.state.lock().clone() {
-            // one that does not take it begins anew
-            let _ = locator.import(state);
-        }
-        for (i, eye) in eyes.iter().enumerate() {
+        let mut locating = Locating { shared, eyes, placing, locator: None };
+        locating.make()?;
+        locating.placing.locator.connect(myself.clone());
+        for (i, eye) in locating.eyes.iter().enumerate() {
             let bell = myself.clone();
             let doorbell = Box::new(move || bell.send_message(LocatorMsg::Seen(i)).is_ok());
             eye.seen.iter().for_each(|stream| stream.attach(doorbell.clone()));
         }
-        if placing.gate.is_some() {
+        if locating.placing.gate.is_some() {
             myself.send_interval(LOOK, || LocatorMsg::Look);
         }
-        Ok(Locating { shared, eyes, placing, locator: Some(locator) })
+        Ok(locating)
     }
 
     async fn handle(
@@ -140,10 +172,19 @@ impl Actor for LocatorActor {
         message: LocatorMsg,
         locating: &mut Locating,
     ) -> Result<(), ActorProcessingErr> {
-        let LocatorMsg::Seen(i) = message else {
-            let now = locating.shared.clock.now();
-            locating.placing.tell_stale(&locating.shared, now);
-            return Ok(());
+        let i = match message {
+            LocatorMsg::Seen(i) => i,
+            LocatorMsg::Look => {
+                let now = locating.shared.clock.now();
+                locating.placing.tell_stale(&locating.shared, now);
+                return Ok(());
+            }
+            LocatorMsg::TakeOver { maker, fresh, reply } => {
+                locating.take_over(maker, fresh)?;
+                // who asked may have gone
+                let _ = reply.send(());
+                return Ok(());
+            }
         };
         let Some(eye) = locating.eyes.get(i).cloned() else { return Ok(()) };
         let Some(stream) = &eye.seen else { return Ok(()) };

@@ -1,8 +1,9 @@
-//! Exchanging what runs beside the robots: a bridge, or the detector of a camera.
+//! Exchanging what runs beside the robots: a bridge, the detector of a camera, or the locator of a sensor.
 //!
 //! ```text
 //! bridge     its motions are taken back, its life ends in order ──> the new one is served ──> TookOver
 //! detector   the new one looks on for a while ──> between two frames ──> the new one is made, with what the old one has learned ──> TookOver
+//! locator    ──> between two sightings ──> the new one is made, with what the old one remembers ──> TookOver
 //! TookOver ──it works, and its probation is over──> Settled
 //!              │ its actor dies: the one before is what is started again, Reverted
 //! ```
@@ -13,15 +14,15 @@ use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::supervision::{Between, GroupMsg};
 use crate::runtime::swap::SwapPolicy;
-use crate::shell::{DetectorMsg, Eye, PartMaker, Post};
+use crate::shell::{DetectorMsg, Eye, LocatorMsg, PartMaker, Placing, Post};
 use crate::system::tree::services_of;
 use crate::wiring::{Seat, SharedContext};
-use mobee_contract::{Detector, Service, SwapPart, SwapStep};
-use ractor::ActorRef;
+use mobee_contract::{Detector, Locator, Service, SwapPart, SwapStep};
+use ractor::{ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long a detector may take to come to the end of its frame.
+/// How long a detector or locator may take to come to the end of what it is at.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A new part of what runs beside the robots.
@@ -36,6 +37,13 @@ pub enum NewBeside {
         /// Whether it begins anew, without what the old one has learned.
         fresh: bool,
     },
+    /// Another locator.
+    Locator {
+        /// Makes it.
+        maker: PartMaker<dyn Locator>,
+        /// Whether it begins anew, without what the old one remembers.
+        fresh: bool,
+    },
 }
 
 impl NewBeside {
@@ -44,6 +52,7 @@ impl NewBeside {
         match self {
             NewBeside::Bridge(_) => SwapPart::Bridge,
             NewBeside::Detector { .. } => SwapPart::Detector,
+            NewBeside::Locator { .. } => SwapPart::Locator,
         }
     }
 }
@@ -61,7 +70,7 @@ pub struct BesideOffer {
     pub part: NewBeside,
     /// What it is, in words.
     pub what: String,
-    /// What it must go through. A bridge can't look on: its shadow is not used.
+    /// What it must go through. Bridges and locators can't look on: their shadow is not used.
     pub terms: SwapPolicy,
 }
 
@@ -72,6 +81,7 @@ pub(in crate::system) struct Beside {
     pub(in crate::system) services: Option<ActorRef<GroupMsg>>,
     pub(in crate::system) posts: Vec<Arc<Post>>,
     pub(in crate::system) eyes: Vec<Arc<Eye>>,
+    pub(in crate::system) placings: Vec<Arc<Placing>>,
 }
 
 impl Exchanges {
@@ -107,6 +117,16 @@ impl Exchanges {
                 self.tasks.spawn(async move {
                     let taken = trial.detector(&eye, maker, fresh, terms.shadow).await;
                     trial.see_through(taken, &eye.seat).await;
+                });
+            }
+            NewBeside::Locator { maker, fresh } => {
+                let placing = self.beside.placings.iter().find(|placing| placing.sensor == name).cloned();
+                let placing = placing.ok_or_else(|| format!("the sensor {name} has no locator in this run"))?;
+                let trial = trial(SwapPart::Locator);
+                trial.announce(&placing.seat, what, SwapPolicy { shadow: Duration::ZERO, ..terms })?;
+                self.tasks.spawn(async move {
+                    let taken = trial.locator(&placing, maker, fresh).await;
+                    trial.see_through(taken, &placing.seat).await;
                 });
             }
         }
@@ -172,19 +192,40 @@ impl Trial {
         if !shadow.is_zero() {
             self.look_on(eye, maker.clone(), shadow).await?;
         }
+        self.hand_over(&eye.seat, |reply| {
+            eye.detector.send(DetectorMsg::TakeOver { maker: maker.clone(), fresh, reply });
+        })
+        .await
+    }
+
+    /// Has the new locator asked from now on, once it is known that it can be made.
+    async fn locator(&self, placing: &Arc<Placing>, maker: PartMaker<dyn Locator>, fresh: bool) -> Result<(), String> {
+        let made = maker.clone();
+        let make = move || Given { value: made().map(drop), cost: Duration::ZERO };
+        attempt(&self.shared.clock, self.budget, make).await??;
+        self.hand_over(&placing.seat, |reply| {
+            placing.locator.send(LocatorMsg::TakeOver { maker: maker.clone(), fresh, reply });
+        })
+        .await
+    }
+
+    /// Asks the actor that has the seat to let the new part take over, until it has.
+    async fn hand_over<P: Clone>(&self, seat: &Seat<P>, ask: impl Fn(RpcReplyPort<()>)) -> Result<(), String> {
+        let clock = &self.shared.clock;
         let until = clock.now() + PATIENCE;
         while clock.now() < until {
             let (reply, done) = ractor::concurrency::oneshot();
-            eye.detector.send(DetectorMsg::TakeOver { maker: maker.clone(), fresh, reply: reply.into() });
+            ask(reply.into());
             tokio::select! {
                 biased;
                 // an error: its actor died, of this or before
-                done = done => if done.is_ok() || !eye.seat.is_offered() { return Ok(()) },
+                done = done => if done.is_ok() || !seat.is_offered() { return Ok(()) },
                 () = clock.sleep_until(until) => break,
             }
             clock.sleep(LOOK).await;
         }
-        Err(format!("the detector in force did not come to the end of a frame within {} s", PATIENCE.as_secs()))
+        let (part, secs) = (self.part, PATIENCE.as_secs());
+        Err(format!("the {part} in force did not come to the end of what it was at within {secs} s"))
     }
 
     /// Lets the new detector look on for so long.

@@ -16,6 +16,7 @@ pub fn arm(joints: usize) -> Arc<Robot> {
         kind,
         solids,
         fields: Vec::new(),
+        color: None,
         no_self_collision: false,
         near_root: false,
     };
