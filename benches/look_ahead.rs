@@ -12,6 +12,8 @@
 //!
 //! `cargo bench --bench look_ahead -- [runs per speed] [seconds per run] [first seed]` (default 100, 60 and 1)
 
+#![allow(clippy::disallowed_methods)] // a measurement of the processor
+
 use mobee::compose::read;
 use mobee_actors::record::tap::Taps;
 use mobee_actors::runtime::clock::ClockKind;

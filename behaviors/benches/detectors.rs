@@ -49,8 +49,8 @@ fn main() {
     let pictures: Vec<_> = (0..8).map(|i| picture(i, &mut rng)).collect();
     let lessons = Lessons::new(&pictures, "disk", 1).expect("they teach");
     let color = lessons.color().0;
-    let (network, inputs) = lessons.network(&pictures, &mut |_| ()).expect("they teach");
-    let cgp = lessons.finish_cgp(&network, &Evolution::new(inputs, lessons.masks(), 1)).0;
+    let (pixels, inputs) = lessons.network(&pictures, &mut |_| ()).expect("they teach");
+    let cgp = lessons.finish_cgp(&pixels, &Evolution::new(inputs, lessons.masks(), 1)).0;
     for (name, file) in [("color", &color), ("cgp", &cgp)] {
         report(&format!("{name}, 320x240"), &look_times(file, &pictures[3].picture, clock));
     }

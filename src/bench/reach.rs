@@ -72,7 +72,7 @@ struct Outcome {
 /// # Errors
 /// Complaints about arguments or behavior.
 pub(super) fn command(args: &ReachBenchArgs) -> Result<ExitCode, Report> {
-    if !(0.0..=10.0).contains(&args.offset_deg) || !(args.secs >= 1.0 && args.secs <= 1e4) {
+    if !(0.0..=10.0).contains(&args.offset_deg) || !(1.0..=1e4).contains(&args.secs) {
         return Err(miette!(
             help = "give --offset-deg from 0 to 10, and --secs from 1 to 10000",
             "{} degrees and {} seconds can't be measured",

@@ -137,7 +137,7 @@ fn composition(args: &CollectArgs) -> Result<Composition, Report> {
         Some(file) => Config::load(file, &[])?,
         None => Config::load_resolved(&args.run.join("config.json"))?,
     };
-    Ok(compose(config, &source)?)
+    compose(config, &source)
 }
 
 impl Scene {

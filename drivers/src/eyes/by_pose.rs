@@ -119,9 +119,10 @@ impl PoseLocator {
         let turned = camera.rotation.to_rotation_matrix();
         let covariance = turned.matrix() * in_camera * turned.matrix().transpose();
         let position = camera.rotation * at + camera.translation.vector;
-        let row = |i: usize| [0, 1, 2].map(|j| covariance[(i, j)]);
-        let is_sound = position.iter().chain(covariance.iter()).all(|n| n.is_finite());
-        is_sound.then(|| Located { object: object.clone(), position: position.into(), covariance: [0, 1, 2].map(row) })
+        // a covariance is its own transpose: its columns are its rows
+        let covariance: [[f64; 3]; 3] = covariance.into();
+        let is_sound = position.iter().chain(covariance.as_flattened()).all(|n| n.is_finite());
+        is_sound.then(|| Located { object: object.clone(), position: position.into(), covariance })
     }
 }
 
@@ -134,7 +135,7 @@ impl Locator for PoseLocator {
         self.robot.forward(&body.q, &mut frames);
         let mut found: Vec<Located> = seen.iter().filter_map(|s| self.place(s, &frames)).collect();
         // an object with two tags is told by the surer one
-        let doubt = |l: &Located| (0..3).map(|i| l.covariance[i][i]).sum::<f64>();
+        let doubt = |l: &Located| l.covariance.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum::<f64>();
         found.sort_by(|a, b| a.object.cmp(&b.object).then(doubt(a).total_cmp(&doubt(b))));
         found.dedup_by(|later, first| later.object == first.object);
         found

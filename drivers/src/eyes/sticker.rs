@@ -65,8 +65,11 @@ impl BoxSide {
     /// box's z axis, on the sides along that its y axis.
     pub fn frame(self, size: &Vector3<f64>) -> Isometry3<f64> {
         let [axis, far] = [self.number() / 2, self.number() % 2];
-        let mut out = Vector3::zeros();
-        out[axis] = if far == 1 { -1.0 } else { 1.0 };
+        let out = Vector3::from_fn(|i, _| match (i == axis, far == 1) {
+            (false, _) => 0.0,
+            (true, true) => -1.0,
+            (true, false) => 1.0,
+        });
         let up = if axis == 2 { Vector3::y() } else { Vector3::z() };
         let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[up.cross(&out), -up, -out]));
         let middle = out.component_mul(size) / 2.0;
