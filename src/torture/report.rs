@@ -145,7 +145,7 @@ impl fmt::Display for Tally {
         }
         let (escapes, stopped) = (self.escapes, self.retreats_stopped);
         writeln!(f, "and        {escapes} escapes, {stopped} retreats stopped, {} restarts", self.restarts)?;
-        let Joint { times, retreats, stopped, nearer } = &self.joint;
+        let Joint { times, retreats, waited, stopped, nearer } = &self.joint;
         if *times > 0 {
             let mm = nearer * 1e3;
             writeln!(
@@ -156,6 +156,9 @@ impl fmt::Display for Tally {
             let causes: Vec<String> = stopped.iter().map(|(cause, n)| format!("{cause} {n}")).collect();
             let by = if causes.is_empty() { String::new() } else { format!(": {}", causes.join(", ")) };
             writeln!(f, "           {all} of their {retreats} retreats stopped ({:.2} %){by}", share(all, *retreats))?;
+            if *waited > 0 {
+                writeln!(f, "           {waited} times one waited for a robot that had come into its way")?;
+            }
         }
         if self.swaps != [0; 3] {
             let [settled, reverted, refused] = self.swaps;

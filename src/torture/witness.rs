@@ -82,6 +82,8 @@ struct Seen {
     /// Whether a motion of it is open, and whether that is being taken back together with another's.
     moves: bool,
     joint: bool,
+    /// Whether its retreat waits for another robot: what comes near meanwhile is the other's doing.
+    waits: bool,
     /// Whether its encoders have told the truth since that motion began.
     honest: bool,
     /// While it escapes: the pairs that were near as it set out, and when it did.
@@ -113,6 +115,7 @@ impl Seen {
             back: None,
             moves: false,
             joint: false,
+            waits: false,
             honest: true,
             escape: (None, at),
             news: None,
@@ -131,7 +134,7 @@ impl Seen {
     /// Which promise is to be kept now, and what is too near for it if it was not near from the start.
     fn watched(&self) -> Option<(&'static str, f64)> {
         match (&self.back, self.open, self.status) {
-            (Some(_), false, _) => Some(("I9", self.margin - DEEPER)),
+            (Some(_), false, _) if !self.waits => Some(("I9", self.margin - DEEPER)),
             (None, true, Status::Moving) if self.reflex => Some(("I19", self.margin - NEARER)),
             (None, true, Status::Escaping) => Some(("I24", self.margin - DEEPER)),
             _ => None,
@@ -204,7 +207,7 @@ impl Witness {
             }
             Event::RetreatBegan { robot, near, .. } => {
                 self.turn(robot, |r| {
-                    r.back = Some(near.clone());
+                    (r.back, r.waits) = (Some(near.clone()), false);
                     r.sets_out(at);
                 });
                 if self.robots.iter().filter(|r| r.back.is_some()).count() > 1 {
@@ -215,6 +218,11 @@ impl Witness {
                     }
                 }
             }
+            Event::RetreatWaits { robot, .. } => {
+                self.joint.waited += 1;
+                self.turn(robot, |r| r.waits = true);
+            }
+            Event::RetreatGoesOn { robot } => self.turn(robot, |r| r.waits = false),
             Event::RetreatStopped { robot, reason, what, .. } => {
                 if self.robots.iter().any(|r| r.name == *robot && r.joint) {
                     *self.joint.stopped.entry(stopped_by(*reason, what)).or_default() += 1;
@@ -341,7 +349,8 @@ impl Witness {
             let of = |shape: ShapeId| shape.robot().and_then(|robot| self.robots.get(robot));
             let (Some(a), Some(b)) = (of(c.pair.0), of(c.pair.1)) else { continue };
             let margin = a.margin.min(b.margin);
-            if a.back.is_none() || b.back.is_none() {
+            let goes_back = |r: &Seen| r.back.is_some() && !r.waits;
+            if !(goes_back(a) && goes_back(b)) {
                 let least = self.least.entry(c.pair).or_insert(margin);
                 *least = least.min(c.distance);
                 continue;

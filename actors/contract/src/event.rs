@@ -323,6 +323,20 @@ pub enum Event {
         #[serde(default)]
         near: Vec<Contact>,
     },
+    /// The retreat stays where it is, until another robot that is in its way has been taken back.
+    RetreatWaits {
+        /// Robot.
+        robot: String,
+        /// What was observed, in words.
+        what: String,
+        /// The sample that showed it.
+        seen: Time,
+    },
+    /// A retreat that waited goes on.
+    RetreatGoesOn {
+        /// Robot.
+        robot: String,
+    },
     /// The retreat was abandoned.
     RetreatStopped {
         /// Robot.

@@ -9,7 +9,8 @@
 //! of each other, whatever each one's own path looks like (I14).
 //!
 //! Of robots within each other's reach one party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes
-//! after it; those out of reach of all of them go when they like. A robot of which
+//! after it; those out of reach of all of them go when they like. One who drove into a party goes first: it waits until he is out of
+//! its way. A robot of which
 //! nothing was heard for a second is counted out, so that nobody has to tell of a death; the others stop then, and go
 //! on one by one.
 
@@ -145,6 +146,8 @@ struct Member {
     at: f64,
     /// See `at`; without end before its way is known.
     end: f64,
+    /// Since when it stays where it is, since a robot that does not go along is in its way.
+    waits: Option<Time>,
     /// Whether it is back, or goes no further.
     left: bool,
 }
@@ -161,6 +164,7 @@ impl Member {
             way: None,
             at: 0.0,
             end: f64::INFINITY,
+            waits: None,
             left: false,
         }
     }
@@ -251,6 +255,35 @@ impl JointRetreat {
         self.state().party(robot).is_some_and(|party| party.member(other).is_some())
     }
 
+    /// The robot stays where it is on its way, since then, and so do those who go along; or it goes on. Meanwhile others may go.
+    pub fn wait(&self, robot: usize, since: Option<Time>) {
+        self.state().party(robot).and_then(|party| party.member(robot)).into_iter().for_each(|m| m.waits = since);
+    }
+
+    /// Whether another robot has been waiting on its way for longer than this one, which waits as well.
+    pub fn waits_longer(&self, other: usize, robot: usize) -> bool {
+        let mut state = self.state();
+        let mut since = |robot| state.party(robot).and_then(|p| p.member(robot)).and_then(|m| m.waits);
+        matches!((since(other), since(robot)), (Some(theirs), Some(own)) if (theirs, other) < (own, robot))
+    }
+
+    /// Whether a robot that is in the way of another's retreat is being taken back out of it, or anybody else near is on the way back:
+    /// one party goes at a time.
+    pub fn makes_room(&self, other: usize, robot: usize, now: Time) -> bool {
+        let state = self.state();
+        let stopped = match state.presences.get(other) {
+            Some(Presence::Coming(heard) | Presence::Ready { heard, .. }) => now <= *heard + LOST,
+            _ => false,
+        };
+        let goes = |m: &Member| !m.left && !m.is_lost(now) && state.is_near(m.robot, robot);
+        stopped || state.parties.iter().filter(|p| !p.waits() && !p.is_of(robot)).any(|p| p.members.iter().any(goes))
+    }
+
+    /// Whether all that go along with this robot have written all of their ways, or go no further.
+    pub fn is_over(&self, robot: usize, now: Time) -> bool {
+        self.state().party(robot).is_none_or(|party| party.members.iter().all(|m| m.is_through() || m.is_lost(now)))
+    }
+
     /// The robot is back, or goes no further. Of those who are still on their way, each hears of it at its next step,
     /// and stops; when nobody is left the party is over.
     pub fn leave(&self, robot: usize) {
@@ -279,7 +312,7 @@ impl State {
 
     /// The party that this robot is on its way with.
     fn party(&mut self, robot: usize) -> Option<&mut Party> {
-        self.parties.iter_mut().find(|party| party.members.iter().any(|m| m.robot == robot && !m.left))
+        self.parties.iter_mut().find(|party| party.is_of(robot))
     }
 
     /// Whether one of two robots can ever come near the other.
@@ -317,7 +350,9 @@ impl State {
         let about = self.about(robot);
         let coming = |presence: &Presence| matches!(presence, Presence::Coming(heard) if now <= *heard + LOST);
         let comes = |robot: &usize| self.presences.get(*robot).is_some_and(coming);
-        let goes = |robot: &usize| self.parties.iter().any(|p| p.members.iter().any(|m| m.robot == *robot));
+        // a party that waits may be waiting for this one
+        let goes =
+            |robot: &usize| self.parties.iter().any(|p| !p.waits() && p.members.iter().any(|m| m.robot == *robot));
         if about.iter().any(goes) || (!alone && patient && about.iter().any(comes)) {
             return RetreatReply::Wait;
         }
@@ -342,6 +377,16 @@ impl Party {
     /// This robot, if it goes along and has not left.
     fn member(&mut self, robot: usize) -> Option<&mut Member> {
         self.members.iter_mut().find(|m| m.robot == robot && !m.left)
+    }
+
+    /// Whether this robot is on its way with it.
+    fn is_of(&self, robot: usize) -> bool {
+        self.members.iter().any(|m| m.robot == robot && !m.left)
+    }
+
+    /// Whether it stays where it is.
+    fn waits(&self) -> bool {
+        self.members.iter().any(|m| m.waits.is_some() && !m.left)
     }
 
     /// The robot lives. Nothing if another does not.

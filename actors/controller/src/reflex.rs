@@ -13,6 +13,7 @@
 mod back;
 mod contacts;
 mod retreat;
+mod room;
 
 use crate::gate::Gate;
 use crate::history::HistoryTooShort;
@@ -25,6 +26,7 @@ use contacts::{Contacts, Floors};
 use mobee_contract::{Cause, Command, CommitId, Event, Hold, Status, Time};
 use mobee_model::{Contact, Pair};
 use retreat::Retreat;
+use room::Room;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -109,7 +111,7 @@ enum Phase {
     /// The robot was stopped at `since`, and is waited for to rest.
     Stopping { token: u64, since: Time, then: Then },
     /// It is being taken back. `violated`: whether a constraint was as it began.
-    Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, still: Still },
+    Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, still: Still, room: Room },
     /// The last pose was written; it should be reached at `since`.
     Settling { token: u64, since: Time, retreat: Retreat, violated: bool },
 }

@@ -86,6 +86,8 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
         Event::RetreatBegan { robot, id, secs, .. } => {
             (robot, Warn, format!("#{} goes back along {secs:.1} s of its path", id.0))
         }
+        Event::RetreatWaits { robot, what, .. } => (robot, Warn, format!("waits on its way back: {what}")),
+        Event::RetreatGoesOn { robot } => (robot, Info, "goes on on its way back".to_owned()),
         Event::RetreatStopped { robot, what, .. } => (robot, Error, format!("the retreat was given up: {what}")),
         Event::World { object, what, class, at } => {
             let class = class.map(|c| format!(" {}", format!("{c:?}").to_lowercase())).unwrap_or_default();

@@ -16,7 +16,8 @@ const BESIDE: f64 = 1.5 * std::f64::consts::PI / 180.0;
 const LAG: f64 = 0.12;
 /// How much of the way may have been made before its time, s: readings and events are told by different threads.
 const EARLY: f64 = 0.1;
-/// How much longer the robot may be in motion, as a share and in seconds: it is made to wait, and catches up.
+/// How much longer the robot may be in motion, as a share and in seconds: it is made to wait, and catches up. So many seconds more each
+/// time it has to make a halt.
 const LONGER: (f64, f64) = (1.25, 0.5);
 /// A kink of the readings that is no motion, rad.
 const JUMP: f64 = 0.5 * std::f64::consts::PI / 180.0;
@@ -42,6 +43,10 @@ pub(super) struct RetreatPace {
     pause: Duration,
     there: VecDeque<Passed>,
     back: Option<Back>,
+    /// How often it waited for a robot that was in its way.
+    halts: u32,
+    /// Whether a board is known to be late, so that the retreat waits for it again and again.
+    late: bool,
     /// Set once the way there, or the retreat, can't be told.
     lost: bool,
 }
@@ -60,8 +65,17 @@ impl RetreatPace {
     /// Of these motors of a robot that rests below this speed, rad/s, and is controlled with this period, s.
     pub fn new(motors: &[(usize, f64)], rest_speed: f64, period: f64) -> RetreatPace {
         let pause = Duration::try_from_secs_f64(period).unwrap_or_default() * PAUSE;
-        let mut way =
-            RetreatPace { motors: Vec::new(), rest_speed, pause, there: VecDeque::new(), back: None, lost: false };
+        let there = VecDeque::new();
+        let mut way = RetreatPace {
+            motors: Vec::new(),
+            rest_speed,
+            pause,
+            there,
+            back: None,
+            halts: 0,
+            late: false,
+            lost: false,
+        };
         way.join(motors);
         way
     }
@@ -84,6 +98,16 @@ impl RetreatPace {
     /// It is driven by moves from way-point to way-point, each of which the board starts and ends.
     pub fn is_moved(&mut self) {
         self.back.iter_mut().for_each(|back| back.streamed = false);
+    }
+
+    /// It makes a halt: another robot is in its way.
+    pub fn halts(&mut self) {
+        self.halts += 1;
+    }
+
+    /// A board heeds late what it is told: how long the retreat takes is not judged.
+    pub fn is_late(&mut self) {
+        self.late = true;
     }
 
     /// The path, or what comes next, is not known.
@@ -135,11 +159,11 @@ impl RetreatPace {
 
     /// The robot is back. Returns what is wrong with how long it took, in words.
     pub fn over(&self) -> Option<String> {
-        let back = self.back.as_ref().filter(|back| back.streamed && !self.lost)?;
+        let back = self.back.as_ref().filter(|back| back.streamed && !self.late && !self.lost)?;
         let there = self.there.back()?.moved;
         let took = back.newest.back()?.moved - there;
         let gone = there - self.there.get(back.here)?.moved;
-        (took > LONGER.0 * there + LONGER.1)
+        (took > LONGER.0 * there + LONGER.1 * f64::from(1 + self.halts))
             .then(|| format!("was in motion for {took:.2} s on {gone:.2} s of its retreat"))
     }
 

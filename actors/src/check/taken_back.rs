@@ -41,6 +41,8 @@ struct Motion {
     missed: bool,
     /// Whether the journal says why it may end otherwise.
     excused: bool,
+    /// How often the reflex has told it to stop.
+    stops: u32,
 }
 
 fn in_words(cause: &Cause) -> Option<&'static str> {
@@ -121,6 +123,7 @@ impl Invariant for TakenBack {
                 (r.motion.driven, r.motion.settling) = (true, false);
                 r.way.iter_mut().for_each(|way| way.turn(line.at));
             }),
+            Event::RetreatWaits { .. } => self.all_taken_back(RetreatPace::halts),
             Event::State { robot, status: Status::Settling } => self.of(robot, |r| r.motion.settling = true),
             Event::RetreatStopped { robot, reason, .. } => self.of(robot, |r| r.stopped(*reason)),
             Event::State { robot, status: Status::Holding(Hold::ShuttingDown | Hold::Stale | Hold::Restarted) } => {
@@ -130,6 +133,9 @@ impl Invariant for TakenBack {
             Event::Streamed { robot, writer: Writer::Reflex, last, .. } => self.with(robot, |r| r.misled(last)),
             Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Move => {
                 self.of(robot, |r| r.way.iter_mut().for_each(RetreatPace::is_moved))
+            }
+            Event::Command { robot, writer: Writer::Reflex, kind, .. } if *kind == CommandKind::Stop => {
+                self.told_to_stop(robot)
             }
             Event::Died { actor, .. } if !actor.ends_with("/agent") => self.excuse_all(),
             Event::Resumed { .. } => self.excuse_all(),
@@ -161,6 +167,21 @@ impl Invariant for TakenBack {
 impl TakenBack {
     fn excuse_all(&mut self) -> Option<String> {
         self.robots.values_mut().for_each(Robot::excuse);
+        None
+    }
+
+    /// Told twice, a board does not heed in time: set-points come to it as late, and whoever goes back with it waits for it, so that
+    /// nothing is said by how long that takes.
+    fn told_to_stop(&mut self, robot: &str) -> Option<String> {
+        let motion = &mut self.robots.entry(robot.into()).or_default().motion;
+        motion.stops += 1;
+        if motion.stops > 1 && !motion.driven { self.all_taken_back(RetreatPace::is_late) } else { None }
+    }
+
+    /// Who goes back with somebody waits with it.
+    fn all_taken_back(&mut self, change: impl Fn(&mut RetreatPace)) -> Option<String> {
+        let taken_back = self.robots.values_mut().filter(|r| r.motion.cause.is_some());
+        taken_back.flat_map(|r| &mut r.way).for_each(change);
         None
     }
 

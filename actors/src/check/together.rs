@@ -17,17 +17,26 @@ struct Robot {
     name: String,
     /// While it is retreating: the pairs that touched before.
     back: Option<Vec<Contact>>,
+    /// Whether it stays where it is meanwhile: what comes near then is another's doing.
+    waits: bool,
 }
 
 impl Together {
     fn turn(&mut self, name: &str, back: Option<Vec<Contact>>) {
-        self.robots.iter_mut().filter(|r| r.name == name).for_each(|r| r.back.clone_from(&back));
+        self.robots.iter_mut().filter(|r| r.name == name).for_each(|r| {
+            r.back.clone_from(&back);
+            r.waits = false;
+        });
+    }
+
+    fn waits(&mut self, name: &str, waits: bool) {
+        self.robots.iter_mut().filter(|r| r.name == name).for_each(|r| r.waits = waits);
     }
 
     /// The robot that a shape belongs to, if that is retreating.
     fn back(&self, shape: ShapeId) -> Option<(&Robot, &Vec<Contact>)> {
         let robot = self.robots.get(shape.robot()?)?;
-        Some((robot, robot.back.as_ref()?))
+        Some((robot, robot.back.as_ref().filter(|_| !robot.waits)?))
     }
 }
 
@@ -35,9 +44,11 @@ impl Invariant for Together {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
             Event::Robot { robot, .. } if self.robots.iter().all(|r| r.name != *robot) => {
-                self.robots.push(Robot { name: robot.clone(), back: None });
+                self.robots.push(Robot { name: robot.clone(), back: None, waits: false });
             }
             Event::RetreatBegan { robot, near, .. } => self.turn(robot, Some(near.clone())),
+            Event::RetreatWaits { robot, .. } => self.waits(robot, true),
+            Event::RetreatGoesOn { robot } => self.waits(robot, false),
             Event::Disabled { robot, .. } | Event::RetreatStopped { robot, .. } | Event::Outcome { robot, .. } => {
                 self.turn(robot, None);
             }

@@ -4,7 +4,8 @@
 //! A pair may come 1 mm nearer than its margin, or than it was as the retreat began, since that is not followed to the hair
 //! and a pair that all but touches must be able to part. One that is nearer as its contact begins, or as it touches, must
 //! stop it. The same holds from the sample that showed a contact deepen (`RetreatStopped::seen`). After the stop the reflex
-//! writes no move and no set-point until a new transaction.
+//! writes no move and no set-point until a new transaction. A retreat that waits for another robot to get out of its way has stopped as
+//! well, until it goes on.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
@@ -105,10 +106,17 @@ impl Invariant for WatchedRetreat {
                     way.meet(contact, line.at);
                 }
             }
-            Event::RetreatStopped { robot, reason, seen, .. } => {
+            Event::RetreatGoesOn { robot } => self.robots.entry(robot.clone()).or_default().driven = true,
+            Event::RetreatStopped { robot, seen, .. } | Event::RetreatWaits { robot, seen, .. } => {
                 let way = self.robots.entry(robot.clone()).or_default();
-                way.stopped = Some(line.at);
-                let seen = (*reason == Hold::RetreatBlocked).then_some((*seen).max(self.changed));
+                let reason = if let Event::RetreatStopped { reason, .. } = &line.event {
+                    way.stopped = Some(line.at);
+                    *reason
+                } else {
+                    way.driven = false;
+                    Hold::RetreatBlocked
+                };
+                let seen = (reason == Hold::RetreatBlocked).then_some((*seen).max(self.changed));
                 if let Some(from) = way.contact.take().into_iter().chain(seen).find(|t| !way.in_time(*t, line.at)) {
                     let took = line.at.since(from).as_secs_f64() * 1e3;
                     found.say(format!("{robot}: a contact during the retreat stopped it after {took:.1} ms only"));

@@ -99,6 +99,23 @@ fn another_rate_is_none() {
     assert_eq!(found(backwards(0.5), 7.5, Outcome::RolledBack, vec![(BACK, mv)]), []);
 }
 
+/// A board that had to be told twice to stop is late with set-points as well, and is waited for at every step. Where the retreat
+/// leads is judged all the same.
+#[test]
+fn a_board_that_is_late_may_take_its_time() {
+    let stop = |at: f64| {
+        let (robot, kind) = (R.into(), CommandKind::Stop);
+        let (motors, q, speed) = (vec![], vec![], vec![]);
+        (at, Event::Command { robot, token: 2, writer: Writer::Reflex, kind, motors, q, speed, led: false })
+    };
+    let of =
+        |back: &dyn Fn(f64) -> [f64; 2], stops: Vec<(f64, Event)>| found(back, 7.5, Outcome::RolledBack, stops).len();
+    assert_eq!(of(&backwards(0.5), vec![stop(STOP)]), 1, "it heeded");
+    assert_eq!(of(&backwards(0.5), vec![stop(STOP), stop(STOP + 0.15)]), 0);
+    let beside = |at: f64| backwards(0.5)(at).map(|q| q + 0.1 * (at - BACK).clamp(0.0, 1.2));
+    assert_eq!(of(&beside, vec![stop(STOP), stop(STOP + 0.15)]), 1);
+}
+
 #[test]
 fn an_encoder_that_jumps_and_readings_that_are_missing_say_nothing() {
     let off = |at: f64| backwards(1.0)(at).map(|q| if at > 4.0 { q + 0.05 } else { q });

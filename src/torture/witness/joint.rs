@@ -10,6 +10,8 @@ pub struct Joint {
     pub times: u64,
     /// How many robots took part.
     pub retreats: u64,
+    /// How often one waited for a robot that had come into its way.
+    pub waited: u64,
     /// Why some of these retreats were stopped, and how often.
     pub stopped: BTreeMap<&'static str, u64>,
     /// By how much two of them came nearer to each other than they were since they set out on what is taken back, or than the
@@ -22,6 +24,7 @@ impl Joint {
     pub fn add(&mut self, other: &Joint) {
         self.times += other.times;
         self.retreats += other.retreats;
+        self.waited += other.waited;
         for (why, n) in &other.stopped {
             *self.stopped.entry(why).or_default() += n;
         }

@@ -256,6 +256,30 @@ fn goes(joint_retreat: &JointRetreat, robot: usize, now: Time) -> bool {
     matches!(joint_retreat.ask(robot, now), RetreatReply::Go(_))
 }
 
+/// One goes at a time; who drove into the other's way goes first, while that one waits, and is known to make room until it is back.
+#[test]
+fn who_is_in_the_way_goes_first() {
+    let (joint_retreat, [one, other]) = (JointRetreat::default(), both());
+    joint_retreat.enroll(one, at(0));
+    assert!(goes(&joint_retreat, 0, at(0)));
+    joint_retreat.coming(1, at(10));
+    assert!(joint_retreat.makes_room(1, 0, at(10)), "it was stopped");
+    assert!(!joint_retreat.makes_room(1, 0, at(1020)), "it died");
+    joint_retreat.enroll(other, at(20));
+    let both_ask = |ms: u64| (joint_retreat.step(0, 0.0, at(ms)), goes(&joint_retreat, 1, at(ms)));
+    assert_eq!(both_ask(20), (Some(0.0), false));
+    joint_retreat.wait(0, Some(at(20)));
+    assert_eq!(both_ask(30), (Some(0.0), true));
+    assert!(joint_retreat.makes_room(1, 0, at(40)), "it is on its way");
+    assert!(!joint_retreat.makes_room(0, 1, at(40)), "who waits does not");
+    assert!(!joint_retreat.waits_longer(0, 1), "the other one goes");
+    joint_retreat.wait(1, Some(at(40)));
+    assert!(joint_retreat.waits_longer(0, 1) && !joint_retreat.waits_longer(1, 0));
+    joint_retreat.wait(1, None);
+    joint_retreat.leave(1);
+    assert!(!joint_retreat.makes_room(1, 0, at(50)), "it is back");
+}
+
 #[test]
 fn those_that_are_about_to_rest_are_waited_for_as_long_as_they_tell() {
     let [first, second] = both();

@@ -10,6 +10,7 @@
 //! before the stop, and set-points spaced by `sampled_at` would be written all at once.
 
 use super::retreat::{Parted, Retreat};
+use super::room::{Room, Way};
 use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Still, Then};
 use crate::distance;
 use crate::joint_retreat::{Asked, RetreatReply};
@@ -54,7 +55,7 @@ impl ReflexCore {
                     step.joint_retreat.coming(self.robot, now);
                 }
             }
-            Phase::Retreating { token, retreat, back, violated, still } => {
+            Phase::Retreating { token, retreat, back, violated, still, room } => {
                 let token = *token;
                 if still.unchanged != pulse.unchanged {
                     let (unchanged, written) = (pulse.unchanged, retreat.written().to_vec());
@@ -67,6 +68,10 @@ impl ReflexCore {
                 let broken = self.floors.broken(close).or_else(|| self.floors.broken(&ahead)).copied();
                 // one that was violated as the retreat began is what it leads out of
                 let newly_violated = pulse.violated.is_some() && !*violated;
+                let rests = at_rest && retreat.is_where_sent(&pulse.sample);
+                let way = room.look(broken.as_ref(), rests, self.robot, step.joint_retreat, now);
+                // a board that plans from way-point to way-point goes on by itself
+                let stops = way == Way::Blocked || (way == Way::Waits && !retreat.way().direct);
                 if frozen {
                     self.give_up(
                         token,
@@ -75,14 +80,30 @@ impl ReflexCore {
                         sampled_at,
                         step,
                     );
-                } else if broken.is_some() || newly_violated {
-                    let what = blocked(broken, names);
+                } else if stops || newly_violated {
+                    let what = blocked(broken, pulse.violated.is_some(), names);
                     self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);
                 } else if retreat.waits(now) >= PATIENCE {
                     let what = "the robot does not follow the set-points".into();
                     self.give_up(token, Hold::RetreatMissed, what, sampled_at, step);
                 } else {
-                    match retreat.step(step.joint_retreat, &pulse.sample, now, rules) {
+                    let robot = step.robot();
+                    if way == Way::Waits {
+                        step.joint_retreat.wait(self.robot, Some(now));
+                        step.emit(Event::RetreatWaits {
+                            robot,
+                            what: blocked(broken, pulse.violated.is_some(), names),
+                            seen: sampled_at,
+                        });
+                    } else if way == Way::GoesOn {
+                        step.joint_retreat.wait(self.robot, None);
+                        step.emit(Event::RetreatGoesOn { robot });
+                    }
+                    let done = match way {
+                        Way::Waits | Way::Stays => retreat.stay(step.joint_retreat, now).map(|()| None),
+                        _ => retreat.step(step.joint_retreat, &pulse.sample, now, rules),
+                    };
+                    match done {
                         Ok(command) => step.out.extend(command.map(|c| ReflexOut::Command(token, c))),
                         Err(Parted) => {
                             // the plan was for all of them: without the lost one it proves nothing, so each goes by
@@ -106,7 +127,7 @@ impl ReflexCore {
                 let (token, way) = (*token, retreat.way());
                 let broken = self.floors.broken(close).copied();
                 if broken.is_some() || (pulse.violated.is_some() && !*violated) {
-                    let what = blocked(broken, names);
+                    let what = blocked(broken, pulse.violated.is_some(), names);
                     self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);
                 } else if sampled_at >= *since + rules.reaction()
                     && at_rest
@@ -116,6 +137,10 @@ impl ReflexCore {
                     if way.blocked {
                         let what = "another robot, which stands in the way, can't go back farther".into();
                         self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);
+                        return;
+                    }
+                    // let in by itself, it would soon be in the way of those who are not back yet
+                    if !step.joint_retreat.is_over(self.robot, now) {
                         return;
                     }
                     // at the safe pose it was free: a distance within the hysteresis is no contact there
@@ -172,7 +197,8 @@ impl ReflexCore {
                 let written = retreat.written().to_vec();
                 let still = Still { unchanged: Time::ZERO, written, sampled_at: step.now };
                 let violated = self.violated;
-                self.phase = Phase::Retreating { token, retreat, back, violated, still };
+                let room = Room::default();
+                self.phase = Phase::Retreating { token, retreat, back, violated, still, room };
             }
         }
     }
@@ -215,9 +241,13 @@ fn put_there(pulse: &Pulse, edit: u64) -> Vec<Contact> {
     pulse.foreseen.iter().filter(|f| f.edited > edit).map(|f| f.contact).collect()
 }
 
-/// Why a retreat is blocked, in words: by this contact, or, without one, by a constraint.
-fn blocked(contact: Option<Contact>, names: &Names) -> String {
-    let Some(c) = contact else { return "a constraint would be violated".into() };
+/// Why a retreat is blocked, in words: by this contact, or, without one, by a constraint, or by a robot that does not halt.
+fn blocked(contact: Option<Contact>, violated: bool, names: &Names) -> String {
+    let Some(c) = contact else {
+        let what =
+            if violated { "a constraint would be violated" } else { "the robot does not rest where it was sent" };
+        return what.into();
+    };
     let (a, b) = names(c.pair);
     format!("{a} and {b} are at {:.1} mm", c.distance * 1e3)
 }

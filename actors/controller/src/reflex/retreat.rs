@@ -12,6 +12,12 @@ use crate::{Rules, distance, within};
 use mobee_contract::{Command, ControlMode, Sample, Target, Time};
 use std::time::Duration;
 
+/// How much faster than it came a robot goes back that is behind those who go along: without, it would stay behind, and elsewhere than
+/// it was when they were where they are.
+const CATCH_UP: f64 = 1.05;
+/// How long after a halt the way is gone at its rate again, s.
+const EASE: f64 = 0.3;
+
 /// A retreat that is being driven.
 #[derive(Clone, Debug)]
 pub struct Retreat {
@@ -29,6 +35,8 @@ pub struct Retreat {
     written: Vec<f64>,
     /// Since when the robot has not followed.
     behind: Option<Time>,
+    /// The share of its rate at which the way is gone: after a halt robots set out gently, since each gains speed as it can.
+    rate: f64,
 }
 
 /// Another robot that was retreating with this one went no further.
@@ -40,7 +48,7 @@ impl Retreat {
     /// set-points before it is in their mode.
     pub fn new(robot: usize, way: RetreatPath, rules: &Rules, now: Time) -> Retreat {
         let written = way.points.first().map(|(_, q)| way.of(q)).unwrap_or_default();
-        Retreat { robot, way, clock: 0.0, next: 1, last: now + rules.reaction(), written, behind: None }
+        Retreat { robot, way, clock: 0.0, next: 1, last: now + rules.reaction(), written, behind: None, rate: 1.0 }
     }
 
     /// Where it leads.
@@ -125,12 +133,27 @@ impl Retreat {
         // a robot behind its set-points would cut the corner to them, off the path that is known to be free
         let follows = self.is_followed(sample, now, rules);
         self.behind = if follows { None } else { self.behind.or(Some(now)) };
-        let most = if follows { self.clock + elapsed } else { self.clock };
+        let most = if follows { self.clock + elapsed * CATCH_UP * self.rate } else { self.clock };
+        self.rate = (self.rate + elapsed / EASE).min(1.0);
         self.clock = joint_retreat.step(self.robot, most, now).ok_or(Parted)?;
         self.next += self.way.points.iter().skip(self.next).take_while(|(t, _)| *t <= self.clock).count();
         self.last = now;
         self.written = self.limited(self.positions(), rules);
         Ok(Some(Command::Direct { motors: self.way.motors.to_vec(), q: self.written.clone() }))
+    }
+
+    /// It stays where it is, and those who go along do.
+    ///
+    /// # Errors
+    /// If somebody who went along does so no more.
+    pub fn stay(&mut self, joint_retreat: &JointRetreat, now: Time) -> Result<(), Parted> {
+        (self.behind, self.last, self.rate) = (None, now, 0.0);
+        joint_retreat.step(self.robot, self.clock, now).map(|_| ()).ok_or(Parted)
+    }
+
+    /// Whether it is where it was last sent, to a degree.
+    pub fn is_where_sent(&self, sample: &Sample) -> bool {
+        distance(&self.way.of(&sample.q), &self.written) <= FROZEN_WAY
     }
 
     /// The last set-point once more, if the robot rests beside it: it may have come as the lease was over, or never. A

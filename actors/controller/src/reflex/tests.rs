@@ -126,6 +126,10 @@ struct Wrong {
     calm: bool,
     /// It would come to half a millimeter of something that was put there.
     ahead: bool,
+    /// Another robot is a millimeter away.
+    met: bool,
+    /// The other robot was stopped, and is about to be taken back.
+    stopped: bool,
 }
 
 /// A robot is taken back over 90 degrees, which takes 3 s: what is told of it, each with its reading (every 10 ms), and why it was stopped.
@@ -146,7 +150,14 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
         let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true] };
         let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
         let near = Contact { pair, distance: 0.001, points: Default::default() };
-        let mut pulse = Pulse::new(sample, &wrong.near.then_some(near).into_iter().collect());
+        let robot = Contact { pair: (pair.0, ShapeId::Robot { robot: 1, node: 0, shape: 0 }), ..near };
+        let contacts = wrong.near.then_some(near).into_iter().chain(wrong.met.then_some(robot));
+        let mut pulse = Pulse::new(sample, &contacts.collect());
+        if wrong.stopped {
+            reflex.joint_retreat.coming(1, at);
+        } else {
+            reflex.joint_retreat.leave(1);
+        }
         let speed = if wrong.restless { rules(true).rest_speed } else { 0.0 };
         (pulse.speed, pulse.unchanged) = (if moves && !wrong.calm { 0.5 } else { speed }, unchanged);
         pulse.violated = wrong.violated.then_some((0, 0));
@@ -161,7 +172,7 @@ fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64,
     let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
     let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
     reflex.on(roll_back, Time::from_secs(5.0));
-    for k in 1..1000 {
+    for k in 1..1500 {
         let mut out = read(k, &mut reflex, told.last().map(|(_, word)| word), goal);
         while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
             out.remove(i);
@@ -228,6 +239,39 @@ fn a_retreat_stops_at_what_is_new_in_it() {
     assert_eq!((violated.0.as_ref(), violated.1.as_deref()), (blocked, Some("a constraint would be violated")));
     let near = settling(|there| Wrong { near: there, ..Wrong::default() });
     assert_eq!((near.0.as_ref(), near.1.as_deref()), (blocked, Some("arm and post are at 1.0 mm")));
+}
+
+/// A robot that came into the way, and is taken back itself, is waited for, so often; one that is not is given a moment to stop.
+#[test]
+fn a_retreat_waits_for_a_robot_that_makes_room() {
+    let ends = |wrong: &dyn Fn(u64) -> (bool, bool)| {
+        let (told, why) = taken_back(|k, _| {
+            let (met, stopped) = wrong(k);
+            Wrong { met, stopped, ..Wrong::default() }
+        });
+        (told, why.unwrap_or_default())
+    };
+    let (told, why) = ends(&|k| ((100..200).contains(&k), (101..250).contains(&k)));
+    let words: Vec<&ReflexReport> = told.iter().map(|(_, word)| word).collect();
+    assert_eq!(
+        (words, why),
+        (vec![&ReflexReport::Retreating, &ReflexReport::Settling, &ReflexReport::Back], String::new())
+    );
+    assert!((445..470).contains(&(told[1].0 - told[0].0)), "until it is gone, and back: {told:?}");
+    let given_up = |(told, why): (Vec<(u64, ReflexReport)>, String)| {
+        assert_eq!(
+            (&told.last().unwrap().1, &*why),
+            (&ReflexReport::GaveUp(Hold::RetreatBlocked), "arm and post are at 1.0 mm")
+        );
+        told.last().unwrap().0
+    };
+    let alone = given_up(ends(&|k| (k >= 100, false)));
+    assert!((1100..1106).contains(&alone), "it stays: {alone}");
+    let stays = given_up(ends(&|k| (k >= 100, (100..300).contains(&k))));
+    assert!((1299..1306).contains(&stays), "it gave up: {stays}");
+    let again = |k: u64| k >= 100 && k % 20 < 10;
+    let often = given_up(ends(&|k| (again(k), again(k))));
+    assert!((200..206).contains(&often), "the sixth time: {often}");
 }
 
 /// What does not come to rest is not taken back, and nothing is said of it before it rests.
