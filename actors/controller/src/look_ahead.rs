@@ -18,7 +18,7 @@
 //! looked at as well.
 
 mod brakes;
-mod course;
+pub(crate) mod course;
 
 use crate::simultaneous::note;
 use crate::{DEEPER, Rules};

@@ -47,6 +47,7 @@ fn in_words(cause: &Cause) -> Option<&'static str> {
     match cause {
         Cause::Contact(_) => Some("a contact"),
         Cause::Foreseen(_) => Some("a contact that was foreseen"),
+        Cause::Stall { .. } => Some("a motor that stalled"),
         Cause::Constraint { .. } => Some("a constraint"),
         Cause::TargetMissed => Some("a target that was missed"),
         Cause::AgentDied => Some("its agent's death"),
