@@ -46,7 +46,8 @@ pub struct Controller {
 }
 
 /// The settings that all kinds have.
-pub(super) const SHARED: &[&str] = &["period_ms", "history", "margin_mm", "reserve_mm", "stall_deg", "tolerance_deg", "stale_ms"];
+pub(super) const SHARED: &[&str] =
+    &["period_ms", "history", "margin_mm", "reserve_mm", "stall_deg", "tolerance_deg", "stale_ms"];
 
 fn kind() -> String {
     DEFAULT_KIND.into()

@@ -18,7 +18,7 @@
 //! looked at as well.
 
 mod brakes;
-pub(crate) mod course;
+mod course;
 
 use crate::simultaneous::note;
 use crate::{DEEPER, Rules};

@@ -20,9 +20,10 @@
 mod told;
 
 use crate::Rules;
-use crate::look_ahead::course::Course;
 use crate::pulse::Pulse;
 use mobee_contract::{Command, Pose, Time};
+use std::collections::VecDeque;
+use std::time::Duration;
 use told::{Errand, Moment, Way};
 
 /// So many readings in a row must show it: noise shows it in one.
@@ -41,6 +42,9 @@ const GREATEST: f64 = 10.0;
 const NOISE: f64 = 0.1;
 /// A motion shorter than this, in bounds, shows nothing of how a motor follows.
 const TELLING: f64 = 4.0;
+
+/// Over how long speeds are measured: encoders are noisy, and slow motors are to be watched as well.
+const SPEED_OVER: Duration = Duration::from_millis(150);
 
 /// A motor that does not follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,9 +75,8 @@ struct Learned {
 pub struct StallWatch {
     /// The least lag that counts, rad.
     bound: f64,
-    course: Course,
-    /// The last reading.
-    last: Option<(Time, Pose)>,
+    /// The readings of [`SPEED_OVER`], oldest first.
+    readings: VecDeque<(Time, Pose)>,
     motors: Vec<Learned>,
 }
 
@@ -81,7 +84,7 @@ impl StallWatch {
     /// For a robot under these rules; `None` if it is not watched.
     pub fn new(rules: &Rules) -> Option<StallWatch> {
         let motors = vec![Learned::default(); rules.axes.len()];
-        Some(StallWatch { bound: rules.stall?, course: Course::default(), last: None, motors })
+        Some(StallWatch { bound: rules.stall?, readings: VecDeque::new(), motors })
     }
 
     /// How far a motor must lag to count as stalled, rad.
@@ -93,10 +96,8 @@ impl StallWatch {
 
     /// A command was let through at `now`.
     pub fn hear(&self, told: &mut Told, command: &Command, now: Time, rules: &Rules) {
-        let Some((_, here)) = &self.last else { return };
+        let Some((_, here)) = self.readings.back() else { return };
         told.0.resize(rules.axes.len(), None);
-        let moving = self.course.now();
-        let speed = |m: usize| moving.motors.get(m).map_or(0.0, |m| m.speed);
         let mut set = |m: usize, way: Option<Way>| {
             if let (Some(slot), Some(q)) = (told.0.get_mut(m), here.get(m)) {
                 *slot = way.map(|way| Errand::new(way, *q));
@@ -106,7 +107,7 @@ impl StallWatch {
             Command::Move(course) => {
                 for (i, m) in course.motors.iter().enumerate() {
                     let from = here.get(*m).copied().unwrap_or_default();
-                    set(*m, Way::to(course, i, (from, speed(*m)), now, rules));
+                    set(*m, Way::to(course, i, (from, self.speed(*m)), now, rules));
                 }
             }
             Command::Stop { motors } if motors.is_empty() => told.0.clear(),
@@ -133,11 +134,10 @@ impl StallWatch {
         if pulse.unchanged < at {
             return None;
         }
-        self.course.push(&pulse.sample, rules.fresh);
-        let (before, last) = self.last.replace((at, q.clone()))?;
+        let (before, last) = self.take(at, q, rules.fresh)?;
         // after a gap nobody knows what the board did meanwhile: it may have braked by itself
         let known = at > before && at <= before + rules.fresh && last.len() == q.len();
-        let (moving, dt) = (self.course.now(), at.since(before).as_secs_f64());
+        let dt = at.since(before).as_secs_f64();
         let mut worst: Option<Stalled> = None;
         for (m, errand) in told.0.iter_mut().enumerate() {
             let (Some(errand), Some(axis)) = (errand, rules.axes.get(m)) else { continue };
@@ -146,8 +146,7 @@ impl StallWatch {
                 errand.begin_anew(q);
                 continue;
             }
-            let speed = moving.motors.get(m).map_or(0.0, |m| m.speed);
-            let moment = Moment { at, q, by: q - last, speed, dt, noise: NOISE * self.bound };
+            let moment = Moment { at, q, by: q - last, speed: self.speed(m), dt, noise: NOISE * self.bound };
             let by = errand.lag(&moment, axis, rules);
             let beyond = by > self.threshold(m);
             errand.beyond = if beyond { errand.beyond + 1 } else { 0 };
@@ -156,16 +155,39 @@ impl StallWatch {
             }
         }
         if let Some(Stalled { motor, .. }) = worst
-            && let (Some(learned), Some(Some(errand)), Some(q)) = (self.motors.get_mut(motor), told.0.get(motor), q.get(motor))
+            && let (Some(learned), Some(Some(errand)), Some(q)) =
+                (self.motors.get_mut(motor), told.0.get(motor), q.get(motor))
         {
             learned.place = Some((*q, errand.way.direction()));
         }
         worst
     }
 
+    /// Keeps a reading, and gives the one before; after a gap nothing is left of what was before it.
+    fn take(&mut self, at: Time, q: &Pose, fresh: Duration) -> Option<(Time, Pose)> {
+        let before = self.readings.back().cloned();
+        if before.as_ref().is_some_and(|(before, last)| at > *before + fresh || last.len() != q.len()) {
+            self.readings.clear();
+        }
+        self.readings.push_back((at, q.clone()));
+        while self.readings.get(1).is_some_and(|(first, _)| *first + SPEED_OVER <= at) {
+            self.readings.pop_front();
+        }
+        before
+    }
+
+    /// How fast a motor is, rad/s; zero as long as nobody knows.
+    fn speed(&self, motor: usize) -> f64 {
+        let (Some((t0, a)), Some((t1, b))) = (self.readings.front(), self.readings.back()) else { return 0.0 };
+        let over = t1.since(*t0);
+        let known = over >= SPEED_OVER / 2;
+        let way = a.get(motor).zip(b.get(motor)).filter(|_| known).map_or(0.0, |(a, b)| b - a);
+        way / over.as_secs_f64().max(1e-3)
+    }
+
     /// A motion has ended as it should: how far its motors lagged is what free motors do.
     pub fn learn(&mut self, told: &Told) {
-        let Some((_, q)) = &self.last else { return };
+        let Some((_, q)) = self.readings.back() else { return };
         let telling = TELLING * self.bound;
         for ((errand, learned), q) in told.0.iter().zip(&mut self.motors).zip(q.iter()) {
             let Some(errand) = errand.as_ref().filter(|errand| (q - errand.from).abs() > telling) else { continue };
@@ -176,7 +198,7 @@ impl StallWatch {
 
     /// Whether a motor passes where it has stalled before: what held it is gone, or held it never. Each is told once.
     pub fn passes(&mut self) -> Option<usize> {
-        let (_, q) = self.last.as_ref()?;
+        let (_, q) = self.readings.back()?;
         let beyond = |place: &(f64, f64), q: f64| (q - place.0) * place.1 > TELLING * self.bound;
         let mut motors = self.motors.iter_mut().zip(q.iter()).enumerate();
         motors.find_map(|(m, (learned, q))| learned.place.take_if(|place| beyond(place, *q)).map(|_| m))

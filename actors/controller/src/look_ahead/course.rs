@@ -11,7 +11,7 @@ const APART: Duration = Duration::from_millis(8);
 
 /// A motor's motion at the newest reading.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Moving {
+pub(super) struct Moving {
     /// Rad/s.
     pub speed: f64,
     /// Rad/s^2.
@@ -20,7 +20,7 @@ pub(crate) struct Moving {
 
 /// The last readings.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Course {
+pub(super) struct Course {
     /// Oldest first; all but the newest [`APART`] of each other.
     readings: VecDeque<(Time, Pose)>,
     /// The longest time from one reading to the next of late.
@@ -83,7 +83,7 @@ impl Course {
 
 /// How a robot moves at its newest reading.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Motion {
+pub(super) struct Motion {
     /// Per motor.
     pub motors: Vec<Moving>,
     /// The time until the next reading, seconds.

@@ -98,12 +98,15 @@ impl Way {
     pub fn to(course: &Move, i: usize, (from, speed): (f64, f64), now: Time, rules: &Rules) -> Option<Way> {
         let axis = rules.axes.get(*course.motors.get(i)?)?;
         let to = *course.q.get(i)? + if course.relative { from } else { 0.0 };
-        let given = |list: &Option<Vec<f64>>, most: f64| list.as_ref().and_then(|v| v.get(i)).map_or(most, |v| v.min(most));
-        let (fastest, most) = (given(&course.speed, axis.max_speed), given(&course.acceleration, axis.max_acceleration));
+        let given =
+            |list: &Option<Vec<f64>>, most: f64| list.as_ref().and_then(|v| v.get(i)).map_or(most, |v| v.min(most));
+        let (fastest, most) =
+            (given(&course.speed, axis.max_speed), given(&course.acceleration, axis.max_acceleration));
         // who goes the other way comes to rest first
         let away = speed * (to - from) < 0.0;
         let brakes = axis.max_acceleration.max(1e-6);
-        let (from, turns) = if away { (from + speed * speed.abs() / brakes, 2.0 * speed.abs() / brakes) } else { (from, 0.0) };
+        let (from, turns) =
+            if away { (from + speed * speed.abs() / brakes, 2.0 * speed.abs() / brakes) } else { (from, 0.0) };
         let way = (to - from).abs();
         // a minimum-jerk trajectory (Flash and Hogan, 1985): boards that know others are faster
         let secs = (1.875 * way / fastest.max(1e-9)).max((5.774 * way / most.max(1e-9)).sqrt()).max(1e-3);
