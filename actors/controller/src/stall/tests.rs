@@ -128,7 +128,7 @@ fn who_is_held_is_stopped_before_much_is_wanted_of_it() {
                 let ahead = run.moves(0.0, 90.0, speed, profile, Some(until));
                 // who begins more suddenly than a minimum-jerk trajectory is late to be missed
                 let begins = until <= 1.0 && profile(0.01) > 1e-4;
-                let most = if begins { 50.0 } else { faster * most };
+                let most = if begins { 90.0 } else { faster * most };
                 assert!(ahead.is_some_and(|ahead| ahead < most), "{speed} deg/s, held at {until}: {ahead:?} deg");
             }
         }
