@@ -57,7 +57,7 @@ pub struct Stalled {
 
 /// What the motors of an open motion were told. Dropped with the motion: what a filter that was closed has told counts no more.
 #[derive(Clone, Debug, Default)]
-pub struct Told(Vec<Option<Errand>>);
+pub struct Errands(Vec<Option<Errand>>);
 
 /// What is known of a motor over all motions.
 #[derive(Clone, Copy, Debug, Default)]
@@ -95,7 +95,7 @@ impl StallWatch {
     }
 
     /// A command was let through at `now`.
-    pub fn hear(&self, told: &mut Told, command: &Command, now: Time, rules: &Rules) {
+    pub fn hear(&self, told: &mut Errands, command: &Command, now: Time, rules: &Rules) {
         let Some((_, here)) = self.readings.back() else { return };
         told.0.resize(rules.axes.len(), None);
         let mut set = |m: usize, way: Option<Way>| {
@@ -128,7 +128,7 @@ impl StallWatch {
 
     /// A reading: whether one of the motors that were told something does not follow. To be given all readings that are fresh, those
     /// between motions as well.
-    pub fn read(&mut self, told: &mut Told, pulse: &Pulse, rules: &Rules) -> Option<Stalled> {
+    pub fn read(&mut self, told: &mut Errands, pulse: &Pulse, rules: &Rules) -> Option<Stalled> {
         let (at, q) = (pulse.sample.at, &pulse.sample.q);
         // who reads the same to the last bit has read nothing new: frozen encoders are another's matter (I26)
         if pulse.unchanged < at {
@@ -186,7 +186,7 @@ impl StallWatch {
     }
 
     /// A motion has ended as it should: how far its motors lagged is what free motors do.
-    pub fn learn(&mut self, told: &Told) {
+    pub fn learn(&mut self, told: &Errands) {
         let Some((_, q)) = self.readings.back() else { return };
         let telling = TELLING * self.bound;
         for ((errand, learned), q) in told.0.iter().zip(&mut self.motors).zip(q.iter()) {

@@ -36,7 +36,7 @@ use crate::ledger::Underway;
 use crate::pulse::Pulse;
 use crate::reflex::ReflexReport;
 use crate::shared::Shared;
-use crate::stall::{StallWatch, Told};
+use crate::stall::{Errands, StallWatch};
 use crate::stop::Stop;
 use crate::{Rules, distance};
 use credit::Credits;
@@ -160,7 +160,7 @@ struct MotionState {
     /// Since when the board has said that it is done, away from its target.
     done_since: Option<Time>,
     /// What its motors were told, by which it is seen whether they follow.
-    told: Told,
+    told: Errands,
 }
 
 /// A commit as it was accepted, or last amended: what its readings should show by now.

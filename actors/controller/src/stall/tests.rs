@@ -41,7 +41,7 @@ fn gain(part: f64) -> f64 {
 struct Run {
     rules: Rules,
     watch: StallWatch,
-    told: Told,
+    told: Errands,
     ms: u64,
     noise: u64,
 }
@@ -50,7 +50,7 @@ impl Run {
     fn new() -> Run {
         let rules = rules();
         let watch = StallWatch::new(&rules).unwrap();
-        let mut run = Run { rules, watch, told: Told::default(), ms: 0, noise: 1 };
+        let mut run = Run { rules, watch, told: Errands::default(), ms: 0, noise: 1 };
         (0..20).for_each(|_| assert_eq!(run.read(0.0), None));
         run
     }
@@ -80,7 +80,7 @@ impl Run {
     fn go(&mut self, deg: f64, speed: f64) {
         let (q, speed) = (vec![deg.to_radians()], Some(vec![speed.to_radians()]));
         let acceleration = Some(vec![200_f64.to_radians()]);
-        self.told = Told::default();
+        self.told = Errands::default();
         self.hear(&Command::Move(Move { motors: vec![0], q, relative: false, speed, acceleration }));
     }
 
@@ -230,9 +230,9 @@ fn a_place_that_is_passed_is_told_once() {
     let mut run = Run::new();
     run.moves(0.0, 60.0, 20.0, minimum_jerk, Some(30.0)).unwrap();
     assert_eq!(run.watch.passes(), None);
-    run.told = Told::default();
+    run.told = Errands::default();
     (0..100).for_each(|k| assert!(run.read(30.0 - 0.3 * f64::from(k)).is_none() && run.watch.passes().is_none()));
-    run.told = Told::default();
+    run.told = Errands::default();
     let mut passed = Vec::new();
     for k in 0..200 {
         assert_eq!(run.read(0.3 * f64::from(k)), None);
