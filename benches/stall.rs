@@ -94,7 +94,9 @@ impl Sink for Witness {
                     }
                     (Cause::Stall { .. }, None) => {
                         self.tally.false_stops += 1;
-                        self.tally.shown.push(format!("{at}: {cause:?}"));
+                        let (held, pushed) = (self.board.held(at), self.pushed);
+                        let held: Vec<_> = held.iter().enumerate().filter(|(_, h)| h.is_some()).collect();
+                        self.tally.shown.push(format!("{at}: {cause:?}, pushed last at {pushed}, held {held:?}"));
                     }
                     (Cause::TargetMissed, _) => self.tally.missed += 1,
                     (Cause::Contact(_) | Cause::Constraint { .. }, _) => self.tally.contacts += 1,

@@ -44,21 +44,23 @@ struct Run {
     told: Errands,
     ms: u64,
     noise: u64,
+    /// How many times the usual noise.
+    loud: f64,
 }
 
 impl Run {
     fn new() -> Run {
         let rules = rules();
         let watch = StallWatch::new(&rules).unwrap();
-        let mut run = Run { rules, watch, told: Errands::default(), ms: 0, noise: 1 };
+        let mut run = Run { rules, watch, told: Errands::default(), ms: 0, noise: 1, loud: 1.0 };
         (0..20).for_each(|_| assert_eq!(run.read(0.0), None));
         run
     }
 
-    /// Evenly within a sixtieth of a degree.
+    /// Evenly within a sixtieth of a degree, or so many times that.
     fn noise(&mut self) -> f64 {
         self.noise = self.noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        ((self.noise >> 40) as f64 / f64::from(1 << 23) - 1.0) / 60.0
+        ((self.noise >> 40) as f64 / f64::from(1 << 23) - 1.0) / 60.0 * self.loud
     }
 
     fn pulse(&mut self, deg: f64) -> Pulse {
@@ -115,6 +117,24 @@ fn who_follows_freely_is_never_stopped() {
             }
             let threshold = run.watch.threshold(0).to_degrees();
             assert!(threshold < 1.0, "{speed} deg/s: its threshold is {threshold} deg");
+        }
+    }
+}
+
+/// Slow motors are hardly faster than their encoders' noise: that makes no ghost run ahead of them.
+#[test]
+fn noise_stops_nobody() {
+    for seed in 0..30 {
+        let mut run = Run::new();
+        (run.noise, run.loud) = (seed, 3.0);
+        for (from, to, speed) in
+            [(0.0, 6.0, 0.8), (6.0, -14.0, 1.5), (-14.0, 20.0, 3.0), (20.0, 0.0, 8.0), (0.0, 12.0, 1.0)]
+        {
+            assert_eq!(
+                run.moves(from, to, speed, minimum_jerk, None),
+                None,
+                "{seed}: {speed} deg/s from {from} to {to}"
+            );
         }
     }
 }

@@ -6,8 +6,11 @@ use std::collections::VecDeque;
 
 /// The share of its speed at which a motor's ghost goes.
 const SHARE: f64 = 0.5;
-/// How long a speed is remembered, seconds: a motor that stalls is slower in the next readings, and its ghost must not be.
+/// Over how long a speed is averaged, seconds: a motor that stalls is slower in the next readings, and its ghost must not be at once; and
+/// the noise of slow motors must not make their ghosts fast.
 const FADES: f64 = 0.3;
+/// From which speed on a motor is fast, in speeds that count as rest: its speed is known at once, beside the noise.
+const FAST: f64 = 10.0;
 /// The same for the greatest speed of a stream.
 const FADES_IN_STREAMS: f64 = 1.0;
 /// What a motor has done of the way that it should have gone, at the least: a board may keep its references less well.
@@ -177,7 +180,9 @@ impl Journey {
         if *lag <= moment.noise {
             let speed = (moment.speed * direction).min(self.speed);
             let rate = if speed > rules.rest_speed { SHARE * speed / left.max(moment.noise) } else { 0.0 };
-            self.rate = rate.max(self.rate * (-moment.dt / FADES).exp());
+            let kept = (-moment.dt / FADES).exp();
+            let is_fast = speed > FAST * rules.rest_speed;
+            self.rate = if is_fast { rate.max(self.rate * kept) } else { rate + (self.rate - rate) * kept };
         }
         let ahead = (left + by - *lag).max(0.0) * (1.0 - (-self.rate * moment.dt).exp());
         *lag = (*lag + ahead - by).clamp(0.0, left);
