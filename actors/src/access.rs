@@ -173,6 +173,10 @@ impl Filtered for Filter {
     }
 
     fn to_blame(&self, id: CommitId) -> Option<BTreeSet<usize>> {
+        let stalled = self.context.ledger.book().stalled_in(id).map(str::to_owned);
+        if let Some(motor) = stalled {
+            return self.context.rules().axes.iter().position(|axis| axis.name == motor).map(|m| BTreeSet::from([m]));
+        }
         let contacts = self.context.ledger.book().contacts_of(id)?.to_vec();
         Some(self.shared.movers(&contacts, self.context.robot))
     }

@@ -20,7 +20,7 @@
 //! | I19 | a contact closes the filter | a contact that begins in mid-motion closes the filter within one control period |
 //! | I20 | no motor too fast | no motor is measured to go faster than its commit allows it |
 //! | I21 | idle motors stay put | a motor that no open commit names does not leave its place, not in the long run either, and no command but a stop names it |
-//! | I22 | failed motions are rolled back | a contact, a constraint, a missed target, the agent's death: the motion ends rolled back, the way it came, unless the journal says why not |
+//! | I22 | failed motions are rolled back | a contact, a constraint, a stall, a missed target, the agent's death: the motion ends rolled back, the way it came, unless the journal says why not |
 //! | I23 | a failed edge is removed | before the agent commits again, and no other is |
 //! | I25 | a violated constraint closes the filter | a constraint that is violated, at rest or in motion, closes the filter; during the retreat, or if it gets worse in an escape, it stops the robot |
 //! | I26 | frozen encoders are noticed | readings that are equal bit for bit while the motors should go on end the motion in a stated time |

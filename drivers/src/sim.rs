@@ -140,6 +140,13 @@ impl SimHardware {
         board.plant.speeds().collect()
     }
 
+    /// Per motor, if something holds it ([`Fault::Blocked`]): since when, and how far its board wants it beyond, rad.
+    pub fn held(&self, now: Time) -> Vec<Option<(Time, f64)>> {
+        let mut board = lock(&self.board);
+        board.advance(now);
+        board.plant.held()
+    }
+
     /// Per motor whether it says that it is done (it rests, or imitates a robot that says so before), and nothing that is on its way will
     /// move it.
     pub fn done(&self, now: Time) -> Vec<bool> {
@@ -236,6 +243,7 @@ impl SharedPlant {
         let since = self.plant.now();
         self.plant.advance(now);
         self.sag(since, now);
+        self.hold(now);
         if self.on(now).any(|f| matches!(f.fault, Fault::Hardware { .. })) && self.plant.moves() {
             self.plant.brake_all();
         }
@@ -248,6 +256,24 @@ impl SharedPlant {
                 self.plant.push(motor, speed * secs);
             }
         }
+    }
+
+    /// Motors that something holds are held once they have moved for long enough, and let go when it is over.
+    fn hold(&mut self, now: Time) {
+        let mut wanted = Vec::new();
+        for f in self.faults.iter_mut().filter(|f| f.is_on(now)) {
+            if let Fault::Blocked { motor, after } = f.fault {
+                wanted.push(motor);
+                let moves = self.plant.speeds().nth(motor).is_some_and(|v| v != 0.0);
+                f.moving = f.moving.filter(|_| moves).or(moves.then_some(now));
+                if f.moving.is_some_and(|since| now.since(since) >= after) {
+                    self.plant.hold(motor);
+                }
+            }
+        }
+        let over = |(m, held): (usize, Option<(Time, f64)>)| held.filter(|_| !wanted.contains(&m)).map(|_| m);
+        let over: Vec<usize> = self.plant.held().into_iter().enumerate().filter_map(over).collect();
+        over.into_iter().for_each(|m| self.plant.release(m));
     }
 
     fn on(&self, now: Time) -> impl Iterator<Item = &Active> {
@@ -310,6 +336,7 @@ impl SharedPlant {
                 | Fault::Gappy { .. }
                 | Fault::Repeated
                 | Fault::Sag { .. }
+                | Fault::Blocked { .. }
                 | Fault::Hardware { .. } => {}
             }
         }

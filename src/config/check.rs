@@ -120,6 +120,10 @@ impl Config {
                 // beyond the margin it is the margin that stops a robot that goes slowly
                 c.range_or(&at("controller.reserve_mm"), mm, (0.5, k.margin_mm.max(0.5)), "mm", Some(("meters", 1e3)));
             }
+            if let Some(deg) = k.stall_deg {
+                // below the tolerance a motor that rests beside its target would count as held
+                c.range(&at("controller.stall_deg"), deg, k.tolerance_deg.clamp(0.05, 45.0), 45.0, "deg");
+            }
             c.range(&at("controller.tolerance_deg"), k.tolerance_deg, 1e-3, 10.0, "deg");
             if let Some(ms) = k.stale_ms {
                 c.range(&at("controller.stale_ms"), ms, 2.0 * k.period_ms, 10_000.0, "ms");

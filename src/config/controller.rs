@@ -26,6 +26,11 @@ pub struct Controller {
     /// millimeters, so that fast robots come to rest before they touch. Without it only the margin counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reserve_mm: Option<f64>,
+    /// A motor that lags behind what it was told by more than this, degrees, and by more than twice what it did in its own free
+    /// motions, is held by something that no model knows: the motion is taken back as after a contact. Without it nobody
+    /// looks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stall_deg: Option<f64>,
     /// A pose counts as reached within this, degrees per motor.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
@@ -41,7 +46,8 @@ pub struct Controller {
 }
 
 /// The settings that all kinds have.
-pub(super) const SHARED: &[&str] = &["period_ms", "history", "margin_mm", "reserve_mm", "tolerance_deg", "stale_ms"];
+pub(super) const SHARED: &[&str] =
+    &["period_ms", "history", "margin_mm", "reserve_mm", "stall_deg", "tolerance_deg", "stale_ms"];
 
 fn kind() -> String {
     DEFAULT_KIND.into()
@@ -106,6 +112,7 @@ impl Controller {
             history: self.history,
             margin_m: self.margin_mm * 1e-3,
             reserve_m: self.reserve_mm.map(|mm| mm * 1e-3),
+            stall_deg: self.stall_deg,
             tolerance_deg: self.tolerance_deg,
             stale_s: self.stale_ms.map(|ms| ms * 1e-3),
             drive: self.drive()?,

@@ -62,12 +62,13 @@ pub const KINDS: &[FaultKind] = &[
     kind("F29", "all encoders freeze in mid-motion", None),
     kind(WIRES, "the wire to a board behind YARP is slow, lossy or lying; a task of its driver dies", None),
     kind("F31", "a motor gives way while the robot rests", None),
+    kind("F32", "something that no model knows holds a motor in mid-motion", None),
 ];
 
 /// Swaps are no faults of a robot: they come where they are asked for, so that a seed alone stands for what it always stood for.
 const SWAPS: [&str; 2] = ["F21", "F22"];
 /// Came later, and come by their names alone, for the same reason.
-const LATER: [&str; 2] = ["F29", "F31"];
+const LATER: [&str; 3] = ["F29", "F31", "F32"];
 
 /// A fault of a plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,7 +98,7 @@ pub enum What {
         /// How many pulses.
         count: u64,
     },
-    /// F6, F7, F8, F11, F12, F29, F31: the board of a robot.
+    /// F6, F7, F8, F11, F12, F29, F31, F32: the board of a robot.
     Board {
         /// The kind it belongs to.
         kind: &'static str,
@@ -199,7 +200,7 @@ impl fmt::Display for What {
 }
 
 /// The kinds that are meant by a list such as `F1,F8`. In it `mild` are those that a robot meets any day, `usual` (and an empty list) all
-/// that can be simulated but swaps, F29 and F31, `all` these with the swaps.
+/// that can be simulated but swaps, F29, F31 and F32, `all` these with the swaps.
 ///
 /// # Errors
 /// A sentence for the first name that is unknown or can't be simulated.

@@ -151,10 +151,11 @@ impl Planner<'_> {
             }
             "F21" | "F22" => What::Swap(self.swap(kind)),
             "F23" => What::ShortHistory(self.rng.random_range(60..400)),
-            "F6" | "F7" | "F8" | "F11" | "F12" | "F29" | "F31" => {
+            "F6" | "F7" | "F8" | "F11" | "F12" | "F29" | "F31" | "F32" => {
                 let (fault, lasts) = match kind {
                     "F29" => self.freeze(),
                     "F31" => self.sag(robot),
+                    "F32" => self.held(robot),
                     _ => self.board(kind, robot),
                 };
                 let most = self.facts.healed().since(at);
@@ -200,6 +201,12 @@ impl Planner<'_> {
         let fast = if self.rng.random() { 0.02 } else { 0.002 };
         let speed = self.rng.random_range(-fast..fast);
         (Fault::Sag { motor, speed }, self.secs(0.2, 8.0))
+    }
+
+    /// A motor that is held once it has moved for a while.
+    fn held(&mut self, robot: usize) -> (Fault, Duration) {
+        let motor = self.rng.random_range(0..self.facts.robots[robot].1.len().max(1));
+        (Fault::Blocked { motor, after: self.secs(0.02, 1.5) }, self.secs(2.0, 12.0))
     }
 
     fn obstruct(&mut self, at: Time, robot: &str) {

@@ -6,7 +6,7 @@ use super::memory::Memory;
 use super::plan::{Facts, Planned};
 use super::witness::{Joint, Witness};
 use crate::compose::{compose, derive_seed};
-use crate::config::{ClockMode, Config, Source};
+use crate::config::{ClockMode, Config, RobotConfig, Source};
 use miette::Report;
 use mobee_actors::check::Checker;
 use mobee_actors::record::journal::{Fingerprint, JournalLine};
@@ -241,6 +241,8 @@ impl TortureTrial {
             truth: Some(composed.truth),
             past: None,
         };
+        let bound = |robot: &RobotConfig| robot.controller.stall_deg.map(f64::to_radians);
+        let bounds: Vec<Option<f64>> = self.config.robot.iter().map(bound).collect();
         let (tell, controls) = mpsc::channel(1);
         let mut memory = Memory::default();
         let enough = |p: &RunProgress| {
@@ -248,6 +250,9 @@ impl TortureTrial {
             let mut watch = look();
             for (i, board) in boards.iter().enumerate() {
                 watch.witness.speed(i, p.at, board.fastest(p.at));
+                if let (Some(board), Some(bound)) = (board.simulated(), bounds.get(i).copied().flatten()) {
+                    watch.witness.held(i, p.at, &board.held(p.at), bound);
+                }
                 watch.witness.found.extend(board.found().into_iter().map(|what| ("I30", what)));
             }
             let seen = !watch.witness.found.is_empty() || !watch.bugs.is_empty();
@@ -330,6 +335,7 @@ fn in_a_word(cause: Option<&Cause>) -> &'static str {
     match cause {
         Some(Cause::Contact(_)) => "contact",
         Some(Cause::Foreseen(_)) => "foreseen",
+        Some(Cause::Stall { .. }) => "stall",
         Some(Cause::Constraint { .. }) => "constraint",
         Some(Cause::TargetMissed) => "target missed",
         Some(Cause::AgentDied) => "agent died",

@@ -2,6 +2,7 @@
 //! A checker of the journal can't see what was never told; a witness can.
 
 mod joint;
+mod pushed;
 
 pub use joint::Joint;
 
@@ -96,6 +97,8 @@ struct Seen {
     faults: Vec<Time>,
     /// When its board began to report one, with the filter open since.
     fault: Option<Time>,
+    /// Since when a motor that is held is pushed on.
+    pushed: Option<Time>,
 }
 
 impl Seen {
@@ -122,6 +125,7 @@ impl Seen {
             late: None,
             faults: Vec::new(),
             fault: None,
+            pushed: None,
         }
     }
 

@@ -8,6 +8,7 @@ use mobee::torture::{Tally, TortureArgs, torture};
 const ARMS: &str = "configs/behaviors/torture.toml";
 const STREAMS: &str = "configs/behaviors/torture-streams.toml";
 const CONSTRAINTS: &str = "configs/behaviors/torture-constraints.toml";
+const STALLS: &str = "configs/behaviors/torture-stalls.toml";
 const ICUB: &str = "configs/behaviors/explore.toml";
 const YARP: &str = "configs/behaviors/explore-yarp.toml";
 
@@ -57,6 +58,15 @@ fn another_hundred_seeds_hold_all_invariants() {
 #[test]
 fn sixty_seeds_of_streams_and_parts_hold_all_invariants() {
     was_hard(&seeds(STREAMS, 1, 60, "usual,F29"));
+}
+
+/// What no model knows holds motors in mid-motion; where nothing does, none is taken for held.
+#[test]
+fn motors_that_are_held_are_taken_back_and_others_are_not() {
+    let stalls = |tally: &Tally| tally.closed.get("stall").copied().unwrap_or_default();
+    let held = seeds(STALLS, 1, 30, "F32");
+    assert!(stalls(&held) > 30, "{held}");
+    assert_eq!(stalls(&seeds(STALLS, 1, 30, "none")), 0);
 }
 
 #[test]

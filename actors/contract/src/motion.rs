@@ -156,6 +156,13 @@ pub enum Cause {
     Contact(Vec<mobee_model::Contact>),
     /// The way on which the robot would come to rest leads nearer to these than what must be left: each where it would be nearest.
     Foreseen(Vec<mobee_model::Contact>),
+    /// A motor does not follow what it was told: something holds it that no model knows.
+    Stall {
+        /// Its name.
+        motor: String,
+        /// How far it lags, rad.
+        by: f64,
+    },
     /// A constraint of a body part does not hold.
     Constraint {
         /// The part's name.

@@ -116,6 +116,14 @@ impl TransactionState {
         Some(ended.map_or(MotionEnd::Failed, |ended| ended.end))
     }
 
+    /// The motor that stalled in a motion that failed by that, if it is remembered.
+    pub fn stalled_in(&self, id: CommitId) -> Option<&str> {
+        match &self.ends.iter().rev().find(|ended| ended.id == id)?.cause {
+            Some(Cause::Stall { motor, .. }) => Some(motor),
+            _ => None,
+        }
+    }
+
     /// What came into contact in a motion that failed by that, if it is remembered.
     pub fn contacts_of(&self, id: CommitId) -> Option<&[Contact]> {
         match self.ends.iter().rev().find(|ended| ended.id == id) {

@@ -11,6 +11,7 @@
 //! | [`reflex`] | Algorithm 6 | closes the filter, stops the robot, takes it back |
 //! | [`joint_retreat`] | | leads several robots back on one clock |
 //! | [`look_ahead`] | | where a robot would come to rest, and what is in the way there |
+//! | [`stall`] | | motors that do not follow what they were told |
 //! | [`simultaneous`] | | how near robots come to each other at common instants |
 //! | [`gate`], [`command_guard`] | | the filter itself: a fencing token, and who asks for it |
 //! | [`ledger`] | | what survives the death of all of these |
@@ -42,6 +43,7 @@ pub mod rules;
 pub mod settings;
 pub mod shared;
 pub mod simultaneous;
+pub mod stall;
 pub mod stop;
 pub mod supervise;
 pub mod trajectory;

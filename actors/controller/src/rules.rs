@@ -42,6 +42,8 @@ pub struct Rules {
     pub margin: f64,
     /// What must be left when the robot has braked, meters; `None`: the reflex does not look ahead.
     pub reserve: Option<f64>,
+    /// The least lag at which a motor counts as stalled, rad; `None`: nobody looks.
+    pub stall: Option<f64>,
     /// Greatest distance per motor at which a pose counts as reached, rad.
     pub tolerance: f64,
     /// Speed below which a motor counts as at rest, rad/s.
@@ -73,6 +75,7 @@ impl Rules {
             position_direct: board.position_direct,
             margin: controller.margin_m,
             reserve: controller.reserve_m,
+            stall: controller.stall_deg.map(f64::to_radians),
             tolerance: controller.tolerance_deg.to_radians(),
             rest_speed: controller.rest_speed_deg.to_radians(),
             escape_speed: controller.escape_speed,

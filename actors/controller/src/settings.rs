@@ -19,6 +19,10 @@ pub struct ControllerSettings {
     /// Distance that must be left when the robot has braked, meters; without it the reflex does not look ahead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reserve_m: Option<f64>,
+    /// How far a motor may lag behind one that follows half as fast as it was told, degrees, before it counts as held by
+    /// something; without it nobody looks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stall_deg: Option<f64>,
     /// Greatest distance per motor at which a pose counts as reached, degrees.
     #[serde(default = "tolerance")]
     pub tolerance_deg: f64,
@@ -101,6 +105,7 @@ impl Default for ControllerSettings {
             history: 3000,
             margin_m: margin(),
             reserve_m: None,
+            stall_deg: None,
             tolerance_deg: tolerance(),
             rest_speed_deg: rest_speed(),
             escape_speed: escape_speed(),

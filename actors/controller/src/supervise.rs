@@ -26,6 +26,7 @@ mod displaced;
 mod end;
 mod forces;
 mod hush;
+mod stalled;
 mod stream;
 mod streaming;
 
@@ -35,6 +36,7 @@ use crate::ledger::Underway;
 use crate::pulse::Pulse;
 use crate::reflex::ReflexReport;
 use crate::shared::Shared;
+use crate::stall::{Errands, StallWatch};
 use crate::stop::Stop;
 use crate::{Rules, distance};
 use credit::Credits;
@@ -157,6 +159,8 @@ struct MotionState {
     forces: Option<forces::Forces>,
     /// Since when the board has said that it is done, away from its target.
     done_since: Option<Time>,
+    /// What its motors were told, by which it is seen whether they follow.
+    told: Errands,
 }
 
 /// A commit as it was accepted, or last amended: what its readings should show by now.
@@ -261,6 +265,8 @@ pub struct SuperviseCore {
     shutdown: bool,
     /// How much of a flood is heard.
     credits: Credits,
+    /// Whether the motors follow, if anybody looks.
+    stall: Option<StallWatch>,
 }
 
 impl SuperviseCore {
@@ -285,6 +291,7 @@ impl SuperviseCore {
             yields: false,
             shutdown: false,
             credits: Credits::full(now),
+            stall: StallWatch::new(step.rules),
         };
         if open || Gate::opens(token) {
             // a crash of the process is the cause already if that is what happened
@@ -381,6 +388,7 @@ impl SuperviseCore {
             self.enter(Status::Starting, step);
             step.out.push(SuperviseOut::Yielded);
         }
+        self.note_told(step);
         std::mem::take(&mut step.out)
     }
 

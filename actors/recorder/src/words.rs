@@ -154,6 +154,9 @@ fn why(cause: &Cause) -> String {
     match cause {
         Cause::Contact(contacts) => nearest("contact", contacts),
         Cause::Foreseen(contacts) => nearest("contact foreseen", contacts),
+        Cause::Stall { motor, by } => {
+            format!("{motor} does not follow, by {:.2} deg: something holds it", by.to_degrees())
+        }
         Cause::Constraint { part, clause } => format!("constraint {clause} of {part}"),
         Cause::TargetMissed => "the target was missed".to_owned(),
         Cause::AgentDied => "the agent died".to_owned(),

@@ -1,4 +1,4 @@
-//! I22: what is taken back: a motion in which a contact begins or a constraint is violated, whose target is missed, or whose agent died. An
+//! I22: what is taken back: a motion in which a contact begins, a constraint is violated or a motor stalls, whose target is missed, or whose agent died. An
 //! escape has no retreat.
 //!
 //! Where there are measured poses, the retreat is judged by them, too ([`RetreatPace`]). Where it leads is judged by what was written
@@ -49,6 +49,7 @@ fn in_words(cause: &Cause) -> Option<&'static str> {
     match cause {
         Cause::Contact(_) => Some("a contact"),
         Cause::Foreseen(_) => Some("a contact that was foreseen"),
+        Cause::Stall { .. } => Some("a motor that stalled"),
         Cause::Constraint { .. } => Some("a constraint"),
         Cause::TargetMissed => Some("a target that was missed"),
         Cause::AgentDied => Some("its agent's death"),

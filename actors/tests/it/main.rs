@@ -19,6 +19,7 @@ mod retreat_is_watched;
 mod same_seed_same_run;
 mod sensing;
 mod services;
+mod stalled;
 mod stream_bounds;
 mod streams;
 mod supervision_actors;

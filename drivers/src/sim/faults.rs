@@ -41,6 +41,14 @@ pub enum Fault {
         /// How fast, rad/s.
         speed: f64,
     },
+    /// Something that no model knows holds one motor: where it is once it has moved for a while it goes no farther in that direction,
+    /// whatever its board wants.
+    Blocked {
+        /// The motor.
+        motor: usize,
+        /// For how long it must have moved without a rest.
+        after: Duration,
+    },
     /// A burst of noise on all encoders.
     Noise {
         /// Standard deviation, rad.
@@ -87,7 +95,7 @@ pub struct Active {
     until: Time,
     /// What frozen encoders keep saying.
     pub held: Option<Arc<[f64]>>,
-    /// Since when the motors have moved, for those that freeze in motion.
+    /// Since when the motors have moved, for those that freeze, and are held, in motion.
     pub moving: Option<Time>,
 }
 

@@ -133,6 +133,25 @@ impl Plant {
         }
     }
 
+    /// Holds a motor that moves where it is, in the direction in which it goes. One that rests is not held.
+    pub fn hold(&mut self, motor: usize) {
+        if let Some(motor) = self.motors.get_mut(motor).filter(|m| m.state(self.now).v != 0.0) {
+            motor.hold(self.now);
+        }
+    }
+
+    /// Nothing holds a motor any more.
+    pub fn release(&mut self, motor: usize) {
+        if let (Some(motor), Some(axis)) = (self.motors.get_mut(motor), self.axes.get(motor)) {
+            motor.release(self.now, self.profile, greatest(axis));
+        }
+    }
+
+    /// Per motor, if it is held: since when, and how far its board wants it beyond, rad.
+    pub fn held(&self) -> Vec<Option<(Time, f64)>> {
+        self.motors.iter().map(|m| m.held(self.now)).collect()
+    }
+
     /// Whether any motor moves.
     pub fn moves(&self) -> bool {
         self.motors.iter().any(|m| !m.rests(self.now))

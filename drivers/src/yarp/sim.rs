@@ -148,6 +148,7 @@ impl YarpSim {
                 | Fault::Gappy { .. }
                 | Fault::FrozenInMotion { .. }
                 | Fault::Sag { .. }
+                | Fault::Blocked { .. }
                 | Fault::Hardware { .. } => fault.clone(),
             };
             lock(&part.lies).push((from, until));

@@ -50,3 +50,24 @@ fn arms_that_meet_on_the_retreat_of_both_break_i14() {
     assert!(!seen(true, both()));
     assert!(!seen(false, vec![sets_out("left", vec![])]));
 }
+
+/// I32: a motor that is held and pushed on, with the filter open, for longer than it takes to be noticed.
+#[test]
+fn a_motor_that_is_held_and_pushed_on_breaks_i32() {
+    let broken = |status: Status, deg: f64, secs: f64| {
+        let mut witness = Witness::default();
+        let mut seen = Seen::new("arm", (0.01, Duration::from_millis(20), 0.02), Time::ZERO);
+        (seen.open, seen.status) = (true, status);
+        witness.robots = vec![seen];
+        for k in 0..(100.0 * secs) as u32 {
+            let at = Time::ZERO + Duration::from_millis(10) * k;
+            witness.robots[0].last = at;
+            witness.held(0, at, &[None, Some((Time::ZERO, deg.to_radians()))], 0.5_f64.to_radians());
+        }
+        witness.found.iter().filter(|(invariant, _)| *invariant == "I32").count()
+    };
+    assert_eq!(broken(Status::Moving, 11.0, 1.5), 1);
+    assert_eq!(broken(Status::Moving, 9.0, 1.5), 0, "its threshold may have grown");
+    assert_eq!(broken(Status::Moving, 11.0, 0.9), 0, "it is noticed by then");
+    assert_eq!(broken(Status::Retreating, 11.0, 1.5), 0, "a retreat is watched otherwise");
+}

@@ -33,7 +33,7 @@ impl SuperviseCore {
         if step.now > sampled_at + step.rules.fresh {
             return;
         }
-        if self.watch_idle(pulse, step) || step.gate.token() != self.token {
+        if self.watch_stall(pulse, step) || self.watch_idle(pulse, step) || step.gate.token() != self.token {
             return; // somebody closed the filter, and will tell why
         }
         match self.closing {
@@ -206,6 +206,7 @@ impl SuperviseCore {
     /// The robot rests at its target. An escape may have led to a pose that still touches: then the filter closes in
     /// the same step, and not by the reflex one reading later, so that no commit slips in between.
     pub(super) fn done(&mut self, pulse: &Pulse, step: &mut Step) {
+        self.learn_following();
         let escaped = self.status == Status::Escaping;
         self.restore_modes(Writer::Agent, step);
         self.end(Some(Outcome::Committed), step);

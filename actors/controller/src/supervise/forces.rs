@@ -100,7 +100,8 @@ impl SuperviseCore {
         let still = forces.still.is_some_and(|since| sampled_at >= since.max(set_out) + fields.patience);
         self.write_stream(q, step);
         if arrived && at_rest && sampled_at >= set_out && distance(q, &target) <= rules.tolerance {
-            self.motion = MotionState::default();
+            let told = std::mem::take(&mut self.motion.told);
+            self.motion = MotionState { told, ..MotionState::default() };
             self.done(pulse, step);
         } else if still || due.is_some_and(|due| sampled_at > due) {
             self.roll_back(Cause::TargetMissed, step);

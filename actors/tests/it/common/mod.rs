@@ -100,6 +100,7 @@ pub struct Trial {
     pub limit: Duration,
     pub controls: Vec<(Duration, Control)>,
     pub drive: Drive,
+    pub stall_deg: Option<f64>,
     pub clock: ClockKind,
     /// Instead of the one that goes through the poses.
     pub agent: Option<AgentMaker>,
@@ -123,6 +124,7 @@ impl Default for Trial {
             limit: Duration::from_secs(120),
             controls: Vec::new(),
             drive: Drive::Straight,
+            stall_deg: None,
             clock: ClockKind::Virtual,
             agent: None,
             sinks: Vec::new(),
@@ -218,6 +220,7 @@ impl Trial {
                     history: self.history,
                     period_s: self.period_s,
                     drive: self.drive,
+                    stall_deg: self.stall_deg,
                     // the machine may take all processors away for half a second
                     stale_s: (self.clock == ClockKind::Real).then_some(3.0),
                     ..ControllerSettings::default()

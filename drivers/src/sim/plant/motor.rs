@@ -24,6 +24,19 @@ pub struct PlantMotor {
     began: Time,
     /// The leg to the newest set-point, and when that came.
     leg: Option<(Time, Leg)>,
+    /// What holds it, if anything does.
+    stop: Option<PlantStop>,
+}
+
+/// Something that a motor goes no farther than, though its path does.
+#[derive(Clone, Copy, Debug)]
+pub struct PlantStop {
+    /// Where, rad.
+    q: f64,
+    /// In which direction it is held: 1 or -1.
+    direction: f64,
+    /// Since when.
+    since: Time,
 }
 
 impl PlantMotor {
@@ -35,14 +48,46 @@ impl PlantMotor {
             path: Path::Rest(q),
             began: Time::ZERO,
             leg: None,
+            stop: None,
         }
     }
 
     /// Where it is, and how fast.
     pub fn state(&self, now: Time) -> State {
+        let state = self.wants(now);
+        match self.stop {
+            Some(stop) if (state.q - stop.q) * stop.direction > 0.0 => State::rest(stop.q),
+            _ => state,
+        }
+    }
+
+    /// Where it would be if nothing held it.
+    fn wants(&self, now: Time) -> State {
         match &self.path {
             Path::Rest(q) => State::rest(*q),
             path => path.at(self.passed(now)),
+        }
+    }
+
+    /// Holds it where it is, in the direction in which it goes.
+    pub fn hold(&mut self, at: Time) {
+        let State { q, v, .. } = self.state(at);
+        self.stop.get_or_insert(PlantStop { q, direction: v.signum(), since: at });
+    }
+
+    /// Since when it has been held, and how far its board wants it beyond, rad.
+    pub fn held(&self, now: Time) -> Option<(Time, f64)> {
+        let stop = self.stop?;
+        Some((stop.since, ((self.wants(now).q - stop.q) * stop.direction).max(0.0)))
+    }
+
+    /// Nothing holds it any more: it goes where its board wants it, from where it is.
+    pub fn release(&mut self, at: Time, profile: Profile, greatest: Bounds) {
+        let pushes = self.held(at).is_some_and(|(_, ahead)| ahead > 0.0);
+        let state = self.state(at);
+        self.stop = None;
+        if pushes {
+            self.take(at, Path::to(profile, state, self.path.end(), self.reference, greatest));
         }
     }
 
