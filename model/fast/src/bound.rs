@@ -2,9 +2,9 @@
 //!
 //! With `u = 2^-24`, half a unit of `f32`, and every operation right to a relative `u`:
 //!
-//! * A turn multiplies two columns by `[c -s; s c]`. Sine and cosine (or constants) are wrong by `u` at most, which
-//!   adds `sqrt(2) u` to the rotation's error (spectral norm); the columns are sums of two products, which adds `(1 +
-//!   sqrt(2)) sqrt(2) u = 3.4 u` where multiplying and adding rounds twice. Together 4.9 u; `TURN` = 6 u leaves room
+//! * A turn multiplies two columns by `[c -s; s c]`. Sine and cosine together are wrong by `1.65 u` at most (constants by
+//!   less), which is added to the rotation's error (spectral norm); the columns are sums of two products, which adds `(1 +
+//!   sqrt(2)) sqrt(2) u = 3.4 u` where multiplying and adding rounds twice. Together 5.1 u; `TURN` = 6 u leaves room
 //!   for products of errors. Right angles add nothing.
 //! * A shift by `t` adds the rotation's error times `|t|`, and rounding of three sums no longer than `reach + |t|` and
 //!   of three products: below `6 u (reach + |t|)`, where `reach` bounds how far the frame is from the world's origin.

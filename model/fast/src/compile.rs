@@ -10,8 +10,9 @@ use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
 use crate::limits::constraints;
 use crate::program::{Ball, Form, Group, PairTest, Program, Solid};
+use crate::proof::Proofs;
 use crate::regions::{Region, branches, regions};
-use crate::steps::Layout;
+use crate::steps::{Layout, Size};
 use crate::sweep::{Sphere, least_distance};
 use mobee_model::{Collider, IndexPair, Scene, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -30,8 +31,8 @@ pub(crate) struct Compiled {
 /// A solid in its lane frame.
 pub(crate) struct Sized {
     pub frame: usize,
-    pose: Isometry3<f64>,
-    shape: Shape,
+    pub pose: Isometry3<f64>,
+    pub shape: Shape,
     /// How far any of its points is displaced by rounding, meters.
     error: f64,
 }
@@ -39,6 +40,12 @@ pub(crate) struct Sized {
 impl Sized {
     pub fn ball(&self) -> Sphere {
         Sphere { center: self.pose.translation.vector, radius: self.shape.bounding_radius() }
+    }
+
+    fn size(&self) -> Size {
+        let capsule = self.shape.bounding_capsule();
+        let ball = self.shape.bounding_radius();
+        Size { ball, half: capsule.half_axis.norm(), radius: capsule.radius, error: self.error }
     }
 
     /// Balls that hold the extreme points of its core.
@@ -69,7 +76,8 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
     let groups = groups(&order, &sized, &frames);
     let regions = regions(&frames, &groups, &order, &sized, &pairs);
     let mut program = Program { frames: frames.len(), ..Program::default() };
-    place_frames(&mut program, &frames, &regions, &order, &sized);
+    let branches = branches(&frames, &regions, &order, &sized);
+    place_frames(&mut program, &frames, &branches, &order, &sized);
     constraints(&mut program, scene);
     place_solids(&mut program, &order, &sized, &groups, &frames);
     let mut layout = Layout::new(&groups, clearance);
@@ -82,7 +90,6 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
     for region in &regions {
         add_ball(&mut program, &mut layout, &frames, (region.root, region.ball), None);
     }
-    let branches = branches(&frames, &regions, &groups, &order, &sized);
     for branch in &branches {
         add_ball(&mut program, &mut layout, &frames, (branch.root, branch.ball), None);
         layout.add_branch(groups.iter().map(|g| branch.has[sized[order[g.start]].frame]));
@@ -93,7 +100,7 @@ pub(crate) fn compile(scene: &Scene, kept: &[IndexPair], clearance: f64) -> Comp
         let test = pair_test((place(a), &sized[a]), (place(b), &sized[b]), (a as u32, b as u32), clearance);
         program.pairs.push(test);
     }
-    layout.solids = order.iter().map(|s| (sized[*s].ball().radius, sized[*s].error)).collect();
+    layout.solids = order.iter().map(|s| sized[*s].size()).collect();
     layout.write(&mut program, &[]);
     let mut movers = Movers::new(frames);
     for range in &groups {
@@ -141,10 +148,12 @@ fn pairs_that_can_meet(
     frames: &[LaneFrame],
     clearance: f64,
 ) -> (Vec<(usize, usize)>, usize) {
-    let meet = |&(a, b): &(usize, usize)| {
-        let (a, b) = (&sized[a], &sized[b]);
-        // A little more, for the rounding of this here and of the reference.
-        least_distance(frames, (a.frame, a.ball()), (b.frame, b.ball())) <= clearance + REFERENCE
+    // A little more, for the rounding of this here and of the reference.
+    let distance = clearance + REFERENCE;
+    let mut proofs = Proofs::new(frames, sized, distance);
+    let meet = |&(p, q): &(usize, usize)| {
+        let (a, b) = (&sized[p], &sized[q]);
+        least_distance(frames, (a.frame, a.ball()), (b.frame, b.ball())) <= distance && !proofs.apart(p, q)
     };
     let all = kept.iter().map(|(a, b)| (*a as usize, *b as usize));
     let pairs: Vec<_> = all.filter(meet).collect();
@@ -168,8 +177,8 @@ fn groups(order: &[usize], sized: &[Sized], frames: &[LaneFrame]) -> Vec<Range<u
     groups
 }
 
-/// Joints that carry anything, region by region.
-fn place_frames(program: &mut Program, frames: &[LaneFrame], regions: &[Region], order: &[usize], sized: &[Sized]) {
+/// Joints that carry anything: those that are always placed, then branch by branch.
+fn place_frames(program: &mut Program, frames: &[LaneFrame], branches: &[Region], order: &[usize], sized: &[Sized]) {
     let mut live = vec![false; frames.len()];
     for s in order {
         live[sized[*s].frame] = true;
@@ -180,8 +189,8 @@ fn place_frames(program: &mut Program, frames: &[LaneFrame], regions: &[Region],
             None => program.fixed_frames.push((f, columns(&frame.fixed))),
         }
     }
-    let region = |f: usize| regions.iter().position(|r| r.has[f] && r.root != f).map_or(0, |r| r + 1);
-    for r in 0..=regions.len() {
+    let region = |f: usize| branches.iter().position(|b| b.has[f]).map_or(0, |b| b + 1);
+    for r in 0..=branches.len() {
         let first = program.joints.len();
         let own = frames.iter().enumerate().filter(|(f, _)| live[*f] && region(*f) == r);
         program.joints.extend(own.filter_map(|(_, frame)| frame.carried.as_ref()).map(|c| c.joint.clone()));

@@ -85,6 +85,22 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     project_to_and_fro::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion)
 }
 
+/// The lanes in which a ball's center is nearer to the axis of a solid's capsule, up to this half length, than that.
+#[inline(always)]
+pub(crate) fn beside<L: Lanes, const MOVES: bool>(
+    program: &Program,
+    block: &Block,
+    (ball, of): (u32, u32),
+    (half, within_squared): (f32, f32),
+    motion: L,
+) -> Mask {
+    let solid = placed::<L>(program, block, of as usize);
+    let way = V3::load(&block.centers[ball as usize]).minus(solid.center);
+    let axis = solid.axis(0);
+    let off = way.against(axis, way.dot(axis).clamp(L::splat(half)));
+    within::<L, MOVES>(off.squared(), within_squared, motion)
+}
+
 /// Whether centers of this squared distance are nearer than that.
 #[inline(always)]
 pub(crate) fn within<L: Lanes, const MOVES: bool>(squared: L, within_squared: f32, motion: L) -> Mask {

@@ -114,7 +114,7 @@ impl FastScene {
     /// If the clearance is negative or not finite.
     ///
     /// # Performance
-    /// Ten milliseconds for a humanoid. Compile anew when the world changes.
+    /// Ten to thirty milliseconds for a humanoid. Compile anew when the world changes.
     pub fn new(scene: &Scene, clearance: f64) -> Result<Self, FastError> {
         Self::with_instructions(scene, clearance, best())
     }

@@ -4,7 +4,7 @@
 //! either end is free on the whole interval. Lanes know nothing of each other: what is said of an interval is the same
 //! whichever others it shares a block with.
 
-use crate::distance::{Found, test_pair, within};
+use crate::distance::{Found, beside, test_pair, within};
 use crate::kernel::{Block, place_group, place_region, start_placing};
 use crate::lanes::{Lanes, Mask, Row, WIDTH};
 use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
@@ -116,8 +116,8 @@ fn take_steps<L: Lanes>(
 ) -> (Mask, Mask) {
     let (mut hit, mut open) = (0, 0);
     let steps = program.units[unit].steps.clone();
-    // What is near in the step that is open, and up to which step; at most three are open at once.
-    let (mut scopes, mut depth) = ([(near, steps.end); 4], 0);
+    // What is near in the step that is open, and up to which step; at most four are open at once.
+    let (mut scopes, mut depth) = ([(near, steps.end); 5], 0);
     let mut at = steps.start;
     while at < steps.end {
         while at >= scopes[depth].1 && depth > 0 {
@@ -129,13 +129,26 @@ fn take_steps<L: Lanes>(
         match *step {
             Step::Near { a, b, within_squared, skip } => {
                 sum_up::<L>(program, &mut intervals.motions, motions);
+                let (a, b) = (a as usize, b as usize);
                 let motion = fine::<L>(program, block, &intervals.motions, motions, a, b);
                 let near = nearer::<L>(block, a, b, within_squared, motion) & lanes;
                 if near == 0 {
-                    at = skip;
+                    at = skip as usize;
                 } else {
                     depth += 1;
-                    scopes[depth] = (near, skip);
+                    scopes[depth] = (near, skip as usize);
+                }
+            }
+            Step::Beside { ball, of, half, within_squared, skip } => {
+                sum_up::<L>(program, &mut intervals.motions, motions);
+                let (a, b) = (ball as usize, program.balls.len() + of as usize);
+                let motion = fine::<L>(program, block, &intervals.motions, motions, a, b);
+                let near = beside::<L, true>(program, block, (ball, of), (half, within_squared), motion) & lanes;
+                if near == 0 {
+                    at = skip as usize;
+                } else {
+                    depth += 1;
+                    scopes[depth] = (near, skip as usize);
                 }
             }
             Step::Region(region) => {

@@ -4,7 +4,7 @@
 //! switched on, and each operation becomes a call. Hence plain loops and written-out arrays here and in `distance.rs`,
 //! `vector.rs` and `lanes.rs`.
 
-use crate::distance::test_pair;
+use crate::distance::{beside, test_pair};
 use crate::lanes::{Lanes, Mask, Row, WIDTH, WideRow};
 use crate::program::{Bend, Joint, Motion, Program, Step, UnitTest};
 use crate::vector::{Rows3, V3};
@@ -147,8 +147,14 @@ fn take_steps<L: Lanes>(program: &Program, block: &mut Block, steps: Range<usize
         at += 1;
         match *step {
             Step::Near { a, b, within_squared, skip } => {
-                if nearer::<L>(block, a, b, within_squared) & live == 0 {
-                    at = skip;
+                if nearer::<L>(block, a as usize, b as usize, within_squared) & live == 0 {
+                    at = skip as usize;
+                }
+            }
+            Step::Beside { ball, of, half, within_squared, skip } => {
+                let motion = L::splat(0.0);
+                if beside::<L, false>(program, block, (ball, of), (half, within_squared), motion) & live == 0 {
+                    at = skip as usize;
                 }
             }
             Step::Region(region) => {
@@ -290,30 +296,34 @@ pub(crate) fn place_group<L: Lanes>(program: &Program, block: &mut Block, group:
     }
 }
 
-/// Sine and cosine of a joint's angle, each right to half a unit of `f32`.
+/// Sine and cosine of a joint's angle, wrong by 1.65 units of `u` (`bound.rs`) at most, both together.
 ///
-/// The angle is reduced to an eighth of a turn and the series summed in `f64` (remainders below 2e-9 and 2e-10), so
-/// that neither the size of the angle nor the polynomial adds to the error. A plain loop: the compiler makes vectors of
-/// it.
+/// The angle is reduced to an eighth of a turn in `f64`, so that its size does not count; the series (Cephes') are summed
+/// in `f32`. Plain loops: the compiler makes vectors of them.
 #[inline(always)]
-fn sine_cosine<L: Lanes>(q: &WideRow, joint: &Joint, sine: &mut Row, cosine: &mut Row) {
+pub(crate) fn sine_cosine<L: Lanes>(q: &WideRow, joint: &Joint, sine: &mut Row, cosine: &mut Row) {
     use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
     /// Adding it rounds to a whole number and leaves that in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     let fma = |a: f64, b: f64, c: f64| if L::FUSED { a.mul_add(b, c) } else { a * b + c };
+    let single = |a: f32, b: f32, c: f32| if L::FUSED { a.mul_add(b, c) } else { a * b + c };
+    let (mut rest, mut quarters) = ([0.0_f32; WIDTH], [0_u32; WIDTH]);
     for i in 0..WIDTH {
         let angle = joint.start + (q.0[i] - joint.low) * joint.gain;
         let rounded = fma(angle, FRAC_2_PI, ROUND);
-        let quarter = rounded.to_bits();
-        let r = fma(rounded - ROUND, -FRAC_PI_2, angle);
+        quarters[i] = rounded.to_bits() as u32;
+        rest[i] = fma(rounded - ROUND, -FRAC_PI_2, angle) as f32;
+    }
+    for i in 0..WIDTH {
+        let (r, quarter) = (rest[i], quarters[i]);
         let r2 = r * r;
-        let s = fma(r2, fma(r2, fma(r2, 1.0 / 362_880.0, -1.0 / 5_040.0), 1.0 / 120.0), -1.0 / 6.0);
-        let s = fma(r * r2, s, r);
-        let c = fma(r2, fma(r2, fma(r2, -1.0 / 3_628_800.0, 1.0 / 40_320.0), -1.0 / 720.0), 1.0 / 24.0);
-        let c = fma(r2, fma(r2, c, -0.5), 1.0);
+        let s = single(r2, single(r2, -1.951_529_6e-4, 8.332_161e-3), -1.666_665_5e-1);
+        let s = single(r * r2, s, r);
+        let c = single(r2, single(r2, 2.443_315_7e-5, -1.388_731_6e-3), 4.166_664_6e-2);
+        let c = single(r2, single(r2, c, -0.5), 1.0);
         let swap = quarter & 1 != 0;
         let (a, b) = if swap { (c, s) } else { (s, c) };
-        sine.0[i] = f64::from_bits(a.to_bits() ^ ((quarter & 2) << 62)) as f32;
-        cosine.0[i] = f64::from_bits(b.to_bits() ^ ((quarter.wrapping_add(1) & 2) << 62)) as f32;
+        sine.0[i] = f32::from_bits(a.to_bits() ^ ((quarter & 2) << 30));
+        cosine.0[i] = f32::from_bits(b.to_bits() ^ ((quarter.wrapping_add(1) & 2) << 30));
     }
 }

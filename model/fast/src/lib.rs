@@ -19,11 +19,11 @@
 //!   take no lane; where few lanes of a block are left at a cut of the program, they go on with those of other blocks.
 //! * **Kinematics** (`chain.rs`): constant transforms are folded; each frame is chosen so that its hinge turns about z
 //!   and most constant turns vanish or are right angles.
-//! * **Pairs** (`sweep.rs`): a pair is dropped if the balls that hold its shapes *at every pose within the limits* are
-//!   apart: a proof, not a sample.
-//! * **Balls** (`steps.rs`): two hands, two links, then two shapes are asked only if their balls meet in a lane. A
-//!   hand's fingers are not even placed unless something is near the hand. What decided most often in a seeded sample,
-//!   for what it costs, is asked first.
+//! * **Pairs** (`sweep.rs`, `proof.rs`): a pair is dropped if the balls that hold its shapes *at every pose within the
+//!   limits* are apart, or those of each part of the limits where few joints stand between: a proof, not a sample.
+//! * **Balls** (`steps.rs`, `write.rs`): two hands, two links, then two shapes are asked only if their balls meet in a
+//!   lane. A finger is not even placed unless the ball that holds it, in the hand's frame, is beside something. What
+//!   decided most often in a seeded sample, for what it costs, is asked first.
 //! * **Two shapes** (`distance.rs`): capsules and balls by the closed form of two segments; cylinders and boxes by
 //!   projections to and fro. Whatever is found is *checked*: two near points prove a contact, a direction that
 //!   separates proves that there is none.
@@ -53,6 +53,7 @@ mod levers;
 mod limits;
 mod motion;
 mod program;
+mod proof;
 mod reference;
 mod regions;
 mod steps;
@@ -60,6 +61,7 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 mod vector;
+mod write;
 
 pub use edges::{EdgeVerdict, Obstruction};
 pub use fast::{FastError, FastFigures, FastScene};

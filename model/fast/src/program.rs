@@ -18,13 +18,13 @@ pub(crate) struct Program {
     pub frames: usize,
     /// Moving joints, region by region; a joint stands after the one that carries it.
     pub joints: Vec<Joint>,
-    /// The joints of each region. The first region is placed at every pose, the others once they are asked for.
+    /// The joints of each region. The first is placed at every pose, the others, fingers, once they are asked for.
     pub regions: Vec<Range<usize>>,
     /// All solids, group by group.
     pub solids: Vec<Solid>,
     /// Solids on one frame, under one ball.
     pub groups: Vec<Group>,
-    /// Balls: one per group, then one per region but the first.
+    /// Balls: one per group, then one per hand, then one per finger.
     pub balls: Vec<Ball>,
     /// Indices of balls by the frame that they are on, `frame_balls[f]` being a range of it.
     pub ball_order: Vec<usize>,
@@ -196,7 +196,9 @@ pub(crate) struct PairTest {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Step {
     /// If two centers (balls, then solids) are farther apart than this in every lane that counts: on to step `skip`.
-    Near { a: usize, b: usize, within_squared: f32, skip: usize },
+    Near { a: u32, b: u32, within_squared: f32, skip: u32 },
+    /// The same of a ball's center and the axis of a solid's capsule, up to this half length.
+    Beside { ball: u32, of: u32, half: f32, within_squared: f32, skip: u32 },
     /// Place a region, unless it is.
     Region(usize),
     /// Place the solids of a group, unless they are.

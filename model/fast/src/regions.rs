@@ -12,11 +12,11 @@ const REGION: f64 = 0.12;
 /// A region has at least so many frames with solids.
 const REGION_FRAMES: usize = 3;
 
-/// A subtree that is small at every pose: a hand, which is placed on demand, or a finger of it.
+/// A subtree that is small at every pose: a hand, or a finger of it, which is placed on demand.
 pub(crate) struct Region {
-    /// Its uppermost frame; a hand's is always placed.
+    /// A hand's uppermost frame, which is always placed.
     pub root: usize,
-    /// Per frame of the scene: whether it is in the region, the root included.
+    /// Per frame of the scene: whether it is in the region; in the hand the root included, in none of its fingers.
     pub has: Vec<bool>,
     /// Holds it at every pose; in the root's frame.
     pub ball: Sphere,
@@ -31,6 +31,7 @@ pub(crate) fn regions(
     pairs: &[(usize, usize)],
 ) -> Vec<Region> {
     let mut regions: Vec<Region> = Vec::new();
+    let mut taken = vec![false; frames.len()];
     let mut whole = 0.0;
     for (root, frame) in frames.iter().enumerate() {
         if frame.carried.is_none() {
@@ -39,7 +40,7 @@ pub(crate) fn regions(
         }
         let has = below(frames, root);
         let solid_frames = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count();
-        if solid_frames < REGION_FRAMES || regions.iter().any(|r| r.has[root]) {
+        if solid_frames < REGION_FRAMES || taken[root] {
             continue;
         }
         let own_pairs = pairs.iter().any(|(a, b)| has[sized[*a].frame] && has[sized[*b].frame]);
@@ -49,29 +50,43 @@ pub(crate) fn regions(
         if inside.iter().any(|ball| wide(ball) > 2.0 * REGION * whole) {
             continue;
         }
-        let held = Sphere::around(&inside);
-        if held.radius <= REGION * whole && !own_pairs {
-            regions.push(Region { root, has, ball: held });
+        if own_pairs || Sphere::around(&inside).radius > REGION * whole {
+            continue;
         }
+        taken.iter_mut().zip(&has).for_each(|(taken, has)| *taken |= has);
+        let Some(root) = where_it_branches(frames, root, order, sized) else { continue };
+        let has = below(frames, root);
+        let ball = Sphere::around(&balls_of(frames, root, &has, order, sized));
+        regions.push(Region { root, has, ball });
     }
     regions
 }
 
-/// What hangs on a region's root by one joint, and has several groups: the fingers of a hand.
-pub(crate) fn branches(
-    frames: &[LaneFrame],
-    regions: &[Region],
-    groups: &[Range<usize>],
-    order: &[usize],
-    sized: &[Sized],
-) -> Vec<Region> {
+/// From a root down to the frame that carries several fingers, if any does: what all of them hang on is always placed.
+fn where_it_branches(frames: &[LaneFrame], mut root: usize, order: &[usize], sized: &[Sized]) -> Option<usize> {
+    let carries = |f: usize| {
+        let has = below(frames, f);
+        order.iter().any(|s| has[sized[*s].frame])
+    };
+    loop {
+        let hangs = |f: &usize| frames[*f].carried.as_ref().is_some_and(|c| c.parent == root) && carries(*f);
+        let mut children = (0..frames.len()).filter(hangs);
+        let only = children.next()?;
+        if children.next().is_some() {
+            return Some(root);
+        }
+        root = only;
+    }
+}
+
+/// What hangs on a region's root by one joint: the fingers of a hand, each in a ball of the root's frame, so that nothing
+/// of it is placed until something is near.
+pub(crate) fn branches(frames: &[LaneFrame], regions: &[Region], order: &[usize], sized: &[Sized]) -> Vec<Region> {
     let of = |region: &Region, root: usize| {
         frames[root].carried.as_ref().filter(|c| c.parent == region.root)?;
         let has = below(frames, root);
-        let several = groups.iter().filter(|g| has[sized[order[g.start]].frame]).count() > 1;
-        let ball = || Sphere::around(&balls_of(frames, root, &has, order, sized));
-        let ball = several.then(ball)?;
-        Some(Region { root, has, ball })
+        let inside = balls_of(frames, region.root, &has, order, sized);
+        (!inside.is_empty()).then(|| Region { root: region.root, has, ball: Sphere::around(&inside) })
     };
     regions.iter().flat_map(|region| (0..frames.len()).filter_map(move |root| of(region, root))).collect()
 }

@@ -18,11 +18,15 @@ impl Sphere {
         let mut center = first.center;
         let reach = |center: &Vector3<f64>, ball: &Sphere| (ball.center - center).norm() + ball.radius;
         for step in 1..=200 {
-            let far = balls.iter().max_by(|a, b| reach(&center, a).total_cmp(&reach(&center, b)));
-            let toward = far.map_or(Vector3::zeros(), |ball| {
-                let way = ball.center - center;
-                way + way.try_normalize(1e-12).unwrap_or_default() * ball.radius
-            });
+            let (mut far, mut most) = (first, f64::NEG_INFINITY);
+            for ball in balls {
+                let reach = reach(&center, ball);
+                if reach > most {
+                    (far, most) = (ball, reach);
+                }
+            }
+            let way = far.center - center;
+            let toward = way + way.try_normalize(1e-12).unwrap_or_default() * far.radius;
             center += toward / (f64::from(step) + 1.0);
         }
         let radius = |center: &Vector3<f64>| balls.iter().map(|b| reach(center, b)).fold(0.0, f64::max);
@@ -68,7 +72,7 @@ impl Sphere {
 }
 
 /// The frames from one up to the base that carries it, both included.
-fn above(frames: &[LaneFrame], frame: usize) -> impl Iterator<Item = usize> + '_ {
+pub(crate) fn above(frames: &[LaneFrame], frame: usize) -> impl Iterator<Item = usize> + '_ {
     std::iter::successors(Some(frame), |f| frames[*f].carried.as_ref().map(|c| c.parent))
 }
 

@@ -1,15 +1,18 @@
 //! What can only be seen from inside: that bounds bound.
 
+use crate::bound::U;
 use crate::chain::LaneFrame;
 use crate::compile::{Compiled, compile};
 use crate::isa::{InstructionSet, checked};
-use crate::kernel::{Block, place_group, place_region, start_placing};
-use crate::lanes::{Lanes, Mask, Portable, Row, WIDTH};
+use crate::kernel::{Block, place_group, place_region, sine_cosine, start_placing};
+use crate::lanes::{Lanes, Mask, Portable, Row, WIDTH, WideRow};
 use crate::motion::{Motions, coarse, fine, place_twists, start, sum_up};
 use crate::program::Step;
-use crate::sweep::{Sphere, least_distance};
-use mobee_model::{Robot, Scene, load_robot, random_poses};
+use crate::proof::{Proofs, Stance};
+use crate::sweep::{Sphere, above, common, least_distance};
+use mobee_model::{IndexPair, Motor, Pair, Robot, Scene, load_robot, random_poses};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -199,10 +202,106 @@ fn a_ball_holds_the_balls_it_is_around() {
 }
 
 #[test]
-fn fingers_are_a_region_of_their_own() {
+fn fingers_are_regions_of_their_own() {
     let (_, scene) = scene("icub");
-    let regions = compile(&scene, scene.pairs(), 0.0).program.regions;
-    let fingers: Vec<usize> =
-        regions.iter().skip(1).map(|joints| joints.len()).filter(|joints| *joints >= 15).collect();
-    assert_eq!(fingers.len(), 2, "two hands: {regions:?}");
+    let program = compile(&scene, scene.pairs(), 0.0).program;
+    let fingers = program.regions.iter().skip(1).filter(|joints| (3..=4).contains(&joints.len())).count();
+    assert_eq!(fingers, 10, "two hands: {:?}", program.regions);
+    // A finger's ball is asked about before the finger is placed: it is on what carries the finger.
+    let carried: Vec<usize> =
+        program.regions[1..].iter().flat_map(|joints| program.joints[joints.clone()].iter().map(|j| j.frame)).collect();
+    let hands_and_fingers = &program.balls[program.groups.len()..];
+    assert!(hands_and_fingers.iter().all(|ball| !carried.contains(&ball.frame)), "{hands_and_fingers:?}");
+}
+
+/// What is left out never touches, nor comes nearer than the clearance: at random poses, and where every joint is at an end
+/// of its range, which random poses do not come near.
+#[test]
+fn pairs_that_are_left_out_keep_apart() {
+    for (name, least) in [("icub", 70), ("katana", 0), ("panda", 0)] {
+        let (robot, scene) = scene(name);
+        for clearance in [0.0, 0.02] {
+            let kept: BTreeSet<IndexPair> =
+                compile(&scene, scene.pairs(), clearance).program.pairs.iter().map(|pair| pair.ids).collect();
+            let left: Vec<Pair> = scene
+                .pairs()
+                .iter()
+                .filter(|pair| !kept.contains(pair))
+                .filter_map(|(a, b)| scene.shape_id(*a).zip(scene.shape_id(*b)))
+                .collect();
+            assert!(left.len() >= least, "{name}: {} pairs are left out", left.len());
+            let random: Vec<Vec<f64>> = random_poses(&robot, 4).take(500).collect();
+            let ends = random.iter().map(|pose| {
+                let end =
+                    |(q, motor): (&f64, &Motor)| if q + q > motor.min + motor.max { motor.max } else { motor.min };
+                pose.iter().zip(&robot.motors).map(end).collect::<Vec<f64>>()
+            });
+            for pose in ends.chain(random.iter().cloned()) {
+                for contact in scene.contacts(&[pose], clearance) {
+                    assert!(!left.contains(&contact.pair), "{name}, {clearance} m: {contact:?}");
+                }
+            }
+        }
+    }
+}
+
+/// From any frame to any other that is few joints away a point goes where the scalar engine has it, and anywhere else in a
+/// part of the joints' ranges no farther from there than the bound says.
+#[test]
+fn a_point_crosses_joints_as_they_stand() {
+    for name in ["icub", "panda"] {
+        let (robot, scene) = scene(name);
+        let frames = compile(&scene, scene.pairs(), 0.0).movers.frames;
+        let proofs = Proofs::new(&frames, &[], 0.0);
+        let (mut ways, mut worst) = (0, 0.0f64);
+        for pose in random_poses(&robot, 8).take(20) {
+            let mut exact = Vec::new();
+            scene.skeletons()[0].place(&pose, &mut exact);
+            let world = |frame: usize| exact[frame] * frames[frame].choice;
+            for (from, to) in (0..exact.len()).flat_map(|f| (0..exact.len()).map(move |g| (f, g))) {
+                let crossings = proofs.crossings(from, to);
+                let Some(common) = common(&frames, from, to).filter(|_| !crossings.is_empty()) else { continue };
+                let carriers = |frame| above(&frames, frame).take_while(|f| *f != common).collect::<Vec<usize>>();
+                let all = carriers(from).into_iter().chain(carriers(to).into_iter().rev());
+                let point = Vector3::new(0.1, -0.2, 0.3);
+                let (mut here, mut near, mut spread) = (point, point, 0.0);
+                for ((crossing, range), frame) in crossings.iter().zip(all) {
+                    let joint = &frames[frame].carried.as_ref().expect("a joint").joint;
+                    let at = joint.start + (pose[joint.motor] - joint.low) * joint.gain;
+                    assert!((at - range.middle).abs() <= range.half + 1e-9);
+                    here = crossing.cross(here, &Stance::new(at, 0.0)).0;
+                    let (next, more) = crossing.cross(near, &Stance::new(at + 0.1 * range.half, 0.1 * range.half));
+                    (near, spread) = (next, spread + more);
+                }
+                let expected = (world(to).inverse() * world(from)).transform_point(&point.into()).coords;
+                assert!((here - expected).norm() < 1e-9, "{name}, {from} to {to}: {here} instead of {expected}");
+                assert!((here - near).norm() <= spread + 1e-9, "{name}, {from} to {to}: farther than {spread}");
+                worst = worst.max((here - near).norm() / spread);
+                ways += 1;
+            }
+        }
+        assert!(ways > 1_000 && worst > 0.99, "{name}: {ways} ways, {worst} of a bound");
+    }
+}
+
+/// Together sine and cosine are no worse than `bound.rs` counts on, whatever the angle's size.
+#[test]
+fn sine_and_cosine_keep_to_their_bound() {
+    let (_, scene) = scene("katana");
+    let mut joint = Some(compile(&scene, scene.pairs(), 0.0).program.joints[0].clone());
+    let mut worst = 0.0f64;
+    for turns in [0.0, 1.0, -1000.0] {
+        let joint = joint.as_mut().expect("a joint");
+        (joint.start, joint.low, joint.gain) = (turns * std::f64::consts::TAU, 0.0, 1.0);
+        for i in 0..100_000 {
+            let angles: [f64; WIDTH] = std::array::from_fn(|lane| f64::from(i * 16 + lane as u32) * 4e-6);
+            let (mut sine, mut cosine) = (Row::default(), Row::default());
+            sine_cosine::<Portable>(&WideRow(angles), joint, &mut sine, &mut cosine);
+            for (lane, angle) in angles.iter().enumerate() {
+                let (s, c) = angle.sin_cos();
+                worst = worst.max((f64::from(sine.0[lane]) - s).hypot(f64::from(cosine.0[lane]) - c));
+            }
+        }
+    }
+    assert!(worst <= 1.65 * U && worst > 1.2 * U, "{} units", worst / U);
 }
