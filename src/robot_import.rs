@@ -20,8 +20,9 @@ use std::path::{Path, PathBuf};
 const HOME_CLEARANCES: [f64; 2] = [0.020, 0.013];
 /// By how much home is freer than the margin, at least, millimeters: plans keep 2 mm more than the margin.
 const BEYOND_MARGIN: f64 = 2.5;
-/// Shapes are fitted closer until so few poses are left at which some touch falsely, with no more shapes a link than this.
-const CLOSER: Closer = Closer { falsely: 0.003, shapes: 80 };
+/// Shapes are fitted closer until so few poses are left at which some touch falsely, with no more shapes a link than this; where that
+/// leaves more of them than `hulls`, shapes get hulls.
+const CLOSER: Closer = Closer { falsely: 0.003, shapes: 80, hulls: 0.03 };
 /// No more motors are named that home moves.
 const MOST_TOLD: usize = 8;
 /// How many poses show which shapes touch falsely.
@@ -297,11 +298,13 @@ fn told(robot: &Robot, moved: &[(usize, f64)]) -> String {
 }
 
 /// What became of a link that was fitted closer.
-fn said(Nearer { link, shapes: (before, after), overshoot }: &Nearer) -> String {
+fn said(Nearer { link, shapes: (before, after), hulls, overshoot }: &Nearer) -> String {
+    let why = "as its shapes touched falsely";
+    if *hulls > 0 {
+        return format!("link {link}: fitted closer, {why}: {after} shapes, not {before}, {hulls} of them with hulls");
+    }
     let within = overshoot * 1e3;
-    format!(
-        "link {link}: fitted closer, as its shapes touched falsely: {after} shapes, not {before}, within {within:.0} mm"
-    )
+    format!("link {link}: fitted closer, {why}: {after} shapes, not {before}, within {within:.0} mm")
 }
 
 /// What to make of a declared axis.

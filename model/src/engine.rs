@@ -18,16 +18,19 @@ mod scalar;
 
 pub use line::{LineQuery, LineResult, SweptPair};
 pub use scalar::ScalarEngine;
+pub(crate) use scalar::distances_from_hull;
 
+use crate::hull::Hull;
 use crate::shape::Shape;
 use nalgebra::{Isometry3, Point3};
 use std::fmt::Debug;
+use std::sync::Arc;
 
 /// The engine that a [`crate::Scene`] has unless it is told another: this line chooses for the whole house.
 pub type DefaultEngine = ScalarEngine;
 
 /// A shape on one of the frames that a pose moves.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Collider {
     /// The shape.
     pub shape: Shape,
@@ -35,6 +38,15 @@ pub struct Collider {
     pub frame: usize,
     /// `frame_from_shape`.
     pub pose: Isometry3<f64>,
+    /// What of the shape is solid, in the frame; all of it without. An engine that knows no hulls is on the safe side.
+    pub hull: Option<Arc<Hull>>,
+}
+
+impl Collider {
+    /// A shape that is solid throughout.
+    pub fn new(shape: Shape, frame: usize, pose: Isometry3<f64>) -> Self {
+        Self { shape, frame, pose, hull: None }
+    }
 }
 
 /// Two colliders by their index in the list that the engine was prepared with.
@@ -77,7 +89,7 @@ pub enum Near {
 /// use nalgebra::Isometry3;
 ///
 /// // Two balls on a frame each: the first is the world's, the second moves.
-/// let ball = |frame| Collider { shape: Shape::Sphere { radius: 0.1 }, frame, pose: Isometry3::identity() };
+/// let ball = |frame| Collider::new(Shape::Sphere { radius: 0.1 }, frame, Isometry3::identity());
 /// let engine = ScalarEngine::prepare(&[ball(0), ball(1)]);
 /// let mut placement = Default::default();
 /// engine.place(&[Isometry3::identity(), Isometry3::translation(0.25, 0.0, 0.0)], &mut placement);
@@ -165,7 +177,7 @@ pub trait Engine: Clone + Debug + Send + Sync + 'static {
 
     /// The signed distance of two shapes where they are, whatever it is. For tests and tools: it prepares both anew.
     fn distance(a: &Shape, world_from_a: &Isometry3<f64>, b: &Shape, world_from_b: &Isometry3<f64>) -> Proximity {
-        let on_frame = |shape: &Shape, frame| Collider { shape: *shape, frame, pose: Isometry3::identity() };
+        let on_frame = |shape: &Shape, frame| Collider::new(*shape, frame, Isometry3::identity());
         let engine = Self::prepare(&[on_frame(a, 0), on_frame(b, 1)]);
         let mut placement = Self::Placement::default();
         engine.place(&[*world_from_a, *world_from_b], &mut placement);

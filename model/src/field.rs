@@ -141,7 +141,10 @@ fn fields_of<E: Engine>(scene: &Arc<Scene<E>>, robot: usize) -> Arc<Scene<E>> {
         let mut r = r.clone();
         if i == robot {
             let fields = Arc::make_mut(&mut r);
-            fields.nodes.iter_mut().for_each(|n| n.solids = std::mem::take(&mut n.fields));
+            for node in &mut fields.nodes {
+                node.solids = std::mem::take(&mut node.fields);
+                node.hulls.clear();
+            }
             fields.pairs.reflex = std::mem::take(&mut fields.pairs.field);
             fields.pairs.visual_only.clear();
         }

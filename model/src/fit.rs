@@ -22,6 +22,7 @@
 
 mod enclose;
 mod filled;
+mod hulling;
 mod piece;
 mod probe;
 mod search;
@@ -30,6 +31,7 @@ mod yielding;
 
 use crate::{Mesh, Primitive};
 use enclose::Cover;
+pub(crate) use hulling::rounded;
 pub(crate) use yielding::shared;
 
 /// How near and how many.
@@ -123,7 +125,9 @@ impl Fit {
 
     /// The shapes as they are given away.
     fn covers(&self) -> impl Iterator<Item = Cover> + '_ {
-        self.pieces.iter().map(|p| p.tried.cover.grown(self.slack))
+        // a hull is larger by its radius than what it is around, and is rounded
+        let beyond = |p: &piece::Piece| p.hull.as_ref().map_or(self.slack, |hull| hull.radius() + hulling::ROUNDED);
+        self.pieces.iter().map(move |p| p.tried.cover.grown(beyond(p)))
     }
 }
 

@@ -21,6 +21,7 @@ mod error;
 mod field;
 pub mod file;
 mod fit;
+mod hull;
 mod kinematics;
 mod law;
 mod left_out;
@@ -48,6 +49,7 @@ pub use engine::{
 pub use error::{Excerpt, FileError, Loaded};
 pub use field::Field;
 pub use fit::{Fit, FitOptions, Fitted, fit_link};
+pub use hull::{Hull, Hulls};
 pub use kinematics::MarkerPose;
 pub use law::{ForceLaw, Influences, JointLaw};
 pub use mesh::Mesh;

@@ -1,5 +1,6 @@
 //! A robot as its file describes it: parts, motors, a tree of nodes, shapes, markers and constraints.
 
+use crate::hull::Hulls;
 use crate::shape::Primitive;
 use nalgebra::{Unit, Vector3};
 use std::ops::Range;
@@ -117,6 +118,8 @@ pub struct Node {
     pub kind: NodeKind,
     /// Shapes that collide.
     pub solids: Vec<Primitive>,
+    /// What those of them really hold that are more than that: by their number among the solids.
+    pub hulls: Hulls,
     /// Shapes of the force field.
     pub fields: Vec<Primitive>,
     /// What simulated cameras see its shapes painted in, red, green and blue; `None`: as robots are.

@@ -50,6 +50,18 @@ pub struct BoundingCapsule {
 }
 
 impl Shape {
+    /// How deep a point (in the shape's frame, meters) lies within: how far it is from the nearest side, negative outside.
+    pub fn depth(&self, p: &Vector3<f64>) -> f64 {
+        match *self {
+            Self::Sphere { radius } => radius - p.norm(),
+            Self::Box { size } => (size / 2.0 - p.abs()).min(),
+            Self::Cylinder { radius, height } => (radius - p.x.hypot(p.z)).min(height / 2.0 - p.y.abs()),
+            Self::Capsule { radius, height } => {
+                radius - Vector3::new(p.x, (p.y.abs() - height / 2.0).max(0.0), p.z).norm()
+            }
+        }
+    }
+
     /// The radius of the smallest ball around the shape's origin that holds it, meters.
     pub fn bounding_radius(&self) -> f64 {
         match *self {

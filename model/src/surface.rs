@@ -1,7 +1,8 @@
 //! Contact by the meshes themselves: the truth that fitted shapes are compared with, and far too slow for anything else.
 
 use crate::engine::distance;
-use crate::{Fit, Mesh, Primitive, Robot, Shape};
+use crate::fit::rounded;
+use crate::{Fit, Hull, Hulls, Mesh, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, UnitQuaternion};
 use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use parry3d_f64::math::{Pose, Vector};
@@ -9,6 +10,7 @@ use parry3d_f64::query::intersection_test;
 use parry3d_f64::shape::{Ball, Capsule, Cuboid, Cylinder, SharedShape, TriMesh};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
 
 /// What a link collides with, in its own frame.
 #[derive(Clone, Debug, Default)]
@@ -28,6 +30,16 @@ impl LinkSurface {
     pub fn shapes(&self, fit: Option<&Fit>) -> Vec<Primitive> {
         let all = self.solids.iter().cloned().chain(fit.into_iter().flat_map(Fit::primitives));
         all.map(|p| Primitive { pose: self.turn * p.pose, ..p }).collect()
+    }
+
+    /// What is solid of those shapes that are fitted, where that is less than the shape.
+    pub fn hulls(&self, fit: &Fit) -> Hulls {
+        let turned = |hull: &Hull| {
+            let points = hull.points().iter().map(|p| (self.turn * p).map(rounded)).collect();
+            Hull::new(points, hull.radius()).ok()
+        };
+        let all = fit.hulls().filter_map(|(i, hull)| Some((self.solids.len() + i, Arc::new(turned(hull)?))));
+        all.collect()
     }
 }
 

@@ -10,6 +10,7 @@
 mod closer;
 mod compare;
 mod home;
+mod hulled;
 mod spare;
 mod subject;
 

@@ -75,6 +75,10 @@ pub fn robot_digest(robot: &Robot) -> String {
             }
         };
         sum.shapes(&node.solids);
+        for (solid, hull) in &node.hulls {
+            sum.text("hull").number(*solid).reals([hull.radius()]).number(hull.points().len());
+            sum.reals(hull.points().iter().flat_map(|p| p.iter().copied()));
+        }
     }
     sum.number(robot.markers.len());
     for marker in &robot.markers {

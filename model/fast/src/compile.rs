@@ -35,6 +35,8 @@ pub(crate) struct Sized {
     pub shape: Shape,
     /// How far any of its points is displaced by rounding, meters.
     error: f64,
+    /// Whether only a hull within the shape is solid.
+    hull: bool,
 }
 
 impl Sized {
@@ -138,7 +140,7 @@ fn sized(collider: &Collider, frames: &[LaneFrame]) -> Sized {
     let frame = &frames[collider.frame];
     let pose = frame.choice.inverse() * collider.pose;
     let error = frame.bound.solid(pose.translation.vector.norm(), collider.shape.bounding_radius());
-    Sized { frame: collider.frame, pose, shape: collider.shape, error }
+    Sized { frame: collider.frame, pose, shape: collider.shape, error, hull: collider.hull.is_some() }
 }
 
 /// The pairs but for those that are proved to keep apart, and how many these are.
@@ -308,6 +310,7 @@ fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance:
         inner: ((inside + clearance - band) * (1.0 - 4.0 * U)) as f32,
         apart: up(round_radii + clearance + band),
         round: is_round,
+        hull: x.hull || y.hull,
     }
 }
 

@@ -80,9 +80,20 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     if pair.round {
         let touching = touching(squared, pair.inner) & near;
         let free = if MOVES { apart::<L, false>(gap, squared, pair.outer, motion) } else { 0 };
-        return Found { touching, doubtful: near & !touching & !free, open: near, stuck: 0 };
+        return solid::<MOVES>(pair, Found { touching, doubtful: near & !touching & !free, open: near, stuck: 0 });
     }
-    project_to_and_fro::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion)
+    solid::<MOVES>(pair, project_to_and_fro::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion))
+}
+
+/// What is known of a pair whose shapes may hold hulls: shapes that are apart have hulls that are apart, and of all others the reference
+/// knows.
+#[inline(always)]
+fn solid<const MOVES: bool>(pair: &PairTest, found: Found) -> Found {
+    if !pair.hull {
+        return found;
+    }
+    let stuck = if MOVES { found.open } else { 0 };
+    Found { touching: 0, doubtful: found.touching | found.doubtful, open: found.open, stuck }
 }
 
 /// The lanes in which a ball's center is nearer to the axis of a solid's capsule, up to this half length, than that.

@@ -191,6 +191,8 @@ pub(crate) struct PairTest {
     pub apart: f32,
     /// Whether the capsules are the shapes themselves.
     pub round: bool,
+    /// Whether of a shape only its hull is solid: then the lanes can tell that the two are apart, and nothing else.
+    pub hull: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -16,7 +16,7 @@ pub(crate) struct Reference {
 
 impl Reference {
     pub fn new(scene: &Scene, pairs: Vec<IndexPair>) -> Self {
-        let colliders: Vec<_> = scene.colliders().copied().collect();
+        let colliders: Vec<_> = scene.colliders().cloned().collect();
         let engine = ScalarEngine::prepare(&colliders);
         Reference { scene: scene.clone(), engine, placement: Default::default(), frames: Vec::new(), pairs }
     }

@@ -10,11 +10,14 @@ mod gjk;
 mod overlap;
 mod support;
 
+pub(crate) use support::distances_from_hull;
+
 use super::{Collider, Engine, IndexPair, Near, Proximity};
 use crate::shape::Shape;
 use closed::{Segment, segments_squared};
+
 use exact::distance_within;
-use form::{Core, Form};
+use form::Form;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// One pair at a time, in plain `f64`.
@@ -25,7 +28,7 @@ pub struct ScalarEngine {
 }
 
 /// A prepared collider.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Solid {
     /// Its shape.
     form: Form,
@@ -53,7 +56,12 @@ impl Engine for ScalarEngine {
     fn prepare(colliders: &[Collider]) -> Self {
         let solid = |c: &Collider| {
             let form = Form::new(&c.shape);
-            Solid { form, frame: c.frame, pose: c.pose, half_axis: c.pose.rotation * form.outer.half_axis }
+            let form = match &c.hull {
+                Some(hull) => form.hollowed(hull, &c.pose.inverse()),
+                None => form,
+            };
+            let half_axis = c.pose.rotation * form.outer.half_axis;
+            Solid { form, frame: c.frame, pose: c.pose, half_axis }
         };
         ScalarEngine { solids: colliders.iter().map(solid).collect() }
     }
@@ -125,10 +133,10 @@ impl ScalarEngine {
             return best;
         }
         // A table or a wall is a box whose ball and capsule are far too large: against it the other's ball tells more.
-        if let Core::Box { half } = a.core {
+        if let Some(half) = a.boxed {
             best = best.max(outside(&half, &self.pose(placement, i), &axis_b.middle) - b.ball);
         }
-        if let Core::Box { half } = b.core {
+        if let Some(half) = b.boxed {
             best = best.max(outside(&half, &self.pose(placement, j), &axis_a.middle) - a.ball);
         }
         if best > enough {

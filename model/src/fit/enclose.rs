@@ -60,16 +60,7 @@ impl Cover {
 
     /// Whether a point is within.
     pub fn contains(&self, point: &Vector3<f64>) -> bool {
-        let p = self.pose.inverse_transform_point(&Point3::from(*point)).coords;
-        match self.shape {
-            Shape::Sphere { radius } => p.norm() <= radius,
-            Shape::Box { size } => (0..3).all(|i| p[i].abs() <= size[i] / 2.0),
-            Shape::Cylinder { radius, height } => p.x.hypot(p.z) <= radius && p.y.abs() <= height / 2.0,
-            Shape::Capsule { radius, height } => {
-                let beyond = (p.y.abs() - height / 2.0).max(0.0);
-                Vector3::new(p.x, beyond, p.z).norm() <= radius
-            }
-        }
+        self.shape.depth(&self.pose.inverse_transform_point(&Point3::from(*point)).coords) >= 0.0
     }
 }
 

@@ -4,11 +4,11 @@ use super::enclose::{self, Cover, THICKER};
 use super::filled::Filled;
 use super::probe::{self, COARSE, MEDIUM};
 use super::soup::Triangle;
-use crate::Shape;
+use crate::{Hull, Shape};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Half as many extreme points of a piece stand for all of its corners while shapes are tried.
-const DIRECTIONS: usize = 48;
+pub(super) const DIRECTIONS: usize = 48;
 /// A cylinder must be so much nearer to be taken: it takes several times longer to test.
 const CYLINDER: f64 = 1.3;
 /// A box must be so much nearer than a ball or capsule.
@@ -112,6 +112,8 @@ pub(super) struct Piece {
     pub tried: Tried,
     /// Whether it gave way to others already.
     pub reshaped: bool,
+    /// What of the shape is solid, if not all.
+    pub hull: Option<Hull>,
 }
 
 impl Piece {
@@ -123,14 +125,14 @@ impl Piece {
         like: &UnitQuaternion<f64>,
         filled: &Filled,
     ) -> Option<Self> {
-        let extremes = extremes(triangles.iter().flatten());
+        let extremes = extremes(DIRECTIONS, triangles.iter().flatten());
         let turns = [UnitQuaternion::identity(), enclose::principal_axes(spread(&samples, &extremes)), *like];
         let rough = best(&extremes, &turns, filled)?;
         let fine = refined(&extremes, rough, filled);
         // Corners between the extreme ones may stick out a little.
         let corners: Vec<Vector3<f64>> = triangles.iter().flatten().copied().collect();
         let tried = tried(enclose::around(&corners, &fine.cover), MEDIUM, filled);
-        Some(Self { triangles, samples, extremes, tried, reshaped: false })
+        Some(Self { triangles, samples, extremes, tried, reshaped: false, hull: None })
     }
 
     /// Both in one.
@@ -146,40 +148,43 @@ pub(super) fn spread<'a>(samples: &'a [Vector3<f64>], extremes: &'a [Vector3<f64
     if samples.len() < 12 { extremes } else { samples }
 }
 
-/// The points that lie farthest in some of many directions, each once.
-pub(super) fn extremes<'a>(points: impl Iterator<Item = &'a Vector3<f64>>) -> Vec<Vector3<f64>> {
-    let directions = directions();
-    let mut most = [(f64::INFINITY, f64::NEG_INFINITY); DIRECTIONS];
-    let mut found = [[Vector3::zeros(); 2]; DIRECTIONS];
+/// The points that lie farthest in some of many directions, each once; to and fro along `count` axes.
+pub(super) fn extremes<'a>(count: usize, points: impl Iterator<Item = &'a Vector3<f64>>) -> Vec<Vector3<f64>> {
+    let mut all: Vec<_> = directions(count)
+        .map(|direction| (direction, [(f64::INFINITY, Vector3::zeros()), (f64::NEG_INFINITY, Vector3::zeros())]))
+        .collect();
     for p in points {
-        for (direction, ((low, high), found)) in directions.iter().zip(most.iter_mut().zip(&mut found)) {
+        for (direction, [low, high]) in &mut all {
             let along = direction.dot(p);
-            if along < *low {
-                (*low, found[0]) = (along, *p);
+            if along < low.0 {
+                *low = (along, *p);
             }
-            if along > *high {
-                (*high, found[1]) = (along, *p);
+            if along > high.0 {
+                *high = (along, *p);
             }
         }
     }
-    let mut out: Vec<Vector3<f64>> =
-        if most[0].0.is_finite() { found.into_iter().flatten().collect() } else { Vec::new() };
-    let order =
-        |a: &Vector3<f64>, b: &Vector3<f64>| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
-    out.sort_by(order);
+    let found = all.into_iter().flat_map(|(_, ends)| ends);
+    let mut out: Vec<Vector3<f64>> = found.filter(|(along, _)| along.is_finite()).map(|(_, p)| p).collect();
+    out.sort_by(in_order);
     out.dedup();
     out
 }
 
+/// By x, then y, then z.
+pub(super) fn in_order(a: &Vector3<f64>, b: &Vector3<f64>) -> std::cmp::Ordering {
+    a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z))
+}
+
 /// Directions spread evenly over half a ball: a spiral.
-fn directions() -> [Vector3<f64>; DIRECTIONS] {
+fn directions(count: usize) -> impl Iterator<Item = Vector3<f64>> {
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    std::array::from_fn(|i| {
+    (0..count).map(move |i| {
         // The axes first: most parts have faces there.
         if i < 3 {
             return Vector3::ith(i, 1.0);
         }
-        let y = (i as f64 - 2.5) / (DIRECTIONS - 3) as f64;
+        let y = (i as f64 - 2.5) / (count - 3) as f64;
         let (sin, cos) = (golden * i as f64).sin_cos();
         let r = (1.0 - y * y).max(0.0).sqrt();
         Vector3::new(r * cos, y, r * sin)

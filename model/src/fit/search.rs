@@ -12,6 +12,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const SAMPLES: f64 = 2500.0;
 /// Where planes are tried, as shares of a piece's extent along an axis.
 const CUTS: [f64; 7] = [0.12, 0.25, 0.37, 0.5, 0.63, 0.75, 0.88];
+/// What is thinner than this has nothing to be split, meters.
+const THIN: f64 = 1e-3;
 /// How many pieces more than allowed there are before they are merged.
 const MORE: usize = 10;
 /// How often released triangles may make room for more splits.
@@ -105,7 +107,9 @@ fn release_all(pieces: &mut Vec<Piece>, filled: &Filled) {
             pieces[to].triangles.push(triangle);
             changed.insert(to);
         }
-        changed.into_iter().for_each(|i| pieces[i].extremes = piece::extremes(pieces[i].triangles.iter().flatten()));
+        changed.into_iter().for_each(|i| {
+            pieces[i].extremes = piece::extremes(piece::DIRECTIONS, pieces[i].triangles.iter().flatten())
+        });
         match smaller {
             Some(smaller) => pieces[this] = smaller,
             None => gone[this] = true,
@@ -172,10 +176,40 @@ fn split_all(pieces: &mut Vec<Piece>, count: usize, bound: f64, plan: Plan, fill
 
 /// A piece in two, at the best plane.
 pub(super) fn halves(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Piece, Piece)> {
-    let like = piece.tried.cover.pose.rotation;
     let (normal, at) = best_plane(piece, plan, filled)?;
-    let [low, high] = parts(piece, &normal, at);
+    halves_at(piece, &normal, at, filled)
+}
+
+/// A piece in two, at a plane.
+pub(super) fn halves_at(piece: &Piece, normal: &Vector3<f64>, at: f64, filled: &Filled) -> Option<(Piece, Piece)> {
+    let like = piece.tried.cover.pose.rotation;
+    let [low, high] = parts(piece, normal, at);
     Piece::new(low.0, low.1, &like, filled).zip(Piece::new(high.0, high.1, &like, filled))
+}
+
+/// Planes that part a piece, each by its normal and its place along that: across the axes of its shape and of the link.
+pub(super) fn planes(piece: &Piece) -> impl Iterator<Item = (Vector3<f64>, f64)> {
+    normals(piece).into_iter().flat_map(|normal| {
+        let (low, high) = extent(piece, &normal);
+        let cuts = CUTS.into_iter().filter(move |_| high - low >= THIN);
+        cuts.map(move |cut| (normal, low + cut * (high - low)))
+    })
+}
+
+/// The directions of the axes of a piece's shape, and those of the link that are others.
+fn normals(piece: &Piece) -> Vec<Vector3<f64>> {
+    let turn = piece.tried.cover.pose.rotation;
+    let mut axes: Vec<Vector3<f64>> = (0..3).map(|i| turn * Vector3::ith(i, 1.0)).collect();
+    let own = (0..3).map(|i| Vector3::ith(i, 1.0));
+    let new = own.filter(|a: &Vector3<f64>| axes.iter().all(|b| a.dot(b).abs() < 0.99)).collect::<Vec<_>>();
+    axes.extend(new);
+    axes
+}
+
+/// From where to where a piece reaches along a direction, meters.
+fn extent(piece: &Piece, along: &Vector3<f64>) -> (f64, f64) {
+    let places = piece.extremes.iter().map(|p| along.dot(p));
+    places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
 }
 
 /// Triangles and samples on both sides of a plane.
@@ -189,10 +223,6 @@ fn parts(piece: &Piece, normal: &Vector3<f64>, at: f64) -> [(Vec<Triangle>, Vec<
 /// The plane that leaves the best two sides, judged by samples.
 fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64>, f64)> {
     let turn = piece.tried.cover.pose.rotation;
-    let mut axes: Vec<Vector3<f64>> = (0..3).map(|i| turn * Vector3::ith(i, 1.0)).collect();
-    let own = (0..3).map(|i| Vector3::ith(i, 1.0));
-    let new = own.filter(|a: &Vector3<f64>| axes.iter().all(|b| a.dot(b).abs() < 0.99)).collect::<Vec<_>>();
-    axes.extend(new);
     let points: Vec<Vector3<f64>> = piece.samples.iter().chain(&piece.extremes).copied().collect();
     let mut best: Option<(f64, Vector3<f64>, f64, f64)> = None;
     let attempt = |normal: &Vector3<f64>, at: f64, least: f64| {
@@ -206,11 +236,9 @@ fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64
         let mean = |f: fn(&Tried) -> f64| f(&a) * share + f(&b) * (1.0 - share);
         Some(a.cost.max(b.cost) + mean(|t| t.mean) + plan.sides * mean(|t| t.cost))
     };
-    for normal in axes {
-        let along = piece.extremes.iter().map(|p| normal.dot(p));
-        let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), a| (l.min(a), h.max(a)));
-        // What is thin already has nothing to be split.
-        if high - low < 1e-3 {
+    for normal in normals(piece) {
+        let (low, high) = extent(piece, &normal);
+        if high - low < THIN {
             continue;
         }
         for share in CUTS {
@@ -239,7 +267,7 @@ fn best_plane(piece: &Piece, plan: Plan, filled: &Filled) -> Option<(Vector3<f64
 
 /// What would enclose the points on one side of a plane, about.
 fn side(points: &[Vector3<f64>], turn: &UnitQuaternion<f64>, filled: &Filled) -> Option<Tried> {
-    let extremes = piece::extremes(points.iter());
+    let extremes = piece::extremes(piece::DIRECTIONS, points.iter());
     piece::best(&extremes, &[*turn, principal_axes(spread(points, &extremes))], filled)
 }
 

@@ -2,8 +2,8 @@
 
 use super::piece::Piece;
 use super::probe;
-use super::search::{PLANS, area, halves, samples};
-use super::{Cover, Fit};
+use super::search::{PLANS, area, halves, halves_at, planes, samples};
+use super::{Cover, Fit, hulling};
 use nalgebra::Vector3;
 
 /// So many points stand for the surface of a piece that is looked at anew.
@@ -33,6 +33,9 @@ impl Fit {
 
     /// What takes the place of a piece: itself in another shape, or its parts.
     fn instead(&self, piece: &Piece) -> Option<(Piece, Option<Piece>)> {
+        if piece.hull.is_some() {
+            return self.parted(piece);
+        }
         let taken = |piece: &Piece| self.filled.taken(&piece.tried.cover);
         let before = taken(piece);
         let total: f64 = piece.triangles.iter().map(area).sum();
@@ -43,9 +46,38 @@ impl Fit {
             return Some((Piece { reshaped: true, ..again }, None));
         }
         let (low, high) = halves(&again, PLANS[0], &self.filled)?;
-        let parts = [&low, &high].map(|p| p.tried.worst + p.tried.mean);
-        let nearer = parts[0].max(parts[1]) < 0.98 * (piece.tried.worst + piece.tried.mean);
+        let parts = (low, high);
+        let nearer = are_nearer(&parts, piece);
+        let (low, high) = parts;
         (nearer || taken(&low) + taken(&high) < (1.0 - LEAST_GAIN) * before).then_some((low, Some(high)))
+    }
+
+    /// The parts of a piece whose hull gives way, at the plane that leaves the fewest of the claimed places to the hulls of both.
+    fn parted(&self, piece: &Piece) -> Option<(Piece, Option<Piece>)> {
+        let total: f64 = piece.triangles.iter().map(area).sum();
+        let samples = samples(&piece.triangles, total, SAMPLES);
+        let points: Vec<Vector3<f64>> = samples.iter().chain(&piece.extremes).copied().collect();
+        let held = |points: &[Vector3<f64>]| hulling::held(points, &self.filled.claimed);
+        let before = held(&points);
+        let mut best = ((1.0 - LEAST_GAIN) * before as f64, None);
+        for (normal, at) in planes(piece) {
+            let (low, high): (Vec<_>, Vec<_>) = points.iter().partition(|p| normal.dot(p) <= at);
+            let left = (held(&low) + held(&high)) as f64;
+            // of two planes that leave equally many, the one with the more equal sides
+            let uneven = (low.len() as f64 - high.len() as f64).abs() / points.len() as f64;
+            if left + 0.5 * uneven < best.0 {
+                best = (left + 0.5 * uneven, Some((normal, at)));
+            }
+        }
+        let piece = Piece { samples, ..piece.clone() };
+        let (mut low, mut high) = match best.1 {
+            Some((normal, at)) => halves_at(&piece, &normal, at, &self.filled)?,
+            // no single plane opens the hollow, but parts that are nearer to the mesh may be parted further
+            None => halves(&piece, PLANS[0], &self.filled).filter(|parts| are_nearer(parts, &piece))?,
+        };
+        low.hull = hulling::around(&low, self.slack);
+        high.hull = hulling::around(&high, self.slack);
+        Some((low, Some(high)))
     }
 
     /// How many primitives there are.
@@ -62,6 +94,12 @@ impl Fit {
     pub(crate) fn distance(&self, place: &Vector3<f64>) -> f64 {
         self.exact.distance(place).unwrap_or(0.0)
     }
+}
+
+/// Whether two parts of a piece are nearer to the mesh than its own shape.
+fn are_nearer((low, high): &(Piece, Piece), piece: &Piece) -> bool {
+    let far = |p: &Piece| p.tried.worst + p.tried.mean;
+    far(low).max(far(high)) < 0.98 * far(piece)
 }
 
 /// Places on the surface of either primitive that the other contains.

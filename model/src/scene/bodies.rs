@@ -97,9 +97,11 @@ impl Bodies {
             for (s, primitive) in node.solids.iter().enumerate() {
                 let id = ShapeId::Robot { robot: index as u16, node: n as u16, shape: s as u16 };
                 let pose = skeleton.in_frame[n] * primitive.pose;
+                let hull = node.hulls.get(&s).map(|hull| Arc::new(hull.moved(&skeleton.in_frame[n])));
+                let frame = self.frames + skeleton.frame[n];
                 self.solids.push(Solid {
                     id,
-                    collider: Collider { shape: primitive.shape, frame: self.frames + skeleton.frame[n], pose },
+                    collider: Collider { shape: primitive.shape, frame, pose, hull },
                     fixed: skeleton.frame[n] == 0,
                     near_root: node.near_root,
                 });
@@ -137,7 +139,7 @@ impl Bodies {
                 list.push((i as u32, j as u32));
             }
         }
-        let colliders: Vec<Collider> = self.solids[first_solid..].iter().map(|s| s.collider).collect();
+        let colliders: Vec<Collider> = self.solids[first_solid..].iter().map(|s| s.collider.clone()).collect();
         self.reach.push(Reach::new(&skeleton, self.frames, &colliders));
         self.first_motor.push(self.motors);
         self.motors += robot.motors.len();

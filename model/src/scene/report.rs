@@ -2,6 +2,7 @@
 
 use super::{Contact, ObjectClass, Scene, ShapeId};
 use crate::engine::{Collider, Engine, IndexPair, Near};
+use crate::hull::Hulls;
 use crate::shape::Primitive;
 use nalgebra::Isometry3;
 
@@ -43,7 +44,7 @@ impl Inventory {
     fn add<'a>(
         &mut self,
         frame: &Isometry3<f64>,
-        shapes: impl IntoIterator<Item = &'a Primitive>,
+        (shapes, hulls): (impl IntoIterator<Item = &'a Primitive>, &Hulls),
         id: impl Fn(u16) -> ShapeId,
     ) -> Vec<Listed> {
         self.frames.push(*frame);
@@ -51,7 +52,8 @@ impl Inventory {
         let mut listed = Vec::new();
         for (s, primitive) in shapes.into_iter().enumerate() {
             listed.push((id(s as u16), self.colliders.len() as u32));
-            self.colliders.push(Collider { shape: primitive.shape, frame, pose: primitive.pose });
+            let hull = hulls.get(&s).cloned();
+            self.colliders.push(Collider { shape: primitive.shape, frame, pose: primitive.pose, hull });
         }
         listed
     }
@@ -89,19 +91,21 @@ impl<E: Engine> Scene<E> {
     /// Prepares all shapes anew at each call. Not meant for the control loop: ask [`Scene::contacts`] there.
     pub fn report<P: AsRef<[f64]>>(&self, poses: &[P]) -> Vec<ReportedContact> {
         let transforms = self.node_transforms(poses);
-        let mut inventory = Inventory::default();
+        let (mut inventory, none) = (Inventory::default(), Hulls::new());
         let mut robots: Vec<Vec<NodeShapes>> = Vec::new();
         for (r, (robot, world_from_node)) in self.robots().iter().zip(&transforms).enumerate() {
             let nodes = robot.nodes.iter().zip(world_from_node).enumerate().map(|(n, (node, frame))| {
                 let id = |s: u16| ShapeId::Robot { robot: r as u16, node: n as u16, shape: s };
-                let solids = inventory.add(frame, &node.solids, id);
-                NodeShapes { solids, fields: inventory.add(frame, &node.fields, id) }
+                let solids = inventory.add(frame, (&node.solids, &node.hulls), id);
+                NodeShapes { solids, fields: inventory.add(frame, (&node.fields, &none), id) }
             });
             robots.push(nodes.collect());
         }
         let obstacles = self.objects().filter(|(_, o)| o.class == ObjectClass::Obstacle);
         let obstacles: Vec<Listed> = obstacles
-            .flat_map(|(id, o)| inventory.add(&o.pose, &o.shapes, |s| ShapeId::Object { object: id, shape: s }))
+            .flat_map(|(id, o)| {
+                inventory.add(&o.pose, (&o.shapes, &none), |s| ShapeId::Object { object: id, shape: s })
+            })
             .collect();
 
         let mut tests = Tests::default();

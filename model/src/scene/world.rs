@@ -43,7 +43,7 @@ impl<E: Engine> World<E> {
                 let pose = object.pose * primitive.pose;
                 solids.push(Solid {
                     id: ShapeId::Object { object: *id, shape: s as u16 },
-                    collider: Collider { shape: primitive.shape, frame: bodies.frames, pose },
+                    collider: Collider::new(primitive.shape, bodies.frames, pose),
                     fixed: true,
                     near_root: false,
                 });
@@ -66,7 +66,7 @@ impl<E: Engine> World<E> {
         }
         let groups =
             by_frames.into_iter().map(|((f, g), pairs)| Group { travel: bodies.travel(f, g), pairs }).collect();
-        let engine = E::prepare(&solids.iter().map(|s| s.collider).collect::<Vec<_>>());
+        let engine = E::prepare(&solids.iter().map(|s| s.collider.clone()).collect::<Vec<_>>());
         let mut world = World { solids, engine, pairs, groups, fixed_contacts: Vec::new() };
         // No pose changes these, so any will do: all robots at home.
         let (mut frames, mut placement) = (Vec::new(), E::Placement::default());

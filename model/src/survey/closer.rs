@@ -5,6 +5,7 @@
 //!       ^                                                                       │
 //!       └──── shapes that hold most of them give way, in one piece or two <─────┘
 //! ```
+//! Where that does not get far enough ([`Closer::hulls`]), the shapes get hulls (`hulled.rs`).
 
 use super::{Placed, Subject};
 use crate::fit::shared;
@@ -38,6 +39,8 @@ pub struct Closer {
     pub falsely: f64,
     /// How many shapes a link may have.
     pub shapes: usize,
+    /// If more than this share of these poses is left, shapes get hulls: what touches is then the hull of what a shape encloses.
+    pub hulls: f64,
 }
 
 /// A link that was fitted closer.
@@ -47,6 +50,8 @@ pub struct Nearer {
     pub link: String,
     /// How many shapes were around its meshes, and how many are.
     pub shapes: (usize, usize),
+    /// How many of them have hulls.
+    pub hulls: usize,
     /// As [`crate::Fitted::overshoot`], now.
     pub overshoot: f64,
 }
@@ -55,7 +60,8 @@ pub struct Nearer {
 ///
 /// Pairs that need no test (see [`crate::spared_pairs`]) do not count. Of two shapes that touch falsely the one gives way that is
 /// farther from its mesh; it is replaced by one or two that still hold its part of the mesh. Ends where few poses are left, or no
-/// shape can give way or be added.
+/// shape can give way or be added. If too many are left then, it begins anew with hulls ([`crate::Hull`]): those of whole links that
+/// touch falsely, and then hulls give way as shapes do, in two parts.
 ///
 /// # Arguments
 /// * `links`, `fits`: what was fitted to the links' meshes, as [`crate::load_urdf_with_surfaces`] gives them.
@@ -75,37 +81,49 @@ pub fn fit_closer(
         falsely_touching(&Subject::new(robot, surfaces)?, surfaces, (poses, seed), &mut |share| {
             progress(half(0.0, share));
         });
+    let before: BTreeMap<String, usize> = fits.iter().map(|(link, fit)| (link.clone(), fit.count())).collect();
+    let (free, first) = (falsely.len() as f64, (robot.clone(), fits.clone(), falsely.clone()));
     let mut work = Work::new(robot, links, fits, falsely, goal.shapes);
     work.refit(&always_near);
-    let end = goal.falsely * work.falsely.len() as f64;
     let mut begin = None;
-    loop {
+    let left = loop {
         let touches = work.look(surfaces)?;
         let left = work.falsely.len();
         let begin = *begin.get_or_insert(left);
         progress(half(0.5, (begin - left) as f64 / begin.max(1) as f64));
-        if left as f64 <= end || !work.give_way(&touches) {
-            return Ok(work.told());
+        if left as f64 <= goal.falsely * free || !work.give_way(&touches) {
+            break left;
+        }
+    };
+    if left as f64 > goal.hulls * free {
+        let (mut other, mut hulled, falsely) = first;
+        let mut work = Work::new(&mut other, links, &mut hulled, falsely, goal.shapes);
+        if work.with_hulls(surfaces, (goal.falsely * free) as usize)? < left {
+            (*robot, *fits) = (other, hulled);
         }
     }
+    Ok(told(fits, before))
 }
 
 /// Two nodes.
 type NodePair = (usize, usize);
 
 /// A pose at which no meshes meet.
-struct Falsely {
+#[derive(Clone)]
+pub(super) struct Falsely {
     q: Vec<f64>,
     /// The pairs of nodes whose shapes touch.
     pairs: Vec<(usize, usize)>,
 }
 
 /// Two shapes that touch falsely, each by its node and its number there.
-struct Touch {
+pub(super) struct Touch {
     /// Index of the pose.
     pose: usize,
     /// Who.
-    shapes: [(usize, usize); 2],
+    pub(super) shapes: [(usize, usize); 2],
+    /// If one of them has a hull, the middle of what both hold, world frame.
+    place: Option<Point3<f64>>,
 }
 
 /// The random poses that are free by the meshes, with the pairs whose shapes touch falsely, as far as they need a test.
@@ -149,25 +167,23 @@ fn falsely_touching(
 }
 
 /// What is being fitted.
-struct Work<'a> {
-    robot: &'a mut Robot,
-    fits: &'a mut BTreeMap<String, Fit>,
+pub(super) struct Work<'a> {
+    pub(super) robot: &'a mut Robot,
+    pub(super) fits: &'a mut BTreeMap<String, Fit>,
     /// Per node with a fit: its link.
-    links: BTreeMap<usize, &'a LinkSurface>,
+    pub(super) links: BTreeMap<usize, &'a LinkSurface>,
     /// The poses that are left.
-    falsely: Vec<Falsely>,
+    pub(super) falsely: Vec<Falsely>,
     /// How many shapes a link may have.
     most: usize,
     /// How many pairs of shapes there are.
     pairs: usize,
     /// Shapes that can't give way, by node and number.
     stuck: BTreeSet<(usize, usize)>,
-    /// How many shapes were fitted to each link before.
-    before: BTreeMap<String, usize>,
 }
 
 impl<'a> Work<'a> {
-    fn new(
+    pub(super) fn new(
         robot: &'a mut Robot,
         links: &'a [LinkSurface],
         fits: &'a mut BTreeMap<String, Fit>,
@@ -178,8 +194,7 @@ impl<'a> Work<'a> {
         let links = fitted.filter_map(|l| Some((robot.node_named(&l.link)?, l))).collect();
         let shapes = |node: usize| robot.nodes[node].solids.len();
         let pairs = robot.pairs.reflex.iter().map(|(a, b)| shapes(*a) * shapes(*b)).sum();
-        let before = fits.iter().map(|(link, fit)| (link.clone(), fit.count())).collect();
-        Self { robot, fits, links, falsely, most, pairs, stuck: BTreeSet::new(), before }
+        Self { robot, fits, links, falsely, most, pairs, stuck: BTreeSet::new() }
     }
 
     /// Fits whole links closer whose shapes are always near each other and whose meshes are not: they would be left out.
@@ -200,15 +215,18 @@ impl<'a> Work<'a> {
     }
 
     /// What of the shapes still touches falsely; poses at which nothing does are done with.
-    fn look(&mut self, surfaces: &Surfaces) -> Result<Vec<Touch>, SceneError> {
+    pub(super) fn look(&mut self, surfaces: &Surfaces) -> Result<Vec<Touch>, SceneError> {
         let subject = Subject::new(self.robot, surfaces)?;
         let (mut touches, mut pose) = (Vec::new(), 0);
         self.falsely.retain_mut(|f| {
             let placed: Placed = subject.place(&f.q);
             f.pairs.retain(|(a, b)| {
                 let count = touches.len();
-                let found = subject.touching(&placed, (*a, *b));
-                touches.extend(found.map(|(i, j)| Touch { pose, shapes: [(*a, i), (*b, j)] }));
+                for (i, j) in subject.touching(&placed, (*a, *b)) {
+                    let hulls = [*a, *b].iter().any(|node| !subject.robot.nodes[*node].hulls.is_empty());
+                    let place = hulls.then(|| subject.place_of(&placed, [(*a, i), (*b, j)])).flatten();
+                    touches.push(Touch { pose, shapes: [(*a, i), (*b, j)], place });
+                }
                 touches.len() > count
             });
             pose += usize::from(!f.pairs.is_empty());
@@ -237,7 +255,7 @@ impl<'a> Work<'a> {
     }
 
     /// Lets the shapes give way that touch most often; answers whether there are any.
-    fn give_way(&mut self, touches: &[Touch]) -> bool {
+    pub(super) fn give_way(&mut self, touches: &[Touch]) -> bool {
         loop {
             let worst = self.worst(touches);
             if worst.is_empty() {
@@ -288,7 +306,10 @@ impl<'a> Work<'a> {
             let a_from_b = frames[a.0].inv_mul(&frames[b.0]);
             let shape = |(node, shape): (usize, usize)| &self.robot.nodes[node].solids[shape];
             let other = Primitive { pose: a_from_b * shape(b).pose, ..shape(b).clone() };
-            let places = shared(shape(a), &other);
+            let places = match touch.place {
+                Some(place) => vec![frames[a.0].inverse_transform_point(&place).coords],
+                None => shared(shape(a), &other),
+            };
             for place in places.iter().step_by(places.len().div_ceil(PLACES.0).max(1)) {
                 let at = [*place, a_from_b.inverse_transform_point(&Point3::from(*place)).coords];
                 for (shape, place) in self.at_fault(touch.shapes, at) {
@@ -337,19 +358,20 @@ impl<'a> Work<'a> {
             self.stuck.insert(shape);
             return false;
         }
-        let shapes = link.shapes(Some(fit));
+        let (shapes, hulls) = (link.shapes(Some(fit)), link.hulls(fit));
         let more = shapes.len() - self.robot.nodes[shape.0].solids.len();
         self.pairs += more * self.facing(shape.0);
         self.robot.nodes[shape.0].solids = shapes;
+        self.robot.nodes[shape.0].hulls = hulls;
         true
     }
+}
 
-    /// Which links are nearer to their meshes now.
-    fn told(self) -> Vec<Nearer> {
-        let nearer = |(link, before): (String, usize)| {
-            let fit = self.fits.get(&link).filter(|f| f.count() > before)?;
-            Some(Nearer { shapes: (before, fit.count()), overshoot: fit.overshoot(), link })
-        };
-        self.before.into_iter().filter_map(nearer).collect()
-    }
+/// Which links are nearer to their meshes now.
+fn told(fits: &BTreeMap<String, Fit>, before: BTreeMap<String, usize>) -> Vec<Nearer> {
+    let nearer = |(link, before): (String, usize)| {
+        let fit = fits.get(&link).filter(|f| f.count() > before || f.hulled() > 0)?;
+        Some(Nearer { shapes: (before, fit.count()), hulls: fit.hulled(), overshoot: fit.overshoot(), link })
+    };
+    before.into_iter().filter_map(nearer).collect()
 }

@@ -85,7 +85,9 @@ impl<'a> Subject<'a> {
         let (mut shapes, mut colliders) = (Vec::new(), Vec::new());
         for (frame, node) in robot.nodes.iter().enumerate() {
             let first = colliders.len() as u32;
-            colliders.extend(node.solids.iter().map(|s| Collider { shape: s.shape, frame, pose: s.pose }));
+            let hull = |k: usize| node.hulls.get(&k).cloned();
+            let solids = node.solids.iter().enumerate();
+            colliders.extend(solids.map(|(k, s)| Collider { shape: s.shape, frame, pose: s.pose, hull: hull(k) }));
             shapes.push(first..colliders.len() as u32);
         }
         let hulls = robot.nodes.iter().map(|n| Hull::new(&n.solids)).collect();
@@ -145,6 +147,15 @@ impl<'a> Subject<'a> {
         let pair = move |i: usize, j: usize| (self.shapes[a].start + i as u32, self.shapes[b].start + j as u32);
         let all = (0..of_a.len() * of_b.len()).map(move |k| (of_a[k / of_b.len()], of_b[k % of_b.len()]));
         all.filter(move |(i, j)| self.engine.touches(&placed.placement, pair(*i, *j), 0.0))
+    }
+
+    /// The middle of what two shapes that touch have in common, world frame; each is named by its node and its number there.
+    pub(super) fn place_of(&self, placed: &Placed, shapes: [(usize, usize); 2]) -> Option<Point3<f64>> {
+        let [a, b] = shapes.map(|(node, shape)| self.shapes[node].start + shape as u32);
+        match self.engine.near(&placed.placement, (a, b), 0.0) {
+            Near::Within(near) => Some(nalgebra::center(&near.points[0], &near.points[1])),
+            Near::Beyond(_) => None,
+        }
     }
 
     /// The pairs of nodes whose shapes are nearer than a margin (meters), each with the smallest distance.

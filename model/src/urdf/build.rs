@@ -10,6 +10,7 @@ use super::mesh::{self, MeshFile, Meshes};
 use super::tree::{Drive, Tree};
 use super::{UrdfOptions, neighbors, upright};
 use crate::error::{FileError, Source};
+use crate::hull::Hulls;
 use crate::{
     Fit, JointMotion, LinkSurface, Marker, Mesh, Motor, Node, NodeKind, NodePairs, Part, Primitive, Robot, Shape,
 };
@@ -344,6 +345,7 @@ impl Builder<'_> {
             part: 0,
             kind,
             solids,
+            hulls: Hulls::new(),
             fields,
             color: None,
             no_self_collision: false,

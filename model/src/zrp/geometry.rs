@@ -5,8 +5,8 @@
 
 use super::element::Element;
 use crate::error::FileError;
-use crate::{Primitive, Shape};
-use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
+use crate::{Hull, Primitive, Shape};
+use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
 /// Shorter directions count as zero.
 pub(super) const ZERO: f64 = 1e-12;
@@ -60,6 +60,30 @@ pub(super) fn primitive(e: &Element) -> Result<Primitive, FileError> {
         _ => Shape::Box { size: Vector3::new(e.size("width")?, e.size("height")?, e.size("depth")?) },
     };
     Ok(Primitive { shape, pose: pose(e)? })
+}
+
+/// What a shape's element may have besides, if it collides.
+pub(super) const HULL: &[&str] = &["hull", "hullRadius"];
+
+/// What of a shape is solid, if its element says so: points in the node's frame and a radius, meters.
+pub(super) fn hull(e: &Element, around: &Primitive) -> Result<Option<Hull>, FileError> {
+    if e.get("hull").is_none() {
+        return Ok(None);
+    }
+    let numbers = e.numbers("hull")?;
+    if !numbers.len().is_multiple_of(3) {
+        let message = format!("`hull` holds {} numbers, which is no multiple of three", numbers.len());
+        return Err(e.error_at("hull", message, "write x, y and z of each point, in meters, in the node's frame"));
+    }
+    let points = numbers.as_chunks().0.iter().map(|[x, y, z]| Point3::new(*x, *y, *z)).collect();
+    let radius = e.optional_size("hullRadius")?.unwrap_or(0.0);
+    let help = "leave out `hull` and `hullRadius`: then all of the shape is solid";
+    let hull = Hull::new(points, radius).map_err(|why| e.error_at("hull", format!("the hull {why}"), help))?;
+    if !hull.is_within(&around.shape, &around.pose) {
+        let message = format!("the hull sticks out of its <{}>, and what sticks out would not be seen", e.written);
+        return Err(e.error_at("hull", message, format!("make the shape larger, or {help}")));
+    }
+    Ok(Some(hull))
 }
 
 /// The cylinder (or capsule) of that `height` that `radius` and `field` add to a link or joint: along `axis`, centered

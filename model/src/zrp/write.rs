@@ -8,7 +8,7 @@ mod world;
 pub use world::write_world;
 
 use super::geometry;
-use crate::{JointMotion, Marker, Motor, Node, NodeKind, Primitive, Robot, Shape};
+use crate::{Hull, JointMotion, Marker, Motor, Node, NodeKind, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -162,8 +162,8 @@ impl Writer<'_> {
         todo.push(Todo::Close(tag));
         // What `radius` and `field` in the tag stand for must not be written a second time.
         let automatic = automatic_shapes(node);
-        for p in &node.solids[usize::from(automatic.solid)..] {
-            self.line(&primitive(p, false));
+        for (i, p) in node.solids.iter().enumerate().skip(usize::from(automatic.solid)) {
+            self.line(&(primitive(p, false) + &node.hulls.get(&i).map_or(String::new(), |h| hull(h))));
         }
         for p in &node.fields[usize::from(automatic.field)..] {
             self.line(&primitive(p, true));
@@ -255,7 +255,9 @@ fn automatic_shapes(node: &Node) -> Automatic {
         }
         _ => false,
     };
-    Automatic { solid: is(node.solids.first()), field: is(node.fields.first()) }
+    // One that has a hull needs a tag to say so in.
+    let solid = is(node.solids.first()) && !node.hulls.contains_key(&0);
+    Automatic { solid, field: is(node.fields.first()) }
 }
 
 /// Whether two poses are one but for rounding, meters and rad.
@@ -335,6 +337,12 @@ fn primitive(p: &Primitive, field: bool) -> String {
         out.push_str(" field=\"true\"");
     }
     out
+}
+
+/// The attributes of a hull: its points in meters, on the node.
+fn hull(hull: &Hull) -> String {
+    let numbers = hull.points().iter().flat_map(|p| p.iter().map(f64::to_string));
+    format!(" hull=\"{}\" hullRadius=\"{}\"", numbers.collect::<Vec<_>>().join(" "), hull.radius())
 }
 
 /// The heading and angle (rad) that the reader turns into this rotation. A heading along -y can't be told from one

@@ -60,7 +60,7 @@ impl Engine for Parry {
             Shape::Cylinder { radius, height } => SharedShape::new(Cylinder::new(height / 2.0, radius)),
             Shape::Box { size } => SharedShape::new(Cuboid::new(Vector::new(size.x / 2.0, size.y / 2.0, size.z / 2.0))),
         };
-        Parry(colliders.iter().map(|c| (*c, shape(&c.shape))).collect())
+        Parry(colliders.iter().map(|c| (c.clone(), shape(&c.shape))).collect())
     }
 
     fn place(&self, world_from_frame: &[Isometry3<f64>], placement: &mut Self::Placement) {

@@ -4,6 +4,7 @@ mod distance_pairs;
 mod engines;
 mod fields;
 mod fit;
+mod hulls;
 mod oracle;
 mod oracle_load;
 mod own_robots;

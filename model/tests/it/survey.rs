@@ -73,7 +73,7 @@ fn shapes_that_touch_falsely_are_fitted_closer_and_still_hold_the_meshes() {
         robot.leave_out([]);
         let surfaces = Surfaces::new(&robot, &links).unwrap();
         let before = compare(&robot, &surfaces, (300, 3), &mut |_| ()).unwrap();
-        let goal = Closer { falsely: 0.0, shapes: 8 };
+        let goal = Closer { falsely: 0.0, shapes: 8, hulls: 1.0 };
         let all = (links.as_slice(), &mut fits);
         let told = fit_closer(&mut robot, all, &surfaces, &goal, (600, 1), &mut |_| ()).unwrap();
         assert!(told.iter().all(|n| n.shapes.0 == 1 && n.shapes.1 <= 8), "{told:?}");
@@ -84,6 +84,30 @@ fn shapes_that_touch_falsely_are_fitted_closer_and_still_hold_the_meshes() {
         robot
     };
     assert_eq!(closer(), closer(), "equal seeds, equal robots");
+}
+
+#[test]
+fn hulls_take_over_where_few_shapes_are_not_close_enough() {
+    let with = |hulls: f64| {
+        let UrdfRobot { mut robot, surfaces: links, mut fits } = iron_and_slider(0.9);
+        robot.left_out = None;
+        robot.leave_out([]);
+        let surfaces = Surfaces::new(&robot, &links).unwrap();
+        let goal = Closer { falsely: 0.0, shapes: 2, hulls };
+        let all = (links.as_slice(), &mut fits);
+        let told = fit_closer(&mut robot, all, &surfaces, &goal, (600, 1), &mut |_| ()).unwrap();
+        let seen = compare(&robot, &surfaces, (300, 3), &mut |_| ()).unwrap();
+        assert_eq!(seen.missed, 0, "{seen:?}");
+        let hulls: usize = robot.nodes.iter().map(|n| n.hulls.len()).sum();
+        assert_eq!(hulls, told.iter().map(|n| n.hulls).sum::<usize>(), "{told:?}");
+        (robot, hulls, seen.blocked_share())
+    };
+    let (without, none, blocked) = with(1.0);
+    assert_eq!(none, 0);
+    let (robot, hulls, less) = with(0.0);
+    assert!(hulls > 0 && less < 0.5 * blocked, "{less} {blocked}");
+    assert_eq!(robot, with(0.0).0, "equal seeds, equal robots");
+    assert_ne!(robot, without);
 }
 
 #[test]

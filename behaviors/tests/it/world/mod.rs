@@ -15,6 +15,7 @@ pub fn arm(joints: usize) -> Arc<Robot> {
         part: 0,
         kind,
         solids,
+        hulls: Default::default(),
         fields: Vec::new(),
         color: None,
         no_self_collision: false,

@@ -1,6 +1,6 @@
 //! Promise: what is certified free is free at every pose; what is blocked is blocked where it says.
 
-use crate::scenes::{Dice, alone, made_up, obstacles, shipped, two_shapes};
+use crate::scenes::{Dice, alone, hulled, made_up, obstacles, shipped, two_shapes};
 use mobee_fast::{EdgeVerdict, FastError, FastScene, InstructionSet};
 use mobee_model::{Robot, Scene, ShapeId, random_poses};
 use nalgebra::Isometry3;
@@ -164,6 +164,16 @@ fn edges_of_all_joints() {
         ];
         let scene = Scene::new(robots, obstacles(seed, 3)).expect("a scene");
         hold(&format!("made up {seed}"), &scene, &edges(&scene, seed, 60, 0.03), 0.0, (STEP, REACH));
+    }
+}
+
+/// Where only hulls within the shapes are solid, the scalar engine tells what the lanes can't.
+#[test]
+fn edges_of_robots_with_hulls() {
+    for seed in [1, 4] {
+        let scene = Scene::new(vec![(hulled(&made_up("one", seed), seed), Isometry3::identity())], obstacles(seed, 3));
+        let scene = scene.expect("a scene");
+        hold(&format!("hulled {seed}"), &scene, &edges(&scene, seed, 60, 0.03), 0.0, (STEP, REACH));
     }
 }
 

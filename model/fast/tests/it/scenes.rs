@@ -1,7 +1,7 @@
 //! Scenes to judge: the shipped robots, and robots made up of everything that a file can say.
 
-use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, load_robot, parse_robot};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use mobee_model::{Hull, Object, ObjectClass, Primitive, Robot, Scene, Shape, load_robot, parse_robot};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -89,6 +89,22 @@ pub fn made_up(name: &str, seed: u64) -> Arc<Robot> {
     }
     text += "</ZeroPositionKinematicTree>";
     Arc::new(parse_robot("made_up.xml", &text).expect("a robot").value)
+}
+
+/// The same robot, of most of whose shapes only a hull within is solid.
+pub fn hulled(robot: &Robot, seed: u64) -> Arc<Robot> {
+    const RADIUS: f64 = 0.002;
+    let (mut dice, mut robot) = (Dice(seed), robot.clone());
+    for node in &mut robot.nodes {
+        for (i, solid) in node.solids.iter().enumerate().filter(|(i, _)| i % 3 < 2) {
+            let far = solid.shape.bounding_radius();
+            let within = |p: &Vector3<f64>| solid.shape.depth(p) >= RADIUS;
+            let points = std::iter::repeat_with(|| dice.direction() * dice.roll() * far).filter(within).take(12);
+            let hull = Hull::new(points.map(|p| solid.pose * Point3::from(p)).collect(), RADIUS).expect("a hull");
+            node.hulls.insert(i, Arc::new(hull));
+        }
+    }
+    Arc::new(robot)
 }
 
 /// A body that moves freely, three slides and three hinges, and is one shape; beside an obstacle that is another.

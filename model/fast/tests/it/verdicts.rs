@@ -1,6 +1,6 @@
 //! Each scene, each set of instructions, pose for pose.
 
-use crate::scenes::{Dice, alone, made_up, obstacles, shipped, two_shapes};
+use crate::scenes::{Dice, alone, hulled, made_up, obstacles, shipped, two_shapes};
 use mobee_fast::{FastError, FastScene, InstructionSet};
 use mobee_model::{Scene, random_poses};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -50,6 +50,25 @@ fn agree(name: &str, scene: &Scene, count: usize) {
 fn shipped_robots() {
     for name in ["icub", "katana"] {
         agree(name, &alone(shipped(name)), 10_000);
+    }
+}
+
+/// Where only hulls within the shapes are solid, the lanes leave more to the scalar engine, and say the same.
+#[test]
+fn robots_with_hulls() {
+    for seed in [1, 4, 5] {
+        let bare = made_up("one", seed);
+        let scene = alone(hulled(&bare, seed));
+        let poses = poses(&scene, 7, 1000);
+        let told = expected(&scene, &poses, 0.0);
+        let freed = told.iter().zip(expected(&alone(bare), &poses, 0.0)).filter(|(with, without)| **with && !without);
+        assert!(freed.count() > 20, "hulls make a difference");
+        for set in InstructionSet::available() {
+            let mut free = Vec::new();
+            let mut fast = FastScene::with_instructions(&scene, 0.0, set).expect("it compiles");
+            fast.free(&poses, &mut free).expect("whole poses");
+            assert_eq!(free, told, "seed {seed}, {set:?}");
+        }
     }
 }
 

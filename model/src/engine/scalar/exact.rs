@@ -64,14 +64,14 @@ fn core_separation(a: &Core, pa: &Isometry3<f64>, b: &Core, pb: &Isometry3<f64>,
         middle: p.translation.vector.into(),
         half_axis: p.rotation * Vector3::y() * half,
     };
-    match (*a, *b) {
+    match (a, b) {
         (Point, Point) => Some(closed::segments(segment(pa, 0.0), segment(pb, 0.0))),
-        (Point, Segment { half }) => Some(closed::segments(segment(pa, 0.0), segment(pb, half))),
-        (Segment { half }, Point) => Some(closed::segments(segment(pa, half), segment(pb, 0.0))),
-        (Segment { half: ha }, Segment { half: hb }) => Some(closed::segments(segment(pa, ha), segment(pb, hb))),
-        (Point, Box { half }) => Some(closed::point_box(pa.translation.vector.into(), &half, pb)),
+        (Point, Segment { half }) => Some(closed::segments(segment(pa, 0.0), segment(pb, *half))),
+        (Segment { half }, Point) => Some(closed::segments(segment(pa, *half), segment(pb, 0.0))),
+        (Segment { half: ha }, Segment { half: hb }) => Some(closed::segments(segment(pa, *ha), segment(pb, *hb))),
+        (Point, Box { half }) => Some(closed::point_box(pa.translation.vector.into(), half, pb)),
         (Point, Cylinder { half, radius }) => {
-            Some(closed::point_cylinder(pa.translation.vector.into(), half, radius, pb))
+            Some(closed::point_cylinder(pa.translation.vector.into(), *half, *radius, pb))
         }
         // One order has the closed form; the other is the same seen from the other side.
         (Box { .. } | Cylinder { .. }, Point) => core_separation(b, pb, a, pa, cap).map(Separation::flipped),

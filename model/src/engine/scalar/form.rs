@@ -1,11 +1,14 @@
 //! Shapes prepared for queries.
 
 use super::closed::Segment;
+use crate::hull::Hull;
 use crate::shape::{BoundingCapsule, Shape};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
+use parry3d_f64::math::Vector;
+use std::sync::Arc;
 
 /// A convex set without its radius, centered at the origin. Meters.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Core {
     /// The origin.
     Point,
@@ -15,10 +18,12 @@ pub(super) enum Core {
     Box { half: Vector3<f64> },
     /// A flat-ended cylinder along y.
     Cylinder { half: f64, radius: f64 },
+    /// The convex hull of points, wherever they are.
+    Hull { points: Arc<[Vector]> },
 }
 
 /// A shape prepared for queries: its core, and simpler shapes that hold it or that it holds. Meters, in the shape's frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Form {
     /// What is left of the shape without its radius.
     pub core: Core,
@@ -30,6 +35,8 @@ pub(super) struct Form {
     pub outer: BoundingCapsule,
     /// A capsule inside the shape.
     pub inner: InnerCapsule,
+    /// Half the edges of the shape, if it is a box.
+    pub boxed: Option<Vector3<f64>>,
 }
 
 /// A capsule inside a shape, along the axis of its outer capsule.
@@ -66,7 +73,17 @@ impl Form {
                 (Core::Box { half }, 0.0, InnerCapsule { share, radius: thin })
             }
         };
-        Form { core, radius, ball: shape.bounding_radius(), outer: shape.bounding_capsule(), inner }
+        let boxed = if let Core::Box { half } = core { Some(half) } else { None };
+        Form { core, radius, ball: shape.bounding_radius(), outer: shape.bounding_capsule(), inner, boxed }
+    }
+
+    /// Of the shape only its hull is solid; all that holds the shape still holds it.
+    pub fn hollowed(self, hull: &Hull, shape_from_hull: &Isometry3<f64>) -> Self {
+        let local = |p: &nalgebra::Point3<f64>| Vector::from((shape_from_hull * p).coords);
+        let core = Core::Hull { points: hull.points().iter().map(local).collect() };
+        // nobody knows a capsule inside, so none is there
+        let inner = InnerCapsule { share: 0.0, radius: f64::NEG_INFINITY };
+        Form { core, radius: hull.radius(), inner, ..self }
     }
 
     /// Whether the outer capsule is the shape itself.

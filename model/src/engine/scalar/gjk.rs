@@ -39,7 +39,7 @@ pub(super) fn separation(
     let start = if start.length_squared() > 1e-24 { start.normalize() } else { Vector::X };
     // GJK begins with the direction between the centers, which is right for balls; where the centers coincide any will do.
     simplex.reset(CsoPoint::from_shapes(&here, a, b, start));
-    let local_placed = || (Placed { core: *a, pose: Isometry3::identity() }, Placed { core: *b, pose: a_from_b });
+    let local_placed = || (Placed { core: a, pose: Isometry3::identity() }, Placed { core: b, pose: a_from_b });
     let world = |s: Separation| Separation {
         distance: s.distance,
         normal: world_from_a.rotation * s.normal,
@@ -95,7 +95,7 @@ fn polished(a: &Placed, b: &Placed, mut p: Point3<f64>, mut q: Point3<f64>) -> O
 fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Separation {
     // Separating axes are exact for them and need no iteration; EPA is for round sides only.
     let flat = |c: &Core| matches!(c, Core::Box { .. } | Core::Segment { .. });
-    if flat(&a.core) && flat(&b.core) {
+    if flat(a.core) && flat(b.core) {
         return overlap::by_axes(a, b);
     }
     let mut best: Option<(f64, Vector3<f64>)> = None;
@@ -107,7 +107,7 @@ fn deepest(a: &Placed, b: &Placed, here: &Pose, simplex: &VoronoiSimplex) -> Sep
             }
         }
     };
-    if let Some((_, _, n)) = EPA::new().closest_points(here, &a.core, &b.core, simplex) {
+    if let Some((_, _, n)) = EPA::new().closest_points(here, a.core, b.core, simplex) {
         let n = Vector3::new(n.x, n.y, n.z);
         n.try_normalize(1e-12).into_iter().for_each(&mut consider);
     }

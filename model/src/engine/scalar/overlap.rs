@@ -79,10 +79,10 @@ fn edges(placed: &Placed) -> [Vector3<f64>; 3] {
     let rotation = placed.pose.rotation.to_rotation_matrix();
     let m = rotation.matrix();
     let column = |i: usize| Vector3::from(m.column(i));
-    match placed.core {
+    match *placed.core {
         Core::Box { half } => [column(0) * half.x, column(1) * half.y, column(2) * half.z],
         Core::Segment { half } | Core::Cylinder { half, .. } => [Vector3::zeros(), column(1) * half, Vector3::zeros()],
-        Core::Point => [Vector3::zeros(); 3],
+        Core::Point | Core::Hull { .. } => [Vector3::zeros(); 3],
     }
 }
 

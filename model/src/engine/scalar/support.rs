@@ -5,19 +5,20 @@
 
 use super::form::Core;
 use nalgebra::{Isometry3, Point3, Vector3};
-use parry3d_f64::math::Vector;
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::query::gjk::{self, CsoPoint, GJKResult, VoronoiSimplex};
 use parry3d_f64::shape::SupportMap;
 
 /// A core and where it is: `world_from_core`, or whatever frame both of a pair are in.
 #[derive(Clone, Copy)]
-pub(super) struct Placed {
+pub(super) struct Placed<'a> {
     /// What.
-    pub core: Core,
+    pub core: &'a Core,
     /// Where.
     pub pose: Isometry3<f64>,
 }
 
-impl Placed {
+impl Placed<'_> {
     /// Its origin, world frame.
     pub fn center(&self) -> Point3<f64> {
         self.pose.translation.vector.into()
@@ -36,6 +37,13 @@ impl SupportMap for Core {
                 let rho = (dir.x * dir.x + dir.z * dir.z).sqrt();
                 let k = if rho > 0.0 { radius / rho } else { 0.0 };
                 Vector::new(dir.x * k, half.copysign(dir.y), dir.z * k)
+            }
+            Core::Hull { ref points } => {
+                let farther = |best: (f64, Vector), p: &Vector| match p.dot(dir) {
+                    along if along > best.0 => (along, *p),
+                    _ => best,
+                };
+                points.iter().fold((f64::NEG_INFINITY, Vector::ZERO), farther).1
             }
         }
     }
@@ -57,7 +65,7 @@ pub(super) fn along(a: &Placed, b: &Placed, n: &Vector3<f64>) -> f64 {
 pub(super) fn project(placed: &Placed, point: &Point3<f64>) -> Point3<f64> {
     let p = placed.pose.inverse_transform_point(point);
     placed.pose
-        * match placed.core {
+        * match *placed.core {
             Core::Point => Point3::origin(),
             Core::Segment { half } => Point3::new(0.0, p.y.clamp(-half, half), 0.0),
             Core::Box { half } => {
@@ -67,7 +75,27 @@ pub(super) fn project(placed: &Placed, point: &Point3<f64>) -> Point3<f64> {
                 let k = (radius / p.x.hypot(p.z)).min(1.0);
                 Point3::new(p.x * k, p.y.clamp(-half, half), p.z * k)
             }
+            Core::Hull { .. } => nearest_of_hull(placed.core, &p),
         }
+}
+
+/// How far each of these places is from the hull of points, meters; zero within.
+pub(crate) fn distances_from_hull(points: &[Vector3<f64>], places: &[Vector3<f64>]) -> impl Iterator<Item = f64> {
+    let core = Core::Hull { points: points.iter().map(|p| Vector::from(*p)).collect() };
+    places.iter().map(move |place| (nearest_of_hull(&core, &Point3::from(*place)).coords - place).norm())
+}
+
+/// The point of a hull nearest to a point, both in the hull's frame.
+fn nearest_of_hull(hull: &Core, p: &Point3<f64>) -> Point3<f64> {
+    let there = Pose::from_translation(Vector::new(p.x, p.y, p.z));
+    let mut simplex = VoronoiSimplex::new();
+    let start = Vector::new(-p.x, -p.y, -p.z).try_normalize().unwrap_or(Vector::X);
+    simplex.reset(CsoPoint::from_shapes(&there, hull, &Core::Point, start));
+    match gjk::closest_points(&there, hull, &Core::Point, f64::MAX, true, &mut simplex) {
+        GJKResult::ClosestPoints(on_hull, _, _) => Point3::new(on_hull.x, on_hull.y, on_hull.z),
+        // within
+        _ => *p,
+    }
 }
 
 /// Of the points of a placed core that lie farthest along unit `n`, the one nearest to `point`.
@@ -78,7 +106,7 @@ pub(super) fn farthest_near(placed: &Placed, n: &Vector3<f64>, point: &Point3<f6
     let p = placed.pose.inverse_transform_point(point);
     let end = |n: f64, half: f64, p: f64| if n.abs() > SQUARE { half.copysign(n) } else { p.clamp(-half, half) };
     placed.pose
-        * match placed.core {
+        * match *placed.core {
             Core::Point => Point3::origin(),
             Core::Segment { half } => Point3::new(0.0, end(n.y, half, p.y), 0.0),
             Core::Box { half } => Point3::new(end(n.x, half.x, p.x), end(n.y, half.y, p.y), end(n.z, half.z, p.z)),
@@ -91,6 +119,11 @@ pub(super) fn farthest_near(placed: &Placed, n: &Vector3<f64>, point: &Point3<f6
                     (p.x * k, p.z * k)
                 };
                 Point3::new(x, end(n.y, half, p.y), z)
+            }
+            // any of them will do: the faces of a hull are small
+            Core::Hull { .. } => {
+                let p = placed.core.local_support_point(Vector::new(n.x, n.y, n.z));
+                Point3::new(p.x, p.y, p.z)
             }
         }
 }

@@ -2,6 +2,7 @@
 
 use super::{Open, PartBuilder, ROOT, RobotReader};
 use crate::error::FileError;
+use crate::hull::Hulls;
 use crate::zrp::constraint::Member;
 use crate::zrp::element::{COLOR, Element};
 use crate::zrp::geometry;
@@ -167,6 +168,7 @@ impl RobotReader {
             part,
             kind,
             solids: e.optional_size("radius")?.map(automatic).into_iter().collect(),
+            hulls: Hulls::new(),
             fields: e.optional_size("field")?.map(automatic).into_iter().collect(),
             color: e.color()?,
             no_self_collision: e.flag("noSelfCollision", &mut self.warnings),
@@ -206,14 +208,22 @@ impl RobotReader {
 
     /// A shape on the current node: solid, or part of the force field.
     pub(super) fn shape(&mut self, e: &Element, sizes: &'static [&'static str]) -> Result<Open, FileError> {
-        e.warn_unknown(&[sizes, geometry::POSE, &["field"]], &mut self.warnings);
+        e.warn_unknown(&[sizes, geometry::POSE, geometry::HULL, &["field"]], &mut self.warnings);
         let Some(node) = self.node else {
             let message = format!("<{}> is outside any link or joint", e.written);
             return Err(e.error(message, "put it into the <link> or <joint> that carries it"));
         };
         let primitive = geometry::primitive(e)?;
         let field = e.flag("field", &mut self.warnings);
+        let hull = geometry::hull(e, &primitive)?;
+        if field && hull.is_some() {
+            let help = "leave out `hull` and `hullRadius`: they are for shapes that collide";
+            return Err(e.error_at("hull", "a shape of the force field has no hull", help));
+        }
         let node = &mut self.nodes[node];
+        if let Some(hull) = hull {
+            node.hulls.insert(node.solids.len(), Arc::new(hull));
+        }
         let list = if field { &mut node.fields } else { &mut node.solids };
         if self.shapes >= MAX_SHAPES {
             let message = format!("the robot has more than {MAX_SHAPES} shapes");
