@@ -50,13 +50,17 @@ impl Sized {
         Size { ball, half: capsule.half_axis.norm(), radius: capsule.radius, error: self.error }
     }
 
-    /// Balls that hold the extreme points of its core.
+    /// Balls that hold the extreme points of its core; of a shape with a hull those of the shape, as a hull within something round moves
+    /// when that turns about its own axis.
     fn ends(&self) -> Vec<Sphere> {
         let at = |v: Vector3<f64>, radius: f64| Sphere { center: (self.pose * Point3::from(v)).coords, radius };
         let signs = [1.0, -1.0];
+        let round = |radius: f64| if self.hull { radius } else { 0.0 };
         match self.shape {
-            Shape::Sphere { .. } => vec![at(Vector3::zeros(), 0.0)],
-            Shape::Capsule { height, .. } => signs.map(|s| at(Vector3::y() * (s * height / 2.0), 0.0)).to_vec(),
+            Shape::Sphere { radius } => vec![at(Vector3::zeros(), round(radius))],
+            Shape::Capsule { radius, height } => {
+                signs.map(|s| at(Vector3::y() * (s * height / 2.0), round(radius))).to_vec()
+            }
             Shape::Cylinder { radius, height } => signs.map(|s| at(Vector3::y() * (s * height / 2.0), radius)).to_vec(),
             Shape::Box { size } => {
                 let corner = |i: usize| Vector3::from_fn(|k, _| signs[(i >> k) & 1] * size[k] / 2.0);

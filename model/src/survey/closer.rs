@@ -22,6 +22,8 @@ const NEAR_WORST: f64 = 0.25;
 const PLACES: (usize, usize) = (16, 200);
 /// How links are fitted anew that would be left out otherwise.
 const CLOSE_FIT: FitOptions = FitOptions { overshoot: 0.003, primitives: 40 };
+/// Hulls are taken if they leave less than this share of the poses that shapes without do.
+const LEFT_BY_HULLS: f64 = 0.5;
 /// Where it is nearer to its mesh than this, a shape has nothing to give, meters.
 const CLOSE: f64 = 6e-4;
 /// A shape also gives what the other could give rather, if its distance from its mesh is not less than this share of the other's.
@@ -98,7 +100,8 @@ pub fn fit_closer(
     if left as f64 > goal.hulls * free {
         let (mut other, mut hulled, falsely) = first;
         let mut work = Work::new(&mut other, links, &mut hulled, falsely, goal.shapes);
-        if work.with_hulls(surfaces, (goal.falsely * free) as usize)? < left {
+        // by the same poses: what is not much better here may be worse elsewhere
+        if (work.with_hulls(surfaces, (goal.falsely * free) as usize)? as f64) < LEFT_BY_HULLS * left as f64 {
             (*robot, *fits) = (other, hulled);
         }
     }

@@ -70,7 +70,7 @@ fn each_mistake_is_told_at_its_place() {
     points_at(&robot("<sphere radius=\"1\" hull=\"0 1\"/>"), "0 1", "no multiple of three");
     points_at(&robot("<sphere radius=\"1\" hull=\"0 1 x\"/>"), "0 1 x", "no usable number");
     points_at(&robot("<sphere radius=\"1\" hull=\"\"/>"), "\"/>\n", "0 points");
-    points_at(&robot("<sphere radius=\"1\" hull=\"0 0 0.9\" hullRadius=\"-1\"/>"), "-1", "negative");
+    points_at(&robot("<sphere radius=\"1\" hull=\"0 0 0.9\" hullRadius=\"-7.5\"/>"), "-7.5", "negative");
     points_at(&robot("<sphere radius=\"1\" hull=\"0 0 0.9\" hullRadius=\"0.2\"/>"), "0 0 0.9", "sticks out");
     points_at(&robot("<sphere radius=\"1\" field=\"true\" hull=\"0 0 0\"/>"), "0 0 0", "force field");
     let crowd = "0 0 0 ".repeat(113);
