@@ -4,7 +4,9 @@
 //! * *from nothing*: a layer that knows nothing certifies every edge (what a new world costs without memory),
 //! * *one object moved*: the layer looks at the new world; beside that, the same object certified against all edges without the
 //!   index, and what of it is compiling,
-//! * *the map*: the same through the validator, with the roadmap's edges taken out and put back, and the notes of it.
+//! * *the map*: the same through the validator, with the roadmap's edges taken out and put back, and the notes of it,
+//! * *lazy*: a way between two random vertices, planned anew until all its edges are certified (`validation = "lazy"`), by wall
+//!   clock, which counts finer: in a world at rest, at first with nothing certified, and then with an object moved before each.
 //!
 //! ```text
 //! cargo bench -p mobee-behaviors --bench validity
@@ -32,6 +34,8 @@ use std::time::Instant;
 
 /// Moves of one object.
 const MOVES: usize = 200;
+/// Ways that are asked for.
+const QUERIES: usize = 500;
 /// Rounds of what takes long.
 const ROUNDS: usize = 5;
 /// As a run with the usual margin has it, meters.
@@ -42,14 +46,7 @@ fn main() {
     let robot = Arc::new(load_robot(file).expect("the robot loads").value);
     let count = std::env::var("MOBEE_POSES").ok().and_then(|n| n.parse().ok()).unwrap_or(5_000);
     let poses = Map::new(robot.clone(), count);
-    let mut map = Roadmap::new(poses.motors.clone(), &robot);
-    for (q, at) in poses.poses.iter().zip(&poses.hands) {
-        map.add(Vertex { name: None, q: q.clone(), at: [at.x, at.y, at.z] });
-    }
-    for (a, b) in &poses.edges {
-        map.join(*a as u32, *b as u32);
-    }
-    map.notes();
+    let mut map = roadmap(&poses);
     let mut scene = Arc::new(poses.scene(poses.obstacles()));
     let clock = Instant::now();
 
@@ -105,7 +102,58 @@ fn main() {
     println!("\nfrom nothing / one object moved         {:8.1}", nothing / moved);
     println!("all edges asked / one object moved      {:8.1}", plain / moved);
     println!("compiling's share of one object moved   {:8.2}", compiled / moved);
-    println!("the map's share of the whole            {:8.2}", (mapped - moved) / mapped);
+    println!("the map's share of the whole            {:8.2}\n", (mapped - moved) / mapped);
+    lazy(&poses, &mut dice, scene);
+}
+
+fn roadmap(poses: &Map) -> Roadmap {
+    let mut map = Roadmap::new(poses.motors.clone(), &poses.robot);
+    for (q, at) in poses.poses.iter().zip(&poses.hands) {
+        map.add(Vertex { name: None, q: q.clone(), at: [at.x, at.y, at.z] });
+    }
+    for (a, b) in &poses.edges {
+        map.join(*a as u32, *b as u32);
+    }
+    map.notes();
+    map
+}
+
+/// Ways whose edges are certified as they are planned.
+fn lazy(poses: &Map, dice: &mut Dice, mut scene: Arc<Scene>) {
+    let mut map = roadmap(poses);
+    let mut validator = Validator::new(Validation::Lazy, map.motors());
+    for (moves, what) in [(false, "lazy, at first"), (false, "lazy, later"), (true, "lazy, an object moved")] {
+        let (mut all, mut looks, mut plans, mut found) = (vec![], vec![], vec![], 0);
+        for _ in 0..QUERIES {
+            if moves {
+                scene = Arc::new(jump(dice, poses, &scene));
+            }
+            let seen = view(&scene);
+            let [from, to] = [(); 2].map(|()| (dice.roll() * map.len() as f64) as u32);
+            let start = Instant::now();
+            validator.look(&mut map, &seen);
+            looks.push(start.elapsed().as_secs_f64());
+            let mut planned = 0;
+            let free = std::iter::from_fn(|| {
+                planned += 1;
+                map.plan(from, to).map(|path| validator.admits(&mut map, &path, &seen))
+            });
+            found += usize::from(free.into_iter().any(|admitted| admitted));
+            all.push(start.elapsed().as_secs_f64());
+            plans.push(f64::from(planned));
+            map.notes();
+        }
+        let again = all.iter().zip(&looks).map(|(all, look)| all - look).collect();
+        report(what, all);
+        report("  of it looking at the world", looks);
+        report("  and planning, certifying", again);
+        let plans = sorted(plans);
+        println!(
+            "  {found} of {QUERIES} found, by {:.0} plans in the median, {:.0} at most",
+            plans[QUERIES / 2],
+            plans[QUERIES - 1]
+        );
+    }
 }
 
 fn from_nothing(map: &Roadmap, scene: &Arc<Scene>) -> Validity {
