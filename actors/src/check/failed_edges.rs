@@ -1,11 +1,13 @@
 //! I23: an edge whose motion failed is removed before its agent commits again, and no other is: so the agent was told how its motion ended.
 //!
+//! An agent that stopped its own motion, since what it was after is elsewhere now, need not blame the edge.
+//!
 //! Which edge a motion drives is told by the plan, in which its target is a vertex. An agent that died, or makes way for another,
 //! was told nothing.
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
-use mobee_contract::{CommitId, EdgeState, Event, Note, Outcome, SwapStep};
+use mobee_contract::{Cause, CommitId, EdgeState, Event, Note, Outcome, SwapStep};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
@@ -30,6 +32,8 @@ struct Walk {
     drives: Option<(CommitId, Edge)>,
     /// The edge whose motion failed.
     failed: Option<(CommitId, Edge)>,
+    /// Whether the agent, or a person, asked for that.
+    asked: bool,
 }
 
 impl Walk {
@@ -83,14 +87,16 @@ impl Invariant for FailedEdges {
                 let walk = self.robots.entry(robot.clone()).or_default();
                 walk.begun = true;
                 walk.drives = walk.edge(target, motors).map(|edge| (*id, edge));
-                walk.failed.take().map(|(id, (from, to))| {
+                let asked = walk.asked;
+                walk.failed.take().filter(|_| !asked).map(|(id, (from, to))| {
                     format!("{robot}: the edge {from} -> {to} was not removed, though commit {} failed along it", id.0)
                 })
             }
-            Event::Outcome { robot, id, outcome, .. } => {
+            Event::Outcome { robot, id, outcome, cause, .. } => {
                 let walk = self.robots.entry(robot.clone()).or_default();
                 let ended = walk.drives.take_if(|(open, _)| open == id);
                 walk.failed = ended.filter(|_| *outcome != Outcome::Committed);
+                walk.asked = *cause == Some(Cause::Asked);
                 None
             }
             Event::Swap { robot, step: SwapStep::TookOver { .. } | SwapStep::Reverted { .. }, .. } => {
