@@ -257,7 +257,7 @@ fn a_retreat_waits_for_a_robot_that_makes_room() {
         (words, why),
         (vec![&ReflexReport::Retreating, &ReflexReport::Settling, &ReflexReport::Back], String::new())
     );
-    assert!((445..470).contains(&(told[1].0 - told[0].0)), "until it is gone, and back: {told:?}");
+    assert!((460..480).contains(&(told[1].0 - told[0].0)), "until it is gone, gently, and back: {told:?}");
     let given_up = |(told, why): (Vec<(u64, ReflexReport)>, String)| {
         assert_eq!(
             (&told.last().unwrap().1, &*why),
