@@ -1,6 +1,6 @@
 //! I23: an edge whose motion failed is removed before its agent commits again, and no other is: so the agent was told how its motion ended.
 //!
-//! An agent that stopped its own motion, since what it was after is elsewhere now, need not blame the edge.
+//! An agent that stopped its own motion, or turned it elsewhere, since what it was after has moved, need not blame the edge.
 //!
 //! Which edge a motion drives is told by the plan, in which its target is a vertex. An agent that died, or makes way for another,
 //! was told nothing.
@@ -91,6 +91,12 @@ impl Invariant for FailedEdges {
                 walk.failed.take().filter(|_| !asked).map(|(id, (from, to))| {
                     format!("{robot}: the edge {from} -> {to} was not removed, though commit {} failed along it", id.0)
                 })
+            }
+            // turned elsewhere in mid-motion, it does not drive the edge any more
+            Event::Amended { robot, id, .. } => {
+                let walk = self.robots.entry(robot.clone()).or_default();
+                walk.drives.take_if(|(open, _)| open == id);
+                None
             }
             Event::Outcome { robot, id, outcome, cause, .. } => {
                 let walk = self.robots.entry(robot.clone()).or_default();

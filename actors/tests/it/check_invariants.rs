@@ -686,6 +686,16 @@ fn i23_an_edge_that_failed_and_stayed_or_one_that_had_not() {
     kept.remove(i);
     let found = self::run(kept.clone());
     assert!(found.len() == 1 && found[0].invariant == "I23" && found[0].what.contains("0 -> 1"), "{found:?}");
+    // it was stopped because somebody asked for that
+    let mut asked = kept.clone();
+    for (_, event) in &mut asked {
+        if let Event::Outcome { outcome, cause, .. } = event
+            && *outcome != Outcome::Committed
+        {
+            *cause = Some(Cause::Asked);
+        }
+    }
+    assert_eq!(of(&self::run(asked), "I23"), 0);
     kept.insert(i, (2.0, edge(1, 0, EdgeState::Removed)));
     let found = self::run(kept);
     assert!(found.len() == 2 && found[0].what.contains("1 -> 0 was removed"), "{found:?}");
