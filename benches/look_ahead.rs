@@ -16,7 +16,6 @@
 
 use mobee::compose::read;
 use mobee_actors::record::tap::Taps;
-use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{Setup, run};
 use mobee_contract::{Axis, Cause, Entry, Event, Outcome, Pose, Sink, Time};
 use mobee_model::{Pair, Scene, ShapeId, Sweep};
@@ -220,19 +219,9 @@ fn one(seed: u64, speed: f64, reserve: &str, secs: f64) -> (Tally, Vec<String>) 
         tally: Tally::default(),
         shown: Vec::new(),
     }));
-    let setup = Setup {
-        scene: composed.scene,
-        robots: composed.robots,
-        seed,
-        clock: ClockKind::Virtual,
-        taps: Taps::in_place(witness.clone()),
-        config: serde_json::Value::Null,
-        script: composed.script,
-        services: Vec::new(),
-        sensors: Vec::new(),
-        truth: None,
-        past: None,
-    };
+    let taps = Taps::in_place(witness.clone());
+    let setup =
+        Setup { script: composed.script, ..Setup::in_virtual_time(composed.scene, composed.robots, seed, taps) };
     let (_controls, receiver) = tokio::sync::mpsc::channel(1);
     run(setup, receiver, Some(Duration::from_secs_f64(secs)), |_| ()).expect("it runs");
     let mut witness = witness.lock().expect("no panic");

@@ -11,7 +11,6 @@
 
 use mobee::compose::read;
 use mobee_actors::record::tap::Taps;
-use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{Setup, run};
 use mobee_contract::{Cause, Context, Entry, Event, Outcome, Sink, Time};
 use mobee_drivers::{Fault, SimHardware, SimSettings};
@@ -143,19 +142,8 @@ fn one(
     robots[0].hardware = Arc::new(board.clone());
     let (began, begun, pushed, tally) = (None, BTreeSet::new(), Time::ZERO, std::mem::take(sum));
     let witness = Arc::new(Mutex::new(Witness { board, began, begun, pushed, stalled: false, tally }));
-    let setup = Setup {
-        scene: composed.scene,
-        robots,
-        seed,
-        clock: ClockKind::Virtual,
-        taps: Taps::in_place(witness.clone()),
-        config: serde_json::Value::Null,
-        script: composed.script,
-        services: Vec::new(),
-        sensors: Vec::new(),
-        truth: None,
-        past: None,
-    };
+    let taps = Taps::in_place(witness.clone());
+    let setup = Setup { script: composed.script, ..Setup::in_virtual_time(composed.scene, robots, seed, taps) };
     let (_controls, receiver) = tokio::sync::mpsc::channel(1);
     run(setup, receiver, Some(Duration::from_secs_f64(secs)), |_| ()).expect("it runs");
     *sum = std::mem::take(&mut witness.lock().expect("no panic").tally);

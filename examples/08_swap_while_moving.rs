@@ -7,7 +7,6 @@ use mobee::compose::compose;
 use mobee::config::Config;
 use mobee_actors::check::check_events;
 use mobee_actors::record::tap::Taps;
-use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::runtime::swap::SwapPolicy;
 use mobee_actors::system::{Control, NewPart, PartOffer, Setup, run_under};
 use mobee_actors::wiring::{Maker, SwapRequest};
@@ -68,19 +67,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     ];
 
     let (taps, told) = Taps::collect();
-    let setup = Setup {
-        scene: first.scene,
-        robots: first.robots,
-        seed: 1,
-        clock: ClockKind::Virtual,
-        taps: taps.clone(),
-        config: serde_json::Value::Null,
-        script: Vec::new(),
-        services: Vec::new(),
-        sensors: Vec::new(),
-        truth: None,
-        past: None,
-    };
+    let setup = Setup::in_virtual_time(first.scene, first.robots, 1, taps.clone());
     let (_keep, stop) = tokio::sync::mpsc::channel(1);
     let end = run_under(setup, controls, stop, Some(Duration::from_secs(120)), |_| ())?;
     taps.finish(end.ended_at, Event::Ended { reason: end.reason.to_string() });

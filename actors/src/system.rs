@@ -56,6 +56,25 @@ pub struct Setup {
     pub past: Option<Past>,
 }
 
+impl Setup {
+    /// Of these robots in virtual time, and of nothing beside them.
+    pub fn in_virtual_time(scene: Scene, robots: Vec<RobotSetup>, seed: u64, taps: Taps) -> Setup {
+        Setup {
+            scene,
+            robots,
+            seed,
+            clock: ClockKind::Virtual,
+            taps,
+            config: serde_json::Value::Null,
+            script: Vec::new(),
+            services: Vec::new(),
+            sensors: Vec::new(),
+            truth: None,
+            past: None,
+        }
+    }
+}
+
 /// One robot of a [`Setup`].
 pub struct RobotSetup {
     /// Its name: the key of all its events. Unique in the setup.

@@ -12,13 +12,11 @@ use mobee_actors::check::Checker;
 use mobee_actors::record::journal::{Fingerprint, JournalLine};
 use mobee_actors::record::tap::Taps;
 use mobee_actors::record::track::Tracks;
-use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{Control, Injection, RunCounts, RunProgress, Setup, run_under};
 use mobee_contract::{Cause, Commit, Context, Entry, Event, Hold, Outcome, Sink, Status, SwapStep, Time};
 use mobee_drivers::{Fault, SimHardware};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Shape};
 use nalgebra::Isometry3;
-use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -229,17 +227,10 @@ impl TortureTrial {
         let look = || watch.lock().unwrap_or_else(PoisonError::into_inner);
         let taps = Taps::in_place(watch.clone());
         let setup = Setup {
-            scene: composed.scene,
-            robots: composed.robots,
-            seed,
-            clock: ClockKind::Virtual,
-            taps: taps.clone(),
-            config: Value::Null,
             script: composed.script,
-            services: Vec::new(),
             sensors: composed.sensors,
             truth: Some(composed.truth),
-            past: None,
+            ..Setup::in_virtual_time(composed.scene, composed.robots, seed, taps.clone())
         };
         let bound = |robot: &RobotConfig| robot.controller.stall_deg.map(f64::to_radians);
         let bounds: Vec<Option<f64>> = self.config.robot.iter().map(bound).collect();

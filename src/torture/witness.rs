@@ -83,8 +83,8 @@ struct Seen {
     /// Whether a motion of it is open, and whether that is being taken back together with another's.
     moves: bool,
     joint: bool,
-    /// Whether its retreat waits for another robot: what comes near meanwhile is the other's doing.
-    waits: bool,
+    /// Since when its retreat waits for another robot: what comes near meanwhile is the other's doing, and it rests.
+    waits: Option<Time>,
     /// Whether its encoders have told the truth since that motion began.
     honest: bool,
     /// While it escapes: the pairs that were near as it set out, and when it did.
@@ -118,7 +118,7 @@ impl Seen {
             back: None,
             moves: false,
             joint: false,
-            waits: false,
+            waits: None,
             honest: true,
             escape: (None, at),
             news: None,
@@ -138,7 +138,7 @@ impl Seen {
     /// Which promise is to be kept now, and what is too near for it if it was not near from the start.
     fn watched(&self) -> Option<(&'static str, f64)> {
         match (&self.back, self.open, self.status) {
-            (Some(_), false, _) if !self.waits => Some(("I9", self.margin - DEEPER)),
+            (Some(_), false, _) if self.waits.is_none() => Some(("I9", self.margin - DEEPER)),
             (None, true, Status::Moving) if self.reflex => Some(("I19", self.margin - NEARER)),
             (None, true, Status::Escaping) => Some(("I24", self.margin - DEEPER)),
             _ => None,
@@ -207,11 +207,11 @@ impl Witness {
             Event::Outcome { robot, .. } => self.turn(robot, |r| (r.moves, r.joint) = (false, false)),
             Event::Amended { robot, .. } => self.turn(robot, |r| r.sets_out(at)),
             Event::Disabled { robot, .. } => {
-                self.turn(robot, |r| (r.open, r.since, r.back, r.fault) = (false, at, None, None));
+                self.turn(robot, |r| (r.open, r.since, r.back, r.waits, r.fault) = (false, at, None, None, None));
             }
             Event::RetreatBegan { robot, near, .. } => {
                 self.turn(robot, |r| {
-                    (r.back, r.waits) = (Some(near.clone()), false);
+                    (r.back, r.waits) = (Some(near.clone()), None);
                     r.sets_out(at);
                 });
                 if self.robots.iter().filter(|r| r.back.is_some()).count() > 1 {
@@ -224,14 +224,14 @@ impl Witness {
             }
             Event::RetreatWaits { robot, .. } => {
                 self.joint.waited += 1;
-                self.turn(robot, |r| r.waits = true);
+                self.turn(robot, |r| r.waits = Some(at));
             }
-            Event::RetreatGoesOn { robot } => self.turn(robot, |r| r.waits = false),
+            Event::RetreatGoesOn { robot } => self.turn(robot, |r| r.waits = None),
             Event::RetreatStopped { robot, reason, what, .. } => {
                 if self.robots.iter().any(|r| r.name == *robot && r.joint) {
                     *self.joint.stopped.entry(stopped_by(*reason, what)).or_default() += 1;
                 }
-                self.turn(robot, |r| (r.back, r.joint) = (None, false));
+                self.turn(robot, |r| (r.back, r.waits, r.joint) = (None, None, false));
             }
             Event::State { robot, status } => self.turn(robot, |r| {
                 (r.status, r.since) = (*status, at);
@@ -353,7 +353,7 @@ impl Witness {
             let of = |shape: ShapeId| shape.robot().and_then(|robot| self.robots.get(robot));
             let (Some(a), Some(b)) = (of(c.pair.0), of(c.pair.1)) else { continue };
             let margin = a.margin.min(b.margin);
-            let goes_back = |r: &Seen| r.back.is_some() && !r.waits;
+            let goes_back = |r: &Seen| r.back.is_some() && r.waits.is_none();
             if !(goes_back(a) && goes_back(b)) {
                 let least = self.least.entry(c.pair).or_insert(margin);
                 *least = least.min(c.distance);
@@ -384,6 +384,10 @@ impl Witness {
         if !seen.open && !goes_back && at.since(since) > BRAKES {
             let what = format!("{name}: moves at {deg:.2} deg/s at {at}, though closed and {status:?} since {since}");
             self.found.push(("I17", what));
+        }
+        if let Some(waits) = seen.waits.filter(|waits| at.since(*waits) > BRAKES) {
+            let what = format!("{name}: moves at {deg:.2} deg/s at {at}, though its retreat waits since {waits}");
+            self.found.push(("I9", what));
         }
         if at.since(seen.last) > BLIND {
             let what =

@@ -87,7 +87,10 @@ impl Actor for AgentActor {
                     planning.tick(&myself).await;
                 }
             }
-            AgentMsg::Revise if planning.moving.is_some() => planning.revise(&myself).await,
+            // of a motion that is being taken back there is nothing to be revised; how it ended will be told
+            AgentMsg::Revise if planning.moving.is_some() && planning.context.gate.is_open() => {
+                planning.revise(&myself).await;
+            }
             AgentMsg::SetPoint(id) if planning.moving == Some(id) && !planning.done => {
                 // an agent that makes way, for now or for good, lets its stream go quiet
                 if planning.context.agent_acts.load(Ordering::SeqCst) && !planning.planners.is_due() {

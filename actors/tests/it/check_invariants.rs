@@ -480,6 +480,30 @@ fn i9_a_pair_that_nearly_touched_as_the_retreat_began_may_touch_but_not_deeper()
     broken("I9", touching(0.02, 0.0), None, "did not stop it");
 }
 
+/// A retreat that waits for another robot has stopped, if that comes in time; once it goes on it is watched again.
+#[test]
+fn i9_a_retreat_that_waits_has_stopped_until_it_goes_on() {
+    let waits =
+        |at: f64| (at, Event::RetreatWaits { robot: R.into(), what: "in the way".into(), seen: Time::from_secs(2.4) });
+    let with = |more: Vec<(f64, Event)>| {
+        let mut run = touching(0.02, 0.0);
+        let i = run.iter().position(|(_, e)| matches!(e, Event::HardContact { .. })).unwrap();
+        let hard = run[i].1.clone();
+        run.splice(
+            i + 1..i + 1,
+            more.into_iter()
+                .map(|(at, e)| if matches!(e, Event::Warning { .. }) { (at, hard.clone()) } else { (at, e) }),
+        );
+        run
+    };
+    let again = || Event::Warning { text: "the other presses on".into() };
+    let goes_on = || Event::RetreatGoesOn { robot: R.into() };
+    assert_eq!(run(with(vec![waits(2.405)])), []);
+    assert_eq!(run(with(vec![waits(2.405), (2.41, again())])), [], "that is the other's doing");
+    broken("I9", with(vec![waits(2.48)]), None, "stopped it after");
+    broken("I9", with(vec![waits(2.405), (2.41, goes_on()), (2.42, again())]), None, "did not stop it");
+}
+
 #[test]
 fn i14_a_contact_begins_on_the_retreat_of_both() {
     let of = |robot: &str, mut event: Event| {
@@ -508,7 +532,12 @@ fn i14_a_contact_begins_on_the_retreat_of_both() {
     assert_eq!(judged(vec![began(R, vec![]), meet.clone()]), 0);
     let home = of("other", outcome(1, Outcome::RolledBack, &[0.0, 0.0], &[0.0, 0.0]));
     assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), home, meet.clone()]), 0);
-    assert_eq!(judged(vec![began("other", vec![]), began(R, vec![]), retreat_stopped(2.0), meet]), 0);
+    assert_eq!(judged(vec![began("other", vec![]), began(R, vec![]), retreat_stopped(2.0), meet.clone()]), 0);
+    // one of them stays where it is, until it goes on
+    let waits = || Event::RetreatWaits { robot: R.into(), what: "in the way".into(), seen: Time::from_secs(2.0) };
+    let goes_on = || Event::RetreatGoesOn { robot: R.into() };
+    assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), waits(), meet.clone()]), 0);
+    assert_eq!(judged(vec![began(R, vec![]), began("other", vec![]), waits(), goes_on(), meet]), 1);
 }
 
 #[test]

@@ -116,6 +116,18 @@ fn a_board_that_is_late_may_take_its_time() {
     assert_eq!(of(&beside, vec![stop(STOP), stop(STOP + 0.15)]), 1);
 }
 
+/// Each halt for another robot costs a little time in motion, and no more.
+#[test]
+fn a_halt_excuses_half_a_second() {
+    let halts = |n: usize| {
+        let seen = Time::from_secs(BACK);
+        let waits =
+            |k| (4.0 + 0.1 * k as f64, Event::RetreatWaits { robot: R.into(), what: "in the way".into(), seen });
+        found(backwards(0.63), 7.0, Outcome::RolledBack, (0..n).map(waits).collect()).len()
+    };
+    assert_eq!((halts(0), halts(1)), (1, 0));
+}
+
 #[test]
 fn an_encoder_that_jumps_and_readings_that_are_missing_say_nothing() {
     let off = |at: f64| backwards(1.0)(at).map(|q| if at > 4.0 { q + 0.05 } else { q });

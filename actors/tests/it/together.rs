@@ -2,7 +2,6 @@
 
 use mobee_actors::check::check_events;
 use mobee_actors::record::tap::Taps;
-use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{RobotSetup, Setup, run};
 use mobee_contract::*;
 use mobee_controller::ControllerSettings;
@@ -55,19 +54,7 @@ fn collide(history: usize, left: &[(f64, f64, f64)], right: &[(f64, f64, f64)]) 
             agent: Some(Arc::new(move || Ok(Box::new(Plan(steps.clone(), false)) as Box<dyn Agent>))),
         });
     }
-    let setup = Setup {
-        scene: Scene::new(stands, Vec::new()).unwrap(),
-        robots,
-        seed: 1,
-        clock: ClockKind::Virtual,
-        taps: taps.clone(),
-        config: serde_json::Value::Null,
-        script: Vec::new(),
-        services: Vec::new(),
-        sensors: Vec::new(),
-        truth: None,
-        past: None,
-    };
+    let setup = Setup::in_virtual_time(Scene::new(stands, Vec::new()).unwrap(), robots, 1, taps.clone());
     let (_tell, controls) = tokio::sync::mpsc::channel(1);
     let end = run(setup, controls, Some(Duration::from_secs(120)), |_| ()).unwrap();
     taps.finish(end.ended_at, Event::Ended { reason: end.reason.to_string() });

@@ -251,3 +251,6 @@ fn blocked(contact: Option<Contact>, violated: bool, names: &Names) -> String {
     let (a, b) = names(c.pair);
     format!("{a} and {b} are at {:.1} mm", c.distance * 1e3)
 }
+
+#[cfg(test)]
+mod tests;

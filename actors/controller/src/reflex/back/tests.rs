@@ -1,0 +1,258 @@
+//! Retreats from the stop to the end.
+
+use crate::joint_retreat::tests::{PERIOD, recorded, rules};
+use crate::ledger::{SafePose, Underway};
+use crate::look_ahead::Foreseen;
+use crate::pulse::Pulse;
+use crate::reflex::tests::Alone;
+use crate::reflex::{ReflexIn, ReflexOut, ReflexReport};
+use mobee_contract::{Command, CommitId, Event, Hold, Sample, Status, Time};
+use mobee_model::{Contact, ShapeId};
+
+/// What is wrong with a reading during the retreat.
+#[derive(Clone, Copy, Default)]
+struct Wrong {
+    /// The encoders tell what they told before.
+    frozen: bool,
+    violated: bool,
+    /// Something is a millimeter away.
+    near: bool,
+    /// It does not go where it is sent, and its encoders tell.
+    stuck: bool,
+    /// It moves as fast as counts as rest just no more.
+    restless: bool,
+    /// It counts as being at rest all the time.
+    calm: bool,
+    /// It would come to half a millimeter of something that was put there.
+    ahead: bool,
+    /// Another robot is a millimeter away.
+    met: bool,
+    /// The other robot was stopped, and is about to be taken back.
+    stopped: bool,
+}
+
+/// A robot is taken back over 90 degrees, which takes 3 s: what is told of it, each with its reading (every 10 ms), and why it was stopped.
+fn taken_back(wrong: impl Fn(u64, Option<&ReflexReport>) -> Wrong) -> (Vec<(u64, ReflexReport)>, Option<String>) {
+    let who = recorded(0, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 90.0), (5.0, 90.0)], 0.5);
+    let mut reflex = Alone::new(rules(true));
+    let (mut q, mut told, mut why) = (90_f64.to_radians(), Vec::new(), None);
+    let (mut goal, mut unchanged) = (q, Time::ZERO);
+    let mut read = |k: u64, reflex: &mut Alone, last: Option<&ReflexReport>, goal: f64| {
+        let (at, wrong) = (Time::from_secs(5.0) + PERIOD * k as u32, wrong(k, last));
+        let moves = goal != q && !wrong.frozen && !wrong.stuck;
+        if moves {
+            q = goal;
+        }
+        if moves || wrong.stuck {
+            unchanged = at;
+        }
+        let sample = Sample { seq: k, at, q: vec![q].into(), done: vec![true] };
+        let pair = (ShapeId::Robot { robot: 0, node: 0, shape: 0 }, ShapeId::Object { object: 0, shape: 0 });
+        let near = Contact { pair, distance: 0.001, points: Default::default() };
+        let robot = Contact { pair: (pair.0, ShapeId::Robot { robot: 1, node: 0, shape: 0 }), ..near };
+        let contacts = wrong.near.then_some(near).into_iter().chain(wrong.met.then_some(robot));
+        let mut pulse = Pulse::new(sample, &contacts.collect());
+        if wrong.stopped {
+            reflex.joint_retreat.coming(1, at);
+        } else {
+            reflex.joint_retreat.leave(1);
+        }
+        let speed = if wrong.restless { rules(true).rest_speed } else { 0.0 };
+        (pulse.speed, pulse.unchanged) = (if moves && !wrong.calm { 0.5 } else { speed }, unchanged);
+        pulse.violated = wrong.violated.then_some((0, 0));
+        if wrong.ahead {
+            let contact = Contact { distance: 0.0005, ..near };
+            pulse.foreseen = vec![Foreseen { contact, edited: 1 }].into();
+        }
+        reflex.read(&mut pulse, None, Status::Stopping, at)
+    };
+    read(0, &mut reflex, None, goal);
+    let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
+    let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+    let roll_back = ReflexIn::RollBack { token: reflex.gate.close(), motion, again: false };
+    reflex.on(roll_back, Time::from_secs(5.0));
+    for k in 1..1500 {
+        let mut out = read(k, &mut reflex, told.last().map(|(_, word)| word), goal);
+        while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
+            out.remove(i);
+            let at = Time::from_secs(5.0) + PERIOD * k as u32;
+            reflex.joint_retreat.enroll(who.clone(), at);
+            out.extend(reflex.on(ReflexIn::Brought(Ok(())), at));
+        }
+        for out in out {
+            match out {
+                ReflexOut::Command(_, Command::Direct { q, .. }) => goal = q[0],
+                ReflexOut::ReflexReport(word) => told.push((k, word)),
+                ReflexOut::Event(Event::RetreatStopped { what, .. }) => why = why.or(Some(what)),
+                _ => {}
+            }
+        }
+    }
+    (told, why)
+}
+
+#[test]
+fn a_retreat_is_told_from_its_stop_to_its_end() {
+    let (told, why) = taken_back(|_, _| Wrong::default());
+    let words: Vec<&ReflexReport> = told.iter().map(|(_, word)| word).collect();
+    assert_eq!((words, why), (vec![&ReflexReport::Retreating, &ReflexReport::Settling, &ReflexReport::Back], None));
+    // it may set out once the stop surely shows, and takes as long as the way there
+    assert_eq!(told[0].0, 2);
+    assert!((295..320).contains(&(told[1].0 - told[0].0)), "{told:?}");
+    // as long as its last set-point may take to show, it may still be on its way, however calm it looks
+    let (told, _) = taken_back(|_, _| Wrong { calm: true, ..Wrong::default() });
+    let last = rules(true).reaction().as_millis() as u64 / PERIOD.as_millis() as u64;
+    assert!((last..=last + 1).contains(&(told[2].0 - told[1].0)), "{told:?}");
+}
+
+#[test]
+fn a_retreat_behind_frozen_encoders_is_given_up() {
+    let (told, why) = taken_back(|k, _| Wrong { frozen: (100..130).contains(&k), ..Wrong::default() });
+    assert_eq!((told.last().map(|(_, word)| word), why), (Some(&ReflexReport::Back), None), "0.3 s are not long");
+    let (told, why) = taken_back(|k, _| Wrong { frozen: k >= 100, ..Wrong::default() });
+    let (k, word) = told.last().unwrap();
+    assert_eq!(
+        (word, why.as_deref()),
+        (&ReflexReport::GaveUp(Hold::Stale), Some("the encoders do not follow the set-points"))
+    );
+    assert!((150..156).contains(k), "after half a second: {told:?}");
+}
+
+#[test]
+fn a_retreat_stops_at_what_is_new_in_it() {
+    let blocked = Some(&ReflexReport::GaveUp(Hold::RetreatBlocked));
+    let at = |from: u64| move |k: u64, _: Option<&ReflexReport>| Wrong { violated: k >= from, ..Wrong::default() };
+    let (told, why) = taken_back(at(100));
+    assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (blocked, Some("a constraint would be violated")));
+    assert!(told.last().is_some_and(|(k, _)| *k < 110), "at once: {told:?}");
+    let (told, why) = taken_back(at(0));
+    assert_eq!((told.last().map(|(_, w)| w), why), (Some(&ReflexReport::Back), None), "it was violated from the start");
+    let (told, why) = taken_back(|k, _| Wrong { ahead: k >= 100, ..Wrong::default() });
+    assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (blocked, Some("arm and post are at 0.5 mm")));
+    // where it settles, too
+    let settling = |what: fn(bool) -> Wrong| {
+        let (told, why) = taken_back(move |_, last| what(last == Some(&ReflexReport::Settling)));
+        (told.last().map(|(_, w)| w.clone()), why)
+    };
+    let violated = settling(|there| Wrong { violated: there, ..Wrong::default() });
+    assert_eq!((violated.0.as_ref(), violated.1.as_deref()), (blocked, Some("a constraint would be violated")));
+    let near = settling(|there| Wrong { near: there, ..Wrong::default() });
+    assert_eq!((near.0.as_ref(), near.1.as_deref()), (blocked, Some("arm and post are at 1.0 mm")));
+}
+
+/// A robot that came into the way, and is taken back itself, is waited for, so often; one that is not is given a moment to stop.
+#[test]
+fn a_retreat_waits_for_a_robot_that_makes_room() {
+    let ends = |wrong: &dyn Fn(u64) -> (bool, bool)| {
+        let (told, why) = taken_back(|k, _| {
+            let (met, stopped) = wrong(k);
+            Wrong { met, stopped, ..Wrong::default() }
+        });
+        (told, why.unwrap_or_default())
+    };
+    let (told, why) = ends(&|k| ((100..200).contains(&k), (101..250).contains(&k)));
+    let words: Vec<&ReflexReport> = told.iter().map(|(_, word)| word).collect();
+    assert_eq!(
+        (words, why),
+        (vec![&ReflexReport::Retreating, &ReflexReport::Settling, &ReflexReport::Back], String::new())
+    );
+    assert!((460..480).contains(&(told[1].0 - told[0].0)), "until it is gone, gently, and back: {told:?}");
+    let given_up = |(told, why): (Vec<(u64, ReflexReport)>, String)| {
+        assert_eq!(
+            (&told.last().unwrap().1, &*why),
+            (&ReflexReport::GaveUp(Hold::RetreatBlocked), "arm and post are at 1.0 mm")
+        );
+        told.last().unwrap().0
+    };
+    let alone = given_up(ends(&|k| (k >= 100, false)));
+    assert!((1100..1106).contains(&alone), "it stays: {alone}");
+    let stays = given_up(ends(&|k| (k >= 100, (100..300).contains(&k))));
+    assert!((1299..1306).contains(&stays), "it gave up: {stays}");
+    let again = |k: u64| k >= 100 && k % 20 < 10;
+    let often = given_up(ends(&|k| (again(k), again(k))));
+    assert!((200..206).contains(&often), "the sixth time: {often}");
+}
+
+/// What does not come to rest is not taken back, and nothing is said of it before it rests.
+#[test]
+fn a_retreat_waits_for_rest_three_seconds() {
+    let rests = |from: u64| taken_back(move |k, _| Wrong { restless: k < from, ..Wrong::default() });
+    let (told, why) = rests(299);
+    assert_eq!(
+        (told.first(), told.last().map(|(_, w)| w), why),
+        (Some(&(299, ReflexReport::Retreating)), Some(&ReflexReport::Back), None)
+    );
+    let (told, why) = rests(900);
+    assert_eq!(told, [(900, ReflexReport::GaveUp(Hold::RetreatMissed))]);
+    assert_eq!(why.as_deref(), Some("the robot did not come to rest in time"));
+}
+
+/// Who does not follow is given three seconds, on the way and at its end.
+#[test]
+fn a_retreat_that_is_not_followed_is_missed() {
+    let missed = Some(&ReflexReport::GaveUp(Hold::RetreatMissed));
+    let (told, why) = taken_back(|k, _| Wrong { stuck: k > 0, ..Wrong::default() });
+    assert_eq!(told.last().map(|(_, w)| w), missed, "{told:?}");
+    assert_eq!(why.as_deref(), Some("the robot does not follow the set-points"));
+    // at rest beside its end, or restless there: it has three seconds from when it is to be there
+    let ends = |from: u64, wrong: Wrong| {
+        taken_back(
+            move |k, last| if last == Some(&ReflexReport::Settling) && k < from { wrong } else { Wrong::default() },
+        )
+    };
+    let restless = Wrong { restless: true, ..Wrong::default() };
+    assert_eq!(ends(500, restless).0.last(), Some(&(500, ReflexReport::Back)));
+    let (told, why) = ends(900, restless);
+    assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (missed, Some("the safe pose was not reached in time")));
+}
+
+/// Who went along is lost: the robot stops, and asks for a way of its own.
+#[test]
+fn who_is_left_alone_tries_again_by_itself() {
+    let turns = [(0.0, 0.0), (1.0, 0.0), (4.0, 40.0), (5.0, 40.0)];
+    let [first, second] = [0, 1].map(|robot| recorded(robot, true, &turns, 0.5));
+    let (mut reflex, start) = (Alone::new(rules(true)), Time::from_secs(5.0));
+    let safe = Some(SafePose { since: first.past[first.start].at, q: first.safe.clone() });
+    let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
+    reflex.joint_retreat.enroll(second, start);
+    let token = reflex.gate.close();
+    reflex.on(ReflexIn::RollBack { token, motion, again: false }, start);
+    let (mut q, mut asked) = (40_f64.to_radians(), Vec::new());
+    for k in 1..200 {
+        let at = start + PERIOD * k;
+        let sample = Sample { seq: u64::from(k), at, q: vec![q].into(), done: vec![true] };
+        let mut pulse = Pulse::new(sample, &Vec::new().into());
+        pulse.speed = 0.0;
+        let mut out = reflex.read(&mut pulse, None, Status::Stopping, at);
+        while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
+            let ReflexOut::Bring(bring) = out.remove(i) else { continue };
+            asked.push((k, bring.again));
+            reflex.joint_retreat.enroll(crate::joint_retreat::Participant { again: bring.again, ..first.clone() }, at);
+            out.extend(reflex.on(ReflexIn::Brought(Ok(())), at));
+        }
+        for out in out {
+            if let ReflexOut::Command(_, Command::Direct { q: to, .. }) = out {
+                q = to[0];
+            }
+        }
+    }
+    assert!(matches!(asked[..], [(2, false), (100..=110, true)]), "{asked:?}");
+}
+
+/// A robot that becomes slower all the time, and does not come to rest, is stopped again every three seconds.
+#[test]
+fn who_does_not_come_to_rest_is_stopped_again() {
+    let (mut reflex, begun) = (Alone::new(rules(true)), Time::from_secs(5.0));
+    let motion = Underway { id: CommitId(1), safe: None, named: vec![0].into(), places: vec![None].into() };
+    let token = reflex.gate.close();
+    reflex.on(ReflexIn::RollBack { token, motion, again: false }, begun);
+    let stops = (1..650).filter(|k| {
+        let at = begun + PERIOD * *k;
+        let sample = Sample { seq: u64::from(*k), at, q: vec![0.0].into(), done: vec![false] };
+        let mut pulse = Pulse::new(sample, &Vec::new().into());
+        pulse.speed = 0.994_f64.powi(*k as i32).max(2.0 * rules(true).rest_speed);
+        let out = reflex.read(&mut pulse, None, Status::Stopping, at);
+        out.iter().any(|o| matches!(o, ReflexOut::Command(_, Command::Stop { .. })))
+    });
+    assert_eq!(stops.collect::<Vec<_>>(), [300, 600]);
+}
