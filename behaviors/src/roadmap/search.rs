@@ -3,6 +3,9 @@
 //! It visits vertices and edges in the very order of `petgraph::algo::astar` on the map's graph, so that of ways of equal cost the same
 //! one is chosen; a property test holds the two together. Edges are kept per vertex, in the order in which they were added, and
 //! looked at from the newest to the oldest.
+//!
+//! That there is no way is found out from both ends: while the search goes on, what leads to the goal is gathered backwards, a vertex
+//! for each of the search. A goal on a small island is so given up long before everything else was looked at.
 
 use super::Cost;
 use crate::short_way::JointMetric;
@@ -23,6 +26,8 @@ pub(super) struct Links {
     /// The group's share of every vertex, one after the other.
     poses: Vec<f64>,
     out: Vec<Vec<Link>>,
+    /// The vertices whose edges lead to each.
+    into: Vec<Vec<u32>>,
 }
 
 impl Links {
@@ -34,6 +39,7 @@ impl Links {
     pub fn add_vertex(&mut self, group: &[f64]) {
         self.poses.extend(group);
         self.out.push(Vec::new());
+        self.into.push(Vec::new());
     }
 
     /// A vertex without edges is somewhere else.
@@ -51,8 +57,9 @@ impl Links {
     /// An edge that was not there.
     pub fn add(&mut self, from: u32, to: u32, doubtful: bool, metric: &JointMetric) {
         let cost = Cost { doubtful: u32::from(doubtful), length: metric.distance(self.pose(from), self.pose(to)) };
-        if let Some(out) = self.out.get_mut(from as usize) {
+        if let (Some(out), Some(into)) = (self.out.get_mut(from as usize), self.into.get_mut(to as usize)) {
             out.push(Link { to, cost });
+            into.push(from);
         }
     }
 
@@ -60,6 +67,9 @@ impl Links {
     pub fn remove(&mut self, from: u32, to: u32) {
         if let Some(out) = self.out.get_mut(from as usize) {
             out.retain(|link| link.to != to);
+        }
+        if let Some(into) = self.into.get_mut(to as usize) {
+            into.retain(|other| *other != from);
         }
     }
 
@@ -71,6 +81,11 @@ impl Links {
         }
     }
 
+    /// Where the edges of a vertex lead.
+    pub fn out(&self, from: u32) -> impl Iterator<Item = u32> {
+        self.out.get(from as usize).into_iter().flatten().map(|link| link.to)
+    }
+
     /// The shortest way (A*), both ends included.
     pub fn shortest(&self, from: u32, to: u32, metric: &JointMetric, at_hand: &mut Buffers) -> Option<Vec<u32>> {
         if from.max(to) as usize >= self.out.len() {
@@ -78,9 +93,10 @@ impl Links {
         }
         let aim = self.pose(to);
         let left = |vertex: u32| Cost { doubtful: 0, length: metric.distance(self.pose(vertex), aim) };
-        at_hand.begin(self.out.len());
-        let Buffers { seen, open, .. } = at_hand;
+        at_hand.begin(self.out.len(), to);
+        let Buffers { seen, open, back, leads, .. } = at_hand;
         let (first, now) = (from as usize, at_hand.now);
+        let mut both_ends = true;
         let start = left(from);
         if let Some(seen) = seen.get_mut(first) {
             *seen = Seen { now, from, cost: Cost::default(), left: start };
@@ -93,6 +109,16 @@ impl Links {
             let worse = seen.get(vertex as usize).is_none_or(|seen| seen.cost < cost);
             if worse {
                 continue;
+            }
+            if both_ends {
+                // nothing else leads to the goal, and the start does not
+                let vertex = back.pop()?;
+                for other in self.into.get(vertex as usize).into_iter().flatten() {
+                    let Some(leads) = leads.get_mut(*other as usize).filter(|leads| **leads != now) else { continue };
+                    *leads = now;
+                    back.push(*other);
+                    both_ends &= *other != from;
+                }
             }
             for link in self.out.get(vertex as usize).into_iter().flatten().rev() {
                 let Some(seen) = seen.get_mut(link.to as usize) else { continue };
@@ -168,18 +194,29 @@ impl Eq for Open {}
 pub(super) struct Buffers {
     seen: Vec<Seen>,
     open: BinaryHeap<Open>,
+    /// Vertices that lead to the goal, and were not gone back from yet.
+    back: Vec<u32>,
+    /// The search in which each vertex was found to lead to the goal.
+    leads: Vec<u32>,
     now: u32,
 }
 
 impl Buffers {
-    fn begin(&mut self, vertices: usize) {
+    fn begin(&mut self, vertices: usize, goal: u32) {
         self.open.clear();
+        self.back.clear();
+        self.back.push(goal);
+        self.leads.resize(vertices, 0);
         self.seen.resize(vertices, Seen::default());
         self.now = self.now.wrapping_add(1);
         if self.now == 0 {
             // numbers begin anew: nothing may seem to be of this search
             self.seen.fill(Seen::default());
+            self.leads.fill(0);
             self.now = 1;
+        }
+        if let Some(leads) = self.leads.get_mut(goal as usize) {
+            *leads = self.now;
         }
     }
 }
