@@ -190,7 +190,7 @@ mod tests {
             ("size 320 240", "size 320 240.5", "size"),
             ("focal 257", "focal -257", "focal"),
             ("(center 160.0", "(center inf", "center"),
-            ("distortion", "distorsion", "distortion"),
+            ("distortion", "distort", "distortion"),
             ("(regions ", "(region ", "regions"),
             ("(cup (center", "(7 (center", "region 1"),
             ("area 88.0", "area much", "region 1: the list (area"),
