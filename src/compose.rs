@@ -4,6 +4,8 @@ mod checks;
 mod script;
 mod sensors;
 
+pub(crate) use sensors::camera as sensor_camera;
+
 use crate::config::{ClockMode, Complaints, Config, ConfigError, Source, suggestion};
 use mobee_actors::system::{AgentMaker, RobotSetup, ScriptStep, SensorSetup, TruthCell, named_apart};
 use mobee_contract::{Agent, Bridge, Context, Hardware, Kind, KindError, Requirements, Role, Service, kinds};

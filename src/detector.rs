@@ -5,6 +5,7 @@ mod tag;
 mod train;
 
 use crate::config::ConfigError;
+use crate::outside::{OutsideArgs, looking};
 use miette::{IntoDiagnostic, Report};
 use mobee_behaviors::detectors::file::DetectorFile;
 use mobee_behaviors::detectors::picture::{LabeledPicture, Mask, PictureFault, read_folder};
@@ -40,6 +41,9 @@ pub enum DetectorCommand {
         /// The detector.
         file: PathBuf,
     },
+    /// Look at what the cameras of a sensor see, in a process of its own over YARP, until Ctrl-C: pictures come from image ports, regions and
+    /// masks go to PREFIX/SENSOR/EYE/regions:o and mask:o.
+    Run(OutsideArgs),
     /// Make the picture of a tag, for a printer or for the scenery of simulated cameras.
     Tag(tag::TagArgs),
 }
@@ -54,6 +58,7 @@ pub fn command(command: &DetectorCommand) -> Result<(), Report> {
         DetectorCommand::Eval { detector, images, json } => eval(detector, images, *json)?,
         DetectorCommand::Show { file } => show(&load(file)?),
         DetectorCommand::Tag(args) => tag::command(args)?,
+        DetectorCommand::Run(args) => return looking::command(args),
     };
     crate::terminal::out(&said);
     Ok(())

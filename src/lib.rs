@@ -30,6 +30,7 @@ pub mod model_info;
 pub mod model_view;
 pub mod new;
 pub mod new_robot;
+mod outside;
 pub mod replay;
 pub mod roadmap;
 pub mod robot_import;

@@ -5,6 +5,7 @@ mod collect;
 mod train;
 
 use crate::config::ConfigError;
+use crate::outside::placing::{self, LocatorRunArgs};
 use miette::{IntoDiagnostic, Report};
 use mobee_behaviors::locators::file::{LearnedPlaces, LocatorFile};
 use mobee_behaviors::locators::head::JOINTS;
@@ -41,6 +42,9 @@ pub enum LocatorCommand {
         #[arg(long)]
         json: bool,
     },
+    /// Place what the detectors of a sensor see, in a process of its own over YARP, until Ctrl-C: regions come from `mobee detector run`, the
+    /// pose from the state ports of the robot's boards, and objects are moved in the world of a `mobee run`.
+    Run(LocatorRunArgs),
     /// Show what a locator has learned.
     Show {
         /// The locator.
@@ -78,6 +82,7 @@ fn done(command: &LocatorCommand) -> Result<String, Report> {
         LocatorCommand::Best(args) => best::command(args)?,
         LocatorCommand::Eval { locator, data, json } => eval(&load(locator)?, data, *json)?,
         LocatorCommand::Show { file } => show(&load(file)?),
+        LocatorCommand::Run(args) => placing::command(args).map(|()| String::new())?,
     })
 }
 

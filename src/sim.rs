@@ -1,5 +1,7 @@
 //! `mobee sim`: simulated robots as YARP devices, for other programs and for our own driver in another process.
 
+mod cameras;
+
 use crate::compose::{derive_seed, driver_of};
 use crate::config::{Config, ConfigError, RobotConfig};
 use crate::signals::Interrupt;
@@ -15,7 +17,8 @@ use std::sync::Arc;
 /// What `mobee sim` was told.
 #[derive(clap::Args)]
 pub struct SimArgs {
-    /// A configuration file whose robots have drivers of kind `sim`, such as configs/behaviors/explore.toml
+    /// A configuration file whose robots have drivers of kind `sim`, such as configs/behaviors/explore.toml; what its simulated cameras
+    /// see is at PREFIX/cam/EYE
     file: PathBuf,
     /// Prefix of the port names (one robot only); default: `/NAMESim` for a robot called NAME.
     #[arg(long)]
@@ -31,7 +34,7 @@ pub struct SimArgs {
     set: Vec<String>,
 }
 
-/// Serves the robots of a file until Ctrl-C.
+/// Serves the robots of a file, and what their simulated cameras see, until Ctrl-C.
 ///
 /// # Errors
 /// Complaints about the configuration or the network, before any port is opened.
@@ -41,34 +44,47 @@ pub fn command(args: &SimArgs) -> Result<(), Report> {
             ConfigError::plain(format!("{} is not a speed", args.speed), "give a number above 0, up to 1000").into()
         );
     }
-    let boards = boards(args)?;
+    let simulated = Simulated::load(args)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|e| ConfigError::plain(format!("no runtime: {e}"), "free some resources"))?;
-    runtime.block_on(serve(args, boards))
+    runtime.block_on(serve(args, simulated))
 }
 
-/// Devices by the first part of their port names.
-fn boards(args: &SimArgs) -> Result<Vec<(String, SimBoard)>, Report> {
-    let (config, source) = Config::load(&args.file, &args.set)?;
-    if args.prefix.is_some() && config.robot.len() > 1 {
-        let help = "leave --prefix out; every robot then has its own";
-        return Err(ConfigError::plain("one prefix for several robots", help).into());
+/// What is served.
+struct Simulated {
+    /// Devices by the first part of their port names.
+    boards: Vec<(String, Arc<SimBoard>)>,
+    cameras: Vec<cameras::Served>,
+    clock: SimClock,
+}
+
+impl Simulated {
+    fn load(args: &SimArgs) -> Result<Simulated, Report> {
+        let (config, source) = Config::load(&args.file, &args.set)?;
+        if args.prefix.is_some() && config.robot.len() > 1 {
+            let help = "leave --prefix out; every robot then has its own";
+            return Err(ConfigError::plain("one prefix for several robots", help).into());
+        }
+        let prefix = |robot: &str| args.prefix.clone().unwrap_or_else(|| format!("/{robot}Sim"));
+        let clock = SimClock::start(args.speed, wall());
+        let (mut all, mut by_robot) = (Vec::new(), Vec::new());
+        for (i, robot) in config.robot.iter().enumerate() {
+            let prefix = prefix(&robot.name);
+            let model = Config::beside(&source, &robot.model);
+            let model = mobee_model::load_robot(&model)?.value;
+            let seed = derive_seed(config.seed, &format!("{}/driver", robot.name));
+            let at = format!("robot[{i}].driver");
+            let settings = settings(robot, &at, &source)?;
+            let context = Context { robot: Arc::new(model), seed };
+            let boards = SimBoard::all(&settings, &context, clock)
+                .map_err(|e| source.error(&format!("{at}.{}", e.path), e.what.clone(), e.help.clone()))?;
+            let boards: cameras::RobotBoards = boards.into_iter().map(Arc::new).collect();
+            all.extend(boards.iter().map(|b| (format!("{prefix}/{}", b.part()), b.clone())));
+            by_robot.push(boards);
+        }
+        let cameras = cameras::cameras(&config, &source, prefix, &by_robot)?;
+        Ok(Simulated { boards: all, cameras, clock })
     }
-    let clock = SimClock::start(args.speed, wall());
-    let mut all = Vec::new();
-    for (i, robot) in config.robot.iter().enumerate() {
-        let prefix = args.prefix.clone().unwrap_or_else(|| format!("/{}Sim", robot.name));
-        let model = Config::beside(&source, &robot.model);
-        let model = mobee_model::load_robot(&model)?.value;
-        let seed = derive_seed(config.seed, &format!("{}/driver", robot.name));
-        let at = format!("robot[{i}].driver");
-        let settings = settings(robot, &at, &source)?;
-        let context = Context { robot: Arc::new(model), seed };
-        let boards = SimBoard::all(&settings, &context, clock)
-            .map_err(|e| source.error(&format!("{at}.{}", e.path), e.what.clone(), e.help.clone()))?;
-        all.extend(boards.into_iter().map(|b| (format!("{prefix}/{}", b.part()), b)));
-    }
-    Ok(all)
 }
 
 fn settings(robot: &RobotConfig, at: &str, source: &crate::config::Source) -> Result<SimSettings, ConfigError> {
@@ -80,19 +96,24 @@ fn settings(robot: &RobotConfig, at: &str, source: &crate::config::Source) -> Re
     mobee_contract::settings(&settings).map_err(|e| source.error(&format!("{at}.{}", e.path), e.what, e.help))
 }
 
-async fn serve(args: &SimArgs, boards: Vec<(String, SimBoard)>) -> Result<(), Report> {
+async fn serve(args: &SimArgs, simulated: Simulated) -> Result<(), Report> {
+    let Simulated { boards, cameras, clock } = simulated;
     let (network, server) = network(args.server.as_deref()).await?;
     let mut open = Vec::new();
     for (prefix, board) in boards {
         let period = board.publishes();
-        let opened = BoardServer::open(&network, &prefix, Arc::new(board), period).await;
+        let opened = BoardServer::open(&network, &prefix, board, period).await;
         open.push(opened.map_err(|e| ConfigError::plain(e.to_string(), "end the program that holds it, or wait"))?);
         println!("{prefix}");
     }
+    let mut cameras = cameras::serve(&network, cameras, clock, args.speed).await?;
     let (host, port) = network.server();
     let whose = if server.is_some() { "our own" } else { "the" };
-    println!("{} boards at {whose} name server {host}:{port}; Ctrl-C ends", open.len());
+    let eyes = if cameras.is_empty() { String::new() } else { format!(" and {} cameras", cameras.len()) };
+    println!("{} boards{eyes} at {whose} name server {host}:{port}; Ctrl-C ends", open.len());
     Interrupt::new().wait().await;
+    // their ports unregister as they are dropped
+    cameras.shutdown().await;
     for board in open {
         board.close().await;
     }
@@ -138,5 +159,5 @@ fn wall() -> f64 {
 /// As for [`command`].
 pub fn ports(file: &Path) -> Result<Vec<String>, Report> {
     let args = SimArgs { file: file.to_owned(), prefix: None, speed: 1.0, server: None, set: Vec::new() };
-    Ok(boards(&args)?.into_iter().map(|(prefix, _)| prefix).collect())
+    Ok(Simulated::load(&args)?.boards.into_iter().map(|(prefix, _)| prefix).collect())
 }

@@ -8,7 +8,9 @@ mod report;
 mod run;
 mod tree;
 
-pub use crate::shell::{CameraSetup, KeptObject, LocatorSetup, PartMaker, SensorSetup, WorldGateSettings, named_apart};
+pub use crate::shell::{
+    CameraSetup, KeptObject, LocatorSetup, PartMaker, SensorSetup, WorldGate, WorldGateSettings, named_apart,
+};
 pub use crate::wiring::{Blow, CueTrigger, Cues, Late, RunCounts, ScriptStep, Troubles, TruthCell};
 pub use exchange::{BesideOffer, NewBeside, NewPart, PartOffer};
 pub use inject::{Injection, Spot};

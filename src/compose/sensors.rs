@@ -26,6 +26,23 @@ pub(super) fn all(
     sensors.filter_map(|(i, sensor)| Sensing { config, source, scene, truth, i, sensor }.setup(wrong)).collect()
 }
 
+/// One camera that somebody serves or looks through outside of a run.
+///
+/// # Errors
+/// Complaints about its table, which stands at `at`.
+pub(crate) fn camera(
+    source: &Source,
+    at: &str,
+    table: &Value,
+    context: &CameraContext,
+) -> Result<Box<dyn Camera>, Complaints> {
+    let (kind, mut settings) = kind::<dyn Camera>(source, at, table)?;
+    for (_, path) in paths(&mut settings) {
+        *path = Config::beside(source, Path::new(path.as_str())).to_string_lossy().into_owned();
+    }
+    (kind.build)(&settings, context).map_err(|e| placed(source, at, e))
+}
+
 /// One sensor, and what it is built from.
 struct Sensing<'a> {
     config: &'a Config,

@@ -29,6 +29,7 @@ mod roadmap_files;
 mod same_seed_same_run;
 mod schema;
 mod seeing;
+mod sensors_over_yarp;
 mod shipped_behaviors;
 mod slides_over_yarp;
 mod swap_over_yarp;

@@ -1,6 +1,6 @@
 //! The record of a run, as its sinks receive it.
 
-use crate::{Event, Frame, Pose, Region, Time};
+use crate::{Event, Pose, SeenPicture, Time};
 use mobee_model::{Contact, Scene};
 use std::sync::Arc;
 
@@ -22,10 +22,8 @@ pub enum Entry {
     Picture {
         /// The camera, by its name in the run.
         camera: Arc<str>,
-        /// What it saw.
-        frame: Frame,
-        /// What its detector found.
-        regions: Arc<[Region]>,
+        /// What it saw, and what was found in it.
+        seen: Arc<SeenPicture>,
     },
     /// The scene, at the start and after each edit, for a recorder; a journal ignores it.
     Scene(Arc<Scene>),

@@ -66,6 +66,41 @@ pub struct SeenPose {
     pub covariance: [[f64; 6]; 6],
 }
 
+/// Which pixels of a frame a detector took for objects'.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SeenMask {
+    /// Width and height, pixels: the frame's.
+    pub size: [u32; 2],
+    /// Row by row from the top: 0 where nothing is, else the number of the object among the detector's, from 1 on.
+    pub objects: Arc<[u8]>,
+}
+
+/// Where a camera is fixed on a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraMount {
+    /// The robot's index in the scene.
+    pub robot: usize,
+    /// The node of its model that carries the camera.
+    pub node: usize,
+    /// Where the camera is in that node's frame (`node_from_camera`), meters.
+    pub position: [f64; 3],
+    /// How it is turned there: a unit quaternion, w, x, y, z.
+    pub rotation: [f64; 4],
+}
+
+/// A frame, and what became of it, for people to look at.
+#[derive(Clone, Debug)]
+pub struct SeenPicture {
+    /// What the camera saw.
+    pub frame: Frame,
+    /// What its detector found.
+    pub regions: Arc<[Region]>,
+    /// By which pixels, if the detector tells.
+    pub mask: Option<SeenMask>,
+    /// Where the camera is on its robot, as far as that is known.
+    pub mount: Option<CameraMount>,
+}
+
 /// Gives frames.
 pub trait Camera: Send {
     /// The time between two frames.
@@ -83,6 +118,10 @@ pub trait Camera: Send {
     /// in the model by the sensor alone.
     fn is_simulated(&self) -> bool {
         false
+    }
+    /// Where it is on its robot, for the recording; `None`: not known. No locator is told.
+    fn mount(&self) -> Option<CameraMount> {
+        None
     }
 }
 
@@ -145,6 +184,14 @@ pub trait Detector: Send {
     fn detect(&mut self, frame: &Frame) -> Vec<Region>;
     /// How long that takes by a virtual clock, so that runs in virtual time are equal; a real clock tells by itself.
     fn takes(&self) -> Duration;
+    /// Which pixels of the frame that it looked at last it took for its objects', for the recording; `None`: it goes by no mask.
+    fn mask(&self) -> Option<SeenMask> {
+        None
+    }
+    /// What somebody should know of the frame that it looked at last, as a sentence; it says no more than once what stays so.
+    fn complaint(&mut self) -> Option<String> {
+        None
+    }
     /// What it has learned, for a successor; `None`: nothing.
     fn export(&self) -> Option<Snapshot> {
         None

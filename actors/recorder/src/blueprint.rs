@@ -167,7 +167,7 @@ impl Print<'_> {
     fn eyes(&mut self, root: &str, eyes: &[String]) -> Result<Option<Place>, String> {
         let mut views = Vec::new();
         for eye in eyes {
-            let name = eye.trim_start_matches("eyes/");
+            let name = eye.split_once("eyes/").map_or(eye.as_str(), |(_, name)| name);
             views.push(self.view("2D", name, &format!("/{root}{eye}"))?);
         }
         if views.is_empty() {

@@ -1,40 +1,141 @@
-//! What cameras see, and what was found in it.
+//! What cameras see, and what was found in it: a picture and a mask before each of them, in the frustum of a camera whose place on its
+//! robot is known.
 
 use crate::body::entity;
 use crate::palette;
+use crate::shapes::{quaternion, vec3};
 use crate::stream::{Stream, Written};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use mobee_contract::{Frame, Region};
-use rerun::{Boxes2D, EncodedImage, Points2D};
+use mobee_contract::{CameraMount, Intrinsics, SeenMask, SeenPicture};
+use mobee_model::Scene;
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
+use rerun::datatypes::{ChannelDatatype, ImageFormat, Rgba32};
+use rerun::{AnnotationContext, Boxes2D, EncodedImage, Pinhole, Points2D, SegmentationImage, Transform3D};
 
 /// Of a hundred: pictures for people to look at.
 const QUALITY: u8 = 80;
+/// How far before a camera its picture is drawn, meters: less than to where hands work.
+const BEFORE: f32 = 0.12;
+/// How much of the mask's color is laid over the picture.
+const OPACITY: f32 = 0.5;
+/// A camera's place is written again when it has moved by more than this, meters, or turned, rad (0.05 degrees).
+const STEP: [f64; 2] = [1e-4, 1e-3];
 
-/// The entity of a camera: its sensor's and its own name.
-pub(crate) fn path(camera: &str) -> String {
-    let parts: Vec<String> = camera.split('/').map(entity).collect();
-    format!("eyes/{}", parts.join("/"))
+/// A camera of which there were pictures.
+pub(crate) struct Eye {
+    /// Its name in the run.
+    name: String,
+    /// Its entity.
+    pub(crate) path: String,
+    mount: Option<CameraMount>,
+    lens: Option<Intrinsics>,
+    /// Where it was written to be last, `world_from_camera`.
+    written: Option<Isometry3<f64>>,
 }
 
-/// Draws a picture, and boxes and centers of what was found in it.
-///
-/// # Errors
-/// In words. A picture that is not what it says is left out.
-pub(crate) fn show(stream: &Stream, eye: &str, frame: &Frame, regions: &[Region]) -> Written {
-    let [width, height] = frame.intrinsics.size;
-    let mut jpeg = Vec::new();
-    let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
-    if encoder.write_image(&frame.pixels, width, height, ExtendedColorType::Rgb8).is_ok() {
-        let picture = EncodedImage::from_file_contents(jpeg).with_media_type("image/jpeg");
-        stream.log(&format!("{eye}/picture"), &picture)?;
+impl Eye {
+    /// A camera of this name in the run. One on a robot is drawn there.
+    pub(crate) fn new(stream: &Stream, name: &str, mount: Option<&CameraMount>) -> Result<Eye, String> {
+        let parts: Vec<String> = name.split('/').map(entity).collect();
+        let below = if mount.is_some() { "world/eyes" } else { "eyes" };
+        let path = format!("{below}/{}", parts.join("/"));
+        stream.log_static(&path, &AnnotationContext::new(classes()))?;
+        Ok(Eye { name: name.to_owned(), path, mount: mount.cloned(), lens: None, written: None })
     }
-    let ends = |i: usize, k: usize| regions.iter().map(move |r| (r.bounds[i] as f32, r.bounds[k] as f32));
-    let sizes = ends(2, 3).zip(ends(0, 1)).map(|((right, bottom), (left, top))| (right - left, bottom - top));
-    let boxes = Boxes2D::from_mins_and_sizes(ends(0, 1), sizes)
-        .with_colors([palette::NEAR])
-        .with_labels(regions.iter().map(|r| r.object.clone()));
-    stream.log(&format!("{eye}/regions"), &boxes)?;
-    let centers = regions.iter().map(|r| (r.center[0] as f32, r.center[1] as f32));
-    stream.log(&format!("{eye}/centers"), &Points2D::new(centers).with_colors([palette::NEAR]).with_radii([2.0]))
+
+    /// Whether it is the camera of this name.
+    pub(crate) fn is(&self, name: &str) -> bool {
+        self.name == name
+    }
+
+    /// Draws a picture, the mask over it, and boxes and centers of what was found in it.
+    ///
+    /// # Errors
+    /// In words. A picture or a mask that is not what it says is left out.
+    pub(crate) fn show(&mut self, stream: &Stream, seen: &SeenPicture) -> Written {
+        let SeenPicture { frame, regions, mask, mount } = seen;
+        // a camera may have been exchanged for one elsewhere on the robot
+        if self.mount.is_some() && mount.is_some() {
+            self.mount.clone_from(mount);
+        }
+        let (path, [width, height]) = (&self.path, frame.intrinsics.size);
+        if self.mount.is_some() && self.lens != Some(frame.intrinsics) {
+            stream.log(path, &pinhole(&frame.intrinsics))?;
+            self.lens = Some(frame.intrinsics);
+        }
+        let mut jpeg = Vec::new();
+        let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
+        if encoder.write_image(&frame.pixels, width, height, ExtendedColorType::Rgb8).is_ok() {
+            let picture = EncodedImage::from_file_contents(jpeg).with_media_type("image/jpeg");
+            stream.log(&format!("{path}/picture"), &picture)?;
+        }
+        if let Some(mask) = mask.as_ref().filter(|mask| is_whole(mask)) {
+            let format = ImageFormat::segmentation(mask.size, ChannelDatatype::U8);
+            let mask = SegmentationImage::new(mask.objects.to_vec(), format).with_opacity(OPACITY);
+            stream.log(&format!("{path}/mask"), &mask)?;
+        }
+        let ends = |i: usize, k: usize| regions.iter().map(move |r| (r.bounds[i] as f32, r.bounds[k] as f32));
+        let sizes = ends(2, 3).zip(ends(0, 1)).map(|((right, bottom), (left, top))| (right - left, bottom - top));
+        let boxes = Boxes2D::from_mins_and_sizes(ends(0, 1), sizes)
+            .with_colors([palette::NEAR])
+            .with_labels(regions.iter().map(|r| r.object.clone()));
+        stream.log(&format!("{path}/regions"), &boxes)?;
+        let centers = regions.iter().map(|r| (r.center[0] as f32, r.center[1] as f32));
+        stream.log(&format!("{path}/centers"), &Points2D::new(centers).with_colors([palette::NEAR]).with_radii([2.0]))
+    }
+
+    /// Takes it where a robot at this pose carries it.
+    ///
+    /// # Errors
+    /// In words.
+    pub(crate) fn carry(&mut self, stream: &Stream, scene: &Scene, robot: usize, q: &[f64]) -> Written {
+        let Some(mount) = self.mount.as_ref().filter(|mount| mount.robot == robot) else { return Ok(()) };
+        let Some(at) = place(mount, scene, q) else { return Ok(()) };
+        let [step, turn] = STEP;
+        let stays = |old: &Isometry3<f64>| {
+            let moved = (old.translation.vector - at.translation.vector).norm();
+            moved < step && old.rotation.angle_to(&at.rotation) < turn
+        };
+        if self.written.as_ref().is_some_and(stays) {
+            return Ok(());
+        }
+        self.written = Some(at);
+        let place = Transform3D::from_translation_rotation(vec3(&at.translation.vector), quaternion(&at.rotation));
+        stream.log(&self.path, &place)
+    }
+}
+
+/// `world_from_camera`; `None` for a robot or a pose that is not the scene's.
+fn place(mount: &CameraMount, scene: &Scene, q: &[f64]) -> Option<Isometry3<f64>> {
+    let robot = scene.robots().get(mount.robot).filter(|r| r.motors.len() == q.len())?;
+    let mut frames = Vec::new();
+    robot.forward_from(&scene.base(mount.robot), q, &mut frames);
+    let [w, x, y, z] = mount.rotation;
+    let turn = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6)?;
+    let own = Isometry3::from_parts(Vector3::from(mount.position).into(), turn);
+    let at = frames.get(mount.node)? * own;
+    at.translation.vector.iter().all(|x| x.is_finite()).then_some(at)
+}
+
+/// A camera's frustum; what its lens bends is not in it.
+fn pinhole(lens: &Intrinsics) -> Pinhole {
+    let [[fx, fy], [cx, cy]] = [lens.focal, lens.center].map(|pair| pair.map(|x| x as f32));
+    let [width, height] = lens.size.map(|n| n as f32);
+    Pinhole::new([[fx, 0.0, 0.0], [0.0, fy, 0.0], [cx, cy, 1.0]])
+        .with_resolution([width, height])
+        .with_image_plane_distance(BEFORE)
+        .with_color(palette::FRUSTUM)
+}
+
+fn is_whole(mask: &SeenMask) -> bool {
+    let [width, height] = mask.size.map(|n| usize::try_from(n).unwrap_or(usize::MAX));
+    width.checked_mul(height) == Some(mask.objects.len())
+}
+
+/// The colors of a mask: none where nothing is, then one for each of the detector's objects.
+fn classes() -> impl Iterator<Item = (u16, &'static str, Rgba32)> {
+    let nothing = (0, "", Rgba32(0));
+    let objects = (1..=u16::from(u8::MAX)).map(|n| (n, "", Rgba32(palette::trail(usize::from(n)))));
+    std::iter::once(nothing).chain(objects)
 }

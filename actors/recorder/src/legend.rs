@@ -11,6 +11,8 @@ pub(crate) const TEXT: &str = "\
 - bright lines: the way the hands went during the last half minute
 - solid objects are obstacles or targets, see-through ones are ghosts
 
+- pyramids of thin lines: cameras, with what they see; what a detector takes for its object is tinted, and boxed in **red**
+
 **Roadmap** (flat: the hand's places as seen from the front)
 - circles: vertices, poses where the robot may rest
 - **green, thick**: driven to its end, feasible

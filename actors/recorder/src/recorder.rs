@@ -2,7 +2,7 @@
 
 use crate::blueprint::Page;
 use crate::body::entity;
-use crate::eyes;
+use crate::eyes::Eye;
 use crate::front::Front;
 use crate::objects::Objects;
 use crate::palette;
@@ -11,7 +11,7 @@ use crate::shadow::Shadow;
 use crate::shapes::touched;
 use crate::stream::{Stream, Written};
 use crate::words;
-use mobee_contract::{Entry, Event, Frame, Region, Sink, Time};
+use mobee_contract::{Entry, Event, Pose, SeenPicture, Sink, Time};
 use mobee_model::{Contact, Scene};
 use rerun::{Points3D, StateChange, TextLog};
 use std::sync::Arc;
@@ -30,8 +30,8 @@ pub struct Recorder {
     recording: Recording,
     stream: Stream,
     robots: Vec<Shadow>,
-    /// The cameras of which there were pictures, as entities.
-    eyes: Vec<String>,
+    /// The cameras of which there were pictures.
+    eyes: Vec<Eye>,
     objects: Objects,
     front: Option<Front>,
     scene: Option<Arc<Scene>>,
@@ -92,17 +92,27 @@ impl Recorder {
     }
 
     /// Shows what a camera sees, with what was found in it. The first of a camera makes room for it in the layout.
-    fn picture(&mut self, camera: &str, frame: &Frame, regions: &[Region]) -> Written {
-        let eye = eyes::path(camera);
-        if !self.eyes.contains(&eye) {
-            self.eyes.push(eye.clone());
+    fn picture(&mut self, camera: &str, seen: &SeenPicture) -> Written {
+        if !self.eyes.iter().any(|eye| eye.is(camera)) {
+            let mut eye = Eye::new(&self.stream, camera, seen.mount.as_ref())?;
+            for (i, shadow) in self.robots.iter().enumerate() {
+                if let (Some(scene), Some(q)) = (&self.scene, &shadow.pose) {
+                    eye.carry(&self.stream, scene, i, q)?;
+                }
+            }
+            self.eyes.push(eye);
             self.lay_out()?;
         }
-        eyes::show(&self.stream, &eye, frame, regions)
+        let eye = self.eyes.iter_mut().find(|eye| eye.is(camera));
+        eye.map_or(Ok(()), |eye| eye.show(&self.stream, seen))
     }
 
-    fn pose(&mut self, at: Time, robot: usize, q: &[f64], contacts: &[Contact]) -> Written {
+    fn pose(&mut self, at: Time, robot: usize, q: &Pose, contacts: &[Contact]) -> Written {
+        if let Some(scene) = &self.scene {
+            self.eyes.iter_mut().try_for_each(|eye| eye.carry(&self.stream, scene, robot, q))?;
+        }
         let Some(shadow) = self.robots.get_mut(robot) else { return Ok(()) };
+        shadow.pose = Some(q.clone());
         shadow.body.pose(at, &shadow.robot, q);
         shadow.traces.pose(at, &shadow.robot, q);
         self.frames += 1;
@@ -195,7 +205,8 @@ impl Recorder {
     fn lay_out(&self) -> Written {
         let Some(front) = self.front else { return Ok(()) };
         let robots = self.robots.iter().map(Shadow::shown).collect();
-        let page = Page { root: self.stream.root.clone(), robots, eyes: self.eyes.clone(), front };
+        let eyes = self.eyes.iter().map(|eye| eye.path.clone()).collect();
+        let page = Page { root: self.stream.root.clone(), robots, eyes, front };
         self.recording.lay_out(page)
     }
 
@@ -229,7 +240,7 @@ impl Sink for Recorder {
             Entry::Event(event) => self.event(event),
             Entry::Pose { robot, q, contacts } => self.pose(at, *robot, q, contacts),
             Entry::Scene(scene) => self.scene(scene),
-            Entry::Picture { camera, frame, regions } => self.picture(camera, frame, regions),
+            Entry::Picture { camera, seen } => self.picture(camera, seen),
         }
     }
 

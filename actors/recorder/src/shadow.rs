@@ -7,6 +7,7 @@ use crate::palette;
 use crate::roadmap::Roadmap;
 use crate::stream::{Stream, Written};
 use crate::traces::Traces;
+use mobee_contract::Pose;
 use mobee_model::{Contact, Robot};
 use nalgebra::Isometry3;
 use rerun::{SeriesLines, StateChange, StateConfiguration};
@@ -22,6 +23,8 @@ pub(crate) struct Shadow {
     pub(crate) drawing: Drawing,
     pub(crate) contacts: Vec<Contact>,
     pub(crate) rollbacks: u32,
+    /// Its newest pose.
+    pub(crate) pose: Option<Pose>,
     /// What the view of its flat roadmap covers.
     bounds: Option<[f32; 4]>,
 }
@@ -45,6 +48,7 @@ impl Shadow {
             drawing: Drawing::new(stream, &name)?,
             contacts: Vec::new(),
             rollbacks: 0,
+            pose: None,
             bounds: None,
             robot: Arc::clone(robot),
             name,

@@ -19,7 +19,7 @@ pub use watch::TapActor;
 use crate::runtime::clock::ClockKind;
 use crate::runtime::stream::StreamCounters;
 use crate::runtime::supervision::Emit;
-use mobee_contract::{Entry, Event, Frame, Pose, Region, Sink, Time};
+use mobee_contract::{Entry, Event, Pose, SeenPicture, Sink, Time};
 use mobee_model::{Contact, Scene};
 use pipe::Pipe;
 use std::fmt;
@@ -150,9 +150,9 @@ impl Taps {
     }
 
     /// Tells what a camera saw to those who want pictures, with what its detector found in it.
-    pub fn picture(&self, at: Time, camera: &str, frame: &Frame, regions: &[Region]) {
+    pub fn picture(&self, at: Time, camera: &str, seen: &Arc<SeenPicture>) {
         for pipe in &self.0.pipes {
-            pipe.push_picture(at, camera, frame, regions);
+            pipe.push_picture(at, camera, seen);
         }
     }
 

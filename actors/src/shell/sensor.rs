@@ -21,7 +21,9 @@ pub use world_gate::{KeptObject, WorldGate, WorldGateSettings};
 
 use crate::runtime::stream::{Stream, StreamCounters};
 use crate::wiring::{ActorLink, LatestCell, RobotContext, Seat, SharedContext};
-use mobee_contract::{Camera, Detector, Event, Frame, Intrinsics, Locator, Region, Snapshot, SwapPart, SwapStep, Time};
+use mobee_contract::{
+    Camera, CameraMount, Detector, Event, Frame, Intrinsics, Locator, Region, Snapshot, SwapPart, SwapStep, Time,
+};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -85,6 +87,8 @@ pub struct Eye {
     /// Its name in the run: its sensor's, and its own.
     pub name: String,
     camera: PartMaker<dyn Camera>,
+    /// Where the camera is on its robot, for the recording.
+    mount: LatestCell<Option<CameraMount>>,
     /// Which detector looks, and how far its exchange is.
     pub seat: Seat<Looking>,
     /// Why a new detector that looked on does so no more.
@@ -164,6 +168,7 @@ impl Eye {
     fn new(name: String, setup: CameraSetup, placed: bool) -> Eye {
         Eye {
             camera: setup.camera,
+            mount: LatestCell::default(),
             seat: Seat::new(Looking { maker: setup.detector, state: None }),
             onlooker_fault: LatestCell::default(),
             detector: ActorLink::default(),

@@ -24,20 +24,28 @@ pub struct LearnedDetectorSettings {
 /// Finds the one object that it knows.
 pub struct LearnedDetector {
     file: DetectorFile,
+    /// Of the frame that it looked at last.
+    mask: Option<SeenMask>,
 }
 
 impl LearnedDetector {
     /// One that looks as the file says.
     pub fn new(file: DetectorFile) -> LearnedDetector {
-        LearnedDetector { file }
+        LearnedDetector { file, mask: None }
     }
 }
 
 impl Detector for LearnedDetector {
     fn detect(&mut self, frame: &Frame) -> Vec<Region> {
         let Some(picture) = Picture::of(frame) else { return Vec::new() };
-        let (_, blobs) = self.file.look(&picture);
+        let (mask, blobs) = self.file.look(&picture);
+        let objects = mask.data.iter().map(|inside| u8::from(*inside)).collect();
+        self.mask = Some(SeenMask { size: frame.intrinsics.size, objects });
         blobs.iter().map(|blob| blob.region(&self.file.object)).collect()
+    }
+
+    fn mask(&self) -> Option<SeenMask> {
+        self.mask.clone()
     }
 
     fn takes(&self) -> Duration {

@@ -4,6 +4,7 @@
 //! Bottle ──world::parse──> WorldRequest ──WorldRpc──> WorldReply, WorldRefusal ──world::reply──> Bottle
 //! Bottle ──part::parse──>  PartRequest  ──part_rpc──> PartReply, PartRefusal   ──part::reply──>  Bottle
 //! Bottle ──robot::parse──> RobotRequest ──robot_rpc──> RobotReply, RobotRefusal ──robot::reply──> Bottle
+//! Bottle ──seen::parse──>  SeenRegions (what a detector saw)                   ──bottle──>        Bottle
 //! Bottle ──board::parse──> BoardRequest ──FilterCore──> BoardReply             ──board::reply──> Bottle
 //! ```
 //!
@@ -14,6 +15,7 @@ pub(crate) mod board;
 pub(crate) mod observation;
 pub(crate) mod part;
 pub(crate) mod robot;
+pub mod seen;
 pub(crate) mod wish;
 pub(crate) mod words;
 pub mod world;

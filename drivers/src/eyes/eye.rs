@@ -12,7 +12,7 @@ use super::sight::{TileSight, lay, look};
 use super::solid::{Form, V3};
 use super::sticker;
 use super::surface::{Materials, Paint, TileSurfaces};
-use mobee_contract::{Frame, Intrinsics, KindError, Time, Truth};
+use mobee_contract::{CameraMount, Frame, Intrinsics, KindError, Time, Truth};
 use mobee_model::{ObjectClass, Robot, Shape};
 use nalgebra::{Isometry3, Vector3};
 use std::time::Duration;
@@ -122,6 +122,11 @@ impl SimulatedEye {
     /// How it projects.
     pub fn intrinsics(&self) -> Intrinsics {
         self.lens
+    }
+
+    /// Where it is on its robot.
+    pub fn mount(&self) -> CameraMount {
+        self.mount.told(self.robot)
     }
 
     /// Puts it into another room.

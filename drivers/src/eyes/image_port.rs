@@ -5,9 +5,12 @@
 //! ```
 
 use super::lens_settings::{LensSettings, size};
+use super::mount::Mount;
 use super::scenery::in_range;
 use crate::yarp::{instant, network_of};
-use mobee_contract::{Camera, CameraContext, Frame, Intrinsics, Kind, KindError, Registered, Time, settings};
+use mobee_contract::{
+    Camera, CameraContext, CameraMount, Frame, Intrinsics, Kind, KindError, Registered, Time, settings,
+};
 use mobee_yarp::{Carrier, Dialect, Image, InputPort, Message, Network, PixelCode, Queue};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -44,6 +47,9 @@ pub struct YarpCameraSettings {
     /// The address of this machine on which our port listens; default: 127.0.0.1, for this machine only.
     #[serde(default)]
     pub listen: Option<String>,
+    /// The marker of the robot's model that it is at, looking along its normal, for the recording; locators don't ask.
+    #[serde(default)]
+    pub marker: Option<String>,
     /// The carrier of the pictures: `tcp` (the sender leaves pictures out while one is on its way), `fast_tcp` or `udp`.
     #[serde(default = "carrier")]
     pub carrier: String,
@@ -85,6 +91,7 @@ pub struct YarpCamera {
     network: Option<Network>,
     own: String,
     carrier: Carrier,
+    mount: Option<CameraMount>,
     cell: Cell,
     /// Dropped to end the thread.
     thread: Option<watch::Sender<()>>,
@@ -121,6 +128,7 @@ impl YarpCamera {
             own: settings.name.clone().unwrap_or_else(|| format!("/MoBeE/{robot}{}", settings.port)),
             carrier: carrier.unwrap_or_default(),
             settings: settings.clone(),
+            mount: None,
             cell: Cell::default(),
             thread: None,
         })
@@ -188,6 +196,10 @@ impl Camera for YarpCamera {
 
     fn runs_in_virtual_time(&self) -> bool {
         false
+    }
+
+    fn mount(&self) -> Option<CameraMount> {
+        self.mount.clone()
     }
 }
 
@@ -284,7 +296,10 @@ fn pixels(message: &Message, dialect: Dialect, size: [u32; 2]) -> Result<Vec<u8>
 
 fn build(value: &Value, context: &CameraContext) -> Result<Box<dyn Camera>, KindError> {
     let settings: YarpCameraSettings = settings(value)?;
-    Ok(Box::new(YarpCamera::new(&settings, &context.robot.name)?))
+    let mut camera = YarpCamera::new(&settings, &context.robot.name)?;
+    let mount = settings.marker.as_ref().map(|marker| Mount::new(&context.robot, marker, [0.0; 3], [0.0; 3]));
+    camera.mount = mount.transpose()?.map(|mount| mount.told(context.index));
+    Ok(Box::new(camera))
 }
 
 inventory::submit! {

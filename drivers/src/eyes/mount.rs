@@ -1,6 +1,6 @@
 //! Where an eye is on its robot, and what it is housed in.
 
-use mobee_contract::{KindError, suggestion};
+use mobee_contract::{CameraMount, KindError, suggestion};
 use mobee_model::{Robot, Shape, distance};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -65,6 +65,13 @@ impl Mount {
     /// `world_from_eye`, given `world_from_node` of the robot's nodes.
     pub fn at(&self, world_from_node: &[Isometry3<f64>]) -> Option<Isometry3<f64>> {
         world_from_node.get(self.node).map(|frame| frame * self.pose)
+    }
+
+    /// The same in the words of the contract, on the robot of this index.
+    pub fn told(&self, robot: usize) -> CameraMount {
+        let (at, turn) = (self.pose.translation.vector, self.pose.rotation);
+        let rotation = [turn.w, turn.i, turn.j, turn.k];
+        CameraMount { robot, node: self.node, position: at.into(), rotation }
     }
 
     /// Whether a shape of the robot houses the eye.

@@ -2,7 +2,7 @@
 
 use super::eye::SimulatedEye;
 use super::settings::SimulatedCameraSettings;
-use mobee_contract::{Camera, CameraContext, Frame, Kind, KindError, Registered, Time, Truth, settings};
+use mobee_contract::{Camera, CameraContext, CameraMount, Frame, Kind, KindError, Registered, Time, Truth, settings};
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -42,6 +42,10 @@ impl Camera for SimulatedCamera {
 
     fn is_simulated(&self) -> bool {
         true
+    }
+
+    fn mount(&self) -> Option<CameraMount> {
+        Some(self.eye.mount())
     }
 }
 

@@ -46,12 +46,12 @@ impl SimClock {
     }
 
     /// The simulation's own time.
-    pub(crate) fn now(&self) -> Time {
+    pub fn now(&self) -> Time {
         Time::from_secs(self.begun.elapsed().as_secs_f64() * self.speed)
     }
 
     /// The time of day when the simulation's own clock showed this.
-    fn wall(&self, at: Time) -> f64 {
+    pub fn wall(&self, at: Time) -> f64 {
         self.wall + at.secs() / self.speed
     }
 }
@@ -121,6 +121,11 @@ impl SimBoard {
     /// The part's name.
     pub fn part(&self) -> &str {
         &self.part
+    }
+
+    /// Where its motors really are, rad (or as the model counts what slides).
+    pub fn positions(&self) -> Vec<f64> {
+        self.lock().hardware.positions(self.clock.now())
     }
 
     /// How often it publishes its state.

@@ -1,6 +1,6 @@
 //! A recording holds what happened, is small, and survives the death of its writer.
 
-use mobee_contract::{Entry, Event, Sink, Status, Time};
+use mobee_contract::{CameraMount, Entry, Event, Frame, Intrinsics, SeenMask, SeenPicture, Sink, Status, Time};
 use mobee_model::{Object, ObjectClass, Primitive, Robot, Scene, Shape, parse_robot};
 use mobee_recorder::{Contents, Recorder, Settings, staged};
 use nalgebra::{Isometry3, Vector3};
@@ -170,4 +170,43 @@ fn a_file_that_can_not_be_written_is_refused_with_a_remedy() {
     let settings = Settings { path: "no/such/folder/run.rrd".into(), ..Settings::default() };
     let refusal = Recorder::new(&settings).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(refusal.contains("no/such/folder/run.rrd") && refusal.contains("--no-record"), "{refusal}");
+}
+
+/// A picture of two by two pixels from a camera on this node, with a mask of this many.
+fn picture(mount: Option<usize>, masked: usize) -> Entry {
+    let intrinsics = Intrinsics { size: [2, 2], focal: [2.0; 2], center: [1.0; 2], distortion: [0.0; 4] };
+    let frame = Frame { exposed: Time::ZERO, intrinsics, pixels: [7; 12].into() };
+    let mask = Some(SeenMask { size: [2, 2], objects: vec![1; masked].into() });
+    let mount = mount.map(|node| CameraMount { robot: 0, node, position: [0.0; 3], rotation: [1.0, 0.0, 0.0, 0.0] });
+    let seen = Arc::new(SeenPicture { frame, regions: [].into(), mask, mount });
+    Entry::Picture { camera: "eyes/left".into(), seen }
+}
+
+#[test]
+fn what_an_eye_sees_is_in_its_frustum_which_moves_with_the_robot() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = |mount, masked| {
+        let path = folder.path().join(format!("{mount:?}-{masked}.rrd"));
+        let mut recorder = recorder(&path);
+        let scene = Arc::new(Scene::new(vec![(robot("arm"), Isometry3::identity())], vec![]).unwrap());
+        recorder.write(Time::ZERO, &Entry::Scene(scene)).unwrap();
+        for step in 0..10_u64 {
+            let q = [step as f64 * 0.1, 0.0, 0.0].into();
+            recorder.write(Time(step * 100_000_000), &Entry::Pose { robot: 0, q, contacts: [].into() }).unwrap();
+            recorder.write(Time(step * 100_000_000), &picture(mount, masked)).unwrap();
+        }
+        drop(recorder);
+        Contents::read(&path).unwrap().rows
+    };
+    let node = robot("arm").marker("hand").unwrap().node;
+    let eye = rows(Some(node), 4);
+    // ten places, the lens, and the colors of its masks
+    assert_eq!(eye.get("/world/eyes/eyes/left").copied(), Some(12), "{eye:#?}");
+    assert_eq!(["picture", "mask"].map(|what| eye[&format!("/world/eyes/eyes/left/{what}")]), [10, 10]);
+    // a mask that is not whole is left out, and so is a frustum of a camera that is nobody knows where
+    assert!(!rows(Some(node), 3).contains_key("/world/eyes/eyes/left/mask"));
+    let flat = rows(None, 4);
+    assert!(flat.contains_key("/eyes/eyes/left/mask") && !flat.contains_key("/world/eyes/eyes/left"), "{flat:#?}");
+    // a node that the robot has not
+    assert!(rows(Some(999), 4).contains_key("/world/eyes/eyes/left/picture"));
 }

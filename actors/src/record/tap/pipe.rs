@@ -3,7 +3,7 @@
 use super::{Kept, OpenSink, SinkSpec};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::stream::StreamCounters;
-use mobee_contract::{Entry, Event, Frame, Pose, Region, Sink, Time};
+use mobee_contract::{Entry, Event, Pose, SeenPicture, Sink, Time};
 use mobee_model::Contact;
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -207,7 +207,7 @@ impl Pipe {
     }
 
     /// Pictures are large: a few per second of each camera are told, and few wait.
-    pub(super) fn push_picture(&self, at: Time, camera: &str, frame: &Frame, regions: &[Region]) {
+    pub(super) fn push_picture(&self, at: Time, camera: &str, seen: &Arc<SeenPicture>) {
         if !self.spec.pictures {
             return;
         }
@@ -222,7 +222,7 @@ impl Pipe {
             (queue.sent, queue.dropped) = (queue.sent + 1, queue.dropped + 1);
             return;
         }
-        let entry = Entry::Picture { camera: camera.into(), frame: frame.clone(), regions: regions.into() };
+        let entry = Entry::Picture { camera: camera.into(), seen: seen.clone() };
         self.put(queue, at, entry);
     }
 

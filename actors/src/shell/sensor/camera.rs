@@ -53,6 +53,7 @@ impl Actor for CameraActor {
         (shared, eye): Self::Arguments,
     ) -> Result<Exposing, ActorProcessingErr> {
         let camera = (eye.camera)()?;
+        *eye.mount.lock() = camera.mount();
         myself.send_after(camera.period(), || CameraMsg::Expose);
         Ok(Exposing { shared, eye, camera: Some(camera) })
     }

@@ -3,7 +3,7 @@
 use super::{Eye, Looking, PATIENCE, PartMaker, Seen};
 use crate::runtime::attempt::{Given, attempt};
 use crate::wiring::SharedContext;
-use mobee_contract::{Detector, Event, Frame, SwapPart, SwapStep};
+use mobee_contract::{Detector, Event, Frame, SeenPicture, SwapPart, SwapStep};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::time::Duration;
@@ -96,11 +96,11 @@ impl Detecting {
         let (exposed, intrinsics) = (frame.exposed, frame.intrinsics);
         let look = move || {
             let (regions, cost) = (detector.detect(&frame), detector.takes());
-            let state = detector.export();
-            Given { value: (detector, regions, state), cost }
+            let told = (detector.export(), detector.mask(), detector.complaint());
+            Given { value: (detector, regions, told), cost }
         };
         let budget = self.eye.seat.budget().unwrap_or(PATIENCE);
-        let (detector, regions, state) = attempt(&self.shared.clock, budget, look).await?;
+        let (detector, regions, (state, mask, complaint)) = attempt(&self.shared.clock, budget, look).await?;
         self.detector = Some(detector);
         self.eye.seat.change(|looking| looking.state = state);
         self.eye.seat.answered(self.shared.clock.now());
@@ -108,7 +108,12 @@ impl Detecting {
             let camera = self.eye.name.as_str().into();
             seen.push(Seen { camera, intrinsics, exposed, regions: regions.clone() });
         }
-        self.shared.taps.picture(self.shared.clock.now(), &self.eye.name, &shown, &regions);
+        if let Some(what) = complaint {
+            self.shared.tell(Event::Warning { text: format!("{}: {what}", self.eye.name) });
+        }
+        let mount = self.eye.mount.lock().clone();
+        let seen = SeenPicture { frame: shown.clone(), regions: regions.as_slice().into(), mask, mount };
+        self.shared.taps.picture(self.shared.clock.now(), &self.eye.name, &Arc::new(seen));
         self.shared.tell(Event::Sighted { camera: self.eye.name.clone(), exposed, regions, is_shadow: false });
         self.look_on(&shown).await;
         Ok(true)

@@ -15,6 +15,11 @@ const LONGEST: u64 = 256 * MIB;
 pub struct OnnxDetector {
     settings: OnnxDetectorSettings,
     network: OnnxNetwork,
+    /// Of the frame that it looked at last.
+    mask: Option<SeenMask>,
+    /// What is wrong with the network's answers, until it is told.
+    complaint: Option<String>,
+    has_complained: bool,
 }
 
 impl OnnxDetector {
@@ -31,7 +36,7 @@ impl OnnxDetector {
             e.what = format!("{at}: {}", e.what);
             e
         })?;
-        let detector = OnnxDetector { settings, network };
+        let detector = OnnxDetector { settings, network, mask: None, complaint: None, has_complained: false };
         for level in [0u8, 170] {
             detector.rehearse(level)?;
         }
@@ -55,6 +60,13 @@ impl OnnxDetector {
             return Err(KindError::new("file", what, "check `input.mean` and `input.std`, and the network's weights"));
         }
         Ok(())
+    }
+
+    /// Remembers the first thing that is wrong, to be told once.
+    fn complain(&mut self, what: String) {
+        if !std::mem::replace(&mut self.has_complained, true) {
+            self.complaint = Some(what);
+        }
     }
 
     fn check(&self, told: &Told) -> Result<(), KindError> {
@@ -110,13 +122,40 @@ impl Detector for OnnxDetector {
     fn detect(&mut self, frame: &Frame) -> Vec<Region> {
         let Some(picture) = Picture::of(frame) else { return Vec::new() };
         let size = [picture.width, picture.height];
+        self.mask = None;
         // it was tried when it was made; what can't be run now shows nothing
-        let Ok(told) = self.network.ask(&picture) else { return Vec::new() };
+        let told = match self.network.ask(&picture) {
+            Ok(told) => told,
+            Err(why) => {
+                self.complain(format!("the network can't be run on a picture, which shows nothing then: {why}"));
+                return Vec::new();
+            }
+        };
+        let wrong = told.numbers.iter().filter(|v| !v.is_finite()).count();
+        if wrong > 0 {
+            let all = told.numbers.len();
+            self.complain(format!(
+                "{wrong} of {all} numbers of the network's answer to a picture are none (NaN or infinite): there it sees nothing; check \
+                 its weights, and `input.mean` and `input.std`"
+            ));
+        }
         let OnnxDetectorSettings { objects, threshold, .. } = &self.settings;
         match &self.settings.output {
-            OnnxOutput::Mask(mask) => mask.regions(&told, objects, *threshold, size),
+            OnnxOutput::Mask(mask) => {
+                let (regions, pixels) = mask.regions(&told, objects, *threshold, size);
+                self.mask = Some(SeenMask { size: frame.intrinsics.size, objects: pixels.into() });
+                regions
+            }
             OnnxOutput::Boxes(boxes) => boxes.regions(&told, objects, *threshold, [size, self.network.size]),
         }
+    }
+
+    fn mask(&self) -> Option<SeenMask> {
+        self.mask.clone()
+    }
+
+    fn complaint(&mut self) -> Option<String> {
+        self.complaint.take()
     }
 
     fn takes(&self) -> Duration {

@@ -86,15 +86,24 @@ impl MaskOutput {
         (class < channels).then(|| Plane { width, height, data: (0..pixels).map(|k| bounded(share(k))).collect() })
     }
 
-    /// The regions of all objects in a picture of this size.
-    pub fn regions(&self, told: &Told, objects: &[OnnxObject], threshold: f64, size: [usize; 2]) -> Vec<Region> {
+    /// The regions of all objects in a picture of this size, and which object each of its pixels was taken for, counted from 1; 0: none.
+    pub fn regions(
+        &self,
+        told: &Told,
+        objects: &[OnnxObject],
+        threshold: f64,
+        size: [usize; 2],
+    ) -> (Vec<Region>, Vec<u8>) {
         let cut = Cut { threshold: (255.0 * threshold) as f32, open: self.open, keep: self.keep as f32 };
-        let mut found = Vec::new();
-        for object in objects {
+        let (mut found, mut pixels) = (Vec::new(), vec![0; size[0] * size[1]]);
+        for (object, number) in objects.iter().zip(1..=u8::MAX) {
             let Some(likelihood) = self.likelihood(told, object.class) else { continue };
-            let (_, blobs) = cut.apply(&likelihood.stretched(size));
+            let (mask, blobs) = cut.apply(&likelihood.stretched(size));
+            for (pixel, _) in pixels.iter_mut().zip(&mask.data).filter(|(_, inside)| **inside) {
+                *pixel = number;
+            }
             found.extend(blobs.iter().map(|blob| blob.region(&object.object)));
         }
-        found
+        (found, pixels)
     }
 }

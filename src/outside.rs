@@ -1,0 +1,151 @@
+//! Parts of a sensor in processes of their own, over YARP: `mobee detector run` and `mobee locator run`.
+//!
+//! ```text
+//! image port ──> detector run ──regions──> locator run ──set OBJECT x y z──> the world of a `mobee run`
+//!                     └──mask──> any viewer     └──<── states of the robot's boards
+//! ```
+//! Both take the configuration that a run would take, and of it one table `[[sensor]]`.
+
+mod body;
+pub(crate) mod looking;
+pub(crate) mod placing;
+
+use crate::compose::{Composition, compose};
+use crate::config::{Config, ConfigError, Source};
+use miette::Report;
+use mobee_actors::system::SensorSetup;
+use mobee_yarp::Network;
+use mobee_yarp::config::{self, Env};
+use std::collections::BTreeSet;
+use std::net::IpAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// How long is waited before what failed is tried again.
+const AGAIN: Duration = Duration::from_millis(500);
+
+/// What both commands are told.
+#[derive(clap::Args, Clone, Debug)]
+pub struct OutsideArgs {
+    /// The configuration file with a table [[sensor]], such as configs/sensing/eyes-yarp.toml
+    file: PathBuf,
+    /// The sensor, if there are several.
+    #[arg(long, value_name = "NAME")]
+    sensor: Option<String>,
+    /// How the names of our ports begin.
+    #[arg(long, value_name = "PREFIX", default_value = "/MoBeE", value_parser = port_name)]
+    prefix: String,
+    /// The name server, HOST:PORT; default: from YARP's own configuration.
+    #[arg(long, value_name = "HOST:PORT", value_parser = address)]
+    server: Option<(String, u16)>,
+    /// The address of this machine on which our ports listen.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
+    listen: IpAddr,
+    /// Override a setting: --set sensor.eyes.gate.stale_s=5
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+fn port_name(text: &str) -> Result<String, String> {
+    let is_name = text.starts_with('/') && !text.ends_with('/') && !text.contains(char::is_whitespace);
+    if is_name { Ok(text.into()) } else { Err("give a name that begins with /, such as /MoBeE".into()) }
+}
+
+fn address(text: &str) -> Result<(String, u16), String> {
+    let parts = text.rsplit_once(':').and_then(|(host, port)| Some((host.to_owned(), port.parse().ok()?)));
+    parts.filter(|(host, _)| !host.is_empty()).ok_or_else(|| "give HOST:PORT, such as 127.0.0.1:10000".into())
+}
+
+/// A sensor of a configuration, with everything that it needs.
+struct Outside {
+    config: Config,
+    source: Source,
+    /// Its index in the configuration.
+    index: usize,
+    composition: Composition,
+    network: Network,
+    /// How the names of its ports begin: the prefix and its name.
+    ports: String,
+}
+
+impl Outside {
+    /// Reads the file, and builds what it names; nothing is opened or asked.
+    ///
+    /// # Errors
+    /// Every complaint about the configuration, with place and remedy.
+    fn load(args: &OutsideArgs) -> Result<Outside, Report> {
+        let (mut config, source) = Config::load(&args.file, &args.set)?;
+        let index = chosen(&config, args)?;
+        // these are the run's own
+        (config.yarp, config.script) = (None, Vec::new());
+        config.bridge.clear();
+        config.robot.iter_mut().for_each(|robot| robot.agent = None);
+        let composition = compose(config.clone(), &source)?;
+        let network = match &args.server {
+            Some((host, port)) => Network::of(host, *port),
+            None => config::network_or_default(&Env::real())
+                .map_err(|e| ConfigError::plain(e.to_string(), "mend yarp.conf, or give --server HOST:PORT"))?,
+        };
+        let network = network.with_bind(args.listen);
+        let name = config.sensor.get(index).map(|s| s.name.clone()).unwrap_or_default();
+        let ports = format!("{}/{name}", args.prefix);
+        Ok(Outside { config, source, index, composition, network, ports })
+    }
+
+    /// The sensor, built.
+    fn sensor(&mut self) -> Result<SensorSetup, Report> {
+        let at = self.index;
+        if at < self.composition.sensors.len() {
+            return Ok(self.composition.sensors.swap_remove(at));
+        }
+        Err(Report::msg("the sensor could not be built"))
+    }
+
+    /// Whether the name server answers.
+    ///
+    /// # Errors
+    /// If it does not, with the remedy.
+    async fn reach(&self) -> Result<(), ConfigError> {
+        let answer = self.network.query(self.network.namespace()).await;
+        answer.map(drop).map_err(|e| {
+            let (host, port) = self.network.server();
+            let help = "start one (`mobee yarp server`), or give --server HOST:PORT";
+            ConfigError::plain(format!("the name server at {host}:{port} does not answer: {e}"), help)
+        })
+    }
+}
+
+/// The sensor that is meant, by its index.
+fn chosen(config: &Config, args: &OutsideArgs) -> Result<usize, ConfigError> {
+    let names: Vec<&str> = config.sensor.iter().map(|s| s.name.as_str()).collect();
+    let file = args.file.display();
+    match (&args.sensor, names.as_slice()) {
+        (_, []) => {
+            let help = "add a table [[sensor]] with its eyes; configs/sensing/eyes-yarp.toml has one";
+            Err(ConfigError::plain(format!("{file} has no sensor"), help))
+        }
+        (None, [_]) => Ok(0),
+        (None, several) => {
+            let help = format!("choose with --sensor; there are: {}", several.join(", "));
+            Err(ConfigError::plain(format!("{file} has several sensors"), help))
+        }
+        (Some(name), all) => all.iter().position(|known| known == name).ok_or_else(|| {
+            let help = crate::config::suggestion(name, "sensor", all);
+            ConfigError::plain(format!("there is no sensor `{name}` in {file}"), help)
+        }),
+    }
+}
+
+/// What was said on standard error: the same is said once, until something else was.
+#[derive(Default)]
+struct Said(BTreeSet<String>);
+
+impl Said {
+    fn warn(&mut self, text: impl Into<String>) {
+        let text = text.into();
+        // what grows for ever is no list of complaints
+        if self.0.len() < 100 && self.0.insert(text.clone()) {
+            eprintln!("warning: {}", mobee_model::printable(&text));
+        }
+    }
+}

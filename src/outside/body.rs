@@ -1,0 +1,200 @@
+//! Where a robot's motors were, by the states that its boards publish.
+
+use super::{Outside, Said};
+use crate::compose::driver_of;
+use miette::Report;
+use mobee_actors::runtime::clock::Clock;
+use mobee_contract::{BodyState, Time};
+use mobee_drivers::{YARP, YarpDriverSettings, joint_kind};
+use mobee_model::Robot;
+use mobee_yarp::board::{LinkState, RemoteBoard, RemoteOptions, RemoteState, Units};
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::task::JoinSet;
+
+/// How many states of a board are kept: some seconds.
+const KEPT: usize = 512;
+/// A state whose stamp is farther than this from its arrival bears the time of another clock.
+const ANOTHER_CLOCK: f64 = 0.1;
+/// Between states that are farther apart nobody knows the pose.
+const GAP: Duration = Duration::from_millis(500);
+
+/// The boards of a robot. Nothing is ever commanded.
+pub(super) struct Body {
+    boards: Vec<Board>,
+    home: Vec<f64>,
+    tasks: JoinSet<()>,
+}
+
+struct Board {
+    port: String,
+    motors: Range<usize>,
+    remote: Arc<RemoteBoard>,
+    past: Arc<Mutex<Past>>,
+}
+
+/// What a board has told, oldest first: when, and where its motors were, rad.
+#[derive(Default)]
+struct Past {
+    ring: VecDeque<(Time, Vec<f64>)>,
+    /// How many joints it has, if that is not how many the model has.
+    wrong: Option<usize>,
+}
+
+/// Why a pose is not known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Unknown {
+    /// It is newer than the newest state of some board.
+    NotYet,
+    /// It is older than what is kept, or lies in a gap.
+    NoMore,
+}
+
+impl Body {
+    /// Asks the boards that the robot's driver names for their states, in the background and for ever.
+    ///
+    /// # Errors
+    /// A driver that is not behind YARP, with the remedy.
+    pub(super) fn watch(outside: &Outside, name: &str, robot: &Robot, clock: &Clock) -> Result<Body, Report> {
+        let found = outside.config.robot.iter().position(|r| r.name == name).unwrap_or_default();
+        let at = format!("robot[{found}].driver");
+        let table = outside.config.robot.get(found).map(|r| r.driver.clone()).unwrap_or_default();
+        let (kind, settings) = driver_of(&outside.source, &at, &table)?;
+        if kind != YARP {
+            let what = format!("the driver is of the kind `{kind}`, which has no ports that tell where the head is");
+            let help = "give the kind `yarp` and the boards of torso and head; configs/sensing/eyes-yarp.toml has them";
+            return Err(outside.source.error(&format!("{at}.kind"), what, help).into());
+        }
+        let settings: YarpDriverSettings =
+            mobee_contract::settings(&settings).map_err(|e| outside.source.error(&at, e.what, e.help))?;
+        let mut body =
+            Body { boards: Vec::new(), home: robot.motors.iter().map(|m| m.home).collect(), tasks: JoinSet::new() };
+        for part in &settings.parts {
+            let Some(known) = robot.parts.iter().find(|p| p.name == part.part) else { continue };
+            let options = RemoteOptions {
+                local: format!("{}/locator/{}", outside.ports, part.part),
+                carrier: settings.carrier.parse().unwrap_or_default(),
+                timeout: millis(settings.timeout_ms),
+                stale: millis(settings.stale_ms),
+            };
+            let remote = Arc::new(RemoteBoard::new(&outside.network, &part.port, options));
+            let motors = robot.motors.get(known.motors.clone()).unwrap_or_default();
+            let units = Units::new(motors.iter().map(|m| joint_kind(m.motion)));
+            let past = Arc::new(Mutex::new(Past::default()));
+            body.tasks.spawn(listen(remote.clone(), clock.clone(), units, past.clone()));
+            body.boards.push(Board { port: part.port.clone(), motors: known.motors.clone(), remote, past });
+        }
+        Ok(body)
+    }
+
+    /// The body at this instant: each board's motors on the straight way between its states before and after.
+    ///
+    /// # Errors
+    /// If some board does not tell.
+    pub(super) fn at(&self, at: Time) -> Result<BodyState, Unknown> {
+        let mut q = self.home.clone();
+        for board in &self.boards {
+            let past = board.past.lock().unwrap_or_else(PoisonError::into_inner);
+            let there = past.at(at)?;
+            q.get_mut(board.motors.clone()).into_iter().flatten().zip(there).for_each(|(to, from)| *to = from);
+        }
+        Ok(BodyState { at, q: q.into() })
+    }
+
+    /// Says which boards tell nothing, and why.
+    pub(super) fn complain(&self, said: &mut Said) {
+        for board in &self.boards {
+            let past = board.past.lock().unwrap_or_else(PoisonError::into_inner);
+            let (port, motors) = (&board.port, board.motors.len());
+            if let Some(joints) = past.wrong {
+                said.warn(format!(
+                    "{port} has {joints} joints and the part of the model {motors} motors: correct `parts`"
+                ));
+            } else if past.ring.is_empty() {
+                let why = match &*board.remote.link().borrow() {
+                    LinkState::Down(why) => why.clone(),
+                    LinkState::Taken(by) => format!("another program has our port names: {by}"),
+                    LinkState::Up(_) => "it sends none".into(),
+                };
+                said.warn(format!("no states of {port} yet ({why}): what is seen is not placed"));
+            }
+        }
+    }
+}
+
+impl Past {
+    fn at(&self, at: Time) -> Result<Vec<f64>, Unknown> {
+        let next = self.ring.partition_point(|(t, _)| *t < at);
+        let (after, there) = self.ring.get(next).ok_or(Unknown::NotYet)?;
+        if *after == at {
+            return Ok(there.clone());
+        }
+        let (before, here) = next.checked_sub(1).and_then(|i| self.ring.get(i)).ok_or(Unknown::NoMore)?;
+        let span = after.since(*before);
+        if span > GAP {
+            return Err(Unknown::NoMore);
+        }
+        let share = at.since(*before).as_secs_f64() / span.as_secs_f64();
+        Ok(here.iter().zip(there).map(|(a, b)| a + share * (b - a)).collect())
+    }
+
+    fn push(&mut self, at: Time, q: Vec<f64>) {
+        if self.ring.back().is_none_or(|(last, _)| *last < at) {
+            if self.ring.len() >= KEPT {
+                self.ring.pop_front();
+            }
+            self.ring.push_back((at, q));
+        }
+    }
+}
+
+/// Keeps the states of a board as they come.
+async fn listen(board: Arc<RemoteBoard>, clock: Clock, units: Units, past: Arc<Mutex<Past>>) {
+    let mut state = board.state();
+    while state.changed().await.is_ok() {
+        let Some(newest) = state.borrow_and_update().clone() else { continue };
+        let degrees = newest.joints.position.values.iter().enumerate();
+        let q: Vec<f64> = degrees.map(|(j, q)| units.kind(j).from_wire(*q).to_radians()).collect();
+        let mut past = past.lock().unwrap_or_else(PoisonError::into_inner);
+        if q.len() != units.axes() {
+            past.wrong = Some(q.len());
+        } else if q.iter().all(|q| q.is_finite()) {
+            past.wrong = None;
+            past.push(read_at(&newest, &clock), q);
+        }
+    }
+}
+
+/// When a state was read, by our clock: as its stamp says, if the board's clock is this machine's or one like it.
+fn read_at(state: &RemoteState, clock: &Clock) -> Time {
+    let age = state.arrived.elapsed();
+    let arrived = Time(clock.now().0.saturating_sub(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX)));
+    let late = state.stamp.map(|stamp| clock.time_of_day(arrived) - stamp.time);
+    match late.filter(|late| (0.0..ANOTHER_CLOCK).contains(late)) {
+        Some(late) => Time(arrived.0.saturating_sub((late * 1e9) as u64)),
+        None => arrived,
+    }
+}
+
+fn millis(ms: f64) -> Duration {
+    Duration::try_from_secs_f64(ms * 1e-3).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pose_is_known_between_states_and_not_across_a_gap() {
+        let mut past = Past::default();
+        for (ms, q) in [(100, 1.0), (120, 3.0), (110, 9.0), (900, 5.0)] {
+            past.push(Time(ms * 1_000_000), vec![q]);
+        }
+        let at = |ms: u64| past.at(Time(ms * 1_000_000));
+        assert_eq!(at(110), Ok(vec![2.0]), "what comes late is left out");
+        assert_eq!((at(100), at(900)), (Ok(vec![1.0]), Ok(vec![5.0])));
+        assert_eq!((at(99), at(500), at(901)), (Err(Unknown::NoMore), Err(Unknown::NoMore), Err(Unknown::NotYet)));
+    }
+}

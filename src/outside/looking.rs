@@ -1,0 +1,175 @@
+//! `mobee detector run`: the cameras and detectors of a sensor in a process of their own.
+
+use super::{AGAIN, Outside, OutsideArgs, Said};
+use crate::config::ConfigError;
+use crate::signals::Interrupt;
+use miette::{IntoDiagnostic, Report};
+use mobee_actors::runtime::clock::{Clock, ClockKind};
+use mobee_actors::system::CameraSetup;
+use mobee_bridge::yarp::seen::SeenRegions;
+use mobee_contract::{Camera, Detector, Frame, Region, SeenMask, Time};
+use mobee_yarp::{Delivery, Image, OutputPort, PixelCode, Stamp};
+use std::time::Duration;
+use tokio::task::{JoinSet, spawn_blocking};
+
+/// How long a frame that is being looked at may take once all is to end.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Looks at what the cameras of a sensor see, until Ctrl-C.
+///
+/// # Errors
+/// Complaints about the configuration or the network, before any port is opened.
+pub(crate) fn command(args: &OutsideArgs) -> Result<(), Report> {
+    let mut outside = Outside::load(args)?;
+    let sensor = outside.sensor()?;
+    if sensor.is_simulated {
+        let at = format!("sensor[{}].eye[0].camera.kind", outside.index);
+        let help = "serve them by `mobee sim`, and read their ports: camera = { kind = \"yarp\", port = \"/icubSim/cam/left\" }";
+        let what = "this sensor's cameras are simulated, and only a run has a world that they could see";
+        return Err(outside.source.error(&at, what, help).into());
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().into_diagnostic()?;
+    let done = runtime.block_on(serve(&outside, sensor.cameras));
+    runtime.shutdown_timeout(PATIENCE);
+    done
+}
+
+async fn serve(outside: &Outside, cameras: Vec<CameraSetup>) -> Result<(), Report> {
+    outside.reach().await?;
+    let mut interrupt = Interrupt::new();
+    let clock = Clock::new(ClockKind::Real);
+    let (mut eyes, mut count) = (JoinSet::new(), 0);
+    for setup in cameras {
+        let ports = Ports::open(outside, &setup.name).await?;
+        println!("{}\n{}", ports.regions.name(), ports.mask.name());
+        eyes.spawn(Eye { setup, ports, clock: clock.clone(), said: Said::default() }.look());
+        count += 1;
+    }
+    let (host, port) = outside.network.server();
+    println!("{count} cameras at the name server {host}:{port}; Ctrl-C ends");
+    tokio::select! {
+        () = interrupt.wait() => {}
+        _ = eyes.join_next() => {}
+    }
+    // their ports unregister as they are dropped
+    eyes.shutdown().await;
+    Ok(())
+}
+
+/// What is told of one camera.
+struct Ports {
+    regions: OutputPort,
+    mask: OutputPort,
+}
+
+impl Ports {
+    async fn open(outside: &Outside, eye: &str) -> Result<Ports, ConfigError> {
+        let open = async |what: &str| {
+            let name = format!("{}/{eye}/{what}:o", outside.ports);
+            let help = "end the program that has it, or choose other names by --prefix";
+            let opened = OutputPort::open(&outside.network, &name, Delivery::Newest).await;
+            opened.map_err(|e| ConfigError::plain(e.to_string(), help))
+        };
+        Ok(Ports { regions: open("regions").await?, mask: open("mask").await? })
+    }
+}
+
+/// A camera with its detector.
+struct Eye {
+    setup: CameraSetup,
+    ports: Ports,
+    clock: Clock,
+    said: Said,
+}
+
+/// What is made anew after it failed.
+struct Parts {
+    camera: Box<dyn Camera>,
+    detector: Box<dyn Detector>,
+}
+
+/// A frame and what was found in it.
+struct Found {
+    frame: Frame,
+    regions: Vec<Region>,
+    mask: Option<SeenMask>,
+    complaint: Option<String>,
+}
+
+impl Eye {
+    /// Looks for ever; a camera or detector that fails is made anew.
+    async fn look(mut self) {
+        let mut stamp = Stamp::default();
+        loop {
+            let (camera, detector) = (self.setup.camera.clone(), self.setup.detector.clone());
+            let made =
+                spawn_blocking(move || Ok::<_, String>(Parts { camera: camera()?, detector: detector()? })).await;
+            let mut parts = match made.unwrap_or_else(|e| Err(e.to_string())) {
+                Ok(parts) => parts,
+                Err(why) => {
+                    self.complain(&why);
+                    tokio::time::sleep(AGAIN).await;
+                    continue;
+                }
+            };
+            loop {
+                let (now, period) = (self.clock.now(), parts.camera.period());
+                // whatever panics takes both parts with it
+                let step = spawn_blocking(move || {
+                    let found = parts.step(now);
+                    (parts, found)
+                });
+                let found = match step.await {
+                    Ok((whole, Ok(found))) => {
+                        parts = whole;
+                        found
+                    }
+                    Ok((_, Err(why))) => {
+                        self.complain(&why);
+                        break;
+                    }
+                    Err(e) => {
+                        self.complain(&e.to_string());
+                        break;
+                    }
+                };
+                if let Some(found) = found {
+                    stamp = stamp.next(self.clock.time_of_day(found.frame.exposed));
+                    self.tell(found, stamp);
+                }
+                self.clock.sleep_until(now + period).await;
+            }
+            tokio::time::sleep(AGAIN).await;
+        }
+    }
+
+    fn complain(&mut self, why: &str) {
+        let name = &self.setup.name;
+        self.said.warn(format!("{name}: {why}; it is made anew"));
+    }
+
+    fn tell(&mut self, found: Found, stamp: Stamp) {
+        let Found { frame, regions, mask, complaint } = found;
+        if let Some(what) = complaint {
+            self.said.warn(format!("{}: {what}", self.setup.name));
+        }
+        let seen = SeenRegions { intrinsics: frame.intrinsics, regions };
+        self.ports.regions.write(seen.bottle(), Some(stamp.envelope()));
+        let white = |SeenMask { size: [width, height], objects }: SeenMask| {
+            let pixels: Vec<u8> = objects.iter().map(|object| if *object == 0 { 0 } else { u8::MAX }).collect();
+            Image::new(PixelCode::MONO, width, height, &pixels).ok()
+        };
+        if let Some(mask) = mask.filter(|_| !self.ports.mask.peers().is_empty()).and_then(white) {
+            self.ports.mask.write(mask.encode(), Some(stamp.envelope()));
+        }
+    }
+}
+
+impl Parts {
+    fn step(&mut self, now: Time) -> Result<Option<Found>, String> {
+        let Some(frame) = self.camera.frame(now)? else { return Ok(None) };
+        let regions = self.detector.detect(&frame);
+        let (mask, complaint) = (self.detector.mask(), self.detector.complaint());
+        Ok(Some(Found { frame, regions, mask, complaint }))
+    }
+}

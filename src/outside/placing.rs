@@ -1,0 +1,270 @@
+//! `mobee locator run`: the locator of a sensor, and its world gate, in a process of their own.
+
+use super::body::{Body, Unknown};
+use super::{AGAIN, Outside, OutsideArgs, Said, port_name};
+use crate::signals::Interrupt;
+use miette::{IntoDiagnostic, Report};
+use mobee_actors::runtime::clock::{Clock, ClockKind};
+use mobee_actors::system::{LocatorSetup, WorldGate};
+use mobee_bridge::yarp::seen::SeenRegions;
+use mobee_contract::{Admission, BodyState, Located, Locator, Sighting, Time};
+use mobee_yarp::{Bottle, Carrier, Dialect, InputPort, Message, Network, Queue, RpcClient, Value};
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+
+/// How many messages of detectors may wait; more are left out.
+const WAITING: usize = 16;
+/// How soon and how often is looked for a state of the boards that is not there yet.
+const SOON: Duration = Duration::from_millis(5);
+const TIMES: u32 = 100;
+/// How often what the world did not take is told it again, and is looked for what has not been seen.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// The arguments of `mobee locator run`.
+#[derive(clap::Args, Clone, Debug)]
+pub struct LocatorRunArgs {
+    #[command(flatten)]
+    outside: OutsideArgs,
+    /// The port of the world whose objects are moved.
+    #[arg(long, value_name = "PORT", default_value = "/MoBeE/world", value_parser = port_name)]
+    world: String,
+}
+
+/// Places what the detectors of a sensor see, until Ctrl-C.
+///
+/// # Errors
+/// Complaints about the configuration or the network, before any port is opened.
+pub(crate) fn command(args: &LocatorRunArgs) -> Result<(), Report> {
+    let mut outside = Outside::load(&args.outside)?;
+    let at = format!("sensor[{}]", outside.index);
+    let names: Vec<String> = outside
+        .config
+        .sensor
+        .get(outside.index)
+        .map(|s| s.eye.iter().map(|e| e.name.clone()).collect())
+        .unwrap_or_default();
+    let Some(locator) = outside.sensor()?.locator else {
+        let help = "add a table [sensor.locator]; `mobee kinds` lists the kinds";
+        return Err(outside.source.error(&at, "this sensor has no locator", help).into());
+    };
+    if locator.gate.is_none() {
+        let help = "add a table [sensor.gate] with the objects that it keeps: objects = [\"cup\"]";
+        return Err(outside.source.error(&at, "this sensor has no gate, and so moves no object", help).into());
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().into_diagnostic()?;
+    runtime.block_on(serve(&outside, locator, names, &args.world))
+}
+
+async fn serve(outside: &Outside, setup: LocatorSetup, names: Vec<String>, world: &str) -> Result<(), Report> {
+    outside.reach().await?;
+    let mut interrupt = Interrupt::new();
+    let clock = Clock::new(ClockKind::Real);
+    let robots = outside.composition.scene.robots();
+    let robot = robots.iter().find(|r| r.name == setup.robot).ok_or_else(|| Report::msg("the robot is not there"))?;
+    let body = Body::watch(outside, &setup.robot, robot, &clock)?;
+    let (send, seen) = mpsc::channel(WAITING);
+    let mut ears = JoinSet::new();
+    for name in &names {
+        let own = format!("{}/locator/{name}:i", outside.ports);
+        let theirs = format!("{}/{name}/regions:o", outside.ports);
+        println!("{own} <- {theirs}");
+        let ear = Ear { network: outside.network.clone(), own, theirs, name: name.clone(), send: send.clone() };
+        ears.spawn(ear.listen());
+    }
+    println!("positions go to {world}; Ctrl-C ends");
+    let locator = (setup.locator)().map_err(Report::msg)?;
+    let gate = setup.gate.clone().map(|settings| WorldGate::new(settings, clock.now()));
+    let rpc = RpcClient::keep(&outside.network, &format!("{}/locator/world:o", outside.ports), world, Carrier::Tcp);
+    let mut placing = Placing {
+        setup,
+        locator,
+        gate,
+        body,
+        clock,
+        world: World { rpc, port: world.to_owned(), due: BTreeMap::new() },
+        dialect: outside.network.dialect(),
+        said: Said::default(),
+    };
+    tokio::select! {
+        () = placing.work(seen) => {}
+        () = interrupt.wait() => {}
+    }
+    ears.shutdown().await;
+    Ok(())
+}
+
+/// Hears what one detector sees.
+struct Ear {
+    network: Network,
+    own: String,
+    theirs: String,
+    name: String,
+    send: mpsc::Sender<(String, Message)>,
+}
+
+impl Ear {
+    /// For ever: a detector that is not there yet, or no longer, may come.
+    async fn listen(self) {
+        let mut said = Said::default();
+        loop {
+            match self.connected().await {
+                Ok(mut port) => {
+                    self.hear(&mut port).await;
+                    port.close().await;
+                }
+                Err(why) => said.warn(format!("nothing from {}: {why}; it is asked again", self.theirs)),
+            }
+            sleep(AGAIN).await;
+        }
+    }
+
+    async fn connected(&self) -> Result<InputPort, String> {
+        let mut port = InputPort::open(&self.network, &self.own, Queue::Newest).await.map_err(|e| e.to_string())?;
+        match port.connect_from(&self.theirs, Carrier::Tcp).await {
+            Ok(()) => Ok(port),
+            Err(e) => {
+                port.close().await;
+                Err(e.to_string())
+            }
+        }
+    }
+
+    /// Until nobody is connected any more. What comes while too much waits is left out: newer comes soon.
+    async fn hear(&self, port: &mut InputPort) {
+        loop {
+            match timeout(AGAIN, port.recv()).await {
+                Ok(Some(message)) => drop(self.send.try_send((self.name.clone(), message))),
+                Ok(None) => return,
+                Err(_) if port.peers().is_empty() => return,
+                Err(_) => {}
+            }
+        }
+    }
+}
+
+/// The locator at work.
+struct Placing {
+    setup: LocatorSetup,
+    locator: Box<dyn Locator>,
+    gate: Option<WorldGate>,
+    body: Body,
+    clock: Clock,
+    world: World,
+    dialect: Dialect,
+    said: Said,
+}
+
+impl Placing {
+    async fn work(&mut self, mut seen: mpsc::Receiver<(String, Message)>) {
+        let mut look = interval(LOOK);
+        look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                Some((eye, message)) = seen.recv() => self.hear(&eye, &message).await,
+                _ = look.tick() => {
+                    let stale = self.gate.as_mut().map(|gate| gate.stale(self.clock.now())).unwrap_or_default();
+                    for object in stale {
+                        eprintln!("{object} has not been seen for a while");
+                    }
+                }
+            }
+            self.world.tell(&mut self.said).await;
+        }
+    }
+
+    /// One picture's regions.
+    async fn hear(&mut self, eye: &str, message: &Message) {
+        let bottle = message.payload.bottle(self.dialect).map_err(|e| e.to_string());
+        let SeenRegions { intrinsics, regions } = match bottle.and_then(|bottle| SeenRegions::parse(&bottle)) {
+            Ok(seen) => seen,
+            Err(why) => return self.said.warn(format!("a message of {} was left out: {why}", message.from)),
+        };
+        if regions.is_empty() {
+            return;
+        }
+        let Some(at) = self.exposed(message) else {
+            let why = "its stamp is no time of the last minute: set both machines' clocks alike";
+            return self.said.warn(format!("a message of {} was left out: {why}", message.from));
+        };
+        let Some(body) = self.body(at).await else { return };
+        let camera: Arc<str> = eye.into();
+        let sighting = |region| Sighting { camera: camera.clone(), intrinsics, region, at };
+        let seen: Vec<Sighting> = regions.into_iter().map(sighting).collect();
+        let located = catch_unwind(AssertUnwindSafe(|| self.locator.locate(&seen, &body)));
+        match located {
+            Ok(located) => self.admit(at, &located),
+            Err(_) => match (self.setup.locator)() {
+                Ok(anew) => {
+                    self.said.warn("the locator failed, and is made anew");
+                    self.locator = anew;
+                }
+                Err(why) => self.said.warn(format!("the locator failed, and can't be made anew: {why}")),
+            },
+        }
+    }
+
+    fn admit(&mut self, at: Time, located: &[Located]) {
+        let answers = self.gate.as_mut().map(|gate| gate.admit(at, located)).unwrap_or_default();
+        for (located, _) in located.iter().zip(answers).filter(|(_, answer)| *answer == Admission::Moved) {
+            self.world.due.insert(located.object.clone(), located.position);
+        }
+    }
+
+    /// When a picture was exposed, by our clock; now if the message has no stamp. `None`: by no clock like ours.
+    fn exposed(&self, message: &Message) -> Option<Time> {
+        let now = self.clock.now();
+        let Some(stamp) = message.stamp() else { return Some(now) };
+        let age = self.clock.time_of_day(now) - stamp.time;
+        let age = Some(age).filter(|age| (-0.5..60.0).contains(age))?;
+        Some(Time(now.0.saturating_sub((age.max(0.0) * 1e9) as u64)))
+    }
+
+    /// The body at an instant, as soon as its boards tell.
+    async fn body(&mut self, at: Time) -> Option<BodyState> {
+        for _ in 0..TIMES {
+            match self.body.at(at) {
+                Ok(body) => return Some(body),
+                Err(Unknown::NotYet) => sleep(SOON).await,
+                Err(Unknown::NoMore) => return None,
+            }
+        }
+        self.body.complain(&mut self.said);
+        None
+    }
+}
+
+/// The world of a run.
+struct World {
+    rpc: RpcClient,
+    port: String,
+    /// What it has yet to be told: the newest place of each object.
+    due: BTreeMap<String, [f64; 3]>,
+}
+
+impl World {
+    /// Tells what is due. A world that does not answer is told again later.
+    async fn tell(&mut self, said: &mut Said) {
+        while let Some((object, [x, y, z])) = self.due.pop_first() {
+            let request = Bottle::new().with("set").with(object.as_str()).with(x).with(y).with(z);
+            match self.rpc.call(&request).await {
+                Ok(reply) if is_done(&reply) => println!("{object} at {x:.4} {y:.4} {z:.4}"),
+                Ok(reply) => said.warn(format!("{} does not move {object}: {}", self.port, reply.to_string())),
+                Err(e) => {
+                    said.warn(format!("the world does not answer: {e}; start `mobee run` with a table [yarp]"));
+                    self.due.entry(object).or_insert([x, y, z]);
+                    return;
+                }
+            }
+        }
+    }
+}
+
+/// Whether the world says that it has put the object elsewhere.
+fn is_done(reply: &Bottle) -> bool {
+    reply.0.get(1).and_then(Value::as_text).is_some_and(|said| said.starts_with("Set "))
+}

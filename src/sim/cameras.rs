@@ -1,0 +1,123 @@
+//! What the simulated cameras of a file see, at image ports.
+
+use crate::compose::{compose, derive_seed, sensor_camera};
+use crate::config::{Config, ConfigError, Source};
+use miette::Report;
+use mobee_contract::{Camera, CameraContext, Pose, Truth};
+use mobee_drivers::{SimBoard, SimClock};
+use mobee_model::Scene;
+use mobee_yarp::{Delivery, Image, Network, OutputPort, PixelCode, Stamp};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::task::{JoinSet, spawn_blocking};
+use tokio::time::{MissedTickBehavior, interval};
+
+/// A camera that is served.
+pub(super) struct Served {
+    port: String,
+    camera: Box<dyn Camera>,
+}
+
+/// The boards of one robot.
+pub(super) type RobotBoards = Vec<Arc<SimBoard>>;
+
+/// The simulated cameras of a file's sensors, with the names of their ports: `PREFIX/cam/EYE`. Other cameras are left out.
+///
+/// # Errors
+/// Complaints about the configuration.
+pub(super) fn cameras(
+    config: &Config,
+    source: &Source,
+    prefix: impl Fn(&str) -> String,
+    boards: &[RobotBoards],
+) -> Result<Vec<Served>, Report> {
+    if config.sensor.is_empty() {
+        return Ok(Vec::new());
+    }
+    // the world alone: whoever looks at it or moves in it does so elsewhere
+    let mut bare = config.clone();
+    (bare.sensor, bare.script, bare.yarp) = (Vec::new(), Vec::new(), None);
+    bare.bridge.clear();
+    bare.robot.iter_mut().for_each(|robot| robot.agent = None);
+    let scene = Arc::new(compose(bare, source)?.scene);
+    let mut served = Vec::new();
+    for (i, sensor) in config.sensor.iter().enumerate() {
+        let Some(index) = sensor.carrier(config) else { continue };
+        let Some(robot) = scene.robots().get(index) else { continue };
+        for (k, eye) in sensor.eye.iter().enumerate() {
+            let context = CameraContext {
+                robot: robot.clone(),
+                index,
+                seed: derive_seed(config.seed, &format!("{}/{}/camera", sensor.name, eye.name)),
+                truth: truth(scene.clone(), boards.to_vec()),
+            };
+            let camera = sensor_camera(source, &format!("sensor[{i}].eye[{k}].camera"), &eye.camera, &context)?;
+            if camera.is_simulated() {
+                served.push(Served { port: format!("{}/cam/{}", prefix(&robot.name), eye.name), camera });
+            }
+        }
+    }
+    Ok(served)
+}
+
+/// The world as the file has it, with the robots where their boards have them.
+fn truth(scene: Arc<Scene>, boards: Vec<RobotBoards>) -> Arc<dyn Fn() -> Option<Truth> + Send + Sync> {
+    Arc::new(move || {
+        let pose = |(robot, boards): (&Arc<mobee_model::Robot>, &RobotBoards)| -> Pose {
+            let mut q = robot.home();
+            for board in boards {
+                let Some(part) = robot.parts.iter().find(|part| part.name == board.part()) else { continue };
+                let slots = q.get_mut(part.motors.clone()).into_iter().flatten();
+                slots.zip(board.positions()).for_each(|(to, from)| *to = from);
+            }
+            q.into()
+        };
+        Some(Truth { scene: scene.clone(), poses: scene.robots().iter().zip(&boards).map(pose).collect() })
+    })
+}
+
+/// Opens the cameras' ports, and serves their pictures for as long as the tasks live.
+///
+/// # Errors
+/// A port that can't be opened, with the remedy.
+pub(super) async fn serve(
+    network: &Network,
+    cameras: Vec<Served>,
+    clock: SimClock,
+    speed: f64,
+) -> Result<JoinSet<()>, Report> {
+    let mut tasks = JoinSet::new();
+    for Served { port, camera } in cameras {
+        let opened = OutputPort::open(network, &port, Delivery::Newest).await;
+        let port = opened.map_err(|e| ConfigError::plain(e.to_string(), "end the program that holds it, or wait"))?;
+        println!("{}", port.name());
+        tasks.spawn(show(port, camera, clock, speed));
+    }
+    Ok(tasks)
+}
+
+/// Sends what a camera sees while somebody looks.
+async fn show(port: OutputPort, mut camera: Box<dyn Camera>, clock: SimClock, speed: f64) {
+    let mut stamp = Stamp::default();
+    let mut ticks = interval(camera.period().div_f64(speed).max(Duration::from_millis(1)));
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        ticks.tick().await;
+        if port.peers().is_empty() {
+            continue;
+        }
+        let exposed = spawn_blocking(move || (camera.frame(clock.now()), camera)).await;
+        let Ok((frame, back)) = exposed else { return eprintln!("warning: {}: the camera failed", port.name()) };
+        camera = back;
+        let frame = match frame {
+            Ok(Some(frame)) => frame,
+            Ok(None) => continue,
+            Err(why) => return eprintln!("warning: {}: {why}", port.name()),
+        };
+        let [width, height] = frame.intrinsics.size;
+        stamp = stamp.next(clock.wall(frame.exposed));
+        if let Ok(image) = Image::new(PixelCode::RGB, width, height, &frame.pixels) {
+            port.write(image.encode(), Some(stamp.envelope()));
+        }
+    }
+}
