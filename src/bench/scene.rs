@@ -2,7 +2,7 @@
 
 use miette::{Report, miette};
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Scene, Shape};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::FRAC_PI_2;
@@ -23,6 +23,9 @@ const APART: f64 = 0.09;
 const CLEARANCE: f64 = 0.02;
 /// Draws of an obstacle before there are fewer.
 const TRIES: usize = 200;
+/// How far the cup is put elsewhere at least, and how far beside its new place a post is put then, meters.
+const ELSEWHERE: f64 = 0.06;
+const BESIDE: [f64; 2] = [0.10, 0.16];
 /// The object's name in the world.
 pub(super) const CUP_NAME: &str = "cup";
 
@@ -35,8 +38,20 @@ pub(super) struct ReachScene {
     pub posts: Vec<Object>,
     /// How the two cameras are turned in truth, deg about their axes.
     pub turned: [[f64; 3]; 2],
-    /// The world with all of it.
+    /// What moves in mid-reach, if anything does.
+    pub moved: Option<Moved>,
+    /// The world with all of it, as it is at last.
     pub truth: Scene,
+}
+
+/// What moves in mid-reach.
+#[derive(Clone, Debug)]
+pub(super) struct Moved {
+    /// Where the cup's middle is from then on, meters, and how it stands.
+    pub cup: [f64; 3],
+    pub upright: UnitQuaternion<f64>,
+    /// A post's name, and where that is from then on.
+    pub post: Option<(String, Isometry3<f64>)>,
 }
 
 impl ReachScene {
@@ -44,7 +59,7 @@ impl ReachScene {
     ///
     /// # Errors
     /// If the world has no cup.
-    pub fn new(seed: u64, offset_deg: f64, world: &Scene) -> Result<ReachScene, Report> {
+    pub fn new(seed: u64, offset_deg: f64, moving: bool, world: &Scene) -> Result<ReachScene, Report> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut within = |[from, to]: [f64; 2]| rng.random_range(from..=to);
         let cup = [within(CUP[0]), within(CUP[1]), MIDDLE];
@@ -67,7 +82,58 @@ impl ReachScene {
                 posts.push(post);
             }
         }
-        Ok(ReachScene { cup, posts, turned, truth })
+        let mut drawn = ReachScene { cup, posts, turned, moved: None, truth };
+        if moving {
+            drawn.moved = drawn.moved(&mut rng);
+            drawn.truth = drawn.moved.iter().try_fold(drawn.truth, |truth, moved| moved.apply(&truth))?;
+        }
+        Ok(drawn)
+    }
+
+    /// Where the cup's middle is at last, meters.
+    pub fn cup_at_last(&self) -> [f64; 3] {
+        self.moved.as_ref().map_or(self.cup, |moved| moved.cup)
+    }
+
+    /// The cup put elsewhere, and the first post beside it; `None` if there is no room.
+    fn moved(&self, rng: &mut ChaCha8Rng) -> Option<Moved> {
+        let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+        let stands = |post: &Object| [post.pose.translation.x, post.pose.translation.y];
+        let upright = self.truth.object(CUP_NAME)?.1.pose.rotation;
+        for _ in 0..TRIES {
+            let to = CUP.map(|[from, to]| rng.random_range(from..=to));
+            let (turn, off) = (rng.random_range(0.0..=std::f64::consts::TAU), rng.random_range(BESIDE[0]..=BESIDE[1]));
+            let beside = [to[0] + off * turn.cos(), to[1] + off * turn.sin()];
+            let is_elsewhere = far(to, [self.cup[0], self.cup[1]]) >= ELSEWHERE;
+            let is_clear = self.posts.iter().skip(1).all(|post| far(to, stands(post)) >= APART);
+            if !is_elsewhere || !is_clear {
+                continue;
+            }
+            let post = self.posts.first().map(|post| {
+                let mut pose = post.pose;
+                (pose.translation.x, pose.translation.y) = (beside[0], beside[1]);
+                (post.name.clone(), pose)
+            });
+            let moved = Moved { cup: [to[0], to[1], MIDDLE], upright, post };
+            let with = moved.apply(&self.truth).ok()?;
+            if (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE)) {
+                return Some(moved);
+            }
+        }
+        None
+    }
+}
+
+impl Moved {
+    /// The world after that.
+    fn apply(&self, scene: &Scene) -> Result<Scene, Report> {
+        let [x, y, z] = self.cup;
+        let pose = Isometry3::from_parts(nalgebra::Translation3::new(x, y, z), self.upright);
+        let scene = edited(scene, &Edit::Move { name: CUP_NAME.to_owned(), pose })?;
+        match &self.post {
+            Some((name, pose)) => edited(&scene, &Edit::Move { name: name.clone(), pose: *pose }),
+            None => Ok(scene),
+        }
     }
 }
 

@@ -21,17 +21,26 @@ inventory::submit! {
     Registered(&Kind::<Drive> {
         name: DEFAULT_KIND,
         doc: "The paper's controller. A motion is driven straight to its target, all motors in step. When anything comes nearer than the margin, \
-              the reflex stops the robot and retraces its recorded path to where the motion began.",
+              the reflex stops the robot and retraces its recorded path to where the motion began, unless `reflex = false`: then \
+              contacts are recorded and counted, but stop nothing.",
         schema: || schemars::schema_for!(RollbackSettings),
         example: |_| Ok(json!({})),
-        build: |value, ()| settings::<RollbackSettings>(value).map(|_| Drive::Straight),
+        build: |value, ()| settings(value).map(|own: RollbackSettings| if own.reflex { Drive::Straight } else { Drive::Blind }),
     })
 }
 
-/// Settings of the kind `rollback`: none of its own.
+/// Settings of the kind `rollback`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct RollbackSettings {}
+pub struct RollbackSettings {
+    /// Whether the reflex stops and takes back what comes nearer than the margin. `false` is for simulations, to see what it is good for.
+    #[serde(default = "yes")]
+    pub reflex: bool,
+}
+
+fn yes() -> bool {
+    true
+}
 
 #[cfg(test)]
 mod tests {
@@ -47,6 +56,16 @@ mod tests {
             assert!((kind.build)(&json!({}), &()).is_ok(), "{}: its own settings have defaults", kind.name);
             let e = (kind.build)(&json!({ "nonsense": 1 }), &()).unwrap_err();
             assert!(e.what.contains("nonsense"), "{}: {e}", kind.name);
+        }
+    }
+
+    #[test]
+    fn the_reflex_is_on_unless_somebody_turns_it_off() {
+        for kind in kinds::<Drive>() {
+            for (value, reflex) in [(json!({}), true), (json!({ "reflex": false }), false)] {
+                let drive = (kind.build)(&value, &()).expect("a drive");
+                assert_eq!((drive.has_reflex(), drive.kind()), (reflex, kind.name));
+            }
         }
     }
 }

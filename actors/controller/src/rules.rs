@@ -90,7 +90,7 @@ impl Rules {
     #[must_use]
     pub fn driving(mut self, drive: &Drive, robot: &Robot) -> Rules {
         match drive {
-            Drive::Straight => {}
+            Drive::Straight | Drive::Blind => {}
             Drive::Fields(settings) => self.fields = Some(Arc::new(FieldRules::new(settings, robot, &self))),
         }
         self

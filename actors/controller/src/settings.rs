@@ -50,6 +50,8 @@ pub enum Drive {
     /// Straight to the target, by the board's own position moves.
     #[default]
     Straight,
+    /// The same, and the reflex stops nothing.
+    Blind,
     /// Drawn and pushed by forces.
     Fields(FieldsSettings),
 }
@@ -58,7 +60,7 @@ impl Drive {
     /// The name of the kind that drives so.
     pub fn kind(&self) -> &'static str {
         match self {
-            Drive::Straight => DEFAULT_KIND,
+            Drive::Straight | Drive::Blind => DEFAULT_KIND,
             Drive::Fields(_) => "fields",
         }
     }
@@ -66,7 +68,7 @@ impl Drive {
     /// Whether motions go straight to their target in joint space, so that their path is known before they begin.
     pub fn is_straight(&self) -> bool {
         match self {
-            Drive::Straight => true,
+            Drive::Straight | Drive::Blind => true,
             Drive::Fields(_) => false,
         }
     }
@@ -75,6 +77,7 @@ impl Drive {
     pub fn has_reflex(&self) -> bool {
         match self {
             Drive::Straight => true,
+            Drive::Blind => false,
             Drive::Fields(fields) => fields.reflex,
         }
     }

@@ -16,6 +16,7 @@ mod aim;
 mod choice;
 mod end;
 mod exhaustive;
+mod follow;
 mod look;
 mod map;
 mod settings;
@@ -30,7 +31,7 @@ use crate::roadmap::Roadmap;
 use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use aim::Hand;
 use choice::{NoChoice, Places};
-use end::Counts;
+use end::{Counts, Miss, Missed};
 use look::{Gaze, Look, Looking};
 use map::Own;
 use mobee_contract::*;
@@ -46,10 +47,14 @@ use std::time::Duration;
 /// Changes of mind within one call: more would be a circle.
 const TURNS: usize = 20;
 /// So often in a row postures are chosen in vain before that counts as a miss, a pause apart.
-const TRIES: u32 = 3;
+const TRIES: u32 = 6;
 const PAUSE: Duration = Duration::from_millis(500);
 /// Plans made where no way leads to a goal, for one reach.
 const PLANS: u32 = 3;
+/// Postures that no way leads to, one after the other, for one reach.
+const OTHERS: usize = 4;
+/// Places to look at in vain before that counts as a miss: all of them twice.
+const GLANCES: u32 = 26;
 /// How often the way home is looked for, a second apart.
 const HOMEWARD: u32 = 60;
 
@@ -70,6 +75,8 @@ enum Phase {
 struct Place {
     /// The object's middle when it was chosen, meters.
     object: [f64; 3],
+    /// The vertex that the postures were begun from.
+    from: u32,
     /// Vertices of the postures.
     pre: u32,
     grasp: u32,
@@ -114,6 +121,10 @@ struct Mind {
     in_vain: u32,
     plans: u32,
     homeward: u32,
+    /// Vertices from which postures were begun that no way led to, and how often the hand was brought over the object once more: of this
+    /// reach.
+    tried: BTreeSet<u32>,
+    refined: u32,
     own: Own,
     /// Whether the rest posture was joined to the map.
     joined: bool,
@@ -157,7 +168,8 @@ impl ReachAgent {
         let palm = settings.palm.map(|palm| settings::direction("palm", palm)).transpose()?;
         let palm = palm.or_else(|| Some(robot.markers.get(hand?)?.normal));
         let seed = settings.seed.unwrap_or(context.seed);
-        let walker = Walker::new(map, speed?, tolerance?, seed).with_validation(settings.validation).with_leaps();
+        let walker = Walker::new(map, speed?, tolerance?, seed).with_validation(settings.validation);
+        let walker = walker.with_leaps().with_blame();
         let mind = Mind {
             phase: Phase::Look,
             looking: Looking::default(),
@@ -166,6 +178,8 @@ impl ReachAgent {
             in_vain: 0,
             plans: 0,
             homeward: 0,
+            tried: BTreeSet::new(),
+            refined: 0,
             own: Own::default(),
             joined: false,
             counts: Counts::default(),
@@ -199,20 +213,14 @@ impl ReachAgent {
         Places { pre: from(self.settings.pre_grasp_mm), grasp: from(self.settings.grasp_mm) }
     }
 
-    /// Whether the object is not any more where it was when the hand set out.
-    fn has_moved(&self, view: &View) -> Option<Vector3<f64>> {
-        let now = look::middle(&self.settings.object, view)?;
-        let then = Vector3::from(self.mind.place.as_ref()?.object);
-        ((now - then).norm() > self.settings.moved_mm * 1e-3).then_some(now)
-    }
-
-    /// Chooses postures for an object there, and takes them into the map.
-    fn set_out(&mut self, object: Vector3<f64>, view: &View) -> Result<u32, NoChoice> {
+    /// Chooses postures for an object there, begun from so many vertices, and takes them into the map.
+    fn set_out(&mut self, object: Vector3<f64>, vertices: &[usize], view: &View) -> Result<u32, NoChoice> {
         let places = self.places(object);
+        self.mind.counts.object = object.into();
         self.look_at_scene(view);
         let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
         let (Some(hand), Some(space)) = (hand, self.space.as_mut()) else { return Err(NoChoice::OutOfReach) };
-        let choice = choice::choose(&self.walker.map, hand, space, view, (&places, choice::VERTICES))?;
+        let choice = choice::choose(&self.walker.map, hand, space, view, (&places, vertices, &self.mind.tried))?;
         let place = self.enter(choice, object, view);
         let pre = place.pre;
         self.mind.place = Some(place);
@@ -222,7 +230,7 @@ impl ReachAgent {
 
     /// The object is seen: sets out for it. Answers what to do if that is not possible now.
     fn begin(&mut self, object: Vector3<f64>, view: &View) -> Option<Intent> {
-        match self.set_out(object, view) {
+        match self.set_out(object, &choice::VERTICES, view) {
             Ok(pre) => {
                 self.mind.counts.set_out(view.at, self.mind.looking.first_seen());
                 self.walker.log(format!("{} is seen: the hand sets out", self.settings.object));
@@ -268,6 +276,7 @@ impl ReachAgent {
             return None;
         }
         match (self.mind.phase, place) {
+            (Phase::Go, Some(_)) if self.refine(view) => {}
             (Phase::Go, Some(place)) => {
                 let (at, off) = self.hand_at(view);
                 self.mind.counts.before(view.at, at, off);
@@ -286,7 +295,8 @@ impl ReachAgent {
                 self.mind.phase = Phase::Look;
                 self.mind.looking = Looking::from(view.at);
                 self.mind.place = None;
-                self.mind.plans = 0;
+                (self.mind.plans, self.mind.refined) = (0, 0);
+                self.mind.tried.clear();
             }
         }
         None
@@ -299,15 +309,6 @@ impl ReachAgent {
         let (Some(hand), Some(object)) = (hand, object) else { return ([0.0; 3], 0.0) };
         (hand.chain.at(view.pose()).at.coords.into(), hand.off(view.pose(), self.places(object).pre).0)
     }
-
-    /// The object moved while the hand goes there: postures are chosen anew. Answers their vertex.
-    fn follow(&mut self, view: &View) -> Option<u32> {
-        let object = self.has_moved(view)?;
-        let pre = self.set_out(object, view).ok()?;
-        self.mind.counts.replanned += 1;
-        self.walker.log(format!("{} has moved: the hand goes where it is now", self.settings.object));
-        Some(pre)
-    }
 }
 
 impl Agent for ReachAgent {
@@ -318,6 +319,13 @@ impl Agent for ReachAgent {
             if self.mind.phase == Phase::Look && !caught(view) {
                 let gaze = self.ready.as_ref().and_then(|r| r.gaze.as_ref());
                 match self.mind.looking.step(&self.settings.object, gaze, view) {
+                    Look::Do(_) if self.mind.looking.glances() > GLANCES => {
+                        self.mind.looking = Looking::from(view.at);
+                        self.miss(&Missed { miss: Miss::Unseen, why: "it is not seen".to_owned() });
+                        if self.is_done() {
+                            return self.done("all reaches are done");
+                        }
+                    }
                     Look::Do(intent) => {
                         self.mind.eyes_turn = matches!(intent, Intent::MoveTo(_));
                         return intent;
@@ -363,6 +371,7 @@ impl Agent for ReachAgent {
                 Some(self.walker.give_up())
             }
             Phase::Look => None,
+            _ if !self.settings.follow => None,
             _ => self.walker.revise(view),
         }
     }
@@ -385,11 +394,11 @@ impl Agent for ReachAgent {
 
     fn export(&self) -> Snapshot {
         let (map, progress) = (self.walker.map.export(&self.robot), self.walker.progress().clone());
-        seal("reach", 1, &State { map, progress, mind: self.mind.clone() })
+        seal("reach", 2, &State { map, progress, mind: self.mind.clone() })
     }
 
     fn import(&mut self, from: Snapshot) -> Result<(), Refusal> {
-        let state: State = open(&from, "reach", 1)?;
+        let state: State = open(&from, "reach", 2)?;
         let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
         let is_in = |id: u32| map.vertex(id).is_some();
         let place = state.mind.place.iter().all(|p| is_in(p.pre) && is_in(p.grasp));

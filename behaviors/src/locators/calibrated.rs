@@ -129,6 +129,11 @@ pub struct Ready {
 }
 
 impl Ready {
+    /// The head.
+    pub(super) fn model(&self) -> &HeadModel {
+        &self.learned.model
+    }
+
     /// Where what was seen is, as far as one view tells.
     pub fn locate(&self, view: &StereoView) -> Option<Estimate> {
         let of = &self.learned;

@@ -3,13 +3,14 @@
 use super::beginning::{Beginning, Untaught};
 use super::calibrated::{Calibrated, Ready};
 use super::ensemble::Ensemble;
+use super::head::JointAngles;
 use super::lens::Lens;
 use super::network::PublishedNetwork;
 use super::tracker::fuse;
 use super::triangulated::Triangulated;
 use super::view::{Estimate, KnownView, StereoView};
 use crate::learned_file::{self, LearnedFault};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -182,6 +183,17 @@ impl ReadyLocator {
             ReadyLocator::Ensemble(e) => e.common,
             ReadyLocator::Calibrated(c) => c.common(),
         }
+    }
+
+    /// The middle between the eyes, m, in the frame of the places; a published network knows of none.
+    pub fn between_eyes(&self, joints: &JointAngles) -> Option<Vector3<f64>> {
+        let model = match self {
+            ReadyLocator::Triangulate(t) => &t.model,
+            ReadyLocator::Network(_) => return None,
+            ReadyLocator::Ensemble(e) => &e.model,
+            ReadyLocator::Calibrated(c) => c.model(),
+        };
+        Some(model.look(joints, &[0.0; 9]).between_eyes())
     }
 
     /// The cameras as the file knows them, left and right.

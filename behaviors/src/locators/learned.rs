@@ -2,11 +2,12 @@
 
 use super::file::{LocatorFile, ReadyLocator};
 use super::head::JointAngles;
+use super::kinds::Standing;
 use super::lens::Lens;
 use super::tracker::Tracker;
-use super::view::{Glimpse, StereoView};
+use super::view::{Estimate, Glimpse, StereoView};
 use mobee_contract::{BodyState, Intrinsics, Located, Locator, Region, Sighting, Time};
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2, Vector3};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -50,18 +51,40 @@ pub struct LearnedLocator {
     /// What each eye saw last of each object, not yet paired.
     waiting: BTreeMap<String, [Option<(Time, Glimpse)>; 2]>,
     trackers: BTreeMap<String, Tracker>,
+    stands: Option<Standing>,
 }
+
+/// What the border cuts off may be as large as what is seen of it: by so much a place is not known, m.
+const CUT_OFF: f64 = 0.1;
+/// A place that is off the height where things stand by so much, m, and by so many standard deviations, is none: the eyes saw two
+/// different things.
+const OFF_HEIGHT: (f64, f64) = (0.1, 4.0);
 
 impl LearnedLocator {
     /// One as the file says, for a robot whose pose has the joints at these places.
     pub fn new(file: &LocatorFile, joints: [usize; 9], eyes: EyeNames, tracks: bool) -> LearnedLocator {
         let ready = file.ready();
-        LearnedLocator { ready, joints, eyes, tracks, waiting: BTreeMap::new(), trackers: BTreeMap::new() }
+        let (waiting, trackers) = (BTreeMap::new(), BTreeMap::new());
+        LearnedLocator { ready, joints, eyes, tracks, waiting, trackers, stands: None }
+    }
+
+    /// The same, of objects that stand on something level.
+    pub fn standing(mut self, stands: Option<Standing>) -> LearnedLocator {
+        self.stands = stands;
+        self
     }
 
     fn place(&mut self, object: &str, view: &StereoView) -> Option<Located> {
         let mut found = self.ready.locate(view)?;
-        if self.tracks {
+        if let Some(standing) = &self.stands {
+            let eyes = self.ready.between_eyes(&view.encoders);
+            found = standing.place(&found, eyes)?;
+        }
+        // who has learned from views that the border cut off knows what they are worth
+        let is_unsure = view.is_clipped() && !matches!(self.ready, ReadyLocator::Calibrated(_));
+        if is_unsure {
+            found.covariance += Matrix3::identity() * CUT_OFF.powi(2);
+        } else if self.tracks {
             let common = self.ready.common();
             let tracker = self.trackers.entry(object.to_owned()).or_insert_with(|| Tracker::new(common));
             tracker.see(found);
@@ -69,6 +92,22 @@ impl LearnedLocator {
         }
         let row = |i: usize| [0, 1, 2].map(|j| found.covariance[(i, j)]);
         Some(Located { object: object.to_owned(), position: found.place.into(), covariance: [row(0), row(1), row(2)] })
+    }
+}
+
+impl Standing {
+    /// Where an object is that stands there, as far as a view tells; `None` if what it tells is far above or below that.
+    fn place(&self, seen: &Estimate, eyes: Option<Vector3<f64>>) -> Option<Estimate> {
+        let Estimate { place, covariance } = *seen;
+        let along = eyes.and_then(|eyes| (place - eyes).try_normalize(1e-9)).unwrap_or_default();
+        let place = place + along * (self.behind_mm * 1e-3);
+        let (off, variance) = (self.z_m - place.z, covariance[(2, 2)]);
+        if off.abs() > OFF_HEIGHT.0.max(OFF_HEIGHT.1 * variance.sqrt()) {
+            return None;
+        }
+        let gain = covariance.column(2) / (variance + (self.sd_mm * 1e-3).powi(2));
+        let covariance = covariance - gain * covariance.row(2);
+        Some(Estimate { place: place + gain * off, covariance: (covariance + covariance.transpose()) / 2.0 })
     }
 }
 

@@ -136,6 +136,12 @@ impl Looking<'_> {
         Some(by)
     }
 
+    /// The middle between the two eyes, m, in the frame of the places (a warp is left out).
+    pub(super) fn between_eyes(&self) -> Vector3<f64> {
+        let [left, right] = &self.eyes;
+        (self.model.frame.rotation * self.frame.all).tr_mul(&((left.center + right.center) / 2.0 - self.origin))
+    }
+
     /// Where the two rays pass each other nearest, m, in the frame of the places (a warp is left out); `None` if they are parallel or
     /// meet behind the eyes.
     pub(super) fn midpoint(&self, pixels: &Vector4<f64>) -> Option<Vector3<f64>> {

@@ -6,7 +6,11 @@
 //! | `lazy` | the edges of a path | before it is driven; one that is blocked is taken out, and another path planned |
 //! | `verified` | all edges | before anything is planned |
 //!
-//! In the last two, an edge that failed when driven is tried again once an object that was in its way has changed (I11). What
+//! Whoever drives to find out can learn more of a failure than one edge ([`Validator::blaming`]): what was in the way is minded from then
+//! on, and edges that the model has in the way of that are driven no more. A map of thousands of poses has more edges at one obstacle than
+//! anybody wants to bump into, and every one of them would teach the same.
+//!
+//! In the last two modes, an edge that failed when driven is tried again once an object that was in its way has changed (I11). What
 //! is certified is the model's world, with the view's clearance; the reflex is on in every mode.
 
 use super::Roadmap;
@@ -46,9 +50,29 @@ pub struct FailedEdge {
     pub by: BTreeSet<u32>,
 }
 
+/// What was in the way of edges that failed: part of an agent's state.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Blame {
+    /// Objects, by their numbers in the scene.
+    pub objects: BTreeSet<u32>,
+    /// Whether the robot was in its own way.
+    pub itself: bool,
+}
+
+impl Blame {
+    /// Whether nothing was.
+    pub fn is_nobody(&self) -> bool {
+        *self == Blame::default()
+    }
+}
+
 /// Keeps a roadmap true to the world, as far as its mode says.
 pub struct Validator {
     mode: Validation,
+    /// Whether what was in the way is minded where nothing is certified.
+    blames: bool,
+    blame: Blame,
     validity: Validity,
     /// Directed edges that failed when driven, and the objects that were in their way.
     failed: BTreeMap<(u32, u32), BTreeSet<u32>>,
@@ -59,7 +83,14 @@ pub struct Validator {
 impl Validator {
     /// For a map of these motors.
     pub fn new(mode: Validation, motors: &[usize]) -> Validator {
-        Validator { mode, validity: Validity::new(motors), failed: BTreeMap::new(), certified: 0 }
+        let (validity, failed, blame) = (Validity::new(motors), BTreeMap::new(), Blame::default());
+        Validator { mode, blames: false, blame, validity, failed, certified: 0 }
+    }
+
+    /// The same; where nothing is certified, what was in the way of an edge that failed is minded from then on.
+    pub fn blaming(mut self) -> Validator {
+        self.blames = true;
+        self
     }
 
     /// Whether it certifies anything.
@@ -69,14 +100,28 @@ impl Validator {
 
     /// The mode, for another map: nothing is known of that one.
     pub fn renewed(&self, map: &Roadmap) -> Validator {
-        Validator::new(self.mode, map.motors())
+        Validator { blames: self.blames, ..Validator::new(self.mode, map.motors()) }
+    }
+
+    /// Whether any edge is judged by the model.
+    fn judges(&self) -> bool {
+        self.certifies() || !self.blame.is_nobody()
+    }
+
+    /// What is known of an edge, as far as it counts: where nothing is certified, only what is blamed can be in the way.
+    fn verdict(&self, edge: (u32, u32)) -> Option<EdgeVerdict> {
+        let known = self.validity.verdict(edge)?;
+        let mut by = self.validity.blocked_by(edge).peekable();
+        let counts = self.certifies()
+            || if by.peek().is_some() { by.any(|o| self.blame.objects.contains(&o)) } else { self.blame.itself };
+        Some(if counts { known.clone() } else { EdgeVerdict::Free })
     }
 
     /// Brings the map up to date with the world: edges that an object blocks leave it, those that none blocks any more return.
     /// Answers how many undirected edges did the one and the other.
     pub fn look(&mut self, map: &mut Roadmap, view: &View) -> EdgeChange {
         let mut change = EdgeChange::default();
-        if !self.certifies() {
+        if !self.judges() {
             return change;
         }
         let news = self.validity.look(view);
@@ -105,14 +150,14 @@ impl Validator {
 
     /// Whether all edges of a path are certified to be free, or nothing has to be. Those that are not leave the map.
     pub fn admits(&mut self, map: &mut Roadmap, path: &[u32], view: &View) -> bool {
-        if !self.certifies() {
+        if !self.judges() {
             return true;
         }
         let edges: Vec<_> = path.iter().zip(path.iter().skip(1)).map(|(a, b)| edge_between(*a, *b)).collect();
         self.certify_around(map, path, &edges, &view.scene);
         let mut all_free = true;
         for (a, b) in edges {
-            match self.validity.verdict((a, b)) {
+            match self.verdict((a, b)) {
                 Some(EdgeVerdict::Free) => {}
                 Some(_) => {
                     self.apply(map, (a, b), &view.scene);
@@ -123,7 +168,7 @@ impl Validator {
                     map.block(b, a, None);
                 }
             }
-            all_free &= self.validity.verdict((a, b)) == Some(&EdgeVerdict::Free);
+            all_free &= self.verdict((a, b)) == Some(EdgeVerdict::Free);
         }
         all_free
     }
@@ -151,9 +196,17 @@ impl Validator {
 
     /// An edge failed when driven: remembers the objects that the view, or the model, has in its way.
     pub fn failed(&mut self, from: u32, to: u32, view: &View) {
-        if self.certifies() {
-            let object = |(a, b): Pair| [a, b].into_iter().find_map(object_of);
-            let own = view.contacts.iter().filter(|c| crate::group::involves(view.robot, c));
+        let object = |(a, b): Pair| [a, b].into_iter().find_map(object_of);
+        let own = view.contacts.iter().filter(|c| crate::group::involves(view.robot, c));
+        if self.blames && !self.certifies() {
+            for contact in own {
+                match object(contact.pair) {
+                    Some(object) => drop(self.blame.objects.insert(object)),
+                    None => self.blame.itself = true,
+                }
+            }
+            self.validity.look(view);
+        } else if self.certifies() {
             let touched = own.filter_map(|c| object(c.pair));
             let by = touched.chain(self.validity.blocked_by(edge_between(from, to))).collect();
             self.failed.insert((from, to), by);
@@ -168,6 +221,16 @@ impl Validator {
     /// Takes over what a predecessor knew of the edges that failed.
     pub fn remember(&mut self, causes: &[FailedEdge]) {
         self.failed.extend(causes.iter().map(|f| ((f.from, f.to), f.by.clone())));
+    }
+
+    /// What was in the way of edges that failed, where nothing is certified.
+    pub fn blame(&self) -> &Blame {
+        &self.blame
+    }
+
+    /// Takes over what a predecessor blamed.
+    pub fn take_blame(&mut self, blame: &Blame) {
+        self.blame.clone_from(blame);
     }
 
     /// A vertex is another one now: nothing is known of its edges.
@@ -185,12 +248,12 @@ impl Validator {
     /// Lets both directions of an edge be what its verdict says.
     fn apply(&self, map: &mut Roadmap, (a, b): (u32, u32), scene: &Scene) -> Option<bool> {
         let both = [(a, b), (b, a)];
-        match self.validity.verdict((a, b)) {
+        match self.verdict((a, b)) {
             None | Some(EdgeVerdict::Free) => {
                 both.map(|(from, to)| map.unblock(from, to)).contains(&true).then_some(false)
             }
             Some(verdict) => {
-                let cause = words(verdict, scene);
+                let cause = words(&verdict, scene);
                 both.map(|(from, to)| map.block(from, to, Some(cause.clone()))).contains(&true).then_some(true)
             }
         }

@@ -15,7 +15,7 @@ use crate::group::cause;
 use crate::planners::escape::{caught, escape, line_free};
 use crate::planners::{JointSpace, RrtConnect};
 use crate::roadmap::join::JoinSettings;
-use crate::roadmap::validation::{EdgeChange, FailedEdge, Validation, Validator};
+use crate::roadmap::validation::{Blame, EdgeChange, FailedEdge, Validation, Validator};
 use crate::roadmap::{Roadmap, Vertex};
 use crate::short_way::{nearest_position, nearest_target};
 use mobee_contract::{EdgeState, Intent, MotionEnd, Note, Target, View};
@@ -83,6 +83,9 @@ pub struct WalkProgress {
     /// Edges that failed, and what must change before they are tried again; nothing if nothing is certified.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     causes: Vec<FailedEdge>,
+    /// What was in the way of edges that failed, where nothing is certified and that is minded.
+    #[serde(default, skip_serializing_if = "Blame::is_nobody")]
+    blame: Blame,
     /// How often parts of the map were joined by a planner.
     #[serde(default, skip_serializing_if = "is_none")]
     joins: u32,
@@ -132,6 +135,12 @@ impl Walker {
         self
     }
 
+    /// The same; where nothing is certified, what was in the way of an edge that failed is minded from then on.
+    pub fn with_blame(mut self) -> Walker {
+        self.validator = self.validator.blaming();
+        self
+    }
+
     /// What is certified of the map.
     pub fn validator(&self) -> &Validator {
         &self.validator
@@ -157,6 +166,7 @@ impl Walker {
     pub fn resume(&mut self, map: Roadmap, progress: WalkProgress) {
         self.validator = self.validator.renewed(&map);
         self.validator.remember(&progress.causes);
+        self.validator.take_blame(&progress.blame);
         (self.map, self.progress) = (map, progress);
     }
 
@@ -299,6 +309,7 @@ impl Walker {
                 let why = cause.as_deref().map(|c| format!(": {c}")).unwrap_or_default();
                 self.log(format!("edge {from} -> {to} failed and is removed{why}"));
                 self.validator.failed(from, to, view);
+                self.progress.blame.clone_from(self.validator.blame());
                 self.map.failed(from, to, cause);
             }
             (Doing::Connecting { rest, .. }, Some(MotionEnd::Failed)) => return Some(rest),

@@ -122,6 +122,31 @@ fn a_cup_that_moves_on_the_way_is_followed_and_a_small_move_is_not() {
 }
 
 #[test]
+fn a_cup_that_is_not_to_be_followed_is_reached_for_where_it_was() {
+    let robot = arm(3);
+    let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
+    let mut agent = kind("reach", &robot, 1, settings(json!({ "follow": false })));
+    assert!(matches!(agent.next(None, &view), Intent::MoveTo(_)));
+    view.scene = moved(&view.scene, 0.45, 0.4);
+    assert_eq!(agent.revise(&view), None);
+    let run = drive(&mut *agent, &mut view, 50, by_scene);
+    assert!(run.motions.iter().any(|(_, to, _)| is_near(to, [0.5, 0.3], AT)), "{run:?}");
+}
+
+#[test]
+fn what_was_in_the_way_once_is_gone_round_from_then_on() {
+    let robot = arm(3);
+    let wall = ball("wall", 0.25, 0.75, 0.12, ObjectClass::Obstacle);
+    let mut view = view(&scene(&robot, vec![cup(0.6, 0.15), wall]), &rest());
+    let several = json!({ "validation": "optimistic", "repeat": 6 });
+    let mut agent = kind("reach", &robot, 1, settings(several));
+    let run = drive(&mut *agent, &mut view, 400, by_scene);
+    assert_eq!(figure(&run.done, "reached"), 6.0, "{:?}", run.done);
+    let failed = run.motions.iter().filter(|(.., ok)| !ok).count();
+    assert!(failed <= 2, "{failed} motions failed, of {}", run.motions.len());
+}
+
+#[test]
 fn a_way_that_fails_is_gone_round_in_every_mode() {
     let robot = arm(3);
     for mode in ["optimistic", "lazy", "verified"] {
@@ -148,6 +173,13 @@ fn a_miss_has_a_cause() {
     miss(vec![cup(2.0, 0.0)], "missed_out_of_reach");
     let lid = ball("lid", 0.42, 0.3, 0.06, ObjectClass::Obstacle);
     miss(vec![cup(0.5, 0.3), lid], "missed_not_free");
+    // kept by a sensor that never sees it, wherever the eyes look
+    let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
+    view.seen = Arc::new([SeenObject { object: "cup".into(), at: None, place: None, is_stale: false }]);
+    let gaze = json!({ "motors": ["joint0"], "sweep_deg": [{ "joint0": 80 }, { "joint0": 100 }], "dwell_s": 0 });
+    let mut agent = kind("reach", &robot, 1, settings(json!({ "gaze": gaze })));
+    let run = drive(&mut *agent, &mut view, 60, by_scene);
+    assert_eq!(figure(&run.done, "missed_unseen"), 1.0, "{:?}", run.done);
 }
 
 #[test]

@@ -12,6 +12,8 @@ const PROBE: f64 = 1e-6;
 const LONGEST: f64 = 0.3;
 /// Sum of squares that is as good as nothing.
 const DONE: f64 = 1e-9;
+/// Eyes that are so near to what they are to look at, rad, look at it (3 degrees).
+const AIMED: f64 = std::f64::consts::PI / 60.0;
 /// What a meter counts, beside a radian: a millimeter is as bad as 0.6 degrees.
 const PER_METER: f64 = 10.0;
 
@@ -40,6 +42,18 @@ impl Group {
     pub fn share(&self, pose: &[f64]) -> Vec<f64> {
         let at = |(m, (min, max)): (&usize, &(f64, f64))| pose.get(*m).copied().unwrap_or(0.0).max(*min).min(*max);
         self.motors.iter().zip(&self.limits).map(at).collect()
+    }
+
+    /// Where a search may begin anew: the middle of all limits, and from there each motor a quarter of its way up and down.
+    fn beginnings(&self) -> Vec<Vec<f64>> {
+        let middle: Vec<f64> = self.limits.iter().map(|(min, max)| (min + max) / 2.0).collect();
+        let beside = |(i, share): (usize, f64)| {
+            let at =
+                |(j, (q, (min, max))): (usize, (&f64, &(f64, f64)))| if i == j { q + share * (max - min) } else { *q };
+            middle.iter().zip(&self.limits).enumerate().map(at).collect::<Vec<f64>>()
+        };
+        let besides = (0..middle.len()).flat_map(|i| [(i, -0.25), (i, 0.25)]).map(beside);
+        [middle.clone()].into_iter().chain(besides).collect()
     }
 
     /// Positions near those at `rest` for which `off`, of the whole pose, is as near to zero as it gets.
@@ -137,15 +151,26 @@ pub(super) struct Eyes {
 }
 
 impl Eyes {
-    /// The group's positions, near those of a whole pose, with all eyes on a point as far as that goes.
+    /// The group's positions, near those of a whole pose, with all eyes on a point as far as that goes. A neck that goes up to its limit
+    /// while the eyes go down to theirs is a dead end of the search: it then begins elsewhere as well.
     pub fn turn(&self, pose: &[f64], to: Vector3<f64>) -> Vec<f64> {
-        self.group.solve(pose, |q| {
-            let off = |eye: &HandChain| {
-                let eye = eye.at(q);
-                (eye.palm - direction(eye.at, to)).iter().copied().collect::<Vec<_>>()
-            };
-            self.chains.iter().flat_map(off).collect()
-        })
+        let solve = |from: &[f64]| {
+            let q = self.group.solve(from, |q| {
+                let off = |eye: &HandChain| {
+                    let eye = eye.at(q);
+                    (eye.palm - direction(eye.at, to)).iter().copied().collect::<Vec<_>>()
+                };
+                self.chains.iter().flat_map(off).collect()
+            });
+            (self.off(&self.group.whole(pose, &q), to), q)
+        };
+        let first = solve(pose);
+        if first.0 <= AIMED {
+            return first.1;
+        }
+        let others = self.group.beginnings().into_iter().map(|q| solve(&self.group.whole(pose, &q)));
+        let best = [first].into_iter().chain(others).min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map_or_else(|| self.group.share(pose), |(_, q)| q)
     }
 
     /// How far from the middle of its picture the eye that sees it worst has a point, rad.

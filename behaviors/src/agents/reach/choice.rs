@@ -11,9 +11,12 @@ use crate::roadmap::Roadmap;
 use mobee_contract::View;
 use mobee_fast::EdgeVerdict;
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
-/// So many vertices near the place are begun from.
-pub(super) const VERTICES: usize = 24;
+/// So many vertices near the place are begun from; if none of them leads there freely, so many more, and so on.
+pub(super) const VERTICES: [usize; 4] = [24, 120, 600, 6000];
+/// For what must be decided while the hand moves.
+pub(super) const FEW: [usize; 1] = [24];
 /// A posture is one if the hand is so near, meters, and its palm points so near to where it should, rad.
 const PLACE: f64 = 0.002;
 const ANGLE: f64 = std::f64::consts::PI / 12.0;
@@ -46,17 +49,41 @@ pub(super) struct Places {
 }
 
 /// Chooses postures for the hand at these places, from where the robot is; of those that are free, the one that is nearest, and one that a
-/// free line leads to before all others. So many vertices are begun from.
+/// free line leads to before all others. The vertices near the place are begun from, but for those that were tried in vain, so many at
+/// once until there is one.
 pub(super) fn choose(
     map: &Roadmap,
     hand: &Hand,
     space: &mut JointSpace,
     view: &View,
-    (places, vertices): (&Places, usize),
+    (places, vertices, tried): (&Places, &[usize], &BTreeSet<u32>),
 ) -> Result<Choice, NoChoice> {
     let far = |at: [f64; 3]| (Vector3::from(at) - places.pre).norm();
-    let mut near: Vec<(f64, u32)> = map.vertices().map(|(id, v)| (far(v.at), id)).collect();
+    let untried = map.vertices().filter(|(id, _)| !tried.contains(id));
+    let mut near: Vec<(f64, u32)> = untried.map(|(id, v)| (far(v.at), id)).collect();
     near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let mut rest = near.as_slice();
+    let mut found = Err(NoChoice::OutOfReach);
+    for count in vertices {
+        let (now, later) = rest.split_at((*count).min(rest.len()));
+        rest = later;
+        match best_of(map, hand, space, view, (places, now)) {
+            Ok(choice) => return Ok(choice),
+            Err(NoChoice::OutOfReach) => {}
+            Err(why) => found = Err(why),
+        }
+    }
+    found
+}
+
+/// The best choice of those that these vertices begin.
+fn best_of(
+    map: &Roadmap,
+    hand: &Hand,
+    space: &mut JointSpace,
+    view: &View,
+    (places, near): (&Places, &[(f64, u32)]),
+) -> Result<Choice, NoChoice> {
     let rest = view.pose();
     let posture = |from: &[f64], to: Vector3<f64>| {
         let q = hand.bring(&hand.group.whole(rest, from), to);
@@ -69,7 +96,7 @@ pub(super) fn choose(
         let grasp = posture(&pre, places.grasp)?;
         Some((from, Choice { vertex: *vertex, is_joined: false, pre, grasp }))
     };
-    let choices: Vec<(Vec<f64>, Choice)> = near.iter().take(vertices).filter_map(choice).collect();
+    let choices: Vec<(Vec<f64>, Choice)> = near.iter().filter_map(choice).collect();
     if choices.is_empty() {
         return Err(NoChoice::OutOfReach);
     }

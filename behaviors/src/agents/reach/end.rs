@@ -1,8 +1,8 @@
 //! How reaches ended: what is counted, misses by their cause, and what is done where no way leads on.
 
-use super::choice::NoChoice;
+use super::choice::{NoChoice, VERTICES};
 use super::look::middle;
-use super::{HOMEWARD, PLANS, Phase, ReachAgent};
+use super::{HOMEWARD, OTHERS, PLANS, Phase, ReachAgent};
 use mobee_contract::{Intent, Summary, Time, View};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -28,6 +28,8 @@ pub(super) struct Counts {
     off: f64,
     /// Longest time from when the object was seen to when the hand set out, seconds.
     delay: f64,
+    /// Where the object was thought to be when postures were chosen last, meters.
+    pub object: [f64; 3],
     /// Where the hand was then, the last time, meters.
     at: [f64; 3],
 }
@@ -36,6 +38,8 @@ pub(super) struct Counts {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Miss {
+    /// Nothing has seen it, wherever the eyes looked.
+    Unseen,
     /// The hand can't be brought to the object.
     OutOfReach,
     /// It can, but something is in the way of its last lines.
@@ -47,7 +51,8 @@ pub(super) enum Miss {
 }
 
 impl Miss {
-    const ALL: [(Miss, &str); 4] = [
+    const ALL: [(Miss, &str); 5] = [
+        (Miss::Unseen, "missed_unseen"),
         (Miss::OutOfReach, "missed_out_of_reach"),
         (Miss::NotFree, "missed_not_free"),
         (Miss::NoWay, "missed_no_way"),
@@ -118,6 +123,17 @@ impl ReachAgent {
         if self.mind.phase == Phase::Approach && may_plan && self.choose_again(view) {
             return None;
         }
+        // other postures may be easier to come to
+        if self.mind.phase == Phase::Go
+            && self.mind.tried.len() < OTHERS
+            && let Some(from) = self.mind.place.as_ref().map(|place| place.from)
+        {
+            self.mind.tried.insert(from);
+            if self.choose_again(view) {
+                self.mind.plans = 0;
+                return None;
+            }
+        }
         match self.mind.phase {
             Phase::Go => self.miss(&Missed { miss: Miss::NoWay, why: "no way leads there".to_owned() }),
             Phase::Approach => self.miss(&Missed { miss: Miss::Approach, why: "the last line failed".to_owned() }),
@@ -137,7 +153,7 @@ impl ReachAgent {
     /// Chooses postures for where the object is now. Answers whether there are any.
     fn choose_again(&mut self, view: &View) -> bool {
         let object = middle(&self.settings.object, view);
-        let pre = object.and_then(|object| self.set_out(object, view).ok());
+        let pre = object.and_then(|object| self.set_out(object, &VERTICES, view).ok());
         pre.is_some_and(|pre| {
             self.enter_phase(Phase::Go, pre);
             true
@@ -148,6 +164,7 @@ impl ReachAgent {
         self.walker.show(Vec::new());
         let (counts, progress) = (&self.mind.counts, self.walker.progress());
         let mean = if counts.arrivals > 0 { counts.seconds / f64::from(counts.arrivals) } else { 0.0 };
+        let object = counts.object;
         let missed = Miss::ALL.map(|(miss, name)| (name, counts.missed.get(&miss).copied().unwrap_or(0).into()));
         let others = [
             ("replanned", f64::from(counts.replanned)),
@@ -157,6 +174,9 @@ impl ReachAgent {
             ("set_out_s", counts.delay),
             ("pre_grasp_s", mean),
             ("pre_grasp_off_mm", 1e3 * counts.off),
+            ("object_x_mm", 1e3 * object[0]),
+            ("object_y_mm", 1e3 * object[1]),
+            ("object_z_mm", 1e3 * object[2]),
             ("hand_x_mm", 1e3 * counts.at[0]),
             ("hand_y_mm", 1e3 * counts.at[1]),
             ("hand_z_mm", 1e3 * counts.at[2]),

@@ -4,12 +4,14 @@ use super::{ReachAgent, choice};
 use crate::planners::{Planner, PlanningProblem, RrtConnect};
 use mobee_contract::View;
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
 /// Straight lines that the way to the posture may cost.
 const BUDGET: u64 = 200_000;
-/// Plans with seeds of their own.
+/// Plans with seeds of their own, for each of so many postures.
 const PLANS: u64 = 3;
+const GOALS: usize = 5;
 
 impl ReachAgent {
     /// Whether the hand can be brought from where the robot is to an object there, freely and to the grasp posture: postures are begun from
@@ -20,12 +22,22 @@ impl ReachAgent {
         let places = self.places(Vector3::from(object));
         let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
         let (Some(hand), Some(space)) = (hand, self.space.as_mut()) else { return false };
-        let all = self.walker.map.len();
-        let Ok(choice) = choice::choose(&self.walker.map, hand, space, view, (&places, all)) else { return false };
+        let all = [24, 120, 600, self.walker.map.len()];
         let start = space.within(&self.walker.map.group(view.pose()));
-        (0..PLANS).any(|seed| {
-            let problem = PlanningProblem { start: start.clone(), goal: choice.pre.clone(), seed, budget: BUDGET };
-            RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(())).is_ok()
-        })
+        let mut tried = BTreeSet::new();
+        for _ in 0..GOALS {
+            let Ok(choice) = choice::choose(&self.walker.map, hand, space, view, (&places, &all, &tried)) else {
+                break;
+            };
+            let is_reached = (0..PLANS).any(|seed| {
+                let problem = PlanningProblem { start: start.clone(), goal: choice.pre.clone(), seed, budget: BUDGET };
+                RrtConnect::default().plan(space, &problem, &mut |_| ControlFlow::Continue(())).is_ok()
+            });
+            if is_reached {
+                return true;
+            }
+            tried.insert(choice.vertex);
+        }
+        false
     }
 }

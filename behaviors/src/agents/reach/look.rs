@@ -10,11 +10,6 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// The object counts as looked at if no eye has it farther from the middle of its picture, rad (15 degrees).
-const CENTERED: f64 = std::f64::consts::PI / 12.0;
-/// So often the eyes are turned to where the object was seen before it is good enough, each time only if they gain so much, rad.
-const TURNS: u32 = 3;
-const GAIN: f64 = CENTERED / 5.0;
 /// Looking about: rings of points, meters, and how many points each has.
 const RINGS: [f64; 2] = [0.15, 0.30];
 const POINTS: u32 = 6;
@@ -33,9 +28,8 @@ pub(super) struct Looking {
     rested: Option<Time>,
     /// When the object was first seen.
     first: Option<Time>,
-    /// Places looked at while the object was not seen, and how often they were turned to where it was seen.
+    /// Places looked at while the object was not seen.
     glances: u32,
-    turns: u32,
 }
 
 /// What there is to do.
@@ -69,14 +63,6 @@ impl Gaze {
         Intent::MoveTo(Target { motors: self.plan.motors.clone(), q, speed: self.plan.speed })
     }
 
-    /// Turns the eyes to what is too far from the middle of their pictures, if that brings it nearer.
-    fn center(&self, view: &View, to: Vector3<f64>) -> Option<Intent> {
-        let now = self.eyes.off(view.pose(), to);
-        let q = self.eyes.turn(view.pose(), to);
-        let then = self.eyes.off(&self.eyes.group.whole(view.pose(), &q), to);
-        (now > CENTERED && then < now - GAIN).then(|| self.turn(q))
-    }
-
     /// The next of the places to look at: first where the object is thought to be, then about there.
     fn glance(&self, view: &View, thought: Option<Vector3<f64>>, number: u32) -> Option<Vec<f64>> {
         let sweep = self.plan.sweep.len() as u32;
@@ -108,8 +94,12 @@ impl Looking {
         self.first
     }
 
-    /// The robot rests: what to do to see the object, unless it is seen, and in the middle of the eyes' pictures. An object that no sensor
-    /// keeps is where the scene has it.
+    /// Places looked at while the object was not seen.
+    pub fn glances(&self) -> u32 {
+        self.glances
+    }
+
+    /// The robot rests: what to do to see the object, unless it is seen. An object that no sensor keeps is where the scene has it.
     pub fn step(&mut self, object: &str, gaze: Option<&Gaze>, view: &View) -> Look {
         let rested = *self.rested.get_or_insert(view.at);
         let (at, seen) = match (middle(object, view), view.seen(object)) {
@@ -123,11 +113,6 @@ impl Looking {
             return Look::Do(self.about(gaze, view, Some(at), lately));
         }
         self.first.get_or_insert(seen.at.unwrap_or(view.at));
-        if let Some(q) = gaze.filter(|_| self.turns < TURNS).and_then(|gaze| gaze.center(view, at)) {
-            self.turns += 1;
-            self.rested = None;
-            return Look::Do(q);
-        }
         Look::Seen(at)
     }
 

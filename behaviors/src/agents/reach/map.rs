@@ -154,7 +154,7 @@ impl ReachAgent {
             self.walker.map.join(choice.vertex, pre);
         }
         self.walker.map.join(pre, grasp);
-        Place { object: object.into(), pre, grasp }
+        Place { object: object.into(), from: choice.vertex, pre, grasp }
     }
 
     /// Whether a straight line leads from where the robot is to a vertex.

@@ -51,6 +51,10 @@ pub struct ReachSettings {
     /// How long to stay in the grasp posture, seconds.
     #[serde(default)]
     pub wait_s: f64,
+    /// Whether the object is followed: if it is found elsewhere on the way, or something comes into the way, the motion is led or planned
+    /// anew. `false`: its place is taken once, and the way is driven as it was planned.
+    #[serde(default = "yes")]
+    pub follow: bool,
     /// An object that is so far from where it was when the hand set out is reached for anew, mm.
     #[serde(default = "moved")]
     pub moved_mm: f64,
@@ -100,6 +104,9 @@ fn before() -> [f64; 3] {
 }
 fn at() -> [f64; 3] {
     [0.0, 0.0, 120.0]
+}
+fn yes() -> bool {
+    true
 }
 fn moved() -> f64 {
     20.0

@@ -3,6 +3,7 @@
 use super::simulated_head::SimulatedHead;
 use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
+use mobee_behaviors::locators::kinds::Standing;
 use mobee_behaviors::locators::learned::{EyeNames, LearnedLocator};
 use mobee_behaviors::locators::lens::Lens;
 use mobee_behaviors::locators::tracker::Tracker;
@@ -68,6 +69,50 @@ fn eyes_are_paired_if_they_saw_it_at_about_the_same_time_whatever_the_size_of_th
     let mut other = LearnedLocator::new(&file, joints, names, true);
     let told = ask(&mut other, &known, [1.0, 1.0]);
     assert!(told[1].is_empty() && told[2].len() == 1, "settings name the eyes: {told:?}");
+}
+
+/// The same with a border that cuts off what both eyes see.
+fn clipped(locator: &mut LearnedLocator, known: &KnownView, at_s: f64) -> Vec<Located> {
+    let mut q = vec![0.0; 12];
+    q[3..].copy_from_slice(&known.view.encoders);
+    let look = |(camera, eye): (&str, usize)| {
+        let mut seen = sighting(camera, known.view.eyes[eye].center, at_s, eye);
+        seen.region.is_clipped = true;
+        locator.locate(&[seen], &BodyState { at: Time::from_secs(at_s), q: q.clone().into() })
+    };
+    [("eye_left", 0), ("eye_right", 1)].into_iter().flat_map(look).collect()
+}
+
+#[test]
+fn what_stands_on_a_table_is_at_its_height_and_what_the_border_cuts_off_is_hardly_anywhere() {
+    let mut head = SimulatedHead::new(21);
+    let seen: Vec<KnownView> = (0..150).map(|_| head.view(true)).collect();
+    let file = LocatorFile::train(LocatorKind::Triangulate, &seen, String::new(), &Beginning::recorded(0), &mut |_| ())
+        .expect("learned");
+    let joints = std::array::from_fn(|i| i + 3);
+    let known = head.view(false);
+    let at = |z_m: f64, behind_mm: f64| {
+        let stands = Some(Standing { z_m, sd_mm: 1.0, behind_mm });
+        LearnedLocator::new(&file, joints, EyeNames { left: None, right: None }, true).standing(stands)
+    };
+    let place = |locator: &mut LearnedLocator| {
+        let told = ask(locator, &known, [1.0, 1.0]).concat();
+        told.first().map(|l| Vector3::from(l.position))
+    };
+    let free = file.ready().locate(&known.view).expect("located").place;
+    let found = place(&mut at(free.z + 0.03, 0.0)).expect("located");
+    assert!((found.z - free.z - 0.03).abs() < 0.005, "the height is believed: {found} {free}");
+    assert!((found - free).norm() > 0.03, "and tells how far away it is");
+    let behind = place(&mut at(free.z, 20.0)).expect("located");
+    assert!((behind - free).norm() > 0.005, "what is seen is the near side");
+    assert_eq!(place(&mut at(free.z + 2.0, 0.0)), None, "nothing stands there");
+    // the border: a hint, and no view that counts
+    let mut locator = at(free.z, 0.0);
+    let widest = |l: &Located| (0..3).map(|i| l.covariance[i][i]).fold(0.0, f64::max).sqrt();
+    for i in 0..50 {
+        let told = clipped(&mut locator, &known, 2.0 + 0.1 * f64::from(i));
+        assert!(told.iter().all(|l| widest(l) > 0.09), "however often it is seen: {told:?}");
+    }
 }
 
 #[test]

@@ -1,0 +1,43 @@
+//! The object is elsewhere than when the hand set out: in mid-motion, or a little when the hand is above it.
+
+use super::{ReachAgent, choice, look};
+use mobee_contract::View;
+use nalgebra::Vector3;
+
+/// The object is seen again and again while the hand goes: if in the end it is so far from where it was when the hand set out, meters, the
+/// hand is brought over it once more, so often at most.
+const REFINE: f64 = 0.004;
+const REFINED: u32 = 2;
+
+impl ReachAgent {
+    /// Whether the object is not any more where it was when the hand set out.
+    pub(super) fn has_moved(&self, view: &View) -> Option<Vector3<f64>> {
+        self.is_elsewhere(self.settings.moved_mm * 1e-3, view)
+    }
+
+    /// Where the object is by now, if that is so far from where it was when the hand set out, meters.
+    pub(super) fn is_elsewhere(&self, far: f64, view: &View) -> Option<Vector3<f64>> {
+        let now = look::middle(&self.settings.object, view).filter(|_| self.settings.follow)?;
+        let then = Vector3::from(self.mind.place.as_ref()?.object);
+        ((now - then).norm() > far).then_some(now)
+    }
+
+    /// Before the hand goes down: brings it over where the object is known to be by now, if that is a little beside.
+    pub(super) fn refine(&mut self, view: &View) -> bool {
+        let Some(object) = self.is_elsewhere(REFINE, view).filter(|_| self.mind.refined < REFINED) else {
+            return false;
+        };
+        self.mind.refined += 1;
+        let pre = self.set_out(object, &choice::VERTICES, view).ok();
+        pre.inspect(|pre| self.walker.goto(*pre)).is_some()
+    }
+
+    /// The object moved while the hand goes there: postures are chosen anew. Answers their vertex.
+    pub(super) fn follow(&mut self, view: &View) -> Option<u32> {
+        let object = self.has_moved(view)?;
+        let pre = self.set_out(object, &choice::FEW, view).ok()?;
+        self.mind.counts.replanned += 1;
+        self.walker.log(format!("{} has moved: the hand goes where it is now", self.settings.object));
+        Some(pre)
+    }
+}

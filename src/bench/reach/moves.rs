@@ -1,0 +1,97 @@
+//! How soon the hand goes where the object is by now: by the wall clock, from when the model has it there to when the motion that is under
+//! way leads there.
+
+use super::super::scene::CUP_NAME;
+use super::ReachBenchArgs;
+use crate::compose;
+use crate::run::{Folder, run};
+use miette::{IntoDiagnostic, Report, miette};
+use mobee_actors::record::journal;
+use mobee_actors::system::{CueTrigger, ScriptStep};
+use mobee_contract::{Event, Note, Time};
+use mobee_model::Edit;
+use nalgebra::{Isometry3, Translation3};
+use serde_json::{Value, json};
+use std::time::Duration;
+use tokio::sync::mpsc;
+
+/// The object is put so far to either side, meters, so often, seconds, and the hand goes so slowly that it is on its way for long.
+const TO_SIDE: f64 = 0.025;
+const EVERY: f64 = 1.0;
+const SPEED: f64 = 0.04;
+/// A reach at that speed takes so long, seconds, and the object moves so often while the hand goes there.
+const REACH: f64 = 45.0;
+const WHILE_GOING: f64 = 15.0;
+/// What comes later than that is no answer to the move, seconds.
+const LATE: f64 = 0.9;
+
+/// Moves the object again and again, until it was followed so often or the time that this should take is over twice.
+///
+/// # Errors
+/// Complaints about the behavior, or about the run's folder.
+pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report> {
+    if !(1..=10_000).contains(&count) {
+        return Err(miette!(help = "give a number from 1 to 10000, such as 100", "{count} moves can't be measured"));
+    }
+    let secs = 10.0 + 2.0 * REACH * (count as f64 / WHILE_GOING).ceil();
+    let own = [
+        format!("for_s={secs}"),
+        "clock=\"real\"".to_owned(),
+        "sensor=[]".to_owned(),
+        "script=[]".to_owned(),
+        "robot.icub.agent.repeat=0".to_owned(),
+        format!("robot.icub.agent.speed={SPEED}"),
+    ];
+    let own: Vec<String> = own.into_iter().chain(args.set.iter().cloned()).collect();
+    let mut composition = compose::read(&args.file, &own).map_err(Report::new)?;
+    let (_, cup) = composition.scene.object(CUP_NAME).ok_or_else(|| miette!("the world has no `{CUP_NAME}`"))?;
+    let pose = cup.pose;
+    let step = |i: u64| {
+        let side = if i.is_multiple_of(2) { TO_SIDE } else { -TO_SIDE };
+        let pose = Isometry3::from_parts(Translation3::new(0.0, side, 0.0) * pose.translation, pose.rotation);
+        let at = Time::from_secs(2.0 + EVERY * i as f64);
+        ScriptStep { when: CueTrigger::At(at), edit: Edit::Move { name: CUP_NAME.to_owned(), pose } }
+    };
+    composition.script = (0..(secs / EVERY) as u64).map(step).collect();
+    let scratch = tempfile::tempdir().into_diagnostic()?;
+    let path = args.keep.as_ref().map_or_else(|| scratch.path().join("run"), |keep| keep.join("moves"));
+    let folder = Folder::create("bench", Some(&path)).into_diagnostic()?;
+    let (_controls, receiver) = mpsc::channel(1);
+    let done = run(composition, &folder, receiver, |_| ())?;
+    let (mut led, taken_back) = answers(&folder)?;
+    led.truncate(count as usize);
+    led.sort_by(f64::total_cmp);
+    let at = |share: f64| led.get((led.len().saturating_sub(1) as f64 * share).round() as usize).copied();
+    Ok(json!({
+        "moves_followed": led.len(),
+        "in_motion_after_ms": { "median": at(0.5), "p95": at(0.95), "most": at(1.0) },
+        "taken_back_first": taken_back,
+        "within_100_ms": led.iter().filter(|ms| **ms < 100.0).count(),
+        "hard_contacts": done.end.counts.hard_contacts,
+        "late_periods": done.end.counts.late.periods,
+    }))
+}
+
+/// From each move to when the motion under way led there, ms; and how many motions were taken back first.
+fn answers(folder: &Folder) -> Result<(Vec<f64>, u64), Report> {
+    let mut moved: Option<Time> = None;
+    let (mut led, mut taken_back, mut follows) = (Vec::new(), 0, false);
+    for line in journal::read(folder.path()).map_err(|e| miette!("{e}"))? {
+        let line = line.map_err(|e| miette!("{e}"))?;
+        let after = |since: Time| line.at.since(since);
+        match &line.event {
+            Event::World { object, .. } if object == CUP_NAME => (moved, follows) = (Some(line.at), false),
+            Event::Note { note: Note::Log { text }, .. } if text.contains("has moved") => follows = true,
+            Event::Amended { .. } => {
+                let since = moved.take().filter(|since| after(*since) < Duration::from_secs_f64(LATE));
+                led.extend(since.map(|since| after(since).as_secs_f64() * 1e3));
+            }
+            Event::Commit { .. } if follows => {
+                taken_back += u64::from(moved.take().is_some());
+                follows = false;
+            }
+            _ => {}
+        }
+    }
+    Ok((led, taken_back))
+}

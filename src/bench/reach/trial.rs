@@ -1,0 +1,218 @@
+//! One scene, met in one way.
+
+use super::super::scene::{CUP_NAME, Moved, ReachScene};
+use super::ReachBenchArgs;
+use crate::compose::{self, Composition};
+use crate::run::{Folder, in_order, run};
+use miette::{IntoDiagnostic, Report, miette};
+use mobee_actors::system::{CueTrigger, ScriptStep};
+use mobee_behaviors::agents::{ReachAgent, ReachSettings};
+use mobee_contract::{Context, Time, View, settings};
+use mobee_model::{Edit, Scene};
+use nalgebra::{Isometry3, Translation3};
+use serde::Serialize;
+use serde_json::Value;
+use std::path::Path;
+use std::sync::Arc;
+use tokio::sync::mpsc;
+
+/// What a plan keeps from everything: the reflex's margin and 2 mm, meters.
+const CLEARANCE: f64 = 0.012;
+/// A hand that is farther from where it should be, in truth, is beside the cup, mm.
+const BESIDE_MM: f64 = 30.0;
+/// When things move in a scene where they do: the hand is on its way by then, seconds.
+const MOVED_AT: f64 = 4.0;
+
+/// How a scene is met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Way {
+    /// As the behavior says.
+    Whole,
+    /// Sense, plan, act: the cup's place is taken once, the way is planned by what is known then, and nothing stops the robot.
+    NoReflex,
+    /// The cup's place is taken once; the reflex is on.
+    OneLook,
+}
+
+/// What came of one scene.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Outcome {
+    pub seed: u64,
+    /// `reached`, `beside` or `touched` something; the agent's cause of a miss, `stopped`, `unfinished` or `failed`.
+    pub end: String,
+    /// Whether the slow search brings the hand there.
+    pub solvable: bool,
+    pub posts: usize,
+    /// From when the hand set out to when it was before the cup, and from when the cup was seen to when it set out, seconds.
+    pub pre_grasp_s: f64,
+    pub set_out_s: f64,
+    /// Between the hand and where it should be before the cup as it is in truth, and between the cup and where the agent took it to be
+    /// at last, mm.
+    pub off_mm: f64,
+    pub believed_off_mm: f64,
+    pub rolled_back: u64,
+    pub hard_contacts: u64,
+}
+
+impl Outcome {
+    /// What would have come of it with a monitor that stops and undoes nothing: until somebody frees it, the robot stays where it was
+    /// stopped first.
+    pub fn stopped_for_good(&self) -> Outcome {
+        let mut outcome = self.clone();
+        if outcome.rolled_back > 0 && outcome.end != "failed" {
+            (outcome.end, outcome.pre_grasp_s, outcome.hard_contacts) = ("stopped".to_owned(), 0.0, 0);
+        }
+        outcome
+    }
+
+    pub fn line(&self) -> String {
+        let Outcome { seed, end, solvable, posts, pre_grasp_s, set_out_s, off_mm, believed_off_mm, .. } = self;
+        let can = if *solvable { "" } else { " (the slow search does not find a way either)" };
+        format!(
+            "seed {seed}: {end}{can}, {posts} posts, set out after {set_out_s:.2} s, there after {pre_grasp_s:.2} s, off by \
+             {off_mm:.1} mm, believed {believed_off_mm:.1} mm off, {} rolled back, {} hard contacts",
+            self.rolled_back, self.hard_contacts
+        )
+    }
+}
+
+/// One scene.
+///
+/// # Errors
+/// Complaints about the behavior.
+pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Way) -> Result<Outcome, Report> {
+    let composed = |set: &[String]| compose::read(&args.file, set).map_err(Report::new);
+    let bare = bare(&composed(&args.set)?.scene)?;
+    let drawn = ReachScene::new(seed, args.offset_deg, args.moving, &bare)?;
+    let mut composition = composed(&overrides(args, seed, &drawn, way))?;
+    let agent = composition.config.robot.first().and_then(|r| r.agent.clone()).unwrap_or_default();
+    composition.scene = with_posts(&bare, &drawn)?;
+    composition.script.extend(drawn.moved.iter().flat_map(steps));
+    let solvable = is_solvable(&args.file, &agent, &drawn)?;
+    let done = finish(args, seed, composition)?;
+    let figures = &done.1;
+    let figure = |name: &str| figures.iter().find(|(n, _)| n == name).map_or(0.0, |(_, n)| *n);
+    let pre = agent["pre_grasp_mm"].as_array().cloned().unwrap_or_default();
+    let pre = [0, 1, 2].map(|i| pre.get(i).and_then(Value::as_f64).unwrap_or(0.0));
+    let cup = drawn.cup_at_last().map(|x| x * 1e3);
+    let off = |what: &str, plus: [f64; 3]| {
+        let axis = |(i, axis): (usize, &str)| {
+            let should = cup.get(i).copied().unwrap_or(0.0) + plus.get(i).copied().unwrap_or(0.0);
+            (figure(&format!("{what}_{axis}_mm")) - should).powi(2)
+        };
+        ["x", "y", "z"].into_iter().enumerate().map(axis).sum::<f64>().sqrt()
+    };
+    let was_there = figure("pre_grasp_s") > 0.0;
+    let off_mm = if was_there { off("hand", pre) } else { 0.0 };
+    let counts = &done.0.end.counts;
+    let missed = figures.iter().find(|(name, n)| name.starts_with("missed_") && *n > 0.0);
+    let end = match missed {
+        _ if !in_order(&done.0.end) => "failed",
+        _ if counts.hard_contacts > 0 => "touched",
+        _ if figures.is_empty() => "unfinished",
+        Some((cause, _)) => cause,
+        None if off_mm > BESIDE_MM => "beside",
+        None => "reached",
+    };
+    Ok(Outcome {
+        seed,
+        end: end.to_owned(),
+        solvable,
+        posts: drawn.posts.len(),
+        pre_grasp_s: figure("pre_grasp_s"),
+        set_out_s: figure("set_out_s"),
+        off_mm,
+        believed_off_mm: if figures.is_empty() { 0.0 } else { off("object", [0.0; 3]) },
+        rolled_back: counts.rolled_back,
+        hard_contacts: counts.hard_contacts,
+    })
+}
+
+type Figures = Vec<(String, f64)>;
+
+/// Runs it to its end; the agent's figures, none if it did not come to its end.
+fn finish(args: &ReachBenchArgs, seed: u64, composition: Composition) -> Result<(crate::run::Done, Figures), Report> {
+    let scratch = tempfile::tempdir().into_diagnostic()?;
+    let path = args.keep.as_ref().map_or_else(|| scratch.path().join("run"), |keep| keep.join(format!("seed-{seed}")));
+    let folder = Folder::create("bench", Some(&path)).into_diagnostic()?;
+    let robot = composition.robots.first().map(|r| r.name.clone()).unwrap_or_default();
+    let (_controls, receiver) = mpsc::channel(1);
+    let done = run(composition, &folder, receiver, |_| ())?;
+    let figures = done.end.counts.done.get(&robot).map(|told| told.figures.clone()).unwrap_or_default();
+    Ok((done, figures))
+}
+
+/// The world without what is drawn anew: all that may be removed but the cup.
+fn bare(scene: &Scene) -> Result<Scene, Report> {
+    let loose = scene.objects().filter(|(_, o)| !o.persistent && o.name != CUP_NAME);
+    let names: Vec<String> = loose.map(|(_, o)| o.name.clone()).collect();
+    let remove = |scene: Scene, name: String| scene.edit(&Edit::Remove { name }).map_err(|e| miette!("{e}"));
+    names.into_iter().try_fold(scene.clone(), remove)
+}
+
+/// The world as the model begins with it: the cup where its file has it.
+fn with_posts(bare: &Scene, drawn: &ReachScene) -> Result<Scene, Report> {
+    let add =
+        |scene: Scene, post: &mobee_model::Object| scene.edit(&Edit::Add(post.clone())).map_err(|e| miette!("{e}"));
+    drawn.posts.iter().try_fold(bare.clone(), add)
+}
+
+/// What moves in mid-reach, as steps of the script: the cup in truth alone, the post as everybody knows.
+fn steps(moved: &Moved) -> Vec<ScriptStep> {
+    let step = |edit: Edit| ScriptStep { when: CueTrigger::At(Time::from_secs(MOVED_AT)), edit };
+    let [x, y, z] = moved.cup;
+    let pose = Isometry3::from_parts(Translation3::new(x, y, z), moved.upright);
+    let cup = step(Edit::Move { name: CUP_NAME.to_owned(), pose });
+    let post = moved.post.clone().map(|(name, pose)| step(Edit::Move { name, pose }));
+    [Some(cup), post].into_iter().flatten().collect()
+}
+
+/// The scene and one reach as settings.
+fn overrides(args: &ReachBenchArgs, seed: u64, drawn: &ReachScene, way: Way) -> Vec<String> {
+    let [x, y, z] = drawn.cup;
+    let [left, right] = drawn.turned;
+    let mut own = vec![
+        format!("script=[{{when={{at_s=0.1}},edit={{object=\"{CUP_NAME}\",position_m=[{x},{y},{z}]}}}}]"),
+        format!("sensor.eyes.eye.left.camera.rotation_deg={left:?}"),
+        format!("sensor.eyes.eye.right.camera.rotation_deg={right:?}"),
+        format!("for_s={}", args.secs),
+        format!("seed={seed}"),
+        "clock=\"virtual\"".to_owned(),
+        "record.enabled=false".to_owned(),
+        "robot.icub.agent.repeat=1".to_owned(),
+    ];
+    own.extend(["left", "right"].map(|eye| format!("sensor.eyes.eye.{eye}.camera.scenery.seed={seed}")));
+    if way != Way::Whole {
+        own.push("robot.icub.agent.follow=false".to_owned());
+    }
+    if way == Way::NoReflex {
+        own.push("robot.icub.controller={kind=\"rollback\",reflex=false,period_ms=20,history=6000}".to_owned());
+    }
+    own.into_iter().chain(args.set.iter().cloned()).collect()
+}
+
+/// Whether a slow search brings the hand to where the cup is in truth, and at last.
+fn is_solvable(file: &Path, agent: &Value, drawn: &ReachScene) -> Result<bool, Report> {
+    let mut agent = agent.clone();
+    if let Some(table) = agent.as_object_mut() {
+        table.remove("kind");
+    }
+    if let Some(map) = agent["map"].as_str() {
+        let path = file.parent().unwrap_or(Path::new("")).join(map);
+        agent["map"] = crate::roadmap::for_agent(&path, None).map_err(Report::new)?;
+    }
+    let robot = crate::roadmap::robot(&drawn.truth)?.clone();
+    let agent: ReachSettings = settings(&agent).into_diagnostic()?;
+    let mut reach = ReachAgent::new(agent, &Context { robot, seed: 1 }).into_diagnostic()?;
+    let view = View {
+        at: Time::ZERO,
+        robot: 0,
+        axes: Arc::new([]),
+        poses: drawn.truth.home(),
+        scene: Arc::new(drawn.truth.clone()),
+        contacts: Arc::new([]),
+        clearance: CLEARANCE,
+        seen: Arc::new([]),
+    };
+    Ok(reach.can_reach(drawn.cup_at_last(), &view))
+}
