@@ -253,7 +253,7 @@ impl World {
             let request = Bottle::new().with("set").with(object.as_str()).with(x).with(y).with(z);
             match self.rpc.call(&request).await {
                 Ok(reply) if is_done(&reply) => println!("{object} at {x:.4} {y:.4} {z:.4}"),
-                Ok(reply) => said.warn(format!("{} does not move {object}: {}", self.port, reply.to_string())),
+                Ok(reply) => said.warn(format!("{} does not move {object}: {}", self.port, reply)),
                 Err(e) => {
                     said.warn(format!("the world does not answer: {e}; start `mobee run` with a table [yarp]"));
                     self.due.entry(object).or_insert([x, y, z]);

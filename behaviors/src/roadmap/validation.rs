@@ -114,7 +114,7 @@ impl Validator {
         let mut by = self.validity.blocked_by(edge).peekable();
         let counts = self.certifies()
             || if by.peek().is_some() { by.any(|o| self.blame.objects.contains(&o)) } else { self.blame.itself };
-        Some(if counts { known.clone() } else { EdgeVerdict::Free })
+        Some(if counts { *known } else { EdgeVerdict::Free })
     }
 
     /// Brings the map up to date with the world: edges that an object blocks leave it, those that none blocks any more return.
