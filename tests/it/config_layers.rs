@@ -154,9 +154,11 @@ fn the_resolved_file_is_the_same_configuration() {
     }
     std::fs::write(dir.path().join("shown.toml"), &text).expect("written");
     let (mut shown, _) = Config::load(&dir.path().join("shown.toml"), &[]).expect("what is shown can be read");
-    let set = ["robot.edge.agent.repeat=2".into(), "record.poses_hz=5".into()];
+    // a default of the controller's kind, which the shown file spells out
+    let reflex = "robot.edge.controller.reflex=true".into();
+    let set = ["robot.edge.agent.repeat=2".into(), "record.poses_hz=5".into(), reflex];
     let (mut config, _) = Config::load(&dir.path().join("main.toml"), &set).expect("it loads");
-    // defaults of kinds are spelt out in the shown file
+    // so it does for the driver's
     for c in [&mut shown, &mut config] {
         c.robot[0].driver = serde_json::Value::Null;
     }
