@@ -173,8 +173,8 @@ impl Validator {
         all_free
     }
 
-    /// Certifies the edges of a path that are not known yet, and with them others that leave it: the next path, should this one not
-    /// hold, is likely to take some of them, and many at once cost little more than few.
+    /// Certifies the edges of a path that are not known yet. Where everything driven has to be certified, others that leave the path
+    /// are with them: the next path, should this one not hold, is likely to take some of them, and many at once cost little more than few.
     fn certify_around(&mut self, map: &mut Roadmap, path: &[u32], edges: &[EdgeEnds], scene: &Scene) {
         let is_new = |edge: &EdgeEnds| self.validity.verdict(*edge).is_none();
         let mut due: BTreeSet<_> = edges.iter().copied().filter(is_new).collect();
@@ -182,8 +182,9 @@ impl Validator {
             return;
         }
         let around = path.iter().flat_map(|from| map.links.out(*from).map(|to| edge_between(*from, to)));
+        let most = if self.certifies() { AT_ONCE } else { 0 };
         for edge in around.filter(is_new) {
-            if due.len() >= AT_ONCE {
+            if due.len() >= most {
                 break;
             }
             due.insert(edge);
