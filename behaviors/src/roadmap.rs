@@ -279,6 +279,12 @@ impl Roadmap {
         self.metric.is_within(&here, &there, tolerance).then_some(id)
     }
 
+    /// Whether the robot is at a vertex: every motor of the group within `tolerance` (rad).
+    pub fn is_at(&self, id: u32, pose: &[f64], tolerance: f64) -> bool {
+        let there = self.vertex(id).map(|v| self.group(&v.q));
+        there.is_some_and(|there| self.metric.is_within(&self.group(pose), &there, tolerance))
+    }
+
     /// All vertices from near to far of a whole pose.
     pub fn by_distance(&self, pose: &[f64]) -> Vec<u32> {
         self.near.knn(&self.group(pose), self.len()).into_iter().map(|(_, id)| id).collect()

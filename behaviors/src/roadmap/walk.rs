@@ -228,7 +228,11 @@ impl Walker {
             return self.escape(view);
         }
         (self.progress.escapes, self.progress.waits) = (0, 0);
-        let Some(at) = self.map.at(view.pose(), self.tolerance) else { return self.connect(rest, view) };
+        // of vertices at one pose the goal is the one that was meant
+        let there = self.progress.goal.filter(|goal| self.map.is_at(*goal, view.pose(), self.tolerance));
+        let Some(at) = there.or_else(|| self.map.at(view.pose(), self.tolerance)) else {
+            return self.connect(rest, view);
+        };
         (self.progress.last, self.progress.connects) = (Some(at), 0);
         match self.progress.goal {
             Some(goal) if goal != at => match self.plan(at, goal, view) {

@@ -134,6 +134,19 @@ fn a_cup_that_is_not_to_be_followed_is_reached_for_where_it_was() {
 }
 
 #[test]
+fn what_was_in_the_way_once_is_gone_round_from_then_on() {
+    let robot = arm(3);
+    let wall = ball("wall", 0.25, 0.75, 0.12, ObjectClass::Obstacle);
+    let mut view = view(&scene(&robot, vec![cup(0.6, 0.15), wall]), &rest());
+    let several = json!({ "validation": "optimistic", "repeat": 6 });
+    let mut agent = kind("reach", &robot, 1, settings(several));
+    let run = drive(&mut *agent, &mut view, 400, by_scene);
+    assert_eq!(figure(&run.done, "reached"), 6.0, "{:?}", run.done);
+    let failed = run.motions.iter().filter(|(.., ok)| !ok).count();
+    assert!(failed <= 2, "{failed} motions failed, of {}", run.motions.len());
+}
+
+#[test]
 fn a_way_that_fails_is_gone_round_in_every_mode() {
     let robot = arm(3);
     for mode in ["optimistic", "lazy", "verified"] {

@@ -157,6 +157,7 @@ pub fn drive(
             Intent::MoveTo(target) | Intent::MoveEach(target, _) => {
                 let to = target.pose(&run.q).to_vec();
                 let ok = reached(view, &run.q, &to);
+                view.contacts = if ok { Arc::default() } else { met(view, &run.q, &to) };
                 run.motions.push((run.q.clone(), to.clone(), ok));
                 if ok {
                     run.q = to;
@@ -173,6 +174,13 @@ pub fn drive(
         }
     }
     run
+}
+
+/// What a motion meets first, as a view tells it once the motion was taken back.
+fn met(view: &View, from: &[f64], to: &[f64]) -> Arc<[Contact]> {
+    let at = |s: f64| from.iter().zip(to).map(|(a, b)| a + s * (b - a)).collect::<Vec<f64>>();
+    let mut steps = (0..=100).map(|i| view.scene.contacts(&[at(f64::from(i) / 100.0)], view.clearance));
+    steps.find(|found| !found.is_empty()).unwrap_or_default().into()
 }
 
 /// The oracle of the real thing: the line is free at the reflex's margin.
