@@ -36,8 +36,8 @@ pub struct OutsideArgs {
     #[arg(long, value_name = "PREFIX", default_value = "/MoBeE", value_parser = port_name)]
     prefix: String,
     /// The name server, HOST:PORT; default: from YARP's own configuration.
-    #[arg(long, value_name = "HOST:PORT", value_parser = address)]
-    server: Option<(String, u16)>,
+    #[arg(long, value_name = "HOST:PORT")]
+    server: Option<Network>,
     /// The address of this machine on which our ports listen.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     listen: IpAddr,
@@ -49,11 +49,6 @@ pub struct OutsideArgs {
 fn port_name(text: &str) -> Result<String, String> {
     let is_name = text.starts_with('/') && !text.ends_with('/') && !text.contains(char::is_whitespace);
     if is_name { Ok(text.into()) } else { Err("give a name that begins with /, such as /MoBeE".into()) }
-}
-
-fn address(text: &str) -> Result<(String, u16), String> {
-    let parts = text.rsplit_once(':').and_then(|(host, port)| Some((host.to_owned(), port.parse().ok()?)));
-    parts.filter(|(host, _)| !host.is_empty()).ok_or_else(|| "give HOST:PORT, such as 127.0.0.1:10000".into())
 }
 
 /// A sensor of a configuration, with everything that it needs.
@@ -82,7 +77,7 @@ impl Outside {
         config.robot.iter_mut().for_each(|robot| robot.agent = None);
         let composition = compose(config.clone(), &source)?;
         let network = match &args.server {
-            Some((host, port)) => Network::of(host, *port),
+            Some(network) => network.clone(),
             None => config::network_or_default(&Env::real())
                 .map_err(|e| ConfigError::plain(e.to_string(), "mend yarp.conf, or give --server HOST:PORT"))?,
         };
@@ -136,7 +131,7 @@ fn chosen(config: &Config, args: &OutsideArgs) -> Result<usize, ConfigError> {
     }
 }
 
-/// What was said on standard error: the same is said once, until something else was.
+/// What was said on standard error: the same is said once.
 #[derive(Default)]
 struct Said(BTreeSet<String>);
 

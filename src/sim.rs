@@ -28,7 +28,7 @@ pub struct SimArgs {
     speed: f64,
     /// The name server, HOST:PORT; default: from YARP's own configuration. If this machine has none, one is started.
     #[arg(long)]
-    server: Option<String>,
+    server: Option<Network>,
     /// Override a setting: --set robot.icub.driver.latency_ms=5
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -98,7 +98,7 @@ fn settings(robot: &RobotConfig, at: &str, source: &crate::config::Source) -> Re
 
 async fn serve(args: &SimArgs, simulated: Simulated) -> Result<(), Report> {
     let Simulated { boards, cameras, clock } = simulated;
-    let (network, server) = network(args.server.as_deref()).await?;
+    let (network, server) = network(args.server.clone()).await?;
     let mut open = Vec::new();
     for (prefix, board) in boards {
         let period = board.publishes();
@@ -124,15 +124,9 @@ async fn serve(args: &SimArgs, simulated: Simulated) -> Result<(), Report> {
 }
 
 /// The network to serve on, with a name server of our own if there is none on this machine.
-async fn network(server: Option<&str>) -> Result<(Network, Option<NameServer>), Report> {
-    let at = |text: &str| {
-        let (host, port) = text.rsplit_once(':')?;
-        Some(Network::of(host, port.parse().ok()?))
-    };
+async fn network(server: Option<Network>) -> Result<(Network, Option<NameServer>), Report> {
     let network = match server {
-        Some(text) => at(text).ok_or_else(|| {
-            ConfigError::plain(format!("`{text}` is not an address"), "give HOST:PORT, such as 127.0.0.1:10000")
-        })?,
+        Some(network) => network,
         None => config::network_or_default(&Env::real())
             .map_err(|e| ConfigError::plain(e.to_string(), "fix yarp.conf, or give --server HOST:PORT"))?,
     };

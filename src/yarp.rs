@@ -284,10 +284,7 @@ async fn dispatch(args: YarpArgs) -> Result<(), Failure> {
 async fn network(args: &YarpArgs) -> Result<Network, Failure> {
     let env = Env::real();
     let network = match &args.server {
-        Some(address) => {
-            let (host, port) = address_of(address)?;
-            env.apply(Network::of(host, port)).map_err(because)?
-        }
+        Some(address) => env.apply(network_at(address)?).map_err(because)?,
         None => Network::from_env().map_err(|e| match e {
             NetworkConfigError::Missing(_) => because(format!("{e}")),
             e => because(e),
@@ -326,7 +323,6 @@ fn seconds(number: f64, option: &str) -> Result<Duration, Failure> {
     limit.ok_or_else(|| because(format!("{option} takes seconds above 0")))
 }
 
-fn address_of(text: &str) -> Result<(&str, u16), Failure> {
-    let parts = text.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?)));
-    parts.ok_or_else(|| because(format!("--server {text}: HOST:PORT was expected, such as 127.0.0.1:10000")))
+fn network_at(address: &str) -> Result<Network, Failure> {
+    address.parse().map_err(|e| because(format!("--server {e}")))
 }

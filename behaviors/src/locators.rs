@@ -28,6 +28,7 @@ pub mod posterior;
 mod rigid;
 pub mod rows;
 pub mod score;
+pub mod standing;
 #[cfg(test)]
 mod tests;
 mod together;

@@ -300,8 +300,5 @@ pub(crate) fn network_of(server: Option<&str>, listen: Option<&str>) -> Result<O
 /// The network of a name server given as `HOST:PORT`.
 fn at(server: &str) -> Result<Network, KindError> {
     let help = "give the name server as HOST:PORT, such as 127.0.0.1:10000";
-    let bad = || KindError::new("server", format!("`{server}` is not an address"), help);
-    let (host, port) = server.rsplit_once(':').ok_or_else(bad)?;
-    let port: u16 = port.parse().map_err(|_| bad())?;
-    if host.is_empty() { Err(bad()) } else { Ok(Network::of(host, port)) }
+    server.parse().map_err(|_| KindError::new("server", format!("`{server}` is not an address"), help))
 }

@@ -26,9 +26,9 @@ pub(super) async fn name_server(network: &Network, needed: bool) -> Finding {
 /// Looks for each board of a robot, and counts its states.
 pub(super) async fn robot(robot: &Remote) -> Vec<Finding> {
     let network = match &robot.settings.server {
-        Some(server) => match server.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?))) {
-            Some((host, port)) => Network::of(host, port),
-            None => return vec![Finding::bad(format!("`{server}` is not an address"), "give HOST:PORT")],
+        Some(server) => match server.parse::<Network>() {
+            Ok(network) => network,
+            Err(e) => return vec![Finding::bad(e.to_string(), "mend `server` in the driver's table")],
         },
         // said already
         None => match config::network_or_default(&Env::real()) {

@@ -1,7 +1,7 @@
 //! `mobee yarp server`: the embedded name server as a program of its own.
 
 use super::conf::{address_line, written};
-use super::{Failure, address_of, because, info};
+use super::{Failure, because, info, network_at};
 use crate::signals::Interrupt;
 use mobee_yarp::config::Env;
 use mobee_yarp::{NameServer, Network, NetworkConfigError, ServerOptions};
@@ -37,7 +37,11 @@ pub(super) async fn serve(args: ServerArgs, server: Option<String>, ip: Option<I
         Err(e) => return Err(because(e)),
     };
     let (host, port) = match (&server, &configured) {
-        (Some(address), _) => address_of(address).map(|(host, port)| (host.to_string(), port))?,
+        (Some(address), _) => {
+            let given = network_at(address)?;
+            let (host, port) = given.server();
+            (host.to_string(), port)
+        }
         (None, Some(found)) if args.read => found.clone(),
         (None, None) if args.read => return Err(because(NetworkConfigError::Missing(file))),
         _ => {

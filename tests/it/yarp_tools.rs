@@ -192,7 +192,7 @@ fn persistent_connections_are_made_when_both_are_there() {
 fn complaints_name_the_remedy() {
     let nowhere = Tools::new();
     assert!(nowhere.fails("list").contains("start one with `mobee yarp server"));
-    assert!(nowhere.fails("list --server here").contains("HOST:PORT was expected"));
+    assert!(nowhere.fails("list --server here").contains("`here` is not an address: give HOST:PORT"));
     assert!(nowhere.fails("list --server 127.0.0.1:1").contains("is it running? (`mobee yarp server`)"));
     assert!(nowhere.fails("server --ip 0.0.0.0 --socket 0").contains("YARP has no encryption"));
     let (_server, tools) = network();

@@ -3,6 +3,7 @@
 use super::file::{LocatorFile, LocatorKind};
 use super::head::JOINTS;
 use super::learned::{EyeNames, LearnedLocator};
+use super::standing::Standing;
 use mobee_contract::*;
 use mobee_model::Robot;
 use mobee_model::file::{MIB, read_text};
@@ -33,46 +34,6 @@ pub struct LearnedLocatorSettings {
     /// What is known of objects that stand on something level, such as a table; default: nothing.
     #[serde(default)]
     pub stands: Option<Standing>,
-}
-
-/// Objects that stand on something level: what eyes are surest of is the direction, so that the height tells how far away they are.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Standing {
-    /// The height of an object's middle in the world, m.
-    pub z_m: f64,
-    /// The standard deviation of that, mm.
-    #[serde(default = "sd_mm")]
-    pub sd_mm: f64,
-    /// What is seen of an object is its near side. Its middle is so much farther from the eyes, mm.
-    #[serde(default)]
-    pub behind_mm: f64,
-}
-
-fn sd_mm() -> f64 {
-    5.0
-}
-
-impl Standing {
-    /// Whether its numbers can be.
-    ///
-    /// # Errors
-    /// The first that can't, with its range.
-    fn check(&self) -> Result<(), KindError> {
-        let ranges = [
-            ("stands.z_m", self.z_m, -100.0, 100.0),
-            ("stands.sd_mm", self.sd_mm, 0.1, 1000.0),
-            ("stands.behind_mm", self.behind_mm, 0.0, 1000.0),
-        ];
-        match ranges.into_iter().find(|(_, n, least, most)| !(least..=most).contains(&n)) {
-            Some((path, n, least, most)) => Err(KindError::new(
-                path,
-                format!("{n} is out of bounds"),
-                format!("give a number from {least} to {most}"),
-            )),
-            None => Ok(()),
-        }
-    }
 }
 
 fn yes() -> bool {

@@ -2,12 +2,12 @@
 
 use super::file::{LocatorFile, ReadyLocator};
 use super::head::JointAngles;
-use super::kinds::Standing;
 use super::lens::Lens;
+use super::standing::Standing;
 use super::tracker::Tracker;
-use super::view::{Estimate, Glimpse, StereoView};
+use super::view::{Glimpse, StereoView};
 use mobee_contract::{BodyState, Intrinsics, Located, Locator, Region, Sighting, Time};
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -56,10 +56,6 @@ pub struct LearnedLocator {
 
 /// What the border cuts off may be as large as what is seen of it: by so much a place is not known, m.
 const CUT_OFF: f64 = 0.1;
-/// A place that is off the height where things stand by so much, m, and by so many standard deviations, is none: the eyes saw two
-/// different things.
-const OFF_HEIGHT: (f64, f64) = (0.1, 4.0);
-
 impl LearnedLocator {
     /// One as the file says, for a robot whose pose has the joints at these places.
     pub fn new(file: &LocatorFile, joints: [usize; 9], eyes: EyeNames, tracks: bool) -> LearnedLocator {
@@ -92,22 +88,6 @@ impl LearnedLocator {
         }
         let row = |i: usize| [0, 1, 2].map(|j| found.covariance[(i, j)]);
         Some(Located { object: object.to_owned(), position: found.place.into(), covariance: [row(0), row(1), row(2)] })
-    }
-}
-
-impl Standing {
-    /// Where an object is that stands there, as far as a view tells; `None` if what it tells is far above or below that.
-    fn place(&self, seen: &Estimate, eyes: Option<Vector3<f64>>) -> Option<Estimate> {
-        let Estimate { place, covariance } = *seen;
-        let along = eyes.and_then(|eyes| (place - eyes).try_normalize(1e-9)).unwrap_or_default();
-        let place = place + along * (self.behind_mm * 1e-3);
-        let (off, variance) = (self.z_m - place.z, covariance[(2, 2)]);
-        if off.abs() > OFF_HEIGHT.0.max(OFF_HEIGHT.1 * variance.sqrt()) {
-            return None;
-        }
-        let gain = covariance.column(2) / (variance + (self.sd_mm * 1e-3).powi(2));
-        let covariance = covariance - gain * covariance.row(2);
-        Some(Estimate { place: place + gain * off, covariance: (covariance + covariance.transpose()) / 2.0 })
     }
 }
 

@@ -20,7 +20,7 @@ pub use bottle::{DecodeError, DecodeLimits};
 pub use config::NetworkConfigError;
 pub use contact::Contact;
 pub use name::{NameError, NameServer, ServerOptions};
-pub use network::{Network, TIMEOUT, local_address};
+pub use network::{Network, NoAddress, TIMEOUT, local_address};
 pub use payload::{Image, JointData, JointField, PixelCode, Stamp};
 pub use port::*;
 pub use text::TextError;

@@ -5,6 +5,7 @@ use crate::config::{self, NetworkConfigError};
 use crate::{Dialect, NameError};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::str::FromStr;
 use std::time::Duration;
 use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::timeout;
@@ -24,6 +25,22 @@ pub struct Network {
     prefix: String,
     namespace: String,
     auth: Option<Key>,
+}
+
+/// A text that is not the address of a name server.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is not an address: give HOST:PORT, such as 127.0.0.1:10000")]
+pub struct NoAddress(String);
+
+/// The network whose name server is at `HOST:PORT`; reads no file and no environment variable.
+impl FromStr for Network {
+    type Err = NoAddress;
+
+    fn from_str(text: &str) -> Result<Network, NoAddress> {
+        let parts = text.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?)));
+        let (host, port) = parts.filter(|(host, _)| !host.is_empty()).ok_or_else(|| NoAddress(text.into()))?;
+        Ok(Network::of(host, port))
+    }
 }
 
 impl Network {

@@ -13,7 +13,8 @@ use mobee_fast::EdgeVerdict;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
-/// So many vertices near the place are begun from; if none of them leads there freely, so many more, and so on.
+/// So many vertices near the place are begun from; if none of them leads there freely, so many more, and so on. There is an end to it:
+/// some seconds is what an agent may think.
 pub(super) const VERTICES: [usize; 4] = [24, 120, 600, 6000];
 /// For what must be decided while the hand moves.
 pub(super) const FEW: [usize; 1] = [24];

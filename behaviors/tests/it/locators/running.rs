@@ -3,9 +3,9 @@
 use super::simulated_head::SimulatedHead;
 use mobee_behaviors::locators::beginning::Beginning;
 use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
-use mobee_behaviors::locators::kinds::Standing;
 use mobee_behaviors::locators::learned::{EyeNames, LearnedLocator};
 use mobee_behaviors::locators::lens::Lens;
+use mobee_behaviors::locators::standing::Standing;
 use mobee_behaviors::locators::tracker::Tracker;
 use mobee_behaviors::locators::view::{Estimate, KnownView};
 use mobee_contract::{BodyState, Intrinsics, Located, Locator, Region, Sighting, Time};
@@ -48,12 +48,17 @@ fn ask(locator: &mut LearnedLocator, known: &KnownView, times_s: [f64; 2]) -> Ve
     eyes.into_iter().map(ask).collect()
 }
 
-#[test]
-fn eyes_are_paired_if_they_saw_it_at_about_the_same_time_whatever_the_size_of_their_pictures() {
+/// A head, and a locator that learned from 150 views of it.
+fn trained(kind: LocatorKind) -> (SimulatedHead, LocatorFile) {
     let mut head = SimulatedHead::new(21);
     let seen: Vec<KnownView> = (0..150).map(|_| head.view(true)).collect();
-    let file = LocatorFile::train(LocatorKind::Calibrated, &seen, String::new(), &Beginning::recorded(0), &mut |_| ())
-        .expect("learned");
+    let file = LocatorFile::train(kind, &seen, String::new(), &Beginning::recorded(0), &mut |_| ()).expect("learned");
+    (head, file)
+}
+
+#[test]
+fn eyes_are_paired_if_they_saw_it_at_about_the_same_time_whatever_the_size_of_their_pictures() {
+    let (mut head, file) = trained(LocatorKind::Calibrated);
     let joints = std::array::from_fn(|i| i + 3);
     let mut locator = LearnedLocator::new(&file, joints, EyeNames { left: None, right: None }, false);
     let known = head.view(false);
@@ -85,10 +90,7 @@ fn clipped(locator: &mut LearnedLocator, known: &KnownView, at_s: f64) -> Vec<Lo
 
 #[test]
 fn what_stands_on_a_table_is_at_its_height_and_what_the_border_cuts_off_is_hardly_anywhere() {
-    let mut head = SimulatedHead::new(21);
-    let seen: Vec<KnownView> = (0..150).map(|_| head.view(true)).collect();
-    let file = LocatorFile::train(LocatorKind::Triangulate, &seen, String::new(), &Beginning::recorded(0), &mut |_| ())
-        .expect("learned");
+    let (mut head, file) = trained(LocatorKind::Triangulate);
     let joints = std::array::from_fn(|i| i + 3);
     let known = head.view(false);
     let at = |z_m: f64, behind_mm: f64| {
