@@ -27,7 +27,7 @@ pub struct SimArgs {
     #[arg(long, default_value_t = 1.0)]
     speed: f64,
     /// The name server, HOST:PORT; default: from YARP's own configuration. If this machine has none, one is started.
-    #[arg(long)]
+    #[arg(long, value_name = "HOST:PORT")]
     server: Option<Network>,
     /// Override a setting: --set robot.icub.driver.latency_ms=5
     #[arg(long = "set", value_name = "KEY=VALUE")]
