@@ -9,9 +9,9 @@ mod moves;
 use crate::compose::{compose, driver_of};
 use crate::config::{Config, Source};
 use mobee_contract::{JointLimits, suggestion};
-use mobee_drivers::{YARP, YarpDriverSettings, joint_kind};
+use mobee_drivers::{YARP, YarpDriverSettings};
+use mobee_model::JointMotion;
 use mobee_yarp::Network;
-use mobee_yarp::board::JointKind;
 use mobee_yarp::config::{self, Env};
 use std::cell::Cell;
 use std::fmt;
@@ -145,8 +145,8 @@ struct Remote {
 /// A motor of the model.
 struct ModelMotor {
     name: String,
-    kind: JointKind,
-    /// Rad.
+    motion: JointMotion,
+    /// Rad of encoder.
     limits: JointLimits,
 }
 
@@ -176,7 +176,7 @@ fn configuration(file: &Path, set: &[String]) -> (Vec<Finding>, Vec<Remote>) {
                     let motors = model?.motors.get(part.motors.clone())?.iter();
                     let motor = |m: &mobee_model::Motor| ModelMotor {
                         name: m.name.clone(),
-                        kind: joint_kind(m.motion),
+                        motion: m.motion,
                         limits: (m.min, m.max),
                     };
                     Some(motors.map(motor).collect())

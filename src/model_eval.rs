@@ -142,7 +142,11 @@ fn parse_poses(robot: &Robot, name: &str, text: &str) -> Result<Vec<PoseRow>, Co
                     let (min, max) = (motor.min.to_degrees(), motor.max.to_degrees());
                     if degrees < min - ROUNDING_DEG || degrees > max + ROUNDING_DEG {
                         let message = format!("{degrees} is outside the limits of motor `{}`", motor.name);
-                        return Err(complain(field, message, format!("give a value from {min} to {max}")));
+                        return Err(complain(
+                            field,
+                            message,
+                            format!("give {} from {min} to {max}", motor.motion.unit_in_words()),
+                        ));
                     }
                     pose.q[m] = degrees.to_radians();
                 }

@@ -278,8 +278,3 @@ impl Checker {
 fn near(a: &[f64], b: &[f64], tolerance: f64) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= tolerance * (1.0 + 1e-9))
 }
-
-/// The greatest difference per motor in degrees, for a sentence.
-fn apart_deg(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max).to_degrees()
-}

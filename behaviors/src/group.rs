@@ -87,8 +87,7 @@ pub fn within_limits(path: &str, index: usize, deg: f64, robot: &Robot) -> Resul
         Some(m) => {
             let (min, max) = (m.min.to_degrees(), m.max.to_degrees());
             let unit = m.motion.unit();
-            let help =
-                format!("give {} from {min:.2} to {max:.2}", if unit == "mm" { "millimeters" } else { "degrees" });
+            let help = format!("give {} from {min:.2} to {max:.2}", m.motion.unit_in_words());
             Err(KindError::new(path, format!("{deg} {unit} is outside the limits of {}", m.name), help))
         }
         None => Err(KindError::new(path, "there is no such motor", "name a motor of the robot")),

@@ -59,13 +59,13 @@ pub(crate) fn references<'a>(named: &[&Axis], list: &'a [f64], what: &str) -> Re
 
 /// The position within the axis' limits, if it exceeds them by no more than `tolerance`.
 pub(crate) fn within(axis: &Axis, q: f64, tolerance: f64) -> Result<f64, String> {
-    let Axis { name, min, max, .. } = axis;
+    let Axis { name, min, max, motion, .. } = axis;
     if !q.is_finite() {
         return Err(format!("motor {name}: the position is not a finite number"));
     }
     if q < min - tolerance || q > max + tolerance {
-        let [q, min, max] = [q, *min, *max].map(f64::to_degrees);
-        return Err(format!("motor {name}: {q:.3} deg is outside its limits {min:.3} to {max:.3} deg"));
+        let (q, limits) = (motion.told(q, 3), motion.told_range([*min, *max], 3));
+        return Err(format!("motor {name}: {q} is outside its limits {limits}"));
     }
     Ok(q.clamp(*min, *max))
 }

@@ -357,7 +357,14 @@ mod tests {
 
     #[test]
     fn a_panic_at_the_board_leaves_it_alive() {
-        let axis = Axis { name: "a".into(), min: -1.0, max: 1.0, max_speed: 1.0, max_acceleration: 1.0 };
+        let axis = Axis {
+            name: "a".into(),
+            min: -1.0,
+            max: 1.0,
+            max_speed: 1.0,
+            max_acceleration: 1.0,
+            motion: Default::default(),
+        };
         let hardware = SimHardware::with_axes(vec![axis], &[0.5], &SimSettings::default(), 1);
         let board = hardware.board.clone();
         let crash = std::thread::spawn(move || {

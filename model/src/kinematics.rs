@@ -53,6 +53,34 @@ impl JointMotion {
             Self::Slide => "mm",
         }
     }
+
+    /// The same in words.
+    pub fn unit_in_words(self) -> &'static str {
+        match self {
+            Self::Turn => "degrees",
+            Self::Slide => "millimeters",
+        }
+    }
+
+    /// Whether it turns, as most do: what files leave out.
+    pub fn is_turn(&self) -> bool {
+        *self == Self::Turn
+    }
+
+    /// A position or a way, rad of encoder, as people read it: `12.35 deg`, `40.00 mm`.
+    pub fn told(self, q: f64, digits: usize) -> String {
+        format!("{:.digits$} {}", q.to_degrees(), self.unit())
+    }
+
+    /// A speed, rad/s of encoder, as people read it: `12.35 deg/s`.
+    pub fn told_speed(self, speed: f64, digits: usize) -> String {
+        self.told(speed, digits) + "/s"
+    }
+
+    /// Limits, rad of encoder, as people read them: `-20.0 to 70.0 deg`.
+    pub fn told_range(self, [min, max]: [f64; 2], digits: usize) -> String {
+        format!("{:.digits$} to {}", min.to_degrees(), self.told(max, digits))
+    }
 }
 
 impl Robot {

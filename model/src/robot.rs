@@ -3,6 +3,7 @@
 use crate::hull::Hulls;
 use crate::shape::Primitive;
 use nalgebra::{Unit, Vector3};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -84,7 +85,8 @@ pub struct Motor {
 }
 
 /// How a joint moves what it carries, and so what its motor's encoder counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum JointMotion {
     /// About its axis; joints count radians, encoders degrees.
     #[default]

@@ -362,7 +362,14 @@ mod tests {
 
     #[test]
     fn motors_arrive_together_and_keep_their_limits() {
-        let axis = |v: f64, a: f64| Axis { name: "m".into(), min: -3.0, max: 3.0, max_speed: v, max_acceleration: a };
+        let axis = |v: f64, a: f64| Axis {
+            name: "m".into(),
+            min: -3.0,
+            max: 3.0,
+            max_speed: v,
+            max_acceleration: a,
+            motion: Default::default(),
+        };
         let axes = [axis(1.0, 2.0), axis(0.5, 1.0), axis(1.0, 1.0)];
         let target = Target { motors: vec![0, 1, 2], q: vec![1.0, -0.4, 0.2], speed: 0.5 };
         let (motion, secs) = in_step(&target, &[0.0, 0.0, 0.2], &axes);

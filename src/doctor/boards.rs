@@ -1,6 +1,7 @@
 //! The network: the name server, and the control boards of a robot.
 
 use super::{Finding, ModelMotor, PATIENCE, Remote};
+use mobee_drivers::joint_kind;
 use mobee_yarp::board::{Ask, Get, LinkState, RemoteBoard, RemoteOptions, Units};
 use mobee_yarp::config::{self, Env};
 use mobee_yarp::{Carrier, Network};
@@ -85,15 +86,15 @@ async fn looked_at(
         return vec![Finding::bad(format!("{what}: {axes} joints, {} in the model", motors.len()), remedy)];
     }
     let mut found = Vec::new();
-    let units = Units::new(motors.iter().map(|m| m.kind));
+    let units = Units::new(motors.iter().map(|m| joint_kind(m.motion)));
     for (joint, (motor, fact)) in motors.iter().zip(facts.iter()).enumerate() {
         let joint = format!("joint {joint} of {port}");
-        let wrong = mobee_drivers::disagreement(fact.kind, motor.kind, &motor.name, &joint);
+        let wrong = mobee_drivers::disagreement(fact.kind, joint_kind(motor.motion), &motor.name, &joint);
         found.extend(wrong.map(|[what, remedy]| Finding::bad(what, remedy)));
     }
     let limits = motors.iter().zip(facts.iter()).enumerate().filter_map(|(joint, (motor, fact))| {
         let (min, max) = units.facts_from_wire(joint, fact).limits?;
-        Some((motor.name.as_str(), motor.limits, (min.to_radians(), max.to_radians())))
+        Some((motor.name.as_str(), motor.motion, motor.limits, (min.to_radians(), max.to_radians())))
     });
     if let Some(less) = mobee_contract::narrowed(limits) {
         let remedy = "the narrower limits apply; put them into the model too if they are the robot's";

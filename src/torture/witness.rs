@@ -7,7 +7,7 @@ mod pushed;
 pub use joint::Joint;
 
 use joint::stopped_by;
-use mobee_contract::{Event, Pose, Status, Time};
+use mobee_contract::{Event, MotorUnits, Pose, Status, Time};
 use mobee_model::{Contact, Pair, Scene, ShapeId, Sweep};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -64,6 +64,7 @@ pub struct Witness {
 #[derive(Debug)]
 struct Seen {
     name: String,
+    units: MotorUnits,
     margin: f64,
     period: Duration,
     rest_speed: f64,
@@ -105,6 +106,7 @@ impl Seen {
     fn new(name: &str, (margin, period, rest_speed): (f64, Duration, f64), at: Time) -> Seen {
         Seen {
             name: name.into(),
+            units: MotorUnits::default(),
             margin,
             period,
             rest_speed,
@@ -180,13 +182,16 @@ impl Witness {
         self.pass(at);
         match event {
             Event::Injected { .. } | Event::Died { .. } | Event::Restarted { .. } => self.disturbed = at,
-            Event::Robot { robot, margin, period, rest_speed, .. } => {
+            Event::Robot { robot, motors, sliding, margin, period, rest_speed, .. } => {
                 let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
                 let rules = (*margin, period, *rest_speed);
+                let units = MotorUnits::new(motors.len(), sliding);
                 if let Some(known) = self.robots.iter_mut().find(|r| r.name == *robot) {
                     (known.margin, known.period, known.rest_speed) = rules;
+                    known.units = units;
                 } else {
                     let mut seen = Seen::new(robot, rules, at);
+                    seen.units = units;
                     seen.faults = self.faults.get(self.robots.len()).cloned().unwrap_or_default();
                     self.robots.push(seen);
                 }
@@ -282,9 +287,9 @@ impl Witness {
                 let then = seen.late.get_or_insert_with(|| truth.to_vec());
                 let way = then.iter().zip(truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 if way > UNSEEN.1 {
-                    let (name, deg, more) = (&seen.name, way.to_degrees(), UNSEEN.0.as_secs_f64());
+                    let (name, way, more) = (&seen.name, seen.units.told(way, 1), UNSEEN.0.as_secs_f64());
                     let what = format!(
-                        "{name}: the readings are equal since {since}, and {more} s later a motor goes on by {deg:.1} deg at {at}"
+                        "{name}: the readings are equal since {since}, and {more} s later a motor goes on by {way} at {at}"
                     );
                     self.found.push(("I26", what));
                 }
@@ -379,19 +384,19 @@ impl Witness {
         if speed <= MOVES * seen.rest_speed {
             return;
         }
-        let (name, status, deg, since) = (&seen.name, seen.status, speed.to_degrees(), seen.since);
+        let (name, status, since) = (&seen.name, seen.status, seen.since);
+        let speed = seen.units.told_speed(speed, 2);
         let goes_back = matches!(status, Status::Retreating | Status::Settling);
         if !seen.open && !goes_back && at.since(since) > BRAKES {
-            let what = format!("{name}: moves at {deg:.2} deg/s at {at}, though closed and {status:?} since {since}");
+            let what = format!("{name}: moves at {speed} at {at}, though closed and {status:?} since {since}");
             self.found.push(("I17", what));
         }
         if let Some(waits) = seen.waits.filter(|waits| at.since(*waits) > BRAKES) {
-            let what = format!("{name}: moves at {deg:.2} deg/s at {at}, though its retreat waits since {waits}");
+            let what = format!("{name}: moves at {speed} at {at}, though its retreat waits since {waits}");
             self.found.push(("I9", what));
         }
         if at.since(seen.last) > BLIND {
-            let what =
-                format!("{name}: moves at {deg:.2} deg/s at {at}, and no reading came through since {}", seen.last);
+            let what = format!("{name}: moves at {speed} at {at}, and no reading came through since {}", seen.last);
             self.found.push(("I8", what));
         }
     }

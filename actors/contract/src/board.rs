@@ -1,6 +1,7 @@
 //! The driver contract: a robot's board as MoBeE commands and reads it.
 
-use crate::{Pose, Time};
+use crate::{MotorUnits, Pose, Time};
+use mobee_model::JointMotion;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -9,14 +10,17 @@ use std::time::Duration;
 pub struct Axis {
     /// The motor's name, as in the robot model.
     pub name: String,
-    /// Lower limit, rad.
+    /// Lower limit, rad of encoder.
     pub min: f64,
-    /// Upper limit, rad.
+    /// Upper limit, rad of encoder.
     pub max: f64,
-    /// Maximum speed, rad/s.
+    /// Maximum speed, rad/s of encoder.
     pub max_speed: f64,
-    /// Maximum acceleration, rad/s^2.
+    /// Maximum acceleration, rad/s^2 of encoder.
     pub max_acceleration: f64,
+    /// What its encoder counts, for people.
+    #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
+    pub motion: JointMotion,
 }
 
 /// What a board can do.
@@ -30,6 +34,13 @@ pub struct Board {
     pub latency: Duration,
     /// Whether it accepts position-direct set-points; the retreat streams them, otherwise it uses thinned way-points.
     pub position_direct: bool,
+}
+
+impl Board {
+    /// What its motors count, for sentences.
+    pub fn units(&self) -> MotorUnits {
+        MotorUnits::of_axes(&self.axes)
+    }
 }
 
 /// How a motor interprets its set-points.
@@ -207,21 +218,23 @@ pub struct AsFound {
     pub acceleration: Option<f64>,
 }
 
-/// Position limits, rad: lower and upper.
+/// Position limits, rad of encoder: lower and upper.
 pub type JointLimits = (f64, f64);
 
-/// The motors for which a board's limits are narrower than the robot model's, in words: for each its name, the model's limits and the
-/// board's. `None` if there are none.
-pub fn narrowed<'a>(motors: impl Iterator<Item = (&'a str, JointLimits, JointLimits)>) -> Option<String> {
+/// The motors for which a board's limits are narrower than the robot model's, in words: for each its name, how it moves, the model's
+/// limits and the board's. `None` if there are none.
+pub fn narrowed<'a>(motors: impl Iterator<Item = (&'a str, JointMotion, JointLimits, JointLimits)>) -> Option<String> {
     // differences due to rounding to degrees are not reported
     let slack = 0.05_f64.to_radians();
-    let one = |(name, model, board): (&str, JointLimits, JointLimits)| {
+    let mut all = [(JointMotion::Turn, Vec::new()), (JointMotion::Slide, Vec::new())];
+    for (name, motion, model, board) in motors.filter(|(_, _, m, b)| b.0 > m.0 + slack || b.1 < m.1 - slack) {
         let span = |(min, max): JointLimits| format!("{:.1}..{:.1}", min.to_degrees(), max.to_degrees());
-        let is_less = board.0 > model.0 + slack || board.1 < model.1 - slack;
-        is_less.then(|| format!("{name} {} of {}", span(board), span(model)))
-    };
-    let all: Vec<String> = motors.filter_map(one).collect();
-    (!all.is_empty()).then(|| format!("its boards allow less than the model, in deg: {}", all.join(", ")))
+        let of_its_kind = all.iter_mut().filter(|(kind, _)| *kind == motion);
+        of_its_kind.for_each(|(_, list)| list.push(format!("{name} {} of {}", span(board), span(model))));
+    }
+    let told = all.iter().filter(|(_, list)| !list.is_empty());
+    let told: Vec<String> = told.map(|(kind, list)| format!("in {}: {}", kind.unit(), list.join(", "))).collect();
+    (!told.is_empty()).then(|| format!("its boards allow less than the model, {}", told.join("; ")))
 }
 
 /// A recoverable failure of a board.
@@ -284,18 +297,20 @@ mod tests {
     #[test]
     fn limits_that_a_board_narrows_are_told() {
         let rad = |(min, max): (f64, f64)| (min.to_radians(), max.to_radians());
+        let (turns, slides) = (JointMotion::Turn, JointMotion::Slide);
         let motors = [
-            ("pitch", (-22.0, 84.0), (-10.0, 70.0)),
-            ("roll", (-39.0, 39.0), (-39.04, 39.0)),
-            ("yaw", (-59.0, 59.0), (-58.97, 70.0)),
+            ("lift", slides, (0.0, 350.0), (0.0, 300.0)),
+            ("pitch", turns, (-22.0, 84.0), (-10.0, 70.0)),
+            ("roll", turns, (-39.0, 39.0), (-39.04, 39.0)),
+            ("yaw", turns, (-59.0, 59.0), (-58.97, 70.0)),
         ];
-        let told = |motors: &[(&'static str, JointLimits, JointLimits)]| {
-            narrowed(motors.iter().map(|(name, model, board)| (*name, rad(*model), rad(*board))))
+        let told = |motors: &[(&'static str, JointMotion, JointLimits, JointLimits)]| {
+            narrowed(motors.iter().map(|(name, motion, model, board)| (*name, *motion, rad(*model), rad(*board))))
         };
-        assert_eq!(
-            told(&motors).as_deref(),
-            Some("its boards allow less than the model, in deg: pitch -10.0..70.0 of -22.0..84.0")
-        );
-        assert_eq!(told(&motors[1..]), None);
+        let pitch = "its boards allow less than the model, in deg: pitch -10.0..70.0 of -22.0..84.0";
+        let both = format!("{pitch}; in mm: lift 0.0..300.0 of 0.0..350.0");
+        assert_eq!(told(&motors).as_deref(), Some(both.as_str()));
+        assert_eq!(told(&motors[1..]).as_deref(), Some(pitch));
+        assert_eq!(told(&motors[2..]), None);
     }
 }

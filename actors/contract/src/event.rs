@@ -4,7 +4,7 @@ use crate::{
     Admission, Cause, CommandKind, CommitId, Hold, IntentKind, Located, MotionEnd, Note, Outcome, Pose, Refusal,
     Region, Status, Summary, SwapPart, SwapStep, Time,
 };
-use mobee_model::Contact;
+use mobee_model::{Contact, JointMotion};
 use serde::{Deserialize, Serialize};
 
 /// Who gave a command to a driver.
@@ -80,8 +80,11 @@ pub enum Event {
         robot: String,
         /// The motor's name.
         motor: String,
-        /// How far it has moved, rad.
+        /// How far it has moved, rad of encoder.
         by: f64,
+        /// What it counts.
+        #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
+        motion: JointMotion,
     },
     /// How a robot's driver found its motors, recorded before any of them is commanded.
     Found {
@@ -96,7 +99,10 @@ pub enum Event {
         robot: String,
         /// Motor names, in pose order.
         motors: Vec<String>,
-        /// Lower limits, rad.
+        /// Those that slide, by their number: their encoders count millimeters.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        sliding: Vec<usize>,
+        /// Lower limits, rad of encoder.
         min: Vec<f64>,
         /// Upper limits, rad.
         max: Vec<f64>,

@@ -32,6 +32,7 @@ mod service;
 mod status;
 mod swap;
 mod time;
+mod units;
 
 pub use agent::*;
 pub use board::*;
@@ -47,6 +48,7 @@ pub use service::*;
 pub use status::*;
 pub use swap::*;
 pub use time::*;
+pub use units::MotorUnits;
 
 pub use mobee_model::{nearest, suggestion};
 

@@ -1,6 +1,7 @@
 //! Motions as transactions: what an agent commits, how it is refused, how it ends.
 
 use crate::{Axis, Move, Pose};
+use mobee_model::JointMotion;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::time::Duration;
@@ -160,8 +161,11 @@ pub enum Cause {
     Stall {
         /// Its name.
         motor: String,
-        /// How far it lags, rad.
+        /// How far it lags, rad of encoder.
         by: f64,
+        /// What it counts.
+        #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
+        motion: JointMotion,
     },
     /// A constraint of a body part does not hold.
     Constraint {
@@ -186,8 +190,11 @@ pub enum Cause {
     Displaced {
         /// Its name.
         motor: String,
-        /// How far it has gone, rad.
+        /// How far it has gone, rad of encoder.
         by: f64,
+        /// What it counts.
+        #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
+        motion: JointMotion,
     },
     /// A person or the program asked for it.
     Asked,
@@ -225,7 +232,7 @@ pub enum Refusal {
     #[error("the motion that it would change has ended")]
     Over,
     /// A position outside a motor's limits.
-    #[error("motor {motor}: {q_deg:.3} deg is outside its limits {min_deg:.3} to {max_deg:.3} deg")]
+    #[error("motor {motor}: {q_deg:.3} {unit} is outside its limits {min_deg:.3} to {max_deg:.3} {unit}", unit = motion.unit())]
     Limits {
         /// The motor's name.
         motor: String,
@@ -235,6 +242,9 @@ pub enum Refusal {
         min_deg: f64,
         /// The upper limit.
         max_deg: f64,
+        /// What it counts.
+        #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
+        motion: JointMotion,
     },
     /// A number that is not finite.
     #[error("motor {motor}: the position is not a finite number")]
@@ -243,7 +253,7 @@ pub enum Refusal {
         motor: String,
     },
     /// A set-point too far from the one before.
-    #[error("motor {motor}: a set-point {by_deg:.3} deg away, {most_deg:.3} deg is the most it can follow at once")]
+    #[error("motor {motor}: a set-point {by_deg:.3} {unit} away, {most_deg:.3} {unit} is the most it can follow at once", unit = motion.unit())]
     Jump {
         /// The motor's name.
         motor: String,
@@ -251,6 +261,9 @@ pub enum Refusal {
         by_deg: f64,
         /// How far it may be.
         most_deg: f64,
+        /// What it counts.
+        #[serde(default, skip_serializing_if = "JointMotion::is_turn")]
+        motion: JointMotion,
     },
     /// A share of the greatest speed outside (0, 1].
     #[error("speed {speed} is not a share of the greatest speed, above 0 and up to 1")]
@@ -319,8 +332,30 @@ mod tests {
     use super::*;
 
     #[test]
+    fn what_a_lift_is_refused_is_told_in_millimeters() {
+        let (motor, motion) = ("lift".to_owned(), JointMotion::Slide);
+        let refusal = Refusal::Limits { motor, q_deg: 900.0, min_deg: 0.0, max_deg: 350.0, motion };
+        assert_eq!(refusal.to_string(), "motor lift: 900.000 mm is outside its limits 0.000 to 350.000 mm");
+        let written = serde_json::to_value(&refusal).unwrap();
+        assert_eq!(serde_json::from_value::<Refusal>(written).unwrap(), refusal);
+        let old = serde_json::json!({"code": "jump", "motor": "pan", "by_deg": 9.0, "most_deg": 3.0});
+        let old: Refusal = serde_json::from_value(old).unwrap();
+        assert_eq!(
+            old.to_string(),
+            "motor pan: a set-point 9.000 deg away, 3.000 deg is the most it can follow at once"
+        );
+    }
+
+    #[test]
     fn a_motor_that_the_board_does_not_have_stands_still_and_the_others_go() {
-        let axis = Axis { name: "pan".into(), min: -1.0, max: 1.0, max_speed: 0.5, max_acceleration: 2.0 };
+        let axis = Axis {
+            name: "pan".into(),
+            min: -1.0,
+            max: 1.0,
+            max_speed: 0.5,
+            max_acceleration: 2.0,
+            motion: Default::default(),
+        };
         let target = Target { motors: vec![0, 7], q: vec![0.5, 0.5], speed: 0.5 };
         let motion = target.in_step(&[0.0], &[axis]);
         assert_eq!((motion.speed, motion.acceleration), (Some(vec![0.25, 0.0]), Some(vec![2.0, 0.0])));

@@ -117,16 +117,18 @@ impl CommandGuard {
     pub fn is_beyond(&self, sample: &Sample) -> Option<String> {
         let far = |(q, axis): &(&f64, &Axis)| **q < axis.min - BEYOND || **q > axis.max + BEYOND;
         let (q, axis) = sample.q.iter().zip(self.rules.axes.iter()).find(far)?;
-        let [q, min, max] = [*q, axis.min, axis.max].map(f64::to_degrees);
-        let name = &axis.name;
-        Some(format!("{name} reads {q:.1} deg, and its limits are {min:.1}..{max:.1}: calibrate it, or mend the model"))
+        let [min, max] = [axis.min, axis.max].map(f64::to_degrees);
+        let (name, q) = (&axis.name, axis.motion.told(*q, 1));
+        Some(format!("{name} reads {q}, and its limits are {min:.1}..{max:.1}: calibrate it, or mend the model"))
     }
 
     /// Whether a command fits its motors: written so that what is no number does not fit.
     fn fits(&self, command: &Command) -> Result<(), String> {
         let within = |motor: usize, q: f64| match self.rules.axes.get(motor) {
             None => Err(format!("there is no motor {motor}")),
-            Some(axis) if !(q >= axis.min && q <= axis.max) => Err(format!("{} is asked to go to {q} rad", axis.name)),
+            Some(axis) if !(q >= axis.min && q <= axis.max) => {
+                Err(format!("{} is asked to go to {}", axis.name, axis.motion.told(q, 3)))
+            }
             Some(_) => Ok(()),
         };
         let speeds = |list: &Option<Vec<f64>>| match list.iter().flatten().find(|v| !(v.is_finite() && **v >= 0.0)) {
@@ -162,7 +164,7 @@ impl CommandGuard {
             None => Err(format!("there is no motor {motor}")),
             // a comparison that is false for what is no number
             Some(axis) if v.abs() <= axis.max_speed * (1.0 + 1e-9) => Ok(()),
-            Some(axis) => Err(format!("{} is asked to go at {v} rad/s", axis.name)),
+            Some(axis) => Err(format!("{} is asked to go at {}", axis.name, axis.motion.told_speed(v, 3))),
         }
     }
 

@@ -5,7 +5,7 @@
 
 use crate::fields::FieldRules;
 use crate::settings::{ControllerSettings, Drive};
-use mobee_contract::{Axis, Board, Event, Pose};
+use mobee_contract::{Axis, Board, Event, MotorUnits, Pose};
 use mobee_model::{Clause, Robot};
 use std::sync::Arc;
 use std::time::Duration;
@@ -105,6 +105,7 @@ impl Rules {
         let robot = Event::Robot {
             robot: self.robot.clone(),
             motors: self.axes.iter().map(|a| a.name.clone()).collect(),
+            sliding: MotorUnits::of_axes(&self.axes).sliding().to_vec(),
             min: of(|a| a.min),
             max: of(|a| a.max),
             max_speed: of(|a| a.max_speed),

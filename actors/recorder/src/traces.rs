@@ -5,7 +5,7 @@ use crate::palette;
 use crate::shapes::vec3;
 use crate::stream::{Stream, Written, in_words};
 use mobee_contract::Time;
-use mobee_model::{Marker, Robot};
+use mobee_model::{Marker, Motor, Robot};
 use nalgebra::Isometry3;
 use rerun::{LineStrips3D, Scalars, SeriesLines};
 
@@ -60,8 +60,9 @@ impl Traces {
         let mut parts = Vec::new();
         for (i, part) in robot.parts.iter().enumerate().filter(|(_, p)| !p.motors.is_empty()) {
             let path = format!("joints/{name}/{}", entity(&part.name));
-            let names: Vec<_> =
-                part.motors.clone().filter_map(|m| robot.motors.get(m)).map(|m| m.name.clone()).collect();
+            let motors = part.motors.clone().filter_map(|m| robot.motors.get(m));
+            let name_of = |m: &Motor| if m.motion.is_turn() { m.name.clone() } else { format!("{} (mm)", m.name) };
+            let names: Vec<_> = motors.map(name_of).collect();
             stream.log_static(&path, &SeriesLines::new().with_names(names))?;
             let motors = part.motors.clone();
             parts.push(Plot { path, part: i, motors, times: vec![], degrees: vec![], written: None, held: None });

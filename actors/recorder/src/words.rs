@@ -26,9 +26,8 @@ impl Level {
     }
 }
 
-fn displaced(motor: &str, by: f64) -> String {
-    let by = by.to_degrees();
-    format!("{motor} was moved by {by:.2} deg at rest: by another program, by hand or by its weight")
+fn displaced(motor: &str, by: &str) -> String {
+    format!("{motor} was moved by {by} at rest: by another program, by hand or by its weight")
 }
 
 /// A line of the log: the source (`system`, `world` or a robot's name), level and text. `None`: not worth a line.
@@ -44,7 +43,7 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
             Info,
             format!("{} motors, period {:.0} ms, margin {:.0} mm", motors.len(), period * 1e3, margin * 1e3),
         ),
-        Event::Displaced { robot, motor, by } => (robot, Warn, displaced(motor, *by)),
+        Event::Displaced { robot, motor, by, motion } => (robot, Warn, displaced(motor, &motion.told(*by, 2))),
         Event::Found { robot, motors } => (robot, Debug, format!("{} motors as they were found", motors.len())),
         Event::Controller { robot, kind, reflex } => {
             let reflex = if *reflex { "" } else { ", without a reflex" };
@@ -154,8 +153,8 @@ fn why(cause: &Cause) -> String {
     match cause {
         Cause::Contact(contacts) => nearest("contact", contacts),
         Cause::Foreseen(contacts) => nearest("contact foreseen", contacts),
-        Cause::Stall { motor, by } => {
-            format!("{motor} does not follow, by {:.2} deg: something holds it", by.to_degrees())
+        Cause::Stall { motor, by, motion } => {
+            format!("{motor} does not follow, by {}: something holds it", motion.told(*by, 2))
         }
         Cause::Constraint { part, clause } => format!("constraint {clause} of {part}"),
         Cause::TargetMissed => "the target was missed".to_owned(),
@@ -163,7 +162,7 @@ fn why(cause: &Cause) -> String {
         Cause::Stale => "the encoders are stale".to_owned(),
         Cause::ActorDied(actor) => format!("{actor} died"),
         Cause::Crashed => "the process ended in mid-motion".to_owned(),
-        Cause::Displaced { motor, by } => displaced(motor, *by),
+        Cause::Displaced { motor, by, motion } => displaced(motor, &motion.told(*by, 2)),
         Cause::BoardFault(what) => format!("the board reports {what}"),
         Cause::Asked => "asked for".to_owned(),
     }

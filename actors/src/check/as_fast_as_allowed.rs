@@ -7,7 +7,7 @@
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
-use mobee_contract::{CommandKind, Event, Pose, Time, Writer};
+use mobee_contract::{CommandKind, Event, MotorUnits, Pose, Time, Writer};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
@@ -27,6 +27,7 @@ pub(super) struct AsFastAsAllowed {
 
 struct Robot {
     window: Window,
+    units: MotorUnits,
     motors: Vec<Motor>,
     /// Whether a commit is open that tells what is allowed; and whether the filter is closed.
     open: bool,
@@ -96,9 +97,8 @@ impl Robot {
                 continue;
             };
             motor.told = true;
-            let [is, most] = [way / secs, most].map(f64::to_degrees);
-            let name = &motor.name;
-            wrong.push(format!("{robot}: motor {name} was measured at {is:.3} deg/s at {at}, {most:.3} are allowed"));
+            let (name, is, most) = (&motor.name, self.units.of(m).told_speed(way / secs, 3), most.to_degrees());
+            wrong.push(format!("{robot}: motor {name} was measured at {is} at {at}, {most:.3} are allowed"));
         }
         wrong
     }
@@ -107,14 +107,14 @@ impl Robot {
 impl Invariant for AsFastAsAllowed {
     fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, motors, period, .. } => {
+            Event::Robot { robot, motors, sliding, period, .. } => {
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|known| known.len() == motors.len());
                 let motor = |name: &String| Motor { name: name.clone(), ..Motor::default() };
                 let motors = known.unwrap_or_else(|| motors.iter().map(motor).collect());
-                let window = Window::new(*period);
+                let (window, units) = (Window::new(*period), MotorUnits::new(motors.len(), sliding));
                 self.robots.insert(
                     robot.clone(),
-                    Robot { window, motors, open: false, closed: true, moves: false, behind: Time::ZERO },
+                    Robot { window, units, motors, open: false, closed: true, moves: false, behind: Time::ZERO },
                 );
             }
             Event::Commit { robot, motors, .. } => self.robots.of(robot, |r| {

@@ -5,16 +5,17 @@
 //! Wants the poses. Streams tell the journal of no set-point: what moves on behind frozen encoders there, and during the retreat, is seen by
 //! the witness of a simulation, which knows where the motors really are.
 
-use super::{Found, Invariant, PerRobot, apart_deg};
+use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
-use mobee_contract::{CommandKind, Event, Pose, Status, Time, Writer};
+use mobee_contract::{CommandKind, Event, MotorUnits, Pose, Status, Time, Writer};
+use mobee_controller::distance;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// For how long readings may be equal in any case, and what is granted for reacting to it, seconds.
 const STILL: f64 = 0.5;
-/// How far from its target, in degrees, a motion is not about to end.
-const FAR: f64 = 2.0;
+/// How far from its target, rad, a motion is not about to end: 2 deg.
+const FAR: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
 #[derive(Default)]
 pub(super) struct FrozenIsNoticed {
@@ -23,6 +24,7 @@ pub(super) struct FrozenIsNoticed {
 
 #[derive(Default)]
 struct Robot {
+    units: MotorUnits,
     /// The newest reading, and since when it is so.
     newest: Option<(Pose, Time)>,
     course: Option<ReferenceTrajectory>,
@@ -62,14 +64,14 @@ impl Robot {
         let of = |(m, _): &(usize, f64)| q.get(*m).copied().unwrap_or_default();
         let here: Vec<f64> = course.target.iter().map(of).collect();
         let there: Vec<f64> = course.target.iter().map(|(_, q)| *q).collect();
-        let away = apart_deg(&here, &there);
+        let away = distance(&here, &there);
         if still <= course.within || away < FAR {
             return None;
         }
-        let (secs, within) = (still.as_secs_f64(), course.within.as_secs_f64());
+        let (secs, within, away) = (still.as_secs_f64(), course.within.as_secs_f64(), self.units.told(away, 1));
         self.course = None;
         Some(format!(
-            "{robot}: the readings are equal for {secs:.2} s at {at}, {away:.1} deg from the target of a move, and {within:.2} s are allowed"
+            "{robot}: the readings are equal for {secs:.2} s at {at}, {away} from the target of a move, and {within:.2} s are allowed"
         ))
     }
 }
@@ -77,7 +79,9 @@ impl Robot {
 impl Invariant for FrozenIsNoticed {
     fn on(&mut self, line: &JournalLine, _found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, .. } => drop(self.robots.entry(robot.clone()).or_default()),
+            Event::Robot { robot, motors, sliding, .. } => {
+                self.robots.entry(robot.clone()).or_default().units = MotorUnits::new(motors.len(), sliding);
+            }
             Event::Command { robot, writer: Writer::Agent, kind, q, speed, .. } => {
                 self.robots.of(robot, |r| {
                     r.course = if *kind == CommandKind::Move { r.course(line.at, q, speed) } else { None }

@@ -4,9 +4,10 @@
 //! was not on the map when the motion began. It is on the map once a commit to a vertex was reached, or a rollback ended at a
 //! vertex; it is off the map at the start, after any end elsewhere, and while the agent CONNECTs (Algorithm 1).
 
-use super::{Found, Invariant, apart_deg, near};
+use super::{Found, Invariant, near};
 use crate::record::journal::JournalLine;
-use mobee_contract::{Event, Note, Outcome, Pose};
+use mobee_contract::{Event, MotorUnits, Note, Outcome, Pose};
+use mobee_controller::distance;
 use std::collections::BTreeMap;
 
 #[derive(Default)]
@@ -16,6 +17,7 @@ pub(super) struct HomeIsAVertex {
 
 #[derive(Default)]
 struct Home {
+    units: MotorUnits,
     tolerance: f64,
     safe: Option<Pose>,
     moved: bool,
@@ -36,11 +38,12 @@ impl Home {
             found.say(format!("{robot}: rolled back to a pose that was not the last safe pose"));
         }
         if !near(q, safe, self.tolerance) {
-            found.say(format!("{robot}: rests {:.3} deg from its safe pose", apart_deg(q, safe)));
+            found.say(format!("{robot}: rests {} from its safe pose", self.units.told(distance(q, safe), 3)));
         }
         if self.on_map && !self.moved && !self.is_vertex(safe) {
-            let nearest = self.vertices.iter().map(|v| apart_deg(v, safe)).fold(f64::INFINITY, f64::min);
-            found.say(format!("{robot}: rolled back to a pose {nearest:.3} deg from the nearest vertex"));
+            let nearest = self.vertices.iter().map(|v| distance(v, safe)).fold(f64::INFINITY, f64::min);
+            let nearest = self.units.told(nearest, 3);
+            found.say(format!("{robot}: rolled back to a pose {nearest} from the nearest vertex"));
         }
     }
 }
@@ -48,8 +51,9 @@ impl Home {
 impl Invariant for HomeIsAVertex {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, tolerance, .. } => {
-                self.robots.entry(robot.clone()).or_default().tolerance = *tolerance;
+            Event::Robot { robot, motors, sliding, tolerance, .. } => {
+                let home = self.robots.entry(robot.clone()).or_default();
+                (home.units, home.tolerance) = (MotorUnits::new(motors.len(), sliding), *tolerance);
             }
             Event::SafePose { robot, q, .. } => {
                 self.robots.entry(robot.clone()).or_default().safe = Some(q.clone());

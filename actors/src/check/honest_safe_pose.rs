@@ -7,7 +7,7 @@
 use super::measured::Measured;
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
-use mobee_contract::{Event, Outcome, Pose, Time};
+use mobee_contract::{Event, MotorUnits, Outcome, Pose, Time};
 use std::collections::BTreeMap;
 
 #[derive(Default)]
@@ -17,6 +17,7 @@ pub(super) struct HonestSafePose {
 
 #[derive(Default)]
 struct Rest {
+    units: MotorUnits,
     fresh: f64,
     rest_speed: f64,
     measured: Measured,
@@ -30,9 +31,10 @@ struct Rest {
 impl Invariant for HonestSafePose {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, fresh, rest_speed, period, .. } => {
+            Event::Robot { robot, motors, sliding, fresh, rest_speed, period, .. } => {
                 let rest = self.robots.entry(robot.clone()).or_default();
                 (rest.fresh, rest.rest_speed) = (*fresh, *rest_speed);
+                rest.units = MotorUnits::new(motors.len(), sliding);
                 rest.measured = Measured::new(*rest_speed, *period);
             }
             Event::Controller { robot, reflex, .. } => {
@@ -50,9 +52,9 @@ impl Invariant for HonestSafePose {
                     wrong(format!("from a reading {age:.3} s old; {:.3} s is fresh", rest.fresh));
                 }
                 if *speed > rest.rest_speed {
-                    wrong(format!("at {:.3} deg/s", speed.to_degrees()));
+                    wrong(format!("at {}", rest.units.told_speed(*speed, 3)));
                 } else if let Some(speed) = rest.measured.moves(by) {
-                    wrong(format!("as the poses moved at {:.3} deg/s", speed.to_degrees()));
+                    wrong(format!("as the poses moved at {}", rest.units.told_speed(speed, 3)));
                 }
                 if !free && !rest.no_reflex {
                     wrong("in contact".into());

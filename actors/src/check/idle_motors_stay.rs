@@ -8,7 +8,7 @@
 use super::window::Window;
 use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
-use mobee_contract::{Cause, CommandKind, Event, Pose, Time};
+use mobee_contract::{Cause, CommandKind, Event, MotorUnits, Pose, Time};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -29,6 +29,7 @@ pub(super) struct IdleMotorsStay {
 #[derive(Default)]
 struct Robot {
     names: Vec<String>,
+    units: MotorUnits,
     tolerance: f64,
     window: Window,
     motors: Vec<Motor>,
@@ -81,9 +82,10 @@ impl Robot {
                 None if settled && self.window.way(m).0 <= 0.25 * self.tolerance => motor.place = Some(here),
                 Some(place) if (here - place).abs() > self.tolerance + kink => {
                     motor.place = None;
-                    let (name, by) = (self.names.get(m).map_or("?", String::as_str), (here - place).abs().to_degrees());
+                    let name = self.names.get(m).map_or("?", String::as_str);
+                    let by = self.units.of(m).told((here - place).abs(), 3);
                     wrong.push(format!(
-                        "{robot}: motor {name}, which no open commit names, is {by:.3} deg from its place at {at}"
+                        "{robot}: motor {name}, which no open commit names, is {by} from its place at {at}"
                     ));
                 }
                 _ => {}
@@ -96,15 +98,16 @@ impl Robot {
 impl Invariant for IdleMotorsStay {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, motors, period, tolerance, .. } => {
+            Event::Robot { robot, motors, sliding, period, tolerance, .. } => {
                 let window = Window::new(*period);
                 let (names, n) = (motors.clone(), motors.len());
+                let units = MotorUnits::new(n, sliding);
                 let known = self.robots.remove(robot).map(|r| r.motors).filter(|motors| motors.len() == n);
                 let motors = known.unwrap_or_else(|| vec![Motor::default(); n]);
                 let (tolerance, settled) = (*tolerance, line.at + SETTLES);
                 self.robots.insert(
                     robot.clone(),
-                    Robot { names, tolerance, window, motors, settled, untold: false, last: [None, None] },
+                    Robot { names, units, tolerance, window, motors, settled, untold: false, last: [None, None] },
                 );
             }
             // nobody saw where it was while no process ran

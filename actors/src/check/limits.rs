@@ -6,7 +6,7 @@
 
 use super::{Found, Invariant};
 use crate::record::journal::{JournalLine, NOT_FINITE};
-use mobee_contract::Event;
+use mobee_contract::{Event, MotorUnits};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What rounding may add.
@@ -22,6 +22,7 @@ pub(super) struct Limits {
 #[derive(Default)]
 struct Motors {
     names: Vec<String>,
+    units: MotorUnits,
     range: Vec<(f64, f64)>,
     max_speed: Vec<f64>,
     tolerance: f64,
@@ -35,8 +36,8 @@ impl Motors {
         let outside = !(min - slack..=max + slack).contains(&q);
         outside.then(|| {
             let name = self.names.get(motor).map_or("?", String::as_str);
-            let [q, min, max] = [q, *min, *max].map(f64::to_degrees);
-            format!("motor {name} was sent to {q:.4} deg, outside {min:.4} to {max:.4} deg")
+            let unit = self.units.of(motor);
+            format!("motor {name} was sent to {}, outside {}", unit.told(q, 4), unit.told_range([*min, *max], 4))
         })
     }
 
@@ -45,7 +46,8 @@ impl Motors {
         let wrong = !(0.0..=max * (1.0 + SLACK) + SLACK).contains(&speed);
         wrong.then(|| {
             let name = self.names.get(motor).map_or("?", String::as_str);
-            format!("motor {name} was given {:.4} deg/s of {:.4} deg/s", speed.to_degrees(), max.to_degrees())
+            let [speed, max] = [speed, *max].map(|v| self.units.of(motor).told_speed(v, 4));
+            format!("motor {name} was given {speed} of {max}")
         })
     }
 }
@@ -53,10 +55,11 @@ impl Motors {
 impl Invariant for Limits {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let robot = match &line.event {
-            Event::Robot { robot, motors, min, max, max_speed, tolerance, .. } => {
+            Event::Robot { robot, motors, sliding, min, max, max_speed, tolerance, .. } => {
                 let range = min.iter().copied().zip(max.iter().copied()).collect();
                 let (names, max_speed) = (motors.clone(), max_speed.clone());
-                let motors = Motors { names, range, max_speed, tolerance: *tolerance, named: BTreeSet::new() };
+                let units = MotorUnits::new(names.len(), sliding);
+                let motors = Motors { names, units, range, max_speed, tolerance: *tolerance, named: BTreeSet::new() };
                 self.robots.insert(robot.clone(), motors);
                 return;
             }

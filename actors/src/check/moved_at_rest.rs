@@ -5,7 +5,7 @@
 
 use super::{Found, Invariant, PerRobot};
 use crate::record::journal::JournalLine;
-use mobee_contract::{Event, Pose, Status, Time};
+use mobee_contract::{Event, MotorUnits, Pose, Status, Time};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -20,6 +20,7 @@ pub(super) struct MovedAtRest {
 #[derive(Default)]
 struct Robot {
     names: Vec<String>,
+    units: MotorUnits,
     tolerance: f64,
     open: bool,
     rest: Option<Rest>,
@@ -48,18 +49,18 @@ impl Robot {
             return None;
         }
         self.rest = None;
-        let (name, by) = (self.names.get(motor).map_or("?", String::as_str), by.to_degrees());
-        Some(format!("{robot}: motor {name} was moved by {by:.3} deg at rest, and the filter is open at {at}"))
+        let (name, by) = (self.names.get(motor).map_or("?", String::as_str), self.units.of(motor).told(by, 3));
+        Some(format!("{robot}: motor {name} was moved by {by} at rest, and the filter is open at {at}"))
     }
 }
 
 impl Invariant for MovedAtRest {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, motors, tolerance, .. } => {
-                let (names, tolerance) = (motors.clone(), *tolerance);
+            Event::Robot { robot, motors, sliding, tolerance, .. } => {
+                let (names, units, tolerance) = (motors.clone(), MotorUnits::new(motors.len(), sliding), *tolerance);
                 let open = self.robots.get(robot).is_some_and(|r| r.open);
-                self.robots.insert(robot.clone(), Robot { names, tolerance, open, rest: None });
+                self.robots.insert(robot.clone(), Robot { names, units, tolerance, open, rest: None });
             }
             Event::State { robot, status } => {
                 let rest = (*status == Status::Rest).then(Rest::default);
@@ -67,11 +68,11 @@ impl Invariant for MovedAtRest {
             }
             Event::Enabled { robot, .. } => self.robots.of(robot, |r| r.open = true),
             Event::Disabled { robot, .. } => self.robots.of(robot, |r| (r.open, r.rest) = (false, None)),
-            Event::Displaced { robot, motor, by }
+            Event::Displaced { robot, motor, by, motion }
                 if self.robots.get(robot).is_some_and(|r| r.open && *by > r.tolerance) =>
             {
-                let by = by.to_degrees();
-                found.say(format!("{robot}: motor {motor} was moved by {by:.3} deg, and the filter stays open"));
+                let by = motion.told(*by, 3);
+                found.say(format!("{robot}: motor {motor} was moved by {by}, and the filter stays open"));
             }
             Event::Commit { robot, .. } => self.robots.of(robot, |r| r.rest = None),
             Event::Resumed { .. } => self.robots.values_mut().for_each(|r| (r.open, r.rest) = (false, None)),

@@ -7,7 +7,7 @@
 use super::measured::Measured;
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
-use mobee_contract::{Event, Hold, Pose, Status, Time};
+use mobee_contract::{Event, Hold, MotorUnits, Pose, Status, Time};
 use std::collections::BTreeMap;
 
 #[derive(Default)]
@@ -18,6 +18,7 @@ pub(super) struct RestAtTheEnd {
 
 #[derive(Default)]
 struct Newest {
+    units: MotorUnits,
     measured: Measured,
     ending: bool,
 }
@@ -25,9 +26,10 @@ struct Newest {
 impl Invariant for RestAtTheEnd {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         match &line.event {
-            Event::Robot { robot, rest_speed, period, .. } => {
+            Event::Robot { robot, motors, sliding, rest_speed, period, .. } => {
                 let measured = Measured::new(*rest_speed, *period);
-                self.robots.insert(robot.clone(), Newest { measured, ending: false });
+                let units = MotorUnits::new(motors.len(), sliding);
+                self.robots.insert(robot.clone(), Newest { units, measured, ending: false });
             }
             Event::State { robot, status } => {
                 let newest = self.robots.entry(robot.clone()).or_default();
@@ -40,8 +42,8 @@ impl Invariant for RestAtTheEnd {
                 let told = newest.measured.read_at(q).unwrap_or(line.at);
                 let both = newest.measured.moves(told).zip(newest.measured.moves(line.at));
                 let Some((speed, _)) = both else { return };
-                let (id, deg) = (id.0, speed.to_degrees());
-                found.say(format!("{robot}: the outcome of commit {id} was given at {deg:.2} deg/s"));
+                let (id, speed) = (id.0, newest.units.told_speed(speed, 2));
+                found.say(format!("{robot}: the outcome of commit {id} was given at {speed}"));
             }
             _ => {}
         }

@@ -4,7 +4,7 @@
 //! than it was on its way there, and is in motion about as long. Who goes back with others may have to wait for them, and rests
 //! meanwhile, so only time in motion counts, there and back. An encoder that jumps says nothing of its motor.
 
-use mobee_contract::{Pose, Time};
+use mobee_contract::{MotorUnits, Pose, Time};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -39,6 +39,7 @@ struct Passed {
 /// A motion with a safe pose, and its retreat.
 pub(super) struct RetreatPace {
     motors: Vec<usize>,
+    units: MotorUnits,
     rest_speed: f64,
     pause: Duration,
     there: VecDeque<Passed>,
@@ -63,11 +64,12 @@ struct Back {
 
 impl RetreatPace {
     /// Of these motors of a robot that rests below this speed, rad/s, and is controlled with this period, s.
-    pub fn new(motors: &[(usize, f64)], rest_speed: f64, period: f64) -> RetreatPace {
+    pub fn new(motors: &[(usize, f64)], rest_speed: f64, period: f64, units: &MotorUnits) -> RetreatPace {
         let pause = Duration::try_from_secs_f64(period).unwrap_or_default() * PAUSE;
         let there = VecDeque::new();
         let mut way = RetreatPace {
             motors: Vec::new(),
+            units: units.clone(),
             rest_speed,
             pause,
             there,
@@ -147,8 +149,8 @@ impl RetreatPace {
         let (all, was) = (self.there.back()?.moved, back.here);
         let Some(here) = (0..=was).rev().find(|i| self.beside(*i, &now.q) <= BESIDE) else {
             let nearest = (0..=was).map(|i| self.beside(i, &now.q)).fold(f64::INFINITY, f64::min);
-            let deg = nearest.to_degrees();
-            return Some(format!("is {deg:.2} deg beside the way that it came, or not on it in order, at {}", now.at));
+            let beside = self.units.told(nearest, 2);
+            return Some(format!("is {beside} beside the way that it came, or not on it in order, at {}", now.at));
         };
         let gone = all - self.there.get(here)?.moved;
         let (secs, streamed) = (now.at.since(back.began).as_secs_f64(), back.streamed);

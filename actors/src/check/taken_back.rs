@@ -5,9 +5,10 @@
 //! last: to the safe pose, and to an earlier rest only to let another robot pass.
 
 use super::retreat_pace::RetreatPace;
-use super::{Found, Invariant, apart_deg};
+use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
-use mobee_contract::{Cause, CommandKind, Event, Hold, Outcome, Pose, Status, Time, Writer};
+use mobee_contract::{Cause, CommandKind, Event, Hold, MotorUnits, Outcome, Pose, Status, Time, Writer};
+use mobee_controller::distance;
 use std::collections::BTreeMap;
 
 #[derive(Default)]
@@ -18,6 +19,7 @@ pub(super) struct TakenBack {
 
 #[derive(Default)]
 struct Robot {
+    units: MotorUnits,
     period: f64,
     tolerance: f64,
     rest_speed: f64,
@@ -60,7 +62,8 @@ fn in_words(cause: &Cause) -> Option<&'static str> {
 impl Robot {
     fn set_out(&mut self, escape: bool, motors: &[(usize, f64)]) {
         self.motion = Motion { open: !escape, ..Motion::default() };
-        let way = (!escape && !motors.is_empty()).then(|| RetreatPace::new(motors, self.rest_speed, self.period));
+        let way = (!escape && !motors.is_empty())
+            .then(|| RetreatPace::new(motors, self.rest_speed, self.period, &self.units));
         self.way = way.map(|mut way| {
             self.newest.iter().for_each(|(at, q)| _ = way.take(*at, q));
             way
@@ -82,8 +85,8 @@ impl Robot {
     fn misled(&mut self, last: &[(usize, f64)]) -> Option<String> {
         let safe = self.safe.as_ref().filter(|_| std::mem::take(&mut self.motion.missed))?;
         let (sent, end): (Vec<f64>, Vec<f64>) = last.iter().filter_map(|(m, q)| Some((q, safe.get(*m)?))).unzip();
-        let deg = apart_deg(&sent, &end);
-        (deg > self.tolerance.to_degrees()).then(|| format!("led to {deg:.2} deg from its safe pose"))
+        let away = distance(&sent, &end);
+        (away > self.tolerance).then(|| format!("led to {} from its safe pose", self.units.told(away, 2)))
     }
 
     fn ended(&mut self, id: u64, outcome: Outcome) -> Option<String> {
@@ -102,9 +105,10 @@ impl Robot {
 impl Invariant for TakenBack {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let wrong = match &line.event {
-            Event::Robot { robot, period, tolerance, rest_speed, .. } => {
+            Event::Robot { robot, motors, sliding, period, tolerance, rest_speed, .. } => {
                 let robot = self.robots.entry(robot.clone()).or_default();
                 (robot.period, robot.tolerance, robot.rest_speed) = (*period, *tolerance, *rest_speed);
+                robot.units = MotorUnits::new(motors.len(), sliding);
                 None
             }
             Event::SafePose { robot, q, .. } => self.of(robot, |r| r.safe = Some(q.clone())),

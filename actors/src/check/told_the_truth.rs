@@ -5,7 +5,7 @@
 
 use super::{Found, Invariant};
 use crate::record::journal::JournalLine;
-use mobee_contract::{CommitId, Event, MotionEnd, Outcome, Pose, SwapStep};
+use mobee_contract::{CommitId, Event, MotionEnd, MotorUnits, Outcome, Pose, SwapStep};
 use mobee_controller::distance;
 use std::collections::BTreeMap;
 
@@ -19,6 +19,7 @@ pub(super) struct ToldTheTruth {
 
 #[derive(Default)]
 struct Target {
+    units: MotorUnits,
     tolerance: f64,
     /// Where the open commit leads.
     q: Option<Pose>,
@@ -61,9 +62,10 @@ impl ToldTheTruth {
     fn reached(&self, robot: &str, q: &Pose) -> Option<String> {
         let target = self.targets.get(robot)?;
         let away = distance(q, target.q.as_ref()?);
-        let deg = away.to_degrees();
-        (away > target.tolerance)
-            .then(|| format!("{robot}: a commit is said to have reached its target {deg:.3} deg away from it"))
+        let said = || {
+            format!("{robot}: a commit is said to have reached its target {} away from it", target.units.told(away, 3))
+        };
+        (away > target.tolerance).then(said)
     }
 
     fn outcome(&mut self, robot: &str, id: CommitId, outcome: Outcome) {
@@ -80,8 +82,9 @@ impl Invariant for ToldTheTruth {
     fn on(&mut self, line: &JournalLine, found: &mut Found<'_>) {
         let agent = |robot: &str| format!("{robot}/agent");
         let wrong = match &line.event {
-            Event::Robot { robot, tolerance, .. } => {
-                self.targets.entry(robot.clone()).or_default().tolerance = *tolerance;
+            Event::Robot { robot, motors, sliding, tolerance, .. } => {
+                let target = self.targets.entry(robot.clone()).or_default();
+                (target.units, target.tolerance) = (MotorUnits::new(motors.len(), sliding), *tolerance);
                 None
             }
             Event::Commit { robot, id, agent: who, target, .. } => {

@@ -225,9 +225,9 @@ impl Exchange {
                 let q = self.first_reading(driver, begun).await?;
                 let away = distance(&q, &self.context.latest.lock().q);
                 if away.is_nan() || away > old.rules.tolerance {
-                    let [away, most] = [away, old.rules.tolerance].map(f64::to_degrees);
+                    let [away, most] = [away, old.rules.tolerance].map(|q| old.board.units().told(q, 2));
                     return Err(format!(
-                        "the pose that it reads is {away:.2} deg from the robot's, more than {most:.2} deg; it drives another robot"
+                        "the pose that it reads is {away} from the robot's, more than {most}; it drives another robot"
                     ));
                 }
                 Ok(old.with_driver(HardwareHandle(hardware), board))
@@ -360,11 +360,8 @@ fn same_board(old: &Board, new: &Board, tolerance: f64) -> Result<(), String> {
     for (a, b) in old.axes.iter().zip(&new.axes) {
         let apart = (a.min - b.min).abs().max((a.max - b.max).abs());
         if apart.is_nan() || apart > tolerance {
-            let [min, max, a_min, a_max] = [b.min, b.max, a.min, a.max].map(f64::to_degrees);
-            return Err(format!(
-                "motor {} goes from {min:.2} to {max:.2} deg by it, and from {a_min:.2} to {a_max:.2} deg by the one in force",
-                a.name
-            ));
+            let [new, old] = [b, a].map(|axis| axis.motion.told_range([axis.min, axis.max], 2));
+            return Err(format!("motor {} goes from {new} by it, and from {old} by the one in force", a.name));
         }
     }
     Ok(())

@@ -284,6 +284,7 @@ mod tests {
         let robot = Event::Robot {
             robot: r(),
             motors: vec![r(), r(), r()],
+            sliding: Vec::new(),
             min: vec![-3.0; 3],
             max: vec![3.0; 3],
             max_speed: vec![1.0; 3],

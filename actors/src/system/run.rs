@@ -312,7 +312,8 @@ fn wire(
     for context in &shared.robots {
         let parts = context.parts.lock().clone();
         let axes = parts.rules.axes.iter().zip(&parts.model.motors);
-        let limits = axes.map(|(axis, motor)| (motor.name.as_str(), (motor.min, motor.max), (axis.min, axis.max)));
+        let limits =
+            axes.map(|(axis, motor)| (motor.name.as_str(), motor.motion, (motor.min, motor.max), (axis.min, axis.max)));
         if let Some(what) = mobee_contract::narrowed(limits) {
             let text = format!("{}: {what}; what is asked beyond is refused", context.name);
             shared.tell(Event::Warning { text });

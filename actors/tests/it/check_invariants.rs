@@ -385,6 +385,11 @@ fn i5_values_beyond_the_limits() {
         let found = self::run(run);
         assert!(found.len() == 1 && found[0].invariant == "I5" && found[0].what.contains(says), "{found:?}");
     }
+    let mut lift = instead(&mv, command(Writer::Agent, 1, CommandKind::Move, &[0.5, 1.1]));
+    let described =
+        lift.iter_mut().find_map(|(_, e)| if let Event::Robot { sliding, .. } = e { Some(sliding) } else { None });
+    described.unwrap().push(1);
+    broken("I5", lift, None, "motor b was sent to 63.0254 mm, outside -57.2958 to 57.2958 mm");
     let far = commit(2, &[0.5, 1.1]);
     broken("I5", instead(&commit(2, &[0.5, 0.5]), far.clone()), Some(&far), "motor b");
     // what a commit does not name may stand beyond a limit; what it has named is looked at as long as it is open

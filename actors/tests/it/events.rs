@@ -10,6 +10,7 @@ pub fn robot(limit: f64, constraints: Clauses) -> Event {
     Event::Robot {
         robot: R.into(),
         motors: vec!["a".into(), "b".into()],
+        sliding: Vec::new(),
         min: vec![-limit; 2],
         max: vec![limit; 2],
         max_speed: vec![2.0; 2],

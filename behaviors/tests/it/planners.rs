@@ -188,7 +188,14 @@ fn ends_that_can_t_be_are_told_with_the_reason() {
         assert_eq!(plan(&mut space, &problem(&start, &goal, 1)), Err(NoPath::Malformed(end)));
     }
     // a board may have narrower limits than the model
-    let axis = |name: &str| Axis { name: name.into(), min: -1.0, max: 1.0, max_speed: 1.0, max_acceleration: 1.0 };
+    let axis = |name: &str| Axis {
+        name: name.into(),
+        min: -1.0,
+        max: 1.0,
+        max_speed: 1.0,
+        max_acceleration: 1.0,
+        motion: Default::default(),
+    };
     let mut narrow =
         JointSpace::new(&scene, 0, &scene.home(), &[0, 1], &[axis("joint0"), axis("joint1")], CLEARANCE).unwrap();
     assert_eq!(
@@ -245,7 +252,14 @@ fn a_motor_without_end_goes_over_the_seam_unless_its_board_counts_no_farther() {
     let mut free = space(&scene, &robot);
     let path = plan(&mut free, &problem(&start, &goal, 1)).expect("a way");
     assert!((path.length() - 20f64.to_radians()).abs() < 1e-9);
-    let axis = |name: &str| Axis { name: name.into(), min: -PI, max: PI, max_speed: 1.0, max_acceleration: 1.0 };
+    let axis = |name: &str| Axis {
+        name: name.into(),
+        min: -PI,
+        max: PI,
+        max_speed: 1.0,
+        max_acceleration: 1.0,
+        motion: Default::default(),
+    };
     let axes = [axis("joint0"), axis("joint1")];
     let mut narrow = JointSpace::new(&scene, 0, &scene.home(), &[0, 1], &axes, CLEARANCE).unwrap();
     let path = plan(&mut narrow, &problem(&start, &goal, 1)).expect("a way");

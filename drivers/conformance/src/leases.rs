@@ -38,7 +38,7 @@ fn expiry(bench: &mut dyn Bench) -> Result<(), String> {
     for m in &motors {
         let most = stopping_path(&t, *m) + t.reference(*m).0 * held.as_secs_f64();
         let way = (at(&rest, *m) - at(&told, *m)).abs();
-        see(way <= most, || format!("motor {m} went on for {:.2} deg, at most {:.2}", way / DEG, most / DEG))?;
+        see(way <= most, || format!("motor {m} went on for {}, at most {:.2}", t.told(*m, way), most / DEG))?;
         see((at(&rest, *m) - at(&pose, *m)).abs() > NEAR, || format!("motor {m} went on to its target"))?;
     }
     t.refused(Command::Move(t.to(&motors, &pose)), "")?;

@@ -78,7 +78,7 @@ fn references(bench: &mut dyn Bench) -> Result<(), String> {
         took.push(t.now().since(start).as_secs_f64());
         let (top, noise) = top_speed(&samples, m);
         see(top <= share * speed + noise, || {
-            format!("{:.2} deg/s at a reference of {:.2}", top / DEG, share * speed / DEG)
+            format!("{}/s at a reference of {:.2}", t.told(m, top), share * speed / DEG)
         })?;
     }
     let [fast, slow] = took.as_slice() else { return Ok(()) };
@@ -149,7 +149,7 @@ fn stop(bench: &mut dyn Bench) -> Result<(), String> {
     let rest = t.last.q.clone();
     for m in motors {
         let (way, most) = ((at(&rest, m) - at(&told, m)).abs(), stopping_path(&t, m));
-        see(way <= most, || format!("motor {m} went on for {:.2} deg, at most {:.2}", way / DEG, most / DEG))?;
+        see(way <= most, || format!("motor {m} went on for {}, at most {:.2}", t.told(m, way), most / DEG))?;
         see((at(&rest, m) - at(&pose, m)).abs() > NEAR, || format!("motor {m} went on to its target"))?;
     }
     t.settle(20)?;
@@ -188,7 +188,7 @@ fn amend(bench: &mut dyn Bench) -> Result<(), String> {
         let v = (at(&middle.q, m) - at(&s.q, m)) / one;
         let w = (at(&end.q, m) - at(&middle.q, m)) / two;
         let most = axis.max_acceleration * (one + two) + NEAR / one + NEAR / two;
-        see((w - v).abs() <= most, || format!("its speed jumped from {:.1} to {:.1} deg/s", v / DEG, w / DEG))?;
+        see((w - v).abs() <= most, || format!("its speed jumped from {:.2} to {}/s", v / DEG, t.told(m, w)))?;
     }
     Ok(())
 }

@@ -63,7 +63,7 @@ fn stream(bench: &mut dyn Bench) -> Result<(), String> {
     // it starts from rest, commands take their time, and it follows three set-points behind at most
     let late = (t.board.latency + t.board.period + Duration::from_millis(60)).as_secs_f64();
     let most = 5.0 * DEG * late + 0.3 * DEG + NEAR;
-    see(lag <= most, || format!("it lags by {:.2} deg, at most {:.2}", lag / DEG, most / DEG))?;
+    see(lag <= most, || format!("it lags by {}, at most {:.2}", t.board.units().told(lag, 2), most / DEG))?;
     t.until_done()?;
     t.settle(20)?;
     t.rests_at(&pose)

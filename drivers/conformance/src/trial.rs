@@ -98,8 +98,8 @@ impl<'a> DriverTrial<'a> {
         let dt = sample.at.since(self.last.at).as_secs_f64();
         for ((axis, before), now) in self.board.axes.iter().zip(self.last.q.iter()).zip(sample.q.iter()) {
             if (now - before).abs() > axis.max_speed * dt + NEAR {
-                let (way, name) = ((now - before) / DEG, &axis.name);
-                return Err(format!("motor {name} jumped by {way:.3} deg within {dt:.4} s"));
+                let (way, name) = (axis.motion.told(now - before, 3), &axis.name);
+                return Err(format!("motor {name} jumped by {way} within {dt:.4} s"));
             }
         }
         self.last = sample.clone();
@@ -182,10 +182,16 @@ impl<'a> DriverTrial<'a> {
     pub fn rests_at(&self, q: &[f64]) -> Result<(), String> {
         for ((axis, want), got) in self.board.axes.iter().zip(q).zip(self.last.q.iter()) {
             if (want - got).abs() > NEAR || !got.is_finite() {
-                return Err(format!("motor {} is at {:.3} deg, not {:.3}", axis.name, got / DEG, want / DEG));
+                let got = axis.motion.told(*got, 3);
+                return Err(format!("motor {} is at {got}, not {:.3}", axis.name, want / DEG));
             }
         }
         Ok(())
+    }
+
+    /// A way of a motor, or its position, as people read it.
+    pub fn told(&self, motor: usize, q: f64) -> String {
+        self.board.units().of(motor).told(q, 2)
     }
 
     /// All motors.
@@ -198,7 +204,7 @@ impl<'a> DriverTrial<'a> {
         let roomy = |a: &mobee_contract::Axis| a.max - a.min > 4.0 * DEG;
         let some: Vec<usize> =
             self.board.axes.iter().enumerate().filter(|(_, a)| roomy(a)).map(|(m, _)| m).take(3).collect();
-        if some.len() < 2 { Err("the suite needs two motors with 4 deg of room".into()) } else { Ok(some) }
+        if some.len() < 2 { Err("the suite needs two motors with 4 deg (or mm) of room".into()) } else { Ok(some) }
     }
 
     /// The pose with these motors gone [`WAY`] (or half their room) towards the middle of their range, or farther.

@@ -51,12 +51,12 @@ fn kept(bench: &mut dyn Bench) -> Result<(), String> {
     see(begun.iter().chain(&held).any(|s| s.done.get(m) == Some(&false)), || "it was never under way".into())?;
     let (Some(first), Some(last)) = (held.first(), held.last()) else { return Err("no readings".into()) };
     let got = (at(&last.q, m) - at(&first.q, m)) / last.at.since(first.at).as_secs_f64();
-    see((got - v).abs() <= 0.1 * v.abs() + NEAR / 0.4, || format!("{:.2} deg/s instead of {:.2}", got / DEG, v / DEG))?;
+    see((got - v).abs() <= 0.1 * v.abs() + NEAR / 0.4, || format!("{}/s instead of {:.2}", t.told(m, got), v / DEG))?;
     let quiet = at(&t.last.q, m);
     t.until_done()?;
     let most = v.abs() * (t.board.latency + t.board.period + WATCHDOG).as_secs_f64() + NEAR;
     let way = (at(&t.last.q, m) - quiet).abs();
-    see(way <= most, || format!("it went on for {:.2} deg, at most {:.2}", way / DEG, most / DEG))?;
+    see(way <= most, || format!("it went on for {}, at most {:.2}", t.told(m, way), most / DEG))?;
     let rest = t.last.q.clone();
     t.settle(30)?;
     t.rests_at(&rest)?;
@@ -76,7 +76,7 @@ fn limit(bench: &mut dyn Bench) -> Result<(), String> {
         let v = sign * t.reference(m).0;
         let seen = drive(&mut t, m, v, Duration::from_secs(1))?;
         let passed = seen.iter().find(|s| at(&s.q, m) > axis.max + NEAR || at(&s.q, m) < axis.min - NEAR);
-        see(passed.is_none(), || format!("it was at {:.3} deg", passed.map_or(f64::NAN, |s| at(&s.q, m) / DEG)))?;
+        see(passed.is_none(), || format!("it was at {}", t.told(m, passed.map_or(f64::NAN, |s| at(&s.q, m)))))?;
         t.until_done()?;
     }
     Ok(())

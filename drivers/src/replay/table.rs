@@ -53,7 +53,7 @@ impl PoseTable {
                 let (min, max) = (m.min.to_degrees(), m.max.to_degrees());
                 if deg < min - ROUNDING_DEG || deg > max + ROUNDING_DEG {
                     let what = format!("{deg} is outside the limits of motor `{}`", m.name);
-                    return Err((i + 1, what, format!("give degrees from {min} to {max}")));
+                    return Err((i + 1, what, format!("give {} from {min} to {max}", m.motion.unit_in_words())));
                 }
                 values.push(deg.to_radians().clamp(m.min, m.max));
                 given += 1;

@@ -102,6 +102,7 @@ impl SimSettings {
                 max: m.max,
                 max_speed: self.max_speed_deg_per_s.to_radians(),
                 max_acceleration: self.max_acceleration_deg_per_s2.to_radians(),
+                motion: m.motion,
             };
             match self.imitates {
                 Some(robot) => robot.axis(axis),

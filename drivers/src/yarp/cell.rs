@@ -339,6 +339,7 @@ pub fn describe(
         max: layout.limits.get(m).map_or(0.0, |l| l.1),
         max_speed: fastest,
         max_acceleration: settings.max_acceleration_deg_per_s2.to_radians(),
+        motion: layout.motions.get(m).copied().unwrap_or_default(),
     };
     let mut axes: Vec<Axis> = (0..layout.motors()).map(unbounded).collect();
     for (patch, board) in layout.patches.iter().zip(boards) {

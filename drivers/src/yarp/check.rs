@@ -114,7 +114,14 @@ mod tests {
     /// A motor without a board stays where it is, as closely as encoders tell, and can be told so.
     #[test]
     fn what_has_no_board_is_not_moved() {
-        let axis = Axis { name: "alone".into(), min: -1.0, max: 1.0, max_speed: 1.0, max_acceleration: 1.0 };
+        let axis = Axis {
+            name: "alone".into(),
+            min: -1.0,
+            max: 1.0,
+            max_speed: 1.0,
+            max_acceleration: 1.0,
+            motion: Default::default(),
+        };
         let goes = |driven: bool, here: f64, to: f64| {
             let (axes, driven, q) = ([axis.clone()], [driven], [here]);
             let known = CheckedAgainst { axes: &axes, driven: &driven, q: &q, modes: &[ControlMode::Position] };

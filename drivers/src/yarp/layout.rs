@@ -4,7 +4,7 @@
 //! patch convert whatever is said to a board (`Hand::say`, `Hand::stream`) and heard from it (`states.rs`, `describe`).
 
 use super::YarpDriverSettings;
-use mobee_contract::{KindError, suggestion};
+use mobee_contract::{KindError, MotorUnits, suggestion};
 use mobee_model::{JointMotion, Robot};
 use mobee_yarp::board::{JointKind, Units};
 use std::ops::Range;
@@ -32,8 +32,10 @@ pub struct Layout {
     pub home: Vec<f64>,
     /// The motors' names.
     pub names: Vec<String>,
-    /// The model's limits, rad.
+    /// The model's limits, rad of encoder.
     pub limits: Vec<(f64, f64)>,
+    /// How they move.
+    pub motions: Vec<JointMotion>,
 }
 
 impl Layout {
@@ -63,7 +65,14 @@ impl Layout {
             home: robot.motors.iter().map(|m| m.home).collect(),
             names: robot.motors.iter().map(|m| m.name.clone()).collect(),
             limits: robot.motors.iter().map(|m| (m.min, m.max)).collect(),
+            motions: robot.motors.iter().map(|m| m.motion).collect(),
         })
+    }
+
+    /// What the motors count, for sentences.
+    pub fn units(&self) -> MotorUnits {
+        let sliding = self.motions.iter().enumerate().filter(|(_, motion)| !motion.is_turn());
+        MotorUnits::new(self.motors(), &sliding.map(|(motor, _)| motor).collect::<Vec<_>>())
     }
 
     /// How many motors the robot has.

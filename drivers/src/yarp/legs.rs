@@ -161,7 +161,14 @@ mod tests {
     const PERIOD: Duration = Duration::from_millis(20);
 
     fn board() -> Board {
-        let axis = |name: &str| Axis { name: name.into(), min: -3.0, max: 3.0, max_speed: 1.0, max_acceleration: 4.0 };
+        let axis = |name: &str| Axis {
+            name: name.into(),
+            min: -3.0,
+            max: 3.0,
+            max_speed: 1.0,
+            max_acceleration: 4.0,
+            motion: Default::default(),
+        };
         let axes = vec![axis("a"), axis("b"), axis("c")];
         Board { axes, period: PERIOD, latency: Duration::from_millis(50), position_direct: true }
     }

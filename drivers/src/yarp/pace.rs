@@ -59,10 +59,12 @@ impl TooFast {
     pub fn in_words(&self, layout: &Layout, board: usize) -> String {
         let TooFast { joint, speed, most } = self;
         let patch = layout.patches.get(board);
-        let name = patch.and_then(|p| layout.names.get(p.motors.start + joint)).map_or("?", String::as_str);
+        let motor = patch.map_or(usize::MAX, |p| p.motors.start + joint);
+        let name = layout.names.get(motor).map_or("?", String::as_str);
+        let unit = layout.motions.get(motor).copied().unwrap_or_default().unit();
         let port = patch.map_or("", |p| p.port.as_str());
         format!(
-            "motor {name} (joint {joint} of {port}) moves at {speed:.0} deg/s and was told {most:.0}: end the program that writes to {port} beside MoBeE; if there is none, this board's reference speeds mean no speeds: set moves = \"set-points\""
+            "motor {name} (joint {joint} of {port}) moves at {speed:.0} {unit}/s and was told {most:.0}: end the program that writes to {port} beside MoBeE; if there is none, this board's reference speeds mean no speeds: set moves = \"set-points\""
         )
     }
 }
@@ -91,7 +93,13 @@ mod tests {
             units: Default::default(),
         };
         let names = ["a", "b", "shoulder", "elbow"].map(String::from).into();
-        let layout = Layout { patches: vec![patch], home: vec![0.0; 4], names, limits: vec![(0.0, 1.0); 4] };
+        let layout = Layout {
+            patches: vec![patch],
+            home: vec![0.0; 4],
+            names,
+            limits: vec![(0.0, 1.0); 4],
+            motions: Vec::new(),
+        };
         let words = fast.in_words(&layout, 0);
         let told =
             "motor elbow (joint 1 of /arm) moves at 90 deg/s and was told 5: end the program that writes to /arm";

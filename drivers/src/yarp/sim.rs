@@ -107,7 +107,7 @@ impl YarpSim {
         };
         let parts: Vec<Part> = (0..).zip(&layout.patches).map(part).collect();
         let boards = layout.patches.iter().map(|p| (p.port.clone(), p.motors.clone()));
-        let judge = Arc::new(Mutex::new(Judge::new(boards, layout.motors(), imitates.is_some())));
+        let judge = Arc::new(Mutex::new(Judge::new(boards, layout.units(), layout.motors(), imitates.is_some())));
         let board = described(&layout, &parts, &settings)?;
         let wire = Arc::new(SimWire { parts, judge, far: OnceLock::new() });
         let hardware = YarpHardware::behind(wire.clone(), &settings, &context.robot)?;

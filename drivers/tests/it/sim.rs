@@ -15,7 +15,14 @@ fn context() -> Context {
 }
 
 fn small(settings: &SimSettings) -> SimHardware {
-    let axis = |name: &str| Axis { name: name.into(), min: -1.0, max: 1.0, max_speed: 1.7, max_acceleration: 3.5 };
+    let axis = |name: &str| Axis {
+        name: name.into(),
+        min: -1.0,
+        max: 1.0,
+        max_speed: 1.7,
+        max_acceleration: 3.5,
+        motion: Default::default(),
+    };
     SimHardware::with_axes(vec![axis("a"), axis("b")], &[0.0, 0.2], settings, 3)
 }
 
@@ -57,6 +64,22 @@ fn the_kind_builds_from_an_empty_table() {
     let schema = serde_json::to_value((kind.schema)()).unwrap();
     let settings = schema["properties"].as_object().unwrap();
     assert!(settings.values().all(|s| s["description"].is_string()), "every setting has its doc");
+}
+
+#[test]
+fn what_a_lift_is_refused_is_told_in_millimeters() {
+    let text = "<ZeroPositionKinematicTree robotName=\"lift\"><bodypart name=\"p\"><motor name=\"lift\" minPos=\"0\" maxPos=\"350\">\
+                <joint z=\"1\" type=\"prismatic\" minPos=\"0\" maxPos=\"0.35\"><link x=\"0.3\" radius=\"0.02\"/></joint></motor></bodypart>\
+                </ZeroPositionKinematicTree>";
+    let robot = Arc::new(mobee_model::parse_robot("lift.xml", text).unwrap().value);
+    let hardware = SimHardware::build(&json!({}), &Context { robot, seed: 5 }).unwrap();
+    let mut driver = hardware.connect().unwrap();
+    driver.lease(Time::ZERO, Time::ZERO + Duration::from_millis(60));
+    let q = vec![900_f64.to_radians()];
+    let to = Move { motors: vec![0], q, relative: false, speed: None, acceleration: None };
+    let refused = driver.command(Time::ZERO, &Command::Move(to)).unwrap_err();
+    let told = "motor lift: 900.000 mm is outside its limits 0.000 to 350.000 mm";
+    assert_eq!(refused, DriverFault::Refused(told.into()));
 }
 
 #[test]
@@ -107,7 +130,14 @@ fn readings_at_rest_are_within_a_tenth_of_a_degree_and_unbiased() {
 #[test]
 fn the_same_seed_and_calls_give_the_same_readings() {
     let once = |seed| {
-        let axis = Axis { name: "a".into(), min: -1.0, max: 1.0, max_speed: 1.7, max_acceleration: 3.5 };
+        let axis = Axis {
+            name: "a".into(),
+            min: -1.0,
+            max: 1.0,
+            max_speed: 1.7,
+            max_acceleration: 3.5,
+            motion: Default::default(),
+        };
         let hardware = SimHardware::with_axes(vec![axis.clone(), axis], &[0.0, 0.2], &SimSettings::default(), seed);
         let mut driver = hardware.connect().unwrap();
         let mut now = Time::ZERO;
@@ -221,7 +251,14 @@ fn silence_slowness_lies_and_reported_faults_are_what_they_say() {
 
 #[test]
 fn a_run_of_ninety_minutes_is_read_out() {
-    let axis = |i: usize| Axis { name: format!("m{i}"), min: -1.0, max: 1.0, max_speed: 1.7, max_acceleration: 3.5 };
+    let axis = |i: usize| Axis {
+        name: format!("m{i}"),
+        min: -1.0,
+        max: 1.0,
+        max_speed: 1.7,
+        max_acceleration: 3.5,
+        motion: Default::default(),
+    };
     let hardware = SimHardware::with_axes((0..41).map(axis).collect(), &[0.0; 41], &SimSettings::default(), 3);
     let mut driver = hardware.connect().unwrap();
     let (mut now, mut count) = (Time::ZERO, 0u32);
@@ -236,7 +273,14 @@ fn a_run_of_ninety_minutes_is_read_out() {
 #[test]
 fn a_recorded_motion_streamed_backwards_keeps_to_its_path() {
     let axes: Vec<Axis> = ["a", "b"]
-        .map(|name| Axis { name: name.into(), min: -1.0, max: 1.5, max_speed: 1.7, max_acceleration: 3.5 })
+        .map(|name| Axis {
+            name: name.into(),
+            min: -1.0,
+            max: 1.5,
+            max_speed: 1.7,
+            max_acceleration: 3.5,
+            motion: Default::default(),
+        })
         .to_vec();
     // at full speed the recording uses the whole acceleration, and its noise asks for more than the motors have
     for share in [0.1, 0.5, 0.8] {

@@ -6,7 +6,14 @@ use std::time::Duration;
 
 /// A guard to two motors, open to the reflex under token 0.
 fn guard() -> CommandGuard {
-    let axis = |max_speed| Axis { name: "m".into(), min: -3.0, max: 3.0, max_speed, max_acceleration: 3.0 };
+    let axis = |max_speed| Axis {
+        name: "m".into(),
+        min: -3.0,
+        max: 3.0,
+        max_speed,
+        max_acceleration: 3.0,
+        motion: Default::default(),
+    };
     let period = Duration::from_millis(10);
     let board = Board { axes: vec![axis(1.0), axis(2.0)], period, latency: Duration::ZERO, position_direct: true };
     let rules = Rules::new("r", vec!["p".into()], &ControllerSettings::default(), &board);

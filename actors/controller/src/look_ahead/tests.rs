@@ -58,7 +58,14 @@ struct Plant {
 
 impl Plant {
     fn rules(&self, told: f64) -> Arc<Rules> {
-        let axis = Axis { name: "pan".into(), min: -3.0, max: 3.0, max_speed: 3.0, max_acceleration: told };
+        let axis = Axis {
+            name: "pan".into(),
+            min: -3.0,
+            max: 3.0,
+            max_speed: 3.0,
+            max_acceleration: told,
+            motion: Default::default(),
+        };
         let [period, latency] = [self.period, self.latency].map(Duration::from_secs_f64);
         let board = Board { axes: vec![axis], period, latency, position_direct: true };
         let settings = ControllerSettings { reserve_m: Some(RESERVE), ..ControllerSettings::default() };

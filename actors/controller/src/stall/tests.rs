@@ -11,7 +11,14 @@ const BOUND: f64 = 0.5;
 fn rules() -> Rules {
     let axis = |name: &str| {
         let (min, max) = (f64::to_radians(-170.0), f64::to_radians(170.0));
-        Axis { name: name.into(), min, max, max_speed: 100_f64.to_radians(), max_acceleration: 200_f64.to_radians() }
+        Axis {
+            name: name.into(),
+            min,
+            max,
+            max_speed: 100_f64.to_radians(),
+            max_acceleration: 200_f64.to_radians(),
+            motion: Default::default(),
+        }
     };
     let latency = Duration::from_millis(20);
     let board = Board { axes: vec![axis("a"), axis("b")], period: PERIOD, latency, position_direct: true };

@@ -5,6 +5,7 @@
 
 use crate::Rules;
 use mobee_contract::{Commit, Refusal, Setpoints, Target, Values};
+use mobee_model::JointMotion;
 
 /// Whether the target fits the board.
 ///
@@ -60,7 +61,7 @@ fn shape(motors: &[usize], values: &[f64], rules: &Rules) -> Result<(), Refusal>
     Ok(())
 }
 
-/// Each position within its motor's limits, which are inclusive, rad; the refusal tells degrees, as people give them.
+/// Each position within its motor's limits, which are inclusive, rad; the refusal tells degrees or millimeters, as people give them.
 ///
 /// # Errors
 /// The first that is not.
@@ -73,6 +74,7 @@ fn limits(motors: &[usize], q: &[f64], rules: &Rules) -> Result<(), Refusal> {
                 q_deg: q.to_degrees(),
                 min_deg: axis.min.to_degrees(),
                 max_deg: axis.max.to_degrees(),
+                motion: axis.motion,
             });
         }
     }
@@ -91,8 +93,10 @@ pub fn check_speeds(commit: &Commit, rules: &Rules) -> Result<(), Refusal> {
     }
     for (motor, speed) in motors.iter().zip(speeds) {
         if !(speed.is_finite() && *speed > 0.0) {
-            let name = rules.axes.get(*motor).map_or("?", |a| a.name.as_str());
-            return Err(Refusal::Malformed { what: format!("a speed of {speed} rad/s for motor {name}") });
+            let axis = rules.axes.get(*motor);
+            let (name, motion) = axis.map_or(("?", JointMotion::Turn), |a| (a.name.as_str(), a.motion));
+            let speed = motion.told_speed(*speed, 3);
+            return Err(Refusal::Malformed { what: format!("a speed of {speed} for motor {name}") });
         }
     }
     Ok(())

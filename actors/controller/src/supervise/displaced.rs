@@ -68,19 +68,20 @@ impl SuperviseCore {
         let closes = is_far && Gate::opens(self.token) && step.gate.token() == self.token;
         let place = self.resting.places.get_mut(motor).and_then(Option::as_mut);
         let is_news = tells && place.is_some_and(|place| !std::mem::replace(&mut place.told, true));
-        let motor = step.rules.axes.get(motor).map_or_else(String::new, |axis| axis.name.clone());
+        let axis = step.rules.axes.get(motor);
+        let (motor, motion) = axis.map(|axis| (axis.name.clone(), axis.motion)).unwrap_or_default();
         // where it is from now on is its place: told once, and the filter can open again
         if is_far {
             self.resting = Resting::default();
         }
         if closes {
-            let cause = Cause::Displaced { motor, by };
+            let cause = Cause::Displaced { motor, by, motion };
             match self.is_moving() {
                 true => self.roll_back(cause, step),
                 false => self.interrupt(cause, Status::Holding(Hold::Displaced), step),
             }
         } else if is_news || is_far {
-            step.emit(Event::Displaced { robot: step.robot(), motor, by });
+            step.emit(Event::Displaced { robot: step.robot(), motor, by, motion });
         }
         closes
     }

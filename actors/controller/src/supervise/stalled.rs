@@ -33,10 +33,11 @@ impl SuperviseCore {
             step.emit(Event::Warning { text });
         }
         let Some(Stalled { motor: index, by }) = stalled else { return false };
-        let motor = step.rules.axes.get(index).map_or_else(String::new, |axis| axis.name.clone());
+        let axis = step.rules.axes.get(index);
+        let (motor, motion) = axis.map(|axis| (axis.name.clone(), axis.motion)).unwrap_or_default();
         // whoever streams on would push again
         self.hush(Some(BTreeSet::from([index])), step);
-        self.roll_back(Cause::Stall { motor, by }, step);
+        self.roll_back(Cause::Stall { motor, by, motion }, step);
         true
     }
 

@@ -216,7 +216,7 @@ impl Streaming {
             let (by, most) = ((q - written).abs(), axis.max_speed * AHEAD.as_secs_f64() + rules.tolerance);
             if by > most {
                 let (by_deg, most_deg) = (by.to_degrees(), most.to_degrees());
-                return Err(Refusal::Jump { motor: axis.name.clone(), by_deg, most_deg });
+                return Err(Refusal::Jump { motor: axis.name.clone(), by_deg, most_deg, motion: axis.motion });
             }
         }
         for (m, value, axis) in each() {

@@ -96,6 +96,7 @@ pub fn view(scene: &Arc<Scene>, q: &[f64]) -> View {
         max: m.max,
         max_speed: 1.7,
         max_acceleration: 3.5,
+        motion: m.motion,
     });
     View {
         at: Time::default(),

@@ -38,8 +38,13 @@ struct Rig {
 impl Rig {
     fn new() -> Rig {
         let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1, units: Default::default() };
-        let layout =
-            Layout { patches: vec![patch], home: vec![0.0], names: vec!["m".into()], limits: vec![(-1.0, 1.0)] };
+        let layout = Layout {
+            patches: vec![patch],
+            home: vec![0.0],
+            names: vec!["m".into()],
+            limits: vec![(-1.0, 1.0)],
+            motions: Vec::new(),
+        };
         let cell = Arc::new(SharedBoards::new(&layout));
         cell.lock().boards[0].reached = true;
         let line = Line { cell: Some(cell.clone()), ..Line::default() };

@@ -6,7 +6,7 @@
 use super::faults::{Faults, WireFault};
 use super::watched::Watched;
 use crate::sim::JointSettings;
-use mobee_contract::{AnswerTime, Command, Sample, Time};
+use mobee_contract::{AnswerTime, Command, MotorUnits, Sample, Time};
 use mobee_yarp::board::{Ask, Joints, Set, Streamed};
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -52,6 +52,7 @@ pub(super) enum Line {
 #[derive(Debug)]
 pub(super) struct Judge {
     boards: Vec<Watched>,
+    units: MotorUnits,
     /// What was seen to be broken.
     pub found: Vec<String>,
     looked: Time,
@@ -69,9 +70,15 @@ pub(super) struct Judge {
 
 impl Judge {
     /// A judge of these boards: port and motors of each. A command names its motors for longer where moves are `led` by set-points.
-    pub fn new(boards: impl IntoIterator<Item = (String, Range<usize>)>, motors: usize, led: bool) -> Judge {
+    pub fn new(
+        boards: impl IntoIterator<Item = (String, Range<usize>)>,
+        units: MotorUnits,
+        motors: usize,
+        led: bool,
+    ) -> Judge {
         Judge {
             boards: boards.into_iter().map(|(port, motors)| Watched::new(port, motors)).collect(),
+            units,
             found: Vec::new(),
             looked: Time::ZERO,
             lease: None,
@@ -287,7 +294,11 @@ impl Judge {
         if let Some(since) = watched.stopped.filter(|since| !excused && now.since(*since) > RESTS && fastest > REST) {
             let late = now.since(watched.excused + BACK) > RESTS;
             if late {
-                found.push(format!("{}: stopped at {since}, moves at {fastest:.1} deg/s at {now}", watched.port));
+                found.push(format!(
+                    "{}: stopped at {since}, moves at {} at {now}",
+                    watched.port,
+                    self.units.told_speed(fastest.to_radians(), 1)
+                ));
             }
         }
         if let Some(since) = watched.ignored.filter(|since| now.since(*since) > AGAIN) {
@@ -310,10 +321,8 @@ impl Judge {
                 *slot = None;
             } else if now.since(*slot.get_or_insert(now)) > TOO_FAST {
                 let v = v.abs().to_degrees();
-                found.push(format!(
-                    "{}: joint {joint} was told {most:.1} deg/s and goes at {v:.1} at {now}",
-                    watched.port
-                ));
+                let most = self.units.of(watched.motors.start + joint).told_speed(most.to_radians(), 1);
+                found.push(format!("{}: joint {joint} was told {most} and goes at {v:.1} at {now}", watched.port));
             }
         }
         self.found.extend(found);

@@ -4,7 +4,14 @@ use mobee_contract::Board;
 
 /// Two motors that go at most at 1 and 2 rad/s, and brake at 4 rad/s^2; readings every 10 ms, fresh for 50.
 fn rules() -> Rules {
-    let axis = |max_speed| Axis { name: "m".into(), min: -3.0, max: 3.0, max_speed, max_acceleration: 4.0 };
+    let axis = |max_speed| Axis {
+        name: "m".into(),
+        min: -3.0,
+        max: 3.0,
+        max_speed,
+        max_acceleration: 4.0,
+        motion: Default::default(),
+    };
     let period = Duration::from_millis(10);
     let axes = vec![axis(1.0), axis(2.0)];
     let board = Board { axes, period, latency: Duration::from_millis(10), position_direct: true };
