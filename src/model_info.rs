@@ -30,6 +30,15 @@ pub fn text(path: &Path) -> Result<String, Report> {
         count(|s| matches!(s, Shape::Box { .. })),
         robot.nodes.iter().map(|n| n.fields.len()).sum::<usize>(),
     );
+    let hulls: Vec<usize> = robot.nodes.iter().flat_map(|n| n.hulls.values().map(|hull| hull.points().len())).collect();
+    if !hulls.is_empty() {
+        let _ = writeln!(
+            out,
+            "of these with hulls, which are what touches: {} ({} points)",
+            hulls.len(),
+            hulls.iter().sum::<usize>()
+        );
+    }
     let _ = writeln!(
         out,
         "node pairs: {} reflex, {} shown only, {} field",

@@ -5,8 +5,10 @@
 //!   └── hull: some points and a radius   what touches
 //! ```
 
-use crate::Shape;
-use nalgebra::{Isometry3, Point3};
+use crate::{Mesh, Shape};
+use nalgebra::{Isometry3, Point3, Vector3};
+use parry3d_f64::math::Vector;
+use parry3d_f64::transformation::try_convex_hull;
 use std::sync::Arc;
 
 /// A hull may have so many points at most: each is looked at several times whenever it is measured, and an attribute of a file has its
@@ -14,6 +16,8 @@ use std::sync::Arc;
 pub(crate) const MOST_POINTS: usize = 112;
 /// How far a hull may stick out of its shape, meters: what rounding makes of a pose that was written as heading and angle.
 const ROUNDING: f64 = 1e-6;
+/// A picture of a hull is blown up by this at least, meters: what is flat is no solid.
+const SEEN: f64 = 1e-4;
 
 /// The convex hull of points, blown up by a radius: a solid within a shape, on the same node.
 ///
@@ -60,9 +64,50 @@ impl Hull {
         Self { points: self.points.iter().map(|p| to_from_here * p).collect(), radius: self.radius }
     }
 
+    /// Its surface for pictures: where it is blown up, edges are cut off by up to half of the radius.
+    pub fn mesh(&self) -> Mesh {
+        let by = self.radius.max(SEEN);
+        let ball = [-1.0, 0.0, 1.0].map(|x| [-1.0, 0.0, 1.0].map(|y| [-1.0, 0.0, 1.0].map(|z| Vector3::new(x, y, z))));
+        // the axes and the corners of a cube: evenly enough, and few
+        let ball = ball.as_flattened().as_flattened().iter().filter(|d| matches!(d.norm_squared() as u8, 1 | 3));
+        let ball: Vec<Vector3<f64>> = ball.map(|d| d.normalize() * by).collect();
+        let around = self.points.iter().flat_map(|p| ball.iter().map(move |d| p.coords + d));
+        let around: Vec<Vector> = around.map(|p| Vector::new(p.x, p.y, p.z)).collect();
+        let Ok((corners, triangles)) = try_convex_hull(&around) else { return Mesh::default() };
+        Mesh { vertices: corners.iter().map(|p| Vector3::new(p.x, p.y, p.z)).collect(), triangles }
+    }
+
     /// Whether it lies within a shape, given the shape's pose in the hull's frame.
     pub fn is_within(&self, shape: &Shape, pose: &Isometry3<f64>) -> bool {
         let depth = |p: &Point3<f64>| shape.depth(&pose.inverse_transform_point(p).coords);
         self.points.iter().all(|p| depth(p) >= self.radius - ROUNDING)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The picture holds what the hull is made of, and is nowhere outside the hull.
+    #[test]
+    fn the_picture_of_a_hull_is_the_hull() {
+        let flat =
+            [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.2, 0.0], [0.0, 0.2, 0.0], [0.05, 0.1, 0.0]].map(Point3::from);
+        for (points, radius) in [(flat.to_vec(), 0.002), (flat.to_vec(), 0.0), (flat[..1].to_vec(), 0.01)] {
+            let mesh = Hull::new(points.clone(), radius).unwrap().mesh();
+            assert!(mesh.triangles.len() >= 8, "{points:?}");
+            let inside = |p: &Vector3<f64>| {
+                let corner = |t: u32| mesh.vertices[t as usize];
+                let side = |t: &[u32; 3]| {
+                    let [a, b, c] = t.map(corner);
+                    (b - a).cross(&(c - a)).dot(&(p - a))
+                };
+                mesh.triangles.iter().all(|t| side(t) <= 1e-15)
+            };
+            assert!(points.iter().all(|p| inside(&p.coords)), "{points:?} {radius}");
+            let by = radius.max(SEEN) + 1e-12;
+            let (low, high) = (Vector3::repeat(-by), Vector3::new(0.1, 0.2, 0.0).add_scalar(by));
+            assert!(mesh.vertices.iter().all(|p| *p >= low && *p <= high), "{points:?} {radius}");
+        }
     }
 }

@@ -32,6 +32,8 @@ pub(crate) struct Look<'a> {
     pub(crate) fill: FillMode,
     /// The color of a node's shapes.
     pub(crate) color: &'a dyn Fn(&Robot, usize) -> Rgba,
+    /// Whether hulls are drawn, and of the shapes that have one only the outlines.
+    pub(crate) hulls: bool,
     /// Nodes that carry more than their shapes, which must move with them.
     pub(crate) carrying: &'a BTreeSet<usize>,
 }
@@ -41,6 +43,7 @@ impl Look<'_> {
     pub(crate) const RUN: Look<'static> = Look {
         fill: FillMode::Solid,
         color: &|robot, node| palette::part(robot.nodes.get(node).map_or(0, |n| n.part)),
+        hulls: false,
         carrying: &BTreeSet::new(),
     };
 }
@@ -103,6 +106,7 @@ impl Body {
                 let solid = Solid {
                     id: ShapeId::Robot { robot: index, node: n as u16, shape: s as u16 },
                     primitive,
+                    hull: node.hulls.get(&s).filter(|_| look.hulls).map(Arc::as_ref),
                     frame_from_node: Isometry3::translation(seat.offset.x, seat.offset.y, seat.offset.z),
                     color: (look.color)(robot, n),
                 };

@@ -36,6 +36,7 @@ mod shadow;
 mod shapes;
 pub mod staged;
 mod stream;
+mod surface;
 mod traces;
 mod words;
 

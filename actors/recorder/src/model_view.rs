@@ -93,7 +93,7 @@ pub fn view_model(settings: &Settings, view: &ModelView<'_>) -> Result<SeenModel
         palette::part(robot.nodes.iter().take(node).filter(|n| !n.solids.is_empty()).count())
     };
     let fill = if links.is_empty() { FillMode::Solid } else { FillMode::TransparentFillMajorWireframe };
-    let look = Look { fill, color: &color, carrying: &links.iter().map(|(node, _)| *node).collect() };
+    let look = Look { fill, color: &color, hulls: true, carrying: &links.iter().map(|(node, _)| *node).collect() };
     let body = Body::new(&stream, view.robot, &Isometry3::identity(), 0, &look)?;
     meshes::write(&stream, &body, &links)?;
     let watch = Watch::new(scene, view.margin);

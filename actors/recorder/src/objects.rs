@@ -78,6 +78,7 @@ fn show(stream: &Stream, id: u32, object: &Object) -> Result<Shapes, String> {
         .map(|(s, primitive)| Solid {
             id: ShapeId::Object { object: id, shape: s as u16 },
             primitive,
+            hull: None,
             frame_from_node: Isometry3::identity(),
             color: palette::object(object),
         })

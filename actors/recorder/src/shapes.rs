@@ -2,11 +2,16 @@
 
 use crate::palette::{self, Rgba};
 use crate::stream::{Stream, Written};
-use mobee_model::{Contact, Primitive, Shape, ShapeId};
+use crate::surface::mesh3d;
+use mobee_model::{Contact, Hull, Primitive, Shape, ShapeId};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use rerun::{AsComponents, Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, FillMode};
+use rerun::components::AlbedoFactor;
+use rerun::{AsComponents, Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, FillMode, Mesh3D};
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
+
+/// Takes from a color what hides the mesh within.
+const SEE_THROUGH: Rgba = 0xFFFF_FF90;
 
 /// How hard a shape is touched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -34,13 +39,13 @@ pub(crate) fn touched<'a>(contacts: impl IntoIterator<Item = &'a Contact>) -> BT
 #[derive(Default)]
 pub(crate) struct Shapes {
     batches: Vec<Batch>,
-    /// Where a shape is: batch and instance.
-    index: BTreeMap<ShapeId, (usize, usize)>,
+    /// Where a shape is: batches and instances.
+    index: BTreeMap<ShapeId, Vec<(usize, usize)>>,
 }
 
 struct Batch {
     path: String,
-    kind: Kind,
+    paint: Paint,
     base: Vec<Rgba>,
     shown: Vec<Rgba>,
 }
@@ -53,10 +58,21 @@ enum Kind {
     Spheres,
 }
 
+/// How the colors of an entity are written.
+#[derive(Clone, Copy)]
+enum Paint {
+    /// One color for each shape of this kind.
+    Shapes(Kind),
+    /// That of a single hull.
+    Hull,
+}
+
 /// One shape to show: whose it is, what it is, where it sits on its frame, and in which color.
 pub(crate) struct Solid<'a> {
     pub(crate) id: ShapeId,
     pub(crate) primitive: &'a Primitive,
+    /// To be drawn within it.
+    pub(crate) hull: Option<&'a Hull>,
     pub(crate) frame_from_node: Isometry3<f64>,
     pub(crate) color: Rgba,
 }
@@ -66,20 +82,37 @@ impl Shapes {
     ///
     /// Their colors are temporal, since static data would hide every later change of the same component.
     pub(crate) fn add(&mut self, stream: &Stream, frame: &str, solids: &[Solid<'_>], fill: FillMode) -> Written {
-        let mut kinds: BTreeMap<Kind, Vec<&Solid<'_>>> = BTreeMap::new();
+        let mut kinds: BTreeMap<(Kind, bool), Vec<&Solid<'_>>> = BTreeMap::new();
         for solid in solids {
-            kinds.entry(Kind::of(&solid.primitive.shape)).or_default().push(solid);
+            kinds.entry((Kind::of(&solid.primitive.shape), solid.hull.is_some())).or_default().push(solid);
         }
-        for (kind, solids) in kinds {
-            let path = format!("{frame}/{}", kind.word());
-            let base: Vec<_> = solids.iter().map(|s| s.color).collect();
+        for ((kind, hulled), solids) in kinds {
+            let (path, fill) = match hulled {
+                true => (format!("{frame}/{}_around_hulls", kind.word()), FillMode::MajorWireframe),
+                false => (format!("{frame}/{}", kind.word()), fill),
+            };
             stream.log(&path, kind.geometry(&solids, fill).as_ref())?;
-            stream.log(&path, kind.colors(&base).as_ref())?;
-            for (i, solid) in solids.iter().enumerate() {
-                self.index.insert(solid.id, (self.batches.len(), i));
-            }
-            self.batches.push(Batch { path, kind, shown: base.clone(), base });
+            self.batch(stream, (path, Paint::Shapes(kind)), &solids)?;
         }
+        let see_through = fill == FillMode::TransparentFillMajorWireframe;
+        for (solid, hull) in solids.iter().filter_map(|s| Some((s, s.hull?))) {
+            let ShapeId::Robot { node, shape, .. } = solid.id else { continue };
+            let path = format!("{frame}/hulls/{node}_{shape}");
+            stream.log_static(&path, &mesh3d(&hull.mesh(), &solid.frame_from_node))?;
+            let color = if see_through { solid.color & SEE_THROUGH } else { solid.color };
+            self.batch(stream, (path, Paint::Hull), &[&Solid { color, ..*solid }])?;
+        }
+        Ok(())
+    }
+
+    /// Colors the shapes of an entity, and remembers them.
+    fn batch(&mut self, stream: &Stream, (path, paint): (String, Paint), solids: &[&Solid<'_>]) -> Written {
+        let base: Vec<_> = solids.iter().map(|s| s.color).collect();
+        stream.log(&path, paint.colors(&base).as_ref())?;
+        for (i, solid) in solids.iter().enumerate() {
+            self.index.entry(solid.id).or_default().push((self.batches.len(), i));
+        }
+        self.batches.push(Batch { path, paint, shown: base.clone(), base });
         Ok(())
     }
 
@@ -87,8 +120,8 @@ impl Shapes {
     pub(crate) fn paint(&mut self, stream: &Stream, touched: &BTreeMap<ShapeId, Touch>) -> Written {
         let mut wanted: Vec<Vec<Rgba>> = self.batches.iter().map(|b| b.base.clone()).collect();
         for (id, touch) in touched {
-            let slot = self.index.get(id).and_then(|(b, i)| wanted.get_mut(*b)?.get_mut(*i));
-            if let Some(color) = slot {
+            for (b, i) in self.index.get(id).into_iter().flatten() {
+                let Some(color) = wanted.get_mut(*b).and_then(|batch| batch.get_mut(*i)) else { continue };
                 *color = match touch {
                     Touch::Near => palette::NEAR,
                     Touch::Hard => palette::HARD,
@@ -97,7 +130,7 @@ impl Shapes {
         }
         for (batch, wanted) in self.batches.iter_mut().zip(wanted) {
             if batch.shown != wanted {
-                stream.log(&batch.path, batch.kind.colors(&wanted).as_ref())?;
+                stream.log(&batch.path, batch.paint.colors(&wanted).as_ref())?;
                 batch.shown = wanted;
             }
         }
@@ -172,14 +205,20 @@ impl Kind {
             ),
         }
     }
+}
 
+impl Paint {
     fn colors(self, colors: &[Rgba]) -> Box<dyn AsComponents> {
         let colors = colors.iter().copied();
         match self {
-            Kind::Boxes => Box::new(Boxes3D::update_fields().with_colors(colors)),
-            Kind::Spheres => Box::new(Ellipsoids3D::update_fields().with_colors(colors)),
-            Kind::Cylinders => Box::new(Cylinders3D::update_fields().with_colors(colors)),
-            Kind::Capsules => Box::new(Capsules3D::update_fields().with_colors(colors)),
+            Paint::Shapes(Kind::Boxes) => Box::new(Boxes3D::update_fields().with_colors(colors)),
+            Paint::Shapes(Kind::Spheres) => Box::new(Ellipsoids3D::update_fields().with_colors(colors)),
+            Paint::Shapes(Kind::Cylinders) => Box::new(Cylinders3D::update_fields().with_colors(colors)),
+            Paint::Shapes(Kind::Capsules) => Box::new(Capsules3D::update_fields().with_colors(colors)),
+            Paint::Hull => {
+                let color = colors.last().unwrap_or(palette::MESH);
+                Box::new(Mesh3D::update_fields().with_albedo_factor(AlbedoFactor(color.into())))
+            }
         }
     }
 }

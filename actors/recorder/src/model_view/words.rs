@@ -12,7 +12,8 @@ pub(super) const LEGEND: &str = "\
 
 The robot at home, then each motor in turn through its range while the others stay at home.
 
-- colored, see-through: the **shapes** that the program tests, a color for each link
+- colored, see-through: the **shapes** that the program tests, a color for each link; where only the outlines of a shape are drawn,
+  the **hull** within it is what touches, and the shape is what is looked at first
 - gray: the **meshes** of the URDF, if it was given; no mesh may stick out of the shapes, and no shape far out of its mesh
 - yellow arrow: the **axis** of the motor that moves; it turns about it, or slides along it
 - **red**: two shapes that are nearer to each other than the reflex's margin, with a line between the nearest points;

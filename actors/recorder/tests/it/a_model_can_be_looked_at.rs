@@ -73,6 +73,22 @@ fn shapes_meshes_motors_and_what_comes_near_are_in_it() {
     assert!(seen.near.windows(2).all(|w| w[0].distance <= w[1].distance));
 }
 
+/// What touches is drawn: the hull, and of its shape the outlines. A contact paints both.
+#[test]
+fn the_hull_of_a_shape_is_drawn_and_painted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("r.rrd");
+    let hull = "<sphere radius=\"0.05\" hull=\"0.03 0 0 0 0.03 0 0 0 0.03 -0.03 0 0\" hullRadius=\"0.002\"/>";
+    let text = ROBOT.replace("<marker name=\"tool\"/>", &format!("<marker name=\"tool\"/>{hull}"));
+    let robot = Arc::new(parse_robot("r.xml", &text).unwrap().value);
+    view_model(&settings(&path), &ModelView { robot: &robot, meshes: &[], margin: 0.01 }).unwrap();
+    let rows = Contents::read(&path).unwrap().rows;
+    let on = "/world/r/lift/slid/fold/turned";
+    assert!(rows.contains_key(&format!("{on}/spheres_around_hulls")), "{:#?}", rows.keys());
+    let hulls: Vec<_> = rows.iter().filter(|(entity, _)| entity.starts_with(&format!("{on}/hulls/"))).collect();
+    assert!(hulls.len() == 1 && *hulls[0].1 >= 2, "the surface, and its color: {hulls:?}");
+}
+
 #[test]
 fn a_mesh_of_another_robot_is_refused_and_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
