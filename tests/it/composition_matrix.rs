@@ -1,5 +1,7 @@
 //! Every registered agent with every controller setting on every robot: starts, runs ten simulated seconds, holds the
-//! invariants. A new kind is in the matrix by being registered, with an example of its settings.
+//! invariants. A new kind is in the matrix by being registered, with an example of its settings. The same for sensors: `sensors.rs`.
+
+mod sensors;
 
 use mobee::run::{Folder, run};
 use mobee_actors::check::check;
@@ -87,24 +89,58 @@ fn cells(robots: &[PathBuf]) -> Vec<Cell> {
     cells
 }
 
+/// A cell that ran as it should, and its journal.
+struct Ran {
+    counts: RunCounts,
+    dir: tempfile::TempDir,
+}
+
+impl Ran {
+    fn folder(&self) -> PathBuf {
+        self.dir.path().join("run")
+    }
+}
+
 /// What is wrong with a cell, if anything.
-fn judge(cell: &Cell) -> Result<RunCounts, String> {
+fn judge(cell: &Cell) -> Result<Ran, String> {
     let dir = tempfile::tempdir().map_err(|e| e.to_string())?;
     let file = dir.path().join("cell.toml");
     std::fs::write(&file, toml::to_string(&cell.config).map_err(|e| e.to_string())?).map_err(|e| e.to_string())?;
     let composition = mobee::compose::read(&file, &[]).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
+    let seconds = cell.config["for_s"].as_f64().unwrap_or(f64::MAX);
     let folder = Folder::create("cell", Some(&dir.path().join("run"))).map_err(|e| e.to_string())?;
     let (_controls, receiver) = mpsc::channel(1);
     let done = run(composition, &folder, receiver, |_| ()).map_err(|e| format!("{e:?}"))?;
-    if !mobee::run::in_order(&done.end) || done.end.ended_at.secs() < SECONDS {
+    if !mobee::run::in_order(&done.end) || done.end.ended_at.secs() < seconds {
         return Err(format!("ended at {}: {}", done.end.ended_at, done.end.reason));
     }
     let report = check(folder.path()).map_err(|e| e.to_string())?;
     match report.violations.first() {
         Some(v) => Err(v.to_string()),
         None if done.end.counts.commits == 0 => Err("nothing ever moved".into()),
-        None => Ok(done.end.counts),
+        None => Ok(Ran { counts: done.end.counts, dir }),
     }
+}
+
+/// What becomes of each cell, on two threads: what was asked of it, or its title and what is wrong.
+fn in_turn<T: Send>(cells: &[Cell], ask: impl Fn(&Cell) -> Result<T, String> + Sync) -> (Vec<T>, Vec<String>) {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let (mut right, mut wrong) = (Vec::new(), Vec::new());
+        while let Some(cell) = cells.get(next.fetch_add(1, Ordering::Relaxed)) {
+            match ask(cell) {
+                Ok(answer) => right.push(answer),
+                Err(what) => wrong.push(format!("{}: {what}", cell.title)),
+            }
+        }
+        (right, wrong)
+    };
+    let done: Vec<(Vec<T>, Vec<String>)> = std::thread::scope(|s| {
+        let threads = [s.spawn(work), s.spawn(work)];
+        threads.into_iter().map(|t| t.join().expect("a thread")).collect()
+    });
+    let (right, wrong): (Vec<_>, Vec<_>) = done.into_iter().unzip();
+    (right.into_iter().flatten().collect(), wrong.into_iter().flatten().collect())
 }
 
 #[test]
@@ -112,24 +148,9 @@ fn every_composition_starts_runs_and_holds_the_invariants() {
     let scratch = tempfile::tempdir().expect("a folder");
     let robots = robots(scratch.path());
     let cells = cells(&robots);
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let (mut wrong, mut commits, mut back) = (Vec::new(), 0, 0);
-        while let Some(cell) = cells.get(next.fetch_add(1, Ordering::Relaxed)) {
-            match judge(cell) {
-                Ok(counts) => (commits, back) = (commits + counts.commits, back + counts.rolled_back),
-                Err(what) => wrong.push(format!("{}: {what}", cell.title)),
-            }
-        }
-        (wrong, commits, back)
-    };
-    let done: Vec<(Vec<String>, u64, u64)> = std::thread::scope(|s| {
-        let threads = [s.spawn(work), s.spawn(work)];
-        threads.into_iter().map(|t| t.join().expect("a thread")).collect()
-    });
-    let (commits, back): (u64, u64) = done.iter().fold((0, 0), |(c, b), (_, commits, back)| (c + commits, b + back));
+    let (ran, wrong) = in_turn(&cells, |cell| judge(cell).map(|ran| ran.counts));
+    let (commits, back) = ran.iter().fold((0, 0), |(c, b), counts| (c + counts.commits, b + counts.rolled_back));
     println!("{} compositions, {commits} motions, {back} rolled back", cells.len());
-    let wrong: Vec<String> = done.into_iter().flat_map(|(wrong, ..)| wrong).collect();
     assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), cells.len(), wrong.join("\n"));
     let drivers = kinds::<dyn Hardware>()
         .iter()

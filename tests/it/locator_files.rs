@@ -14,7 +14,7 @@ const HEADER: &str = "lcx,lcy,rcx,rcy,neck_pitch,neck_roll,neck_yaw,eyes_tilt,ey
                       x_mm,y_mm,z_mm";
 
 /// What a head whose neck is off by three degrees sees of a grid of places, in the frame of an arm 0.9 m before it.
-fn table(path: &Path, shift: f64) {
+pub(super) fn table(path: &Path, shift: f64) {
     let frame = PlaceFrame { rotation: Matrix3::identity(), origin: Vector3::new(-0.9, 0.0, 0.1) };
     let mut model = HeadModel::nominal(HeadKind::V1, Lens::icub(), frame);
     model.theta[3] = 3.0_f64.to_radians();

@@ -27,7 +27,8 @@ impl EyeNames {
     /// 0 for the left eye, 1 for the right one, `None` for any other camera.
     fn eye(&self, camera: &str) -> Option<usize> {
         let is = |name: &Option<String>, end: &str| match name {
-            Some(name) => camera == name,
+            // in a run each camera's name is that of its sensor and its own
+            Some(name) => camera == name || camera.rsplit_once('/').is_some_and(|(_, own)| own == name),
             None => camera.ends_with(end),
         };
         if is(&self.left, "left") {

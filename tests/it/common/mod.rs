@@ -1,5 +1,7 @@
 //! What the tests share: the program and what it says, the real YARP's place, a private network, and a running `mobee`.
 
+pub mod pictures;
+
 use serde_json::Value;
 use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
