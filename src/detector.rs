@@ -1,17 +1,16 @@
 //! `mobee detector`: detectors in files, learned from pictures with masks and judged by others.
 
+mod eval;
 mod part;
 mod tag;
 mod train;
 
 use crate::config::ConfigError;
 use crate::outside::{OutsideArgs, looking};
-use miette::{IntoDiagnostic, Report};
+use miette::Report;
 use mobee_behaviors::detectors::file::DetectorFile;
-use mobee_behaviors::detectors::picture::{LabeledPicture, Mask, PictureFault, read_folder};
-use mobee_behaviors::detectors::score::Confusion;
+use mobee_behaviors::detectors::picture::PictureFault;
 use mobee_model::file::{MIB, read_text};
-use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// How long a detector file may be, bytes.
@@ -23,19 +22,9 @@ pub enum DetectorCommand {
     /// Learn an object from a folder of pictures NAME.jpg with masks NAME_mask.png, in the order of their names. An interrupted
     /// training goes on where it was.
     Train(train::TrainArgs),
-    /// Judge a detector by pictures with masks: Matthews' correlation, pooled over all pixels of all pictures, and how far the
-    /// weightiest region's center is from the mask's.
-    Eval {
-        /// The detector.
-        #[arg(long, value_name = "FILE")]
-        detector: PathBuf,
-        /// The folder of pictures NAME.jpg with masks NAME_mask.png.
-        #[arg(long, value_name = "DIR")]
-        images: PathBuf,
-        /// Print JSON.
-        #[arg(long)]
-        json: bool,
-    },
+    /// Judge a detector of any kind by pictures, with masks as far as there are any: Matthews' correlation, pooled over all pixels of all
+    /// pictures, how far center and box of what it tells are from the mask's, and where it told nothing, or too much.
+    Eval(eval::EvalArgs),
     /// Show what a detector has learned: how it cuts, and its program as expressions.
     Show {
         /// The detector.
@@ -55,7 +44,7 @@ pub enum DetectorCommand {
 pub fn command(command: &DetectorCommand) -> Result<(), Report> {
     let said = match command {
         DetectorCommand::Train(args) => train::command(args)?,
-        DetectorCommand::Eval { detector, images, json } => eval(detector, images, *json)?,
+        DetectorCommand::Eval(args) => eval::command(args)?,
         DetectorCommand::Show { file } => show(&load(file)?),
         DetectorCommand::Tag(args) => tag::command(args)?,
         DetectorCommand::Run(args) => return looking::command(args),
@@ -72,71 +61,19 @@ fn load(path: &Path) -> Result<DetectorFile, ConfigError> {
     DetectorFile::parse(&text).map_err(|e| ConfigError::plain(format!("{}: {}", path.display(), e.what), e.help))
 }
 
-fn pictures(folder: &Path) -> Result<Vec<LabeledPicture>, ConfigError> {
-    read_folder(folder).map_err(|e: PictureFault| ConfigError::plain(e.to_string(), e.help))
-}
-
-fn eval(detector: &Path, images: &Path, json: bool) -> Result<String, Report> {
-    let file = load(detector)?;
-    let pictures = pictures(images)?;
-    let mut sum = Confusion::default();
-    let (mut off, mut unseen) = (Vec::new(), 0usize);
-    for p in &pictures {
-        let (mask, blobs) = file.look(&p.picture);
-        sum.add(&mask, &p.mask);
-        match (middle(&p.mask), blobs.first()) {
-            (Some([u, v]), Some(blob)) => off.push((blob.centroid[0] - u).hypot(blob.centroid[1] - v)),
-            (Some(_), None) => unseen += 1,
-            (None, _) => {}
-        }
-    }
-    off.sort_by(f64::total_cmp);
-    let [median, most] = [0.5, 0.95].map(|share| off.get((off.len() as f64 * share) as usize).copied());
-    if json {
-        let said = json!({
-            "object": file.object, "kind": file.kind, "images": pictures.len(), "mcc": sum.mcc(),
-            "center_off_pixels": { "median": median, "share_95": most }, "unseen": unseen,
-            "pixels": { "hit": sum.hit, "false_alarm": sum.false_alarm, "miss": sum.miss, "rest": sum.rest },
-        });
-        return Ok(serde_json::to_string(&said).into_diagnostic()? + "\n");
-    }
-    Ok(format!(
-        "{}: correlation {:.3} on {} pictures; pixels: {} hit, {} false alarms, {} missed\n{}",
-        file.object,
-        sum.mcc(),
-        pictures.len(),
-        sum.hit,
-        sum.false_alarm,
-        sum.miss,
-        match median.zip(most) {
-            Some((median, most)) => format!(
-                "center of the weightiest region: off by {median:.2} pixels in the median, {most:.2} at 95 %; none in {unseen} pictures\n"
-            ),
-            None => "no region in any picture that shows the object\n".into(),
-        }
-    ))
-}
-
-/// The mean place of a mask's pixels, as regions tell it; `None` if it has none.
-fn middle(mask: &Mask) -> Option<[f64; 2]> {
-    let (mut u, mut v, mut count) = (0.0, 0.0, 0.0);
-    for (k, _) in mask.data.iter().enumerate().filter(|(_, inside)| **inside) {
-        u += (k % mask.width) as f64 + 0.5;
-        v += (k / mask.width) as f64 + 0.5;
-        count += 1.0;
-    }
-    (count > 0.0).then(|| [u / count, v / count])
+/// What is wrong with a picture, as it is told.
+fn unseen(fault: PictureFault) -> ConfigError {
+    ConfigError::plain(fault.to_string(), fault.help)
 }
 
 fn show(file: &DetectorFile) -> String {
     let edges = if file.smoothing.at_edges { ", not across edges" } else { "" };
     let open = if file.cut.open { ", opened by 3x3 pixels" } else { "" };
-    let kind = serde_json::to_value(file.kind).unwrap_or_default();
     let program = file.program.as_ref().map(ToString::to_string);
     format!(
         "{}, kind {}\n{}pictures made smaller by {}, output smoothed over {} pixels{edges}\nmask: at least {}{open}; regions of at least {} of the weightiest one\n",
         file.object,
-        kind.as_str().unwrap_or_default(),
+        file.kind.name(),
         program.unwrap_or_else(|| "output = how likely each color is the object's\n".into()),
         file.shrink,
         2 * file.smoothing.radius + 1,

@@ -123,6 +123,11 @@ impl SensorConfig {
 }
 
 impl Config {
+    /// The table of each camera's detector, and the camera's name in a run, as `<sensor>/<camera>`.
+    pub(crate) fn detectors(&self) -> impl Iterator<Item = (String, &Value)> {
+        self.sensor.iter().flat_map(|s| s.eye.iter().map(|eye| (format!("{}/{}", s.name, eye.name), &eye.detector)))
+    }
+
     /// The settings in tables of kinds that are paths, with their places.
     pub(crate) fn sensor_paths(&mut self) -> impl Iterator<Item = (String, &mut String)> {
         self.sensor.iter_mut().enumerate().flat_map(|(i, sensor)| {

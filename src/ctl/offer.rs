@@ -173,8 +173,8 @@ pub(crate) fn take_detector(
     let file = source.path.display();
     // no board is touched
     config.robot.iter_mut().for_each(|robot| robot.driver = simulated());
-    let eyes = config.sensor.iter().flat_map(|s| s.eye.iter().map(|eye| (format!("{}/{}", s.name, eye.name), eye)));
-    let eyes: Vec<(String, Value)> = eyes.map(|(name, eye)| (name, eye.detector["kind"].clone())).collect();
+    let eyes: Vec<(String, Value)> =
+        config.detectors().map(|(name, detector)| (name, detector["kind"].clone())).collect();
     let composition = compose(config, source).map_err(|report| format!("{report:?}"))?;
     let at = match eyes.as_slice() {
         [_] => Some(0),

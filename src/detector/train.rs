@@ -7,6 +7,7 @@ use crate::robot_import::Steps;
 use miette::{Report, miette};
 use mobee_behaviors::detectors::cgp::Evolution;
 use mobee_behaviors::detectors::file::DetectorKind;
+use mobee_behaviors::detectors::picture::read_folder;
 use mobee_behaviors::detectors::train::{Lessons, TrainFault};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -70,7 +71,7 @@ pub fn command(args: &TrainArgs) -> Result<String, Report> {
     }
     let bar = Steps::new();
     bar.step("reads pictures");
-    let pictures = super::pictures(&args.images)?;
+    let pictures = read_folder(&args.images).map_err(super::unseen)?;
     let folder = args.images.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_string_lossy().into_owned()));
     let object = args.object.clone().or(folder).unwrap_or_else(|| "object".into());
     bar.step("learns colors");

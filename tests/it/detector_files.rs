@@ -1,7 +1,9 @@
 //! `mobee detector` as a user meets it: an object learned from pictures, interrupted or not; judged by others; and what teaches
 //! nothing, refused with place and remedy.
 
+use super::common::pictures::{self, Shown};
 use super::common::{answer, complaint, text};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Pictures of a red square that wanders over green, with masks.
@@ -23,11 +25,28 @@ fn pictures(folder: &Path, numbers: std::ops::Range<u32>) {
     }
 }
 
-/// The correlation that `mobee detector eval` tells.
+/// What `mobee detector eval` tells.
+fn judged(detector: &Path, images: &Path, more: &[&str]) -> Value {
+    let eval = ["detector", "eval", "--detector", text(detector), "--images", text(images), "--json"];
+    serde_json::from_str(&answer(&[&eval[..], more].concat())).expect("JSON")
+}
+
+/// The correlation that it tells.
 fn mcc(detector: &Path, images: &Path) -> f64 {
-    let told = answer(&["detector", "eval", "--detector", text(detector), "--images", text(images), "--json"]);
-    let told: serde_json::Value = serde_json::from_str(&told).expect("JSON");
-    told["mcc"].as_f64().expect("a correlation")
+    judged(detector, images, &[])["mcc"].as_f64().expect("a correlation")
+}
+
+/// A behavior with a sensor whose eyes have these detectors, beside the files that they name.
+fn behavior(file: &Path, detectors: &[&str]) {
+    let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/robots/katana.xml");
+    let head = format!("[[robot]]\nname = \"arm\"\nmodel = {robot:?}\n[[sensor]]\nname = \"eyes\"\n");
+    let eye = |(k, detector): (usize, &&str)| {
+        format!(
+            "[[sensor.eye]]\nname = \"e{k}\"\ncamera = {{ kind = \"simulated\", marker = \"tool\" }}\ndetector = {detector}\n"
+        )
+    };
+    let eyes: String = detectors.iter().enumerate().map(eye).collect();
+    std::fs::write(file, head + &eyes).expect("written");
 }
 
 #[test]
@@ -84,6 +103,65 @@ fn what_teaches_nothing_or_is_no_detector_is_refused_with_its_place() {
     std::fs::write(at("torn.json"), &std::fs::read(&out).expect("a detector")[..3000]).expect("written");
     let told = complaint(&["detector", "show", text(&at("torn.json"))]);
     assert!(told.contains("torn.json: this is no detector file") && told.contains("column"), "{told}");
+}
+
+#[test]
+fn detectors_of_every_kind_are_judged_by_the_same_pictures() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| dir.path().join(name);
+    let (square, tag, bare) = (at("square"), at("tag"), at("bare"));
+    pictures::draw(&square, 0..6, 0, Shown::Square);
+    pictures::draw(&tag, 0..6, 0, Shown::Tag);
+    pictures::draw(&bare, 0..6, 0, Shown::Tag);
+    for n in 0..6 {
+        std::fs::remove_file(bare.join(format!("{n:03}_mask.png"))).expect("a mask");
+    }
+    pictures::network(&at("red.onnx"));
+    let off = |told: &Value, of: &str| told[of]["share_95"].as_f64().expect("pixels");
+
+    let onnx = at("onnx.toml");
+    let network = r#"{ kind = "onnx", file = "red.onnx", output = { means = "mask" }, objects = [{ class = 1, object = "cup" }] }"#;
+    behavior(&onnx, &[network; 2]);
+    let told = judged(&onnx, &square, &[]);
+    assert!(told["kind"] == "onnx" && told["object"] == "cup" && told["told"] == 6, "{told}");
+    assert!(told["mcc"].as_f64().is_some_and(|mcc| mcc > 0.99) && off(&told, "center_off_pixels") < 0.1, "{told}");
+    // where a picture has no mask there is nothing to compare with
+    std::fs::copy(bare.join("000.png"), square.join("006.png")).expect("copied");
+    let told = judged(&onnx, &square, &[]);
+    assert!(told["images"] == 7 && told["masks"] == 6 && told["told"] == 7, "{told}");
+    let eval = |detector: &Path, images: &Path, more: &[&str]| {
+        complaint(&[&["detector", "eval", "--detector", text(detector), "--images", text(images)], more].concat())
+    };
+    assert!(eval(&onnx, &bare, &[]).contains("no picture has a mask"));
+
+    let tags = at("tags.toml");
+    let both = r#"{ kind = "tag", size_m = 0.06, tags = [{ id = 7, object = "cup" }, { id = 8, object = "jar" }] }"#;
+    behavior(&tags, &[network, both]);
+    let told = judged(&tags, &tag, &["--sensor", "eyes/e1", "--object", "cup"]);
+    assert!(told["mcc"].is_null() && told["pixels"].is_null() && told["told"] == 6 && told["unseen"] == 0, "{told}");
+    assert!(off(&told, "center_off_pixels") < 0.3 && off(&told, "box_off_pixels") < 0.6, "{told}");
+    let told = judged(&tags, &tag, &["--sensor", "eyes/e1", "--object", "jar"]);
+    assert!(told["told"] == 0 && told["unseen"] == 6 && told["center_off_pixels"]["median"].is_null(), "{told}");
+    // its number is all that there is to judge, and enough
+    assert_eq!(judged(&tags, &bare, &["--sensor", "eyes/e1", "--object", "cup"])["told"], 6);
+
+    // what was learned is the same by itself and in a behavior
+    let (color, of_color) = (at("color.json"), at("color.toml"));
+    std::fs::remove_file(square.join("006.png")).expect("removed");
+    answer(&["detector", "train", "--images", text(&square), "--out", text(&color), "--kind", "color"]);
+    behavior(&of_color, &[r#"{ kind = "color", file = "color.json" }"#]);
+    assert_eq!(judged(&color, &square, &[]), judged(&of_color, &square, &[]));
+
+    for (detector, more, expected) in [
+        (&tags, &[][..], "which detector of"),
+        (&tags, &["--sensor", "ears"][..], "there is no sensor or camera `ears`"),
+        (&tags, &["--sensor", "eyes/e1"][..], "give --object; there are: cup, jar"),
+        (&tags, &["--sensor", "eyes/e1", "--object", "cap"][..], "did you mean `cup`"),
+        (&color, &["--sensor", "eyes"][..], "leave out --sensor"),
+    ] {
+        let told = eval(detector, &square, more);
+        assert!(told.contains(expected), "{expected}: {told}");
+    }
 }
 
 /// Real sequences: learned from the first 60 % of the frames, judged by the last 25 %.

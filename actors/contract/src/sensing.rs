@@ -184,6 +184,10 @@ pub trait Detector: Send {
     fn detect(&mut self, frame: &Frame) -> Vec<Region>;
     /// How long that takes by a virtual clock, so that runs in virtual time are equal; a real clock tells by itself.
     fn takes(&self) -> Duration;
+    /// What it can find, by the objects' names in the world, in the order of the mask's numbers; empty: it does not say.
+    fn objects(&self) -> Vec<String> {
+        Vec::new()
+    }
     /// Which pixels of the frame that it looked at last it took for its objects', for the recording; `None`: it goes by no mask.
     fn mask(&self) -> Option<SeenMask> {
         None

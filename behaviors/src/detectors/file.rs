@@ -26,6 +26,16 @@ pub enum DetectorKind {
     Cgp,
 }
 
+impl DetectorKind {
+    /// What configuration files call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            DetectorKind::Color => "color",
+            DetectorKind::Cgp => "cgp",
+        }
+    }
+}
+
 /// A detector, learned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -44,6 +44,10 @@ impl Detector for LearnedDetector {
         blobs.iter().map(|blob| blob.region(&self.file.object)).collect()
     }
 
+    fn objects(&self) -> Vec<String> {
+        vec![self.file.object.clone()]
+    }
+
     fn mask(&self) -> Option<SeenMask> {
         self.mask.clone()
     }

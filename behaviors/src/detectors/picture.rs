@@ -87,6 +87,18 @@ impl Mask {
         Mask { width: plane.width, height: plane.height, data }
     }
 
+    /// The mean place of its pixels, as regions tell it, and what encloses them: left, top, right, bottom. `None` if it has none.
+    pub fn middle_and_box(&self) -> Option<([f64; 2], [f64; 4])> {
+        let (mut sum, mut count) = ([0.0; 2], 0.0);
+        let mut bounds = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
+        for (k, _) in self.data.iter().enumerate().filter(|(_, inside)| **inside) {
+            let [u, v] = [k % self.width, k / self.width].map(|n| n as f64);
+            (sum, count) = ([sum[0] + u + 0.5, sum[1] + v + 0.5], count + 1.0);
+            bounds = [bounds[0].min(u), bounds[1].min(v), bounds[2].max(u + 1.0), bounds[3].max(v + 1.0)];
+        }
+        (count > 0.0).then(|| (sum.map(|s| s / count), bounds))
+    }
+
     /// 255 in the object, 0 elsewhere.
     pub fn plane(&self) -> Plane {
         let data = self.data.iter().map(|m| if *m { 255.0 } else { 0.0 }).collect();
@@ -98,9 +110,25 @@ impl Mask {
 /// Other files are left alone.
 ///
 /// # Errors
-/// A file that can't be read, is broken or too large, a picture without mask or a mask without picture, a mask of another size
-/// than its picture, pictures of different sizes, a folder without pictures or with more than memory should hold.
+/// As for [`read_pictures`], and a picture without mask.
 pub fn read_folder(folder: &Path) -> Result<Vec<LabeledPicture>, PictureFault> {
+    let label = |(name, picture, mask): FolderPicture| Some(LabeledPicture { name, picture, mask: mask? });
+    Ok(read_all(folder, true)?.into_iter().filter_map(label).collect())
+}
+
+/// A picture's name without its ending, the picture, and where the object is in it, as far as that is known.
+pub type FolderPicture = (String, Picture, Option<Mask>);
+
+/// The same of pictures of which some or all have no mask.
+///
+/// # Errors
+/// A file that can't be read, is broken or too large, a mask without picture, a mask of another size than its picture, pictures of
+/// different sizes, a folder without pictures or with more than memory should hold.
+pub fn read_pictures(folder: &Path) -> Result<Vec<FolderPicture>, PictureFault> {
+    read_all(folder, false)
+}
+
+fn read_all(folder: &Path, needs_masks: bool) -> Result<Vec<FolderPicture>, PictureFault> {
     let unreadable = |e: std::io::Error| fault(folder, e.to_string(), "give a folder with NAME.jpg and NAME_mask.png");
     let mut names = BTreeSet::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
@@ -115,29 +143,31 @@ pub fn read_folder(folder: &Path) -> Result<Vec<LabeledPicture>, PictureFault> {
     if let Some(alone) = names.iter().find(|n| n.strip_suffix(MASK).is_some_and(|s| !stems.contains(s))) {
         return Err(fault(&folder.join(alone), "this mask has no picture", "add NAME.jpg, or remove NAME_mask.png"));
     }
-    let (mut all, mut pixels): (Vec<LabeledPicture>, usize) = (Vec::new(), 0);
+    let (mut all, mut pixels): (Vec<FolderPicture>, usize) = (Vec::new(), 0);
     for (name, stem) in names.iter().filter_map(|n| stem(n).map(|s| (n, s))) {
         let (at, mask_at) = (folder.join(name), folder.join(format!("{stem}{MASK}")));
-        if !names.contains(&format!("{stem}{MASK}")) {
+        let has_mask = names.contains(&format!("{stem}{MASK}"));
+        if needs_masks && !has_mask {
             let what = "this picture has no mask";
             return Err(fault(&at, what, "add NAME_mask.png, white where the object is, or remove the picture"));
         }
-        let (picture, mask) = (read_picture(&at)?, read_mask(&mask_at)?);
-        if (mask.width, mask.height) != (picture.width, picture.height) {
-            let sizes = [mask.width, mask.height, picture.width, picture.height];
-            let what = format!("this mask is {}x{}, but its picture {}x{}", sizes[0], sizes[1], sizes[2], sizes[3]);
+        let picture = read_picture(&at)?;
+        let mask = if has_mask { Some(read_mask(&mask_at)?) } else { None };
+        let [width, height] = [picture.width, picture.height];
+        if let Some(m) = mask.as_ref().filter(|m| (m.width, m.height) != (width, height)) {
+            let what = format!("this mask is {}x{}, but its picture {width}x{height}", m.width, m.height);
             return Err(fault(&mask_at, what, "make the mask as large as its picture"));
         }
-        if let Some(first) = all.first().filter(|f| (f.mask.width, f.mask.height) != (mask.width, mask.height)) {
-            let what = format!("this picture is {}x{}, but {} is another size", mask.width, mask.height, first.name);
+        if let Some((first, ..)) = all.first().filter(|(_, f, _)| (f.width, f.height) != (width, height)) {
+            let what = format!("this picture is {width}x{height}, but {first} is another size");
             return Err(fault(&at, what, "give all pictures of a folder one size"));
         }
-        pixels += mask.data.len();
+        pixels += width * height;
         if pixels > MOST {
             let what = format!("with this picture, the folder has more than {} million pixels", MOST / 1_000_000);
             return Err(fault(&at, what, "give fewer pictures, or smaller ones: a few dozen of 640x480 are plenty"));
         }
-        all.push(LabeledPicture { name: stem, picture, mask });
+        all.push((stem, picture, mask));
     }
     if all.is_empty() {
         return Err(fault(folder, "there are no pictures in it", "give a folder with NAME.jpg and NAME_mask.png"));

@@ -150,6 +150,10 @@ impl Detector for OnnxDetector {
         }
     }
 
+    fn objects(&self) -> Vec<String> {
+        self.settings.objects.iter().map(|o| o.object.clone()).collect()
+    }
+
     fn mask(&self) -> Option<SeenMask> {
         self.mask.clone()
     }

@@ -143,6 +143,10 @@ impl Detector for TagDetector {
         seen.iter().filter_map(|tag| self.region(tag, frame)).collect()
     }
 
+    fn objects(&self) -> Vec<String> {
+        self.settings.tags.iter().map(|t| t.object.clone()).collect()
+    }
+
     fn takes(&self) -> Duration {
         Duration::from_millis(10)
     }
