@@ -19,10 +19,14 @@ mod wire;
 pub(crate) use desk::BesideNames;
 pub use service::CtlService;
 
+use crate::config::{Config, ConfigError, Source};
 use clap::{Args, Subcommand};
 use miette::Report;
-use std::path::PathBuf;
+use mobee_behaviors::locators::file::LocatorKind;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use tokio::runtime::Runtime;
 
 /// The arguments of `mobee ctl`.
 #[derive(Args)]
@@ -126,7 +130,47 @@ struct SwapArgs {
 /// # Errors
 /// A run that can't be found or reached, or a request that it refused, with its own explanation.
 pub fn command(args: CtlArgs) -> Result<ExitCode, Report> {
+    runtime()?.block_on(client::run(args))
+}
+
+fn runtime() -> Result<Runtime, Report> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let runtime = runtime.map_err(|e| Report::msg(format!("no asynchronous runtime: {e}")))?;
-    runtime.block_on(client::run(args))
+    runtime.map_err(|e| Report::msg(format!("no asynchronous runtime: {e}")))
+}
+
+/// Puts a learned locator into a sensor of a run that is going, in place of the one that it has, and waits until that is settled.
+/// What else its table says of a learned locator stays.
+///
+/// # Arguments
+/// * `run`: the run's folder.
+/// * `sensor`: the sensor's name; `None`: the only one.
+/// * `learned`: the locator's kind, and its file.
+/// * `probation`: seconds for which the old one may return.
+///
+/// # Errors
+/// If the run can't be reached or has no such sensor, or keeps its locator, with the reason.
+pub(crate) fn put_locator(
+    run: &Path,
+    sensor: Option<&str>,
+    (kind, file): (LocatorKind, &Path),
+    probation: f64,
+) -> Result<(), Report> {
+    let (config, source) = Config::load_resolved(&run.join("config.json"))?;
+    let index = config.sensor_called(sensor, run)?;
+    let name = config.sensor.get(index).map(|s| s.name.clone()).unwrap_or_default();
+    let mut value = source.value.clone();
+    let locator = value.get_mut("sensor").and_then(|s| s.get_mut(index)).and_then(|s| s.get_mut("locator"));
+    let Some(Value::Object(locator)) = locator else {
+        let what = format!("the sensor {name} of {} has no locator that another could take over from", run.display());
+        let help = "start the run with a table [sensor.locator], as configs/behaviors/collect.toml has it";
+        return Err(ConfigError::plain(what, help).into());
+    };
+    if !LocatorKind::ALL.iter().any(|k| locator.get("kind").is_some_and(|kind| kind == k.name())) {
+        locator.clear();
+    }
+    let file = file.canonicalize().unwrap_or_else(|_| file.to_owned());
+    locator.insert("kind".into(), kind.name().into());
+    locator.insert("file".into(), file.to_string_lossy().into());
+    let offer = gather::of(source.path.clone(), &Source::resolved(&source.path, value))?;
+    Ok(runtime()?.block_on(client::put_locator(run, &name, offer, probation))?)
 }

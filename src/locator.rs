@@ -28,7 +28,8 @@ pub enum LocatorCommand {
     Train(train::LocatorTrainArgs),
     /// Take a table of views of known places from a run in which one robot looks at what another one holds, and check it.
     Collect(collect::CollectArgs),
-    /// Learn every kind from a table, compare them by whole places held out, and keep the best.
+    /// Learn every kind from a run or a table, compare them by whole places held out, keep the best, and put it into a sensor of a run that
+    /// is going.
     Best(best::BestArgs),
     /// Judge a locator by a table of views of known places: by single views, and by all views of each place together.
     Eval {
@@ -100,8 +101,12 @@ fn table(path: &Path) -> Result<(ViewTable, String), ConfigError> {
         let help = "give a table of recorded views, as comma-separated text";
         ConfigError::plain(format!("can't read {}: {e}", path.display()), help)
     })?;
-    let table = parse(&text)
-        .map_err(|e| ConfigError::plain(format!("{}, line {}: {}", path.display(), e.line, e.what), e.help))?;
+    understood(&path.display().to_string(), &text)
+}
+
+/// A table of this text, which complaints call so, and the text's digest.
+fn understood(name: &str, text: &str) -> Result<(ViewTable, String), ConfigError> {
+    let table = parse(text).map_err(|e| ConfigError::plain(format!("{name}, line {}: {}", e.line, e.what), e.help))?;
     Ok((table, Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()))
 }
 

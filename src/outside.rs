@@ -70,7 +70,7 @@ impl Outside {
     /// Every complaint about the configuration, with place and remedy.
     fn load(args: &OutsideArgs) -> Result<Outside, Report> {
         let (mut config, source) = Config::load(&args.file, &args.set)?;
-        let index = chosen(&config, args)?;
+        let index = config.sensor_called(args.sensor.as_deref(), &args.file)?;
         // these are the run's own
         (config.yarp, config.script) = (None, Vec::new());
         config.bridge.clear();
@@ -107,27 +107,6 @@ impl Outside {
             let help = "start one (`mobee yarp server`), or give --server HOST:PORT";
             ConfigError::plain(format!("the name server at {host}:{port} does not answer: {e}"), help)
         })
-    }
-}
-
-/// The sensor that is meant, by its index.
-fn chosen(config: &Config, args: &OutsideArgs) -> Result<usize, ConfigError> {
-    let names: Vec<&str> = config.sensor.iter().map(|s| s.name.as_str()).collect();
-    let file = args.file.display();
-    match (&args.sensor, names.as_slice()) {
-        (_, []) => {
-            let help = "add a table [[sensor]] with its eyes; configs/sensing/eyes-yarp.toml has one";
-            Err(ConfigError::plain(format!("{file} has no sensor"), help))
-        }
-        (None, [_]) => Ok(0),
-        (None, several) => {
-            let help = format!("choose with --sensor; there are: {}", several.join(", "));
-            Err(ConfigError::plain(format!("{file} has several sensors"), help))
-        }
-        (Some(name), all) => all.iter().position(|known| known == name).ok_or_else(|| {
-            let help = crate::config::suggestion(name, "sensor", all);
-            ConfigError::plain(format!("there is no sensor `{name}` in {file}"), help)
-        }),
     }
 }
 

@@ -148,9 +148,9 @@ impl Sensing<'_> {
             self.source.error(&key, format!("no copy can be made of it: {e}"), "make room on the disk")
         };
         let mut copy = NamedTempFile::new().map_err(io)?;
-        match self.source.text_sent(&key, &path).transpose()? {
-            Some(text) => {
-                std::io::Write::write_all(&mut copy, text.as_bytes()).map_err(io)?;
+        match self.source.bytes_sent(&key, &path).transpose()? {
+            Some(bytes) => {
+                std::io::Write::write_all(&mut copy, bytes).map_err(io)?;
                 *file = copy.path().to_string_lossy().into_owned();
             }
             None => {

@@ -1,9 +1,10 @@
 //! The tables `[[sensor]]`: what looks at the world.
 
-use super::{Checks, Config, suggestion};
+use super::{Checks, Config, ConfigError, suggestion};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::path::Path;
 
 /// What looks at the world: cameras, a detector behind each of them, and a locator that places what these see.
 #[derive(Clone, Debug, Deserialize, Serialize, JsonSchema)]
@@ -123,6 +124,27 @@ impl SensorConfig {
 }
 
 impl Config {
+    /// The index of the sensor of this name, or of the only one. `file` is what complaints say has it.
+    pub(crate) fn sensor_called(&self, name: Option<&str>, file: &Path) -> Result<usize, ConfigError> {
+        let names: Vec<&str> = self.sensor.iter().map(|s| s.name.as_str()).collect();
+        let file = file.display();
+        match (name, names.as_slice()) {
+            (_, []) => {
+                let help = "add a table [[sensor]] with its eyes; configs/sensing/eyes-yarp.toml has one";
+                Err(ConfigError::plain(format!("{file} has no sensor"), help))
+            }
+            (None, [_]) => Ok(0),
+            (None, several) => {
+                let help = format!("choose with --sensor; there are: {}", several.join(", "));
+                Err(ConfigError::plain(format!("{file} has several sensors"), help))
+            }
+            (Some(name), all) => all.iter().position(|known| *known == name).ok_or_else(|| {
+                let what = format!("there is no sensor `{name}` in {file}");
+                ConfigError::plain(what, suggestion(name, "sensor", all))
+            }),
+        }
+    }
+
     /// The table of each camera's detector, and the camera's name in a run, as `<sensor>/<camera>`.
     pub(crate) fn detectors(&self) -> impl Iterator<Item = (String, &Value)> {
         self.sensor.iter().flat_map(|s| s.eye.iter().map(|eye| (format!("{}/{}", s.name, eye.name), &eye.detector)))

@@ -27,7 +27,7 @@ pub struct Source {
     root: LayerNode,
     files: Vec<TextFile>,
     /// What stands in the files that it names, if it was sent along: then none of them is opened.
-    texts: Option<BTreeMap<PathBuf, String>>,
+    files_sent: Option<BTreeMap<PathBuf, Vec<u8>>>,
 }
 
 impl Source {
@@ -53,7 +53,8 @@ impl Source {
     ) -> Result<Source, Complaints> {
         let mut reader = IncludeReader::new(path);
         let root = reader.main(path)?;
-        let mut source = Source { path: path.to_owned(), value: root.value(), root, files: reader.files, texts: None };
+        let mut source =
+            Source { path: path.to_owned(), value: root.value(), root, files: reader.files, files_sent: None };
         let mut wrong = Complaints::default();
         for (name, raw) in environment {
             let origin = Origin::Environment(format!("{name}={raw}"));
@@ -70,27 +71,37 @@ impl Source {
     /// Values that were resolved before, for a file that stands at `path`. Complaints then have no place in a text.
     pub fn resolved(path: &Path, value: Value) -> Source {
         let root = LayerNode::plain(value.clone(), &Origin::Resolved);
-        Source { path: path.to_owned(), value, root, files: Vec::new(), texts: None }
+        Source { path: path.to_owned(), value, root, files: Vec::new(), files_sent: None }
     }
 
     /// Values that somebody else resolved, with what stands in the files that they name: nothing is read from this disk.
-    pub fn sent(path: &Path, value: Value, texts: BTreeMap<PathBuf, String>) -> Source {
-        Source { texts: Some(texts), ..Source::resolved(path, value) }
+    pub fn sent(path: &Path, value: Value, files: BTreeMap<PathBuf, Vec<u8>>) -> Source {
+        Source { files_sent: Some(files), ..Source::resolved(path, value) }
     }
 
     /// Whether the configuration was sent to a run, so that nothing is opened that it names.
     pub fn was_sent(&self) -> bool {
-        self.texts.is_some()
+        self.files_sent.is_some()
     }
 
     /// What was sent in place of the file at `path`, which the value at `at` names; `None` if files are to be read from the disk.
     ///
     /// # Errors
     /// If this one was not sent.
-    pub fn text_sent(&self, at: &str, path: &Path) -> Option<Result<&str, ConfigError>> {
-        let text = self.texts.as_ref()?.get(path).map(String::as_str);
+    pub fn bytes_sent(&self, at: &str, path: &Path) -> Option<Result<&[u8], ConfigError>> {
+        let bytes = self.files_sent.as_ref()?.get(path).map(Vec::as_slice);
         let missing = || self.error(at, format!("{} was not sent", path.display()), "send all files that it names");
-        Some(text.ok_or_else(missing))
+        Some(bytes.ok_or_else(missing))
+    }
+
+    /// The same of a file that is a text.
+    ///
+    /// # Errors
+    /// If it was not sent, or is no text.
+    pub fn text_sent(&self, at: &str, path: &Path) -> Option<Result<&str, ConfigError>> {
+        let foreign =
+            |_| self.error(at, format!("{} is no text", path.display()), "give a file of the kind that is named");
+        Some(self.bytes_sent(at, path)?.and_then(|bytes| std::str::from_utf8(bytes).map_err(foreign)))
     }
 
     /// Overrides one value: `robot.icub.agent.vertices=30`. Elements of lists are named by index or by their `name`.

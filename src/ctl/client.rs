@@ -1,11 +1,12 @@
 //! What `mobee ctl` says to a run, and how it shows the answers.
 
 use super::find::{self, Client};
-use super::wire::{Reply, Request};
+use super::wire::{Reply, Request, Sent};
 use super::{CtlArgs, CtlCommand, SwapArgs, gather};
 use crate::config::ConfigError;
 use miette::Report;
 use std::io::{IsTerminal, Write};
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -108,21 +109,44 @@ async fn swap(client: &mut Client, args: SwapArgs) -> Result<ExitCode, Report> {
         return finish(&offered);
     }
     println!("{}", offered.lines.join("\n"));
+    let end = end(client, &name, &args.part).await?;
+    match end.lines.first().map(String::as_str) {
+        Some("settled") => Ok(ExitCode::SUCCESS),
+        Some("refused" | "reverted") => Ok(ExitCode::FAILURE),
+        _ => finish(&end),
+    }
+}
+
+/// Waits for the end of a swap, and says each step; the answer that tells the last one, or that there is none.
+async fn end(client: &mut Client, name: &str, part: &str) -> Result<Reply, ConfigError> {
     let mut said = String::new();
     loop {
-        let answer = client.ask(&say(vec!["swapped".to_owned(), name.clone(), args.part.clone()])).await?;
-        if !answer.done {
-            return finish(&answer);
-        }
-        let [step, text] = answer.lines.as_slice() else { return finish(&answer) };
+        let answer = client.ask(&say(vec!["swapped".to_owned(), name.to_owned(), part.to_owned()])).await?;
+        let [step, text] = answer.lines.as_slice() else { return Ok(answer) };
         if *text != said {
             println!("{text}");
             said.clone_from(text);
         }
-        match step.as_str() {
-            "settled" => return Ok(ExitCode::SUCCESS),
-            "refused" | "reverted" => return Ok(ExitCode::FAILURE),
-            _ => tokio::time::sleep(PERIOD).await,
+        if !answer.done || ["settled", "refused", "reverted"].contains(&step.as_str()) {
+            return Ok(answer);
         }
+        tokio::time::sleep(PERIOD).await;
     }
+}
+
+/// Offers the locator of this sensor, as a configuration has it, to the run in this folder, and waits for the end.
+///
+/// # Errors
+/// If the run can't be reached, refuses it or goes back to the old one, with its own explanation.
+pub(super) async fn put_locator(run: &Path, sensor: &str, offer: Sent, probation: f64) -> Result<(), ConfigError> {
+    let mut client = find::connect_in(run).await?;
+    let [sensor, part] = [sensor, "locator"];
+    let words = ["swap", sensor, part, "0", &probation.to_string(), "1"].map(str::to_owned).into();
+    let offered = client.ask(&Request { words, offer: Some(offer) }).await?;
+    let end = if offered.done { end(&mut client, sensor, part).await? } else { offered };
+    if end.done && end.lines.first().is_some_and(|step| step == "settled") {
+        return Ok(());
+    }
+    let what = format!("the sensor {sensor} of {} keeps its locator: {}", run.display(), end.lines.join(", "));
+    Err(ConfigError::plain(what, "mend that, and offer it again by `mobee ctl swap locator FILE.toml`"))
 }

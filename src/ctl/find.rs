@@ -9,6 +9,7 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::io::BufReader;
+use tokio::time::error::Elapsed;
 use tokio::time::timeout;
 
 /// How long a connection may take.
@@ -43,17 +44,23 @@ pub(super) async fn connect(args: &CtlArgs) -> Result<Client, ConfigError> {
             let (_, key) = address(file)?;
             (at.clone(), timeout(CONNECT, enter_at(at, &key)).await)
         }
-        _ => {
-            let folder = args.run.clone().map_or_else(newest, Ok)?;
-            let line = if folder.join(SOCKET).exists() {
-                timeout(CONNECT, enter(&folder)).await
-            } else {
-                let (at, key) = address(&folder.join(ADDRESS))?;
-                timeout(CONNECT, enter_at(&at, &key)).await
-            };
-            (format!("the run {}", folder.display()), line)
-        }
+        _ => return connect_in(&args.run.clone().map_or_else(newest, Ok)?).await,
     };
+    connected(what, line)
+}
+
+/// A connection to the run in this folder.
+pub(super) async fn connect_in(folder: &Path) -> Result<Client, ConfigError> {
+    let line = if folder.join(SOCKET).exists() {
+        timeout(CONNECT, enter(folder)).await
+    } else {
+        let (at, key) = address(&folder.join(ADDRESS))?;
+        timeout(CONNECT, enter_at(&at, &key)).await
+    };
+    connected(format!("the run {}", folder.display()), line)
+}
+
+fn connected(what: String, line: Result<io::Result<Box<dyn Line>>, Elapsed>) -> Result<Client, ConfigError> {
     let late = |_| Err(io::Error::new(io::ErrorKind::TimedOut, "no connection"));
     let line = line.unwrap_or_else(late).map_err(|e| {
         let help = match e.kind() {

@@ -5,7 +5,6 @@ use super::wire::{LONGEST, Sent};
 use crate::compose::from_source;
 use crate::config::{Config, ConfigError, Source};
 use miette::{IntoDiagnostic, Report};
-use mobee_model::file::read_text;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -18,14 +17,23 @@ pub(super) fn read(file: &Path) -> Result<Sent, Report> {
         ConfigError::plain(format!("{}: {e}", file.display()), "give a configuration file that can be read")
     })?;
     let source = Source::load(&file, &[])?;
-    let config = from_source(&source)?.config;
-    let mut texts = BTreeMap::new();
-    for path in named(config.clone(), &source) {
-        let text = read_text(&path, LONGEST as u64)
-            .map_err(|e| ConfigError::plain(format!("{}: {e}", path.display()), "give a text file that can be read"))?;
-        texts.insert(path, text);
+    of(file, &source)
+}
+
+/// The same of values that were read, of a file that stands there.
+///
+/// # Errors
+/// As for [`read`].
+pub(super) fn of(file: PathBuf, source: &Source) -> Result<Sent, Report> {
+    let config = from_source(source)?.config;
+    let value = serde_json::to_value(&config).into_diagnostic()?;
+    let mut sent = Sent { file, config: value, texts: BTreeMap::new(), binaries: BTreeMap::new() };
+    for path in named(config, source) {
+        let bytes = mobee_model::file::read(&path, LONGEST as u64)
+            .map_err(|e| ConfigError::plain(format!("{}: {e}", path.display()), "give a file that can be read"))?;
+        sent.put(path, bytes);
     }
-    Ok(Sent { file, config: serde_json::to_value(&config).into_diagnostic()?, texts })
+    Ok(sent)
 }
 
 /// The files that a configuration names.

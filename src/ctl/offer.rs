@@ -125,7 +125,8 @@ pub(super) fn sent_locator(sent: Sent, wanted: &WantedLocator<'_>) -> Result<Off
 }
 
 fn read(sent: Sent) -> Result<(Config, Source), String> {
-    let source = Source::sent(&sent.file, sent.config, sent.texts);
+    let files = sent.files()?;
+    let source = Source::sent(&sent.file, sent.config, files);
     let config = Config::from_source(&source).map_err(|e| format!("{:?}", miette::Report::new(e)))?;
     Ok((config, source))
 }

@@ -37,6 +37,39 @@ pub(super) struct Sent {
     pub(super) config: Value,
     /// What stands in the files that it names.
     pub(super) texts: BTreeMap<PathBuf, String>,
+    /// Those that are no text, two hexadecimal digits for each byte.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(super) binaries: BTreeMap<PathBuf, String>,
+}
+
+impl Sent {
+    /// Takes a file along.
+    pub(super) fn put(&mut self, path: PathBuf, bytes: Vec<u8>) {
+        match String::from_utf8(bytes) {
+            Ok(text) => self.texts.insert(path, text),
+            Err(e) => self.binaries.insert(path, e.into_bytes().iter().map(|b| format!("{b:02x}")).collect()),
+        };
+    }
+
+    /// All files.
+    ///
+    /// # Errors
+    /// Digits that are none, in words.
+    pub(super) fn files(&self) -> Result<BTreeMap<PathBuf, Vec<u8>>, String> {
+        let mut files: BTreeMap<PathBuf, Vec<u8>> =
+            self.texts.iter().map(|(path, text)| (path.clone(), text.clone().into_bytes())).collect();
+        for (path, digits) in &self.binaries {
+            let digit = |c: u8| char::from(c).to_digit(16);
+            let byte = |two: &[u8]| match two {
+                [high, low] => u8::try_from(digit(*high)? << 4 | digit(*low)?).ok(),
+                _ => None,
+            };
+            let bytes: Option<Vec<u8>> = digits.as_bytes().chunks(2).map(byte).collect();
+            let bytes = bytes.ok_or_else(|| format!("{} was not sent whole", path.display()))?;
+            files.insert(path.clone(), bytes);
+        }
+        Ok(files)
+    }
 }
 
 /// What it answers.
@@ -101,6 +134,22 @@ mod tests {
         write(&mut bytes, &Request { words: words.clone(), offer: None }).await.expect("it fits");
         assert_eq!(heard(&bytes).await.expect("a request").expect("one").words, words);
         assert!(heard(b"").await.expect("the end").is_none());
+    }
+
+    #[test]
+    fn files_of_any_kind_arrive_as_they_are() {
+        let mut sent =
+            Sent { file: "a.toml".into(), config: Value::Null, texts: BTreeMap::new(), binaries: BTreeMap::new() };
+        let (text, network) = ("<ZRP>".as_bytes().to_vec(), (0..=255).collect::<Vec<u8>>());
+        sent.put("icub.xml".into(), text.clone());
+        sent.put("cup.onnx".into(), network.clone());
+        assert!(sent.texts.len() == 1 && sent.binaries.len() == 1, "texts can be read by people");
+        let files = sent.files().expect("whole");
+        assert_eq!(files.into_values().collect::<Vec<_>>(), [network, text]);
+        for broken in ["0", "0g", "+1", "é"] {
+            sent.binaries.insert("cup.onnx".into(), broken.into());
+            assert!(sent.files().expect_err(broken).contains("cup.onnx"));
+        }
     }
 
     #[tokio::test]

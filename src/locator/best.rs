@@ -1,5 +1,7 @@
-//! `mobee locator best`: every kind learns from one table, is judged by whole places that it has not seen, and the best one is kept.
+//! `mobee locator best`: every kind learns from what was collected, is judged by whole places that it has not seen, and the best one is kept,
+//! and put into a sensor that is running.
 
+use super::collect::{Choice, collected};
 use crate::config::ConfigError;
 use crate::roadmap::{may_write, save_text};
 use crate::robot_import::Steps;
@@ -19,9 +21,14 @@ const ANSWERED: f64 = 0.9;
 /// What to learn from, and where the best goes.
 #[derive(clap::Args, Clone, Debug)]
 pub struct BestArgs {
-    /// The table of views of known places, such as `mobee locator collect` writes.
+    /// The folder of a run, ended or not, of which is collected what there is to learn from.
+    #[arg(value_name = "RUN", required_unless_present = "data", conflicts_with = "data")]
+    run: Option<PathBuf>,
+    /// Instead of a run, a table of views of known places, such as `mobee locator collect` writes.
     #[arg(long, value_name = "FILE.csv")]
-    data: PathBuf,
+    data: Option<PathBuf>,
+    #[command(flatten)]
+    choice: Choice,
     /// The locator to write: the best kind, learned from all places.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -34,24 +41,43 @@ pub struct BestArgs {
     /// Replace the locator if it exists.
     #[arg(long)]
     force: bool,
+    /// The folder of a run that is going, whose sensor locates by the best from then on (`--sensor` if there are several); it may be RUN.
+    #[arg(long, value_name = "RUN")]
+    into: Option<PathBuf>,
+    /// Seconds after that during which the old locator returns if the new one fails.
+    #[arg(long, value_name = "SECONDS", default_value_t = 10.0, value_parser = super::collect::positive, requires = "into")]
+    probation: f64,
 }
 
 /// What became of a kind: how good it is at places held out, or why it did not learn.
 type Judged = (LocatorKind, Result<LocatorScore, Untaught>);
 
-/// Learns, compares and keeps the best.
+/// Learns, compares, keeps the best, and puts it where it is asked for.
 ///
 /// # Errors
-/// If the table can't be read, no kind learns from it, or the locator can't be written.
+/// If run or table can't be read, no kind learns from it, the locator can't be written, or the run that it is for keeps its own.
 pub fn command(args: &BestArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
     let bar = Steps::new();
     bar.step("reads views");
-    let (table, digest) = super::table(&args.data)?;
+    let (name, (table, digest), mut said) = match (&args.run, &args.data) {
+        (Some(run), _) => {
+            let (text, said) = collected(run, &args.choice)?;
+            let name = run.display().to_string();
+            let understood = super::understood(&name, &text)?;
+            let report = format!("{name}: {said}");
+            (name, understood, report)
+        }
+        (None, Some(data)) => (data.display().to_string(), super::table(data)?, String::new()),
+        // the command line demands one of them
+        (None, None) => {
+            return Err(ConfigError::plain("there is nothing to learn from", "give a run, or --data").into());
+        }
+    };
     let from = Beginning { head: args.head, ..Beginning::recorded(args.seed) };
     let untaught = |e: &Untaught| {
         let help = "give more views of more places, spread over the workspace";
-        ConfigError::plain(format!("{}: {e}", args.data.display()), help)
+        ConfigError::plain(format!("{name}: {e}"), help)
     };
     let judged: Vec<Judged> = LocatorKind::ALL
         .into_iter()
@@ -69,7 +95,15 @@ pub fn command(args: &BestArgs) -> Result<String, Report> {
     let file = LocatorFile::train(best, &table.known, digest, &from, &mut |share| bar.show(share));
     save_text(&args.out, &file.map_err(|e| untaught(&e))?.text())?;
     let views = table.known.len();
-    Ok(text(&judged) + &format!("{}: {}, from all {views} views\n", args.out.display(), best.name()))
+    said += &text(&judged);
+    let _ = writeln!(said, "{}: {}, from all {views} views", args.out.display(), best.name());
+    if let Some(run) = &args.into {
+        drop(bar);
+        // what was learned is said before anything is waited for
+        crate::terminal::out(&std::mem::take(&mut said));
+        crate::ctl::put_locator(run, args.choice.sensor.as_deref(), (best, &args.out), args.probation)?;
+    }
+    Ok(said)
 }
 
 /// How good a kind is at whole places that it has not seen: each fifth of them judged by what learned the others.

@@ -25,7 +25,7 @@ use mobee_drivers::eyes::SimulatedCameraSettings;
 use report::{Check, Collected};
 use rows::Rows;
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What to read, and where the table goes.
 #[derive(clap::Args, Clone, Debug)]
@@ -35,12 +35,22 @@ pub struct CollectArgs {
     /// The table to write.
     #[arg(long, value_name = "FILE.csv")]
     out: PathBuf,
+    #[command(flatten)]
+    choice: Choice,
+    /// Replace the table if it exists.
+    #[arg(long)]
+    force: bool,
+}
+
+/// What of a run is collected.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct Choice {
     /// The marker that is at the center of what is held, of another robot than the one that looks.
     #[arg(long, value_name = "NAME", default_value = "block")]
     marker: String,
     /// The sensor that looks, if there are several: two cameras on an iCub's head, the left one first.
     #[arg(long, value_name = "NAME")]
-    sensor: Option<String>,
+    pub(super) sensor: Option<String>,
     /// The behavior that ran, for a folder that has no config.json, as `mobee torture --keep` leaves them.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -59,12 +69,9 @@ pub struct CollectArgs {
     /// Places of fewer rows are left out.
     #[arg(long, value_name = "N", default_value_t = 2)]
     least: usize,
-    /// Replace the table if it exists.
-    #[arg(long)]
-    force: bool,
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub(super) fn positive(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|n| n.is_finite() && *n > 0.0);
     number.ok_or_else(|| "give a number above 0".into())
 }
@@ -86,20 +93,34 @@ pub(super) struct Scene {
 /// Reads a run, writes the table, and says what is in it and what is not.
 ///
 /// # Errors
-/// If the run can't be read, has no such sensor or marker, or teaches nothing; if the table can't be written.
+/// As for [`collected`]; if the table can't be written.
 pub fn command(args: &CollectArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
-    let c = composition(args)?;
-    let scene = Scene::find(&c, args)?;
+    let (table, said) = collected(&args.run, &args.choice)?;
+    save_text(&args.out, &table)?;
+    Ok(format!("{}: {said}", args.out.display()))
+}
+
+/// The table of a run, ended or not, and what is in it and what is not.
+///
+/// # Errors
+/// If the run can't be read, has no such sensor or marker, or teaches nothing.
+pub(super) fn collected(run: &Path, choice: &Choice) -> Result<(String, String), Report> {
+    let c = composition(run, choice)?;
+    let scene = Scene::find(&c, choice)?;
     let name = |robot: usize| c.config.robot.get(robot).map(|r| r.name.clone()).unwrap_or_default();
     let body = |robot: usize| -> Result<Body, ConfigError> {
         let motors = c.scene.robots().get(robot).map_or(0, |r| r.motors.len());
-        Body::open(&args.run, &name(robot), motors)
+        Body::open(run, &name(robot), motors)
     };
-    let mut rows =
-        Rows::new(&c, &scene, [body(scene.looks)?, body(scene.holds)?], [args.still, args.held].map(f64::to_radians));
+    let mut rows = Rows::new(
+        &c,
+        &scene,
+        [body(scene.looks)?, body(scene.holds)?],
+        [choice.still, choice.held].map(f64::to_radians),
+    );
     let mut collected = Collected::default();
-    for line in journal::read(&args.run).map_err(journal_error)? {
+    for line in journal::read(run).map_err(journal_error)? {
         let line = match line {
             Ok(line) => line,
             // a run that is going, or that died
@@ -118,32 +139,31 @@ pub fn command(args: &CollectArgs) -> Result<String, Report> {
         }
     }
     let (raw, dropped) = rows.finish();
-    let check = Check::new(raw, args.gross, (args.least, args.per_place));
+    let check = Check::new(raw, choice.gross, (choice.least, choice.per_place));
     if check.known.is_empty() {
-        let what = format!("{}: nothing that was seen is of use: {dropped}", args.run.display());
+        let what = format!("{}: nothing that was seen is of use: {dropped}", run.display());
         return Err(ConfigError::plain(what, "let both robots rest for a second or two in sight of each other").into());
     }
-    save_text(&args.out, &table(&check.known))?;
-    Ok(format!("{}: {} rows\n{}", args.out.display(), check.known.len(), check.text(&collected, &dropped)))
+    Ok((table(&check.known), format!("{} rows\n{}", check.known.len(), check.text(&collected, &dropped))))
 }
 
 /// The run as it was composed.
-fn composition(args: &CollectArgs) -> Result<Composition, Report> {
-    if !args.run.join(journal::FILE).is_file() {
-        let what = format!("{} is no run: it has no {}", args.run.display(), journal::FILE);
+fn composition(run: &Path, choice: &Choice) -> Result<Composition, Report> {
+    if !run.join(journal::FILE).is_file() {
+        let what = format!("{} is no run: it has no {}", run.display(), journal::FILE);
         return Err(ConfigError::plain(what, "give the folder of a run").into());
     }
-    let (config, source): (Config, Source) = match &args.config {
+    let (config, source): (Config, Source) = match &choice.config {
         Some(file) => Config::load(file, &[])?,
-        None => Config::load_resolved(&args.run.join("config.json"))?,
+        None => Config::load_resolved(&run.join("config.json"))?,
     };
     compose(config, &source)
 }
 
 impl Scene {
-    fn find(c: &Composition, args: &CollectArgs) -> Result<Scene, ConfigError> {
+    fn find(c: &Composition, choice: &Choice) -> Result<Scene, ConfigError> {
         let file = c.file.display();
-        let named = |s: &&SensorConfig| args.sensor.as_ref().is_none_or(|name| s.name == *name);
+        let named = |s: &&SensorConfig| choice.sensor.as_ref().is_none_or(|name| s.name == *name);
         let names: Vec<&str> = c.config.sensor.iter().map(|s| s.name.as_str()).collect();
         let mut found = c.config.sensor.iter().filter(named);
         let sensor = match (found.next(), found.next()) {
@@ -153,7 +173,7 @@ impl Scene {
                 return Err(ConfigError::plain("which sensor's pictures?", help));
             }
             (None, _) => {
-                let asked = args.sensor.as_deref().unwrap_or_default();
+                let asked = choice.sensor.as_deref().unwrap_or_default();
                 let help = match names.as_slice() {
                     [] => "run a behavior with a table [[sensor]], such as configs/behaviors/collect.toml".into(),
                     names => suggestion(asked, "sensor", names),
@@ -186,13 +206,13 @@ impl Scene {
             })?;
         }
         let others = || robots.iter().enumerate().filter(|(i, _)| *i != looks);
-        let marked = others().find_map(|(i, r)| Some((i, r.markers.iter().position(|m| m.name == args.marker)?)));
+        let marked = others().find_map(|(i, r)| Some((i, r.markers.iter().position(|m| m.name == choice.marker)?)));
         let (holds, marker) = marked.ok_or_else(|| {
             let markers: Vec<&str> = others().flat_map(|(_, r)| r.markers.iter().map(|m| m.name.as_str())).collect();
-            let what = format!("no other robot of {file} has a marker {}", args.marker);
+            let what = format!("no other robot of {file} has a marker {}", choice.marker);
             let help = match markers.as_slice() {
                 [] => "give a run in which another robot holds what is looked at".into(),
-                markers => suggestion(&args.marker, "marker", markers),
+                markers => suggestion(&choice.marker, "marker", markers),
             };
             ConfigError::plain(what, help)
         })?;

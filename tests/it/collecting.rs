@@ -1,9 +1,17 @@
-//! Two robots that teach each other, as a user meets it: a run in which one looks at what the other holds, a table of that, and the best
-//! kind of locator; and runs that teach nothing, refused with place and remedy.
+//! Two robots that teach each other, as a user meets it: a run in which one looks at what the other holds, a table of that, the best
+//! kind of locator, and a sensor that goes on by it; and runs that teach nothing, refused with place and remedy.
 
+use super::common::pictures::network;
 use super::common::{answer, complaint, text};
-use mobee::run::example_in;
+use super::ctl::Run;
+use mobee::run::{Folder, example_in};
+use mobee_actors::record::journal;
+use mobee_actors::runtime::swap::SwapPolicy;
+use mobee_actors::system::{BesideOffer, Control, NewBeside};
+use mobee_contract::{Event, SwapStep};
+use nalgebra::Vector3;
 use std::path::Path;
+use tokio::sync::{mpsc, oneshot};
 
 fn run(folder: &Path, behavior: &str, secs: u32) {
     let length = format!("for_s={secs}");
@@ -32,6 +40,33 @@ fn what_one_robot_holds_teaches_the_other_ones_eyes() {
     let told: serde_json::Value = serde_json::from_str(&told).expect("JSON");
     assert!(told["all"]["single"]["mean_mm"].as_f64().is_some_and(|mm| mm < 10.0), "{told}");
 
+    // the same in one command, from the run into a sensor that is running
+    let (live, again) = (Run::start(dir.path(), Path::new("configs/behaviors/collect.toml"), &[]), at("again.json"));
+    let one =
+        ["locator", "best", text(&folder), "--out", text(&again), "--into", text(&live.out), "--probation", "0.5"];
+    let said = answer(&one);
+    assert!(said.contains(&format!("{rows} rows")) && said.contains("took over") && said.contains("settled"), "{said}");
+    assert_eq!(std::fs::read(&again).expect("a locator"), std::fs::read(&best).expect("a locator"));
+    // a detector of any kind goes the same way, a network too
+    network(&at("red.onnx"));
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/collect.toml");
+    let eye = |name: &str| {
+        format!(
+            "[[sensor.eye]]\nname = \"{name}\"\ndetector = {{ kind = \"onnx\", file = \"red.onnx\", output = {{ means = \"mask\" }}, \
+             objects = [{{ class = 1, object = \"cup\" }}] }}\n"
+        )
+    };
+    let other = format!("include = [{shipped:?}]\n[[sensor]]\nname = \"eyes\"\n{}{}", eye("left"), eye("right"));
+    std::fs::write(at("network.toml"), other).expect("written");
+    let said = live.says(&["swap", "detector", text(&at("network.toml")), "--probation", "0.5"]);
+    assert!(said.contains("settled"), "{said}");
+    let kept = at("other.json");
+    let told = complaint(&[&one[..3], &["--out", text(&kept), "--into", text(&folder)]].concat());
+    assert!(told.contains("can be controlled while it runs") && kept.exists(), "{told}");
+    drop(live);
+
+    a_sensor_is_taught_as_it_looks(dir.path(), &table, &best);
+
     // a run that goes on has a journal and tracks that stop anywhere
     let journal = folder.join("journal.jsonl");
     let whole = std::fs::read(&journal).expect("a journal");
@@ -49,6 +84,53 @@ fn what_one_robot_holds_teaches_the_other_ones_eyes() {
     assert!(complaint(&again).contains("journal.jsonl:2:"));
     std::fs::remove_file(&track).expect("poses");
     assert!(complaint(&again).contains("no measured poses of katana"));
+}
+
+/// A sensor that places a cup by what networks learned of a block elsewhere, and from 20 s on by the best kind.
+fn a_sensor_is_taught_as_it_looks(dir: &Path, table: &Path, best: &Path) {
+    let networks = dir.join("networks.json");
+    let train = ["locator", "train", "--data", text(table), "--kind", "network", "--head", "v2", "--out"];
+    answer(&[&train[..], &[text(&networks)]].concat());
+    let kind = answer(&["locator", "show", text(best)]).split(',').next().expect("a kind").to_owned();
+    let look = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/look.toml");
+    let composed = |kind: &str, file: &Path| {
+        let locator = format!("sensor.eyes.locator={{ kind = {kind:?}, file = {file:?} }}");
+        let set = ["record.enabled=false", "for_s=40", "script=[]", &locator].map(str::to_owned);
+        mobee::compose::read(&look, &set).expect("a composition")
+    };
+    let taught = composed(&kind, best).sensors.remove(0).locator.expect("a locator").locator;
+    let part = NewBeside::Locator { maker: taught, fresh: false };
+    let mut offer = Some(BesideOffer { part, what: kind, terms: SwapPolicy::default() });
+    let folder = Folder::create("taught", Some(&dir.join("taught"))).expect("a folder");
+    let (controls, receiver) = mpsc::channel(1);
+    let done = mobee::run::run(composed("network", &networks), &folder, receiver, |progress| {
+        if progress.at.secs() >= 20.0
+            && let Some(offer) = offer.take()
+        {
+            let (reply, _) = oneshot::channel();
+            controls.try_send(Control::SwapBeside { name: "eyes".into(), offer, reply }).expect("the run hears");
+        }
+    });
+    assert!(mobee::run::in_order(&done.expect("a run").end));
+    let (mut off, mut steps): ([Vec<f64>; 2], Vec<SwapStep>) = Default::default();
+    for line in journal::read(folder.path()).expect("a journal") {
+        match line.expect("whole").event {
+            Event::Located { objects, .. } => {
+                let cup = Vector3::new(-0.36, 0.04, -0.10);
+                let is_taught = steps.iter().any(|step| matches!(step, SwapStep::TookOver { .. }));
+                off[usize::from(is_taught)].extend(objects.iter().map(|o| (Vector3::from(o.position) - cup).norm()));
+            }
+            Event::SwapBeside { step, .. } => steps.push(step),
+            _ => {}
+        }
+    }
+    assert!(steps.contains(&SwapStep::Settled), "{steps:?}");
+    let [before, after] = off.map(|mut off| {
+        off.sort_by(f64::total_cmp);
+        off[off.len() / 2]
+    });
+    println!("the cup is {:.1} mm off in the median before, {:.1} after", 1e3 * before, 1e3 * after);
+    assert!(after < 0.02 && after < 0.5 * before, "{before} m before, {after} after");
 }
 
 #[test]

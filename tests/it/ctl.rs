@@ -11,13 +11,15 @@ use std::path::Path;
 use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
-struct Run {
+/// A run that can be controlled.
+pub(super) struct Run {
     child: Child,
-    out: std::path::PathBuf,
+    /// Its folder.
+    pub(super) out: std::path::PathBuf,
 }
 
 impl Run {
-    fn start(dir: &Path, file: &Path, more: &[&str]) -> Run {
+    pub(super) fn start(dir: &Path, file: &Path, more: &[&str]) -> Run {
         let out = dir.join("run");
         let child = mobee_here()
             .arg("run")
@@ -39,7 +41,7 @@ impl Run {
         mobee_here().args(["ctl", "--run"]).arg(&self.out).args(words).output().expect("mobee starts")
     }
 
-    fn says(&self, words: &[&str]) -> String {
+    pub(super) fn says(&self, words: &[&str]) -> String {
         let out = self.ctl(words);
         assert!(out.status.success(), "{words:?}: {}", String::from_utf8_lossy(&out.stderr));
         String::from_utf8_lossy(&out.stdout).into_owned()
