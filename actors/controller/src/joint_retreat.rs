@@ -10,7 +10,8 @@
 //!
 //! Of robots within each other's reach one party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes
 //! after it; those out of reach of all of them go when they like. One who drove into a party goes first: it waits until he is out of
-//! its way. A robot of which
+//! its way. Where the ways cross, so that each waits for the other, all of them are given ways anew, together: what all have recorded
+//! until then leads out. A robot of which
 //! nothing was heard for a second is counted out, so that nobody has to tell of a death; the others stop then, and go
 //! on one by one.
 
@@ -124,6 +125,8 @@ struct Party {
     clock: f64,
     /// When it was last advanced; in the future until the first set-point is due.
     last: Time,
+    /// Whether its way crosses that of another party: its members stop, and ask for ways anew.
+    anew: bool,
 }
 
 /// One of them.
@@ -221,7 +224,7 @@ impl JointRetreat {
     }
 
     /// The robot writes a set-point: it is `most` seconds on its way at most. Returns how far it is to be; nothing once
-    /// somebody who is on the way with it was lost.
+    /// somebody who is on the way with it was lost, or all are to have ways anew.
     pub fn step(&self, robot: usize, most: f64, now: Time) -> Option<f64> {
         let mut state = self.state();
         let party = state.party(robot)?;
@@ -239,7 +242,7 @@ impl JointRetreat {
     }
 
     /// The robot has reached so many way-points: those who move from point to point meet at each. Returns whether all
-    /// have; nothing once somebody was lost.
+    /// have; nothing once somebody was lost, or all are to have ways anew.
     pub fn reached(&self, robot: usize, points: usize, now: Time) -> Option<bool> {
         let mut state = self.state();
         let party = state.party(robot)?;
@@ -265,6 +268,32 @@ impl JointRetreat {
         let mut state = self.state();
         let mut since = |robot| state.party(robot).and_then(|p| p.member(robot)).and_then(|m| m.waits);
         matches!((since(other), since(robot)), (Some(theirs), Some(own)) if (theirs, other) < (own, robot))
+    }
+
+    /// The ways of two robots cross, each of which waits on its own for the other: those of both, and of all who go along, are over, and
+    /// they ask for ways anew, together. Whether that is so.
+    pub fn cross(&self, robot: usize, other: usize) -> bool {
+        let mut state = self.state();
+        let waits = |party: &Party, robot: usize| {
+            party.members.iter().any(|m| m.robot == robot && !m.left && m.waits.is_some())
+        };
+        let of = |robot: usize| state.parties.iter().position(|p| waits(p, robot));
+        match (of(robot), of(other)) {
+            (Some(own), Some(theirs)) if own != theirs => {
+                let both = state.parties.iter_mut().enumerate().filter(|(i, _)| [own, theirs].contains(i));
+                both.for_each(|(_, party)| party.anew = true);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether the robot's way is over because it crosses that of others, so that it is to ask for one anew.
+    pub fn begins_anew(&self, robot: usize, now: Time) -> bool {
+        let mut state = self.state();
+        let Some(party) = state.party(robot).filter(|party| party.anew) else { return false };
+        party.member(robot).into_iter().for_each(|m| m.heard = now);
+        true
     }
 
     /// Whether a robot that is in the way of another's retreat is being taken back out of it, or anybody else near is on the way back:
@@ -338,7 +367,7 @@ impl State {
 
     /// See [`JointRetreat::ask`]: the last of those who are ready to ask gathers the party.
     fn ask(&mut self, robot: usize, now: Time) -> RetreatReply {
-        self.parties.retain(|party| !party.members.iter().all(|m| m.is_through() || m.is_lost(now)));
+        self.parties.retain(|party| !party.is_over(now));
         if let Some(party) = self.party(robot) {
             party.member(robot).into_iter().for_each(|member| member.heard = now);
             return party.proceed(robot, now).map_or(RetreatReply::Wait, RetreatReply::Go);
@@ -350,9 +379,12 @@ impl State {
         let about = self.about(robot);
         let coming = |presence: &Presence| matches!(presence, Presence::Coming(heard) if now <= *heard + LOST);
         let comes = |robot: &usize| self.presences.get(*robot).is_some_and(coming);
-        // a party that waits may be waiting for this one
-        let goes =
-            |robot: &usize| self.parties.iter().any(|p| !p.waits() && p.members.iter().any(|m| m.robot == *robot));
+        // a party that waits may be waiting for this one, but what begins anew begins with all of them
+        let goes = |robot: &usize| {
+            let holds_up =
+                |p: &&Party| p.anew && p.is_of(*robot) || !p.waits() && p.members.iter().any(|m| m.robot == *robot);
+            self.parties.iter().any(|p| holds_up(&p))
+        };
         if about.iter().any(goes) || (!alone && patient && about.iter().any(comes)) {
             return RetreatReply::Wait;
         }
@@ -366,7 +398,7 @@ impl State {
         }
         let slowest = participants.iter().map(|who| who.rules.follows()).max().unwrap_or_default();
         let members = participants.iter().map(|who| Member::new(who, slowest, now)).collect();
-        let mut party = Party { plan: Plan::new(participants), members, clock: 0.0, last: now };
+        let mut party = Party { plan: Plan::new(participants), members, clock: 0.0, last: now, anew: false };
         let way = party.proceed(robot, now);
         self.parties.push(party);
         way.map_or(RetreatReply::Wait, RetreatReply::Go)
@@ -389,10 +421,17 @@ impl Party {
         self.members.iter().any(|m| m.waits.is_some() && !m.left)
     }
 
-    /// The robot lives. Nothing if another does not.
+    /// The robot lives. Nothing if another does not, or if all are to begin anew.
     fn hear(&mut self, robot: usize, now: Time) -> Option<()> {
         self.member(robot)?.heard = now;
-        (!self.members.iter().any(|m| m.is_lost(now))).then_some(())
+        (!self.anew && !self.members.iter().any(|m| m.is_lost(now))).then_some(())
+    }
+
+    /// Whether nobody counts on it any more. Who is through hears that it begins anew, if he lives.
+    fn is_over(&self, now: Time) -> bool {
+        let is_out =
+            |m: &Member| if self.anew { m.left || now > m.heard + LOST } else { m.is_through() || m.is_lost(now) };
+        self.members.iter().all(is_out)
     }
 
     /// Checks a little more; the robot's way once all has been checked.

@@ -113,7 +113,7 @@ enum Phase {
     /// It is being taken back. `violated`: whether a constraint was as it began.
     Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, still: Still, room: Room },
     /// The last pose was written; it should be reached at `since`.
-    Settling { token: u64, since: Time, retreat: Retreat, violated: bool },
+    Settling { token: u64, since: Time, retreat: Retreat, back: Back, violated: bool },
 }
 
 /// What is due once the robot rests.
@@ -202,6 +202,8 @@ pub struct ReflexCore {
     near: Arc<[Contact]>,
     /// How near pairs came since the robot was stopped to be taken back, and may come on the way.
     floors: Floors,
+    /// How near they came on the way: one that begins anew leads through there once more.
+    passed: Floors,
     /// Whether a constraint was violated in the newest reading.
     violated: bool,
     /// The last stop that it told, or was told of.
@@ -232,6 +234,7 @@ impl ReflexCore {
             contacts,
             near,
             floors: Floors::default(),
+            passed: Floors::default(),
             violated: false,
             stop: Stop::told(Time::ZERO),
             stopped: Vec::new().into(),

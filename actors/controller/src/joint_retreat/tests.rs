@@ -287,6 +287,41 @@ fn who_is_in_the_way_goes_first() {
     assert!(!joint_retreat.makes_room(1, 0, at(50)), "it is back");
 }
 
+/// Two ways that cross are given anew, together, once both have stopped, whoever comes first; and one that died is not waited for.
+#[test]
+fn ways_that_cross_are_given_anew_together() {
+    for dies in [false, true] {
+        let (joint_retreat, [one, other]) = (JointRetreat::default(), both());
+        joint_retreat.enroll(one.clone(), at(0));
+        assert!(goes(&joint_retreat, 0, at(0)));
+        joint_retreat.enroll(other.clone(), at(10));
+        joint_retreat.wait(0, Some(at(10)));
+        assert!(goes(&joint_retreat, 1, at(10)));
+        assert!(!joint_retreat.cross(1, 0), "it is on its way");
+        joint_retreat.wait(1, Some(at(20)));
+        assert!(!joint_retreat.begins_anew(0, at(20)));
+        assert!(joint_retreat.cross(1, 0));
+        assert!(joint_retreat.begins_anew(0, at(30)) && joint_retreat.begins_anew(1, at(30)));
+        assert_eq!(joint_retreat.step(0, 1.0, at(30)), None);
+        // as a reflex does that stops
+        let stops = |robot, ms, who: &Participant| {
+            joint_retreat.leave(robot);
+            joint_retreat.coming(robot, at(ms));
+            joint_retreat.enroll(who.clone(), at(ms + 10));
+        };
+        stops(1, 30, &other);
+        assert!(!goes(&joint_retreat, 1, at(40)), "not without the other one");
+        if dies {
+            assert!(goes(&joint_retreat, 1, at(1040)));
+            assert!(!joint_retreat.goes_along(1, 0));
+            continue;
+        }
+        stops(0, 40, &one);
+        let both_go = (60..200).any(|ms| goes(&joint_retreat, 0, at(ms)) && goes(&joint_retreat, 1, at(ms)));
+        assert!(both_go && joint_retreat.goes_along(0, 1) && !joint_retreat.begins_anew(0, at(200)));
+    }
+}
+
 #[test]
 fn those_that_are_about_to_rest_are_waited_for_as_long_as_they_tell() {
     let [first, second] = both();

@@ -9,6 +9,7 @@
 //! spaces what is written. Readings that were held up come in a bunch: judged by `now` they would prove a rest from
 //! before the stop, and set-points spaced by `sampled_at` would be written all at once.
 
+use super::contacts::Floors;
 use super::retreat::{Parted, Retreat};
 use super::room::{Room, Way};
 use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Still, Then};
@@ -33,6 +34,9 @@ impl ReflexCore {
         // what a reading shows is judged by when it was read, what is written is spaced by the clock
         let (sampled_at, now) = (pulse.sample.at, step.now);
         let at_rest = pulse.speed < rules.rest_speed;
+        if matches!(self.phase, Phase::Retreating { .. } | Phase::Settling { .. }) {
+            self.passed.note(&self.near);
+        }
         match &mut self.phase {
             Phase::Watching => {}
             Phase::Stopping { token, since, then } => {
@@ -106,24 +110,25 @@ impl ReflexCore {
                     match done {
                         Ok(command) => step.out.extend(command.map(|c| ReflexOut::Command(token, c))),
                         Err(Parted) => {
-                            // the plan was for all of them: without the lost one it proves nothing, so each goes by
-                            // itself
-                            let then = Then::Retreat(Back { again: true, ..back.clone() });
-                            step.stop(token);
-                            self.turn(Phase::Stopping { token, since: now, then }, step);
+                            let back = back.clone();
+                            self.part(token, back, step);
                             return;
                         }
                     }
                     if retreat.is_over() {
-                        let (retreat, violated) = (retreat.clone(), *violated);
+                        let (retreat, back, violated) = (retreat.clone(), back.clone(), *violated);
                         // no `turn`: it stays where it is on the common clock, for those that are still under way
                         let since = retreat.arrival(now);
-                        self.phase = Phase::Settling { token, since, retreat, violated };
+                        self.phase = Phase::Settling { token, since, retreat, back, violated };
                         step.out.push(ReflexOut::ReflexReport(ReflexReport::Settling));
                     }
                 }
             }
-            Phase::Settling { token, since, retreat, violated } => {
+            Phase::Settling { token, back, .. } if step.joint_retreat.begins_anew(self.robot, now) => {
+                let (token, back) = (*token, back.clone());
+                self.part(token, back, step);
+            }
+            Phase::Settling { token, since, retreat, violated, .. } => {
                 let (token, way) = (*token, retreat.way());
                 let broken = self.floors.broken(close).copied();
                 if broken.is_some() || (pulse.violated.is_some() && !*violated) {
@@ -198,9 +203,22 @@ impl ReflexCore {
                 let still = Still { unchanged: Time::ZERO, written, sampled_at: step.now };
                 let violated = self.violated;
                 let room = Room::default();
+                self.passed = Floors::default();
                 self.phase = Phase::Retreating { token, retreat, back, violated, still, room };
             }
         }
+    }
+
+    /// Those who went along do so no more: the robot stops, and asks for another way. The plan was for all of them: without one that was
+    /// lost it proves nothing, so each goes by itself; where ways cross, all go together, through what they have passed.
+    fn part(&mut self, token: u64, back: Back, step: &mut Step) {
+        let anew = step.joint_retreat.begins_anew(self.robot, step.now);
+        if anew {
+            self.floors.join(std::mem::take(&mut self.passed));
+        }
+        step.stop(token);
+        let then = Then::Retreat(Back { again: !anew, ..back });
+        self.turn(Phase::Stopping { token, since: step.now, then }, step);
     }
 
     /// The retreat ends where it is: stop, tell the journal why, and say so to supervise once the robot rests. `seen`

@@ -143,6 +143,11 @@ impl Floors {
         }
     }
 
+    /// What else pairs have come to.
+    pub fn join(&mut self, others: Floors) {
+        self.note(&others.least);
+    }
+
     /// The pairs that touched, each where it was nearest: what the journal tells a retreat to be from.
     pub fn touched(&self) -> Vec<Contact> {
         self.least.iter().filter(|c| c.distance < self.margin).copied().collect()

@@ -2,7 +2,7 @@
 //!
 //! A third robot may drive into those that are on their way back together: it is in nobody's recorded past. Its own reflex stops it and
 //! takes it back out of the way, so that whoever it met need not give up: it stays where it is until the other is gone. If the other's
-//! way back leads through here, the other gives up, and its agent gets it out.
+//! way back leads through here, both wait for each other: then all who are on their way begin anew, together.
 
 use crate::joint_retreat::JointRetreat;
 use mobee_contract::Time;
@@ -12,7 +12,7 @@ use std::time::Duration;
 /// How long a robot that is in the way, and is not taken back, is waited for: its agent may get it out, and
 /// escapes are slow.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// How long one is that waits as well, and did so before: of two that wait for each other one gives up.
+/// How long one is that waits as well, and did so before: the ways of two that wait for each other cross.
 const GRACE: Duration = Duration::from_millis(200);
 /// How often a retreat waits: whoever is met again and again does not make room.
 const OFTEN: u32 = 5;
@@ -72,7 +72,7 @@ impl Room {
         if other.is_none() && rests {
             self.waits = None;
             Way::GoesOn
-        } else if now < *made + patience {
+        } else if now < *made + patience || retreats.cross(robot, *whom) {
             Way::Stays
         } else {
             Way::Blocked
