@@ -12,7 +12,7 @@ mod measure;
 mod written;
 
 use measure::{processor_time, sorted};
-use mobee_behaviors::detectors::cgp::{ALL_OPS, Evolution, ImageNode, ImageProgram, Op, channels};
+use mobee_behaviors::detectors::cgp::{ALL_OPS, Evolution, EvolutionState, ImageNode, ImageProgram, Op, channels};
 use mobee_behaviors::detectors::file::DetectorFile;
 use mobee_behaviors::detectors::onnx::OnnxDetector;
 use mobee_behaviors::detectors::picture::{LabeledPicture, Mask, Picture};
@@ -31,6 +31,8 @@ use written::{Graph, constant, input, node};
 const ROUNDS: usize = 41;
 /// Each is looked at so often in a row: the processor's time is told in steps of milliseconds.
 const AT_ONCE: u32 = 25;
+/// Of each evolution.
+const GENERATIONS: u32 = 20;
 
 /// An orange disk that wanders over noise.
 fn picture(i: usize, rng: &mut ChaCha8Rng) -> LabeledPicture {
@@ -80,6 +82,21 @@ fn main() {
     let mean = times.iter().sum::<f64>() / times.len() as f64;
     report("20-node programs, 160x120", &times);
     println!("programs times frames per second, mean over programs: {:.0}", 1.0 / mean);
+
+    // what children have in common with their parent is not run again
+    let mask = Mask::at_least(&inputs[0], 140.0);
+    let mut children = Vec::new();
+    for seed in 0..5 {
+        let parents: Vec<ImageProgram> = (0..4).map(|_| chain(&mut rng)).collect();
+        let state = EvolutionState { seed, generation: 0, best: parents[0].clone(), parents };
+        let mut evolution = Evolution::resume(vec![inputs.clone(); 8], vec![mask.clone(); 8], state);
+        let begin = processor_time(clock);
+        (0..GENERATIONS).for_each(|_| evolution.advance());
+        // four islands of four children each, bred on six of the eight pictures
+        children.push(f64::from(GENERATIONS * 4 * 4 * 6) / (processor_time(clock) - begin));
+    }
+    let mean = children.iter().sum::<f64>() / children.len() as f64;
+    println!("children of such programs times frames per second, mean over evolutions: {mean:.0}");
 }
 
 /// The same with four tags in it.

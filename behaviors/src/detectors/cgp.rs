@@ -8,6 +8,7 @@
 mod evolve;
 mod filters;
 mod local;
+mod numbers;
 mod op;
 mod program;
 mod show;

@@ -1,5 +1,8 @@
 //! A picture's one channel, and the arithmetic of neighborhoods that everything else is built of.
 
+/// Rows that are summed up at once.
+const LANES: usize = 4;
+
 /// The mean of red, green and blue.
 pub fn brightness([r, g, b]: &[Plane; 3]) -> Plane {
     r.zip(g, |r, g| r + g).zip(b, |sum, b| (sum + b) / 3.0)
@@ -47,15 +50,27 @@ impl Plane {
     pub fn box_mean(&self, rx: usize, ry: usize) -> Plane {
         let (w, h) = (self.width, self.height);
         let mut across = Vec::with_capacity(w * h);
-        let mut sums = vec![0.0f32; w + 1];
         let inverse: Vec<f32> = (0..w).map(|x| 1.0 / ((x + rx + 1).min(w) - x.saturating_sub(rx)) as f32).collect();
-        for row in self.rows() {
-            let mut sum = 0.0;
-            for (to, v) in sums[1..].iter_mut().zip(row) {
-                sum += v;
+        // a sum waits for the one before: that of some rows at once does not wait so often
+        let mut sums = vec![[0.0f32; LANES]; w + 1];
+        for rows in self.data.chunks(LANES * w.max(1)) {
+            let mut sum = [0.0f32; LANES];
+            let lanes: [&[f32]; LANES] = std::array::from_fn(|k| rows.get(k * w..(k + 1) * w).unwrap_or(&rows[..w]));
+            for (x, to) in sums[1..].iter_mut().enumerate() {
+                for (sum, row) in sum.iter_mut().zip(lanes) {
+                    *sum += row[x];
+                }
                 *to = sum;
             }
-            across.extend((0..w).map(|x| (sums[(x + rx + 1).min(w)] - sums[x.saturating_sub(rx)]) * inverse[x]));
+            for k in 0..rows.len() / w.max(1) {
+                // what is beyond the border is left out
+                let (from, to) = (rx.min(w), w.saturating_sub(rx).max(rx.min(w)));
+                let mean = |x: usize| (sums[(x + rx + 1).min(w)][k] - sums[x.saturating_sub(rx)][k]) * inverse[x];
+                across.extend((0..from).map(mean));
+                let ends = sums.get(2 * rx + 1..).unwrap_or_default().iter().zip(&sums);
+                across.extend(ends.zip(&inverse[from..to]).map(|((b, a), inverse)| (b[k] - a[k]) * inverse));
+                across.extend((to..w).map(mean));
+            }
         }
         if ry == 0 {
             return self.like(across);

@@ -81,6 +81,61 @@ fn windows_are_what_a_plain_loop_over_them_says() {
     }
 }
 
+/// Medians, bilateral and Gabor filters as they are defined, pixel by pixel, beside those that are computed many at once.
+#[test]
+fn filters_are_what_their_definitions_say_of_each_pixel() {
+    for (w, h) in [(1, 1), (4, 9), (5, 5), (13, 9), (23, 7)] {
+        let a = noise(w, h, 6);
+        let (columns, rows) = (w as isize, h as isize);
+        let at = |x: isize, y: isize| a.data[(y.clamp(0, rows - 1) * columns + x.clamp(0, columns - 1)) as usize];
+        let compare = |node: &ImageNode, least: f32, of: &dyn Fn(isize, isize) -> f32| {
+            let out = node.op.apply(node, &a, &a);
+            for (y, x) in (0..rows).flat_map(|y| (0..columns).map(move |x| (y, x))) {
+                let (own, defined) = (out.data[(y * columns + x) as usize], of(x, y));
+                assert!((own - defined).abs() <= least, "{node:?} of {w}x{h} at {x}, {y}: {own}, not {defined}");
+            }
+        };
+        for (p1, r) in [(3, 1), (9, 2)] {
+            compare(&ImageNode::new(Op::Median, [1, 1], 0.0, p1), 0.0, &|x, y| {
+                let inside = |x: isize, y: isize| (0..columns).contains(&x) && (0..rows).contains(&y);
+                let window = (y - r..=y + r).flat_map(|y| (x - r..=x + r).map(move |x| (x, y)));
+                let mut all: Vec<f32> = window.filter(|(x, y)| inside(*x, *y)).map(|(x, y)| at(x, y)).collect();
+                all.sort_by(f32::total_cmp);
+                all[all.len() / 2]
+            });
+        }
+        for (p1, r) in [(3, 1), (5, 2), (7, 3)] {
+            compare(&ImageNode::new(Op::Bilateral, [1, 1], 0.0, p1), 1e-3, &|x, y| {
+                let (mut sum, mut all) = (0.0, 0.0);
+                for (dy, dx) in (-r..=r).flat_map(|dy| (-r..=r).map(move |dx| (dy, dx))) {
+                    let (v, o) = (at(x, y), at(x + dx, y + dy));
+                    let steps = (v - o).abs().floor().min(64.0);
+                    let weight = (-(steps * steps + (dx * dx + dy * dy) as f32) / 200.0).exp();
+                    (sum, all) = (sum + weight * o, all + weight);
+                }
+                sum / all
+            });
+        }
+        let mut wave = ImageNode::new(Op::Gabor, [1, 1], 0.0, 0);
+        for (frequency, angle) in [(0, 0), (1, 3), (2, -5), (7, 8)] {
+            (wave.frequency, wave.angle) = (frequency, angle);
+            compare(&wave, 2e-3, &|x, y| {
+                let pi = std::f32::consts::PI;
+                let (k, variance) = (pi * 2f32.powf(-(f32::from(frequency) + 2.0) / 2.0), 2.0 * pi * pi);
+                let (sin, cos) = (f32::from(angle) * pi / 8.0).sin_cos();
+                let (mut real, mut imaginary) = (0.0, 0.0);
+                for (dy, dx) in (-4..=4).flat_map(|dy| (-4..=4).map(move |dx| (dy, dx))) {
+                    let bell = k * k / variance * (-k * k * (dx * dx + dy * dy) as f32 / (2.0 * variance)).exp();
+                    let phase = k * (cos * dx as f32 + sin * dy as f32);
+                    real += bell * (phase.cos() - (-variance / 2.0).exp()) * at(x + dx, y + dy);
+                    imaginary += bell * phase.sin() * at(x + dx, y + dy);
+                }
+                real.hypot(imaginary)
+            });
+        }
+    }
+}
+
 #[test]
 fn the_filter_that_saw_a_blue_cup_on_the_robot_finds_a_blue_thing() {
     let blue = |x: usize, y: usize| (30..70).contains(&x) && (20..52).contains(&y);

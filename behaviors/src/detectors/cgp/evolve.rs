@@ -8,7 +8,7 @@ use super::super::picture::Mask;
 use super::super::plane::Plane;
 use super::super::score::Levels;
 use super::op::{ALL_OPS, Op};
-use super::program::{Channels, ImageNode, ImageProgram};
+use super::program::{Channels, ImageNode, ImageProgram, Images};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -46,6 +46,8 @@ pub struct Evolution {
     state: EvolutionState,
     /// Of each parent, on what it is bred on.
     worth: Vec<f64>,
+    /// What each parent's nodes make of each picture that it is bred on: a child changes few of them.
+    images: Vec<Vec<Images>>,
     best_worth: f64,
 }
 
@@ -69,11 +71,13 @@ impl Evolution {
 
     /// One that goes on.
     pub fn resume(inputs: Vec<Channels>, masks: Vec<Mask>, state: EvolutionState) -> Evolution {
-        let mut all = Evolution { inputs, masks, worth: vec![], best_worth: f64::MIN, state: state.clone() };
+        let mut all =
+            Evolution { inputs, masks, worth: vec![], images: vec![], best_worth: f64::MIN, state: state.clone() };
         all.judge(&state.best);
         for parent in &state.parents {
-            let (worth, _) = all.breed_worth(parent);
-            all.worth.push(worth);
+            let images = all.bred(parent, None);
+            all.worth.push(all.breed_worth(parent, &images).0);
+            all.images.push(images);
             all.judge(parent);
         }
         all
@@ -88,18 +92,20 @@ impl Evolution {
             let mut rng = ChaCha8Rng::seed_from_u64(chance);
             let (mut next, before) = (None, self.worth[island]);
             for _ in 0..CHILDREN {
-                let mut child = mutant(&self.state.parents[island], &mut rng);
-                let (worth, inverted) = self.breed_worth(&child);
+                let parent = &self.state.parents[island];
+                let mut child = mutant(parent, &mut rng);
+                let images = self.bred(&child, Some((parent, &self.images[island])));
+                let (worth, inverted) = self.breed_worth(&child, &images);
                 if worth >= self.worth[island] {
                     child.inverted ^= inverted;
-                    (next, self.worth[island]) = (Some(child), worth);
+                    (next, self.worth[island]) = (Some((child, images)), worth);
                 }
             }
-            if let Some(child) = next {
+            if let Some((child, images)) = next {
                 if self.worth[island] > before {
                     self.judge(&child);
                 }
-                self.state.parents[island] = child;
+                (self.state.parents[island], self.images[island]) = (child, images);
             }
         }
         self.state.generation += 1;
@@ -108,6 +114,7 @@ impl Evolution {
             let to = (best + 1 + (self.state.generation / MOVE) as usize % (ISLANDS - 1)) % ISLANDS;
             self.state.parents[to] = self.state.parents[best].clone();
             self.worth[to] = self.worth[best];
+            self.images[to] = self.images[best].clone();
         }
     }
 
@@ -127,8 +134,23 @@ impl Evolution {
         levels
     }
 
-    fn breed_worth(&self, program: &ImageProgram) -> (f64, bool) {
-        let mcc = self.levels(program, false).best(true).1;
+    /// What the nodes of a program make of the pictures that it is bred on; `like`: a parent and what its nodes made of them.
+    fn bred(&self, program: &ImageProgram, like: Option<(&ImageProgram, &Vec<Images>)>) -> Vec<Images> {
+        let chosen = self.chosen(false).into_iter().enumerate();
+        let known = |k: usize| like.and_then(|(parent, images)| Some((parent, images.get(k)?)));
+        chosen.map(|(k, i)| program.images(&self.inputs[i], known(k))).collect()
+    }
+
+    fn breed_worth(&self, program: &ImageProgram, images: &[Images]) -> (f64, bool) {
+        let mut levels = Levels::default();
+        for (i, images) in self.chosen(false).into_iter().zip(images) {
+            let out = images.output();
+            match program.inverted {
+                true => levels.add(&out.map(|v| 255.0 - v), &self.masks[i]),
+                false => levels.add(&out, &self.masks[i]),
+            }
+        }
+        let mcc = levels.best(true).1;
         (mcc.abs(), mcc < 0.0)
     }
 

@@ -43,35 +43,85 @@ pub(super) fn gauss(a: &Plane, kx: usize, ky: usize) -> Plane {
     separable(a, &kernel(kx), &kernel(ky))
 }
 
-/// Convolved with odd kernels across and down.
-fn separable(a: &Plane, across: &[f32], down: &[f32]) -> Plane {
-    let (w, h) = (a.width, a.height);
-    let r = across.len() / 2;
-    let mut middle = vec![0.0f32; w * h];
-    let mut padded = vec![0.0f32; w + 2 * r];
-    for (row, to) in a.rows().zip(middle.chunks_exact_mut(w)) {
-        padded[..r].fill(row[0]);
-        padded[r..r + w].copy_from_slice(row);
-        padded[r + w..].fill(row[w - 1]);
-        for (k, weight) in across.iter().enumerate() {
-            to.iter_mut().zip(&padded[k..k + w]).for_each(|(to, v)| *to += weight * v);
+/// Pixels beside each other of which the sums are kept in registers.
+const BLOCK: usize = 32;
+
+/// The sum of a window's slices, each times its weight: `slice(k)` is what the `k`th weight is for.
+fn weighted<'a>(to: &mut [f32], weights: &[f32], slice: impl Fn(usize) -> &'a [f32]) {
+    let (blocks, rest) = to.as_chunks_mut::<BLOCK>();
+    let done = blocks.len() * BLOCK;
+    for (i, block) in blocks.iter_mut().enumerate() {
+        let mut sum = [0.0f32; BLOCK];
+        for (k, weight) in weights.iter().enumerate() {
+            let Some(values) = slice(k).get(i * BLOCK..).and_then(<[f32]>::first_chunk::<BLOCK>) else { continue };
+            sum.iter_mut().zip(values).for_each(|(sum, v)| *sum += weight * v);
+        }
+        *block = sum;
+    }
+    for (k, weight) in weights.iter().enumerate() {
+        rest.iter_mut().zip(&slice(k)[done..]).for_each(|(to, v)| *to += weight * v);
+    }
+}
+
+/// A row with its border's values repeated on both sides, `r` of each.
+pub(super) fn padded(row: &[f32], r: usize, to: &mut Vec<f32>) {
+    to.clear();
+    to.extend(std::iter::repeat_n(row[0], r));
+    to.extend_from_slice(row);
+    to.extend(std::iter::repeat_n(row[row.len() - 1], r));
+}
+
+/// Convolved across with odd kernels of one length, once with each.
+fn across<const N: usize>(a: &Plane, kernels: [&[f32]; N]) -> [Vec<f32>; N] {
+    let (w, r) = (a.width, kernels[0].len() / 2);
+    let mut out = [0; N].map(|_| vec![0.0f32; a.data.len()]);
+    let mut wide = Vec::with_capacity(w + 2 * r);
+    for (y, row) in a.rows().enumerate() {
+        padded(row, r, &mut wide);
+        for (out, kernel) in out.iter_mut().zip(kernels) {
+            weighted(&mut out[y * w..(y + 1) * w], kernel, |k| &wide[k..k + w]);
         }
     }
-    let r = down.len() / 2;
-    let mut out = vec![0.0f32; w * h];
-    for (y, to) in out.chunks_exact_mut(w).enumerate() {
-        for (k, weight) in down.iter().enumerate() {
-            let y = (y + k).saturating_sub(r).min(h - 1);
-            to.iter_mut().zip(&middle[y * w..(y + 1) * w]).for_each(|(to, v)| *to += weight * v);
-        }
+    out
+}
+
+/// A row of the sum of planes convolved down, each with its odd kernel.
+fn down(to: &mut [f32], y: usize, h: usize, parts: &[(&[f32], &[f32])]) {
+    let w = to.len();
+    let weights: Vec<f32> = parts.iter().flat_map(|(_, kernel)| kernel.iter().copied()).collect();
+    let rows: Vec<&[f32]> = parts
+        .iter()
+        .flat_map(|(plane, kernel)| {
+            (0..kernel.len()).map(move |k| {
+                let y = (y + k).saturating_sub(kernel.len() / 2).min(h - 1);
+                &plane[y * w..(y + 1) * w]
+            })
+        })
+        .collect();
+    weighted(to, &weights, |k| rows[k]);
+}
+
+/// Convolved with odd kernels across and down.
+fn separable(a: &Plane, first: &[f32], then: &[f32]) -> Plane {
+    let [middle] = across(a, [first]);
+    let mut out = vec![0.0f32; a.data.len()];
+    for (y, to) in out.chunks_exact_mut(a.width).enumerate() {
+        down(to, y, a.height, &[(&middle, then)]);
     }
     a.like(out)
 }
 
-/// Slopes across and down.
-pub(super) fn sobel(a: &Plane) -> (Plane, Plane) {
-    let (slope, smooth) = ([-1.0, 0.0, 1.0], [1.0, 2.0, 1.0]);
-    (separable(a, &slope, &smooth), separable(a, &smooth, &slope))
+const SLOPE: [f32; 3] = [-1.0, 0.0, 1.0];
+const SMOOTH: [f32; 3] = [1.0, 2.0, 1.0];
+
+/// The slope across.
+pub(super) fn sobel_x(a: &Plane) -> Plane {
+    separable(a, &SLOPE, &SMOOTH)
+}
+
+/// The slope down.
+pub(super) fn sobel_y(a: &Plane) -> Plane {
+    separable(a, &SMOOTH, &SLOPE)
 }
 
 /// The sum of second slopes, after smoothing if the aperture is above 3.
@@ -84,33 +134,46 @@ pub(super) fn laplace(a: &Plane, k: usize) -> Plane {
 /// Edges as 255 (Canny 1986): steepest along the slope, and at least `low` steep where joined with what is at least `high` steep.
 pub(super) fn canny(a: &Plane, high: f32, low: f32) -> Plane {
     let (low, high) = (low.min(high), low.max(high));
-    let (across, down) = sobel(a);
+    let (across, down) = (sobel_x(a), sobel_y(a));
     let steep = across.zip(&down, |x, y| x.abs() + y.abs());
     let (w, h) = (a.width, a.height);
     let mut out = Plane::filled(w, h, 0.0);
-    let mut open = Vec::new();
-    let mut is_edge = vec![false; w * h];
-    for y in 1..h.saturating_sub(1) {
-        for x in 1..w.saturating_sub(1) {
-            let i = y * w + x;
-            let (sx, sy, m) = (across.data[i], down.data[i], steep.data[i]);
+    if w < 3 || h < 3 {
+        return out;
+    }
+    // 255 where it is steepest
+    let mut ridge = vec![0.0f32; w * h];
+    for y in 1..h - 1 {
+        // what is so far from each pixel of the row but the first and the last
+        let from = |by: isize| {
+            let at = (y * w + 1).wrapping_add_signed(by);
+            &steep.data[at..at + w - 2]
+        };
+        let row = w as isize;
+        let here = y * w + 1..(y + 1) * w - 1;
+        let slopes = across.data[here.clone()].iter().zip(&down.data[here.clone()]);
+        let level = from(-1).iter().zip(from(1));
+        let upright = from(-row).iter().zip(from(row));
+        let falling = from(-row - 1).iter().zip(from(row + 1));
+        let rising = from(1 - row).iter().zip(from(row - 1));
+        let all = slopes.zip(level).zip(upright).zip(falling).zip(rising).zip(from(0));
+        for (to, (((((slope, level), upright), falling), rising), m)) in ridge[here].iter_mut().zip(all) {
+            let (x, y) = (slope.0.abs(), slope.1.abs());
             // the two neighbors along the slope, by its octant
-            let step = match (sx.abs(), sy.abs()) {
-                (x, y) if y <= 0.414 * x => 1,
-                (x, y) if x <= 0.414 * y => w,
-                _ if (sx > 0.0) == (sy > 0.0) => w + 1,
-                _ => w - 1,
-            };
-            is_edge[i] = m > low && m > steep.data[i - step] && m >= steep.data[i + step];
-            if is_edge[i] && m > high {
-                out.data[i] = 255.0;
-                open.push(i);
-            }
+            let slanted = if (*slope.0 > 0.0) == (*slope.1 > 0.0) { falling } else { rising };
+            let steepest = if x <= 0.414 * y { upright } else { slanted };
+            let (before, after) = if y <= 0.414 * x { level } else { steepest };
+            *to = if (*m > low) & (m > before) & (m >= after) { 255.0 } else { 0.0 };
         }
+    }
+    let mut open = Vec::new();
+    for (i, _) in ridge.iter().zip(&steep.data).enumerate().filter(|(_, (ridge, m))| **ridge > 0.0 && **m > high) {
+        out.data[i] = 255.0;
+        open.push(i);
     }
     while let Some(i) = open.pop() {
         for j in [i - w - 1, i - w, i - w + 1, i - 1, i + 1, i + w - 1, i + w, i + w + 1] {
-            if is_edge[j] && out.data[j] == 0.0 {
+            if ridge[j] > 0.0 && out.data[j] == 0.0 {
                 out.data[j] = 255.0;
                 open.push(j);
             }
@@ -134,33 +197,32 @@ pub(super) fn wrapped(a: &Plane, dx: isize, dy: isize) -> Plane {
 }
 
 /// The strength of waves of a frequency (0 to 16) and orientation (eighths of half a turn), in 9x9 pixels.
+///
+/// A wave is the product of one across and one down, and the bell that bounds it as well: nine weights of each are enough.
 pub(super) fn gabor(a: &Plane, frequency: u8, angle: i8) -> Plane {
     let variance = 2.0 * PI * PI;
     let k = PI * 2f32.powf(-(f32::from(frequency.min(16)) + 2.0) / 2.0);
     let (sin, cos) = (f32::from(angle) * PI / 8.0).sin_cos();
-    let (w, h) = (a.width, a.height);
-    let (mut real, mut imaginary) = (vec![0.0f32; w * h], vec![0.0f32; w * h]);
-    let padded: Vec<f32> = a
-        .rows()
-        .flat_map(|row| {
-            let side = |v: f32| std::iter::repeat_n(v, 4);
-            side(row[0]).chain(row.iter().copied()).chain(side(row[w - 1]))
+    let of = |by: &dyn Fn(f32) -> f32| -> [f32; 9] {
+        std::array::from_fn(|i| {
+            let x = i as f32 - 4.0;
+            (-k * k * x * x / (2.0 * variance)).exp() * by(x)
         })
-        .collect();
-    for dy in 0..9usize {
-        for dx in 0..9usize {
-            let (x, y) = (dx as f32 - 4.0, dy as f32 - 4.0);
-            let bell = k * k / variance * (-k * k * (x * x + y * y) / (2.0 * variance)).exp();
-            let wave = k * (cos * x + sin * y);
-            let (re, im) = (bell * (wave.cos() - (-variance / 2.0).exp()), bell * wave.sin());
-            for (row, (real, imaginary)) in real.chunks_exact_mut(w).zip(imaginary.chunks_exact_mut(w)).enumerate() {
-                let from = (row + dy).saturating_sub(4).min(h - 1) * (w + 8) + dx;
-                for ((r, i), v) in real.iter_mut().zip(imaginary).zip(&padded[from..from + w]) {
-                    *r += re * v;
-                    *i += im * v;
-                }
-            }
-        }
+    };
+    let [c, s, bell] = across(a, [&of(&|x| (k * cos * x).cos()), &of(&|x| (k * cos * x).sin()), &of(&|_| 1.0)]);
+    let size = k * k / variance;
+    let cosine = of(&|y| size * (k * sin * y).cos());
+    let sine = of(&|y| size * (k * sin * y).sin());
+    let minus_sine = sine.map(|v| -v);
+    // without what a constant would make of it
+    let constant = of(&|_| -size * (-variance / 2.0).exp());
+    let mut out = vec![0.0f32; a.data.len()];
+    let mut imaginary = vec![0.0f32; a.width];
+    for (y, real) in out.chunks_exact_mut(a.width).enumerate() {
+        down(real, y, a.height, &[(&c, &cosine), (&s, &minus_sine), (&bell, &constant)]);
+        imaginary.fill(0.0);
+        down(&mut imaginary, y, a.height, &[(&c, &sine), (&s, &cosine)]);
+        real.iter_mut().zip(&imaginary).for_each(|(r, i)| *r = (*r * *r + i * i).sqrt());
     }
-    a.like(real.iter().zip(&imaginary).map(|(r, i)| (r * r + i * i).sqrt()).collect())
+    a.like(out)
 }

@@ -1,83 +1,226 @@
 //! Functions of a window around each pixel that are no convolutions. At the border, windows are cut.
 
 use super::super::plane::Plane;
+use super::filters::padded;
+use super::numbers::{exp_near, floor};
+use super::op::{greater, lesser};
 
-/// The extreme value in windows of `2 rx + 1` by `2 ry + 1` pixels.
+/// The extreme value in windows of `2 rx + 1` by `2 ry + 1` pixels. What repeats beyond the border is in the window already.
 pub(super) fn extreme(a: &Plane, rx: usize, ry: usize, of: impl Fn(f32, f32) -> f32) -> Plane {
-    let across = spans(a, rx, true, &of);
-    spans(&across, ry, false, &of)
-}
-
-/// Extremes along rows or columns. A span of any length is two overlapping ones whose lengths are a power of two.
-fn spans(a: &Plane, r: usize, along_rows: bool, of: &impl Fn(f32, f32) -> f32) -> Plane {
-    let (mut now, mut length) = (a.clone(), 1);
-    // `now` holds extremes of `length` pixels from each on; moving clamps, which repeats what is in the window already
-    let moved = |p: &Plane, by: isize| if along_rows { p.moved(by, 0) } else { p.moved(0, by) };
-    let whole = 2 * r + 1;
-    while 2 * length <= whole {
-        now = now.zip(&moved(&now, -(length as isize)), of);
-        length *= 2;
-    }
-    let rest = whole - length;
-    if rest > 0 {
-        now = now.zip(&moved(&now, -(rest as isize)), of);
-    }
-    // from the window's first pixel to its middle; near the border the windows that begin before it are made anew
-    let mut out = moved(&now, r as isize);
     let (w, h) = (a.width, a.height);
-    let (lines, stride, next, n) = if along_rows { (h, w, 1, w) } else { (w, 1, w, h) };
-    for line in 0..lines {
-        for i in 0..r.min(n) {
-            let at = |i: usize| a.data[line * stride + i * next];
-            out.data[line * stride + i * next] = (0..(i + r + 1).min(n)).map(at).fold(at(i), of);
-        }
+    let mut across = Vec::with_capacity(a.data.len());
+    let (mut wide, mut next) = (Vec::new(), Vec::new());
+    for row in a.rows() {
+        padded(row, rx, &mut wide);
+        spans(&mut wide, &mut next, 2 * rx + 1, 1, &of);
+        across.extend_from_slice(&wide[..w]);
     }
-    out
+    let mut tall = Vec::with_capacity((h + 2 * ry) * w);
+    let row = |y: usize| &across[y * w..(y + 1) * w];
+    (0..ry).for_each(|_| tall.extend_from_slice(row(0)));
+    tall.extend_from_slice(&across);
+    (0..ry).for_each(|_| tall.extend_from_slice(row(h - 1)));
+    spans(&mut tall, &mut next, 2 * ry + 1, w, &of);
+    tall.truncate(w * h);
+    a.like(tall)
 }
 
-/// The median in windows of `2 r + 1` by `2 r + 1` pixels.
+/// Each becomes the extreme of `whole` values from it on, `stride` apart; those too near to the end for that are of no use. A span of any
+/// length is two overlapping ones whose lengths are a power of two.
+fn spans(now: &mut Vec<f32>, next: &mut Vec<f32>, whole: usize, stride: usize, of: &impl Fn(f32, f32) -> f32) {
+    let mut length = 1;
+    while length < whole {
+        let by = length.min(whole - length);
+        next.clear();
+        next.extend(now.iter().zip(&now[by * stride..]).map(|(a, b)| of(*a, *b)));
+        next.resize(now.len(), 0.0);
+        std::mem::swap(now, next);
+        length += by;
+    }
+}
+
+/// The median in windows of `2 r + 1` by `2 r + 1` pixels, `r` 1 or 2; at the border, of those in the picture.
 pub(super) fn median(a: &Plane, r: usize) -> Plane {
-    let mut seen: Vec<f32> = Vec::with_capacity(25);
+    let (w, h) = (a.width, a.height);
     let mut out = Vec::with_capacity(a.data.len());
-    for y in 0..a.height {
-        for x in 0..a.width {
-            seen.clear();
-            for row in y.saturating_sub(r)..(y + r + 1).min(a.height) {
-                let row = &a.data[row * a.width..(row + 1) * a.width];
-                seen.extend_from_slice(&row[x.saturating_sub(r)..(x + r + 1).min(a.width)]);
-            }
-            let middle = seen.len() / 2;
-            out.push(*seen.select_nth_unstable_by(middle, f32::total_cmp).1);
+    let mut seen: Vec<f32> = Vec::with_capacity(25);
+    let mut slow = |x: usize, y: usize| {
+        seen.clear();
+        for row in y.saturating_sub(r)..(y + r + 1).min(h) {
+            let row = &a.data[row * w..(row + 1) * w];
+            seen.extend_from_slice(&row[x.saturating_sub(r)..(x + r + 1).min(w)]);
         }
+        let middle = seen.len() / 2;
+        *seen.select_nth_unstable_by(middle, f32::total_cmp).1
+    };
+    for y in 0..h {
+        if y < r || y + r >= h || w <= 2 * r {
+            out.extend((0..w).map(|x| slow(x, y)));
+            continue;
+        }
+        out.extend((0..r).map(|x| slow(x, y)));
+        let rows = &a.data[(y - r) * w..(y + r + 1) * w];
+        if r == 1 {
+            medians(rows, w, &mut out, middle_of_nine);
+        } else {
+            medians(rows, w, &mut out, middle_of_25);
+        }
+        out.extend((w - r..w).map(|x| slow(x, y)));
     }
     a.like(out)
 }
 
-/// Smoothed by what is near in place and in value, both with a standard deviation of 10.
+/// Pixels beside each other whose medians are found at once.
+const BESIDE: usize = 8;
+/// Their values.
+type Lanes = [f32; BESIDE];
+
+/// The medians of all whole windows in `N` rows of `w` pixels, at least `N` of them. Columns are sorted once for all windows that they are
+/// in; `middle` finds the median of `N` sorted columns, which it is given as rows.
+fn medians<const N: usize>(rows: &[f32], w: usize, out: &mut Vec<f32>, middle: impl Fn([[Lanes; N]; N]) -> Lanes) {
+    let mut columns: [Vec<f32>; N] = std::array::from_fn(|k| rows[k * w..(k + 1) * w].to_vec());
+    for j in (1..N).flat_map(|i| (1..=i).rev()) {
+        if let ([.., low], [high, ..]) = columns.split_at_mut(j) {
+            low.iter_mut()
+                .zip(high)
+                .for_each(|(low, high)| (*low, *high) = (lesser(*low, *high), greater(*low, *high)));
+        }
+    }
+    let (base, count) = (out.len(), w - (N - 1));
+    out.resize(base + count, 0.0);
+    let lanes = BESIDE.min(count);
+    for begin in (0..count).step_by(BESIDE) {
+        // the last ones again, rather than fewer
+        let begin = begin.min(count - lanes);
+        let lane = |i: usize, j: usize| {
+            let from = &columns[i][begin + j..];
+            let mut lane = [0.0; BESIDE];
+            match from.first_chunk() {
+                Some(whole) => lane = *whole,
+                None => lane[..lanes].copy_from_slice(&from[..lanes]),
+            }
+            lane
+        };
+        let middle = middle(std::array::from_fn(|i| std::array::from_fn(|j| lane(i, j))));
+        out[base + begin..base + begin + lanes].copy_from_slice(&middle[..lanes]);
+    }
+}
+
+/// The median of nine: of what is least, in the middle and greatest in the columns the greatest, the middle one and the least are left.
+#[inline(always)]
+fn middle_of_nine([mut least, mut middle, mut most]: [[Lanes; 3]; 3]) -> Lanes {
+    keep::<3, 2, 3>(&mut least);
+    keep::<3, 1, 2>(&mut middle);
+    keep::<3, 0, 1>(&mut most);
+    let mut left = [least[2], middle[1], most[0]];
+    keep::<3, 1, 2>(&mut left);
+    left[1]
+}
+
+/// The median of 25.
+///
+/// What is in the `i`th place of its sorted column, and would be in the `j`th of that row, were it sorted too, is at least as great as
+/// `(i + 1) (j + 1)` of them and no greater than `(5 - i) (5 - j)`: twelve of them can't be the median, six below it and six above. Of the
+/// others, eight at a time, the least and the greatest are not it either, and the next takes their place.
+#[inline(always)]
+fn middle_of_25([mut a, mut b, mut c, mut d, mut e]: [[Lanes; 5]; 5]) -> Lanes {
+    keep::<5, 3, 5>(&mut a);
+    keep::<5, 2, 5>(&mut b);
+    keep::<5, 1, 4>(&mut c);
+    keep::<5, 0, 3>(&mut d);
+    keep::<5, 0, 2>(&mut e);
+    let mut left = [a[3], a[4], b[2], b[3], b[4], c[1], c[2], c[3]];
+    ends::<8, 0>(&mut left);
+    left[7] = d[0];
+    ends::<8, 1>(&mut left);
+    left[7] = d[1];
+    ends::<8, 2>(&mut left);
+    left[7] = d[2];
+    ends::<8, 3>(&mut left);
+    left[7] = e[0];
+    ends::<8, 4>(&mut left);
+    left[7] = e[1];
+    ends::<8, 5>(&mut left);
+    left[6]
+}
+
+/// Puts those that would be in the places from `FROM` up to `TO`, were they sorted, there, in any order.
+#[inline(always)]
+fn keep<const N: usize, const FROM: usize, const TO: usize>(all: &mut [Lanes; N]) {
+    (0..FROM).for_each(|k| (k + 1..N).for_each(|j| sort(all, k, j)));
+    (TO..N).rev().for_each(|k| (FROM..k).for_each(|j| sort(all, j, k)));
+}
+
+/// Puts the least from `FROM` on first, and the greatest last.
+#[inline(always)]
+fn ends<const N: usize, const FROM: usize>(all: &mut [Lanes; N]) {
+    let count = N - FROM;
+    (0..count / 2).for_each(|i| sort(all, FROM + i, N - 1 - i));
+    (FROM + 1..FROM + count.div_ceil(2)).for_each(|k| sort(all, FROM, k));
+    (FROM + count / 2..N - 1).for_each(|k| sort(all, k, N - 1));
+}
+
+/// Sorts two of several, in each lane.
+#[inline(always)]
+fn sort<const N: usize>(all: &mut [Lanes; N], low: usize, high: usize) {
+    let (a, b) = (all[low], all[high]);
+    all[low] = std::array::from_fn(|k| lesser(a[k], b[k]));
+    all[high] = std::array::from_fn(|k| greater(a[k], b[k]));
+}
+
+/// Smoothed by what is near in place and in value, both with a standard deviation of 10. Whole steps of value count.
 pub(super) fn bilateral(a: &Plane, r: usize) -> Plane {
-    let bell = |square: f32| (-square / 200.0).exp();
-    let near: Vec<f32> = (0..=64).map(|d| bell((d * d) as f32)).collect();
-    let (mut sum, mut all) = (Plane::filled(a.width, a.height, 0.0), vec![0.0f32; a.data.len()]);
-    let r = r as isize;
-    for dy in -r..=r {
-        for dx in -r..=r {
-            let place = bell((dx * dx + dy * dy) as f32);
-            let other = a.moved(dx, dy);
-            for (((sum, all), v), o) in sum.data.iter_mut().zip(&mut all).zip(&a.data).zip(&other.data) {
-                let weight = place * near[((v - o).abs() as usize).min(64)];
-                *sum += weight * o;
-                *all += weight;
+    let (w, h) = (a.width, a.height);
+    let mut wide = Vec::new();
+    let rows: Vec<Vec<f32>> = a
+        .rows()
+        .map(|row| {
+            padded(row, r, &mut wide);
+            wide.clone()
+        })
+        .collect();
+    let row = |y: isize| &rows[y.clamp(0, h as isize - 1) as usize];
+    let (mut sum, mut all) = (a.data.clone(), vec![1.0f32; w * h]);
+    let mut weights = vec![0.0f32; w + 2 * r];
+    let reach = r as isize;
+    // two pixels weigh the same for each other: half of the windows is enough
+    for (dy, dx) in (0..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dy, dx))).filter(|d| *d > (0, 0)) {
+        let place = (dx * dx + dy * dy) as f32;
+        // where one of them is, and where the other: pixels of a padded row
+        let (here, there) = ((-dx).max(0) as usize, dx.max(0) as usize);
+        let n = w + 2 * r - dx.unsigned_abs();
+        for y in -dy..h as isize {
+            let (one, other) = (&row(y)[here..here + n], &row(y + dy)[there..there + n]);
+            for ((weight, a), b) in weights.iter_mut().zip(one).zip(other) {
+                let steps = floor(lesser((a - b).abs(), 64.0));
+                *weight = exp_near((steps * steps + place) * (-1.0 / 200.0));
+            }
+            let mut add = |y: isize, from: usize, values: &[f32]| {
+                let at = y as usize * w..(y as usize + 1) * w;
+                let weights = &weights[from..from + w];
+                let to = sum[at.clone()].iter_mut().zip(&mut all[at]);
+                for (((sum, all), weight), v) in to.zip(weights).zip(&values[from..from + w]) {
+                    *sum += weight * v;
+                    *all += weight;
+                }
+            };
+            if y >= 0 {
+                add(y, r - here, other);
+            }
+            if y + dy < h as isize {
+                add(y + dy, r - there, one);
             }
         }
     }
-    sum.data.iter_mut().zip(&all).for_each(|(s, a)| *s /= a);
-    sum
+    sum.iter_mut().zip(&all).for_each(|(s, a)| *s /= a);
+    a.like(sum)
 }
 
 /// How far above the window's mean, in standard deviations, as 128 + 64 z.
 pub(super) fn normalized(a: &Plane, rx: usize, ry: usize) -> Plane {
     let mean = a.box_mean(rx, ry);
     let square = a.map(|v| v * v).box_mean(rx, ry);
-    let spread = square.zip(&mean, |s, m| (s - m * m).max(0.0).sqrt() + 1.0);
-    a.zip(&mean, |a, m| a - m).zip(&spread, |d, s| 128.0 + 64.0 * d / s)
+    let all = a.data.iter().zip(&mean.data).zip(&square.data);
+    let score = |((a, m), s): ((&f32, &f32), &f32)| 128.0 + 64.0 * (a - m) / (greater(s - m * m, 0.0).sqrt() + 1.0);
+    a.like(all.map(score).collect())
 }

@@ -85,26 +85,43 @@ impl ImageProgram {
 
     /// The output, 255 minus it if inverted. `inputs` are of one size and at least one.
     pub fn run(&self, inputs: &[Arc<Plane>]) -> Plane {
-        let first = &inputs[0];
-        let blank = Arc::new(Plane::filled(first.width, first.height, 0.0));
-        let mut images: Vec<Arc<Plane>> = Vec::with_capacity(self.nodes.len());
-        for (i, (node, active)) in self.nodes.iter().zip(self.active()).enumerate() {
-            let image = match node.op {
-                _ if !active => Arc::clone(&blank),
-                Op::Input => Arc::clone(&inputs[node.channel(inputs.len())]),
-                op => {
-                    let from = |back: u16| i.checked_sub(usize::from(back)).map_or(&blank, |j| &images[j]);
-                    if op == Op::Nop {
-                        Arc::clone(from(node.from[0]))
-                    } else {
-                        Arc::new(op.apply(node, from(node.from[0]), from(node.from[1])))
-                    }
-                }
-            };
-            images.push(image);
-        }
-        let out = images.pop().unwrap_or(blank);
+        let out = self.images(inputs, None).output();
         if self.inverted { out.map(|v| 255.0 - v) } else { Arc::unwrap_or_clone(out) }
+    }
+
+    /// The images of all nodes that the output needs. Those that a like node of another program made of the same images, with the same
+    /// inputs, are taken from there.
+    pub(super) fn images(&self, inputs: &[Arc<Plane>], like: Option<(&ImageProgram, &Images)>) -> Images {
+        let first = &inputs[0];
+        let fresh = || Arc::new(Plane::filled(first.width, first.height, 0.0));
+        let blank = like.map_or_else(fresh, |(_, images)| Arc::clone(&images.blank));
+        let mut of: Vec<Option<Arc<Plane>>> = Vec::with_capacity(self.nodes.len());
+        for (i, (node, active)) in self.nodes.iter().zip(self.active()).enumerate() {
+            let image = active.then(|| {
+                let from = |of: &[Option<Arc<Plane>>], k: usize| {
+                    let made = i.checked_sub(usize::from(node.from[k])).and_then(|j| of.get(j)?.clone());
+                    made.unwrap_or_else(|| Arc::clone(&blank))
+                };
+                let [a, b] = [from(&of, 0), from(&of, 1)];
+                let known = like.and_then(|(other, images)| {
+                    let theirs = other.nodes.get(i).filter(|theirs| theirs.does_as(node))?;
+                    let same = |own: &Arc<Plane>, k: usize| {
+                        let made = i.checked_sub(usize::from(theirs.from[k])).and_then(|j| images.of.get(j)?.as_ref());
+                        Arc::ptr_eq(own, made.unwrap_or(&blank))
+                    };
+                    let needs = node.op.arity();
+                    let is_same = (needs < 1 || same(&a, 0)) && (needs < 2 || same(&b, 1));
+                    images.of.get(i)?.clone().filter(|_| is_same)
+                });
+                known.unwrap_or_else(|| match node.op {
+                    Op::Input => Arc::clone(&inputs[node.channel(inputs.len())]),
+                    Op::Nop => a,
+                    op => Arc::new(op.apply(node, &a, &b)),
+                })
+            });
+            of.push(image);
+        }
+        Images { of, blank }
     }
 
     /// What is wrong with it, if anything.
@@ -118,10 +135,44 @@ impl ImageProgram {
     }
 }
 
+/// What the nodes of a program made of a picture, as far as the output needs them.
+#[derive(Clone, Debug)]
+pub(super) struct Images {
+    of: Vec<Option<Arc<Plane>>>,
+    blank: Arc<Plane>,
+}
+
+impl Images {
+    /// The last one.
+    pub fn output(&self) -> Arc<Plane> {
+        Arc::clone(self.of.last().and_then(Option::as_ref).unwrap_or(&self.blank))
+    }
+}
+
 impl ImageNode {
     /// A node of a function and its images, with this number of steps or aperture, and a constant.
     pub fn new(op: Op, from: [u16; 2], p0: f32, p1: i8) -> ImageNode {
         ImageNode { op, from, p0, p1, p2: 0, frequency: 0, angle: 0 }
+    }
+
+    /// Those of its parameters that its function has.
+    pub(super) fn parameters(&self) -> [Option<f32>; 2] {
+        use Op::*;
+        let [p0, p1, p2] = [self.p0, self.p1.into(), self.p2.into()];
+        match self.op {
+            Const | AddC | SubC | MulC | MinC | MaxC | Pow | Threshold | ThresholdInv | Canny => [Some(p0), None],
+            Input | Dilate | Erode | Gauss | Median | Bilateral | BoxBlur | Laplace | Unsharpen | Rescale => {
+                [Some(p1), None]
+            }
+            GaussXy | LocalMin | LocalMax | LocalMean | LocalNormalize | Shift => [Some(p1), Some(p2)],
+            Gabor | ResizeGabor => [Some(self.frequency.into()), Some(self.angle.into())],
+            _ => [None, None],
+        }
+    }
+
+    /// Whether it makes the same of the same images: parameters that its function does not have make no difference.
+    fn does_as(&self, other: &ImageNode) -> bool {
+        self.op == other.op && self.parameters() == other.parameters()
     }
 
     /// The input that it names, of so many.

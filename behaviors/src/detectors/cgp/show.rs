@@ -13,7 +13,7 @@ impl fmt::Display for ImageProgram {
         for (i, node) in self.nodes.iter().enumerate().filter(|(i, _)| active[*i]) {
             let name = |back: u16| i.checked_sub(usize::from(back)).map_or("blank".into(), |j| format!("n{j}"));
             let images = node.from[..node.op.arity()].iter().map(|b| name(*b));
-            let all: Vec<String> = images.chain(parameters(node)).collect();
+            let all: Vec<String> = images.chain(words(node)).collect();
             let op = serde_json::to_value(node.op).unwrap_or_default();
             writeln!(f, "n{i} = {}({})", op.as_str().unwrap_or_default(), all.join(", "))?;
         }
@@ -22,18 +22,10 @@ impl fmt::Display for ImageProgram {
     }
 }
 
-fn parameters(node: &ImageNode) -> Vec<String> {
-    use Op::*;
+/// Its parameters for readers.
+fn words(node: &ImageNode) -> Vec<String> {
     match node.op {
-        Input => vec![CHANNELS[node.channel(CHANNELS.len())].into()],
-        Const | AddC | SubC | MulC | MinC | MaxC | Pow | Threshold | ThresholdInv | Canny => vec![node.p0.to_string()],
-        Dilate | Erode | Gauss | Median | Bilateral | BoxBlur | Laplace | Unsharpen | Rescale => {
-            vec![node.p1.to_string()]
-        }
-        GaussXy | LocalMin | LocalMax | LocalMean | LocalNormalize | Shift => {
-            vec![node.p1.to_string(), node.p2.to_string()]
-        }
-        Gabor | ResizeGabor => vec![node.frequency.to_string(), node.angle.to_string()],
-        _ => vec![],
+        Op::Input => vec![CHANNELS[node.channel(CHANNELS.len())].into()],
+        _ => node.parameters().into_iter().flatten().map(|p| p.to_string()).collect(),
     }
 }
