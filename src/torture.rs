@@ -10,6 +10,7 @@ mod memory;
 pub mod plan;
 mod report;
 pub mod shrink;
+pub mod sight;
 pub mod swaps;
 pub mod trial;
 mod wires;

@@ -1,5 +1,6 @@
 //! What can go wrong: the fault list, and which of it a simulation can do.
 
+use super::sight::SightFault;
 use super::swaps::Swap;
 use mobee_actors::system::{Blow, Spot};
 use mobee_contract::{SwapPart, Target};
@@ -54,7 +55,11 @@ pub const KINDS: &[FaultKind] = &[
     kind("F21", "an agent is swapped at any moment, by a sound one or not", None),
     kind("F22", "a controller or a driver is swapped at any moment, by a sound one or not", None),
     kind("F23", "a motion outlasts the history", None),
-    kind("F24", "a detector sees nothing, two objects or garbage", Some("there are no detectors yet")),
+    kind(
+        "F24",
+        "a detector sees nothing, everything twice or garbage, a locator is far off; a sensor's actor fails",
+        None,
+    ),
     kind("F25", "a worse value is edited into the configuration", FUZZ),
     kind("F26", "memory, file descriptors or ports run out", PROCESS),
     kind("F27", "signals", PROCESS),
@@ -68,7 +73,7 @@ pub const KINDS: &[FaultKind] = &[
 /// Swaps are no faults of a robot: they come where they are asked for, so that a seed alone stands for what it always stood for.
 const SWAPS: [&str; 2] = ["F21", "F22"];
 /// Came later, and come by their names alone, for the same reason.
-const LATER: [&str; 3] = ["F29", "F31", "F32"];
+const LATER: [&str; 4] = ["F24", "F29", "F31", "F32"];
 
 /// A fault of a plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -150,6 +155,22 @@ pub enum What {
     Swap(Swap),
     /// F23: the history is so short from the start, in poses.
     ShortHistory(usize),
+    /// F24: a sensor is wrong.
+    Sight {
+        /// The sensor, by its number.
+        sensor: usize,
+        /// What is wrong.
+        fault: SightFault,
+        /// For how long.
+        lasts: Duration,
+    },
+    /// F24: an actor of a sensor is struck at its next message, or killed.
+    Blind {
+        /// The actor.
+        actor: String,
+        /// How it is struck; `None`: it is killed.
+        blow: Option<Blow>,
+    },
 }
 
 impl What {
@@ -169,6 +190,7 @@ impl What {
             What::Swap(Swap { part: SwapPart::Agent, .. }) => "F21",
             What::Swap(_) => "F22",
             What::ShortHistory(_) => "F23",
+            What::Sight { .. } | What::Blind { .. } => "F24",
         }
     }
 }
@@ -195,12 +217,17 @@ impl fmt::Display for What {
             }
             What::Swap(swap) => write!(f, "{swap}"),
             What::ShortHistory(poses) => write!(f, "a history of {poses} poses"),
+            What::Sight { sensor, fault, lasts } => {
+                write!(f, "sensor {sensor} for {:.3} s: {fault}", lasts.as_secs_f64())
+            }
+            What::Blind { actor, blow: Some(blow) } => write!(f, "{blow} in {actor}"),
+            What::Blind { actor, blow: None } => write!(f, "{actor} is killed"),
         }
     }
 }
 
 /// The kinds that are meant by a list such as `F1,F8`. In it `mild` are those that a robot meets any day, `usual` (and an empty list) all
-/// that can be simulated but swaps, F29, F31 and F32, `all` these with the swaps.
+/// that can be simulated but swaps, F24, F29, F31 and F32, `all` these with the swaps.
 ///
 /// # Errors
 /// A sentence for the first name that is unknown or can't be simulated.

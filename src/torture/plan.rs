@@ -4,6 +4,7 @@
 //! sprinkled evenly miss what goes wrong while something else is being mended. Then all is healed, and progress is demanded.
 
 use super::faults::{WIRES, What};
+use super::sight::SightFault;
 use super::swaps::{Flaw, Swap};
 use super::wires;
 use mobee_actors::runtime::swap::SwapPolicy;
@@ -22,6 +23,8 @@ pub struct Facts {
     pub robots: Vec<(String, Vec<(f64, f64)>)>,
     /// How many boards each robot has behind YARP.
     pub wires: Vec<usize>,
+    /// The actors of each sensor.
+    pub sensors: Vec<Vec<String>>,
     /// How long the run is to be, seconds.
     pub secs: f64,
     /// Whether faults are rare, as they are in a long run of every day.
@@ -119,9 +122,13 @@ impl Planner<'_> {
         }
     }
 
+    fn died_enough(&self) -> bool {
+        f64::from(self.deaths) >= f64::from(DEATHS) * (self.facts.secs / 60.0).max(1.0)
+    }
+
     fn fault(&mut self, kind: &'static str, at: Time, robot: usize, name: &str, actor: &str, link: &str) {
         let what = match kind {
-            "F1" | "F2" if f64::from(self.deaths) >= f64::from(DEATHS) * (self.facts.secs / 60.0).max(1.0) => return,
+            "F1" | "F2" if self.died_enough() => return,
             "F1" => {
                 self.deaths += 1;
                 What::Strike { actor: actor.into(), after: self.rng.random_range(0..50), blow: Blow::Panic }
@@ -150,6 +157,13 @@ impl Planner<'_> {
                 What::Commit { kind, robot: self.facts.robots[other].0.clone(), target, times }
             }
             "F21" | "F22" => What::Swap(self.swap(kind)),
+            "F24" => match self.sight() {
+                Some(What::Sight { sensor, fault, lasts }) => {
+                    What::Sight { sensor, fault, lasts: lasts.min(self.facts.healed().since(at)) }
+                }
+                Some(other) => other,
+                None => return,
+            },
             "F23" => What::ShortHistory(self.rng.random_range(60..400)),
             "F6" | "F7" | "F8" | "F11" | "F12" | "F29" | "F31" | "F32" => {
                 let (fault, lasts) = match kind {
@@ -207,6 +221,32 @@ impl Planner<'_> {
     fn held(&mut self, robot: usize) -> (Fault, Duration) {
         let motor = self.rng.random_range(0..self.facts.robots[robot].1.len().max(1));
         (Fault::Blocked { motor, after: self.secs(0.02, 1.5) }, self.secs(2.0, 12.0))
+    }
+
+    /// A sensor that is wrong, or one of its actors that fails; `None` if there are no sensors.
+    fn sight(&mut self) -> Option<What> {
+        let sensor = self.rng.random_range(0..self.facts.sensors.len().max(1));
+        let actors = self.facts.sensors.get(sensor)?;
+        if self.rng.random_range(0..4) == 0 && !self.died_enough() {
+            self.deaths += 1;
+            let actor = actors.get(self.rng.random_range(0..actors.len().max(1)))?.clone();
+            let blow = match self.rng.random_range(0..3) {
+                0 => None,
+                1 => Some(Blow::Panic),
+                _ => Some(Blow::Stall(self.secs(0.01, 1.5))),
+            };
+            return Some(What::Blind { actor, blow });
+        }
+        let mut within = |most: f64| self.rng.random_range(-most..most);
+        let off = [within(80.0), within(50.0)];
+        let fault = match self.rng.random_range(0..5) {
+            0 => SightFault::Blind,
+            1 => SightFault::Twice { off },
+            2 => SightFault::Elsewhere,
+            3 => SightFault::Nonsense,
+            _ => SightFault::Far { by: self.rng.random_range(0.02..0.6) },
+        };
+        Some(What::Sight { sensor, fault, lasts: self.secs(0.05, 6.0) })
     }
 
     fn obstruct(&mut self, at: Time, robot: &str) {
@@ -301,6 +341,7 @@ mod tests {
         Facts {
             robots: vec![("a".into(), limits.clone()), ("b".into(), limits)],
             wires: vec![0, 3],
+            sensors: vec![vec!["eyes/left/detector".into()]],
             secs: 60.0,
             mild: false,
         }
@@ -316,7 +357,10 @@ mod tests {
             assert!(planned.is_sorted_by_key(|p| p.at));
             for p in &planned {
                 let lasts = match &p.what {
-                    What::Board { lasts, .. } | What::Wire { lasts, .. } | What::Obstruct { lasts, .. } => *lasts,
+                    What::Board { lasts, .. }
+                    | What::Wire { lasts, .. }
+                    | What::Obstruct { lasts, .. }
+                    | What::Sight { lasts, .. } => *lasts,
                     _ => Duration::ZERO,
                 };
                 assert!(p.at + lasts <= facts.healed(), "seed {seed}: {p:?}");

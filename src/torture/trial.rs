@@ -4,6 +4,7 @@ use super::boards::{Boards, Driven};
 use super::faults::What;
 use super::memory::Memory;
 use super::plan::{Facts, Planned};
+use super::sight::{self, Belief};
 use super::witness::{Joint, Witness};
 use crate::compose::{compose, derive_seed};
 use crate::config::{ClockMode, Config, RobotConfig, Source};
@@ -72,6 +73,7 @@ pub struct Ran {
 struct Watch {
     checker: Checker,
     witness: Witness,
+    belief: Belief,
     n: u64,
     hash: Fingerprint,
     /// Why commits ended as faulted.
@@ -97,6 +99,7 @@ impl Sink for Watch {
             Entry::Event(event) => {
                 self.hash.add(at, event);
                 self.witness.event(at, event);
+                self.witness.found.extend(self.belief.event(at, event).map(|what| ("I33", what)));
                 if let Event::Died { actor, reason } = &**event {
                     let planned = ["planted", "killed", "used up its restarts"].iter().any(|p| reason.contains(p));
                     if !planned {
@@ -171,10 +174,11 @@ impl TortureTrial {
         config.bridge.clear();
         let driven = Driven::all(&mut config, &source)?;
         let wires = driven.iter().map(Driven::wires).collect();
-        let scene = compose(config.clone(), &source)?.scene;
+        let composed = compose(config.clone(), &source)?;
+        let (scene, sensors) = (composed.scene, composed.sensors.iter().map(sight::actors).collect());
         let limits = |r: &mobee_model::Robot| r.motors.iter().map(|m| (m.min, m.max)).collect();
         let robots = config.robot.iter().zip(scene.robots()).map(|(c, r)| (c.name.clone(), limits(r))).collect();
-        Ok(TortureTrial { config, source, driven, facts: Facts { robots, wires, secs, mild } })
+        Ok(TortureTrial { config, source, driven, facts: Facts { robots, wires, sensors, secs, mild } })
     }
 
     /// What keeps the measured poses of a run in this folder.
@@ -211,6 +215,7 @@ impl TortureTrial {
         let mut watch = Watch {
             checker: Checker::default(),
             witness: Witness::default(),
+            belief: Belief::new(composed.truth.clone(), &composed.sensors, planned),
             n: 0,
             hash: Fingerprint::default(),
             faulted: BTreeMap::new(),
@@ -222,6 +227,7 @@ impl TortureTrial {
             bugs: Vec::new(),
             sinks,
         };
+        sight::befall(&mut composed.sensors, planned, seed);
         watch.witness.board_faults(board_faults(planned, &watch.boards));
         let watch = Arc::new(Mutex::new(watch));
         let look = || watch.lock().unwrap_or_else(PoisonError::into_inner);
@@ -372,7 +378,11 @@ fn controls_of(planned: &[Planned], healed: Time) -> Vec<(Time, Control)> {
                 // the first may have got lost with the model
                 all.push((healed, Control::Edit(Edit::Remove { name })));
             }
-            What::Board { .. } | What::Wire { .. } | What::ShortHistory(_) | What::Swap(_) => {}
+            What::Blind { actor, blow: Some(blow) } => {
+                all.push((*at, Control::Inject(Injection::Strike { actor, after: 0, blow })));
+            }
+            What::Blind { actor, blow: None } => all.push((*at, Control::Kill(actor))),
+            What::Board { .. } | What::Wire { .. } | What::ShortHistory(_) | What::Swap(_) | What::Sight { .. } => {}
         }
     }
     all.push((healed, Control::Inject(Injection::Heal)));

@@ -1,0 +1,235 @@
+//! F24: what the eyes and the locators of a run get wrong, and what becomes of the model's objects meanwhile (I33).
+
+use super::faults::What;
+use super::plan::Planned;
+use mobee_actors::record::names::{CAMERA, DETECTOR, LOCATOR};
+use mobee_actors::system::{CameraSetup, PartMaker, SensorSetup, TruthCell};
+use mobee_contract::{
+    Admission, BodyState, Detector, Event, Frame, Located, Locator, Region, SeenMask, Sighting, Time,
+};
+use nalgebra::Vector3;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How far from where an object is the model may have it, meters, beside the jump that its gate believes at once: what a clean run is off
+/// at most, where the object is first seen at a picture's border.
+const OFF: f64 = 0.05;
+/// An object that moved is believed where it was for so long.
+const LATE: Duration = Duration::from_secs(2);
+
+/// What is wrong with a sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SightFault {
+    /// Its detectors see nothing.
+    Blind,
+    /// They see everything a second time, so many pixels to the right and down.
+    Twice {
+        /// How far away.
+        off: [f64; 2],
+    },
+    /// They see things anywhere, and nothing that there is.
+    Elsewhere,
+    /// They tell numbers that are none.
+    Nonsense,
+    /// Its locator has things anywhere within so many meters of where they are: what is off in the same way for long can't be told from
+    /// what is so.
+    Far {
+        /// How far at most, along each axis.
+        by: f64,
+    },
+}
+
+impl fmt::Display for SightFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SightFault::Blind => f.write_str("it sees nothing"),
+            SightFault::Twice { off: [x, y] } => write!(f, "it sees everything twice, {x:.0} by {y:.0} pixels away"),
+            SightFault::Elsewhere => f.write_str("it sees things anywhere"),
+            SightFault::Nonsense => f.write_str("it tells numbers that are none"),
+            SightFault::Far { by } => write!(f, "its locator is off by up to {by:.2} m"),
+        }
+    }
+}
+
+/// The faults of one sensor, each with its time.
+#[derive(Clone)]
+struct Wrong {
+    seed: u64,
+    faults: Arc<[(Time, Time, SightFault)]>,
+}
+
+impl Wrong {
+    fn at(&self, at: Time) -> Option<SightFault> {
+        self.faults.iter().find(|(from, to, _)| (*from..*to).contains(&at)).map(|(.., fault)| *fault)
+    }
+}
+
+/// The actors of a sensor, by their names in the run.
+pub fn actors(sensor: &SensorSetup) -> Vec<String> {
+    let parts = |camera: &CameraSetup| [CAMERA, DETECTOR].map(|part| format!("{}/{}/{part}", sensor.name, camera.name));
+    let locator = sensor.locator.iter().map(|_| format!("{}/{LOCATOR}", sensor.name));
+    sensor.cameras.iter().flat_map(parts).chain(locator).collect()
+}
+
+/// Wraps the detectors and locators of the sensors that these faults befall.
+pub fn befall(sensors: &mut [SensorSetup], planned: &[Planned], seed: u64) {
+    for (i, sensor) in sensors.iter_mut().enumerate() {
+        let own = planned.iter().filter_map(|Planned { at, what }| match what {
+            What::Sight { sensor, fault, lasts } if *sensor == i => Some((*at, *at + *lasts, *fault)),
+            _ => None,
+        });
+        let faults: Arc<[_]> = own.collect();
+        if faults.is_empty() {
+            continue;
+        }
+        let wrong = Wrong { seed, faults };
+        for camera in &mut sensor.cameras {
+            let (inner, wrong) = (camera.detector.clone(), wrong.clone());
+            let maker: PartMaker<dyn Detector> =
+                Arc::new(move || Ok(Box::new(Mistaken { inner: inner()?, wrong: wrong.clone() })));
+            camera.detector = maker;
+        }
+        if let Some(locator) = &mut sensor.locator {
+            let (inner, wrong) = (locator.locator.clone(), wrong.clone());
+            let maker: PartMaker<dyn Locator> =
+                Arc::new(move || Ok(Box::new(Mistaken { inner: inner()?, wrong: wrong.clone() })));
+            locator.locator = maker;
+        }
+    }
+}
+
+/// A detector or locator that is wrong for a while.
+struct Mistaken<T: ?Sized> {
+    inner: Box<T>,
+    wrong: Wrong,
+}
+
+impl Detector for Mistaken<dyn Detector> {
+    fn detect(&mut self, frame: &Frame) -> Vec<Region> {
+        let mut seen = self.inner.detect(frame);
+        let mut rng = ChaCha8Rng::seed_from_u64(self.wrong.seed ^ frame.exposed.0);
+        match self.wrong.at(frame.exposed) {
+            Some(SightFault::Blind) => seen.clear(),
+            Some(SightFault::Twice { off: [x, y] }) => {
+                let again = |region: &Region| {
+                    let mut region = region.clone();
+                    region.center = [region.center[0] + x, region.center[1] + y];
+                    let [left, top, right, bottom] = region.bounds;
+                    region.bounds = [left + x, top + y, right + x, bottom + y];
+                    region
+                };
+                let mut twice: Vec<Region> = seen.iter().map(again).collect();
+                // which of them is told first is anybody's guess
+                let at = if rng.random() { 0 } else { seen.len() };
+                seen.splice(at..at, twice.drain(..));
+            }
+            Some(SightFault::Elsewhere) => {
+                let [width, height] = frame.intrinsics.size.map(f64::from);
+                for region in &mut seen {
+                    let center = [rng.random_range(0.0..width), rng.random_range(0.0..height)];
+                    let half = rng.random_range(1.0..20.0);
+                    let [x, y] = center;
+                    (region.center, region.bounds) = (center, [x - half, y - half, x + half, y + half]);
+                    region.confidence = rng.random_range(0.0..1.0);
+                    region.is_clipped = rng.random();
+                }
+            }
+            Some(SightFault::Nonsense) => {
+                let none = [f64::NAN, f64::INFINITY, -1e300][rng.random_range(0..3)];
+                for region in &mut seen {
+                    match rng.random_range(0..4) {
+                        0 => region.center[0] = none,
+                        1 => region.bounds[2] = none,
+                        2 => region.confidence = none,
+                        _ => region.area = none,
+                    }
+                }
+            }
+            Some(SightFault::Far { .. }) | None => {}
+        }
+        seen
+    }
+
+    fn takes(&self) -> Duration {
+        self.inner.takes()
+    }
+
+    fn mask(&self) -> Option<SeenMask> {
+        self.inner.mask()
+    }
+}
+
+impl Locator for Mistaken<dyn Locator> {
+    fn locate(&mut self, seen: &[Sighting], body: &BodyState) -> Vec<Located> {
+        let mut found = self.inner.locate(seen, body);
+        if let Some(SightFault::Far { by }) = self.wrong.at(body.at) {
+            let mut rng = ChaCha8Rng::seed_from_u64(self.wrong.seed ^ body.at.0);
+            for located in &mut found {
+                located.position.iter_mut().for_each(|x| *x += rng.random_range(-by..=by));
+            }
+        }
+        found
+    }
+
+    fn takes(&self) -> Duration {
+        self.inner.takes()
+    }
+}
+
+/// Compares where sensors have objects with where they are.
+pub struct Belief {
+    truth: Arc<TruthCell>,
+    /// The sensors: their names, the jumps that their gates believe at once, meters, and when they see everything twice.
+    sensors: Vec<(String, f64, Vec<(Time, Time)>)>,
+    /// Where each object was in truth, from when until when.
+    places: BTreeMap<String, Vec<(Vector3<f64>, Time, Time)>>,
+}
+
+impl Belief {
+    /// Of a run with this truth, these sensors and these faults.
+    pub fn new(truth: Arc<TruthCell>, sensors: &[SensorSetup], planned: &[Planned]) -> Belief {
+        let of = |(i, sensor): (usize, &SensorSetup)| {
+            let twice = planned.iter().filter_map(|Planned { at, what }| match what {
+                What::Sight { sensor, fault: SightFault::Twice { .. }, lasts } if *sensor == i => {
+                    Some((*at, *at + *lasts))
+                }
+                _ => None,
+            });
+            let gate = sensor.locator.as_ref().and_then(|locator| locator.gate.as_ref());
+            gate.map(|gate| (sensor.name.clone(), gate.jump, twice.collect()))
+        };
+        Belief { truth, sensors: sensors.iter().enumerate().filter_map(of).collect(), places: BTreeMap::new() }
+    }
+
+    /// An event; answers what is broken.
+    pub fn event(&mut self, at: Time, event: &Event) -> Option<String> {
+        let Event::Located { sensor, exposed, objects, admissions } = event else { return None };
+        let (_, jump, twice) = self.sensors.iter().find(|(name, ..)| name == sensor)?;
+        let truth = self.truth.now()?;
+        let mut broken = None;
+        for (object, admission) in objects.iter().zip(admissions) {
+            let Some((_, is)) = truth.scene.object(&object.object) else { continue };
+            let is = is.pose.translation.vector + is.pose.rotation * is.middle();
+            let places = self.places.entry(object.object.clone()).or_default();
+            match places.last_mut().filter(|(place, ..)| (place - is).norm() < 1e-6) {
+                Some((_, _, until)) => *until = at,
+                None => places.push((is, at, at)),
+            }
+            places.retain(|(_, _, until)| exposed.since(*until) <= LATE);
+            let off = |(place, ..): &(Vector3<f64>, Time, Time)| (place - Vector3::from(object.position)).norm();
+            let nearest = places.iter().map(off).fold(f64::INFINITY, f64::min);
+            // of two things that appear at once nobody can say which is the object
+            let since = places.last().map_or(at, |(_, since, _)| *since);
+            let is_double = twice.iter().any(|(from, to)| (*from..*to + LATE).contains(exposed) && since >= *from);
+            if *admission == Admission::Moved && nearest > jump + OFF && !is_double {
+                let (name, mm) = (&object.object, nearest * 1e3);
+                broken.get_or_insert(format!("{name} is moved to {mm:.0} mm from where it was, at {at}"));
+            }
+        }
+        broken
+    }
+}
