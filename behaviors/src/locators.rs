@@ -23,6 +23,7 @@ pub mod model;
 pub mod network;
 pub mod noise;
 pub mod online;
+mod pairing;
 pub mod parameters;
 pub mod posterior;
 mod rigid;

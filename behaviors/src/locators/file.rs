@@ -3,14 +3,14 @@
 use super::beginning::{Beginning, Untaught};
 use super::calibrated::{Calibrated, Ready};
 use super::ensemble::Ensemble;
-use super::head::JointAngles;
 use super::lens::Lens;
 use super::network::PublishedNetwork;
+use super::pairing::Ray;
 use super::tracker::fuse;
 use super::triangulated::Triangulated;
 use super::view::{Estimate, KnownView, StereoView};
 use crate::learned_file::{self, LearnedFault};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -185,15 +185,15 @@ impl ReadyLocator {
         }
     }
 
-    /// The middle between the eyes, m, in the frame of the places; a published network knows of none.
-    pub fn between_eyes(&self, joints: &JointAngles) -> Option<Vector3<f64>> {
+    /// The rays to what both eyes saw, in the frame of the places; a published network knows of none.
+    pub(super) fn rays(&self, view: &StereoView) -> Option<[Ray; 2]> {
         let model = match self {
             ReadyLocator::Triangulate(t) => &t.model,
             ReadyLocator::Network(_) => return None,
             ReadyLocator::Ensemble(e) => &e.model,
             ReadyLocator::Calibrated(c) => c.model(),
         };
-        Some(model.look(joints, &[0.0; 9]).between_eyes())
+        Some(model.look(&view.encoders, &[0.0; 9]).rays(&view.pixels()))
     }
 
     /// The cameras as the file knows them, left and right.

@@ -3,9 +3,10 @@
 use super::file::{LocatorFile, ReadyLocator};
 use super::head::JointAngles;
 use super::lens::Lens;
+use super::pairing::{Ray, pairs};
 use super::standing::Standing;
-use super::tracker::Tracker;
-use super::view::{Glimpse, StereoView};
+use super::tracker::{Sight, Tracker};
+use super::view::{Estimate, Glimpse, StereoView};
 use mobee_contract::{BodyState, Intrinsics, Located, Locator, Region, Sighting, Time};
 use nalgebra::{Matrix3, Vector2};
 use std::collections::BTreeMap;
@@ -49,14 +50,17 @@ pub struct LearnedLocator {
     eyes: EyeNames,
     /// Whether views of what rests are put together.
     tracks: bool,
-    /// What each eye saw last of each object, not yet paired.
-    waiting: BTreeMap<String, [Option<(Time, Glimpse)>; 2]>,
+    /// What each eye saw last that may be each object, the surest first, not yet paired.
+    waiting: BTreeMap<String, [Option<(Time, Vec<Glimpse>)>; 2]>,
     trackers: BTreeMap<String, Tracker>,
     stands: Option<Standing>,
 }
 
+/// Things in one picture that may be one object: so many are looked at, the surest.
+const CANDIDATES: usize = 4;
 /// What the border cuts off may be as large as what is seen of it: by so much a place is not known, m.
 const CUT_OFF: f64 = 0.1;
+
 impl LearnedLocator {
     /// One as the file says, for a robot whose pose has the joints at these places.
     pub fn new(file: &LocatorFile, joints: [usize; 9], eyes: EyeNames, tracks: bool) -> LearnedLocator {
@@ -71,25 +75,47 @@ impl LearnedLocator {
         self
     }
 
-    fn place(&mut self, object: &str, view: &StereoView) -> Option<Located> {
-        let mut found = self.ready.locate(view)?;
-        if let Some(standing) = &self.stands {
-            let eyes = self.ready.between_eyes(&view.encoders);
-            found = standing.place(&found, eyes)?;
+    /// Where things are that both eyes saw at once, and that may each be this object.
+    fn place(&mut self, object: &str, views: &[StereoView]) -> Vec<Located> {
+        let (mut whole, mut cut_off) = (Vec::new(), Vec::new());
+        for view in views {
+            let rays = self.ready.rays(view);
+            let found = self.ready.locate(view).and_then(|found| match &self.stands {
+                Some(standing) => standing.place(&found, rays),
+                None => Some(found),
+            });
+            let Some(mut found) = found else { continue };
+            let size = rays.and_then(|rays| size(view, &rays, &found));
+            // who has learned from views that the border cut off knows what they are worth
+            if view.is_clipped() && !matches!(self.ready, ReadyLocator::Calibrated(_)) {
+                found.covariance += Matrix3::identity() * CUT_OFF.powi(2);
+                cut_off.push(found);
+            } else {
+                whole.push(Sight { estimate: found, size });
+            }
         }
-        // who has learned from views that the border cut off knows what they are worth
-        let is_unsure = view.is_clipped() && !matches!(self.ready, ReadyLocator::Calibrated(_));
-        if is_unsure {
-            found.covariance += Matrix3::identity() * CUT_OFF.powi(2);
-        } else if self.tracks {
+        let whole = if self.tracks {
             let common = self.ready.common();
-            let tracker = self.trackers.entry(object.to_owned()).or_insert_with(|| Tracker::new(common));
-            tracker.see(found);
-            found = tracker.place()?;
-        }
-        let row = |i: usize| [0, 1, 2].map(|j| found.covariance[(i, j)]);
-        Some(Located { object: object.to_owned(), position: found.place.into(), covariance: [row(0), row(1), row(2)] })
+            self.trackers.entry(object.to_owned()).or_insert_with(|| Tracker::new(common)).see(&whole)
+        } else {
+            whole.iter().map(|sight| sight.estimate).collect()
+        };
+        let told = |found: &Estimate| {
+            let row = |i: usize| [0, 1, 2].map(|j| found.covariance[(i, j)]);
+            Located { object: object.to_owned(), position: found.place.into(), covariance: [row(0), row(1), row(2)] }
+        };
+        whole.iter().chain(&cut_off).map(told).collect()
     }
+}
+
+/// How much the eye that sees less of something sees of it: the area of its box times the square of the distance.
+fn size(view: &StereoView, rays: &[Ray; 2], found: &Estimate) -> Option<f64> {
+    let seen = |(glimpse, (eye, _)): (&Glimpse, &Ray)| {
+        let [_, _, width, height] = glimpse.bounds?;
+        Some(width * height * (found.place - eye).norm_squared())
+    };
+    let [left, right] = [0, 1].map(|e| seen((&view.eyes[e], &rays[e])));
+    Some(f64::min(left?, right?))
 }
 
 /// What the camera that the file knows would have seen: another size or another lens makes other pixels of the same direction.
@@ -116,27 +142,29 @@ impl Locator for LearnedLocator {
             let Some(q) = body.q.get(motor) else { return Vec::new() };
             *value = *q;
         }
-        // of each object the one that the detector is surest of
-        let mut surest: BTreeMap<&str, (&Sighting, usize)> = BTreeMap::new();
+        let mut looks: BTreeMap<(&str, usize), (Time, Vec<(f64, Glimpse)>)> = BTreeMap::new();
         for sighting in seen {
             let Some(eye) = self.eyes.eye(&sighting.camera) else { continue };
-            let other = surest.entry(&sighting.region.object).or_insert((sighting, eye));
-            if sighting.region.confidence > other.0.region.confidence {
-                *other = (sighting, eye);
-            }
-        }
-        let mut found = Vec::new();
-        for (object, (sighting, eye)) in surest {
-            let Some(glimpse) = glimpse(&sighting.region, sighting.intrinsics, &lenses[eye]) else { continue };
-            let waiting = self.waiting.entry(object.to_owned()).or_default();
-            waiting[eye] = Some((sighting.at, glimpse));
-            let [Some((left_at, left)), Some((right_at, right))] = *waiting else { continue };
-            if left_at.since(right_at).max(right_at.since(left_at)) > TOGETHER {
+            if !sighting.region.confidence.is_finite() {
                 continue;
             }
+            let Some(glimpse) = glimpse(&sighting.region, sighting.intrinsics, &lenses[eye]) else { continue };
+            let (_, look) = looks.entry((&sighting.region.object, eye)).or_insert((sighting.at, Vec::new()));
+            look.push((sighting.region.confidence, glimpse));
+        }
+        let mut found = Vec::new();
+        for ((object, eye), (at, mut look)) in looks {
+            look.sort_by(|a, b| b.0.total_cmp(&a.0));
+            look.truncate(CANDIDATES);
+            let waiting = self.waiting.entry(object.to_owned()).or_default();
+            waiting[eye] = Some((at, look.into_iter().map(|(_, glimpse)| glimpse).collect()));
+            let [Some((left_at, left)), Some((right_at, right))] = &*waiting else { continue };
+            if left_at.since(*right_at).max(right_at.since(*left_at)) > TOGETHER {
+                continue;
+            }
+            let views = pairs(&self.ready, &encoders, self.stands.as_ref(), [left, right]);
             *waiting = [None, None];
-            let view = StereoView { eyes: [left, right], encoders, is_timed: true };
-            found.extend(self.place(object, &view));
+            found.extend(self.place(object, &views));
         }
         found
     }

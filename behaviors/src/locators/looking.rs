@@ -3,6 +3,7 @@
 use super::head::{EyePose, JointAngles};
 use super::lens::Lens;
 use super::model::HeadModel;
+use super::pairing::Ray;
 use super::parameters::*;
 use nalgebra::{Matrix3, Matrix4x3, SMatrix, Vector3, Vector4};
 
@@ -136,10 +137,14 @@ impl Looking<'_> {
         Some(by)
     }
 
-    /// The middle between the two eyes, m, in the frame of the places (a warp is left out).
-    pub(super) fn between_eyes(&self) -> Vector3<f64> {
-        let [left, right] = &self.eyes;
-        (self.model.frame.rotation * self.frame.all).tr_mul(&((left.center + right.center) / 2.0 - self.origin))
+    /// The ray of each eye to its pixels, in the frame of the places (a warp is left out).
+    pub(super) fn rays(&self, pixels: &Vector4<f64>) -> [Ray; 2] {
+        let turned = (self.model.frame.rotation * self.frame.all).transpose();
+        [0, 1].map(|e| {
+            let ray = self.lenses[e].ray(&pixels.fixed_rows::<2>(2 * e).into());
+            let direction = (self.eyes[e].root_from_camera * (self.mounts[e].all * ray)).normalize();
+            (turned * (self.eyes[e].center - self.origin), turned * direction)
+        })
     }
 
     /// Where the two rays pass each other nearest, m, in the frame of the places (a warp is left out); `None` if they are parallel or

@@ -1,8 +1,8 @@
 //! What is known of objects that stand on a table: how high their middle is, and so how far away.
 
+use super::pairing::Ray;
 use super::view::Estimate;
 use mobee_contract::KindError;
-use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -49,10 +49,19 @@ impl Standing {
         }
     }
 
+    /// How far from each other two rays come to the height where things stand, m; `None` if one of them does not.
+    pub(super) fn apart(&self, rays: &[Ray; 2]) -> Option<f64> {
+        let there = |(from, toward): &Ray| {
+            let far = (self.z_m - from.z) / toward.z;
+            (far.is_finite() && far > 0.0).then(|| from + toward * far)
+        };
+        Some((there(&rays[0])? - there(&rays[1])?).norm())
+    }
+
     /// Where an object is that stands there, as far as a view tells; `None` if what it tells is far above or below that.
-    pub(super) fn place(&self, seen: &Estimate, eyes: Option<Vector3<f64>>) -> Option<Estimate> {
+    pub(super) fn place(&self, seen: &Estimate, rays: Option<[Ray; 2]>) -> Option<Estimate> {
         let Estimate { place, covariance } = *seen;
-        let along = eyes.and_then(|eyes| (place - eyes).try_normalize(1e-9)).unwrap_or_default();
+        let along = rays.map(|[left, right]| (left.1 + right.1).normalize()).unwrap_or_default();
         let place = place + along * (self.behind_mm * 1e-3);
         let (off, variance) = (self.z_m - place.z, covariance[(2, 2)]);
         if off.abs() > OFF_HEIGHT.0.max(OFF_HEIGHT.1 * variance.sqrt()) {

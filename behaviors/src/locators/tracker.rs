@@ -2,13 +2,21 @@
 
 use super::view::{Estimate, INSIDE_95};
 use nalgebra::{Matrix3, Vector3};
+use std::collections::VecDeque;
 
 /// The degrees of freedom of Student's distribution, by which single views that are far off lose their weight.
 const NU: f64 = 4.0;
 /// Views that are kept of a resting object: the newest.
 const KEPT: usize = 64;
-/// So many views in a row that are outside their regions of 95 %, and near each other, mean that it has moved.
+/// So many views in a row at another place mean that it is there.
 const MOVED: usize = 3;
+/// A thing that goes on from its place by less than this is not told from how views scatter, m.
+const STEP: f64 = 0.01;
+/// Of what is seen to this share of the usual size the rest is hidden; so many views tell the usual size.
+const HIDDEN: f64 = 0.75;
+const ENOUGH: usize = 8;
+/// Places that are kept.
+const TRACKS: usize = 4;
 
 /// The place that views of a resting object agree on; `None` if there are none. What they are off in common (`common`, square meters)
 /// does not get less with more views.
@@ -35,14 +43,75 @@ pub fn fuse(views: &[Estimate], common: &Matrix3<f64>) -> Option<Estimate> {
     Some(Estimate { place, covariance: information.try_inverse()? + common })
 }
 
-/// Follows one object.
+/// Follows one object, and whatever else is taken for it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tracker {
-    /// Views of where it rests.
-    views: Vec<Estimate>,
-    /// The newest views, if they say that it is elsewhere.
-    elsewhere: Vec<Estimate>,
+    /// The places where it was seen, that which was seen last at the end.
+    tracks: Vec<Track>,
     common: Matrix3<f64>,
+}
+
+/// What was seen at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sight {
+    /// Where.
+    pub estimate: Estimate,
+    /// How much of it was seen, in any unit that is the same for all views, such as pixels times the square of the distance; `None`: not
+    /// known.
+    pub size: Option<f64>,
+}
+
+/// A place where something was seen.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Track {
+    /// The newest views of what rests there.
+    views: Vec<Estimate>,
+    /// How much of it was seen lately.
+    sizes: VecDeque<f64>,
+    /// How often in a row something was seen there when anything was, and whether that was so just now.
+    times: usize,
+    is_seen: bool,
+}
+
+impl Track {
+    fn see(&mut self, sight: &Sight) {
+        (self.times, self.is_seen) = (self.times + 1, true);
+        let is_hidden = self.is_hidden(sight.size);
+        if self.sizes.len() == KEPT {
+            self.sizes.pop_front();
+        }
+        self.sizes.extend(sight.size);
+        if is_hidden {
+            return;
+        }
+        if self.views.len() == KEPT {
+            self.views.remove(0);
+        }
+        self.views.push(sight.estimate);
+        self.forget_the_past();
+    }
+
+    /// Whether much less of it is seen than lately: something is before it, and the middle of what is seen is not its own.
+    fn is_hidden(&self, size: Option<f64>) -> bool {
+        let mut sizes: Vec<f64> = self.sizes.iter().copied().collect();
+        sizes.sort_by(f64::total_cmp);
+        let usual = sizes.get(sizes.len() / 2).filter(|_| sizes.len() >= ENOUGH);
+        size.zip(usual).is_some_and(|(size, usual)| size < HIDDEN * usual)
+    }
+
+    /// If the newest views are near each other and beside all those before, it has moved a little: what was before does not count any
+    /// more. Regions of 95 % are much wider than that, as they hold what all views have in common, too.
+    fn forget_the_past(&mut self) {
+        let before = self.views.len().saturating_sub(MOVED);
+        let (past, now) = self.views.split_at(before);
+        let middle = |views: &[Estimate]| views.iter().map(|v| v.place).sum::<Vector3<f64>>() / views.len() as f64;
+        let place = middle(now);
+        let spread = now.iter().map(|v| (v.place - place).norm()).fold(0.0, f64::max);
+        let aside = |past: Estimate| (past.place - place).norm() > STEP + 3.0 * spread;
+        if past.len() >= MOVED && fuse(past, &Matrix3::zeros()).is_some_and(aside) {
+            self.views.drain(..before);
+        }
+    }
 }
 
 impl Tracker {
@@ -51,33 +120,38 @@ impl Tracker {
         Tracker { common, ..Tracker::default() }
     }
 
-    /// One more view; tells whether the object has moved since the last ones.
-    pub fn see(&mut self, view: Estimate) -> bool {
-        let is_near = |other: &Estimate| {
-            let sum = Estimate { place: other.place, covariance: other.covariance + view.covariance + self.common };
-            sum.distance(&view.place) <= INSIDE_95
-        };
-        if self.place().is_none_or(|place| is_near(&place)) {
-            self.elsewhere.clear();
-            if self.views.len() == KEPT {
-                self.views.remove(0);
+    /// Views of all that looks like it, at one instant. Answers where these things are, in their order: each with the views of what
+    /// rests there before. A place that is new is told once something was seen there so many times in a row ([`MOVED`]), the first at once.
+    pub fn see(&mut self, sights: &[Sight]) -> Vec<Estimate> {
+        self.tracks.iter_mut().for_each(|track| track.is_seen = false);
+        let mut told = Vec::new();
+        for sight in sights {
+            let far = |track: &Track| {
+                let place = fuse(&track.views, &self.common)?;
+                let sum = Estimate { covariance: place.covariance + sight.estimate.covariance, ..place };
+                Some(sum.distance(&sight.estimate.place)).filter(|far| *far <= INSIDE_95)
+            };
+            let near = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_seen);
+            let near = near.filter_map(|(i, t)| Some((i, far(t)?))).min_by(|a, b| a.1.total_cmp(&b.1));
+            let mut track = match near {
+                Some((i, _)) => self.tracks.remove(i),
+                None if self.tracks.is_empty() => Track { times: MOVED, ..Track::default() },
+                None => Track::default(),
+            };
+            track.see(sight);
+            if track.times >= MOVED {
+                told.extend(fuse(&track.views, &self.common));
             }
-            self.views.push(view);
-            return false;
+            self.tracks.push(track);
         }
-        if !self.elsewhere.iter().all(is_near) {
-            self.elsewhere.clear();
+        // what was seen elsewhere fewer times, and is not seen now, was nothing; where it was before it must be seen anew as often
+        self.tracks.retain(|t| t.is_seen || t.views.len() >= MOVED);
+        if self.tracks.iter().any(|t| t.is_seen) {
+            self.tracks.iter_mut().filter(|t| !t.is_seen).for_each(|t| t.times = 0);
         }
-        self.elsewhere.push(view);
-        if self.elsewhere.len() < MOVED {
-            return false;
+        if self.tracks.len() > TRACKS {
+            self.tracks.drain(..self.tracks.len() - TRACKS);
         }
-        self.views = std::mem::take(&mut self.elsewhere);
-        true
-    }
-
-    /// Where it rests; `None` before the first view.
-    pub fn place(&self) -> Option<Estimate> {
-        fuse(&self.views, &self.common)
+        told
     }
 }

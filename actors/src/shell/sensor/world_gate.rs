@@ -3,7 +3,8 @@
 //! ```text
 //! not its object, or no numbers ─> Foreign      less sure than demanded ─> Unsure      outside the workspace ─> Outside
 //! near where it was last ─> Agrees, or Moved if that is farther than the least move
-//! farther than a jump ─> Waits, until it was seen there so many times in a row, and not where it was before ─> Moved
+//! farther than a jump from there, or from where it was steady
+//!     ─> Waits, until it was seen there so many times in a row, and not where it was before ─> Moved
 //! ```
 //! One outlier therefore moves nothing, and neither does a second thing of the same looks while the first is in view.
 
@@ -11,6 +12,11 @@ use mobee_contract::{Admission, Located, Time};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use std::collections::BTreeMap;
 use std::time::Duration;
+
+/// An object is steady that goes on from one frame to the next by no more than this share of a jump; what is seen somewhere else is there
+/// again within this share.
+const STEADY: f64 = 0.25;
+const AGAIN: f64 = 0.5;
 
 /// What a world gate goes by.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,6 +49,8 @@ pub struct WorldGate {
 struct Track {
     /// Where it was seen last, as far as that was believed.
     place: Option<Vector3<f64>>,
+    /// The last place where it was steady: outliers, of which each is near enough to the one before, don't lead it away.
+    anchor: Option<Vector3<f64>>,
     /// Where the model was told that it is.
     told: Option<Vector3<f64>>,
     /// When it was last seen where it is.
@@ -142,21 +150,28 @@ impl Track {
         exposed: Time,
         candidates: &[(usize, Vector3<f64>)],
     ) -> Option<(usize, Admission)> {
-        let nearest = |to: Vector3<f64>| {
+        let nearest = |to: Vector3<f64>, within: f64| {
             let near = candidates.iter().map(|(i, at)| (*i, *at, (at - to).norm()));
-            near.filter(|(.., d)| *d <= settings.jump).min_by(|a, b| a.2.total_cmp(&b.2))
+            near.filter(|(.., d)| *d <= within).min_by(|a, b| a.2.total_cmp(&b.2))
         };
-        if let Some((i, at, _)) = self.place.and_then(nearest) {
+        let is_anchored = |(_, at, _): &(usize, Vector3<f64>, f64)| {
+            self.anchor.is_none_or(|anchor| (anchor - at).norm() <= settings.jump)
+        };
+        if let Some((i, at, far)) = self.place.and_then(|place| nearest(place, settings.jump)).filter(is_anchored) {
             self.other = None;
+            if far <= settings.jump * STEADY {
+                self.anchor = Some(at);
+            }
             return Some((i, self.believe(settings, exposed, at)));
         }
-        let again = self.other.and_then(|(to, times)| nearest(to).map(|(i, at, _)| (i, at, times + 1)));
+        let there = |to: Vector3<f64>| nearest(to, settings.jump * AGAIN);
+        let again = self.other.and_then(|(to, times)| there(to).map(|(i, at, _)| (i, at, times + 1)));
         let (i, at, times) = again.or_else(|| candidates.first().map(|(i, at)| (*i, *at, 1)))?;
         if times < settings.confirmations {
             self.other = Some((at, times));
             return Some((i, Admission::Waits));
         }
-        self.other = None;
+        (self.other, self.anchor) = (None, Some(at));
         Some((i, self.believe(settings, exposed, at)))
     }
 

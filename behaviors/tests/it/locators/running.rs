@@ -6,7 +6,7 @@ use mobee_behaviors::locators::file::{LocatorFile, LocatorKind};
 use mobee_behaviors::locators::learned::{EyeNames, LearnedLocator};
 use mobee_behaviors::locators::lens::Lens;
 use mobee_behaviors::locators::standing::Standing;
-use mobee_behaviors::locators::tracker::Tracker;
+use mobee_behaviors::locators::tracker::{Sight, Tracker};
 use mobee_behaviors::locators::view::{Estimate, KnownView};
 use mobee_contract::{BodyState, Intrinsics, Located, Locator, Region, Sighting, Time};
 use nalgebra::{Matrix3, Vector3};
@@ -126,18 +126,67 @@ fn a_tracker_gets_surer_ignores_what_is_far_off_and_notices_a_move() {
             let sum: f64 = (0..12).map(|_| rng.random_range(-0.5..0.5)).sum();
             sum * covariance[(i, i)].sqrt()
         });
-        Estimate { place: truth + noise, covariance }
+        Sight { estimate: Estimate { place: truth + noise, covariance }, size: None }
     };
     let (here, there) = (Vector3::new(0.3, 0.1, 0.0), Vector3::new(0.3, 0.3, 0.0));
     let mut tracker = Tracker::new(Matrix3::identity() * 1e-6);
-    assert!(tracker.place().is_none());
+    let mut found = None;
     for i in 0..30 {
-        let seen = view(if i % 7 == 6 { here + Vector3::new(0.5, 0.0, 0.1 * f64::from(i)) } else { here });
-        assert!(!tracker.see(seen), "it has not moved");
+        let is_off = i % 7 == 6;
+        let told = tracker.see(&[view(if is_off { here + Vector3::new(0.5, 0.0, 0.1 * f64::from(i)) } else { here })]);
+        assert_eq!(told.len(), usize::from(!is_off), "what is far off tells nothing: {told:?}");
+        found = told.last().copied().or(found);
     }
-    let found = tracker.place().expect("seen");
+    let found = found.expect("seen");
     assert!((found.place - here).norm() < 0.02 && found.covariance.trace() < 0.1 * covariance.trace());
-    let moved = (0..5).filter(|_| tracker.see(view(there))).count();
-    let found = tracker.place().expect("seen");
-    assert!(moved == 1 && (found.place - there).norm() < 0.05, "{moved} {found:?}");
+    let told: Vec<usize> = (0..5).map(|_| tracker.see(&[view(there)]).len()).collect();
+    assert_eq!(told, [0, 0, 1, 1, 1], "it has moved");
+}
+
+#[test]
+fn a_small_step_is_taken_as_soon_as_a_large_one() {
+    // regions that hold what all views have in common are far wider than the step
+    let covariance = Matrix3::identity() * 0.03f64.powi(2);
+    let mut tracker = Tracker::new(Matrix3::identity() * 1e-4);
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let mut see = |x: f64| {
+        let place = Vector3::new(x, 0.0, 0.0) + Vector3::from_fn(|_, _| rng.random_range(-0.002..0.002));
+        tracker.see(&[Sight { estimate: Estimate { place, covariance }, size: None }]).first().expect("told").place.x
+    };
+    let before: Vec<f64> = (0..60).map(|_| see(0.3)).collect();
+    assert!(before.iter().all(|x| (x - 0.3).abs() < 0.003), "it rests: {before:?}");
+    let after: Vec<f64> = (0..5).map(|_| see(0.34)).collect();
+    assert!(after[2..].iter().all(|x| (x - 0.34).abs() < 0.003), "4 cm: {after:?}");
+}
+
+#[test]
+fn what_is_half_hidden_stays_where_it_was_until_it_is_so_for_long() {
+    let covariance = Matrix3::identity() * 0.03f64.powi(2);
+    let mut tracker = Tracker::new(Matrix3::identity() * 1e-4);
+    let mut see = |y: f64, size: f64| {
+        let estimate = Estimate { place: Vector3::new(0.3, y, 0.0), covariance };
+        tracker.see(&[Sight { estimate, size: Some(size) }]).first().expect("told").place.y
+    };
+    assert!((0..20).all(|_| see(0.0, 100.0).abs() < 1e-9));
+    // a hand comes before it: the middle of what is left to see is beside its own
+    assert!((0..15).all(|_| see(0.02, 50.0).abs() < 1e-9), "it stays");
+    assert!(see(0.0, 95.0).abs() < 1e-9, "and is there again");
+    let last = (0..40).map(|_| see(0.04, 50.0)).last().expect("told");
+    assert!((last - 0.04).abs() < 1e-9, "what is seen like that for long is so: {last}");
+}
+
+#[test]
+fn a_tracker_keeps_two_things_of_the_same_looks_apart() {
+    let covariance = Matrix3::identity() * 1e-4;
+    let at = |y: f64| Sight { estimate: Estimate { place: Vector3::new(0.3, y, 0.0), covariance }, size: None };
+    let mut tracker = Tracker::new(Matrix3::identity() * 1e-6);
+    for i in 0..20 {
+        // told in any order
+        let views = if i % 2 == 0 { [at(0.1), at(0.3)] } else { [at(0.3), at(0.1)] };
+        let told = tracker.see(&views);
+        let expected = if i < 2 { 1 } else { 2 };
+        assert_eq!(told.len(), expected, "the second is told once it was seen three times");
+        let is_seen = |told: &Estimate| views.iter().any(|view| (view.estimate.place - told.place).norm() < 1e-9);
+        assert!(told.iter().all(is_seen), "neither is drawn to the other: {told:?}");
+    }
 }

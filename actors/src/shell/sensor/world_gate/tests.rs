@@ -55,6 +55,21 @@ fn an_object_that_jumps_is_believed_when_it_stays_there() {
 }
 
 #[test]
+fn outliers_that_are_each_near_the_one_before_do_not_lead_it_away() {
+    let mut gate = with_cup();
+    let steps =
+        (1..=10).map(|k| gate.admit(secs(1.0 + 0.1 * f64::from(k)), &[at("cup", [0.3, 0.06 * f64::from(k), 1.0])]));
+    let all: Vec<_> = steps.flatten().collect();
+    assert_eq!(all[..2], [Admission::Moved, Admission::Waits], "6 cm, then 12 cm from where it was steady: {all:?}");
+    assert!(all[2..].iter().all(|a| *a == Admission::Waits), "it is nowhere twice: {all:?}");
+    // and what goes on slowly is followed
+    let mut gate = with_cup();
+    let steps =
+        (1..=30).map(|k| gate.admit(secs(1.0 + 0.1 * f64::from(k)), &[at("cup", [0.3, 0.02 * f64::from(k), 1.0])]));
+    assert!(steps.flatten().all(|a| a == Admission::Moved));
+}
+
+#[test]
 fn a_second_thing_of_the_same_looks_is_told_apart() {
     let mut gate = with_cup();
     for k in 0..20 {

@@ -1,0 +1,95 @@
+//! Which of what the one eye saw is the same thing as which of what the other eye saw.
+
+use super::file::ReadyLocator;
+use super::head::JointAngles;
+use super::standing::Standing;
+use super::view::{Glimpse, StereoView};
+use nalgebra::Vector3;
+
+/// The rays of two eyes to one thing pass each other at an angle of this or less, as seen from them, rad: cameras may be a degree or two
+/// off.
+const ASKEW: f64 = 0.1;
+/// What stands somewhere is seen there by either eye alone; of one thing they say so within this, m.
+const APART: f64 = 0.06;
+
+/// A ray: where it begins, m, and a direction of length 1, in the frame of the places.
+pub(super) type Ray = (Vector3<f64>, Vector3<f64>);
+
+/// Pairs of what the left eye and what the right eye saw that may be one thing each, those first that are told first by both. Each
+/// glimpse is in one pair at most: the one in which both eyes agree best. A locator that knows no head takes the first of both.
+pub(super) fn pairs(
+    ready: &ReadyLocator,
+    encoders: &JointAngles,
+    stands: Option<&Standing>,
+    [left, right]: [&[Glimpse]; 2],
+) -> Vec<StereoView> {
+    let view = |l: &Glimpse, r: &Glimpse| StereoView { eyes: [*l, *r], encoders: *encoders, is_timed: true };
+    let mut all = Vec::new();
+    for (i, l) in left.iter().enumerate() {
+        for (k, r) in right.iter().enumerate() {
+            let view = view(l, r);
+            let misfit = match ready.rays(&view) {
+                Some(rays) => misfit(&rays, stands),
+                None => (i + k == 0).then_some(0.0),
+            };
+            all.extend(misfit.map(|misfit| (misfit, i, k, view)));
+        }
+    }
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut taken: Vec<(usize, usize, StereoView)> = Vec::new();
+    for (_, i, k, view) in all {
+        if taken.iter().all(|(a, b, _)| *a != i && *b != k) {
+            taken.push((i, k, view));
+        }
+    }
+    taken.sort_by_key(|(i, k, _)| i + k);
+    taken.into_iter().map(|(.., view)| view).collect()
+}
+
+/// How badly two rays go to one thing, 1 at most; `None`: to two things.
+fn misfit(rays: &[Ray; 2], stands: Option<&Standing>) -> Option<f64> {
+    let askew = askew(rays)? / ASKEW;
+    let apart = match stands {
+        Some(standing) => standing.apart(rays)? / APART,
+        None => 0.0,
+    };
+    let misfit = f64::max(askew, apart);
+    (misfit <= 1.0).then_some(misfit)
+}
+
+/// How far two rays pass each other, as an angle seen from where they begin, rad; `None` if they don't come near each other before the eyes.
+fn askew([(a, u), (b, v)]: &[Ray; 2]) -> Option<f64> {
+    let normal = u.cross(v);
+    let square = normal.norm_squared();
+    let between = b - a;
+    // along the first ray to where they are nearest
+    let far = between.cross(v).dot(&normal) / square.max(1e-12);
+    (far > 0.0).then(|| (between.dot(&normal) / square.sqrt().max(1e-6)).abs() / far)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn toward(from: [f64; 3], to: [f64; 3]) -> Ray {
+        let (from, to) = (Vector3::from(from), Vector3::from(to));
+        (from, (to - from).normalize())
+    }
+
+    const EYES: [[f64; 3]; 2] = [[0.0, 0.034, 0.3], [0.0, -0.034, 0.3]];
+
+    #[test]
+    fn rays_to_one_thing_agree_and_rays_to_two_things_do_not() {
+        let table = Standing { z_m: -0.1, sd_mm: 5.0, behind_mm: 0.0 };
+        let both = |left: [f64; 3], right: [f64; 3]| [toward(EYES[0], left), toward(EYES[1], right)];
+        let cup = [0.35, 0.05, -0.1];
+        assert!(misfit(&both(cup, cup), Some(&table)).is_some_and(|m| m < 1e-6));
+        // each camera off by a degree, to either side
+        let off = [[0.35, 0.059, -0.1], [0.36, 0.041, -0.1]];
+        assert!(misfit(&both(off[0], off[1]), Some(&table)).is_some_and(|m| m < 0.6));
+        let other = [0.35, 0.13, -0.1];
+        assert_eq!(misfit(&both(cup, other), Some(&table)), None, "beside it");
+        assert_eq!(misfit(&both(cup, [0.2, 0.05, -0.1]), None), None, "nearer to the robot: rays pass each other");
+        assert_eq!(askew(&both([0.35, 1.0, -0.1], [0.35, -1.0, -0.1])), None, "rays that part");
+    }
+}
