@@ -20,6 +20,7 @@ mod follow;
 mod look;
 mod map;
 mod settings;
+mod sight;
 
 pub use settings::{GazeSettings, ReachSettings};
 
@@ -276,6 +277,7 @@ impl ReachAgent {
             return None;
         }
         match (self.mind.phase, place) {
+            (Phase::Go, Some(_)) if self.has_moved(view).is_some() || self.is_gone(view) => self.look_anew(),
             (Phase::Go, Some(_)) if self.refine(view) => {}
             (Phase::Go, Some(place)) => {
                 let (at, off) = self.hand_at(view);
@@ -337,14 +339,16 @@ impl Agent for ReachAgent {
                     }
                 }
             }
-            if self.mind.phase == Phase::Go
-                && let Some(pre) = self.follow(view)
-            {
+            if self.mind.phase == Phase::Go && (self.has_moved(view).is_some() || self.is_gone(view)) {
+                let Some(pre) = self.follow(view) else {
+                    self.look_anew();
+                    continue;
+                };
                 self.walker.goto(pre);
             }
             let on = match self.walker.step(last.take(), view) {
                 WalkStep::Do(intent) => return intent,
-                WalkStep::Lost(why) => return self.done(&why),
+                WalkStep::Lost(why) => return self.lost(&why),
                 WalkStep::Unreachable(goal) => self.no_way(goal, view),
                 WalkStep::At(at) => self.arrived(at, view),
             };
@@ -357,8 +361,15 @@ impl Agent for ReachAgent {
 
     fn revise(&mut self, view: &View) -> Option<Intent> {
         match self.mind.phase {
+            Phase::Go | Phase::Approach if self.is_gone(view) => {
+                self.look_anew();
+                Some(self.walker.give_up())
+            }
             Phase::Go if self.has_moved(view).is_some() => {
-                let Some(pre) = self.follow(view) else { return self.walker.revise(view) };
+                let Some(pre) = self.follow(view) else {
+                    self.look_anew();
+                    return Some(self.walker.give_up());
+                };
                 let straight = self.is_straight(pre, view);
                 let turned = straight.then(|| self.walker.turn_to(pre, view)).flatten();
                 Some(turned.unwrap_or_else(|| {

@@ -354,8 +354,19 @@ impl Walker {
         let mut rest = rest.unwrap_or_else(|| self.map.by_distance(view.pose()));
         let free = |id: &u32| self.whole(*id, view).is_some_and(|q| line_free(view, &q));
         let chosen = rest.iter().take(CHECKED).position(free);
-        let chosen = chosen.unwrap_or(if self.validator.certifies() { rest.len() } else { 0 });
+        let chosen = if self.validator.certifies() {
+            // back to where it came from
+            let last = rest.iter().position(|id| Some(*id) == self.progress.last && free(id));
+            let none = || rest.len();
+            chosen.or(last).unwrap_or_else(none)
+        } else {
+            chosen.unwrap_or(0)
+        };
         if chosen >= rest.len() {
+            // nearer to something than a plan may be, though not as near as a contact
+            if !line_free(view, view.pose()) {
+                return self.escape(view);
+            }
             return WalkStep::Lost("no vertex of the roadmap can be reached from where the robot rests".to_owned());
         }
         let to = rest.remove(chosen);

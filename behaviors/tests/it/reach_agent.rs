@@ -122,6 +122,62 @@ fn a_cup_that_moves_on_the_way_is_followed_and_a_small_move_is_not() {
 }
 
 #[test]
+fn a_hand_never_goes_down_where_the_cup_is_known_not_to_be() {
+    let robot = arm(3);
+    for is_late in [false, true] {
+        let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
+        let mut agent = kind("reach", &robot, 1, settings(json!({})));
+        let Intent::MoveTo(target) = agent.next(None, &view) else { panic!("it sets out") };
+        // to where no posture is: the hand stops, or, if that is known too late, arrives
+        view.scene = moved(&view.scene, 1.5, 0.3);
+        if is_late {
+            view.poses = vec![target.pose(view.pose())];
+        } else {
+            assert_eq!(agent.revise(&view), Some(Intent::Stop));
+        }
+        let run = drive(&mut *agent, &mut view, 50, by_scene);
+        assert!(run.motions.iter().all(|(_, to, _)| !is_near(to, [0.5, 0.3], AT)), "{run:?}");
+        assert!(run.q.iter().zip(rest()).all(|(a, b)| (a - b).abs() < 0.01), "it is home: {:?}", run.q);
+        assert_eq!((figure(&run.done, "reached"), figure(&run.done, "missed_out_of_reach")), (0.0, 1.0));
+    }
+}
+
+/// A pose of three joints with the tip there, pointing along x.
+fn pointing_at(x: f64, y: f64) -> Vec<f64> {
+    let (wrist, link) = ((x - 0.3, y), 0.3);
+    let far = wrist.0.hypot(wrist.1);
+    let bend = 2.0 * (far / (2.0 * link)).acos();
+    let first = wrist.1.atan2(wrist.0) - bend / 2.0;
+    vec![first, bend, -first - bend]
+}
+
+#[test]
+fn what_eyes_face_and_do_not_see_is_looked_for_anew() {
+    let robot = arm(3);
+    let wall = ball("wall", 0.3, 0.3, 0.03, ObjectClass::Obstacle);
+    let gaze = json!({ "motors": ["joint2"], "eyes": ["tip"], "sweep_deg": [{ "joint2": 0 }] });
+    let seen = |is_stale: bool| {
+        let (at, place) = (Some(Time::from_secs(1.0)), Some([0.5, 0.3, 0.0]));
+        Arc::new([SeenObject { object: "cup".into(), at, place, is_stale }])
+    };
+    let revised = |objects: Vec<Object>, is_stale: bool, q: Vec<f64>| {
+        let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());
+        (view.at, view.seen) = (Time::from_secs(1.0), seen(false));
+        let mut agent = kind("reach", &robot, 1, settings(json!({ "gaze": gaze.clone() })));
+        assert!(matches!(agent.next(None, &view), Intent::MoveTo(_)), "it sets out");
+        let all = objects.into_iter().chain([cup(0.5, 0.3)]).collect();
+        (view.scene, view.seen) = (scene(&robot, all), seen(is_stale));
+        (view.at, view.poses) = (Time::from_secs(4.0), vec![q.into()]);
+        agent.revise(&view)
+    };
+    let facing = pointing_at(0.12, 0.3);
+    assert_eq!(revised(Vec::new(), false, facing.clone()), None, "it is seen");
+    assert_eq!(revised(Vec::new(), true, rest().to_vec()), None, "the eyes look elsewhere");
+    assert_eq!(revised(vec![wall], true, facing.clone()), None, "something is between");
+    assert_eq!(revised(Vec::new(), true, facing), Some(Intent::Stop), "it is gone: the motion is taken back");
+}
+
+#[test]
 fn a_cup_that_is_not_to_be_followed_is_reached_for_where_it_was() {
     let robot = arm(3);
     let mut view = view(&scene(&robot, vec![cup(0.5, 0.3)]), &rest());

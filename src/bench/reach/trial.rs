@@ -111,6 +111,7 @@ pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Way) -> Result<Outc
         _ if counts.hard_contacts > 0 => "touched",
         _ if figures.is_empty() => "unfinished",
         Some((cause, _)) => cause,
+        None if figure("reached") < 1.0 => "unfinished",
         None if off_mm > BESIDE_MM => "beside",
         None => "reached",
     };

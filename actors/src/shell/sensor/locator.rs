@@ -3,7 +3,7 @@
 use super::{Eye, KeptObject, PATIENCE, PartMaker, Placing, Remembering, Seen};
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::Clock;
-use crate::wiring::{ModelMsg, SharedContext};
+use crate::wiring::{AgentMsg, ModelMsg, SharedContext};
 use mobee_contract::{Admission, BodyState, Event, Locator, SeenObject, Sighting, SwapPart, SwapStep, Time};
 use mobee_controller::history::Unrecorded;
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
@@ -51,11 +51,16 @@ impl Placing {
     pub fn tell_stale(&self, shared: &SharedContext, by: Time) {
         let Some(gate) = &self.gate else { return };
         let stale = gate.lock().stale(by);
-        if !stale.is_empty() {
-            self.show_seen(shared);
+        if stale.is_empty() {
+            return;
         }
+        self.show_seen(shared);
         for object in stale {
             shared.tell(Event::Stale { sensor: self.sensor.clone(), object });
+        }
+        // who is on the way to it may want to look again
+        for context in &shared.robots {
+            context.agent.send(AgentMsg::Revise);
         }
     }
 

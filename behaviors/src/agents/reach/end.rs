@@ -67,13 +67,14 @@ impl Counts {
         self.delay = seen.map_or(0.0, |seen| now.since(seen).as_secs_f64()).max(self.delay);
     }
 
-    /// The hand is before the object, there, and so far off, meters.
+    /// The hand is before the object, there, and so far off, meters; once more, if the object went on meanwhile.
     pub fn before(&mut self, now: Time, at: [f64; 3], off: f64) {
-        let Some(since) = self.under_way.take() else { return };
         self.at = at;
-        self.arrivals += 1;
-        self.seconds += now.since(since).as_secs_f64();
         self.off = self.off.max(off);
+        if let Some(since) = self.under_way.take() {
+            self.arrivals += 1;
+            self.seconds += now.since(since).as_secs_f64();
+        }
     }
 
     pub fn ended(&self) -> u32 {
@@ -148,6 +149,17 @@ impl ReachAgent {
         }
         self.go_home();
         None
+    }
+
+    /// No vertex can be reached from where the robot rests. What is in the way may be nothing but an object that is seen elsewhere soon:
+    /// that is waited for.
+    pub(super) fn lost(&mut self, why: &str) -> Intent {
+        self.mind.homeward += 1;
+        if self.mind.homeward > HOMEWARD {
+            return self.done(why);
+        }
+        self.walker.log(why);
+        Intent::Wait(Duration::from_secs(1))
     }
 
     /// Chooses postures for where the object is now. Answers whether there are any.

@@ -1,5 +1,6 @@
 //! The object is elsewhere than when the hand set out: in mid-motion, or a little when the hand is above it.
 
+use super::look::Gaze;
 use super::{ReachAgent, choice, look};
 use mobee_contract::View;
 use nalgebra::Vector3;
@@ -32,12 +33,29 @@ impl ReachAgent {
         pre.inspect(|pre| self.walker.goto(*pre)).is_some()
     }
 
-    /// The object moved while the hand goes there: postures are chosen anew. Answers their vertex.
+    /// The object moved while the hand goes there: postures are chosen anew, those that are found soon. Answers their vertex.
     pub(super) fn follow(&mut self, view: &View) -> Option<u32> {
         let object = self.has_moved(view)?;
         let pre = self.set_out(object, &choice::FEW, view).ok()?;
         self.mind.counts.replanned += 1;
         self.walker.log(format!("{} has moved: the hand goes where it is now", self.settings.object));
         Some(pre)
+    }
+
+    /// Whether the object is not any more where the hand goes, wherever it is: its sensor has not seen it for long, though all eyes look at
+    /// that place, and nothing known is between.
+    pub(super) fn is_gone(&self, view: &View) -> bool {
+        let (Some(seen), Some(place)) = (view.seen(&self.settings.object), &self.mind.place) else { return false };
+        let gaze = self.ready.as_ref().and_then(|ready| ready.gaze.as_ref());
+        let faces = |gaze: &Gaze| gaze.faces(&self.settings.object, place.object.into(), view);
+        self.settings.follow && seen.is_stale && gaze.is_some_and(faces)
+    }
+
+    /// The object is not where the hand goes, and no posture was found in passing for where it is: the hand, which may hide it, goes home,
+    /// and it is looked for anew. The hand never goes down to where the object is known not to be.
+    pub(super) fn look_anew(&mut self) {
+        self.walker.log(format!("{} is not where it was: it is looked for anew", self.settings.object));
+        self.mind.place = None;
+        self.go_home();
     }
 }

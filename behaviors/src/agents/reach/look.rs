@@ -6,7 +6,7 @@ use crate::group;
 use crate::table_map::HandChain;
 use mobee_contract::{Intent, Target, Time, View};
 use mobee_model::Robot;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -57,6 +57,11 @@ impl Gaze {
         let group = Group { motors: plan.motors.clone(), limits };
         let chains = plan.eyes.iter().filter_map(chain).collect();
         Gaze { plan, eyes: Eyes { chains, group } }
+    }
+
+    /// Where each eye is at a pose of the whole robot, and where it looks.
+    pub fn eyes(&self, pose: &[f64]) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> {
+        self.eyes.chains.iter().map(|eye| eye.at(pose)).map(|eye| (eye.at, eye.palm))
     }
 
     fn turn(&self, q: Vec<f64>) -> Intent {
