@@ -55,6 +55,16 @@ pub struct Region {
     pub pose: Option<SeenPose>,
 }
 
+impl Region {
+    /// Whether all its numbers are finite. What is told with others is of no use to anybody.
+    pub fn is_finite(&self) -> bool {
+        let pose = self.pose.iter();
+        let pose = pose.flat_map(|p| p.position.iter().chain(&p.rotation).chain(p.covariance.iter().flatten()));
+        let own = [self.area, self.confidence];
+        self.center.iter().chain(&self.bounds).chain(&own).chain(pose).all(|n| n.is_finite())
+    }
+}
+
 /// Where something is before the camera that saw it, in all six degrees of freedom.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeenPose {
@@ -156,6 +166,13 @@ pub struct Located {
     pub position: [f64; 3],
     /// How sure that is: the covariance of the position, square meters, row by row.
     pub covariance: [[f64; 3]; 3],
+}
+
+impl Located {
+    /// Whether all its numbers are finite.
+    pub fn is_finite(&self) -> bool {
+        self.position.iter().chain(self.covariance.iter().flatten()).all(|n| n.is_finite())
+    }
 }
 
 /// What became of an object's place at the world gate, between a locator and the model.

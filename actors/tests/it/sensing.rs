@@ -39,8 +39,11 @@ impl Detector for Slow {
     fn detect(&mut self, frame: &Frame) -> Vec<Region> {
         self.seen += 1;
         assert!(self.name != "breaks", "planted");
-        let center = [f64::from(frame.pixels[0]), self.seen as f64];
+        let mut center = [f64::from(frame.pixels[0]), self.seen as f64];
         let [u, v] = center;
+        if self.name == "raves" {
+            center[0] = f64::NAN;
+        }
         let bounds = [u - 0.5, v - 0.5, u + 0.5, v + 0.5];
         vec![Region {
             object: self.name.into(),
@@ -190,6 +193,20 @@ fn a_sensor_in_virtual_time_comes_back_and_counts_what_it_drops() {
     let (sent, handled, dropped, _) = link(&ran, "eyes/left/detector>locator");
     assert!(sent == seen.len() as u64 && handled + dropped + 1 >= sent && placed + 2 >= handled, "{sent} {handled}");
     assert!(placed > 60, "{placed}");
+}
+
+#[test]
+fn numbers_that_are_none_are_left_out_and_told_of_once() {
+    let mut sensor = eyes(Duration::ZERO);
+    sensor.cameras[0].detector = detector("raves", TAKES);
+    let ran = run(sensor, Vec::new());
+    let is_empty = |(_, event): &(Time, Arc<Event>)| match &**event {
+        Event::Sighted { regions, .. } => regions.is_empty(),
+        Event::Located { .. } => false,
+        _ => true,
+    };
+    assert!(ran.events().iter().all(is_empty), "{}", ran.lines());
+    assert_eq!(ran.lines().matches("numbers that are none").count(), 1, "{}", ran.lines());
 }
 
 #[test]

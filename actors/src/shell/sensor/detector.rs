@@ -3,7 +3,7 @@
 use super::{Eye, Looking, PATIENCE, PartMaker, Seen};
 use crate::runtime::attempt::{Given, attempt};
 use crate::wiring::SharedContext;
-use mobee_contract::{Detector, Event, Frame, SeenPicture, SwapPart, SwapStep};
+use mobee_contract::{Detector, Event, Frame, Region, SeenPicture, SwapPart, SwapStep};
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,6 +41,8 @@ pub struct Detecting {
     detector: Option<Box<dyn Detector>>,
     /// A new one that looks on, and how long it may take for a frame.
     onlooker: Option<(Box<dyn Detector>, Duration)>,
+    /// Whether it was said that it tells numbers that are none.
+    told_unsound: bool,
 }
 
 impl Detecting {
@@ -73,7 +75,8 @@ impl Detecting {
         let Some((mut detector, budget)) = self.onlooker.take() else { return };
         let (frame, exposed) = (frame.clone(), frame.exposed);
         let look = move || {
-            let regions = detector.detect(&frame);
+            let mut regions = detector.detect(&frame);
+            regions.retain(Region::is_finite);
             // it is not waited for by a virtual clock, but one that is too slow is so by any
             let cost = if detector.takes() > budget { detector.takes() } else { Duration::ZERO };
             Given { value: (detector, regions), cost }
@@ -95,12 +98,16 @@ impl Detecting {
         let mut detector = self.detector.take().ok_or("the detector is away")?;
         let (exposed, intrinsics) = (frame.exposed, frame.intrinsics);
         let look = move || {
-            let (regions, cost) = (detector.detect(&frame), detector.takes());
+            let (mut regions, cost) = (detector.detect(&frame), detector.takes());
+            let all = regions.len();
+            regions.retain(Region::is_finite);
+            let is_sound = regions.len() == all;
             let told = (detector.export(), detector.mask(), detector.complaint());
-            Given { value: (detector, regions, told), cost }
+            Given { value: (detector, regions, is_sound, told), cost }
         };
         let budget = self.eye.seat.budget().unwrap_or(PATIENCE);
-        let (detector, regions, (state, mask, complaint)) = attempt(&self.shared.clock, budget, look).await?;
+        let seen = attempt(&self.shared.clock, budget, look).await?;
+        let (detector, regions, is_sound, (state, mask, complaint)) = seen;
         self.detector = Some(detector);
         self.eye.seat.change(|looking| looking.state = state);
         self.eye.seat.answered(self.shared.clock.now());
@@ -110,6 +117,10 @@ impl Detecting {
         }
         if let Some(what) = complaint {
             self.shared.tell(Event::Warning { text: format!("{}: {what}", self.eye.name) });
+        }
+        if !is_sound && !std::mem::replace(&mut self.told_unsound, true) {
+            let text = format!("{}: its detector told numbers that are none: what has them is left out", self.eye.name);
+            self.shared.tell(Event::Warning { text });
         }
         let mount = self.eye.mount.lock().clone();
         let seen = SeenPicture { frame: shown.clone(), regions: regions.as_slice().into(), mask, mount };
@@ -130,7 +141,7 @@ impl Actor for DetectorActor {
         myself: ActorRef<DetectorMsg>,
         (shared, eye): Self::Arguments,
     ) -> Result<Detecting, ActorProcessingErr> {
-        let mut detecting = Detecting { shared, eye, detector: None, onlooker: None };
+        let mut detecting = Detecting { shared, eye, detector: None, onlooker: None, told_unsound: false };
         detecting.make()?;
         detecting.eye.detector.connect(myself.clone());
         detecting.eye.frames.attach(Box::new(move || myself.send_message(DetectorMsg::Frames).is_ok()));

@@ -4,7 +4,7 @@ use super::{Eye, KeptObject, PATIENCE, PartMaker, Placing, Remembering, Seen};
 use crate::runtime::attempt::{Given, attempt};
 use crate::runtime::clock::Clock;
 use crate::wiring::{AgentMsg, ModelMsg, SharedContext};
-use mobee_contract::{Admission, BodyState, Event, Locator, SeenObject, Sighting, SwapPart, SwapStep, Time};
+use mobee_contract::{Admission, BodyState, Event, Located, Locator, SeenObject, Sighting, SwapPart, SwapStep, Time};
 use mobee_controller::history::Unrecorded;
 use ractor::{Actor, ActorProcessingErr, ActorRef, RpcReplyPort};
 use std::sync::Arc;
@@ -44,6 +44,8 @@ pub struct Locating {
     placing: Arc<Placing>,
     /// Away while it is asked.
     locator: Option<Box<dyn Locator>>,
+    /// Whether it was said that it tells numbers that are none.
+    told_unsound: bool,
 }
 
 impl Placing {
@@ -122,15 +124,22 @@ impl Locating {
         let sighting = |region| Sighting { camera: camera.clone(), intrinsics, region, at: exposed };
         let sightings: Vec<Sighting> = regions.into_iter().map(sighting).collect();
         let locate = move || {
-            let (objects, cost) = (locator.locate(&sightings, &body), locator.takes());
+            let (mut objects, cost) = (locator.locate(&sightings, &body), locator.takes());
+            let all = objects.len();
+            objects.retain(Located::is_finite);
+            let is_sound = objects.len() == all;
             let state = locator.export();
-            Given { value: (locator, objects, state), cost }
+            Given { value: (locator, objects, is_sound, state), cost }
         };
         let budget = self.placing.seat.budget().unwrap_or(PATIENCE);
-        let (locator, objects, state) = attempt(&self.shared.clock, budget, locate).await?;
+        let (locator, objects, is_sound, state) = attempt(&self.shared.clock, budget, locate).await?;
         self.locator = Some(locator);
         self.placing.seat.change(|remembering| remembering.state = state);
         self.placing.seat.answered(self.shared.clock.now());
+        if !is_sound && !std::mem::replace(&mut self.told_unsound, true) {
+            let text = format!("{}: it told numbers that are none: what has them is left out", self.placing.name);
+            self.shared.tell(Event::Warning { text });
+        }
         let gate = self.placing.gate.as_ref();
         let admissions = gate.map(|gate| gate.lock().admit(exposed, &objects)).unwrap_or_default();
         self.placing.show_seen(&self.shared);
@@ -157,7 +166,7 @@ impl Actor for LocatorActor {
         myself: ActorRef<LocatorMsg>,
         (shared, eyes, placing): Self::Arguments,
     ) -> Result<Locating, ActorProcessingErr> {
-        let mut locating = Locating { shared, eyes, placing, locator: None };
+        let mut locating = Locating { shared, eyes, placing, locator: None, told_unsound: false };
         locating.make()?;
         locating.placing.locator.connect(myself.clone());
         for (i, eye) in locating.eyes.iter().enumerate() {

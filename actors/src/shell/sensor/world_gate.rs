@@ -103,8 +103,7 @@ impl WorldGate {
     /// What can be said of one place without knowing where the object was: `Other` if it is a candidate.
     fn form(&self, located: &Located) -> Admission {
         let Located { object, position, covariance } = located;
-        let numbers = position.iter().chain(covariance.iter().flatten());
-        if !self.tracks.contains_key(object) || numbers.clone().any(|x| !x.is_finite()) {
+        if !self.tracks.contains_key(object) || !located.is_finite() {
             return Admission::Foreign;
         }
         let covariance = Matrix3::from(*covariance);
