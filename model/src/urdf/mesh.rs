@@ -1,12 +1,13 @@
 //! The mesh files that a URDF names: found, read once, bounded in bytes and triangles.
 //!
-//! STL, OBJ and COLLADA are read here rather than by crates: of the kept ones, those that read COLLADA panic on what they don't
+//! STL, OBJ, COLLADA and glTF are read here rather than by crates: of the kept ones, those that read COLLADA panic on what they don't
 //! expect, ignore units, or place a geometry only once that a scene shows several times.
 //!
 //! What a file may be is bounded, where it lies is not: a URDF may name any path, as it does in ROS. Only regular files are opened,
 //! and nothing of what is in them is ever shown.
 
 mod dae;
+mod glb;
 mod obj;
 mod stl;
 
@@ -83,7 +84,7 @@ impl<'a> Meshes<'a> {
     }
 }
 
-/// Reads a triangle mesh from an STL, OBJ or COLLADA file: meters, after the file's own unit and transforms. It has a triangle at
+/// Reads a triangle mesh from an STL, OBJ, COLLADA or binary glTF file: meters, after the file's own unit and transforms. It has a triangle at
 /// least, no vertex twice and none unused.
 ///
 /// # Errors
@@ -151,7 +152,11 @@ fn parse(extension: &str, bytes: &[u8]) -> Result<MeshFile, String> {
         "stl" => (stl::parse(bytes)?, false),
         "obj" => (obj::parse(bytes)?, false),
         "dae" => dae::parse(bytes)?,
-        other => return Err(format!("is of type `{other}`; STL, OBJ and COLLADA (.dae) can be read")),
+        // y is up in all of them
+        "glb" => (glb::parse(bytes)?, true),
+        other => {
+            return Err(format!("is of type `{other}`; STL, OBJ, COLLADA (.dae) and binary glTF (.glb) can be read"));
+        }
     };
     if mesh.vertices.iter().flatten().any(|c| c.is_nan() || c.abs() > MAX_COORDINATE) {
         return Err(format!("has a vertex that is not finite or beyond {MAX_COORDINATE}"));

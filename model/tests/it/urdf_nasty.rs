@@ -84,7 +84,7 @@ fn a_nasty_mesh_is_refused_with_the_reason() {
         ("circle.dae", dae("", "0 1 2", "<node id=\"n\"><instance_node url=\"#n\"/></node>").into_bytes(), "nested"),
         ("explosion.dae", dae("", "0 1 2", &explosion).into_bytes(), "instances"),
         ("robot.mesh", vec![1, 2, 3], "type `mesh`"),
-        ("none", vec![1, 2, 3], "STL, OBJ and COLLADA"),
+        ("none", vec![1, 2, 3], "STL, OBJ, COLLADA"),
     ];
     for (name, bytes, expected) in cases {
         let error = mesh(dir.path(), name, &bytes).expect_err(name);
@@ -211,7 +211,7 @@ fn what_is_no_urdf_is_told_as_what_it_is() {
         (shape("<box size=\"1 1\"/>"), "three finite numbers", "three numbers"),
         (shape("<cylinder radius=\"nan\" length=\"1\"/>"), "above zero", "above zero"),
         (shape("<mesh filename=\"../../../../etc/passwd\"/>"), "mesh ../../../../etc/passwd", "--meshes"),
-        (shape("<mesh filename=\"file:///etc/passwd\"/>"), "STL, OBJ and COLLADA", "--meshes"),
+        (shape("<mesh filename=\"file:///etc/passwd\"/>"), "STL, OBJ, COLLADA", "--meshes"),
         (shape(&format!("<mesh filename=\"{long}\"/>")), "link `a`", "--meshes"),
     ];
     for (text, message, help) in cases {
@@ -258,4 +258,87 @@ fn a_mesh_is_found_in_its_package_and_its_unit_is_doubted() {
     let loaded = load_urdf(dir.path().join("share/arm/urdf/robot.urdf"), &options).unwrap();
     let doubts = loaded.warnings.iter().filter(|w| w.message().contains("m long")).count();
     assert_eq!(doubts, 0, "the folder that was given comes first: {:?}", loaded.warnings);
+}
+
+/// A glTF file in one.
+fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
+    let mut out = [b"glTF".as_slice(), &2_u32.to_le_bytes(), &0_u32.to_le_bytes()].concat();
+    for (kind, chunk) in [(b"JSON", json.as_bytes()), (b"BIN\0", binary)] {
+        out.extend((chunk.len() as u32).to_le_bytes().iter().chain(kind).chain(chunk));
+    }
+    out
+}
+
+/// The JSON of a glTF file: a triangle strip of four corners in the buffer, after their indices, shown by these nodes.
+fn gltf(nodes: &str, more: &str) -> String {
+    format!(
+        "{{\"asset\":{{\"version\":\"2.0\"}},\"scene\":0,\"scenes\":[{{\"nodes\":[0]}}],\"nodes\":[{nodes}],{more}\
+         \"meshes\":[{{\"primitives\":[{{\"mode\":1,\"attributes\":{{}}}},{{\"mode\":5,\"indices\":1,\"attributes\":{{\"POSITION\":0}}}}]}}],\
+         \"accessors\":[{{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}},\
+         {{\"bufferView\":0,\"componentType\":5123,\"count\":4,\"type\":\"SCALAR\"}}],\
+         \"bufferViews\":[{{\"buffer\":0,\"byteLength\":8}},{{\"buffer\":0,\"byteOffset\":8,\"byteLength\":64,\"byteStride\":16}}],\
+         \"buffers\":[{{\"byteLength\":72}}]}}"
+    )
+}
+
+/// Four corners of a square, 16 bytes each, after their indices.
+fn square(indices: [u16; 4]) -> Vec<u8> {
+    let corners = [[0.0_f32, 0.0, 0.0, 9.0], [1.0, 0.0, 0.0, 9.0], [0.0, 2.0, 0.0, 9.0], [1.0, 2.0, 0.0, 9.0]];
+    let indices = indices.iter().flat_map(|i| i.to_le_bytes());
+    indices.chain(corners.iter().flatten().flat_map(|c| c.to_le_bytes())).collect()
+}
+
+#[test]
+fn a_gltf_file_shows_its_triangles_where_its_nodes_put_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let shown = "{\"children\":[1],\"translation\":[0,0,5]},\
+                 {\"mesh\":0,\"rotation\":[0,0,0.7071067811865476,0.7071067811865476],\"scale\":[2,1,1]}";
+    let mesh = mesh(dir.path(), "m.glb", &glb(&gltf(shown, ""), &square([0, 1, 2, 3]))).unwrap();
+    let mut places: Vec<[i64; 3]> = mesh.vertices.iter().map(|v| v.map(|c| c.round() as i64).into()).collect();
+    places.sort();
+    assert_eq!(places, [[-2, 0, 5], [-2, 2, 5], [0, 0, 5], [0, 2, 5]]);
+    assert_eq!(mesh.triangles.len(), 2);
+}
+
+#[test]
+fn a_nasty_gltf_file_is_refused_with_the_reason() {
+    let dir = tempfile::tempdir().unwrap();
+    let (one, good) = ("{\"mesh\":0}", square([0, 1, 2, 3]));
+    let whole = glb(&gltf(one, ""), &good);
+    let altered = |from: &str, to: &str| {
+        let text = gltf(one, "");
+        assert!(text.contains(from), "{from}");
+        glb(&text.replacen(from, to, 1), &good)
+    };
+    let cases = [
+        (Vec::new(), "no binary glTF"),
+        (b"glTF\x01\0\0\0".to_vec(), "no binary glTF"),
+        (b"glTF\x02\0\0\0\0\0\0\0".to_vec(), "no JSON"),
+        (whole[..whole.len() - 1].to_vec(), "cut off"),
+        (glb("{\"nodes\":[{\"mesh\":-1}]}", &good), "no glTF"),
+        (glb(&"[".repeat(100_000), &good), "no glTF"),
+        (glb(&gltf(one, ""), &square([0, 1, 2, 4])), "none of its 4 vertices"),
+        (glb(&gltf(one, ""), &[]), "another file"),
+        (glb(&gltf("{\"children\":[0]}", ""), &good), "nested"),
+        (glb(&gltf("{\"children\":[1,1]},{\"children\":[0,0]}", ""), &good), "nested"),
+        (glb(&gltf("{\"children\":[7]}", ""), &good), "node 7"),
+        (glb(&gltf("{\"mesh\":7}", ""), &good), "mesh 7"),
+        (glb(&gltf("{\"mesh\":0,\"skin\":0}", ""), &good), "skin"),
+        (glb(&gltf("{}", ""), &good), "no surface"),
+        (glb(&gltf(one, "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],"), &good), "draco"),
+        (altered("\"count\":4", "\"count\":5"), "beyond its view"),
+        (altered("\"count\":4", "\"count\":18446744073709551615"), "beyond its view"),
+        (altered("\"byteLength\":64", "\"byteLength\":65"), "beyond its view"),
+        (altered("5126", "5120"), "unknown numbers"),
+        (altered("5126", "5121"), "quantization"),
+        (altered("\"VEC3\"", "\"VEC4\""), "no plain list"),
+        (altered("\"bufferView\":1,", "\"bufferView\":9,"), "without a view"),
+    ];
+    for (i, (bytes, expected)) in cases.into_iter().enumerate() {
+        let error = mesh(dir.path(), "m.glb", &bytes).expect_err(expected);
+        assert!(error.message().contains(expected) && !error.remedy().is_empty(), "{i}: {error:?}");
+    }
+    let nan = good.len() - 64;
+    let broken = [&good[..nan], &f32::NAN.to_le_bytes(), &good[nan + 4..]].concat();
+    assert!(mesh(dir.path(), "m.glb", &glb(&gltf(one, ""), &broken)).unwrap_err().message().contains("not finite"));
 }

@@ -1,0 +1,271 @@
+//! glTF 2.0 in one file (`.glb`): the triangles that its scene shows, each where the scene's nodes put it.
+//!
+//! glTF is in meters, and y is up in it. As with COLLADA, the numbers are taken as they are, for so they are in what people look at
+//! URDF with; whether a mesh is turned all the same, see `upright`.
+
+use super::{MAX_TRIANGLES, add_triangle};
+use crate::Mesh;
+use nalgebra::{Matrix4, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use serde::Deserialize;
+
+/// The type of a chunk of JSON, and of one of binary data.
+const JSON: u32 = 0x4E4F_534A;
+const BINARY: u32 = 0x004E_4942;
+/// Nodes may be nested so deep: a circle of them has no end.
+const MAX_DEPTH: usize = 50;
+/// More nodes and meshes are refused, those counted again that are shown again.
+const MAX_INSTANCES: usize = 10_000;
+/// More vertices of all of them together are refused.
+const MAX_VERTICES: usize = 3 * MAX_TRIANGLES;
+/// Types of numbers: `u8`, `u16`, `u32`, `f32`.
+const NUMBERS: [(u32, usize); 4] = [(5121, 1), (5123, 2), (5125, 4), (5126, 4)];
+const FLOAT: u32 = 5126;
+
+/// What matters of the JSON.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct Document {
+    scene: usize,
+    scenes: Vec<Nodes>,
+    nodes: Vec<Node>,
+    meshes: Vec<Primitives>,
+    accessors: Vec<Accessor>,
+    buffer_views: Vec<View>,
+    extensions_required: Vec<String>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Nodes {
+    nodes: Vec<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Node {
+    children: Vec<usize>,
+    mesh: Option<usize>,
+    skin: Option<usize>,
+    /// Column by column.
+    matrix: Option<[f64; 16]>,
+    translation: [f64; 3],
+    /// x, y, z, w.
+    rotation: Option<[f64; 4]>,
+    scale: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Primitives {
+    primitives: Vec<Primitive>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Primitive {
+    attributes: Attributes,
+    indices: Option<usize>,
+    mode: Option<u32>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Attributes {
+    #[serde(rename = "POSITION")]
+    position: Option<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct Accessor {
+    buffer_view: Option<usize>,
+    byte_offset: usize,
+    component_type: u32,
+    count: usize,
+    r#type: String,
+    sparse: Option<serde::de::IgnoredAny>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct View {
+    buffer: usize,
+    byte_offset: usize,
+    byte_length: usize,
+    byte_stride: Option<usize>,
+}
+
+/// Reads a glTF file that holds its buffer itself.
+///
+/// # Errors
+/// What is wrong with it, as the end of a sentence.
+pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, String> {
+    let word = |at: usize| bytes.get(at..at + 4).and_then(|w| Some(u32::from_le_bytes(w.try_into().ok()?)));
+    if bytes.get(..4) != Some(b"glTF") || word(4) != Some(2) {
+        return Err("is no binary glTF of version 2".to_owned());
+    }
+    let (mut at, mut json, mut binary) = (12, None, &[][..]);
+    while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
+        let end = (at + 8).checked_add(length as usize).filter(|end| *end <= bytes.len());
+        let end = end.ok_or_else(|| format!("is cut off: the chunk at byte {at} claims {length} bytes"))?;
+        match kind {
+            JSON if json.is_none() => json = bytes.get(at + 8..end),
+            BINARY if binary.is_empty() => binary = bytes.get(at + 8..end).unwrap_or_default(),
+            _ => {}
+        }
+        at = end;
+    }
+    let document: Document = serde_json::from_slice(json.ok_or("has no JSON in it")?)
+        .map_err(|e| format!("has JSON that is no glTF: {}", crate::printable(&e.to_string())))?;
+    // materials and textures may be as they like
+    if let Some(needed) = document.extensions_required.iter().find(|e| e.contains("mesh")) {
+        let needed = crate::printable(needed);
+        return Err(format!("needs `{needed}`: export it without compression and instancing"));
+    }
+    let mut scene = Scene { document: &document, binary, mesh: Mesh::default(), instances: 0 };
+    let origin = Matrix4::identity();
+    match document.scenes.get(document.scene) {
+        Some(shown) => shown.nodes.iter().try_for_each(|node| scene.node(*node, &origin, 0))?,
+        None => (0..document.meshes.len()).try_for_each(|mesh| scene.show(mesh, &origin))?,
+    }
+    Ok(scene.mesh)
+}
+
+impl Node {
+    /// `parent_from_node`.
+    fn place(&self) -> Matrix4<f64> {
+        if let Some(columns) = self.matrix {
+            return Matrix4::from_column_slice(&columns);
+        }
+        let [x, y, z, w] = self.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+        let turn = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-12).unwrap_or_default();
+        let scale = Vector3::from(self.scale.unwrap_or([1.0; 3]));
+        let at = Translation3::from(Vector3::from(self.translation));
+        at.to_homogeneous() * turn.to_homogeneous() * Matrix4::new_nonuniform_scaling(&scale)
+    }
+}
+
+/// What is shown so far.
+struct Scene<'d> {
+    document: &'d Document,
+    /// The buffer of the file.
+    binary: &'d [u8],
+    /// Meters.
+    mesh: Mesh,
+    instances: usize,
+}
+
+impl Scene<'_> {
+    fn count(&mut self) -> Result<(), String> {
+        self.instances += 1;
+        if self.instances > MAX_INSTANCES {
+            return Err(format!("shows more than {MAX_INSTANCES} instances"));
+        }
+        Ok(())
+    }
+
+    /// Shows a node and all below it. `above` leads from its parent's frame to the mesh's.
+    fn node(&mut self, index: usize, above: &Matrix4<f64>, depth: usize) -> Result<(), String> {
+        self.count()?;
+        if depth > MAX_DEPTH {
+            return Err(format!("has nodes nested more than {MAX_DEPTH} deep"));
+        }
+        let node = self.document.nodes.get(index).ok_or_else(|| format!("shows node {index}, which is not there"))?;
+        if node.skin.is_some() {
+            return Err("has a skin that bones move: export it as a plain mesh".to_owned());
+        }
+        let here = above * node.place();
+        if let Some(mesh) = node.mesh {
+            self.show(mesh, &here)?;
+        }
+        node.children.iter().try_for_each(|child| self.node(*child, &here, depth + 1))
+    }
+
+    /// Adds the triangles of a mesh. Points and lines are passed over.
+    fn show(&mut self, index: usize, place: &Matrix4<f64>) -> Result<(), String> {
+        self.count()?;
+        let mesh = self.document.meshes.get(index).ok_or_else(|| format!("shows mesh {index}, which is not there"))?;
+        for primitive in &mesh.primitives {
+            let (mode @ 4..=6, Some(position)) = (primitive.mode.unwrap_or(4), primitive.attributes.position) else {
+                continue;
+            };
+            let first = self.mesh.vertices.len();
+            let (kind, places) = self.elements(position, "VEC3")?;
+            if kind != FLOAT {
+                return Err(
+                    "has vertices that are no floating-point numbers: export it without quantization".to_owned()
+                );
+            }
+            let number = |bytes: &[u8], i: usize| {
+                let word = bytes.get(4 * i..4 * i + 4).and_then(|w| w.try_into().ok()).unwrap_or([0; 4]);
+                f64::from(f32::from_le_bytes(word))
+            };
+            let new: Vec<Vector3<f64>> = places
+                .map(|p| place.transform_point(&Point3::new(number(p, 0), number(p, 1), number(p, 2))).coords)
+                .collect();
+            let corners: Vec<u32> = match primitive.indices {
+                None => (0..new.len() as u32).collect(),
+                Some(indices) => {
+                    let whole =
+                        |bytes: &[u8]| bytes.iter().rev().fold(0_u32, |all, byte| (all << 8) | u32::from(*byte));
+                    self.elements(indices, "SCALAR")?.1.map(whole).collect()
+                }
+            };
+            if let Some(beyond) = corners.iter().find(|i| **i as usize >= new.len()) {
+                return Err(format!(
+                    "has a triangle with corner {beyond}, which is none of its {} vertices",
+                    new.len()
+                ));
+            }
+            if first + new.len() > MAX_VERTICES {
+                return Err(format!("has more than {MAX_VERTICES} vertices: simplify it"));
+            }
+            self.mesh.vertices.extend(new);
+            let corner = |i: usize| corners.get(i).map(|c| first as u32 + c);
+            let triangles = match mode {
+                4 => corners.len() / 3,
+                _ => corners.len().saturating_sub(2),
+            };
+            for i in 0..triangles {
+                let at = match mode {
+                    4 => [3 * i, 3 * i + 1, 3 * i + 2],
+                    5 => [i, i + 1, i + 2],
+                    _ => [0, i + 1, i + 2],
+                };
+                if let [Some(a), Some(b), Some(c)] = at.map(corner) {
+                    add_triangle(&mut self.mesh, [a, b, c])?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The type of an accessor's numbers, and the bytes of each of its elements.
+    fn elements(&self, index: usize, kind: &str) -> Result<(u32, impl Iterator<Item = &[u8]>), String> {
+        let wrong = |what: &str| format!("has an accessor {index} {what}");
+        let accessor = self.document.accessors.get(index).ok_or_else(|| wrong("that is not there"))?;
+        if accessor.r#type != kind || accessor.sparse.is_some() {
+            return Err(wrong(&format!("that is no plain list of {kind}")));
+        }
+        let of = NUMBERS.iter().find(|(number, _)| *number == accessor.component_type);
+        let (number, bytes) = of.ok_or_else(|| wrong("of unknown numbers"))?;
+        let size = if kind == "VEC3" { 3 * bytes } else { *bytes };
+        let view = accessor.buffer_view.and_then(|v| self.document.buffer_views.get(v));
+        let view = view.ok_or_else(|| wrong("without a view"))?;
+        if view.buffer != 0 || self.binary.is_empty() {
+            return Err("has its buffer in another file: export it as one `.glb`".to_owned());
+        }
+        let stride = view.byte_stride.unwrap_or(size).max(size);
+        let whole = || {
+            let view_end = view.byte_offset.checked_add(view.byte_length).filter(|end| *end <= self.binary.len())?;
+            let start = view.byte_offset.checked_add(accessor.byte_offset)?;
+            let last = accessor.count.saturating_sub(1).checked_mul(stride)?;
+            let end = start.checked_add(last)?.checked_add(if accessor.count > 0 { size } else { 0 })?;
+            (end <= view_end).then_some(start)
+        };
+        let start = whole().ok_or_else(|| wrong("that reaches beyond its view"))?;
+        let element =
+            move |i: usize| self.binary.get(start + i * stride..start + i * stride + size).unwrap_or_default();
+        Ok((*number, (0..accessor.count).map(element)))
+    }
+}
