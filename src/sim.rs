@@ -18,7 +18,7 @@ use std::sync::Arc;
 #[derive(clap::Args)]
 pub struct SimArgs {
     /// A configuration file whose robots have drivers of kind `sim`, such as configs/behaviors/explore.toml; what its simulated cameras
-    /// see is at PREFIX/cam/EYE
+    /// see, with objects moved by its script as time goes, is at PREFIX/cam/EYE
     file: PathBuf,
     /// Prefix of the port names (one robot only); default: `/NAMESim` for a robot called NAME.
     #[arg(long)]
@@ -82,7 +82,7 @@ impl Simulated {
             all.extend(boards.iter().map(|b| (format!("{prefix}/{}", b.part()), b.clone())));
             by_robot.push(boards);
         }
-        let cameras = cameras::cameras(&config, &source, prefix, &by_robot)?;
+        let cameras = cameras::cameras(&config, &source, prefix, &by_robot, clock)?;
         Ok(Simulated { boards: all, cameras, clock })
     }
 }

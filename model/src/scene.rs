@@ -61,6 +61,14 @@ impl Object {
         let sum: Vector3<f64> = self.shapes.iter().map(|s| s.pose.translation.vector).sum();
         sum / self.shapes.len().max(1) as f64
     }
+
+    /// How far it goes from its origin in a direction of unit length of its own frame, meters; 0 without a shape.
+    pub fn extent(&self, toward: &Vector3<f64>) -> f64 {
+        let of = |s: &Primitive| {
+            s.pose.translation.vector.dot(toward) + s.shape.extent(&(s.pose.rotation.inverse() * toward))
+        };
+        self.shapes.iter().map(of).reduce(f64::max).unwrap_or(0.0)
+    }
 }
 
 /// A shape's identity, stable over edits of the scene.

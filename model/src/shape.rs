@@ -72,6 +72,16 @@ impl Shape {
         }
     }
 
+    /// How far it goes from its origin in a direction of unit length, meters.
+    pub fn extent(&self, toward: &Vector3<f64>) -> f64 {
+        match *self {
+            Self::Sphere { radius } => radius,
+            Self::Box { size } => toward.abs().dot(&size) / 2.0,
+            Self::Cylinder { radius, height } => radius * toward.x.hypot(toward.z) + height / 2.0 * toward.y.abs(),
+            Self::Capsule { radius, height } => radius + height / 2.0 * toward.y.abs(),
+        }
+    }
+
     /// A capsule around the shape's origin that holds it: exact for balls and capsules, along the longest edge of a box, and
     /// for a cylinder longer by its radius at each end.
     pub fn bounding_capsule(&self) -> BoundingCapsule {

@@ -10,6 +10,7 @@ mod moves;
 mod totals;
 mod trial;
 
+use super::scene::Area;
 use miette::{IntoDiagnostic, Report, miette};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -22,6 +23,12 @@ pub struct ReachBenchArgs {
     /// The behavior: its first robot's agent reaches, and its world has a `cup`, obstacles that stay, and others, which are left out.
     #[arg(long, default_value = "configs/behaviors/reach.toml")]
     file: PathBuf,
+    /// Where on the table the cup's middle may be: least and greatest x, least and greatest y, meters.
+    #[arg(long, value_name = "X,X,Y,Y", default_value = "-0.48,-0.26,-0.10,0.26", value_parser = area, allow_hyphen_values = true)]
+    cup_m: Area,
+    /// Where posts may stand.
+    #[arg(long, value_name = "X,X,Y,Y", default_value = "-0.60,-0.20,-0.25,0.45", value_parser = area, allow_hyphen_values = true)]
+    posts_m: Area,
     /// Number of scenes, a seed for each.
     #[arg(long, default_value_t = 500)]
     seeds: u64,
@@ -54,6 +61,18 @@ pub struct ReachBenchArgs {
     json: bool,
 }
 
+fn area(text: &str) -> Result<Area, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x0, x1, y0, y1]) if x0 <= x1 && y0 <= y1 && [x0, x1, y0, y1].iter().all(|n| n.abs() <= 10.0) => {
+            Ok([[x0, x1], [y0, y1]])
+        }
+        _ => {
+            Err("give least and greatest x, then least and greatest y, in meters, such as 0.3,0.6,-0.2,0.2".to_owned())
+        }
+    }
+}
+
 /// Measures.
 ///
 /// # Errors
@@ -66,6 +85,9 @@ pub(super) fn command(args: &ReachBenchArgs) -> Result<ExitCode, Report> {
             args.offset_deg,
             args.secs
         ));
+    }
+    if args.seeds == 0 {
+        return Err(miette!(help = "give at least --seeds 1", "no scenes have no figures"));
     }
     if let Some(count) = args.moves {
         let told = moves::measure(args, count)?;

@@ -1,19 +1,13 @@
 //! A random scene to reach in: where the cup is, what stands about it, and how far the cameras are from where they are thought to be.
 
 use miette::{Report, miette};
+use mobee_contract::suggestion;
 use mobee_model::{Edit, Object, ObjectClass, Primitive, Scene, Shape};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::FRAC_PI_2;
 
-/// Where the cup's middle may be on the table of `configs/worlds/reach.xml`, meters.
-const CUP: [[f64; 2]; 2] = [[-0.48, -0.26], [-0.10, 0.26]];
-/// Where obstacles may stand, meters.
-const AREA: [[f64; 2]; 2] = [[-0.60, -0.20], [-0.25, 0.45]];
-/// The table's top and the cup's middle over it, meters.
-const TOP: f64 = -0.15;
-const MIDDLE: f64 = -0.10;
 /// Obstacles at most; their radius and height, meters; how near to the cup's middle none stands.
 const OBSTACLES: usize = 5;
 const RADIUS: [f64; 2] = [0.012, 0.035];
@@ -29,6 +23,18 @@ const BESIDE: [f64; 2] = [0.10, 0.16];
 /// The object's name in the world.
 pub(super) const CUP_NAME: &str = "cup";
 
+/// Least and greatest x, least and greatest y, meters.
+pub(super) type Area = [[f64; 2]; 2];
+
+/// Where on the table things may be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Areas {
+    /// The cup's middle.
+    pub cup: Area,
+    /// What stands about it.
+    pub posts: Area,
+}
+
 /// What is drawn of a seed.
 #[derive(Clone, Debug)]
 pub(super) struct ReachScene {
@@ -36,8 +42,8 @@ pub(super) struct ReachScene {
     pub cup: [f64; 3],
     /// What stands about it.
     pub posts: Vec<Object>,
-    /// How the two cameras are turned in truth, deg about their axes.
-    pub turned: [[f64; 3]; 2],
+    /// How the cameras are turned in truth, deg about their axes.
+    pub turned: Vec<[f64; 3]>,
     /// What moves in mid-reach, if anything does.
     pub moved: Option<Moved>,
     /// The world with all of it, as it is at last.
@@ -55,16 +61,27 @@ pub(super) struct Moved {
 }
 
 impl ReachScene {
-    /// The scene of a seed, in a world whose robots are at home, free of everything.
+    /// The scene of a seed, in a world whose robots are at home, free of everything: the cup and the posts stand as high as the cup does
+    /// in the file. So many cameras are off by up to `offset_deg`.
     ///
     /// # Errors
     /// If the world has no cup.
-    pub fn new(seed: u64, offset_deg: f64, moving: bool, world: &Scene) -> Result<ReachScene, Report> {
+    pub fn new(
+        seed: u64,
+        (cameras, offset_deg): (usize, f64),
+        moving: bool,
+        areas: &Areas,
+        world: &Scene,
+    ) -> Result<ReachScene, Report> {
+        let (_, stands) = world.object(CUP_NAME).ok_or_else(|| no_cup(world))?;
+        let middle = stands.pose.translation.z;
+        let top = middle - stands.extent(&(stands.pose.rotation.inverse() * -Vector3::z()));
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut within = |[from, to]: [f64; 2]| rng.random_range(from..=to);
-        let cup = [within(CUP[0]), within(CUP[1]), MIDDLE];
+        let cup = [within(areas.cup[0]), within(areas.cup[1]), middle];
         let o = offset_deg;
-        let turned = [0, 1].map(|_| [0, 1, 2].map(|_| if o > 0.0 { within([-o, o]) } else { 0.0 }));
+        let mut turned = |_| [0, 1, 2].map(|_| if o > 0.0 { within([-o, o]) } else { 0.0 });
+        let turned = (0..cameras).map(&mut turned).collect();
         let count = (within([0.0, OBSTACLES as f64 + 1.0]) as usize).min(OBSTACLES);
         let pose = Isometry3::translation(cup[0], cup[1], cup[2]);
         let mut truth = edited(world, &Edit::Move { name: CUP_NAME.to_owned(), pose })?;
@@ -73,8 +90,8 @@ impl ReachScene {
             if posts.len() == count {
                 break;
             }
-            let [x, y] = AREA.map(&mut within);
-            let post = post(posts.len(), [x, y], within(RADIUS), within(HEIGHT));
+            let [x, y] = areas.posts.map(&mut within);
+            let post = post(posts.len(), [x, y, top], within(RADIUS), within(HEIGHT));
             let with = edited(&truth, &Edit::Add(post.clone()))?;
             let is_clear = (x - cup[0]).hypot(y - cup[1]) >= APART;
             if is_clear && (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE)) {
@@ -84,7 +101,7 @@ impl ReachScene {
         }
         let mut drawn = ReachScene { cup, posts, turned, moved: None, truth };
         if moving {
-            drawn.moved = drawn.moved(&mut rng);
+            drawn.moved = drawn.moved(&mut rng, &areas.cup);
             drawn.truth = drawn.moved.iter().try_fold(drawn.truth, |truth, moved| moved.apply(&truth))?;
         }
         Ok(drawn)
@@ -96,12 +113,12 @@ impl ReachScene {
     }
 
     /// The cup put elsewhere, and the first post beside it; `None` if there is no room.
-    fn moved(&self, rng: &mut ChaCha8Rng) -> Option<Moved> {
+    fn moved(&self, rng: &mut ChaCha8Rng, area: &Area) -> Option<Moved> {
         let far = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
         let stands = |post: &Object| [post.pose.translation.x, post.pose.translation.y];
         let upright = self.truth.object(CUP_NAME)?.1.pose.rotation;
         for _ in 0..TRIES {
-            let to = CUP.map(|[from, to]| rng.random_range(from..=to));
+            let to = area.map(|[from, to]| rng.random_range(from..=to));
             let (turn, off) = (rng.random_range(0.0..=std::f64::consts::TAU), rng.random_range(BESIDE[0]..=BESIDE[1]));
             let beside = [to[0] + off * turn.cos(), to[1] + off * turn.sin()];
             let is_elsewhere = far(to, [self.cup[0], self.cup[1]]) >= ELSEWHERE;
@@ -114,7 +131,7 @@ impl ReachScene {
                 (pose.translation.x, pose.translation.y) = (beside[0], beside[1]);
                 (post.name.clone(), pose)
             });
-            let moved = Moved { cup: [to[0], to[1], MIDDLE], upright, post };
+            let moved = Moved { cup: [to[0], to[1], self.cup[2]], upright, post };
             let with = moved.apply(&self.truth).ok()?;
             if (0..with.robots().len()).all(|r| with.robot_free(r, &with.home(), CLEARANCE)) {
                 return Some(moved);
@@ -137,19 +154,25 @@ impl Moved {
     }
 }
 
+fn no_cup(world: &Scene) -> Report {
+    let known: Vec<&str> = world.objects().map(|(_, o)| o.name.as_str()).collect();
+    let help = suggestion(CUP_NAME, "object", &known);
+    miette!(help = help, "the world of the behavior has no `{CUP_NAME}`, which is what is reached for here")
+}
+
 fn edited(scene: &Scene, edit: &Edit) -> Result<Scene, Report> {
     scene.edit(edit).map_err(|e| miette!("{e}"))
 }
 
 /// An upright capsule on the table.
-fn post(number: usize, [x, y]: [f64; 2], radius: f64, height: f64) -> Object {
+fn post(number: usize, [x, y, top]: [f64; 3], radius: f64, height: f64) -> Object {
     let shape = Shape::Capsule { radius, height: height - 2.0 * radius };
     let upright = Isometry3::rotation(Vector3::x() * FRAC_PI_2);
     Object {
         name: format!("post{number}"),
         class: ObjectClass::Obstacle,
         persistent: false,
-        pose: Isometry3::translation(x, y, TOP + height / 2.0),
+        pose: Isometry3::translation(x, y, top + height / 2.0),
         shapes: vec![Primitive { shape, pose: upright }],
         color: Some([90, 120, 160]),
     }

@@ -1,13 +1,14 @@
 //! What the simulated cameras of a file see, at image ports.
 
-use crate::compose::{compose, derive_seed, sensor_camera};
-use crate::config::{Config, ConfigError, Source};
+use crate::compose::{Composition, compose, derive_seed, sensor_camera};
+use crate::config::{Config, ConfigError, Source, StepTrigger};
 use miette::Report;
-use mobee_contract::{Camera, CameraContext, Pose, Truth};
+use mobee_actors::system::{CueTrigger, ScriptStep};
+use mobee_contract::{Camera, CameraContext, Pose, Time, Truth};
 use mobee_drivers::{SimBoard, SimClock};
-use mobee_model::Scene;
+use mobee_model::{Edit, Scene};
 use mobee_yarp::{Delivery, Image, Network, OutputPort, PixelCode, Stamp};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{MissedTickBehavior, interval};
@@ -30,16 +31,20 @@ pub(super) fn cameras(
     source: &Source,
     prefix: impl Fn(&str) -> String,
     boards: &[RobotBoards],
+    clock: SimClock,
 ) -> Result<Vec<Served>, Report> {
     if config.sensor.is_empty() {
         return Ok(Vec::new());
     }
-    // the world alone: whoever looks at it or moves in it does so elsewhere
+    // the world alone: whoever looks at it or moves in it does so elsewhere, so that only time can tell when things are moved
     let mut bare = config.clone();
-    (bare.sensor, bare.script, bare.yarp) = (Vec::new(), Vec::new(), None);
+    (bare.sensor, bare.yarp) = (Vec::new(), None);
+    bare.script.retain(|step| matches!(step.when, StepTrigger::AtS(_)));
     bare.bridge.clear();
     bare.robot.iter_mut().for_each(|robot| robot.agent = None);
-    let scene = Arc::new(compose(bare, source)?.scene);
+    let Composition { scene, script, .. } = compose(bare, source)?;
+    let world = Arc::new(Mutex::new(World::new(scene, script)));
+    let scene = lock(&world).at(Time::ZERO);
     let mut served = Vec::new();
     for (i, sensor) in config.sensor.iter().enumerate() {
         let Some(index) = sensor.carrier(config) else { continue };
@@ -49,7 +54,7 @@ pub(super) fn cameras(
                 robot: robot.clone(),
                 index,
                 seed: derive_seed(config.seed, &format!("{}/{}/camera", sensor.name, eye.name)),
-                truth: truth(scene.clone(), boards.to_vec()),
+                truth: truth(world.clone(), clock, boards.to_vec()),
             };
             let camera = sensor_camera(source, &format!("sensor[{i}].eye[{k}].camera"), &eye.camera, &context)?;
             if camera.is_simulated() {
@@ -60,9 +65,49 @@ pub(super) fn cameras(
     Ok(served)
 }
 
-/// The world as the file has it, with the robots where their boards have them.
-fn truth(scene: Arc<Scene>, boards: Vec<RobotBoards>) -> Arc<dyn Fn() -> Option<Truth> + Send + Sync> {
+/// What is there, and what the file's script does to it by the simulation's clock.
+struct World {
+    scene: Arc<Scene>,
+    /// The latest first.
+    to_come: Vec<(Time, Edit)>,
+}
+
+impl World {
+    fn new(scene: Scene, script: Vec<ScriptStep>) -> World {
+        let timed = script.into_iter().filter_map(|step| match step.when {
+            CueTrigger::At(at) => Some((at, step.edit)),
+            _ => None,
+        });
+        let mut to_come: Vec<(Time, Edit)> = timed.collect();
+        // those of one time in their order in the file
+        to_come.sort_by_key(|(at, _)| *at);
+        to_come.reverse();
+        World { scene: Arc::new(scene), to_come }
+    }
+
+    fn at(&mut self, now: Time) -> Arc<Scene> {
+        while let Some((_, edit)) = self.to_come.pop_if(|(at, _)| *at <= now) {
+            match self.scene.edit(&edit) {
+                Ok(scene) => self.scene = Arc::new(scene),
+                Err(why) => eprintln!("warning: a step of the script can't be done: {why}"),
+            }
+        }
+        self.scene.clone()
+    }
+}
+
+fn lock(world: &Mutex<World>) -> MutexGuard<'_, World> {
+    world.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The world as it is by now, with the robots where their boards have them.
+fn truth(
+    world: Arc<Mutex<World>>,
+    clock: SimClock,
+    boards: Vec<RobotBoards>,
+) -> Arc<dyn Fn() -> Option<Truth> + Send + Sync> {
     Arc::new(move || {
+        let scene = lock(&world).at(clock.now());
         let pose = |(robot, boards): (&Arc<mobee_model::Robot>, &RobotBoards)| -> Pose {
             let mut q = robot.home();
             for board in boards {
@@ -72,7 +117,8 @@ fn truth(scene: Arc<Scene>, boards: Vec<RobotBoards>) -> Arc<dyn Fn() -> Option<
             }
             q.into()
         };
-        Some(Truth { scene: scene.clone(), poses: scene.robots().iter().zip(&boards).map(pose).collect() })
+        let poses = scene.robots().iter().zip(&boards).map(pose).collect();
+        Some(Truth { scene, poses })
     })
 }
 

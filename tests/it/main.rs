@@ -22,6 +22,7 @@ mod old_program;
 mod planted_defects;
 mod private_runs;
 mod process_faults;
+mod reach_over_yarp;
 mod reaching;
 mod replay;
 mod resume_evidence;

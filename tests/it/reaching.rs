@@ -1,27 +1,31 @@
 //! The paper's third experiment as a configuration composes it: a cup that eyes see is reached, again where it was moved to, and round what
 //! the map does not know.
 
+use super::common::{answer, complaint, thin_map};
 use mobee::run::{Done, example, in_order};
+use serde_json::{Value, json};
 use std::path::Path;
 
 /// The behavior with a map of poses three centimeters apart, which is built in half a second.
 fn reach(folder: &Path, set: &[&str]) -> Done {
-    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
-    let text = std::fs::read_to_string(configs.join("roadmaps/reach.toml")).expect("settings");
-    let text =
-        text.replace("\"../", &format!("\"{}/", configs.display())).replace("spacing_mm = 10", "spacing_mm = 30");
-    let map = folder.join("thin.toml");
-    std::fs::write(&map, text).expect("written");
-    let map = format!("robot.icub.agent.map=\"{}\"", map.display());
-    let set = [&["record.enabled=false", "clock=\"virtual\"", map.as_str()], set].concat();
-    let done = example("configs/behaviors/reach.toml", &set).expect("a run");
+    reach_by("configs/behaviors/reach.toml", folder, set)
+}
+
+/// A behavior that is built on that of the iCub.
+fn reach_by(file: &str, folder: &Path, set: &[&str]) -> Done {
+    let map = format!("robot.icub.agent.map=\"{}\"", thin_map(folder).display());
+    run(file, &[&[map.as_str()], set].concat())
+}
+
+fn run(file: &str, set: &[&str]) -> Done {
+    let done = example(file, &[&["record.enabled=false", "clock=\"virtual\""], set].concat()).expect("a run");
     assert!(in_order(&done.end) && done.complaints.is_empty(), "{:?}", done.complaints);
     assert_eq!(done.end.counts.hard_contacts, 0);
     done
 }
 
 fn figure(done: &Done, name: &str) -> f64 {
-    let told = done.end.counts.done.get("icub").expect("it is done");
+    let told = done.end.counts.done.values().next().expect("it is done");
     told.figures.iter().find(|(n, _)| n == name).unwrap_or_else(|| panic!("no figure {name}")).1
 }
 
@@ -48,6 +52,28 @@ fn the_cup_is_reached_wherever_it_is_put_and_equal_seeds_reach_alike() {
 }
 
 #[test]
+fn nothing_but_the_detector_changes_where_another_one_finds_the_cup() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let script = "script=[{when={at_s=1},edit={object=\"cup\",position_m=[-0.34,0.16,-0.10]}},\
+                  {when={at_s=16},edit={object=\"cup\",position_m=[-0.40,0.05,-0.10]}}]";
+    for file in ["configs/behaviors/reach-tag.toml", "configs/behaviors/reach-cgp.toml"] {
+        let done = reach_by(file, folder.path(), &[script, "robot.icub.agent.repeat=2"]);
+        assert_eq!(figure(&done, "reached"), 2.0, "{file}: {:?}", done.end.counts.done);
+        let mm = off(&done, [-0.40, 0.05, -0.10]);
+        assert!(mm < 12.0, "{file}: {mm} mm off");
+    }
+}
+
+#[test]
+fn an_arm_from_a_urdf_reaches_by_the_cameras_of_a_stand() {
+    let done = run("configs/behaviors/reach-arm.toml", &[]);
+    assert_eq!(figure(&done, "reached"), 4.0, "{:?}", done.end.counts.done);
+    assert!(figure(&done, "replanned") >= 1.0, "it was moved while the hand was on its way");
+    let mm = off(&done, [0.56, 0.05, 0.05]);
+    assert!(mm < 12.0, "{mm} mm off");
+}
+
+#[test]
 fn what_the_map_does_not_know_is_gone_round_where_edges_are_certified() {
     let folder = tempfile::tempdir().expect("a folder");
     for mode in ["lazy", "verified"] {
@@ -68,6 +94,20 @@ fn the_paper_s_own_mode_arrives_as_well() {
     let done = reach(folder.path(), &["robot.icub.agent.validation=\"optimistic\""]);
     assert_eq!(figure(&done, "reached"), 4.0, "{:?}", done.end.counts.done);
     assert!(done.end.counts.rolled_back <= 4, "{} rolled back", done.end.counts.rolled_back);
+}
+
+#[test]
+fn random_scenes_are_drawn_where_the_file_s_own_table_is() {
+    let bench = ["bench", "reach", "--file", "configs/behaviors/reach-arm.toml", "--json", "--seeds"];
+    let areas = ["--cup-m=0.40,0.56,-0.15,0.15", "--posts-m=0.35,0.70,-0.35,0.35"];
+    let told: Value = serde_json::from_str(&answer(&[&bench[..], &["2"], &areas].concat())).expect("JSON");
+    let ends = &told["totals"]["ends"];
+    assert_eq!(ends, &json!({ "reached": { "solvable": 2, "others": 0 } }), "{told}");
+    let none = complaint(&[&bench[..], &["0"]].concat());
+    assert!(none.contains("no scenes") && none.contains("--seeds 1"), "{none}");
+    // the table of another robot: the cup is out of the arm's reach
+    let told: Value = serde_json::from_str(&answer(&[&bench[..], &["1"], &["--secs=20"]].concat())).expect("JSON");
+    assert_eq!(told["totals"]["solvable"], 0, "{told}");
 }
 
 #[test]

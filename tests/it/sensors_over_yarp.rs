@@ -1,19 +1,9 @@
 //! Robot, run, detectors and locator in processes of their own, behind one YARP network: what the simulated eyes see is where the world of
 //! the run has it soon after. Wrong input is answered before any port is opened.
 
-use super::common::{HOLD, Network, RealYarp, Run, complaint, network, sim};
+use super::common::{HOLD, Network, Process, Run, complaint, network, real_name_server, sim};
 use std::io::Write;
-use std::process::{Child, Command, Stdio};
-
-/// A `mobee` or a server in another process; killed when dropped.
-struct Process(Child);
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
+use std::process::{Command, Stdio};
 
 fn mobee(network: &Network, words: &[&str]) -> Command {
     let mut command = network.command(env!("CARGO_BIN_EXE_mobee"));
@@ -50,12 +40,8 @@ fn off(network: &Network) -> Option<f64> {
 #[test]
 fn what_is_seen_in_one_process_and_placed_in_another_moves_the_world_of_a_third() {
     let network = network();
-    // the real name server where it is installed, else the one that `mobee sim` starts
-    let _server = RealYarp::find().map(|real| {
-        let mut server = real.tool("yarpserver", &network);
-        Process(server.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("yarpserver starts"))
-    });
-    let _robot = sim(&network, "configs/behaviors/look.toml", "/icubSim", &[]);
+    let _server = real_name_server(&network);
+    let _robot = sim(&network, "configs/behaviors/look.toml", "/icubSim", &["script=[]".to_owned()]);
     let mut run = Run::start(&network, "configs/behaviors/look-yarp.toml");
     run.wait_for_port("/MoBeE/world");
     assert!(world(&network, "set cup -0.2 0.3 0.4\n").contains("Set"));

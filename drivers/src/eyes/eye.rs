@@ -79,6 +79,8 @@ const ROBOT: [f32; 3] = [190.0, 190.0, 196.0];
 const GLOSS: f32 = 0.25;
 /// What objects without a color are painted in.
 const PLAIN: [u8; 3] = [150, 150, 150];
+/// What cards are made of.
+const PAPER: [f32; 3] = [235.0, 235.0, 235.0];
 /// Boxes with two edges at least so long have a texture, meters.
 const TABLE: f64 = 0.3;
 
@@ -249,6 +251,13 @@ impl SimulatedEye {
                 let paint = Paint { color, wood, gloss: if wood { 0.0 } else { GLOSS }, stickers };
                 let pose = eye_from_world * object.pose * primitive.pose;
                 solids.push(Solid { shape: primitive.shape, pose, paint, owner: Owner::Object(id) });
+            }
+            if !object.shapes.iter().any(|p| matches!(p.shape, Shape::Box { .. })) {
+                let cards = sticker::cards(&self.scenery.stickers, object);
+                solids.extend(cards.map(|(shape, pose, stickers)| {
+                    let paint = Paint { color: V3::from(PAPER), wood: false, gloss: 0.0, stickers };
+                    Solid { shape, pose: eye_from_world * object.pose * pose, paint, owner: Owner::Object(id) }
+                }));
             }
         }
         if let Some(distractors) = &self.scenery.settings.distractors {

@@ -1,9 +1,10 @@
-//! Pictures that are glued to the sides of boxes, such as tags and labels.
+//! Pictures that are glued to the sides of boxes, or are on cards against those of other things, such as tags and labels.
 
 use super::picture;
 use super::scenery::in_range;
 use super::solid::V3;
 use mobee_contract::KindError;
+use mobee_model::{Object, Shape};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,9 +14,9 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StickerSettings {
-    /// The object that it is on, in the middle of a side of its first box.
+    /// The object that it is on, in the middle of a side of its first box. What has no box has it on a card against that side.
     pub on: String,
-    /// The side, by the box's own axes.
+    /// The side, by the axes of the box, or of the object.
     #[serde(default)]
     pub side: BoxSide,
     /// The picture (JPEG or PNG).
@@ -127,6 +128,29 @@ impl Sticker {
         let (u, v) = (share(right, self.half[0], self.size[0])?, share(down, self.half[1], self.size[1])?);
         self.texels.get((v * self.size[0] + u) as usize).map(|c| V3::from(c.map(f32::from)))
     }
+}
+
+/// How thick a card is, meters.
+const CARD: f64 = 1e-3;
+
+/// The cards on what is no box: each a thin box against the side of the object, with its sticker on its outer side; its place is told in
+/// the object's frame.
+pub fn cards<'a>(
+    stickers: &'a [Sticker],
+    object: &'a Object,
+) -> impl Iterator<Item = (Shape, Isometry3<f64>, Stickers)> + 'a {
+    on(stickers, &object.name).into_iter().enumerate().filter_map(move |(side, on_side)| {
+        let sticker = stickers.get(usize::from(on_side?))?;
+        let [right, down] = axes(side).map(|axis| axis.cast::<f64>());
+        let out = down.cross(&right);
+        let [width, height] = sticker.half.map(|half| 2.0 * f64::from(half));
+        let size = right.abs() * width + down.abs() * height + out.abs() * CARD;
+        let middle = object.middle();
+        let at = middle + out * (object.extent(&out) + CARD / 2.0 - middle.dot(&out));
+        let mut only = Stickers::default();
+        *only.get_mut(side)? = on_side;
+        Some((Shape::Box { size }, Isometry3::from_parts(at.into(), UnitQuaternion::identity()), only))
+    })
 }
 
 /// Which stickers an object has.

@@ -4,6 +4,7 @@
 use super::super::scene::CUP_NAME;
 use super::ReachBenchArgs;
 use crate::compose;
+use crate::config::Config;
 use crate::run::{Folder, run};
 use miette::{IntoDiagnostic, Report, miette};
 use mobee_actors::record::journal;
@@ -34,13 +35,15 @@ pub(super) fn measure(args: &ReachBenchArgs, count: u64) -> Result<Value, Report
         return Err(miette!(help = "give a number from 1 to 10000, such as 100", "{count} moves can't be measured"));
     }
     let secs = 10.0 + 2.0 * REACH * (count as f64 / WHILE_GOING).ceil();
+    let (config, _) = Config::load(&args.file, &args.set).map_err(Report::new)?;
+    let robot = config.robot.first().map_or("", |r| r.name.as_str());
     let own = [
         format!("for_s={secs}"),
         "clock=\"real\"".to_owned(),
         "sensor=[]".to_owned(),
         "script=[]".to_owned(),
-        "robot.icub.agent.repeat=0".to_owned(),
-        format!("robot.icub.agent.speed={SPEED}"),
+        format!("robot.{robot}.agent.repeat=0"),
+        format!("robot.{robot}.agent.speed={SPEED}"),
     ];
     let own: Vec<String> = own.into_iter().chain(args.set.iter().cloned()).collect();
     let mut composition = compose::read(&args.file, &own).map_err(Report::new)?;

@@ -1,8 +1,9 @@
 //! One scene, met in one way.
 
-use super::super::scene::{CUP_NAME, Moved, ReachScene};
+use super::super::scene::{Areas, CUP_NAME, Moved, ReachScene};
 use super::ReachBenchArgs;
 use crate::compose::{self, Composition};
+use crate::config::Config;
 use crate::run::{Folder, in_order, run};
 use miette::{IntoDiagnostic, Report, miette};
 use mobee_actors::system::{CueTrigger, ScriptStep};
@@ -82,9 +83,12 @@ impl Outcome {
 /// Complaints about the behavior.
 pub(super) fn run_one(args: &ReachBenchArgs, seed: u64, way: Way) -> Result<Outcome, Report> {
     let composed = |set: &[String]| compose::read(&args.file, set).map_err(Report::new);
-    let bare = bare(&composed(&args.set)?.scene)?;
-    let drawn = ReachScene::new(seed, args.offset_deg, args.moving, &bare)?;
-    let mut composition = composed(&overrides(args, seed, &drawn, way))?;
+    let Composition { scene, config, .. } = composed(&args.set)?;
+    let bare = bare(&scene)?;
+    let cameras = simulated(&config);
+    let areas = Areas { cup: args.cup_m, posts: args.posts_m };
+    let drawn = ReachScene::new(seed, (cameras.len(), args.offset_deg), args.moving, &areas, &bare)?;
+    let mut composition = composed(&overrides(args, seed, &drawn, (&config, cameras.as_slice()), way))?;
     let agent = composition.config.robot.first().and_then(|r| r.agent.clone()).unwrap_or_default();
     composition.scene = with_posts(&bare, &drawn)?;
     composition.script.extend(drawn.moved.iter().flat_map(steps));
@@ -168,26 +172,45 @@ fn steps(moved: &Moved) -> Vec<ScriptStep> {
     [Some(cup), post].into_iter().flatten().collect()
 }
 
+/// The simulated cameras of a behavior: where in it they stand, and how they are turned, deg.
+fn simulated(config: &Config) -> Vec<(String, [f64; 3])> {
+    let eyes = config.sensor.iter().flat_map(|sensor| {
+        sensor.eye.iter().map(move |eye| (format!("sensor.{}.eye.{}.camera", sensor.name, eye.name), &eye.camera))
+    });
+    let turned = |camera: &Value| [0, 1, 2].map(|i| camera["rotation_deg"][i].as_f64().unwrap_or(0.0));
+    eyes.filter(|(_, camera)| camera["kind"] == "simulated").map(|(at, camera)| (at, turned(camera))).collect()
+}
+
 /// The scene and one reach as settings.
-fn overrides(args: &ReachBenchArgs, seed: u64, drawn: &ReachScene, way: Way) -> Vec<String> {
+fn overrides(
+    args: &ReachBenchArgs,
+    seed: u64,
+    drawn: &ReachScene,
+    (config, cameras): (&Config, &[(String, [f64; 3])]),
+    way: Way,
+) -> Vec<String> {
     let [x, y, z] = drawn.cup;
-    let [left, right] = drawn.turned;
+    let robot = config.robot.first();
+    let name = robot.map_or("", |r| r.name.as_str());
     let mut own = vec![
         format!("script=[{{when={{at_s=0.1}},edit={{object=\"{CUP_NAME}\",position_m=[{x},{y},{z}]}}}}]"),
-        format!("sensor.eyes.eye.left.camera.rotation_deg={left:?}"),
-        format!("sensor.eyes.eye.right.camera.rotation_deg={right:?}"),
         format!("for_s={}", args.secs),
         format!("seed={seed}"),
         "clock=\"virtual\"".to_owned(),
         "record.enabled=false".to_owned(),
-        "robot.icub.agent.repeat=1".to_owned(),
+        format!("robot.{name}.agent.repeat=1"),
     ];
-    own.extend(["left", "right"].map(|eye| format!("sensor.eyes.eye.{eye}.camera.scenery.seed={seed}")));
-    if way != Way::Whole {
-        own.push("robot.icub.agent.follow=false".to_owned());
+    for ((at, is), by) in cameras.iter().zip(&drawn.turned) {
+        let turned: Vec<f64> = is.iter().zip(by).map(|(is, by)| is + by).collect();
+        own.extend([format!("{at}.rotation_deg={turned:?}"), format!("{at}.scenery.seed={seed}")]);
     }
-    if way == Way::NoReflex {
-        own.push("robot.icub.controller={kind=\"rollback\",reflex=false,period_ms=20,history=6000}".to_owned());
+    if way != Way::Whole {
+        own.push(format!("robot.{name}.agent.follow=false"));
+    }
+    if let Some(robot) = robot.filter(|_| way == Way::NoReflex) {
+        let (period, history) = (robot.controller.period_ms, robot.controller.history);
+        let plain = format!("{{kind=\"rollback\",reflex=false,period_ms={period},history={history}}}");
+        own.push(format!("robot.{name}.controller={plain}"));
     }
     own.into_iter().chain(args.set.iter().cloned()).collect()
 }

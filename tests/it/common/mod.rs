@@ -78,6 +78,22 @@ impl RealYarp {
     }
 }
 
+/// A program in another process; killed when dropped.
+pub struct Process(pub Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The real YARP's name server where it is installed; elsewhere `mobee sim` starts one.
+pub fn real_name_server(network: &Network) -> Option<Process> {
+    let mut server = RealYarp::find()?.tool("yarpserver", network);
+    Some(Process(server.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("yarpserver starts")))
+}
+
 /// A `mobee run` in another process.
 pub struct Run {
     child: Child,
@@ -140,6 +156,17 @@ pub fn text(path: &Path) -> &str {
     path.to_str().expect("a readable path")
 }
 
+/// The settings of the map of reach.toml with poses three centimeters apart, written into a folder.
+pub fn thin_map(folder: &Path) -> PathBuf {
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+    let text = std::fs::read_to_string(configs.join("roadmaps/reach.toml")).expect("settings");
+    let text =
+        text.replace("\"../", &format!("\"{}/", configs.display())).replace("spacing_mm = 10", "spacing_mm = 30");
+    let map = folder.join("thin.toml");
+    std::fs::write(&map, text).expect("written");
+    map
+}
+
 /// The events of a journal, as far as its lines are whole.
 pub fn events(run: &Path) -> Vec<Value> {
     let journal = std::fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default();
@@ -155,12 +182,19 @@ impl Run {
 
     /// Starts it with another robot than the iCub.
     pub fn of(network: &Network, config: &str, robot: &str) -> Run {
+        Run::with(network, config, robot, &[])
+    }
+
+    /// Starts it with settings of its own.
+    pub fn with(network: &Network, config: &str, robot: &str, set: &[&str]) -> Run {
         // The machine may take all processors away for half a second: what is not about stale readings shall not see them.
         let patient = format!("robot.{robot}.controller.stale_ms=3000");
         let out = network.path().join("run");
         let child = network
             .command(mobee())
-            .args(["run", config, "--json", "--set", &patient, "--out"])
+            .args(["run", config, "--json", "--set", &patient])
+            .args(set.iter().flat_map(|s| ["--set", s]))
+            .arg("--out")
             .arg(&out)
             .current_dir(env!("CARGO_MANIFEST_DIR"))
             .stdout(Stdio::null())
@@ -184,6 +218,11 @@ impl Run {
     pub fn end(&mut self) -> String {
         let kill = Command::new("kill").args(["-INT", &self.child.id().to_string()]).status().expect("kill");
         assert!(kill.success());
+        self.wait()
+    }
+
+    /// Waits for its own end, and returns what `mobee check` says of it.
+    pub fn wait(&mut self) -> String {
         let status = self.child.wait().expect("an end");
         assert!(status.success(), "the run ended with {status}");
         let checked = Command::new(mobee()).arg("check").arg(&self.out).output().expect("mobee starts");
