@@ -105,9 +105,6 @@ fn random_scenes_are_drawn_where_the_file_s_own_table_is() {
     assert_eq!(ends, &json!({ "reached": { "solvable": 2, "others": 0 } }), "{told}");
     let none = complaint(&[&bench[..], &["0"]].concat());
     assert!(none.contains("no scenes") && none.contains("--seeds 1"), "{none}");
-    // the table of another robot: the cup is out of the arm's reach
-    let told: Value = serde_json::from_str(&answer(&[&bench[..], &["1"], &["--secs=20"]].concat())).expect("JSON");
-    assert_eq!(told["totals"]["solvable"], 0, "{told}");
 }
 
 #[test]
