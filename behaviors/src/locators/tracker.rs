@@ -15,6 +15,9 @@ const STEP: f64 = 0.01;
 /// Of what is seen to this share of the usual size the rest is hidden; so many views tell the usual size.
 const HIDDEN: f64 = 0.75;
 const ENOUGH: usize = 8;
+/// What is seen to less than this share of its usual size is something else, unless nothing else is seen so many times in a row.
+const PART: f64 = 0.2;
+const ALONE: usize = 256;
 /// Places that are kept.
 const TRACKS: usize = 4;
 
@@ -48,6 +51,8 @@ pub fn fuse(views: &[Estimate], common: &Matrix3<f64>) -> Option<Estimate> {
 pub struct Tracker {
     /// The places where it was seen, that which was seen last at the end.
     tracks: Vec<Track>,
+    /// How often in a row there was nothing but what is too small.
+    small: usize,
     common: Matrix3<f64>,
 }
 
@@ -93,10 +98,14 @@ impl Track {
 
     /// Whether much less of it is seen than lately: something is before it, and the middle of what is seen is not its own.
     fn is_hidden(&self, size: Option<f64>) -> bool {
+        size.zip(self.usual()).is_some_and(|(size, usual)| size < HIDDEN * usual)
+    }
+
+    /// How much of it is seen usually, if that is known.
+    fn usual(&self) -> Option<f64> {
         let mut sizes: Vec<f64> = self.sizes.iter().copied().collect();
         sizes.sort_by(f64::total_cmp);
-        let usual = sizes.get(sizes.len() / 2).filter(|_| sizes.len() >= ENOUGH);
-        size.zip(usual).is_some_and(|(size, usual)| size < HIDDEN * usual)
+        sizes.get(sizes.len() / 2).copied().filter(|_| sizes.len() >= ENOUGH)
     }
 
     /// If the newest views are near each other and beside all those before, it has moved a little: what was before does not count any
@@ -125,7 +134,12 @@ impl Tracker {
     pub fn see(&mut self, sights: &[Sight]) -> Vec<Estimate> {
         self.tracks.iter_mut().for_each(|track| track.is_seen = false);
         let mut told = Vec::new();
-        for sight in sights {
+        let usual = self.tracks.iter().rev().find_map(Track::usual);
+        let is_small = |sight: &&Sight| sight.size.zip(usual).is_some_and(|(size, usual)| size < PART * usual);
+        let only_small = !sights.is_empty() && sights.iter().all(|sight| is_small(&sight));
+        self.small = if only_small { self.small + 1 } else { 0 };
+        let is_alone = self.small > ALONE;
+        for sight in sights.iter().filter(|sight| is_alone || !is_small(sight)) {
             let far = |track: &Track| {
                 let place = fuse(&track.views, &self.common)?;
                 let sum = Estimate { covariance: place.covariance + sight.estimate.covariance, ..place };

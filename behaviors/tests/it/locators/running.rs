@@ -176,6 +176,23 @@ fn what_is_half_hidden_stays_where_it_was_until_it_is_so_for_long() {
 }
 
 #[test]
+fn specks_are_not_the_object_even_if_nothing_else_is_seen_for_a_while() {
+    let covariance = Matrix3::identity() * 0.03f64.powi(2);
+    let mut tracker = Tracker::new(Matrix3::identity() * 1e-4);
+    let mut see = |y: f64, size: f64| {
+        let estimate = Estimate { place: Vector3::new(0.3, y, 0.0), covariance };
+        tracker.see(&[Sight { estimate, size: Some(size) }]).len()
+    };
+    assert!((0..20).all(|_| see(0.0, 100.0) == 1));
+    assert!((0..200).all(|_| see(0.4, 5.0) == 0), "specks elsewhere");
+    assert!((0..5).map(|_| see(0.4, 60.0)).sum::<usize>() == 3, "half of it elsewhere");
+    assert!(
+        (0..300).map(|_| see(0.8, 5.0)).sum::<usize>() > 0,
+        "in the end it was taken for something larger than it is"
+    );
+}
+
+#[test]
 fn a_tracker_keeps_two_things_of_the_same_looks_apart() {
     let covariance = Matrix3::identity() * 1e-4;
     let at = |y: f64| Sight { estimate: Estimate { place: Vector3::new(0.3, y, 0.0), covariance }, size: None };
