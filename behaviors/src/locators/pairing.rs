@@ -6,11 +6,9 @@ use super::standing::Standing;
 use super::view::{Glimpse, StereoView};
 use nalgebra::Vector3;
 
-/// The rays of two eyes to one thing pass each other at an angle of this or less, as seen from them, rad: cameras may be a degree or two
-/// off.
+/// Two eyes that see one thing agree within this, rad: cameras may be a degree or two off. So far their rays pass each other, seen from
+/// them; and of what stands somewhere so far either eye's ray is beside where the other's meets the height.
 const ASKEW: f64 = 0.1;
-/// What stands somewhere is seen there by either eye alone; of one thing they say so within this, m.
-const APART: f64 = 0.06;
 
 /// A ray: where it begins, m, and a direction of length 1, in the frame of the places.
 pub(super) type Ray = (Vector3<f64>, Vector3<f64>);
@@ -48,12 +46,11 @@ pub(super) fn pairs(
 
 /// How badly two rays go to one thing, 1 at most; `None`: to two things.
 fn misfit(rays: &[Ray; 2], stands: Option<&Standing>) -> Option<f64> {
-    let askew = askew(rays)? / ASKEW;
-    let apart = match stands {
-        Some(standing) => standing.apart(rays)? / APART,
+    let beside = match stands {
+        Some(standing) => standing.beside(rays)?,
         None => 0.0,
     };
-    let misfit = f64::max(askew, apart);
+    let misfit = f64::max(askew(rays)?, beside) / ASKEW;
     (misfit <= 1.0).then_some(misfit)
 }
 

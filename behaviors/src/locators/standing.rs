@@ -49,13 +49,16 @@ impl Standing {
         }
     }
 
-    /// How far from each other two rays come to the height where things stand, m; `None` if one of them does not.
-    pub(super) fn apart(&self, rays: &[Ray; 2]) -> Option<f64> {
+    /// How far beside its own ray either eye has what the other one's ray meets at the height where things stand, at most, rad; `None` if
+    /// one of them meets nothing there.
+    pub(super) fn beside(&self, rays: &[Ray; 2]) -> Option<f64> {
         let there = |(from, toward): &Ray| {
             let far = (self.z_m - from.z) / toward.z;
             (far.is_finite() && far > 0.0).then(|| from + toward * far)
         };
-        Some((there(&rays[0])? - there(&rays[1])?).norm())
+        let [left, right] = rays;
+        let beside = |(from, toward): &Ray, other: &Ray| Some(toward.angle(&(there(other)? - from)));
+        Some(f64::max(beside(left, right)?, beside(right, left)?))
     }
 
     /// Where an object is that stands there, as far as a view tells; `None` if what it tells is far above or below that.

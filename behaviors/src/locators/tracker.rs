@@ -160,7 +160,7 @@ impl Tracker {
         }
         // what was seen elsewhere fewer times, and is not seen now, was nothing; where it was before it must be seen anew as often
         self.tracks.retain(|t| t.is_seen || t.views.len() >= MOVED);
-        if self.tracks.iter().any(|t| t.is_seen) {
+        if self.tracks.iter().any(|t| t.is_seen && t.times >= MOVED) {
             self.tracks.iter_mut().filter(|t| !t.is_seen).for_each(|t| t.times = 0);
         }
         if self.tracks.len() > TRACKS {
