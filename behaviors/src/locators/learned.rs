@@ -42,6 +42,9 @@ impl EyeNames {
     }
 }
 
+/// What an eye saw that may be one object, the surest first, and when.
+type Look = (Time, Vec<Glimpse>);
+
 /// Tells where things are that two eyes see.
 pub struct LearnedLocator {
     ready: ReadyLocator,
@@ -51,7 +54,7 @@ pub struct LearnedLocator {
     /// Whether views of what rests are put together.
     tracks: bool,
     /// What each eye saw last that may be each object, the surest first, not yet paired.
-    waiting: BTreeMap<String, [Option<(Time, Vec<Glimpse>)>; 2]>,
+    waiting: BTreeMap<String, [Option<Look>; 2]>,
     trackers: BTreeMap<String, Tracker>,
     stands: Option<Standing>,
 }
@@ -142,22 +145,23 @@ impl Locator for LearnedLocator {
             let Some(q) = body.q.get(motor) else { return Vec::new() };
             *value = *q;
         }
-        let mut looks: BTreeMap<(&str, usize), (Time, Vec<(f64, Glimpse)>)> = BTreeMap::new();
+        let mut looks: BTreeMap<(&str, usize), Vec<(f64, Time, Glimpse)>> = BTreeMap::new();
         for sighting in seen {
             let Some(eye) = self.eyes.eye(&sighting.camera) else { continue };
             if !sighting.region.confidence.is_finite() {
                 continue;
             }
             let Some(glimpse) = glimpse(&sighting.region, sighting.intrinsics, &lenses[eye]) else { continue };
-            let (_, look) = looks.entry((&sighting.region.object, eye)).or_insert((sighting.at, Vec::new()));
-            look.push((sighting.region.confidence, glimpse));
+            let look = looks.entry((&sighting.region.object, eye)).or_default();
+            look.push((sighting.region.confidence, sighting.at, glimpse));
         }
         let mut found = Vec::new();
-        for ((object, eye), (at, mut look)) in looks {
+        for ((object, eye), mut look) in looks {
             look.sort_by(|a, b| b.0.total_cmp(&a.0));
             look.truncate(CANDIDATES);
+            let Some((_, at, _)) = look.first().copied() else { continue };
             let waiting = self.waiting.entry(object.to_owned()).or_default();
-            waiting[eye] = Some((at, look.into_iter().map(|(_, glimpse)| glimpse).collect()));
+            waiting[eye] = Some((at, look.into_iter().map(|(.., glimpse)| glimpse).collect()));
             let [Some((left_at, left)), Some((right_at, right))] = &*waiting else { continue };
             if left_at.since(*right_at).max(right_at.since(*left_at)) > TOGETHER {
                 continue;

@@ -133,7 +133,7 @@ fn only_what_the_robot_can_do_passes() {
         assert_eq!(guard().admit(&Gate::default(), 0, Writer::Reflex, &command), Ok(()), "{command:?}");
     }
     let refused = [
-        (moves(&[0], &[3.001]), "m is asked to go to 3.001 rad"),
+        (moves(&[0], &[3.001]), "m is asked to go to 171.945 deg"),
         (moves(&[0], &[-3.001]), "asked to go to"),
         (moves(&[0], &[nan]), "asked to go to"),
         (moves(&[2], &[0.0]), "there is no motor 2"),
@@ -145,11 +145,11 @@ fn only_what_the_robot_can_do_passes() {
         (rising(&[0.1, -0.1]), "a reference of -0.1"),
         (direct(&[], &[]), "0 set-points for 0 motors"),
         (direct(&[0], &[0.0, 0.0]), "2 set-points for 1 motors"),
-        (direct(&[0, 1], &[0.0, 3.1]), "asked to go to 3.1"),
+        (direct(&[0, 1], &[0.0, 3.1]), "asked to go to 177.617 deg"),
         (velocity(&[], &[]), "0 velocities for 0 motors"),
         (velocity(&[0, 1], &[0.1]), "1 velocities for 2 motors"),
-        (velocity(&[0], &[1.001]), "asked to go at 1.001"),
-        (velocity(&[0], &[-1.001]), "asked to go at -1.001"),
+        (velocity(&[0], &[1.001]), "asked to go at 57.353 deg/s"),
+        (velocity(&[0], &[-1.001]), "asked to go at -57.353 deg/s"),
         (velocity(&[0], &[nan]), "asked to go at NaN"),
         (velocity(&[2], &[0.0]), "there is no motor 2"),
         (mode(&[]), "a mode for no motor"),
