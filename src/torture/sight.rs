@@ -180,11 +180,19 @@ impl Locator for Mistaken<dyn Locator> {
     }
 }
 
+/// A sensor that moves objects.
+struct Judged {
+    name: String,
+    /// The jump that its gate believes at once, meters.
+    jump: f64,
+    /// When it sees everything twice.
+    twice: Vec<(Time, Time)>,
+}
+
 /// Compares where sensors have objects with where they are.
 pub struct Belief {
     truth: Arc<TruthCell>,
-    /// The sensors: their names, the jumps that their gates believe at once, meters, and when they see everything twice.
-    sensors: Vec<(String, f64, Vec<(Time, Time)>)>,
+    sensors: Vec<Judged>,
     /// Where each object was in truth, from when until when.
     places: BTreeMap<String, Vec<(Vector3<f64>, Time, Time)>>,
 }
@@ -200,7 +208,7 @@ impl Belief {
                 _ => None,
             });
             let gate = sensor.locator.as_ref().and_then(|locator| locator.gate.as_ref());
-            gate.map(|gate| (sensor.name.clone(), gate.jump, twice.collect()))
+            gate.map(|gate| Judged { name: sensor.name.clone(), jump: gate.jump, twice: twice.collect() })
         };
         Belief { truth, sensors: sensors.iter().enumerate().filter_map(of).collect(), places: BTreeMap::new() }
     }
@@ -208,7 +216,7 @@ impl Belief {
     /// An event; answers what is broken.
     pub fn event(&mut self, at: Time, event: &Event) -> Option<String> {
         let Event::Located { sensor, exposed, objects, admissions } = event else { return None };
-        let (_, jump, twice) = self.sensors.iter().find(|(name, ..)| name == sensor)?;
+        let Judged { jump, twice, .. } = self.sensors.iter().find(|judged| judged.name == *sensor)?;
         let truth = self.truth.now()?;
         let mut broken = None;
         for (object, admission) in objects.iter().zip(admissions) {

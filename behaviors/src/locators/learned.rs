@@ -145,23 +145,24 @@ impl Locator for LearnedLocator {
             let Some(q) = body.q.get(motor) else { return Vec::new() };
             *value = *q;
         }
-        let mut looks: BTreeMap<(&str, usize), Vec<(f64, Time, Glimpse)>> = BTreeMap::new();
-        for sighting in seen {
-            let Some(eye) = self.eyes.eye(&sighting.camera) else { continue };
-            if !sighting.region.confidence.is_finite() {
-                continue;
+        // one camera's, of one instant
+        let Some((eye, at)) = seen.first().and_then(|s| Some((self.eyes.eye(&s.camera)?, s.at))) else {
+            return Vec::new();
+        };
+        let mut looks: BTreeMap<&str, Vec<(f64, Glimpse)>> = BTreeMap::new();
+        for Sighting { region, intrinsics, .. } in seen {
+            if region.confidence.is_finite()
+                && let Some(glimpse) = glimpse(region, *intrinsics, &lenses[eye])
+            {
+                looks.entry(&region.object).or_default().push((region.confidence, glimpse));
             }
-            let Some(glimpse) = glimpse(&sighting.region, sighting.intrinsics, &lenses[eye]) else { continue };
-            let look = looks.entry((&sighting.region.object, eye)).or_default();
-            look.push((sighting.region.confidence, sighting.at, glimpse));
         }
         let mut found = Vec::new();
-        for ((object, eye), mut look) in looks {
+        for (object, mut look) in looks {
             look.sort_by(|a, b| b.0.total_cmp(&a.0));
             look.truncate(CANDIDATES);
-            let Some((_, at, _)) = look.first().copied() else { continue };
             let waiting = self.waiting.entry(object.to_owned()).or_default();
-            waiting[eye] = Some((at, look.into_iter().map(|(.., glimpse)| glimpse).collect()));
+            waiting[eye] = Some((at, look.into_iter().map(|(_, glimpse)| glimpse).collect()));
             let [Some((left_at, left)), Some((right_at, right))] = &*waiting else { continue };
             if left_at.since(*right_at).max(right_at.since(*left_at)) > TOGETHER {
                 continue;
