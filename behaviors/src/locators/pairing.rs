@@ -46,10 +46,7 @@ pub(super) fn pairs(
 
 /// How badly two rays go to one thing, 1 at most; `None`: to two things.
 fn misfit(rays: &[Ray; 2], stands: Option<&Standing>) -> Option<f64> {
-    let beside = match stands {
-        Some(standing) => standing.beside(rays)?,
-        None => 0.0,
-    };
+    let beside = stands.and_then(|standing| standing.beside(rays)).unwrap_or(0.0);
     let misfit = f64::max(askew(rays)?, beside) / ASKEW;
     (misfit <= 1.0).then_some(misfit)
 }

@@ -10,6 +10,9 @@ use serde::Deserialize;
 /// different things.
 const OFF_HEIGHT: (f64, f64) = (0.1, 4.0);
 
+/// A ray with no more slope than this (11 degrees) goes along, not down.
+const ALONG: f64 = 0.2;
+
 /// Objects that stand on something level: what eyes are surest of is the direction, so that the height tells how far away they are.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -50,11 +53,11 @@ impl Standing {
     }
 
     /// How far beside its own ray either eye has what the other one's ray meets at the height where things stand, at most, rad; `None` if
-    /// one of them meets nothing there.
+    /// that says nothing: a ray goes along there, or away.
     pub(super) fn beside(&self, rays: &[Ray; 2]) -> Option<f64> {
         let there = |(from, toward): &Ray| {
             let far = (self.z_m - from.z) / toward.z;
-            (far.is_finite() && far > 0.0).then(|| from + toward * far)
+            (toward.z.abs() > ALONG && far > 0.0).then(|| from + toward * far)
         };
         let [left, right] = rays;
         let beside = |(from, toward): &Ray, other: &Ray| Some(toward.angle(&(there(other)? - from)));
