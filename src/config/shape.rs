@@ -156,9 +156,8 @@ impl<'a> Walk<'a> {
             return self.word(&words, value);
         }
         let Value::Object(map) = value else { return self.mistyped(value, &["object"], doc) };
-        let kinds: Vec<&str> = options.iter().filter_map(|o| o["properties"]["kind"]["const"].as_str()).collect();
-        if kinds.len() == options.len() {
-            return self.kind(options, &kinds, map);
+        if let Some((tag, names)) = tag(options) {
+            return self.tagged(options, tag, &names, map);
         }
         let keys =
             |o: &&'a Value| o["properties"].as_object().and_then(|p| p.iter().next()).map(|(k, s)| (k.as_str(), s));
@@ -179,28 +178,28 @@ impl<'a> Walk<'a> {
         }
     }
 
-    fn kind(&mut self, options: &[&'a Value], kinds: &[&str], map: &Map<String, Value>) {
-        let known = || kinds.join(", ");
-        match map.get("kind") {
-            // a kind that need not be named is the one of tables that name none
-            None => match options.iter().find(|o| o["required"].as_array().is_none_or(|r| !r.contains(&"kind".into())))
-            {
+    /// A table that says by its `tag` (`kind`, mostly) which of several it is.
+    fn tagged(&mut self, options: &[&'a Value], tag: &str, names: &[&str], map: &Map<String, Value>) {
+        let known = || names.join(", ");
+        match map.get(tag) {
+            // one that need not be named is that of tables that name none
+            None => match options.iter().find(|o| o["required"].as_array().is_none_or(|r| !r.contains(&tag.into()))) {
                 Some(option) => self.table(option, map),
                 None => {
-                    let help = format!("add kind = \"...\"; known: {}", known());
-                    self.say(true, "there is no `kind` here".into(), help);
+                    let help = format!("add {tag} = \"...\"; known: {}", known());
+                    self.say(true, format!("there is no `{tag}` here"), help);
                 }
             },
-            Some(Value::String(name)) => match options.iter().zip(kinds).find(|(_, kind)| *kind == name) {
+            Some(Value::String(name)) => match options.iter().zip(names).find(|(_, known)| *known == name) {
                 Some((option, _)) => self.table(option, map),
                 None => {
-                    let help = suggestion(name, "kind", kinds);
-                    self.within("kind", |w| w.say(false, format!("there is no kind `{name}`"), help));
+                    let help = suggestion(name, tag, names);
+                    self.within(tag, |w| w.say(false, format!("there is no {tag} `{name}`"), help));
                 }
             },
             Some(other) => {
                 let help = format!("known: {}", known());
-                self.within("kind", |w| w.mistyped(other, &["string"], &help));
+                self.within(tag, |w| w.mistyped(other, &["string"], &help));
             }
         }
     }
@@ -214,6 +213,15 @@ impl<'a> Walk<'a> {
             other => self.mistyped(other, &["string"], &format!("choose {}", words.join(" or "))),
         }
     }
+}
+
+/// The key by which tables of several sorts are told apart, and the word that each has there.
+fn tag<'a>(options: &[&'a Value]) -> Option<(&'a str, Vec<&'a str>)> {
+    let first = options.first()?["properties"].as_object()?;
+    first.keys().find_map(|key| {
+        let names: Vec<&str> = options.iter().filter_map(|o| o["properties"][key]["const"].as_str()).collect();
+        (names.len() == options.len()).then_some((key.as_str(), names))
+    })
 }
 
 /// The types that a schema allows; none: all.

@@ -20,11 +20,10 @@ fn run(folder: &Path, behavior: &str, secs: u32) {
 }
 
 #[test]
-#[ignore = "red when written, not yet mended"]
 fn what_one_robot_holds_teaches_the_other_ones_eyes() {
     let dir = tempfile::tempdir().expect("a folder");
     let at = |name: &str| dir.path().join(name);
-    let (folder, table, best) = (at("run"), at("block.csv"), at("best.json"));
+    let (folder, table, best) = (at("collected"), at("block.csv"), at("best.json"));
     run(&folder, "collect", 300);
     let collect = ["locator", "collect", text(&folder), "--out", text(&table)];
     let told = answer(&collect);

@@ -11,10 +11,10 @@
 //! Of robots within each other's reach one party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes
 //! after it; those out of reach of all of them go when they like. One who drove into a party goes first: it waits until he is out of
 //! its way. Where the ways cross, so that each waits for the other, all of them are given ways anew, together: what all have recorded
-//! until then leads out. A robot of which
-//! nothing was heard for a second is counted out, so that nobody has to tell of a death; the others stop then, and go
-//! on one by one.
+//! until then leads out. A robot of which nothing was heard for a second is counted out, so that nobody has to tell of a death; the others
+//! stop then, and go on one by one.
 
+mod party;
 mod plan;
 
 pub use plan::{Participant, Plan, RetreatPath};
@@ -24,6 +24,7 @@ use crate::ledger::{Places, SafePose};
 use crate::{RELEASE, Rules};
 use mobee_contract::Time;
 use mobee_model::Scene;
+use party::{Member, Party};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -112,75 +113,6 @@ enum Presence {
     Coming(Time),
     /// It rests, since then, and asked; last then.
     Ready { since: Time, heard: Time, who: Participant },
-}
-
-/// Robots that go back together.
-#[derive(Clone, Debug)]
-struct Party {
-    /// While it is being checked.
-    plan: Option<Plan>,
-    /// Those who go.
-    members: Vec<Member>,
-    /// Seconds on the way, of all.
-    clock: f64,
-    /// When it was last advanced; in the future until the first set-point is due.
-    last: Time,
-    /// Whether its way crosses that of another party: its members stop, and ask for ways anew.
-    anew: bool,
-}
-
-/// One of them.
-#[derive(Clone, Debug)]
-struct Member {
-    /// Its index in the scene.
-    robot: usize,
-    /// Its control period, s.
-    period: f64,
-    /// How long its board takes to show the effect of a command.
-    reaction: Duration,
-    /// By how much sooner than the slowest of them it follows its set-points, seconds: so much later they are written, that
-    /// all are at one place of the past at once.
-    early: f64,
-    /// When it last asked or wrote.
-    heard: Time,
-    /// Until it has been taken.
-    way: Option<RetreatPath>,
-    /// How far it is: seconds, or way-points; and how far it has to go.
-    at: f64,
-    /// See `at`; without end before its way is known.
-    end: f64,
-    /// Since when it stays where it is, since a robot that does not go along is in its way.
-    waits: Option<Time>,
-    /// Whether it is back, or goes no further.
-    left: bool,
-}
-
-impl Member {
-    /// At the beginning of its way.
-    fn new(who: &Participant, slowest: Duration, now: Time) -> Member {
-        Member {
-            robot: who.robot,
-            period: who.rules.period.as_secs_f64(),
-            reaction: who.rules.reaction(),
-            early: slowest.saturating_sub(who.rules.follows()).as_secs_f64(),
-            heard: now,
-            way: None,
-            at: 0.0,
-            end: f64::INFINITY,
-            waits: None,
-            left: false,
-        }
-    }
-
-    /// Whether it has taken its way and written all of it.
-    fn is_through(&self) -> bool {
-        self.way.is_none() && self.at >= self.end
-    }
-
-    /// Whether the others must not count on it any more: one that is through may fall silent.
-    fn is_lost(&self, now: Time) -> bool {
-        !self.is_through() && (self.left || now > self.heard + LOST)
-    }
 }
 
 impl JointRetreat {
@@ -402,57 +334,6 @@ impl State {
         let way = party.proceed(robot, now);
         self.parties.push(party);
         way.map_or(RetreatReply::Wait, RetreatReply::Go)
-    }
-}
-
-impl Party {
-    /// This robot, if it goes along and has not left.
-    fn member(&mut self, robot: usize) -> Option<&mut Member> {
-        self.members.iter_mut().find(|m| m.robot == robot && !m.left)
-    }
-
-    /// Whether this robot is on its way with it.
-    fn is_of(&self, robot: usize) -> bool {
-        self.members.iter().any(|m| m.robot == robot && !m.left)
-    }
-
-    /// Whether it stays where it is.
-    fn waits(&self) -> bool {
-        self.members.iter().any(|m| m.waits.is_some() && !m.left)
-    }
-
-    /// The robot lives. Nothing if another does not, or if all are to begin anew.
-    fn hear(&mut self, robot: usize, now: Time) -> Option<()> {
-        self.member(robot)?.heard = now;
-        (!self.anew && !self.members.iter().any(|m| m.is_lost(now))).then_some(())
-    }
-
-    /// Whether nobody counts on it any more. Who is through hears that it begins anew, if he lives.
-    fn is_over(&self, now: Time) -> bool {
-        let is_out =
-            |m: &Member| if self.anew { m.left || now > m.heard + LOST } else { m.is_through() || m.is_lost(now) };
-        self.members.iter().all(is_out)
-    }
-
-    /// Checks a little more; the robot's way once all has been checked.
-    fn proceed(&mut self, robot: usize, now: Time) -> Option<RetreatPath> {
-        if let Some(plan) = &mut self.plan {
-            if !plan.check(SLICE) {
-                return None;
-            }
-            let ways = plan.ways();
-            self.plan = None;
-            for (member, way) in self.members.iter_mut().zip(ways) {
-                member.end = way.end();
-                member.way = Some(way);
-            }
-            // all have heard of it, and their boards are prepared, before the first set-point is due
-            let reaction = self.members.iter().map(|m| m.reaction).max().unwrap_or_default();
-            let period = self.members.iter().map(|m| m.period).fold(0.0, f64::max);
-            let hear = if self.members.len() > 1 { Duration::from_secs_f64(period) } else { Duration::ZERO };
-            self.last = now + reaction + hear;
-        }
-        self.member(robot)?.way.take()
     }
 }
 

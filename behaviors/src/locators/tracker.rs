@@ -146,9 +146,11 @@ impl Tracker {
                 Some(sum.distance(&sight.estimate.place)).filter(|far| *far <= INSIDE_95)
             };
             let near = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_seen);
-            let near = near.filter_map(|(i, t)| Some((i, far(t)?))).min_by(|a, b| a.1.total_cmp(&b.1));
+            // regions of few views are wide: what may be the established one is no other
+            let near = near.filter_map(|(i, t)| Some((i, t.views.len() < MOVED, far(t)?)));
+            let near = near.min_by(|a, b| a.1.cmp(&b.1).then(a.2.total_cmp(&b.2)));
             let mut track = match near {
-                Some((i, _)) => self.tracks.remove(i),
+                Some((i, ..)) => self.tracks.remove(i),
                 None if self.tracks.is_empty() => Track { times: MOVED, ..Track::default() },
                 None => Track::default(),
             };

@@ -188,7 +188,6 @@ fn look(cell: &Cell, expected: &Expected) -> Result<(), String> {
 }
 
 #[test]
-#[ignore = "red when written, not yet mended"]
 fn every_sensor_starts_runs_and_finds_what_is_there() {
     let scratch = tempfile::tempdir().expect("a folder");
     let made = Made::new(scratch.path());

@@ -22,6 +22,11 @@ mod reference;
 mod two_motors;
 use cell::{Cell, Kind, Op};
 
+/// A motor as good as any.
+fn axis() -> Axis {
+    Axis { name: "m".into(), min: -3.0, max: 3.0, max_speed: 1.7, max_acceleration: 3.5, motion: Default::default() }
+}
+
 fn op() -> impl Strategy<Value = Op> {
     prop_oneof![
         4 => (-2.5_f64..2.5, any::<bool>()).prop_map(|(q, own)| Op::Commit(q, own)),

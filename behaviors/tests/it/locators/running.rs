@@ -118,7 +118,6 @@ fn what_stands_on_a_table_is_at_its_height_and_what_the_border_cuts_off_is_hardl
 }
 
 #[test]
-#[ignore = "red when written, not yet mended"]
 fn a_tracker_gets_surer_ignores_what_is_far_off_and_notices_a_move() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let covariance: Matrix3<f64> = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 9e-4));
@@ -165,14 +164,17 @@ fn a_small_step_is_taken_as_soon_as_a_large_one() {
     assert!(after[2..].iter().all(|x| (x - 0.34).abs() < 0.003), "4 cm: {after:?}");
 }
 
+/// Places a thing that was seen at `(0.3, y, 0)`, as large as `size`, in regions that hold what all views have in common, too.
+fn see(tracker: &mut Tracker, y: f64, size: f64) -> Option<f64> {
+    let place = Vector3::new(0.3, y, 0.0);
+    let estimate = Estimate { place, covariance: Matrix3::identity() * 0.03f64.powi(2) };
+    tracker.see(&[Sight { estimate, size: Some(size) }]).first().map(|told| told.place.y)
+}
+
 #[test]
 fn what_is_half_hidden_stays_where_it_was_until_it_is_so_for_long() {
-    let covariance = Matrix3::identity() * 0.03f64.powi(2);
     let mut tracker = Tracker::new(Matrix3::identity() * 1e-4);
-    let mut see = |y: f64, size: f64| {
-        let estimate = Estimate { place: Vector3::new(0.3, y, 0.0), covariance };
-        tracker.see(&[Sight { estimate, size: Some(size) }]).first().expect("told").place.y
-    };
+    let mut see = |y: f64, size: f64| see(&mut tracker, y, size).expect("told");
     assert!((0..20).all(|_| see(0.0, 100.0).abs() < 1e-9));
     // a hand comes before it: the middle of what is left to see is beside its own
     assert!((0..15).all(|_| see(0.02, 50.0).abs() < 1e-9), "it stays");
@@ -183,12 +185,8 @@ fn what_is_half_hidden_stays_where_it_was_until_it_is_so_for_long() {
 
 #[test]
 fn specks_are_not_the_object_even_if_nothing_else_is_seen_for_a_while() {
-    let covariance = Matrix3::identity() * 0.03f64.powi(2);
     let mut tracker = Tracker::new(Matrix3::identity() * 1e-4);
-    let mut see = |y: f64, size: f64| {
-        let estimate = Estimate { place: Vector3::new(0.3, y, 0.0), covariance };
-        tracker.see(&[Sight { estimate, size: Some(size) }]).len()
-    };
+    let mut see = |y: f64, size: f64| usize::from(see(&mut tracker, y, size).is_some());
     assert!((0..20).all(|_| see(0.0, 100.0) == 1));
     assert!((0..200).all(|_| see(0.4, 5.0) == 0), "specks elsewhere");
     assert!((0..5).map(|_| see(0.4, 60.0)).sum::<usize>() == 3, "half of it elsewhere");

@@ -13,16 +13,9 @@ pub(super) enum Kind {
 }
 
 fn rules(kind: Kind) -> Arc<Rules> {
-    let axis = Axis {
-        name: "m".into(),
-        min: -3.0,
-        max: 3.0,
-        max_speed: 1.7,
-        max_acceleration: 3.5,
-        motion: Default::default(),
-    };
     let period = Duration::from_millis(10);
-    let board = Board { axes: vec![axis], period, latency: Duration::ZERO, position_direct: kind != Kind::Velocities };
+    let board =
+        Board { axes: vec![axis()], period, latency: Duration::ZERO, position_direct: kind != Kind::Velocities };
     let fields = FieldsSettings { reflex: kind != Kind::NoReflex, ..FieldsSettings::default() };
     let drive = if kind == Kind::Straight { Drive::Straight } else { Drive::Fields(fields) };
     let controller = ControllerSettings { drive, ..ControllerSettings::default() };

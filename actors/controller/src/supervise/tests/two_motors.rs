@@ -16,15 +16,7 @@ struct Two {
 impl Two {
     /// At rest, with the filter open.
     fn new() -> Two {
-        let axis = Axis {
-            name: "m".into(),
-            min: -3.0,
-            max: 3.0,
-            max_speed: 1.7,
-            max_acceleration: 3.5,
-            motion: Default::default(),
-        };
-        let (axes, period) = (vec![axis.clone(), axis], Duration::from_millis(10));
+        let (axes, period) = (vec![axis(), axis()], Duration::from_millis(10));
         let board = Board { axes, period, latency: Duration::ZERO, position_direct: true };
         let rules = Arc::new(Rules::new("r", vec!["p".into()], &ControllerSettings::default(), &board));
         let (gate, mut book, joint_retreat, now) =
