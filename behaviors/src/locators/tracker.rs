@@ -130,7 +130,7 @@ impl Tracker {
     }
 
     /// Views of all that looks like it, at one instant. Answers where these things are, in their order: each with the views of what
-    /// rests there before. A place that is new is told once something was seen there so many times in a row ([`MOVED`]), the first at once.
+    /// rests there before. A place that is new is told once something was seen there so many times in a row (`MOVED`), the first at once.
     pub fn see(&mut self, sights: &[Sight]) -> Vec<Estimate> {
         self.tracks.iter_mut().for_each(|track| track.is_seen = false);
         let mut told = Vec::new();
