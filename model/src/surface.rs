@@ -6,8 +6,8 @@ use crate::{Fit, Hull, Hulls, Mesh, Primitive, Robot, Shape};
 use nalgebra::{Isometry3, UnitQuaternion};
 use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use parry3d_f64::math::{Pose, Vector};
-use parry3d_f64::query::intersection_test;
-use parry3d_f64::shape::{Ball, Capsule, Cuboid, Cylinder, SharedShape, TriMesh};
+use parry3d_f64::query::{self, intersection_test};
+use parry3d_f64::shape::{Ball, Capsule, Cuboid, Cylinder, Shape as PartShape, SharedShape, TriMesh};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -112,6 +112,17 @@ impl Surfaces {
         meshes() || first() || second() || solids()
     }
 
+    /// Whether the surfaces of two links are nearer to each other than a distance (meters), given `world_from_link` of all.
+    pub(crate) fn near(&self, frames: &[Isometry3<f64>], (a, b): (usize, usize), distance: f64) -> bool {
+        let a_from_b = pose(&frames[a].inv_mul(&frames[b]));
+        let [a, b] = [a, b].map(|i| self.links[i].shapes());
+        // All pairs of our shapes are supported, so there is no error to be told of.
+        let near = |(shape, place): &(&dyn PartShape, Pose), (other, at): &(&dyn PartShape, Pose)| {
+            query::distance(place, *shape, &(a_from_b * *at), *other).is_ok_and(|d| d.distance < distance)
+        };
+        a.iter().any(|s| b.iter().any(|t| near(s, t)))
+    }
+
     /// Those of the pairs that meet, in the same order.
     pub fn meeting(&self, frames: &[Isometry3<f64>], pairs: &[(usize, usize)]) -> Vec<(usize, usize)> {
         pairs.iter().copied().filter(|(a, b)| self.meet(frames, *a, *b)).collect()
@@ -132,6 +143,12 @@ impl Link {
         let boxes = meshes.iter().map(|m| m.local_aabb()).chain(solids.iter().map(|s| s.1.compute_aabb(&s.2)));
         let bounds = boxes.reduce(|a, b| a.merged(&b)).unwrap_or_else(Aabb::new_invalid);
         Ok(Self { name: name.clone(), node, turn: link.turn, meshes, solids, bounds })
+    }
+
+    /// Its meshes and primitives, each with its place in the link's frame.
+    fn shapes(&self) -> Vec<(&dyn PartShape, Pose)> {
+        let meshes = self.meshes.iter().map(|m| (m as &dyn PartShape, Pose::IDENTITY));
+        meshes.chain(self.solids.iter().map(|(_, shape, place)| (shape.as_ref(), *place))).collect()
     }
 }
 

@@ -9,6 +9,7 @@
 
 mod closer;
 mod compare;
+mod falsely;
 mod home;
 mod hulled;
 mod spare;

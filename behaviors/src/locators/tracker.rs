@@ -96,6 +96,11 @@ impl Track {
         self.forget_the_past();
     }
 
+    /// Whether its place counts: enough views are of it, or it was told.
+    fn is_established(&self) -> bool {
+        self.views.len() >= MOVED || self.times >= MOVED
+    }
+
     /// Whether much less of it is seen than lately: something is before it, and the middle of what is seen is not its own.
     fn is_hidden(&self, size: Option<f64>) -> bool {
         size.zip(self.usual()).is_some_and(|(size, usual)| size < HIDDEN * usual)
@@ -147,7 +152,7 @@ impl Tracker {
             };
             let near = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_seen);
             // regions of few views are wide: what may be the established one is no other
-            let near = near.filter_map(|(i, t)| Some((i, t.views.len() < MOVED, far(t)?)));
+            let near = near.filter_map(|(i, t)| Some((i, !t.is_established(), far(t)?)));
             let near = near.min_by(|a, b| a.1.cmp(&b.1).then(a.2.total_cmp(&b.2)));
             let mut track = match near {
                 Some((i, ..)) => self.tracks.remove(i),
@@ -160,11 +165,11 @@ impl Tracker {
             }
             self.tracks.push(track);
         }
-        // what was seen elsewhere fewer times, and is not seen now, was nothing; where it was before it must be seen anew as often
-        self.tracks.retain(|t| t.is_seen || t.views.len() >= MOVED);
+        // where it was before it must be seen anew as often; what was seen elsewhere fewer times, and is not seen now, was nothing
         if self.tracks.iter().any(|t| t.is_seen && t.times >= MOVED) {
             self.tracks.iter_mut().filter(|t| !t.is_seen).for_each(|t| t.times = 0);
         }
+        self.tracks.retain(|t| t.is_seen || t.is_established());
         if self.tracks.len() > TRACKS {
             self.tracks.drain(..self.tracks.len() - TRACKS);
         }

@@ -245,7 +245,7 @@ impl Exact {
         let from = Vector::new(place.x, place.y, place.z);
         let axes = [Vector::X, Vector::Y, Vector::Z];
         let sees = |to: Vector| self.mesh.as_ref().is_some_and(|m| m.intersects_local_ray(&Ray::new(from, to), FAR));
-        axes.iter().flat_map(|axis| [*axis, -*axis]).filter(|to| sees(*to)).count() >= 5
+        axes.iter().flat_map(|axis| [*axis, -*axis]).filter(|to| !sees(*to)).nth(1).is_none()
     }
 
     /// How far a place is from the nearest triangle, meters, on whichever side.

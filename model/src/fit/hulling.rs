@@ -24,7 +24,7 @@ pub(crate) fn rounded(x: f64) -> f64 {
 }
 
 /// So near to the hull of some points a place is in the hull of all, about, meters.
-const HELD: f64 = 2e-4;
+const HELD: f64 = 2e-3;
 
 impl Fit {
     /// From now on of each primitive only the hull of what it encloses is solid.

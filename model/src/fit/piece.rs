@@ -112,6 +112,8 @@ pub(super) struct Piece {
     pub tried: Tried,
     /// Whether it gave way to others already.
     pub reshaped: bool,
+    /// How often in a row what it is part of was parted though the parts held as much of what was claimed.
+    pub in_vain: u8,
     /// What of the shape is solid, if not all.
     pub hull: Option<Hull>,
 }
@@ -132,7 +134,7 @@ impl Piece {
         // Corners between the extreme ones may stick out a little.
         let corners: Vec<Vector3<f64>> = triangles.iter().flatten().copied().collect();
         let tried = tried(enclose::around(&corners, &fine.cover), MEDIUM, filled);
-        Some(Self { triangles, samples, extremes, tried, reshaped: false, hull: None })
+        Some(Self { triangles, samples, extremes, tried, reshaped: false, in_vain: 0, hull: None })
     }
 
     /// Both in one.

@@ -12,6 +12,8 @@ const SAMPLES: f64 = 400.0;
 const MOST_LEFT: f64 = 0.3;
 /// What is gained by two shapes instead of one must be this share of what was claimed.
 const LEAST_GAIN: f64 = 0.1;
+/// A hull is parted no more often than this in a row if its parts hold as much of what was claimed.
+const IN_VAIN: u8 = 3;
 /// Rows of points at which the space that a shape shares with another is looked at.
 const ROWS: usize = 6;
 
@@ -59,7 +61,7 @@ impl Fit {
         let points: Vec<Vector3<f64>> = samples.iter().chain(&piece.extremes).copied().collect();
         let held = |points: &[Vector3<f64>]| hulling::held(points, &self.filled.claimed);
         let before = held(&points);
-        let mut best = ((1.0 - LEAST_GAIN) * before as f64, None);
+        let mut best = (f64::INFINITY, None);
         for (normal, at) in planes(piece) {
             let (low, high): (Vec<_>, Vec<_>) = points.iter().partition(|p| normal.dot(p) <= at);
             let left = (held(&low) + held(&high)) as f64;
@@ -69,15 +71,20 @@ impl Fit {
                 best = (left + 0.5 * uneven, Some((normal, at)));
             }
         }
-        let piece = Piece { samples, ..piece.clone() };
-        let (mut low, mut high) = match best.1 {
-            Some((normal, at)) => halves_at(&piece, &normal, at, &self.filled)?,
-            // no single plane opens the hollow, but parts that are nearer to the mesh may be parted further
-            None => halves(&piece, PLANS[0], &self.filled).filter(|parts| are_nearer(parts, &piece))?,
-        };
+        let (left, plane) = best;
+        // no single plane opens a ring or a cup, but the parts of its parts hold nothing that is within
+        let in_vain = if left < (1.0 - LEAST_GAIN) * before as f64 { 0 } else { piece.in_vain + 1 };
+        let (normal, at) = plane.filter(|_| in_vain <= IN_VAIN)?;
+        let (mut low, mut high) = halves_at(&Piece { samples, ..piece.clone() }, &normal, at, &self.filled)?;
+        (low.in_vain, high.in_vain) = (in_vain, in_vain);
         low.hull = hulling::around(&low, self.slack);
         high.hull = hulling::around(&high, self.slack);
         Some((low, Some(high)))
+    }
+
+    /// Points of what a primitive encloses, in the frame of the meshes.
+    pub(crate) fn points(&self, primitive: usize) -> impl Iterator<Item = &Vector3<f64>> {
+        self.pieces.get(primitive).into_iter().flat_map(|piece| piece.samples.iter().chain(&piece.extremes))
     }
 
     /// How many primitives there are.

@@ -7,11 +7,13 @@
 //! ```
 //! Where that does not get far enough ([`Closer::hulls`]), the shapes get hulls (`hulled.rs`).
 
+use super::falsely::{Falsely, NodePair, falsely_touching};
 use super::{Placed, Subject};
+use crate::engine::distances_from_hull;
 use crate::fit::shared;
 use crate::scene::MAX_PAIRS;
-use crate::{Fit, FitOptions, LinkSurface, Primitive, Robot, SceneError, Surfaces, random_poses};
-use nalgebra::{Point3, Vector3};
+use crate::{Fit, FitOptions, LinkSurface, Primitive, Robot, SceneError, Surfaces};
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How many shapes give way before it is looked again what that changed.
@@ -28,12 +30,6 @@ const LEFT_BY_HULLS: f64 = 0.5;
 const CLOSE: f64 = 6e-4;
 /// A shape also gives what the other could give rather, if its distance from its mesh is not less than this share of the other's.
 const SHARED_FAULT: f64 = 0.5;
-/// What stays nearer than this at every pose can't be told from a contact, meters: the reflex acts at a centimeter, and lets go of a
-/// contact 2 mm farther out.
-pub(super) const NEAR: f64 = 0.012;
-/// So many motors between two links at the most, and thousands of poses cover all that these two can do against each other.
-pub(super) const COVERED: usize = 3;
-
 /// How close shapes are to be fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Closer {
@@ -108,17 +104,6 @@ pub fn fit_closer(
     Ok(told(fits, before))
 }
 
-/// Two nodes.
-type NodePair = (usize, usize);
-
-/// A pose at which no meshes meet.
-#[derive(Clone)]
-pub(super) struct Falsely {
-    q: Vec<f64>,
-    /// The pairs of nodes whose shapes touch.
-    pairs: Vec<(usize, usize)>,
-}
-
 /// Two shapes that touch falsely, each by its node and its number there.
 pub(super) struct Touch {
     /// Index of the pose.
@@ -127,46 +112,6 @@ pub(super) struct Touch {
     pub(super) shapes: [(usize, usize); 2],
     /// If one of them has a hull, the middle of what both hold, world frame.
     place: Option<Point3<f64>>,
-}
-
-/// The random poses that are free by the meshes, with the pairs whose shapes touch falsely, as far as they need a test.
-fn falsely_touching(
-    subject: &Subject<'_>,
-    surfaces: &Surfaces,
-    (poses, seed): (usize, u64),
-    progress: &mut dyn FnMut(f64),
-) -> (Vec<Falsely>, Vec<NodePair>) {
-    let (mut all, mut met) = (Vec::new(), BTreeMap::<NodePair, usize>::new());
-    let mut near = BTreeMap::<(usize, usize), usize>::new();
-    for (done, q) in random_poses(subject.robot, seed).take(poses).enumerate() {
-        let (placed, frames) = (subject.place(&q), surfaces.frames(subject.robot, &q));
-        let mut touching = Vec::new();
-        for pair in &subject.tested {
-            if let Some(distance) = subject.distance(&placed, *pair, NEAR) {
-                *near.entry(*pair).or_default() += 1;
-                touching.extend((distance <= 0.0).then_some(*pair));
-            }
-        }
-        // the shapes hold the meshes: where they are apart, so are these
-        let meet = |pair: &(usize, usize)| subject.surfaces(*pair).is_none_or(|(a, b)| surfaces.meet(&frames, a, b));
-        let (meeting, falsely): (Vec<NodePair>, Vec<NodePair>) = touching.into_iter().partition(meet);
-        meeting.iter().for_each(|pair| *met.entry(*pair).or_default() += 1);
-        all.push((Falsely { q, pairs: falsely }, meeting));
-        if done % 64 == 0 {
-            progress(done as f64 / poses.max(1) as f64);
-        }
-    }
-    let needs_test = |pair: &(usize, usize)| {
-        met.contains_key(pair) || subject.robot.movers(Some(pair.0), Some(pair.1)).len() > COVERED
-    };
-    // what is always near is left out later, and blocks nothing then
-    let free = |meeting: &[(usize, usize)]| meeting.iter().all(|pair| near.get(pair) == Some(&poses));
-    let mut all: Vec<Falsely> = all.into_iter().filter(|(_, meeting)| free(meeting)).map(|(f, _)| f).collect();
-    all.iter_mut().for_each(|f| f.pairs.retain(needs_test));
-    // what the meshes do now and then, and the shapes always, is the shapes' fault
-    let at_times = |pair: &NodePair| met.get(pair).is_some_and(|count| *count < poses);
-    let always_near = near.iter().filter(|(pair, count)| **count == poses && at_times(pair));
-    (all, always_near.map(|(pair, _)| *pair).collect())
 }
 
 /// What is being fitted.
@@ -183,6 +128,8 @@ pub(super) struct Work<'a> {
     pairs: usize,
     /// Shapes that can't give way, by node and number.
     stuck: BTreeSet<(usize, usize)>,
+    /// Shapes of which nothing was claimed, of the touches that are looked at.
+    idle: BTreeSet<(usize, usize)>,
 }
 
 impl<'a> Work<'a> {
@@ -197,7 +144,7 @@ impl<'a> Work<'a> {
         let links = fitted.filter_map(|l| Some((robot.node_named(&l.link)?, l))).collect();
         let shapes = |node: usize| robot.nodes[node].solids.len();
         let pairs = robot.pairs.reflex.iter().map(|(a, b)| shapes(*a) * shapes(*b)).sum();
-        Self { robot, fits, links, falsely, most, pairs, stuck: BTreeSet::new() }
+        Self { robot, fits, links, falsely, most, pairs, stuck: BTreeSet::new(), idle: BTreeSet::new() }
     }
 
     /// Fits whole links closer whose shapes are always near each other and whose meshes are not: they would be left out.
@@ -247,6 +194,7 @@ impl<'a> Work<'a> {
     /// Whether a shape may be replaced by two.
     fn can_give(&self, shape: (usize, usize)) -> bool {
         !self.stuck.contains(&shape)
+            && !self.idle.contains(&shape)
             && self.fitted(shape).is_some_and(|(link, _)| self.fits[&link.link].count() < self.most)
             && self.pairs + self.facing(shape.0) <= MAX_PAIRS
     }
@@ -259,6 +207,7 @@ impl<'a> Work<'a> {
 
     /// Lets the shapes give way that touch most often; answers whether there are any.
     pub(super) fn give_way(&mut self, touches: &[Touch]) -> bool {
+        self.idle.clear();
         loop {
             let worst = self.worst(touches);
             if worst.is_empty() {
@@ -310,7 +259,7 @@ impl<'a> Work<'a> {
             let shape = |(node, shape): (usize, usize)| &self.robot.nodes[node].solids[shape];
             let other = Primitive { pose: a_from_b * shape(b).pose, ..shape(b).clone() };
             let places = match touch.place {
-                Some(place) => vec![frames[a.0].inverse_transform_point(&place).coords],
+                Some(place) => self.held(touch.shapes, &a_from_b, &frames[a.0].inverse_transform_point(&place)),
                 None => shared(shape(a), &other),
             };
             for place in places.iter().step_by(places.len().div_ceil(PLACES.0).max(1)) {
@@ -327,6 +276,37 @@ impl<'a> Work<'a> {
             *places = places.iter().step_by(step).copied().collect();
         }
         claims
+    }
+
+    /// Places that both of two shapes hold, of which one at least has a hull, in the frame of the first one's node: what of the mesh of
+    /// either the other holds; if that is nothing, the middle of what they have in common.
+    fn held(&self, [a, b]: [(usize, usize); 2], a_from_b: &Isometry3<f64>, middle: &Point3<f64>) -> Vec<Vector3<f64>> {
+        let of = |one: (usize, usize), other: (usize, usize), other_from_one: &Isometry3<f64>| {
+            let Some((link, number)) = self.fitted(one) else { return Vec::new() };
+            let node = &self.robot.nodes[other.0];
+            let within = |p: &Vector3<f64>| {
+                let place = node.solids[other.1].pose.inverse_transform_point(&Point3::from(*p));
+                node.solids[other.1].shape.depth(&place.coords) >= 0.0
+            };
+            let points = self.fits[&link.link].points(number);
+            let places = points.map(|p| other_from_one.transform_point(&Point3::from(link.turn * p)).coords);
+            let places: Vec<_> = places.filter(within).collect();
+            match node.hulls.get(&other.1) {
+                None => places,
+                Some(hull) => {
+                    let points: Vec<_> = hull.points().iter().map(|p| p.coords).collect();
+                    let far = distances_from_hull(&points, &places);
+                    places.iter().zip(far).filter(|(_, far)| *far <= hull.radius()).map(|(p, _)| *p).collect()
+                }
+            }
+        };
+        let of_a = of(a, b, &a_from_b.inverse());
+        let of_a = of_a.into_iter().map(|p| a_from_b.transform_point(&Point3::from(p)).coords);
+        let mut all: Vec<Vector3<f64>> = of_a.chain(of(b, a, a_from_b)).collect();
+        if all.is_empty() {
+            all.push(middle.coords);
+        }
+        all
     }
 
     /// Which of two shapes should leave a place that both hold, given in the frame of either's node; answered in its link's.
@@ -357,7 +337,11 @@ impl<'a> Work<'a> {
     fn give(&mut self, shape: (usize, usize), places: Vec<Vector3<f64>>) -> bool {
         let Some((link, number)) = self.fitted(shape) else { return false };
         let Some(fit) = self.fits.get_mut(&link.link) else { return false };
-        if places.is_empty() || !fit.yield_to(number, places) {
+        if places.is_empty() {
+            self.idle.insert(shape);
+            return false;
+        }
+        if !fit.yield_to(number, places) {
             self.stuck.insert(shape);
             return false;
         }

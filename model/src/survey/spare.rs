@@ -1,7 +1,7 @@
 //! Pairs of links that need no test.
 
 use super::Subject;
-use super::closer::{COVERED, NEAR};
+use super::falsely::{COVERED, NEAR};
 use crate::{LeftOut, Robot, SceneError, Surfaces, random_poses};
 use std::collections::BTreeMap;
 

@@ -1,8 +1,8 @@
 //! Random poses tell which pairs of links need no test, what shapes touch falsely, and where a robot can begin.
 
 use mobee_model::{
-    Closer, FitOptions, Robot, Scene, Surfaces, UrdfOptions, UrdfRobot, compare, find_home, fit_closer,
-    load_urdf_with_surfaces, spared_pairs,
+    Closer, Comparison, FitOptions, Nearer, Robot, Scene, Surfaces, UrdfOptions, UrdfRobot, compare, find_home,
+    fit_closer, load_urdf_with_surfaces, spared_pairs,
 };
 use nalgebra::Isometry3;
 use std::sync::Arc;
@@ -69,26 +69,37 @@ fn false_contacts_are_counted_and_none_is_missed() {
     assert_eq!(seen.pairs[&pair].falsely, seen.falsely, "{seen:?}");
 }
 
+/// A robot that is fitted closer, and what its shapes do before and after, at other poses.
+struct Closed {
+    robot: Robot,
+    told: Vec<Nearer>,
+    before: Comparison,
+    after: Comparison,
+}
+
+fn closed(UrdfRobot { mut robot, surfaces: links, mut fits }: UrdfRobot, shapes: usize, hulls: f64) -> Closed {
+    // neighbors are looked through, so that the pair is tested only without its line
+    robot.left_out = None;
+    robot.leave_out([]);
+    let surfaces = Surfaces::new(&robot, &links).unwrap();
+    let seen = |robot: &Robot| compare(robot, &surfaces, (1000, 3), &mut |_| ()).unwrap();
+    let before = seen(&robot);
+    let (goal, all) = (Closer { falsely: 0.0, shapes, hulls }, (links.as_slice(), &mut fits));
+    let told = fit_closer(&mut robot, all, &surfaces, &goal, (600, 1), &mut |_| ()).unwrap();
+    let after = seen(&robot);
+    assert_eq!((before.missed, after.missed, after.by_meshes), (0, 0, before.by_meshes), "shapes hold the meshes");
+    assert!(before.by_meshes > 20, "the pair needs a test: {before:?}");
+    Closed { robot, told, before, after }
+}
+
 #[test]
 fn shapes_that_touch_falsely_are_fitted_closer_and_still_hold_the_meshes() {
-    // turned so far it touches the iron at times, so that the pair needs a test
-    let closer = || {
-        let UrdfRobot { mut robot, surfaces: links, mut fits } = iron_and_slider(0.9);
-        robot.left_out = None;
-        robot.leave_out([]);
-        let surfaces = Surfaces::new(&robot, &links).unwrap();
-        let before = compare(&robot, &surfaces, (300, 3), &mut |_| ()).unwrap();
-        let goal = Closer { falsely: 0.0, shapes: 8, hulls: 1.0 };
-        let all = (links.as_slice(), &mut fits);
-        let told = fit_closer(&mut robot, all, &surfaces, &goal, (600, 1), &mut |_| ()).unwrap();
-        assert!(told.iter().all(|n| n.shapes.0 == 1 && n.shapes.1 <= 8), "{told:?}");
-        assert!(told.iter().any(|n| n.link == "base"), "{told:?}");
-        let after = compare(&robot, &surfaces, (300, 3), &mut |_| ()).unwrap();
-        assert_eq!((before.missed, after.missed, after.by_meshes), (0, 0, before.by_meshes));
-        assert!(before.blocked_share() > 0.3 && after.blocked_share() < 0.1, "{before:?} {after:?}");
-        robot
-    };
-    assert_eq!(closer(), closer(), "equal seeds, equal robots");
+    let closer = || closed(iron_and_slider(0.9), 8, 1.0);
+    let Closed { robot, told, before, after } = closer();
+    assert!(told.iter().all(|n| n.shapes.0 == 1 && n.shapes.1 <= 8), "{told:?}");
+    assert!(told.iter().any(|n| n.link == "base"), "{told:?}");
+    assert!(before.blocked_share() > 0.3 && after.blocked_share() < 0.1, "{before:?} {after:?}");
+    assert_eq!(robot, closer().robot, "equal seeds, equal robots");
 }
 
 #[test]
@@ -96,18 +107,10 @@ fn hulls_take_over_where_one_shape_each_is_not_close_enough() {
     // no box is near a wedge, and a hull is the wedge
     let wedge = "v 0 0 0\nv 0.2 0 0\nv 0 0 0.2\nv 0 0.2 0\nv 0.2 0.2 0\nv 0 0.2 0.2\nf 1 2 3\nf 4 5 6\nf 1 2 5 4\nf 2 3 6 5\nf 3 1 4 6\n";
     let with = |hulls: f64| {
-        let UrdfRobot { mut robot, surfaces: links, mut fits } = beside_slider(wedge, "0.11 0.02 0.11", 0.9);
-        robot.left_out = None;
-        robot.leave_out([]);
-        let surfaces = Surfaces::new(&robot, &links).unwrap();
-        let goal = Closer { falsely: 0.0, shapes: 1, hulls };
-        let all = (links.as_slice(), &mut fits);
-        let told = fit_closer(&mut robot, all, &surfaces, &goal, (600, 1), &mut |_| ()).unwrap();
-        let seen = compare(&robot, &surfaces, (1000, 3), &mut |_| ()).unwrap();
-        assert!(seen.missed == 0 && seen.by_meshes > 20, "{seen:?}");
-        let hulls: usize = robot.nodes.iter().map(|n| n.hulls.len()).sum();
-        assert_eq!(hulls, told.iter().map(|n| n.hulls).sum::<usize>(), "{told:?}");
-        (robot, hulls, seen.blocked_share())
+        let closed = closed(beside_slider(wedge, "0.11 0.02 0.11", 0.9), 1, hulls);
+        let hulls: usize = closed.robot.nodes.iter().map(|n| n.hulls.len()).sum();
+        assert_eq!(hulls, closed.told.iter().map(|n| n.hulls).sum::<usize>(), "{:?}", closed.told);
+        (closed.robot, hulls, closed.after.blocked_share())
     };
     let (without, none, blocked) = with(1.0);
     assert!(none == 0 && blocked > 0.1, "{blocked}");
@@ -115,6 +118,25 @@ fn hulls_take_over_where_one_shape_each_is_not_close_enough() {
     assert!(hulls == 2 && less < 0.1 * blocked, "{hulls} {less} {blocked}");
     assert_eq!(robot, with(0.0).0, "equal seeds, equal robots");
     assert_ne!(robot, without);
+}
+
+/// A frame of four bars around the y axis, a hand wide within.
+const FRAME: &str = "v -0.1 0 -0.1\nv 0.1 0 -0.1\nv 0.1 0 0.1\nv -0.1 0 0.1\nv -0.09 0 -0.09\nv 0.09 0 -0.09\nv 0.09 0 0.09\nv -0.09 0 0.09\n\
+    v -0.1 0.1 -0.1\nv 0.1 0.1 -0.1\nv 0.1 0.1 0.1\nv -0.1 0.1 0.1\nv -0.09 0.1 -0.09\nv 0.09 0.1 -0.09\nv 0.09 0.1 0.09\nv -0.09 0.1 0.09\n\
+    f 1 2 10 9\nf 2 3 11 10\nf 3 4 12 11\nf 4 1 9 12\nf 5 6 14 13\nf 6 7 15 14\nf 7 8 16 15\nf 8 5 13 16\n";
+
+#[test]
+fn a_hull_around_a_hollow_that_no_plane_opens_is_parted_all_the_same() {
+    // half a frame still holds half of what is within
+    let Closed { told, before, after, .. } = closed(beside_slider(FRAME, "0.06 0.02 0.02", 0.9), 8, 0.0);
+    assert!(before.blocked_share() > 0.9 && after.blocked_share() < 0.05, "{before:?} {after:?}");
+    assert!(told.iter().any(|n| n.link == "base" && n.hulls == n.shapes.1 && n.shapes.1 >= 4), "{told:?}");
+}
+
+#[test]
+fn what_its_meshes_keep_near_always_is_not_fitted_closer_for_nothing() {
+    let Closed { told, before, .. } = closed(beside_slider(FRAME, "0.06 -0.025 0.06", 0.9), 8, 0.0);
+    assert!(before.blocked_share() > 0.9 && told.is_empty(), "{before:?} {told:?}");
 }
 
 #[test]

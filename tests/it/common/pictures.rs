@@ -63,8 +63,10 @@ pub fn draw(folder: &Path, numbers: Range<u32>, right: i32, shown: Shown) {
 /// A network for pictures of this size, in ONNX format: class 1 is whatever is much more red than green.
 pub fn network(path: &Path) {
     let [width, height] = SIZE.map(u64::from);
+    // written out as exporters do: the runtime knows no defaults of these
+    let steps: &[(&str, &[u64])] = &[("strides", &[1, 1]), ("dilations", &[1, 1]), ("pads", &[0, 0, 0, 0])];
     let graph = Graph {
-        nodes: vec![node("Conv", &["picture", "weights", "bias"], &["logits"], &[])],
+        nodes: vec![node("Conv", &["picture", "weights", "bias"], &["logits"], steps)],
         constants: vec![
             constant("weights", &[2, 3, 1, 1], &[0.0, 0.0, 0.0, 20.0, -20.0, 0.0]),
             constant("bias", &[2], &[0.0, -6.0]),

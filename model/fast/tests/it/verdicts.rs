@@ -130,7 +130,8 @@ fn shapes_at_the_verge_of_contact() {
         }
     }
     eprintln!("{doubtful} of {judged} in doubt");
-    assert!(judged > 10_000, "they touch: {judged}");
+    let sets = InstructionSet::available().len();
+    assert!(judged > 4_000 * sets as u64, "they touch: {judged}, by {sets} instruction sets");
     // All are that are nearer than the errors: two distances of seven, and those of a micrometer or ten for the most
     // part.
     assert!((judged / 4..judged * 3 / 4).contains(&doubtful), "{doubtful} of {judged}");
