@@ -50,12 +50,13 @@ fn text(seen: &Comparison) -> String {
     let percent = |n: usize| 100.0 * n as f64 / seen.poses.max(1) as f64;
     let mut out = format!(
         "{} poses: in contact by the meshes {:.1} %, by the shapes {:.1} %; falsely {:.1} % ({:.1} % of the free poses are \
-         blocked), missed {}\n",
+         blocked, {:.1} % where the meshes are 2 mm apart), missed {}\n",
         seen.poses,
         percent(seen.by_meshes),
         percent(seen.by_shapes),
         percent(seen.falsely),
         100.0 * seen.blocked_share(),
+        100.0 * seen.blocked_apart_share(),
         seen.missed
     );
     let mut pairs: Vec<_> = seen.pairs.iter().filter(|(_, c)| c.falsely + c.missed > 0).collect();

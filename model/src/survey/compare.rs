@@ -4,6 +4,9 @@ use super::Subject;
 use crate::{Robot, SceneError, Surfaces, random_poses};
 use std::collections::BTreeMap;
 
+/// Where meshes are nearer than this, no plan goes, meters: plans keep 2 mm more than the margin of the reflex.
+const APART: f64 = 0.002;
+
 /// How a pair of links fared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ContactCounts {
@@ -26,6 +29,8 @@ pub struct Comparison {
     pub by_shapes: usize,
     /// Those in contact by the shapes and free by the meshes.
     pub falsely: usize,
+    /// Of these, those at which the meshes of a pair that touches falsely are 2 mm apart at least: where a robot could go.
+    pub falsely_apart: usize,
     /// Those in contact by the meshes and free by the shapes.
     pub missed: usize,
     /// The same for each tested pair of links for which there is something to tell, by their names.
@@ -38,6 +43,11 @@ impl Comparison {
     /// Of the poses that are free by the meshes, the share that the shapes block, 0 to 1.
     pub fn blocked_share(&self) -> f64 {
         self.falsely as f64 / (self.poses - self.by_meshes).max(1) as f64
+    }
+
+    /// The same without the poses at which meshes are within 2 mm of each other.
+    pub fn blocked_apart_share(&self) -> f64 {
+        self.falsely_apart as f64 / (self.poses - self.by_meshes).max(1) as f64
     }
 }
 
@@ -82,6 +92,9 @@ pub fn compare(
         out.missed += usize::from(meeting.iter().any(|p| !near.contains_key(p)) && near.is_empty());
         if meeting.is_empty() && !near.is_empty() {
             out.falsely += 1;
+            let near_too =
+                |pair: &(usize, usize)| subject.surfaces(*pair).is_some_and(|p| surfaces.near(&frames, p, APART));
+            out.falsely_apart += usize::from(!near.keys().all(near_too));
             near.keys().for_each(|pair| out.pairs.entry(named(*pair)).or_default().falsely += 1);
         }
         if done % 64 == 0 {

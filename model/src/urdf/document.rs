@@ -320,10 +320,11 @@ impl Reading<'_> {
         })
     }
 
-    /// Three finite numbers; none if the attribute is missing.
+    /// Three finite numbers, with spaces or, as some write, commas between; none if the attribute is missing.
     fn vector(&self, element: &XmlElement, name: &str) -> Result<Option<Vector3<f64>>, FileError> {
         let Some(text) = element.get(name) else { return Ok(None) };
-        let numbers: Option<Vec<f64>> = text.split_whitespace().map(|w| w.parse().ok()).collect();
+        let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
+        let numbers: Option<Vec<f64>> = words.map(|word| word.parse().ok()).collect();
         match numbers.as_deref() {
             Some(&[x, y, z]) if [x, y, z].iter().all(|c| c.is_finite()) => Ok(Some(Vector3::new(x, y, z))),
             _ => {

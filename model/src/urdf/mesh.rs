@@ -16,6 +16,7 @@ use crate::Mesh;
 use crate::error::{FileError, Source};
 use crate::file::{self, MIB};
 use nalgebra::Vector3;
+use percent_encoding::percent_decode_str;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -139,8 +140,11 @@ fn find(name: &str, options: &UrdfOptions) -> Option<PathBuf> {
             given.into_iter().chain(folders.flat_map(|f| [f.join(package).join(file), f.join(file)])).collect()
         }
         None => {
-            let path = name.strip_prefix("file://").unwrap_or(name);
-            folders.map(|f| f.join(path)).collect()
+            let path = name.strip_prefix("file://");
+            // an address may write %20 for a space, and a file may have that in its name
+            let decoded = path.map(|path| percent_decode_str(path).decode_utf8_lossy());
+            let names = [Some(path.unwrap_or(name)), decoded.as_deref()];
+            names.into_iter().flatten().flat_map(|name| folders.clone().map(move |f| f.join(name))).collect()
         }
     };
     candidates.into_iter().find(|p| p.is_file())

@@ -63,7 +63,11 @@ fn false_contacts_are_counted_and_none_is_missed() {
     robot.leave_out([]);
     let seen = compare(&robot, &surfaces, (300, 2), &mut |_| ()).unwrap();
     assert_eq!((seen.poses, seen.by_meshes, seen.missed), (300, 0, 0), "{seen:?}");
-    assert_eq!(seen.falsely, seen.by_shapes);
+    assert_eq!(
+        (seen.falsely, seen.falsely_apart),
+        (seen.by_shapes, seen.by_shapes),
+        "the meshes are centimeters apart"
+    );
     assert!(seen.falsely > 100 && seen.blocked_share() > 0.3, "{seen:?}");
     let pair = ("base".to_owned(), "slider".to_owned());
     assert_eq!(seen.pairs[&pair].falsely, seen.falsely, "{seen:?}");
@@ -110,6 +114,7 @@ fn hulls_take_over_where_one_shape_each_is_not_close_enough() {
         let closed = closed(beside_slider(wedge, "0.11 0.02 0.11", 0.9), 1, hulls);
         let hulls: usize = closed.robot.nodes.iter().map(|n| n.hulls.len()).sum();
         assert_eq!(hulls, closed.told.iter().map(|n| n.hulls).sum::<usize>(), "{:?}", closed.told);
+        assert!(hulls == 0 || closed.after.falsely_apart == 0, "hulls are nearer than that: {:?}", closed.after);
         (closed.robot, hulls, closed.after.blocked_share())
     };
     let (without, none, blocked) = with(1.0);

@@ -159,6 +159,11 @@ fn a_mesh_becomes_a_shape_around_it_or_is_refused() {
         Shape::Box { size } => assert!((size.norm() - Vector3::new(0.02_f64, 0.03, 0.04).norm()).abs() < 1e-6),
         other => panic!("{other:?}"),
     }
+    // an address with what stands for a space, and commas between numbers
+    std::fs::copy(folder.path().join("brick.obj"), folder.path().join("a brick.obj")).unwrap();
+    let address = format!("file://{}", folder.path().join("a%20brick.obj").display());
+    let same = parse_urdf("r.urdf", &text(&address).replace("1 0 0", "1, 0, 0"), &options).unwrap().value;
+    assert_eq!(same.nodes, robot.nodes);
     let refused = parse_urdf("r.urdf", &text("package://any/none.stl"), &options).unwrap_err();
     assert!(refused.message().contains("link `brick`") && refused.message().contains("none.stl"), "{refused}");
     assert!(refused.remedy().contains("--package any=DIR"), "{refused:?}");
