@@ -22,7 +22,7 @@ const HOME_CLEARANCES: [f64; 2] = [0.020, 0.013];
 const BEYOND_MARGIN: f64 = 2.5;
 /// Shapes are fitted closer until so few poses are left at which some touch falsely, with no more shapes a link than this; where that
 /// leaves more of them than `hulls`, shapes get hulls.
-const CLOSER: Closer = Closer { falsely: 0.003, shapes: 80, hulls: 0.05 };
+const CLOSER: Closer = Closer { falsely: 0.003, shapes: 80, hulls: 0.02 };
 /// No more motors are named that home moves.
 const MOST_TOLD: usize = 8;
 /// How many poses show which shapes touch falsely.

@@ -12,7 +12,7 @@ const DIRECTIONS: usize = 24;
 const AT_ONCE: usize = 8;
 const APART: f64 = 0.004;
 /// How near a hull comes to the corners that are none of its points, meters.
-const NEAR: f64 = 3e-4;
+const NEAR: f64 = 1e-4;
 /// Coordinates have so many steps to the meter in a file, so that it is not longer than need be.
 const STEPS: f64 = 1e5;
 /// By how much rounding to steps can move a point, meters, and a little more.

@@ -25,9 +25,9 @@ const PLACES: (usize, usize) = (16, 200);
 /// How links are fitted anew that would be left out otherwise.
 const CLOSE_FIT: FitOptions = FitOptions { overshoot: 0.003, primitives: 40 };
 /// Hulls are taken if they leave less than this share of the poses that shapes without do.
-const LEFT_BY_HULLS: f64 = 0.5;
+const LEFT_BY_HULLS: f64 = 0.9;
 /// Where it is nearer to its mesh than this, a shape has nothing to give, meters.
-const CLOSE: f64 = 6e-4;
+const CLOSE: f64 = 2.5e-4;
 /// A shape also gives what the other could give rather, if its distance from its mesh is not less than this share of the other's.
 const SHARED_FAULT: f64 = 0.5;
 /// How close shapes are to be fitted.
