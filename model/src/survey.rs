@@ -7,6 +7,7 @@
 //! Robot ──find_home──> a pose that is free
 //! ```
 
+mod claims;
 mod closer;
 mod compare;
 mod falsely;

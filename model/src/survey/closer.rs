@@ -5,31 +5,23 @@
 //!       ^                                                                       │
 //!       └──── shapes that hold most of them give way, in one piece or two <─────┘
 //! ```
-//! Where that does not get far enough ([`Closer::hulls`]), the shapes get hulls (`hulled.rs`).
+//! `falsely.rs` finds the poses, `claims.rs` says which shape should leave which places. Where that does not get far enough ([`Closer::hulls`]), the shapes get hulls (`hulled.rs`).
 
 use super::falsely::{Falsely, NodePair, falsely_touching};
 use super::{Placed, Subject};
-use crate::engine::distances_from_hull;
-use crate::fit::shared;
 use crate::scene::MAX_PAIRS;
-use crate::{Fit, FitOptions, LinkSurface, Primitive, Robot, SceneError, Surfaces};
-use nalgebra::{Isometry3, Point3, Vector3};
+use crate::{Fit, FitOptions, LinkSurface, Robot, SceneError, Surfaces};
+use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// How many shapes give way before it is looked again what that changed.
 const AT_ONCE: usize = 32;
 /// A shape gives way if it touches falsely at this share of the poses of the worst, at least.
 const NEAR_WORST: f64 = 0.25;
-/// No more places than this are claimed of a shape: so many of each contact, so many of all.
-const PLACES: (usize, usize) = (16, 200);
 /// How links are fitted anew that would be left out otherwise.
 const CLOSE_FIT: FitOptions = FitOptions { overshoot: 0.003, primitives: 40 };
 /// Hulls are taken if they leave less than this share of the poses that shapes without do.
 const LEFT_BY_HULLS: f64 = 0.9;
-/// Where it is nearer to its mesh than this, a shape has nothing to give, meters.
-const CLOSE: f64 = 2.5e-4;
-/// A shape also gives what the other could give rather, if its distance from its mesh is not less than this share of the other's.
-const SHARED_FAULT: f64 = 0.5;
 /// How close shapes are to be fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Closer {
@@ -96,7 +88,7 @@ pub fn fit_closer(
     if left as f64 > goal.hulls * free {
         let (mut other, mut hulled, falsely) = first;
         let mut work = Work::new(&mut other, links, &mut hulled, falsely, goal.shapes);
-        // by the same poses: what is not much better here may be worse elsewhere
+        // by the poses that both were fitted at: what is hardly better there may be worse elsewhere
         if (work.with_hulls(surfaces, (goal.falsely * free) as usize)? as f64) < LEFT_BY_HULLS * left as f64 {
             (*robot, *fits) = (other, hulled);
         }
@@ -107,11 +99,11 @@ pub fn fit_closer(
 /// Two shapes that touch falsely, each by its node and its number there.
 pub(super) struct Touch {
     /// Index of the pose.
-    pose: usize,
+    pub(super) pose: usize,
     /// Who.
     pub(super) shapes: [(usize, usize); 2],
     /// If one of them has a hull, the middle of what both hold, world frame.
-    place: Option<Point3<f64>>,
+    pub(super) place: Option<Point3<f64>>,
 }
 
 /// What is being fitted.
@@ -186,13 +178,13 @@ impl<'a> Work<'a> {
     }
 
     /// The number of a shape among those that were fitted.
-    fn fitted(&self, (node, shape): (usize, usize)) -> Option<(&'a LinkSurface, usize)> {
+    pub(super) fn fitted(&self, (node, shape): (usize, usize)) -> Option<(&'a LinkSurface, usize)> {
         let link = self.links.get(&node)?;
         Some((link, shape.checked_sub(link.solids.len())?))
     }
 
     /// Whether a shape may be replaced by two.
-    fn can_give(&self, shape: (usize, usize)) -> bool {
+    pub(super) fn can_give(&self, shape: (usize, usize)) -> bool {
         !self.stuck.contains(&shape)
             && !self.idle.contains(&shape)
             && self.fitted(shape).is_some_and(|(link, _)| self.fits[&link.link].count() < self.most)
@@ -243,94 +235,6 @@ impl<'a> Work<'a> {
         let most = worst.first().map_or(0, |(count, _)| *count) as f64;
         let near = |(count, _): &(usize, _)| *count as f64 >= NEAR_WORST * most;
         worst.into_iter().take(AT_ONCE).take_while(near).map(|(_, shape)| shape).collect()
-    }
-
-    /// The places that each of these shapes should leave, in its link's frame.
-    fn claims(&self, touches: &[Touch], of: &BTreeSet<(usize, usize)>) -> BTreeMap<(usize, usize), Vec<Vector3<f64>>> {
-        let mut claims: BTreeMap<_, Vec<_>> = of.iter().map(|shape| (*shape, Vec::new())).collect();
-        let (mut frames, mut placed) = (Vec::new(), usize::MAX);
-        for touch in touches.iter().filter(|t| t.shapes.iter().any(|s| of.contains(s))) {
-            if placed != touch.pose {
-                self.robot.forward(&self.falsely[touch.pose].q, &mut frames);
-                placed = touch.pose;
-            }
-            let [a, b] = touch.shapes;
-            let a_from_b = frames[a.0].inv_mul(&frames[b.0]);
-            let shape = |(node, shape): (usize, usize)| &self.robot.nodes[node].solids[shape];
-            let other = Primitive { pose: a_from_b * shape(b).pose, ..shape(b).clone() };
-            let places = match touch.place {
-                Some(place) => self.held(touch.shapes, &a_from_b, &frames[a.0].inverse_transform_point(&place)),
-                None => shared(shape(a), &other),
-            };
-            for place in places.iter().step_by(places.len().div_ceil(PLACES.0).max(1)) {
-                let at = [*place, a_from_b.inverse_transform_point(&Point3::from(*place)).coords];
-                for (shape, place) in self.at_fault(touch.shapes, at) {
-                    if let Some(all) = claims.get_mut(&shape) {
-                        all.push(place);
-                    }
-                }
-            }
-        }
-        for places in claims.values_mut() {
-            let step = places.len().div_ceil(PLACES.1).max(1);
-            *places = places.iter().step_by(step).copied().collect();
-        }
-        claims
-    }
-
-    /// Places that both of two shapes hold, of which one at least has a hull, in the frame of the first one's node: what of the mesh of
-    /// either the other holds; if that is nothing, the middle of what they have in common.
-    fn held(&self, [a, b]: [(usize, usize); 2], a_from_b: &Isometry3<f64>, middle: &Point3<f64>) -> Vec<Vector3<f64>> {
-        let of = |one: (usize, usize), other: (usize, usize), other_from_one: &Isometry3<f64>| {
-            let Some((link, number)) = self.fitted(one) else { return Vec::new() };
-            let node = &self.robot.nodes[other.0];
-            let within = |p: &Vector3<f64>| {
-                let place = node.solids[other.1].pose.inverse_transform_point(&Point3::from(*p));
-                node.solids[other.1].shape.depth(&place.coords) >= 0.0
-            };
-            let points = self.fits[&link.link].points(number);
-            let places = points.map(|p| other_from_one.transform_point(&Point3::from(link.turn * p)).coords);
-            let places: Vec<_> = places.filter(within).collect();
-            match node.hulls.get(&other.1) {
-                None => places,
-                Some(hull) => {
-                    let points: Vec<_> = hull.points().iter().map(|p| p.coords).collect();
-                    let far = distances_from_hull(&points, &places);
-                    places.iter().zip(far).filter(|(_, far)| *far <= hull.radius()).map(|(p, _)| *p).collect()
-                }
-            }
-        };
-        let of_a = of(a, b, &a_from_b.inverse());
-        let of_a = of_a.into_iter().map(|p| a_from_b.transform_point(&Point3::from(p)).coords);
-        let mut all: Vec<Vector3<f64>> = of_a.chain(of(b, a, a_from_b)).collect();
-        if all.is_empty() {
-            all.push(middle.coords);
-        }
-        all
-    }
-
-    /// Which of two shapes should leave a place that both hold, given in the frame of either's node; answered in its link's.
-    fn at_fault(
-        &self,
-        shapes: [(usize, usize); 2],
-        at: [Vector3<f64>; 2],
-    ) -> impl Iterator<Item = ((usize, usize), Vector3<f64>)> {
-        let place = |k: usize| self.links.get(&shapes[k].0).map(|l| l.turn.inverse_transform_vector(&at[k]));
-        let measured = |k: usize, far: fn(&Fit, &Vector3<f64>) -> f64| {
-            let fit = self.fitted(shapes[k]).map(|(link, _)| &self.fits[&link.link]);
-            fit.zip(place(k)).map_or(0.0, |(fit, place)| far(fit, &place))
-        };
-        let mut gaps = [0, 1].map(|k| measured(k, Fit::gap));
-        if gaps.iter().all(|gap| *gap < CLOSE) {
-            // deep in a hollow, or in the other: no matter what counts as filled
-            gaps = [0, 1].map(|k| measured(k, Fit::distance));
-        }
-        let gives = [0, 1].map(|k| {
-            let (own, other) = (gaps[k], gaps[1 - k]);
-            own >= CLOSE && (own >= SHARED_FAULT * other || !self.can_give(shapes[1 - k]))
-        });
-        let found = [0, 1].map(|k| place(k).filter(|_| gives[k]).map(|place| (shapes[k], place)));
-        found.into_iter().flatten()
     }
 
     /// Lets a shape give way; one that can't is not asked again.

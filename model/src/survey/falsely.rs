@@ -19,12 +19,14 @@ pub(super) type NodePair = (usize, usize);
 /// A pose at which no meshes meet.
 #[derive(Clone)]
 pub(super) struct Falsely {
+    /// The motors' positions, rad or meters.
     pub(super) q: Vec<f64>,
     /// The pairs of nodes whose shapes touch.
     pub(super) pairs: Vec<NodePair>,
 }
 
-/// The random poses that are free by the meshes, with the pairs whose shapes touch falsely, as far as they need a test.
+/// The random poses that are free by the meshes, with the pairs whose shapes touch falsely, as far as they need a test; and the pairs
+/// whose shapes are near each other at all poses, by no fault of their meshes.
 pub(super) fn falsely_touching(
     subject: &Subject<'_>,
     surfaces: &Surfaces,
@@ -54,17 +56,10 @@ pub(super) fn falsely_touching(
     near.retain(|_, distances| distances.len() == poses);
     // what the meshes do now and then, and the shapes always, is the shapes' fault, unless the meshes are always near as well
     let at_times = |pair: &NodePair| met.get(pair).is_some_and(|count| *count < poses);
-    let joined = |(pair, distances): &(NodePair, &Vec<f64>)| {
-        let mut by_distance: Vec<usize> = (0..poses).collect();
-        by_distance.sort_by(|a, b| distances[*b].total_cmp(&distances[*a]));
-        let mut looks = by_distance.into_iter().take(LOOKS.0).chain((0..poses).step_by(poses.div_ceil(LOOKS.1).max(1)));
-        let near = |(a, b), pose: usize| surfaces.near(&surfaces.frames(subject.robot, &all[pose].0.q), (a, b), NEAR);
-        subject.surfaces(*pair).is_none_or(|links| looks.all(|pose| near(links, pose)))
-    };
-    let always_near = near.iter().map(|(pair, distances)| (*pair, distances)).filter(|(pair, _)| at_times(pair));
-    let (joined, at_fault): (Vec<_>, Vec<_>) = always_near.partition(joined);
-    let [joined, at_fault] =
-        [joined, at_fault].map(|pairs| pairs.into_iter().map(|(pair, _)| pair).collect::<Vec<_>>());
+    let (joined, at_fault): (Vec<NodePair>, Vec<NodePair>) = near.keys().copied().filter(at_times).partition(|pair| {
+        let mut looks = looks(&near[pair]).map(|pose| surfaces.frames(subject.robot, &all[pose].0.q));
+        subject.surfaces(*pair).is_none_or(|links| looks.all(|frames| surfaces.near(&frames, links, NEAR)))
+    });
     // what is always near is left out later, and blocks nothing then
     let free = |meeting: &[NodePair]| meeting.iter().all(|pair| near.contains_key(pair));
     let needs_test = |pair: &NodePair| {
@@ -74,4 +69,12 @@ pub(super) fn falsely_touching(
     let mut falsely: Vec<Falsely> = all.into_iter().filter(|(_, meeting)| free(meeting)).map(|(f, _)| f).collect();
     falsely.iter_mut().for_each(|f| f.pairs.retain(needs_test));
     (falsely, at_fault)
+}
+
+/// The poses, by their numbers, at which it is looked whether meshes are near each other, given the distance of their shapes at all.
+fn looks(distances: &[f64]) -> impl Iterator<Item = usize> {
+    let mut farthest: Vec<usize> = (0..distances.len()).collect();
+    farthest.sort_by(|a, b| distances[*b].total_cmp(&distances[*a]));
+    let others = (0..distances.len()).step_by(distances.len().div_ceil(LOOKS.1).max(1));
+    farthest.into_iter().take(LOOKS.0).chain(others)
 }

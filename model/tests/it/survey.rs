@@ -129,11 +129,14 @@ fn hulls_take_over_where_one_shape_each_is_not_close_enough() {
 const FRAME: &str = "v -0.1 0 -0.1\nv 0.1 0 -0.1\nv 0.1 0 0.1\nv -0.1 0 0.1\nv -0.09 0 -0.09\nv 0.09 0 -0.09\nv 0.09 0 0.09\nv -0.09 0 0.09\n\
     v -0.1 0.1 -0.1\nv 0.1 0.1 -0.1\nv 0.1 0.1 0.1\nv -0.1 0.1 0.1\nv -0.09 0.1 -0.09\nv 0.09 0.1 -0.09\nv 0.09 0.1 0.09\nv -0.09 0.1 0.09\n\
     f 1 2 10 9\nf 2 3 11 10\nf 3 4 12 11\nf 4 1 9 12\nf 5 6 14 13\nf 6 7 15 14\nf 7 8 16 15\nf 8 5 13 16\n";
+/// A plate across its end.
+const PLATE: &str = "v -0.1 0.13 -0.1\nv 0.1 0.13 -0.1\nv 0.1 0.13 0.1\nv -0.1 0.13 0.1\nf 17 18 19 20\n";
 
 #[test]
 fn a_hull_around_a_hollow_that_no_plane_opens_is_parted_all_the_same() {
-    // half a frame still holds half of what is within
-    let Closed { told, before, after, .. } = closed(beside_slider(FRAME, "0.06 0.02 0.02", 0.9), 8, 0.0);
+    // of what is in its middle the halves of a frame hold as much as the frame, wherever it is halved
+    let mesh = format!("{FRAME}{PLATE}");
+    let Closed { told, before, after, .. } = closed(beside_slider(&mesh, "-0.01 0.02 -0.01", 0.9), 16, 0.0);
     assert!(before.blocked_share() > 0.9 && after.blocked_share() < 0.05, "{before:?} {after:?}");
     assert!(told.iter().any(|n| n.link == "base" && n.hulls == n.shapes.1 && n.shapes.1 >= 4), "{told:?}");
 }
