@@ -300,11 +300,13 @@ fn told(robot: &Robot, moved: &[(usize, f64)]) -> String {
 /// What became of a link that was fitted closer.
 fn said(Nearer { link, shapes: (before, after), hulls, overshoot }: &Nearer) -> String {
     let why = "as its shapes touched falsely";
-    if *hulls > 0 {
-        return format!("link {link}: fitted closer, {why}: {after} shapes, not {before}, {hulls} of them with hulls");
-    }
-    let within = overshoot * 1e3;
-    format!("link {link}: fitted closer, {why}: {after} shapes, not {before}, within {within:.0} mm")
+    let shapes = if after == before { format!("{after} shapes") } else { format!("{after} shapes, not {before}") };
+    let now = match hulls {
+        0 => format!("within {:.0} mm", overshoot * 1e3),
+        some if some == after => "all with hulls".to_owned(),
+        some => format!("{some} of them with hulls"),
+    };
+    format!("link {link}: fitted closer, {why}: {shapes}, {now}")
 }
 
 /// What to make of a declared axis.

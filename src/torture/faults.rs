@@ -20,7 +20,8 @@ pub struct FaultKind {
 }
 
 const PROCESS: Option<&str> = Some("needs a process of its own: see the tests of the program");
-const YARP: Option<&str> = Some("needs YARP's ports: see tests/it/yarp_cycles.rs and drivers/tests/it/yarp_faults.rs");
+const YARP: Option<&str> =
+    Some("needs YARP's ports: see tests/it/real_time/yarp_cycles.rs and drivers/tests/it/real_time/yarp_faults.rs");
 const FUZZ: Option<&str> = Some("is about files and bytes: see tests/it/wrong_input.rs and drivers/yarp/fuzz");
 
 /// Faults of wires: of robots whose driver is `yarp`, beside all others.

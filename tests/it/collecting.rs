@@ -3,7 +3,7 @@
 
 use super::common::pictures::network;
 use super::common::{answer, complaint, text};
-use super::ctl::Run;
+use super::real_time::ctl::Run;
 use mobee::run::{Folder, example_in};
 use mobee_actors::record::journal;
 use mobee_actors::runtime::swap::SwapPolicy;

@@ -13,7 +13,7 @@ mod forces;
 mod holding_in_contact;
 mod journal_chain;
 mod one_outcome;
-mod real_clock;
+mod real_time;
 mod restart_does_not_move;
 mod retreat_is_watched;
 mod same_seed_same_run;

@@ -22,6 +22,11 @@ const NEAR_WORST: f64 = 0.25;
 const CLOSE_FIT: FitOptions = FitOptions { overshoot: 0.003, primitives: 40 };
 /// Hulls are taken if they leave less than this share of the poses that shapes without do.
 const LEFT_BY_HULLS: f64 = 0.9;
+/// Twice as many pairs of shapes are worth it if they leave less than this share of the poses.
+const GAIN: f64 = 0.9;
+/// From so many pairs of shapes on hulls are tried before further shapes: they are the cheaper ones then, for the fit as for the robot.
+const FEW_PAIRS: usize = 20_000;
+
 /// How close shapes are to be fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Closer {
@@ -49,8 +54,8 @@ pub struct Nearer {
 /// Fits those shapes of links closer that touch at random poses where the meshes do not.
 ///
 /// Pairs that need no test (see [`crate::spared_pairs`]) do not count. Of two shapes that touch falsely the one gives way that is
-/// farther from its mesh; it is replaced by one or two that still hold its part of the mesh. Ends where few poses are left, or no
-/// shape can give way or be added. If too many are left then, it begins anew with hulls ([`crate::Hull`]): those of whole links that
+/// farther from its mesh; it is replaced by one or two that still hold its part of the mesh. Ends where few poses are left, or more
+/// shapes gain too little, or none can give way or be added. If too many are left then, it begins anew with hulls ([`crate::Hull`]): those of whole links that
 /// touch falsely, and then hulls give way as shapes do, in two parts.
 ///
 /// # Arguments
@@ -73,24 +78,19 @@ pub fn fit_closer(
         });
     let before: BTreeMap<String, usize> = fits.iter().map(|(link, fit)| (link.clone(), fit.count())).collect();
     let (free, first) = (falsely.len() as f64, (robot.clone(), fits.clone(), falsely.clone()));
+    let (enough, many) = ((goal.falsely * free) as usize, (goal.hulls * free) as usize);
     let mut work = Work::new(robot, links, fits, falsely, goal.shapes);
     work.refit(&always_near);
-    let mut begin = None;
-    let left = loop {
-        let touches = work.look(surfaces)?;
-        let left = work.falsely.len();
-        let begin = *begin.get_or_insert(left);
-        progress(half(0.5, (begin - left) as f64 / begin.max(1) as f64));
-        if left as f64 <= goal.falsely * free || !work.give_way(&touches) {
-            break left;
-        }
-    };
-    if left as f64 > goal.hulls * free {
+    let mut further = |share| progress(half(0.5, share));
+    let left = work.with_shapes(surfaces, (enough, FEW_PAIRS), &mut further)?;
+    if left > many {
         let (mut other, mut hulled, falsely) = first;
-        let mut work = Work::new(&mut other, links, &mut hulled, falsely, goal.shapes);
+        let mut with_hulls = Work::new(&mut other, links, &mut hulled, falsely, goal.shapes);
         // by the poses that both were fitted at: what is hardly better there may be worse elsewhere
-        if (work.with_hulls(surfaces, (goal.falsely * free) as usize)? as f64) < LEFT_BY_HULLS * left as f64 {
+        if (with_hulls.with_hulls(surfaces, enough)? as f64) < LEFT_BY_HULLS * left as f64 {
             (*robot, *fits) = (other, hulled);
+        } else {
+            work.with_shapes(surfaces, (enough, MAX_PAIRS), &mut further)?;
         }
     }
     Ok(told(fits, before))
@@ -152,6 +152,34 @@ impl<'a> Work<'a> {
                 self.pairs += more;
                 self.robot.nodes[node].solids = shapes;
                 self.fits.insert(link.link.clone(), fit);
+            }
+        }
+    }
+
+    /// Lets shapes give way until no more poses than this are left, or there are so many pairs of shapes, or more of them gain too little,
+    /// or none can give way.
+    ///
+    /// # Returns
+    /// How many are left.
+    fn with_shapes(
+        &mut self,
+        surfaces: &Surfaces,
+        (enough, pairs): (usize, usize),
+        progress: &mut dyn FnMut(f64),
+    ) -> Result<usize, SceneError> {
+        let mut begin = None;
+        let mut gained = (usize::MAX, self.pairs);
+        loop {
+            let touches = self.look(surfaces)?;
+            let left = self.falsely.len();
+            let begin = *begin.get_or_insert(left);
+            progress((begin - left) as f64 / begin.max(1) as f64);
+            if (left as f64) < GAIN * gained.0 as f64 {
+                gained = (left, self.pairs);
+            }
+            let in_vain = self.pairs >= 2 * gained.1;
+            if left <= enough || in_vain || self.pairs >= pairs || !self.give_way(&touches) {
+                return Ok(left);
             }
         }
     }

@@ -151,6 +151,11 @@ impl Leg {
         self.who.past.get(index).is_some_and(|r| r.speed < self.who.rules.rest_speed)
     }
 
+    /// Whether the robot is, when the clock is back at that time, where it was recorded then.
+    fn is_as_recorded(&self, time: Time) -> bool {
+        self.ends_at() <= time || self.rested <= time
+    }
+
     /// The first reading of the rest that the robot ends in.
     fn rest_began(&self) -> usize {
         (0..=self.end).rev().take_while(|i| *i == self.end || self.rests(*i)).last().unwrap_or(self.end)
@@ -249,7 +254,7 @@ impl Plan {
             if self.legs.iter().all(|l| l.ends_at() >= time) {
                 break;
             }
-            if self.legs.iter().all(|l| l.ends_at() <= time || l.rested <= time) {
+            if self.legs.iter().all(|l| l.is_as_recorded(time)) {
                 self.next += 1; // so it was
                 self.sweep.iter_mut().for_each(Sweep::jump);
                 continue;
@@ -258,7 +263,11 @@ impl Plan {
                 return false;
             }
             left -= 1;
-            self.next = match self.meet(time) {
+            let all = self.meet(time);
+            // two that pass each other as recorded are no reason, wherever a third one stands by now
+            let recorded = |leg: usize| self.legs.get(leg).is_some_and(|l| l.is_as_recorded(time));
+            let met = all.into_iter().find(|(a, b)| !(recorded(*a) && recorded(*b)));
+            self.next = match met {
                 Some((a, b)) if self.give_way(a, b) => {
                     self.sweep.iter_mut().for_each(Sweep::jump);
                     0
@@ -270,18 +279,20 @@ impl Plan {
         true
     }
 
-    /// Two of them that are too near to each other when the clock is back at that time, or on the way there.
-    fn meet(&mut self, time: Time) -> Option<(usize, usize)> {
+    /// Those of them that are too near to each other when the clock is back at that time, or on the way there.
+    fn meet(&mut self, time: Time) -> Vec<(usize, usize)> {
         let mut poses = self.scene.home();
         for leg in &self.legs {
-            *poses.get_mut(leg.who.robot)? = leg.at(time).0;
+            if let Some(pose) = poses.get_mut(leg.who.robot) {
+                *pose = leg.at(time).0;
+            }
         }
         // the widest of them: who keeps more distance is not to be brought nearer by who keeps less
         let margin = self.legs.iter().map(|l| l.who.rules.margin).fold(0.0, f64::max);
         let sweep = self.sweep.get_or_insert_with(|| Sweep::new(self.scene.clone(), margin + RELEASE));
         let leg_of = |shape: ShapeId| self.legs.iter().position(|l| Some(l.who.robot) == shape.robot());
         let found = sweep.to(&poses).iter().filter_map(|c| Some((leg_of(c.pair.0)?, leg_of(c.pair.1)?)));
-        found.into_iter().find(|(a, b)| a != b)
+        found.filter(|(a, b)| a != b).collect()
     }
 
     /// One of two that would meet ends elsewhere: the one that would have rested longer goes farther, else the other

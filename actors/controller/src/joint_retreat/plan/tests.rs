@@ -68,7 +68,7 @@ fn two_meet_until_they_are_released() {
     let meet = |b: f64| {
         let other = recorded(1, true, &[(0.0, b), (3.0, b)], 0.0);
         let mut plan = Plan::new(vec![recorded(0, true, &[(0.0, -90.0), (3.0, 90.0)], 0.0), other]).unwrap();
-        (0..300).any(|k| plan.meet(Time(k * 10_000_000)).is_some())
+        (0..300).any(|k| !plan.meet(Time(k * 10_000_000)).is_empty())
     };
     assert!(meet(near) && !meet(far + 0.1), "{near} {far}");
 }
@@ -103,7 +103,7 @@ fn two_of_three_meet() {
     let turns = [(0.0, -90.0), (3.0, 90.0)];
     let still = [(0.0, 0.0), (3.0, 0.0)];
     let mut plan = Plan::new(vec![of(0, &turns), of(1, &still), of(2, &turns)]).unwrap();
-    let met: std::collections::BTreeSet<_> = (0..300).filter_map(|k| plan.meet(Time(k * 10_000_000))).collect();
+    let met: std::collections::BTreeSet<_> = (0..300).flat_map(|k| plan.meet(Time(k * 10_000_000))).collect();
     assert_eq!(met.into_iter().collect::<Vec<_>>(), [(1, 2)]);
 }
 
@@ -113,7 +113,19 @@ fn nobody_is_blocked_by_what_was_recorded_so() {
     let of = |robot, turns: &[(f64, f64)], safe| Participant { scene: three(), ..recorded(robot, true, turns, safe) };
     let ([left, right], first) = ([[(0.0, 90.0), (3.0, 0.0), (5.0, 0.0)]; 2], [(0.0, 0.0), (1.0, 0.0), (5.0, 90.0)]);
     let mut plan = Plan::new(vec![of(0, &first, 0.5), of(1, &left, 4.0), of(2, &right, 4.0)]).unwrap();
-    assert!(plan.meet(Time(2_000_000_000)).is_some(), "where both end they touch");
+    assert!(!plan.meet(Time(2_000_000_000)).is_empty(), "where both end they touch");
+    while !plan.check(SLICE) {}
+    let ways = plan.ways();
+    assert!(ways.iter().all(|way| !way.blocked && !way.farther));
+}
+
+/// Two that touch on their way back as they did on their way there don't go farther, whoever ended before that.
+#[test]
+fn what_two_were_recorded_at_is_no_reason_when_a_third_one_is_back() {
+    let of = |robot, turns: &[(f64, f64)], safe| Participant { scene: three(), ..recorded(robot, true, turns, safe) };
+    let touching = [(0.0, 95.0), (0.2, 95.0), (0.4, 90.0), (0.8, 90.0), (1.4, 0.0), (3.0, 0.0)];
+    let third = [(0.0, -90.0), (2.0, 0.0), (2.3, 0.0), (3.0, 60.0)];
+    let mut plan = Plan::new(vec![of(0, &third, 2.2), of(1, &touching, 0.6), of(2, &touching, 0.6)]).unwrap();
     while !plan.check(SLICE) {}
     let ways = plan.ways();
     assert!(ways.iter().all(|way| !way.blocked && !way.farther));

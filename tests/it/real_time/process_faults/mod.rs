@@ -8,7 +8,7 @@ mod signals;
 mod start;
 mod viewer;
 
-pub(super) use super::common::{events, mobee_here as mobee, said, text};
+pub(super) use crate::common::{events, mobee_here as mobee, said, text};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};

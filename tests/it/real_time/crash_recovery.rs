@@ -1,7 +1,7 @@
 //! A run whose process died goes on: its journal's open transaction gets one outcome, measured before anything moves, and
 //! what was learned is there.
 
-use super::common::{events, mobee_here, text};
+use crate::common::{events, mobee_here, text};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Stdio};

@@ -1,7 +1,7 @@
 //! A run with a real clock is looked at, exchanged in part, paused and stopped by `mobee ctl`, without a name server.
 
-use super::common::{mobee_here, network, said};
-use super::private_runs::{NOBODY, is_root};
+use crate::common::{mobee_here, network, said};
+use crate::private_runs::{NOBODY, is_root};
 use std::fs::Permissions;
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -12,14 +12,14 @@ use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
 /// A run that can be controlled.
-pub(super) struct Run {
+pub(crate) struct Run {
     child: Child,
     /// Its folder.
-    pub(super) out: std::path::PathBuf,
+    pub(crate) out: std::path::PathBuf,
 }
 
 impl Run {
-    pub(super) fn start(dir: &Path, file: &Path, more: &[&str]) -> Run {
+    pub(crate) fn start(dir: &Path, file: &Path, more: &[&str]) -> Run {
         let out = dir.join("run");
         let child = mobee_here()
             .arg("run")
@@ -41,7 +41,7 @@ impl Run {
         mobee_here().args(["ctl", "--run"]).arg(&self.out).args(words).output().expect("mobee starts")
     }
 
-    pub(super) fn says(&self, words: &[&str]) -> String {
+    pub(crate) fn says(&self, words: &[&str]) -> String {
         let out = self.ctl(words);
         assert!(out.status.success(), "{words:?}: {}", String::from_utf8_lossy(&out.stderr));
         String::from_utf8_lossy(&out.stdout).into_owned()
