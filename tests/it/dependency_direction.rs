@@ -37,7 +37,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
 ];
 
 /// Crate, and a dependency that no line of it names: it is there for the features that it asks for.
-const UNNAMED: &[(&str, &str)] = &[("mobee-recorder", "getrandom")];
+const UNNAMED: &[(&str, &str)] = &[("mobee-recorder", "getrandom"), ("mobee-recorder", "regex")];
 
 fn packages() -> Vec<Value> {
     let out = Command::new(env!("CARGO"))

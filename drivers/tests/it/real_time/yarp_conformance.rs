@@ -69,7 +69,7 @@ fn the_robot_behind_yarp_keeps_every_promise() {
     let failures = Mutex::new(Vec::new());
     // most of each promise is waiting
     std::thread::scope(|scope| {
-        for _ in 0..12 {
+        for _ in 0..6 {
             scope.spawn(|| {
                 loop {
                     let Some(promise) = all.lock().unwrap().pop() else { return };
