@@ -55,8 +55,8 @@ pub struct Nearer {
 ///
 /// Pairs that need no test (see [`crate::spared_pairs`]) do not count. Of two shapes that touch falsely the one gives way that is
 /// farther from its mesh; it is replaced by one or two that still hold its part of the mesh. Ends where few poses are left, or more
-/// shapes gain too little, or none can give way or be added. If too many are left then, it begins anew with hulls ([`crate::Hull`]): those of whole links that
-/// touch falsely, and then hulls give way as shapes do, in two parts.
+/// shapes gain too little, or none can give way or be added. If too many are left then, or there are many pairs of shapes, it begins
+/// anew with hulls ([`crate::Hull`]): those of whole links that touch falsely, and then hulls give way as shapes do, in two parts.
 ///
 /// # Arguments
 /// * `links`, `fits`: what was fitted to the links' meshes, as [`crate::load_urdf_with_surfaces`] gives them.
@@ -85,9 +85,9 @@ pub fn fit_closer(
     let left = work.with_shapes(surfaces, (enough, FEW_PAIRS), &mut further)?;
     if left > many {
         let (mut other, mut hulled, falsely) = first;
-        let mut with_hulls = Work::new(&mut other, links, &mut hulled, falsely, goal.shapes);
+        let mut anew = Work::new(&mut other, links, &mut hulled, falsely, goal.shapes);
         // by the poses that both were fitted at: what is hardly better there may be worse elsewhere
-        if (with_hulls.with_hulls(surfaces, enough)? as f64) < LEFT_BY_HULLS * left as f64 {
+        if (anew.with_hulls(surfaces, enough)? as f64) < LEFT_BY_HULLS * left as f64 {
             (*robot, *fits) = (other, hulled);
         } else {
             work.with_shapes(surfaces, (enough, MAX_PAIRS), &mut further)?;
@@ -158,6 +158,9 @@ impl<'a> Work<'a> {
 
     /// Lets shapes give way until no more poses than this are left, or there are so many pairs of shapes, or more of them gain too little,
     /// or none can give way.
+    ///
+    /// # Arguments
+    /// * `progress`: told the share of the poses that are done with.
     ///
     /// # Returns
     /// How many are left.
