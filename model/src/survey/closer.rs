@@ -55,8 +55,8 @@ pub struct Nearer {
 ///
 /// Pairs that need no test (see [`crate::spared_pairs`]) do not count. Of two shapes that touch falsely the one gives way that is
 /// farther from its mesh; it is replaced by one or two that still hold its part of the mesh. Ends where few poses are left, or more
-/// shapes gain too little, or none can give way or be added. If too many are left then, or there are many pairs of shapes, it begins
-/// anew with hulls ([`crate::Hull`]): those of whole links that touch falsely, and then hulls give way as shapes do, in two parts.
+/// shapes gain too little, or none can give way or be added. If too many are left then, or by the time there are many pairs of
+/// shapes, it begins anew with hulls ([`crate::Hull`]): those of whole links that touch falsely, and then hulls give way as shapes do, in two parts.
 ///
 /// # Arguments
 /// * `links`, `fits`: what was fitted to the links' meshes, as [`crate::load_urdf_with_surfaces`] gives them.
