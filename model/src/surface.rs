@@ -3,11 +3,11 @@
 use crate::engine::distance;
 use crate::fit::rounded;
 use crate::{Fit, Hull, Hulls, Mesh, Primitive, Robot, Shape};
-use nalgebra::{Isometry3, UnitQuaternion};
+use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use parry3d_f64::math::{Pose, Vector};
 use parry3d_f64::query::{self, intersection_test};
-use parry3d_f64::shape::{Ball, Capsule, Cuboid, Cylinder, Shape as PartShape, SharedShape, TriMesh};
+use parry3d_f64::shape::{Ball, Capsule, Cuboid, Cylinder, Shape as PartShape, SharedShape, TriMesh, Triangle};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
@@ -113,12 +113,22 @@ impl Surfaces {
     }
 
     /// Whether the surfaces of two links are nearer to each other than a distance (meters), given `world_from_link` of all.
-    pub(crate) fn near(&self, frames: &[Isometry3<f64>], (a, b): (usize, usize), distance: f64) -> bool {
+    pub fn near(&self, frames: &[Isometry3<f64>], (a, b): (usize, usize), distance: f64) -> bool {
         let a_from_b = pose(&frames[a].inv_mul(&frames[b]));
         let [a, b] = [a, b].map(|i| self.links[i].shapes());
         // All pairs of our shapes are supported, so there is no error to be told of.
+        let within = |place: &Pose, shape: &dyn PartShape, at: &Pose, other: &dyn PartShape| {
+            query::distance(place, shape, at, other).is_ok_and(|d| d.distance < distance)
+        };
         let near = |(shape, place): &(&dyn PartShape, Pose), (other, at): &(&dyn PartShape, Pose)| {
-            query::distance(place, *shape, &(a_from_b * *at), *other).is_ok_and(|d| d.distance < distance)
+            let at = a_from_b * *at;
+            match (shape.as_trimesh(), other.as_trimesh()) {
+                // the first triangles that are near will do, where parry would look for the nearest
+                (Some(m), Some(n)) => {
+                    triangles_facing(m, n, &at, distance).any(|(t, u)| within(&Pose::IDENTITY, &t, &at, &u))
+                }
+                _ => within(place, *shape, &at, *other),
+            }
         };
         a.iter().any(|s| b.iter().any(|t| near(s, t)))
     }
@@ -187,12 +197,54 @@ fn pose(isometry: &Isometry3<f64>) -> Pose {
 
 /// Whether two surfaces cross.
 fn cross(a: &TriMesh, b: &TriMesh, a_from_b: &Pose) -> bool {
-    let near = a.bvh().leaf_pairs(b.bvh(), |n, m| n.aabb().intersects(&m.aabb().transform_by(a_from_b)));
     let corner = |p: Vector| a_from_b * p;
-    near.into_iter().any(|(i, j)| {
-        let (t, u) = (a.triangle(i), b.triangle(j));
-        triangles_meet(&[t.a, t.b, t.c], &[corner(u.a), corner(u.b), corner(u.c)])
-    })
+    triangles_facing(a, b, a_from_b, 0.0)
+        .any(|(t, u)| triangles_meet(&[t.a, t.b, t.c], &[corner(u.a), corner(u.b), corner(u.c)]))
+}
+
+/// The triangles of two meshes that may be within a distance (meters) of each other, each in the frame of its mesh.
+fn triangles_facing<'m>(
+    a: &'m TriMesh,
+    b: &'m TriMesh,
+    a_from_b: &Pose,
+    distance: f64,
+) -> impl Iterator<Item = (Triangle, Triangle)> + 'm {
+    let facing = Facing::new(a_from_b, distance);
+    let near = a.bvh().leaf_pairs(b.bvh(), move |n, m| facing.may_be_near(&n.aabb(), &m.aabb()));
+    near.map(|(i, j)| (a.triangle(i), b.triangle(j)))
+}
+
+/// Whether boxes along the axes of two frames may be near each other.
+struct Facing {
+    /// `a_from_b`.
+    shift: Vector3<f64>,
+    turn: Matrix3<f64>,
+    /// The magnitudes of the turn's entries, and a little more for what rounding takes.
+    reach: Matrix3<f64>,
+    /// How far apart is near, meters.
+    distance: f64,
+}
+
+impl Facing {
+    fn new(a_from_b: &Pose, distance: f64) -> Self {
+        let columns = [Vector::X, Vector::Y, Vector::Z].map(|axis| plain(a_from_b.rotation * axis));
+        let turn = Matrix3::from_columns(&columns);
+        Self { shift: plain(a_from_b.translation), turn, reach: turn.abs().add_scalar(1e-12), distance }
+    }
+
+    /// False only if one of the six directions of the boxes' edges parts them by more than the distance.
+    fn may_be_near(&self, a: &Aabb, b: &Aabb) -> bool {
+        let [(at, half), (to, other)] = [a, b].map(|x| (plain(x.center()), plain(x.half_extents())));
+        let apart = self.turn * to + self.shift - at;
+        let held =
+            |apart: Vector3<f64>, reach: Vector3<f64>| (0..3).all(|i| apart[i].abs() <= reach[i] + self.distance);
+        held(apart, half + self.reach * other) && held(self.turn.tr_mul(&apart), self.reach.tr_mul(&half) + other)
+    }
+}
+
+/// As nalgebra has it.
+fn plain(v: Vector) -> Vector3<f64> {
+    Vector3::new(v.x, v.y, v.z)
 }
 
 /// Whether a mesh enters a solid shape.

@@ -145,10 +145,18 @@ impl Filled {
         let part = [0, 1, 2].map(|i| at[i] - low[i] as f64);
         let first = self.index(low);
         let (y, z) = (self.count[0], self.count[0] * self.count[1]);
-        let value = |i: usize| f64::from(self.distance[first + i]);
-        let along_x = |i: usize| value(i) * (1.0 - part[0]) + value(i + 1) * part[0];
-        let along_y = |i: usize| along_x(i) * (1.0 - part[1]) + along_x(i + y) * part[1];
-        beyond + along_y(0) * (1.0 - part[2]) + along_y(z) * part[2]
+        let [a, b, c, d] = [first, first + y, first + z, first + y + z].map(|i| self.along_x(i, part[0]));
+        let [low, high] = [(a, b), (c, d)].map(|(from, to)| from * (1.0 - part[1]) + to * part[1]);
+        beyond + low * (1.0 - part[2]) + high * part[2]
+    }
+
+    /// The distance in a cell and in the one after it, the latter by its part.
+    #[inline(always)]
+    fn along_x(&self, i: usize, part: f64) -> f64 {
+        match self.distance.get(i..i + 2) {
+            Some([from, to]) => f64::from(*from) * (1.0 - part) + f64::from(*to) * part,
+            _ => 0.0,
+        }
     }
 
     /// The share of the claimed places that a shape holds.

@@ -17,7 +17,7 @@ pub(super) fn points(cover: &Cover, rows: usize) -> Vec<Vector3<f64>> {
     let mut out = Vec::with_capacity(8 * rows * rows);
     let part = |i: usize| i as f64 / (rows - 1) as f64;
     let around = 4 * (rows - 1);
-    let turn = |i: usize| (i as f64 / around as f64 * 2.0 * PI).sin_cos();
+    let circle: Vec<(f64, f64)> = (0..around).map(|i| (i as f64 / around as f64 * 2.0 * PI).sin_cos()).collect();
     match cover.shape {
         Shape::Box { size } => {
             for axis in 0..3 {
@@ -33,15 +33,14 @@ pub(super) fn points(cover: &Cover, rows: usize) -> Vec<Vector3<f64>> {
                 }
             }
         }
-        Shape::Sphere { radius } => half_balls(&mut out, radius, 0.0, rows, &turn),
+        Shape::Sphere { radius } => half_balls(&mut out, radius, 0.0, rows, &circle),
         Shape::Capsule { radius, height } => {
-            half_balls(&mut out, radius, height / 2.0, rows, &turn);
-            wall(&mut out, radius, height, rows, &turn);
+            half_balls(&mut out, radius, height / 2.0, rows, &circle);
+            wall(&mut out, radius, height, rows, &circle);
         }
         Shape::Cylinder { radius, height } => {
-            wall(&mut out, radius, height, rows, &turn);
-            for i in 0..around {
-                let (sin, cos) = turn(i);
+            wall(&mut out, radius, height, rows, &circle);
+            for (sin, cos) in &circle {
                 for k in 0..rows - 1 {
                     let r = part(k) * radius;
                     out.extend([0.5, -0.5].map(|y| Vector3::new(r * cos, y * height, r * sin)));
@@ -54,13 +53,12 @@ pub(super) fn points(cover: &Cover, rows: usize) -> Vec<Vector3<f64>> {
 }
 
 /// The half balls at the ends, `half` from the middle.
-fn half_balls(out: &mut Vec<Vector3<f64>>, radius: f64, half: f64, rows: usize, turn: &impl Fn(usize) -> (f64, f64)) {
+fn half_balls(out: &mut Vec<Vector3<f64>>, radius: f64, half: f64, rows: usize, circle: &[(f64, f64)]) {
     for k in 0..rows {
         let (up, r) = (k as f64 / (rows - 1) as f64 * PI / 2.0).sin_cos();
         // Towards the pole the rings are shorter and need fewer points.
         let step = if 2 * k > rows { 2 } else { 1 };
-        for i in (0..4 * (rows - 1)).step_by(if k + 1 == rows { usize::MAX } else { step }) {
-            let (sin, cos) = turn(i);
+        for (sin, cos) in circle.iter().step_by(if k + 1 == rows { usize::MAX } else { step }) {
             let p = Vector3::new(r * cos * radius, up * radius + half, r * sin * radius);
             out.extend([p, Vector3::new(p.x, -p.y, p.z)]);
         }
@@ -68,9 +66,8 @@ fn half_balls(out: &mut Vec<Vector3<f64>>, radius: f64, half: f64, rows: usize, 
 }
 
 /// Rings along the wall, rims included.
-fn wall(out: &mut Vec<Vector3<f64>>, radius: f64, height: f64, rows: usize, turn: &impl Fn(usize) -> (f64, f64)) {
-    for i in 0..4 * (rows - 1) {
-        let (sin, cos) = turn(i);
+fn wall(out: &mut Vec<Vector3<f64>>, radius: f64, height: f64, rows: usize, circle: &[(f64, f64)]) {
+    for (sin, cos) in circle {
         for k in 0..rows {
             let y = (k as f64 / (rows - 1) as f64 - 0.5) * height;
             out.push(Vector3::new(radius * cos, y, radius * sin));

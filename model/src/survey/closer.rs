@@ -195,7 +195,7 @@ impl<'a> Work<'a> {
             let placed: Placed = subject.place(&f.q);
             f.pairs.retain(|(a, b)| {
                 let count = touches.len();
-                for (i, j) in subject.touching(&placed, (*a, *b)) {
+                for (i, j) in subject.touching(&placed, (*a, *b), 0.0) {
                     let hulls = [*a, *b].iter().any(|node| !subject.robot.nodes[*node].hulls.is_empty());
                     let place = hulls.then(|| subject.place_of(&placed, [(*a, i), (*b, j)])).flatten();
                     touches.push(Touch { pose, shapes: [(*a, i), (*b, j)], place });

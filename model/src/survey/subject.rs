@@ -137,16 +137,17 @@ impl<'a> Subject<'a> {
         least
     }
 
-    /// The shapes of two nodes that touch, by their numbers on their nodes.
+    /// The shapes of two nodes that touch or are within a margin (meters) of each other, by their numbers on their nodes.
     pub(super) fn touching<'s>(
         &'s self,
         placed: &'s Placed,
         (a, b): (usize, usize),
+        margin: f64,
     ) -> impl Iterator<Item = (usize, usize)> + 's {
-        let [of_a, of_b] = self.facing(placed, (a, b), 0.0).unwrap_or_default();
+        let [of_a, of_b] = self.facing(placed, (a, b), margin).unwrap_or_default();
         let pair = move |i: usize, j: usize| (self.shapes[a].start + i as u32, self.shapes[b].start + j as u32);
         let all = (0..of_a.len() * of_b.len()).map(move |k| (of_a[k / of_b.len()], of_b[k % of_b.len()]));
-        all.filter(move |(i, j)| self.engine.touches(&placed.placement, pair(*i, *j), 0.0))
+        all.filter(move |(i, j)| self.engine.touches(&placed.placement, pair(*i, *j), margin))
     }
 
     /// The middle of what two shapes that touch have in common, world frame; each is named by its node and its number there.

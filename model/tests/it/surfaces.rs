@@ -19,6 +19,9 @@ fn crate_of(size: Vector3<f64>) -> Mesh {
     Mesh { vertices: (0..8).map(corner).collect(), triangles }
 }
 
+/// So near is near, meters.
+const NEAR: f64 = 0.05;
+
 /// Two links of the arm with a box each, as mesh or as solid.
 fn boxes(meshes: [bool; 2], sizes: [Vector3<f64>; 2]) -> Surfaces {
     let link = |i: usize, link: &str| {
@@ -32,12 +35,12 @@ fn boxes(meshes: [bool; 2], sizes: [Vector3<f64>; 2]) -> Surfaces {
 
 /// Boxes too large to be within each other: their surfaces meet where they do.
 #[test]
-fn meshes_and_solids_meet_where_the_boxes_do() {
+fn meshes_and_solids_meet_and_are_near_where_the_boxes_are() {
     let sizes = [Vector3::new(0.15, 0.2, 0.4), Vector3::new(0.5, 0.1, 0.12)];
     let robot = arm();
     for meshes in [[true, true], [true, false], [false, true], [false, false]] {
         let surfaces = boxes(meshes, sizes);
-        let (mut met, mut apart) = (0, 0);
+        let (mut met, mut near, mut apart) = (0, 0, 0);
         for q in random_poses(&robot, 4).take(2000) {
             let frames = surfaces.frames(&robot, &q);
             let [a, b] = sizes.map(|size| Shape::Box { size });
@@ -47,10 +50,15 @@ fn meshes_and_solids_meet_where_the_boxes_do() {
                 assert_eq!(surfaces.meet(&frames, 0, 1), expected < 0.0, "{meshes:?}: {expected} m");
                 assert_eq!(surfaces.meet(&frames, 1, 0), expected < 0.0, "{meshes:?}: {expected} m");
             }
+            // Of what meets only meshes know how far their surfaces are from each other.
+            if expected > 1e-6 && (expected - NEAR).abs() > 1e-6 {
+                assert_eq!(surfaces.near(&frames, (0, 1), NEAR), expected < NEAR, "{meshes:?}: {expected} m");
+            }
             met += usize::from(expected < 0.0);
+            near += usize::from((0.0..NEAR).contains(&expected));
             apart += usize::from(expected > 0.0);
         }
-        assert!(met > 100 && apart > 100, "{met} met, {apart} apart");
+        assert!(met > 100 && near > 50 && apart > 100, "{met} met, {near} near, {apart} apart");
     }
 }
 
