@@ -38,6 +38,13 @@ pub fn plan(seed: u64, facts: &Facts) -> Vec<Planned> {
     all
 }
 
+/// Whether breaking this invariant is the robots' own fault under these faults. A board whose references another program sets goes too
+/// fast before any driver can know: what is too fast then, I30 says.
+pub fn counts(invariant: &str, planned: &[Planned]) -> bool {
+    let meddled = |p: &Planned| matches!(p.what, What::Wire { fault: WireFault::Meddled(_), .. });
+    invariant != "I20" || !planned.iter().any(meddled)
+}
+
 fn draw(rng: &mut ChaCha8Rng) -> (WireFault, Duration) {
     let secs = Duration::from_secs_f64;
     let some = secs(rng.random_range(0.1..4.0));

@@ -181,7 +181,8 @@ pub struct Sample {
     pub done: Vec<bool>,
 }
 
-/// A board's recent response times: round trips of requests.
+/// A board's recent response times: round trips of requests, each counted by the time since the one before, as a slow board answers
+/// less often.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AnswerTime {
     /// Half of the answers took no longer.

@@ -6,6 +6,8 @@ use std::time::Duration;
 
 /// For how long an answer counts, s.
 const WINDOW: f64 = 5.0;
+/// For how much an answer counts at least and at most, s: as far apart as they come when nothing else is asked.
+const COUNTS: (f64, f64) = (1e-3, 0.1);
 /// Most answers that are kept.
 const MOST: usize = 128;
 
@@ -27,14 +29,28 @@ impl Answers {
         self.0.back().map(|(at, _)| *at)
     }
 
-    /// What the answers of late took; `None` if there were none.
+    /// What the answers of late took, each counted by the time since the one before: a board that has become slow answers less often.
+    /// `None` if there were none.
     pub fn summary(&self, now: f64) -> Option<AnswerTime> {
-        let of_late = self.0.iter().filter(|(at, _)| *at >= now - WINDOW);
-        let mut took: Vec<f64> = of_late.map(|(_, took)| *took).collect();
-        took.sort_by(f64::total_cmp);
-        let share = |tenths: usize| took.get((took.len() * tenths / 10).min(took.len().checked_sub(1)?)).copied();
-        let secs = |s: f64| Duration::try_from_secs_f64(s).unwrap_or_default();
-        Some(AnswerTime { median: secs(share(5)?), most: secs(share(9)?), greatest: secs(*took.last()?) })
+        let mut before = f64::NEG_INFINITY;
+        let counted = self.0.iter().map(|(at, took)| {
+            let counts = (at - before).clamp(COUNTS.0, COUNTS.1);
+            before = *at;
+            (*at, *took, counts)
+        });
+        let of_late = counted.filter(|(at, ..)| *at >= now - WINDOW);
+        let mut took: Vec<(f64, f64)> = of_late.map(|(_, took, counts)| (took, counts)).collect();
+        took.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let all: f64 = took.iter().map(|(_, counts)| counts).sum();
+        let within = |share: f64| {
+            let mut sum = 0.0;
+            let of_share = took.iter().find(|(_, counts)| {
+                sum += counts;
+                sum > share * all
+            });
+            of_share.or(took.last()).map(|(took, _)| Duration::try_from_secs_f64(*took).unwrap_or_default())
+        };
+        Some(AnswerTime { median: within(0.5)?, most: within(0.9)?, greatest: within(1.0)? })
     }
 }
 
@@ -58,5 +74,14 @@ mod tests {
         let slow = answers.summary(8.0).unwrap();
         assert_eq!((slow.median, slow.most), (Duration::from_millis(200), Duration::from_millis(200)));
         assert_eq!(answers.summary(20.0), None, "what was long ago says nothing of now");
+    }
+    #[test]
+    fn a_board_that_becomes_slow_is_slow_however_often_it_answered_before() {
+        let mut answers = Answers::default();
+        (0..110).for_each(|i| answers.note(0.01 * f64::from(i), 0.001));
+        assert_eq!(answers.summary(1.1).unwrap().most, Duration::from_millis(1));
+        (1..=10).for_each(|i| answers.note(1.1 + 0.1 * f64::from(i), 0.1));
+        let slow = answers.summary(2.1).unwrap();
+        assert_eq!(slow.most, Duration::from_millis(100), "half of the time: {slow:?}");
     }
 }

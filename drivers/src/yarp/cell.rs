@@ -83,6 +83,8 @@ pub struct BoardFacts {
     pub owed: Owed,
     /// What went wrong that the filter must hear of, until it has.
     pub alarm: Option<String>,
+    /// Whether a joint was faster than it was told, at the newest reading.
+    pub outruns: bool,
     /// How long it takes to answer.
     pub answers: Answers,
     /// The most by which our clock can be ahead of its, s: as its newest stamped answer shows.
@@ -149,6 +151,7 @@ impl SharedBoards {
             gauge: Gauge::new(p.motors.len()),
             owed: Owed::new(p.motors.len()),
             alarm: None,
+            outruns: false,
             answers: Answers::default(),
             ahead: None,
         };

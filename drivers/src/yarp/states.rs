@@ -1,7 +1,7 @@
 //! The states of one board as they come.
 
 use super::YarpDriverSettings;
-use super::cell::{SharedBoards, Trouble, describe};
+use super::cell::{BoardFacts, SharedBoards, Trouble, describe};
 use super::clock::Arrivals;
 use super::layout::Layout;
 use super::motion::MeasuredSpeeds;
@@ -70,15 +70,27 @@ fn take(cell: &SharedBoards, layout: &Layout, index: usize, state: &Arc<RemoteSt
     known.motions.read(at, &q);
     known.gauge.read(at, &q);
     known.q = q;
-    if let MeasuredSpeeds::At(speeds) = known.motions.speeds(at)
-        && let Some(what) = known.pace.exceeded(&speeds, at)
-    {
-        known.gauge.outran(what.joint, what.speed / what.most.max(1e-3));
-        known.alarm.get_or_insert_with(|| what.in_words(layout, index));
-    }
+    known.look_at_the_pace(at, layout, index);
     inner.join(layout);
     drop(inner);
     cell.ring();
+}
+
+impl BoardFacts {
+    /// Whether joints are too fast now. It is said once: who has heard of it must go on seeing what the board does.
+    fn look_at_the_pace(&mut self, now: f64, layout: &Layout, index: usize) {
+        let too_fast = match self.motions.speeds(now) {
+            MeasuredSpeeds::At(speeds) => self.pace.exceeded(&speeds, now),
+            MeasuredSpeeds::Rest | MeasuredSpeeds::Unknown => None,
+        };
+        if let Some(what) = &too_fast {
+            self.gauge.outran(what.joint, what.speed / what.most.max(1e-3));
+        }
+        if let Some(what) = too_fast.as_ref().filter(|_| !self.outruns) {
+            self.alarm = Some(what.in_words(layout, index));
+        }
+        self.outruns = too_fast.is_some();
+    }
 }
 
 impl SharedBoards {
@@ -94,5 +106,33 @@ impl SharedBoards {
         }
         drop(inner);
         self.ring();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::layout::Patch;
+    use super::*;
+
+    /// A board that is too fast and heeds no stop is seen all the same: the alarm takes the place of one reading, not of all.
+    #[test]
+    fn a_joint_that_is_too_fast_alarms_once_until_it_is_not() {
+        let patch = Patch { part: "arm".into(), port: "/arm".into(), motors: 0..1, units: Default::default() };
+        let (names, limits, motions) = (["elbow".to_owned()].into(), vec![(-9.0, 9.0)], Vec::new());
+        let layout = Layout { patches: vec![patch], home: vec![0.0], names, limits, motions };
+        let cell = SharedBoards::new(&layout);
+        let mut inner = cell.lock();
+        let known = &mut inner.boards[0];
+        known.pace.told(&[0], &[10.0], 0.0);
+        let mut alarms = Vec::new();
+        for k in 0..150 {
+            // at 40 deg/s for a second, at rest for one, and at 40 deg/s again
+            let at = 0.02 * f64::from(k);
+            let q = 40.0 * (at.min(1.0) + (at - 2.0).max(0.0));
+            known.motions.read(at, &[q]);
+            known.look_at_the_pace(at, &layout, 0);
+            alarms.extend(known.alarm.take().map(|_| k));
+        }
+        assert!(matches!(alarms.as_slice(), [0..10, 101..112]), "{alarms:?}");
     }
 }
