@@ -19,7 +19,7 @@ const LOOK: Duration = Duration::from_millis(20);
 /// How often the line is tried while the board rests, s: one that broke unnoticed would cost a stop the time to connect.
 const TRIED: f64 = 0.5;
 /// A stop has an effect if it takes off this share of a joint's speed, from one look at its effect to the next.
-const SLOWER: f64 = 0.9;
+const SLOWER: f64 = 0.75;
 
 /// The brake of one board.
 pub struct Brake {

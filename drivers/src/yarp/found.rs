@@ -71,8 +71,8 @@ pub struct Due {
     pub say: Set,
 }
 
-/// How often something is said that a board refuses.
-const REFUSALS: u32 = 3;
+/// How often in a row something is said that a board refuses, and after how long it is tried again, s: it may refuse for a moment only.
+const REFUSALS: (u32, f64) = (3, 1.0);
 
 /// What one board is owed.
 #[derive(Clone, Debug)]
@@ -82,12 +82,23 @@ pub struct Owed {
     ours: Vec<[bool; 4]>,
     /// How often in a row the board has refused to be given back what it is owed.
     refusals: u32,
+    /// What it has refused, and when it is offered again, s.
+    refused: Vec<(f64, Restored, Vec<usize>)>,
+    /// What was said to be refused.
+    told: Vec<Restored>,
 }
 
 impl Owed {
     /// A board of so many joints, of which nothing is known.
     pub fn new(axes: usize) -> Owed {
-        Owed { joints: vec![Finding::default(); axes], known: false, ours: vec![[false; 4]; axes], refusals: 0 }
+        Owed {
+            joints: vec![Finding::default(); axes],
+            known: false,
+            ours: vec![[false; 4]; axes],
+            refusals: 0,
+            refused: Vec::new(),
+            told: Vec::new(),
+        }
     }
 
     /// Whether it is known how the joints were found.
@@ -118,14 +129,25 @@ impl Owed {
         joints.iter().for_each(|j| self.mark(*j, kind, true));
     }
 
-    /// The board has refused it; whether that was once too often, and it is not owed any more.
-    pub fn refused(&mut self, due: &Due) -> bool {
+    /// The board has refused it; whether that was once too often, and is to be told for the first time. Other things go first then.
+    pub fn refused(&mut self, due: &Due, now: f64) -> bool {
         self.refusals += 1;
-        let gives_up = self.refusals >= REFUSALS;
-        if gives_up {
-            self.paid(due);
+        if self.refusals < REFUSALS.0 {
+            return false;
         }
-        gives_up
+        self.paid(due);
+        self.refused.push((now + REFUSALS.1, due.kind, due.joints.clone()));
+        let is_news = !self.told.contains(&due.kind);
+        self.told.extend(is_news.then_some(due.kind));
+        is_news
+    }
+
+    /// What was refused a while ago is owed again.
+    pub fn offer_again(&mut self, now: f64) {
+        let again: Vec<_> = self.refused.extract_if(.., |(at, ..)| *at <= now).collect();
+        for (_, kind, joints) in again {
+            self.changes(kind, &joints);
+        }
     }
 
     /// It was said.
@@ -228,11 +250,19 @@ mod tests {
         assert!(owed.is_any());
         owed.paid(&third);
         assert!(!owed.is_any());
-        // what a board refuses is said to it three times
+        // what a board refuses is said to it three times, and again after a while: it is told once
         owed.changes(Restored::Speed, &[0]);
         let refused = owed.due(all, none).unwrap();
-        assert_eq!([0; 3].map(|_| owed.refused(&refused)), [false, false, true]);
+        assert_eq!([0; 3].map(|_| owed.refused(&refused, 5.0)), [false, false, true]);
+        owed.offer_again(5.5);
         assert!(!owed.is_any());
+        owed.offer_again(6.0);
+        assert_eq!(owed.due(all, none).as_ref(), Some(&refused));
+        assert_eq!([0; 3].map(|_| owed.refused(&refused, 6.0)), [false; 3]);
+        owed.offer_again(7.0);
+        owed.paid(&refused);
+        owed.offer_again(9.0);
+        assert!(!owed.is_any(), "a board that took it is not asked again");
         // what somebody has let go since is not taken hold of
         owed.changes(Restored::Mode, &[0, 1]);
         owed.see(&[mode::IDLE, mode::POSITION, mode::POSITION]);

@@ -68,12 +68,13 @@ impl Hand {
             }
         }
         let motors = self.motors(&due.joints);
+        let now = self.cell.secs(instant());
         let mut inner = self.cell.lock();
         inner.switched(motors.into_iter(), BACK);
         let Some(known) = inner.boards.get_mut(self.index) else { return };
         if done {
             known.owed.paid(&due);
-        } else if answer.is_ok() && known.owed.refused(&due) {
+        } else if answer.is_ok() && known.owed.refused(&due, now) {
             let asked = self.units().ask_to_wire(&Ask::Set(due.say.clone())).bottle().to_string();
             tracing::warn!(
                 board = self.board.port(),
@@ -90,6 +91,7 @@ impl Hand {
         let mut guard = self.cell.lock();
         let inner = &mut *guard;
         let known = inner.boards.get_mut(self.index)?;
+        known.owed.offer_again(self.cell.secs(instant()));
         if !known.owed.is_any() || self.cell.is_let_go() {
             return None;
         }

@@ -84,7 +84,9 @@ impl Watched {
         read.iter().enumerate().any(|(j, q)| {
             let all = || window.iter().filter_map(|w| w.get(j));
             let (least, most) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), q| (a.min(*q), b.max(*q)));
-            *q < least - noise || *q > most + noise
+            // a fast motor goes on after the last look at it
+            let step = all().zip(all().skip(1)).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
+            *q < least - step - noise || *q > most + step + noise
         })
     }
 
