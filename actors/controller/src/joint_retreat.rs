@@ -101,6 +101,8 @@ struct State {
     presences: Vec<Presence>,
     /// Those that are on their way, each party together.
     parties: Vec<Party>,
+    /// Those whose way is over because all begin anew, and who have not been given another yet.
+    anew: Vec<usize>,
 }
 
 /// What is known of one robot.
@@ -252,7 +254,13 @@ impl JointRetreat {
         if let Some(presence) = state.presence(robot) {
             *presence = Presence::Away;
         }
-        state.party(robot).and_then(|party| party.member(robot)).into_iter().for_each(|m| m.left = true);
+        state.anew.retain(|other| *other != robot);
+        let party = state.party(robot);
+        let anew = party.as_ref().is_some_and(|party| party.anew);
+        party.and_then(|party| party.member(robot)).into_iter().for_each(|m| m.left = true);
+        if anew {
+            state.anew.push(robot);
+        }
         state.parties.retain(|party| !party.members.iter().all(|m| m.left));
     }
 
@@ -328,9 +336,13 @@ impl State {
                 other => *presence = other,
             }
         }
+        let goes = |robot: &usize| participants.iter().any(|who| who.robot == *robot);
+        let anew = self.anew.iter().any(goes);
+        self.anew.retain(|robot| !goes(robot));
         let slowest = participants.iter().map(|who| who.rules.follows()).max().unwrap_or_default();
         let members = participants.iter().map(|who| Member::new(who, slowest, now)).collect();
-        let mut party = Party { plan: Plan::new(participants), members, clock: 0.0, last: now, anew: false };
+        let plan = Plan::new(participants).map(|plan| plan.anew(anew));
+        let mut party = Party { plan, members, clock: 0.0, last: now, anew: false };
         let way = party.proceed(robot, now);
         self.parties.push(party);
         way.map_or(RetreatReply::Wait, RetreatReply::Go)

@@ -121,6 +121,8 @@ pub struct Plan {
     times: Vec<Time>,
     /// Which of these is to be checked next.
     next: usize,
+    /// Whether its robots begin anew: what they were on the way is recorded, too, so that theirs lead there and back again.
+    anew: bool,
     /// What is where.
     scene: Arc<Scene>,
     /// Looks for contacts from pose to pose, and between them, while there is something to be checked.
@@ -243,7 +245,12 @@ impl Plan {
         let mut times: Vec<Time> = legs.iter().flat_map(|l| l.who.past.iter().map(|r| r.at)).collect();
         times.sort_unstable_by(|a, b| b.cmp(a));
         times.dedup();
-        Some(Plan { legs, times, next: 0, scene, sweep: None })
+        Some(Plan { legs, times, next: 0, anew: false, scene, sweep: None })
+    }
+
+    /// The same for robots that begin anew, or not.
+    pub fn anew(self, anew: bool) -> Plan {
+        Plan { anew, ..self }
     }
 
     /// Checks so many poses more; whether all is checked now. Whoever gives way changes what the others pass: then all
@@ -338,7 +345,7 @@ impl Plan {
             }
         }
         let direct = self.legs.iter().all(|l| l.who.rules.position_direct);
-        points = if direct { ease::eased(&points, &self.accelerations()) } else { thin(points) };
+        points = if direct { ease::eased(&points, &self.accelerations(), self.anew) } else { thin(points) };
         let mut from = 0;
         let way = |leg: &Leg| {
             let motors = from..from + leg.who.safe.len();

@@ -322,6 +322,34 @@ fn ways_that_cross_are_given_anew_together() {
     }
 }
 
+/// What they did on the way is recorded, too: it turns about where they were stopped, and is gone more gently than it was recorded.
+#[test]
+fn ways_anew_are_gone_gently_where_they_turn() {
+    let turns = [(0.0, -90.0), (4.0, -90.0), (4.5, -60.0), (5.0, -90.0)];
+    let both = || [0, 1].map(|robot| recorded(robot, true, &turns, 4.0));
+    let gather = |joint_retreat: &JointRetreat, ms: u64| {
+        both().into_iter().for_each(|who| joint_retreat.enroll(who, at(ms)));
+        while !goes(joint_retreat, 1, at(ms)) {}
+        match joint_retreat.ask(0, at(ms)) {
+            RetreatReply::Go(way) => way.end(),
+            other => panic!("{other:?}"),
+        }
+    };
+    let first = gather(&JointRetreat::default(), 0);
+    let joint_retreat = JointRetreat::default();
+    for (robot, who) in both().into_iter().enumerate() {
+        joint_retreat.enroll(who, at(0));
+        assert!((0..100).any(|_| goes(&joint_retreat, robot, at(0))));
+        joint_retreat.wait(robot, Some(at(0)));
+    }
+    assert!(joint_retreat.cross(1, 0));
+    [0, 1].into_iter().for_each(|robot| joint_retreat.leave(robot));
+    let anew = gather(&joint_retreat, 10);
+    assert!(anew > first + 0.005, "{anew} s, and {first} s before");
+    [0, 1].into_iter().for_each(|robot| joint_retreat.leave(robot));
+    assert_eq!(gather(&joint_retreat, 20), first, "the next time they don't begin anew");
+}
+
 #[test]
 fn those_that_are_about_to_rest_are_waited_for_as_long_as_they_tell() {
     let [first, second] = both();

@@ -15,17 +15,18 @@ const BEND: f64 = 0.7;
 /// And beside it, changes of the rate: what is left is for catching up.
 const CHANGE: f64 = 0.1;
 /// Over how long before and after an instant speeds are taken, s: encoders are noisy, and a difference of differences
-/// over 10 ms would be nothing but that noise.
+/// over 10 ms would be nothing but that noise. Where a motor has gained speed and begins to lose it, that sees neither.
 const SPAN: f64 = 0.05;
 /// The square of the slowest rate, which is 0.63: an encoder that jumps asks for no pause, and no path takes 1.6 times
 /// as long.
 const SLOWEST: f64 = 0.4;
 
 /// The points of a path, seconds and radians, at times at which its motors can gain and lose speed as it does, with
-/// these greatest accelerations, rad/s^2.
-pub fn eased(points: &[(f64, Pose)], accelerations: &[f64]) -> Vec<(f64, Pose)> {
+/// these greatest accelerations, rad/s^2. `turns`: whether it may turn about in mid-motion, and not only set out and stop.
+pub fn eased(points: &[(f64, Pose)], accelerations: &[f64], turns: bool) -> Vec<(f64, Pose)> {
     let bounds = |(t, _): &(f64, Pose)| bounds(points, *t, accelerations);
-    let (mut squares, slopes): (Vec<f64>, Vec<f64>) = points.iter().map(bounds).unzip();
+    let (squares, slopes): (Vec<f64>, Vec<f64>) = points.iter().map(bounds).unzip();
+    let mut squares = if turns { least_about(points, &squares) } else { squares };
     let secs: Vec<f64> = points.iter().zip(points.iter().skip(1)).map(|(a, b)| b.0 - a.0).collect();
     let steps: Vec<f64> = secs.iter().zip(&slopes).map(|(secs, slope)| secs * slope).collect();
     // there and back again, as in every time-optimal parametrization: what can be reached from before, and braked to
@@ -42,6 +43,17 @@ pub fn eased(points: &[(f64, Pose)], accelerations: &[f64]) -> Vec<(f64, Pose)> 
         (then, q.clone())
     });
     points.first().map(|(_, q)| (0.0, q.clone())).into_iter().chain(rest).collect()
+}
+
+/// The least of these values of points within [`SPAN`] of each: what is asked for just before and just after an instant is seen there.
+fn least_about(points: &[(f64, Pose)], values: &[f64]) -> Vec<f64> {
+    let mut from = 0;
+    let least = |(here, _): &(f64, Pose)| {
+        from += points.iter().skip(from).take_while(|(t, _)| *t < here - SPAN).count();
+        let about = points.iter().zip(values).skip(from).take_while(|((t, _), _)| *t <= here + SPAN);
+        about.map(|(_, value)| *value).fold(f64::INFINITY, f64::min)
+    };
+    points.iter().map(least).collect()
 }
 
 /// From one point to the next the square of the rate rises by so much at most.
@@ -93,12 +105,12 @@ mod tests {
         (0..=(secs * 100.0).ceil() as usize).map(|k| k as f64 * 0.01).map(|t| (t, vec![at(t)].into())).collect()
     }
 
-    /// The greatest acceleration between `SPAN`s of a path.
-    fn greatest(points: &[(f64, Pose)]) -> f64 {
+    /// The greatest acceleration of a path between spans of time.
+    fn greatest(points: &[(f64, Pose)], span: f64) -> f64 {
         let end = points.last().unwrap().0;
         let gained = |t: f64| {
-            let [a, b, c] = [t - SPAN, t, t + SPAN].map(|t| passed(points, t)[0]);
-            ((a - b - b + c) / (SPAN * SPAN)).abs()
+            let [a, b, c] = [t - span, t, t + span].map(|t| passed(points, t)[0]);
+            ((a - b - b + c) / (span * span)).abs()
         };
         (0..=(end * 1000.0) as usize).map(|ms| gained(ms as f64 * 1e-3)).fold(0.0, f64::max)
     }
@@ -109,24 +121,40 @@ mod tests {
         #[test]
         fn an_eased_path_leaves_room_to_brake(acceleration in 0.5..10.0_f64, ramp in 0.15..1.0_f64, cruise in 0.0..2.0_f64) {
             let path = motion(acceleration, ramp * acceleration, cruise);
-            let eased = eased(&path, &[acceleration]);
-            let (before, after) = (greatest(&path), greatest(&eased));
+            let eased = eased(&path, &[acceleration], false);
+            let (before, after) = (greatest(&path, SPAN), greatest(&eased, SPAN));
             prop_assert!(before > 0.99 * acceleration && after < 0.9 * acceleration, "{before} {after} of {acceleration}");
             let (took, takes) = (path.last().unwrap().0, eased.last().unwrap().0);
             prop_assert!(takes <= 1.2 * took, "{takes} s for {took} s");
             prop_assert!(path.iter().zip(&eased).all(|(a, b)| a.1 == b.1));
-            let calm = super::eased(&path, &[2.0 * acceleration]);
+            let calm = super::eased(&path, &[2.0 * acceleration], true);
             prop_assert!(path.iter().zip(&calm).all(|(a, b)| a.1 == b.1 && (a.0 - b.0).abs() < 1e-9));
         }
+    }
+
+    /// What a robot goes that brakes beyond the set-point at which it was told to stay, and comes back to it: gone once more, it would go
+    /// farther where its set-points brake as hard as it can, though it has gained speed just before.
+    #[test]
+    fn where_a_motor_that_gains_speed_begins_to_lose_it_it_has_room_to_brake() {
+        let (acceleration, ramp) = (3.5, 0.12);
+        // there for two ramps, turning between them, and a third to rest
+        let at = |t: f64| {
+            let [one, two, three] = [0.0, ramp, 3.0 * ramp].map(|from| (t - from).max(0.0).powi(2));
+            0.5 * acceleration * (one - 2.0 * two + 2.0 * three)
+        };
+        let path: Vec<(f64, Pose)> =
+            (0..=(4000.0 * ramp) as usize).map(|ms| ms as f64 * 1e-3).map(|t| (t, vec![at(t)].into())).collect();
+        let asked = greatest(&eased(&path, &[acceleration], true), 0.02);
+        assert!(greatest(&path, 0.02) > 0.99 * acceleration && asked < 0.8 * acceleration, "{asked} of {acceleration}");
     }
 
     #[test]
     fn an_encoder_that_jumps_asks_for_no_pause() {
         let jump: Vec<(f64, Pose)> =
             (0..100).map(|k| (0.01 * k as f64, vec![f64::from(u8::from(k > 50))].into())).collect();
-        let takes = eased(&jump, &[1.0]).last().unwrap().0;
+        let takes = eased(&jump, &[1.0], true).last().unwrap().0;
         assert!(takes < 0.99 / SLOWEST.sqrt() + 1e-9, "{takes} s");
-        assert!(eased(&[], &[1.0]).is_empty());
-        assert_eq!(eased(&jump[..1], &[1.0]), jump[..1]);
+        assert!(eased(&[], &[1.0], true).is_empty());
+        assert_eq!(eased(&jump[..1], &[1.0], true), jump[..1]);
     }
 }
