@@ -41,8 +41,9 @@ fn main() {
         };
         let robot = Arc::new(robot.value);
         let scene = |objects| Scene::new(vec![(robot.clone(), Isometry3::identity())], objects).expect("a scene");
-        let name = file.iter().rev().take(2).map(|p| p.to_string_lossy()).collect::<Vec<_>>();
-        let name = format!("{}/{}", name[1], name[0]);
+        let mut name: Vec<_> = file.iter().rev().take(2).map(|p| p.to_string_lossy()).collect();
+        name.reverse();
+        let name = name.join("/");
         compare(&name, &robot, &scene(Vec::new()), count);
         let world = shared.join("mobee-oracle/icub/world20.xml");
         if name.contains("icub.xml")
