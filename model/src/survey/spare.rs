@@ -25,12 +25,15 @@ impl Tried {
 
     /// Why it needs no test, if so.
     fn reason(&self, poses: usize) -> Option<String> {
+        if self.near == 0 {
+            return None;
+        }
         if self.near == poses {
             let unwatched =
                 if self.met && self.apart { "; contacts that their meshes make at times are not seen" } else { "" };
             return Some(format!("never farther apart than {:.0} mm at {poses} poses{unwatched}", NEAR * 1e3));
         }
-        (self.near > 0).then(|| format!("near, but never in contact at {poses} poses"))
+        Some(format!("near, but never in contact at {poses} poses"))
     }
 }
 

@@ -54,6 +54,7 @@ fn what_never_meets_and_few_motors_move_is_spared_with_its_reason() {
     assert_eq!(found.len(), 1, "{found:?}");
     assert!(found[0].reason.contains("300 poses"), "{found:?}");
     assert_eq!(found, spared_pairs(&robot, &surfaces, (300, 1), &mut |_| ()).unwrap(), "equal seeds, equal answers");
+    assert_eq!(spared_pairs(&robot, &surfaces, (0, 1), &mut |_| ()).unwrap(), [], "no pose shows nothing");
 }
 
 #[test]

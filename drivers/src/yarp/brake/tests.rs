@@ -188,6 +188,7 @@ fn a_joint_that_slows_down_obeys_and_one_that_goes_on_does_not() {
     assert_eq!(look(&[20.0, 0.0]), Seen::Nothing, "nothing to compare with yet");
     assert_eq!(look(&[12.0, 0.0]), Seen::Slower);
     assert_eq!(look(&[11.9, 0.0]), Seen::Nothing);
+    assert_eq!(look(&[9.5, 0.0]), Seen::Nothing, "so much it may slow down as its motion ends anyway");
     assert_eq!(look(&[6.0, 8.0]), Seen::Nothing, "another one sets out");
     assert_eq!(effect.seen(0.0, MeasuredSpeeds::Unknown), Seen::Nothing);
     assert_eq!(effect.seen(0.0, MeasuredSpeeds::Rest), Seen::Rest);
