@@ -21,7 +21,7 @@ pub use scalar::ScalarEngine;
 pub(crate) use scalar::distances_from_hull;
 
 use crate::hull::Hull;
-use crate::shape::Shape;
+use crate::shape::{InnerCapsule, Shape};
 use nalgebra::{Isometry3, Point3};
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -46,6 +46,14 @@ impl Collider {
     /// A shape that is solid throughout.
     pub fn new(shape: Shape, frame: usize, pose: Isometry3<f64>) -> Self {
         Self { shape, frame, pose, hull: None }
+    }
+
+    /// A capsule within what is solid.
+    pub fn inner_capsule(&self) -> InnerCapsule {
+        match &self.hull {
+            Some(hull) => hull.inner_capsule(&self.shape.bounding_capsule(), &self.pose.inverse()),
+            None => self.shape.inner_capsule(),
+        }
     }
 }
 

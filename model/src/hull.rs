@@ -5,7 +5,7 @@
 //!   └── hull: some points and a radius   what touches
 //! ```
 
-use crate::{Mesh, Shape};
+use crate::{BoundingCapsule, InnerCapsule, Mesh, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d_f64::math::Vector;
 use parry3d_f64::transformation::try_convex_hull;
@@ -77,6 +77,32 @@ impl Hull {
         Mesh { vertices: corners.iter().map(|p| Vector3::new(p.x, p.y, p.z)).collect(), triangles }
     }
 
+    /// The largest of a few capsules within, on the axis of a shape's outer capsule; none if the middle of that is outside, or the
+    /// hull is flat.
+    pub(crate) fn inner_capsule(&self, outer: &BoundingCapsule, shape_from_hull: &Isometry3<f64>) -> InnerCapsule {
+        /// Lengths that are tried.
+        const STEPS: usize = 16;
+        let points: Vec<Vector> = self.points.iter().map(|p| Vector::from((shape_from_hull * p).coords)).collect();
+        let Ok((corners, triangles)) = try_convex_hull(&points) else { return InnerCapsule::NONE };
+        let side = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|t| corners[t as usize]);
+            let normal = (b - a).cross(c - a).try_normalize()?;
+            Some((Vector3::new(normal.x, normal.y, normal.z), normal.dot(a)))
+        };
+        let Some(sides) = triangles.iter().map(side).collect::<Option<Vec<_>>>() else { return InnerCapsule::NONE };
+        let capsule = |step: usize| {
+            let share = step as f64 / STEPS as f64;
+            // of both ends the one that is nearer to the side
+            let room = |(normal, far): &(Vector3<f64>, f64)| far - share * normal.dot(&outer.half_axis).abs();
+            let radius = sides.iter().map(room).fold(f64::INFINITY, f64::min) - ROUNDING;
+            InnerCapsule { share, radius: radius + self.radius }
+        };
+        let volume = |c: &InnerCapsule| c.radius.powi(2) * (c.radius * 2.0 / 3.0 + c.share * outer.half_axis.norm());
+        // its points alone may be flat: then only what they are blown up by is within
+        let held = (0..=STEPS).map(capsule).filter(|c| c.radius > self.radius);
+        held.max_by(|a, b| volume(a).total_cmp(&volume(b))).unwrap_or(InnerCapsule::NONE)
+    }
+
     /// Whether it lies within a shape, given the shape's pose in the hull's frame.
     pub fn is_within(&self, shape: &Shape, pose: &Isometry3<f64>) -> bool {
         let depth = |p: &Point3<f64>| shape.depth(&pose.inverse_transform_point(p).coords);
@@ -87,6 +113,51 @@ impl Hull {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::distances_from_hull;
+    use proptest::array::uniform3;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    const OUTER: Shape = Shape::Box { size: Vector3::new(0.1, 0.3, 0.2) };
+
+    fn inner(points: Vec<Point3<f64>>, shape_from_hull: &Isometry3<f64>) -> InnerCapsule {
+        let hull = Hull::new(points, 0.001).unwrap().moved(&shape_from_hull.inverse());
+        hull.inner_capsule(&OUTER.bounding_capsule(), shape_from_hull)
+    }
+
+    /// A box's corners hold about the capsule that the box does, however the hull is turned; what is flat or beside the axis holds none.
+    #[test]
+    fn a_hull_of_corners_holds_what_its_box_does() {
+        let corner = |i: usize| Vector3::from_fn(|k, _| [0.04, 0.3, 0.06][k] * ((i >> k & 1) as f64 - 0.5));
+        let corners: Vec<Point3<f64>> = (0..8).map(|i| corner(i).into()).collect();
+        for turn in [Vector3::zeros(), Vector3::new(0.3, -0.2, 0.5)] {
+            let turned = Isometry3::rotation(turn);
+            let found = inner(corners.clone(), &turned);
+            assert!(found.radius > 0.0209 && found.radius < 0.021 && found.share > 0.7, "{found:?}");
+            let flat = corners.iter().map(|p| Point3::new(0.0, p.y, p.z)).collect();
+            let beside = corners.iter().map(|p| p + Vector3::x()).collect();
+            assert_eq!([inner(flat, &turned), inner(beside, &turned)], [InnerCapsule::NONE; 2]);
+        }
+    }
+
+    proptest! {
+        /// Nothing of the capsule is outside the hull.
+        #[test]
+        fn the_capsule_in_a_hull_is_within(
+            points in vec(uniform3(-1.0..1.0), 4..60), directions in vec(uniform3(-1.0..1.0), 50)
+        ) {
+            let half = OUTER.bounding_capsule().half_axis;
+            let points: Vec<Vector3<f64>> = points.iter().map(|p| Vector3::from(*p).component_mul(&Vector3::new(0.05, 0.15, 0.1))).collect();
+            let found = inner(points.iter().map(|p| Point3::from(*p)).collect(), &Isometry3::identity());
+            prop_assume!(found != InnerCapsule::NONE);
+            let on_it = |d: &[f64; 3]| {
+                let d = Vector3::from(*d).normalize();
+                d * found.radius + half * (found.share * d.dot(&half).signum())
+            };
+            let outside = distances_from_hull(&points, &directions.iter().map(on_it).collect::<Vec<_>>()).fold(0.0, f64::max);
+            prop_assert!(outside <= 0.001, "{found:?} {outside}");
+        }
+    }
 
     /// The picture holds what the hull is made of, and is nowhere outside the hull.
     #[test]

@@ -57,7 +57,7 @@ pub use parts::RobotParts;
 pub use printable::{hidden_in, is_hidden, printable, readable};
 pub use robot::*;
 pub use scene::*;
-pub use shape::{BoundingCapsule, Primitive, Shape};
+pub use shape::{BoundingCapsule, InnerCapsule, Primitive, Shape};
 pub use spelling::{nearest, suggestion};
 pub use srdf::{
     EndEffector, LinkTree, Srdf, SrdfGroup, SrdfState, VirtualJoint, load_link_tree, load_srdf, parse_link_tree,

@@ -49,6 +49,20 @@ pub struct BoundingCapsule {
     pub radius: f64,
 }
 
+/// A capsule inside a solid, on the axis of the capsule that holds its shape and with the same middle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InnerCapsule {
+    /// Which fraction of the outer capsule's axis is its own, 0 to 1.
+    pub share: f64,
+    /// Radius, meters; minus infinity where no such capsule is known.
+    pub radius: f64,
+}
+
+impl InnerCapsule {
+    /// Of a solid that holds none, as far as anybody knows.
+    pub const NONE: Self = Self { share: 0.0, radius: f64::NEG_INFINITY };
+}
+
 impl Shape {
     /// How deep a point (in the shape's frame, meters) lies within: how far it is from the nearest side, negative outside.
     pub fn depth(&self, p: &Vector3<f64>) -> f64 {
@@ -98,6 +112,28 @@ impl Shape {
                 half_axis[long] = half[long];
                 across[long] = 0.0;
                 BoundingCapsule { half_axis, radius: across.norm() }
+            }
+        }
+    }
+
+    /// A capsule that it holds: itself, if it is one.
+    pub fn inner_capsule(&self) -> InnerCapsule {
+        match *self {
+            Self::Sphere { radius } => InnerCapsule { share: 0.0, radius },
+            Self::Capsule { radius, .. } => InnerCapsule { share: 1.0, radius },
+            Self::Cylinder { radius, height } => {
+                let half = height / 2.0;
+                // A post holds a capsule as wide as itself; a coin only the ball between its two faces.
+                if half > radius {
+                    InnerCapsule { share: (half - radius) / half, radius }
+                } else {
+                    InnerCapsule { share: 0.0, radius: half }
+                }
+            }
+            Self::Box { size } => {
+                let (long, thin) = (size.max() / 2.0, size.min() / 2.0);
+                let share = if long > 0.0 { (long - thin) / long } else { 0.0 };
+                InnerCapsule { share, radius: thin }
             }
         }
     }

@@ -9,12 +9,12 @@ use crate::bound::{REFERENCE, TESTS, U};
 use crate::chain::{LaneFrame, follow};
 use crate::levers::{Mover, Movers};
 use crate::limits::constraints;
-use crate::program::{Ball, Form, Group, PairTest, Program, Solid};
+use crate::program::{Ball, Form, Group, Held, PairTest, Program, Solid};
 use crate::proof::Proofs;
 use crate::regions::{Region, branches, regions};
 use crate::steps::{Layout, Size};
 use crate::sweep::{Sphere, least_distance};
-use mobee_model::{Collider, IndexPair, Scene, Shape};
+use mobee_model::{Collider, IndexPair, InnerCapsule, Scene, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::ops::Range;
 
@@ -37,6 +37,8 @@ pub(crate) struct Sized {
     error: f64,
     /// Whether only a hull within the shape is solid.
     hull: bool,
+    /// A capsule within what is solid.
+    inner: InnerCapsule,
 }
 
 impl Sized {
@@ -144,7 +146,8 @@ fn sized(collider: &Collider, frames: &[LaneFrame]) -> Sized {
     let frame = &frames[collider.frame];
     let pose = frame.choice.inverse() * collider.pose;
     let error = frame.bound.solid(pose.translation.vector.norm(), collider.shape.bounding_radius());
-    Sized { frame: collider.frame, pose, shape: collider.shape, error, hull: collider.hull.is_some() }
+    let (hull, inner) = (collider.hull.is_some(), collider.inner_capsule());
+    Sized { frame: collider.frame, pose, shape: collider.shape, error, hull, inner }
 }
 
 /// The pairs but for those that are proved to keep apart, and how many these are.
@@ -314,7 +317,10 @@ fn pair_test(a: (usize, &Sized), b: (usize, &Sized), ids: (u32, u32), clearance:
         inner: ((inside + clearance - band) * (1.0 - 4.0 * U)) as f32,
         apart: up(round_radii + clearance + band),
         round: is_round,
-        hull: x.hull || y.hull,
+        held: (x.hull || y.hull).then(|| Held {
+            half: [0, 1].map(|i| ([x, y][i].inner.share * capsules[i].half_axis.norm()) as f32),
+            inner: ((x.inner.radius + y.inner.radius + clearance - band) * (1.0 - 4.0 * U)) as f32,
+        }),
     }
 }
 

@@ -77,23 +77,34 @@ pub(crate) fn test_pair<L: Lanes, const MOVES: bool>(
     if near == 0 {
         return APART;
     }
-    if pair.round {
+    let mut held = 0;
+    if let Some(capsules) = &pair.held {
+        let half = [L::splat(capsules.half[0]), L::splat(capsules.half[1])];
+        let (s, t) = nearest(between, u, v, half);
+        held = touching(between.along(u, s).against(v, t).squared(), capsules.inner) & near;
+        if held == near {
+            return Found { touching: held, doubtful: 0, open: near, stuck: 0 };
+        }
+    }
+    let found = if pair.round {
         let touching = touching(squared, pair.inner) & near;
         let free = if MOVES { apart::<L, false>(gap, squared, pair.outer, motion) } else { 0 };
-        return solid::<MOVES>(pair, Found { touching, doubtful: near & !touching & !free, open: near, stuck: 0 });
-    }
-    solid::<MOVES>(pair, project_to_and_fro::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion))
+        Found { touching, doubtful: near & !touching & !free, open: near, stuck: 0 }
+    } else {
+        project_to_and_fro::<L, MOVES>(&a, &b, a.center.along(u, s), pair, near, motion)
+    };
+    solid::<MOVES>(pair, found, held)
 }
 
-/// What is known of a pair whose shapes may hold hulls: shapes that are apart have hulls that are apart, and of all others the reference
-/// knows.
+/// What is known of a pair whose shapes may hold hulls: shapes that are apart have hulls that are apart, hulls touch where capsules
+/// within them do, and of all others the reference knows.
 #[inline(always)]
-fn solid<const MOVES: bool>(pair: &PairTest, found: Found) -> Found {
-    if !pair.hull {
+fn solid<const MOVES: bool>(pair: &PairTest, found: Found, held: Mask) -> Found {
+    if pair.held.is_none() {
         return found;
     }
-    let stuck = if MOVES { found.open } else { 0 };
-    Found { touching: 0, doubtful: found.touching | found.doubtful, open: found.open, stuck }
+    let stuck = if MOVES { found.open & !held } else { 0 };
+    Found { touching: held, doubtful: (found.touching | found.doubtful) & !held, open: found.open, stuck }
 }
 
 /// The lanes in which a ball's center is nearer to the axis of a solid's capsule, up to this half length, than that.

@@ -26,7 +26,8 @@
 //!   decided most often in a seeded sample, for what it costs, is asked first.
 //! * **Two shapes** (`distance.rs`): capsules and balls by the closed form of two segments; cylinders and boxes by
 //!   projections to and fro. Whatever is found is *checked*: two near points prove a contact, a direction that
-//!   separates proves that there is none.
+//!   separates proves that there is none. Of a hull the shape around it and a capsule within it are known; what lies
+//!   between is in doubt.
 //! * **Rounding** (`bound.rs`): a worst-case bound is carried along each chain while it is compiled, and goes into the
 //!   thresholds.
 //! * **Edges** (`edges.rs`, `intervals.rs`): intervals of edges in the lanes, each judged at its middle with a bound on what

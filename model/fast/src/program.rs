@@ -191,8 +191,17 @@ pub(crate) struct PairTest {
     pub apart: f32,
     /// Whether the capsules are the shapes themselves.
     pub round: bool,
-    /// Whether of a shape only its hull is solid: then the lanes can tell that the two are apart, and nothing else.
-    pub hull: bool,
+    /// If of a shape only its hull is solid: what is known to be solid of both.
+    pub held: Option<Held>,
+}
+
+/// Capsules within two solids, on the axes of those that hold them: near ones prove a contact.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Held {
+    /// Half lengths of their axes, meters.
+    pub half: [f32; 2],
+    /// Axes nearer than this: not free. Meters.
+    pub inner: f32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 
 use super::closed::Segment;
 use crate::hull::Hull;
-use crate::shape::{BoundingCapsule, Shape};
+use crate::shape::{BoundingCapsule, InnerCapsule, Shape};
 use nalgebra::{Isometry3, Vector3};
 use parry3d_f64::math::Vector;
 use std::sync::Arc;
@@ -39,50 +39,31 @@ pub(super) struct Form {
     pub boxed: Option<Vector3<f64>>,
 }
 
-/// A capsule inside a shape, along the axis of its outer capsule.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct InnerCapsule {
-    /// Which fraction of the outer capsule's axis is its own, 0 to 1.
-    pub share: f64,
-    /// Radius, meters.
-    pub radius: f64,
-}
-
 impl Form {
     /// Prepares a shape: everything that no pose changes.
     pub fn new(shape: &Shape) -> Self {
-        let (core, radius, inner) = match *shape {
-            Shape::Sphere { radius } => (Core::Point, radius, InnerCapsule { share: 0.0, radius }),
-            Shape::Capsule { radius, height } => {
-                (Core::Segment { half: height / 2.0 }, radius, InnerCapsule { share: 1.0, radius })
-            }
-            Shape::Cylinder { radius, height } => {
-                let half = height / 2.0;
-                // A post holds a capsule as wide as itself; a coin only the ball between its two faces.
-                let inner = if half > radius {
-                    InnerCapsule { share: (half - radius) / half, radius }
-                } else {
-                    InnerCapsule { share: 0.0, radius: half }
-                };
-                (Core::Cylinder { half, radius }, 0.0, inner)
-            }
-            Shape::Box { size } => {
-                let half = size / 2.0;
-                let (long, thin) = (half.max(), half.min());
-                let share = if long > 0.0 { (long - thin) / long } else { 0.0 };
-                (Core::Box { half }, 0.0, InnerCapsule { share, radius: thin })
-            }
+        let (core, radius) = match *shape {
+            Shape::Sphere { radius } => (Core::Point, radius),
+            Shape::Capsule { radius, height } => (Core::Segment { half: height / 2.0 }, radius),
+            Shape::Cylinder { radius, height } => (Core::Cylinder { half: height / 2.0, radius }, 0.0),
+            Shape::Box { size } => (Core::Box { half: size / 2.0 }, 0.0),
         };
         let boxed = if let Core::Box { half } = core { Some(half) } else { None };
-        Form { core, radius, ball: shape.bounding_radius(), outer: shape.bounding_capsule(), inner, boxed }
+        Form {
+            core,
+            radius,
+            ball: shape.bounding_radius(),
+            outer: shape.bounding_capsule(),
+            inner: shape.inner_capsule(),
+            boxed,
+        }
     }
 
     /// Of the shape only its hull is solid; all that holds the shape still holds it.
     pub fn hollowed(self, hull: &Hull, shape_from_hull: &Isometry3<f64>) -> Self {
         let local = |p: &nalgebra::Point3<f64>| Vector::from((shape_from_hull * p).coords);
         let core = Core::Hull { points: hull.points().iter().map(local).collect() };
-        // nobody knows a capsule inside, so none is there
-        let inner = InnerCapsule { share: 0.0, radius: f64::NEG_INFINITY };
+        let inner = hull.inner_capsule(&self.outer, shape_from_hull);
         Form { core, radius: hull.radius(), inner, ..self }
     }
 
