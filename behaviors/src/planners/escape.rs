@@ -3,12 +3,11 @@
 //! The controller takes such a motion under the retreat's rule (contacts only shrink, none begins), so an escape is
 //! looked for under the same rule: short straight lines in joint space, walked in steps of about a millimeter.
 
-use crate::group::{contacts_at, with_pose};
+use crate::group::{contacts_at, involves, with_pose};
 use mobee_contract::{Target, View};
-use mobee_model::{Contact, Pair};
+use mobee_model::{Contact, Pair, Watch};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use std::collections::BTreeMap;
 
 /// Joint-space length (sum over motors, rad) of one step: a millimeter for a point a meter away from every axis.
 const STEP: f64 = 0.001;
@@ -38,12 +37,14 @@ pub fn caught(view: &View) -> bool {
 /// `toward`: whole poses to try first (where the robot rested lately). `None` if every direction makes something worse.
 pub fn escape(view: &View, motors: &[usize], toward: &[Vec<f64>], speed: f64, seed: u64) -> Option<Target> {
     let start = view.pose();
-    let present = distances(&contacts_at(view, start, view.clearance));
+    // Steps are small: most of what is known at a pose holds at the next one.
+    let mut here = Watch::new(view.scene.clone(), view.clearance);
+    let present = distances(view, here.update(&with_pose(view, start)));
     let mut budget = POSES;
     let mut best: Option<Way> = None;
     for direction in directions(start, motors, toward, seed) {
         let limit = best.as_ref().filter(|b| b.free).map_or(LONGEST, |b| b.steps.saturating_sub(1));
-        let Some(way) = walk(view, start, motors, &direction, &present, limit, &mut budget) else { continue };
+        let Some(way) = walk(view, here.clone(), motors, &direction, &present, limit, &mut budget) else { continue };
         let better = best.as_ref().is_none_or(|b| match (way.free, b.free) {
             (true, true) => way.steps < b.steps,
             (false, false) => way.gain > b.gain,
@@ -68,20 +69,22 @@ struct Way {
 
 fn walk(
     view: &View,
-    start: &[f64],
+    mut watch: Watch,
     motors: &[usize],
     direction: &[f64],
-    present: &BTreeMap<Pair, f64>,
+    present: &[(Pair, f64)],
     limit: usize,
     budget: &mut usize,
 ) -> Option<Way> {
+    let start = view.pose();
     let satisfied_constraints = view.scene.satisfies_constraints(view.robot, start);
-    let narrowest = |d: &BTreeMap<Pair, f64>| d.values().copied().fold(view.clearance, f64::min);
-    let before = narrowest(present);
-    let mut widest = present.clone();
+    let narrowest = |d: &[(Pair, f64)]| d.iter().map(|(_, d)| *d).fold(view.clearance, f64::min);
+    let at_first = narrowest(present);
+    let mut widest = present.to_vec();
     let mut way: Option<Way> = None;
+    let mut q = start.to_vec();
     for steps in 1..=limit {
-        let mut q = start.to_vec();
+        q.copy_from_slice(start);
         for (m, d) in motors.iter().zip(direction) {
             let (slot, axis) = (q.get_mut(*m)?, view.axes.get(*m)?);
             *slot += d * STEP * steps as f64;
@@ -93,16 +96,19 @@ fn walk(
             return way;
         }
         *budget -= 1;
-        let now = distances(&contacts_at(view, &q, view.clearance));
-        let worse = now.iter().any(|(pair, d)| widest.get(pair).is_none_or(|w| *d < w - NOISE));
+        let others = view.poses.iter().enumerate();
+        let poses: Vec<&[f64]> = others.map(|(r, pose)| if r == view.robot { &q[..] } else { pose.as_ref() }).collect();
+        let now = distances(view, watch.update(&poses));
+        let before = |pair: &Pair| widest.binary_search_by_key(&pair, |(p, _)| p).ok().and_then(|i| widest.get(i));
+        let worse = now.iter().any(|(pair, d)| before(pair).is_none_or(|(_, w)| *d < w - NOISE));
+        // A pair that has left the clearance may not come back: only those that are still there are kept.
+        widest = now.iter().map(|(p, d)| (*p, before(p).map_or(*d, |(_, w)| w.max(*d)))).collect();
         if worse {
             return way;
         }
-        // A pair that has left the clearance may not come back: only those that are still there are kept.
-        widest = now.iter().map(|(p, d)| (*p, widest.get(p).copied().unwrap_or(*d).max(*d))).collect();
-        let (free, gain) = (now.is_empty(), narrowest(&now) - before);
+        let (free, gain) = (now.is_empty(), narrowest(&now) - at_first);
         if free || way.as_ref().map_or(GAIN, |w| w.gain) < gain {
-            way = Some(Way { q, steps, free, gain });
+            way = Some(Way { q: q.clone(), steps, free, gain });
         }
         if free {
             return way;
@@ -111,8 +117,9 @@ fn walk(
     way
 }
 
-fn distances(contacts: &[Contact]) -> BTreeMap<Pair, f64> {
-    contacts.iter().map(|c| (c.pair, c.distance)).collect()
+/// What the agent's robot touches, sorted by pair.
+fn distances(view: &View, contacts: &[Contact]) -> Vec<(Pair, f64)> {
+    contacts.iter().filter(|c| involves(view.robot, c)).map(|c| (c.pair, c.distance)).collect()
 }
 
 /// Directions whose absolute values sum to 1: back to where the robot came from, every motor alone, random mixtures.
