@@ -27,7 +27,10 @@ pub fn plan(seed: u64, facts: &Facts) -> Vec<Planned> {
         for _ in 0..rng.random_range(1..=3) {
             let most = facts.healed().since(at);
             for board in (0..boards).filter(|b| every || *b == board) {
-                all.push(Planned { at, what: What::Wire { robot, board, fault, lasts: lasts.min(most) } });
+                let planned = Planned { at, what: What::Wire { robot, board, fault, lasts: lasts.min(most) } };
+                if !all.iter().any(|before| deafen_together(before, &planned)) {
+                    all.push(planned);
+                }
             }
             at = at + Duration::from_secs_f64(rng.random_range(0.05..4.0));
             if at > facts.healed() {
@@ -36,6 +39,18 @@ pub fn plan(seed: u64, facts: &Facts) -> Vec<Planned> {
         }
     }
     all
+}
+
+/// Whether two faults at a time let one board ignore more stops than a driver can make good.
+fn deafen_together(one: &Planned, other: &Planned) -> bool {
+    let deaf = |p: &Planned| match p.what {
+        What::Wire { robot, board, fault: WireFault::Deaf(_), lasts } => Some((robot, board, lasts)),
+        _ => None,
+    };
+    let (Some((robot, board, lasts)), Some((other_robot, other_board, other_lasts))) = (deaf(one), deaf(other)) else {
+        return false;
+    };
+    (robot, board) == (other_robot, other_board) && one.at < other.at + other_lasts && other.at < one.at + lasts
 }
 
 /// Whether breaking this invariant is the robots' own fault under these faults. A board whose references another program sets goes too
@@ -60,7 +75,7 @@ fn draw(rng: &mut ChaCha8Rng) -> (WireFault, Duration) {
         8 => WireFault::Stamps(rng.random_range(-2.0..2.0)),
         9 => WireFault::Nack(rng.random_range(2..10)),
         // those that come by the piece wait for their moment
-        // one that ignores more moves on for longer than a closed filter may allow (I17)
+        // one that ignores more moves on for longer than a closed filter may allow (I17): see `deafen_together`
         10 => return (WireFault::Deaf(rng.random_range(1..=3)), secs(10.0)),
         11 => return (WireFault::Meddled(rng.random_range(1..4)), secs(10.0)),
         _ => {

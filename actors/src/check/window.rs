@@ -81,25 +81,21 @@ impl Window {
 
     /// The greatest kink of a motor's readings, rad: how far one was from the line through the two before.
     pub fn kink(&self, motor: usize) -> f64 {
-        let readings: Vec<(f64, f64)> = self.of(motor).collect();
-        let kink = |three: &[(f64, f64)]| match three {
-            [(t0, a), (t1, b), (t2, c)] => (c - b - (b - a) * (t2 - t1) / (t1 - t0).max(1e-9)).abs(),
-            _ => 0.0,
+        let [first, second, third] = [0, 1, 2].map(|skip| self.of(motor).skip(skip));
+        let kink = |(((t0, a), (t1, b)), (t2, c)): (((f64, f64), (f64, f64)), (f64, f64))| {
+            (c - b - (b - a) * (t2 - t1) / (t1 - t0).max(1e-9)).abs()
         };
-        readings.windows(3).map(kink).fold(0.0, f64::max)
+        first.zip(second).zip(third).map(kink).fold(0.0, f64::max)
     }
 
     /// The greatest step of a motor's readings, rad a period, by which they went faster than both before and after: no motor comes
     /// and rests within one period, but an encoder's offset does.
     pub fn jump(&self, motor: usize) -> f64 {
-        let readings: Vec<(f64, f64)> = self.of(motor).collect();
         let period = self.period.as_secs_f64();
-        let step = |two: &[(f64, f64)]| match two {
-            [(t0, a), (t1, b)] => ((b - a) * period / (t1 - t0).max(1e-9)).abs(),
-            _ => 0.0,
-        };
+        let step = |((t0, a), (t1, b)): ((f64, f64), (f64, f64))| ((b - a) * period / (t1 - t0).max(1e-9)).abs();
+        let steps = self.of(motor).zip(self.of(motor).skip(1)).map(step);
         // nothing is known of the motor before the first, and what comes after the last step is still to be seen
-        let steps: Vec<f64> = std::iter::once(0.0).chain(readings.windows(2).map(step)).collect();
+        let steps: Vec<f64> = std::iter::once(0.0).chain(steps).collect();
         let beyond = |three: &[f64]| match three {
             [before, step, after] => step - before.max(*after),
             _ => 0.0,

@@ -328,7 +328,7 @@ impl Judge {
         self.found.extend(found);
     }
 
-    /// A look at what is set in a board's joints: as it was found, once they have rested for a while. Modes are a program's own as
+    /// A look at what is set in a board's joints: as it was found, once they have rested and were told nothing for a while. Modes are a program's own as
     /// long as it drives.
     pub fn see_settings(
         &mut self,
@@ -358,7 +358,7 @@ impl Judge {
         let left = watched.found.iter().zip(&settings).position(is_left);
         if left.is_none() || disturbed || v.iter().any(|v| *v != 0.0) {
             watched.still = None;
-        } else if now.since(*watched.still.get_or_insert(now)) > GIVEN_BACK {
+        } else if now.since((*watched.still.get_or_insert(now)).max(watched.moved)) > GIVEN_BACK {
             watched.still = None;
             let joint = left.unwrap_or_default();
             let (found, left) = (watched.found.get(joint), settings.get(joint));
