@@ -25,6 +25,8 @@ const NOISE_BAND: f64 = 1e-3;
 /// How far beyond the margin a pair is measured exactly, meters. A pair with more room is left with its cheap bound, which
 /// is looked at again sooner than need be; with less it would be looked at at every other pose, where exactness pays.
 const MEASURE_RANGE: f64 = 0.02;
+/// Pairs that are asked together whether any of them is due.
+const BLOCK: usize = 32;
 /// Taken off each pair's room, meters: far above the rounding of clocks that have run for days (1e6 m at 1e-16 is 1e-10),
 /// far below what costs a look.
 const ROUNDING: f64 = 1e-9;
@@ -102,9 +104,14 @@ struct MotorTrack {
     fastest: f64,
 }
 
-/// Per pair of a group: the time on the group's clock at which it must be looked at.
-#[derive(Clone, Debug, Default)]
-struct Expiries(Vec<f64>);
+/// The times on a group's clock at which its pairs must be looked at.
+#[derive(Clone, Debug)]
+struct Expiries {
+    /// Per pair.
+    pairs: Vec<f64>,
+    /// Per [`BLOCK`] of pairs the first of theirs: two links of many shapes make thousands of pairs, of which few are due at a time.
+    blocks: Vec<f64>,
+}
 
 /// When a group is due. Ordered by time, then by group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -195,7 +202,11 @@ impl<E: Engine> Watch<E> {
         }
         // Expired since ever: nothing is known of any pair.
         let ever = f64::NEG_INFINITY;
-        self.groups = world.groups.iter().map(|g| Expiries(vec![ever; g.pairs.len()])).collect();
+        let expired = |g: &Group| {
+            let blocks = g.pairs.len().div_ceil(BLOCK);
+            Expiries { pairs: vec![ever; g.pairs.len()], blocks: vec![ever; blocks] }
+        };
+        self.groups = world.groups.iter().map(expired).collect();
         // the pairs of a group are of the same two frames, so its first speaks for all; what is never due is never looked at
         let robot = |k: u32| world.solids[k as usize].id.robot();
         let apart = |(i, j): &IndexPair| robot(*i).is_some() && robot(*j).is_some() && robot(*i) != robot(*j);
@@ -252,38 +263,48 @@ impl<E: Engine> Watch<E> {
                 stray += term.reach * motor.since_turn;
             }
             let mut first = f64::INFINITY;
-            for (expiry, &pair) in expiries.0.iter_mut().zip(&group.pairs) {
-                if clock + stray < *expiry {
-                    first = first.min(*expiry);
+            let blocks = expiries.pairs.chunks_mut(BLOCK).zip(group.pairs.chunks(BLOCK));
+            for (block, (expiries, pairs)) in expiries.blocks.iter_mut().zip(blocks) {
+                if clock + stray < *block {
+                    first = first.min(*block);
                     continue;
                 }
-                // Kinematics only once a pair is really looked at: most poses of a moving robot need none.
-                if !placed {
-                    bodies.place(poses, &mut self.frames);
-                    world.engine.place_frames(&self.frames, &mut self.placement);
-                    placed = true;
-                }
-                world.engine.place_pair(&mut self.placement, pair);
-                self.counters.looked += 1;
-                let enough = self.within + MEASURE_RANGE;
-                let distance = match world.engine.near(&self.placement, pair, enough) {
-                    Near::Within(proximity) => {
-                        self.counters.measured += 1;
-                        if proximity.distance < self.within || proximity.distance <= 0.0 {
-                            self.found.push(world.contact(PairProximity { pair, proximity }));
+                let mut soonest = f64::INFINITY;
+                for (expiry, &pair) in expiries.iter_mut().zip(pairs) {
+                    if clock + stray < *expiry {
+                        soonest = soonest.min(*expiry);
+                        continue;
+                    }
+                    // Kinematics only once a pair is really looked at: most poses of a moving robot need none.
+                    if !placed {
+                        bodies.place(poses, &mut self.frames);
+                        world.engine.place_frames(&self.frames, &mut self.placement);
+                        placed = true;
+                    }
+                    world.engine.place_pair(&mut self.placement, pair);
+                    self.counters.looked += 1;
+                    let enough = self.within + MEASURE_RANGE;
+                    let distance = match world.engine.near(&self.placement, pair, enough) {
+                        Near::Within(proximity) => {
+                            self.counters.measured += 1;
+                            if proximity.distance < self.within || proximity.distance <= 0.0 {
+                                self.found.push(world.contact(PairProximity { pair, proximity }));
+                            }
+                            proximity.distance
                         }
-                        proximity.distance
-                    }
-                    Near::Beyond(distance) => {
-                        self.counters.measured += u64::from(distance <= enough);
-                        distance
-                    }
-                };
-                // Where the motors stand now they are astray from their turning points, so that they can get farther from
-                // here than their clocks will run, by `stray` at most: taken off. A contact has expired already, so that
-                // it is looked at again at every pose while it lasts.
-                *expiry = clock + (distance - self.within) - stray - ROUNDING;
-                first = first.min(*expiry);
+                        Near::Beyond(distance) => {
+                            self.counters.measured += u64::from(distance <= enough);
+                            distance
+                        }
+                    };
+                    // Where the motors stand now they are astray from their turning points, so that they can get farther from
+                    // here than their clocks will run, by `stray` at most: taken off. A contact has expired already, so that
+                    // it is looked at again at every pose while it lasts.
+                    *expiry = clock + (distance - self.within) - stray - ROUNDING;
+                    soonest = soonest.min(*expiry);
+                }
+                *block = soonest;
+                first = first.min(soonest);
             }
             again.push(Reverse(Due { at: Clock(settled + (first - clock)), group: g }));
         }
