@@ -10,6 +10,9 @@ use std::time::Duration;
 /// How many readings are looked at.
 pub(super) const WINDOW: usize = 16;
 
+/// When a motor was read, seconds since the oldest reading, and where it was, rad.
+type Reading = (f64, f64);
+
 /// The newest readings.
 #[derive(Default)]
 pub(super) struct Window {
@@ -82,7 +85,7 @@ impl Window {
     /// The greatest kink of a motor's readings, rad: how far one was from the line through the two before.
     pub fn kink(&self, motor: usize) -> f64 {
         let [first, second, third] = [0, 1, 2].map(|skip| self.of(motor).skip(skip));
-        let kink = |(((t0, a), (t1, b)), (t2, c)): (((f64, f64), (f64, f64)), (f64, f64))| {
+        let kink = |(((t0, a), (t1, b)), (t2, c)): ((Reading, Reading), Reading)| {
             (c - b - (b - a) * (t2 - t1) / (t1 - t0).max(1e-9)).abs()
         };
         first.zip(second).zip(third).map(kink).fold(0.0, f64::max)
@@ -92,7 +95,7 @@ impl Window {
     /// and rests within one period, but an encoder's offset does.
     pub fn jump(&self, motor: usize) -> f64 {
         let period = self.period.as_secs_f64();
-        let step = |((t0, a), (t1, b)): ((f64, f64), (f64, f64))| ((b - a) * period / (t1 - t0).max(1e-9)).abs();
+        let step = |((t0, a), (t1, b)): (Reading, Reading)| ((b - a) * period / (t1 - t0).max(1e-9)).abs();
         let steps = self.of(motor).zip(self.of(motor).skip(1)).map(step);
         // nothing is known of the motor before the first, and what comes after the last step is still to be seen
         let steps: Vec<f64> = std::iter::once(0.0).chain(steps).collect();
@@ -103,8 +106,7 @@ impl Window {
         steps.windows(3).map(beyond).fold(0.0, f64::max)
     }
 
-    /// Seconds since the oldest reading, and positions, of a motor.
-    fn of(&self, motor: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
+    fn of(&self, motor: usize) -> impl Iterator<Item = Reading> + '_ {
         let since = self.since();
         self.readings.iter().filter_map(move |(at, q)| Some((at.since(since).as_secs_f64(), *q.get(motor)?)))
     }
