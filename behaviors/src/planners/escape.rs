@@ -101,11 +101,11 @@ fn walk(
         let now = distances(view, watch.update(&poses));
         let before = |pair: &Pair| widest.binary_search_by_key(&pair, |(p, _)| p).ok().and_then(|i| widest.get(i));
         let worse = now.iter().any(|(pair, d)| before(pair).is_none_or(|(_, w)| *d < w - NOISE));
-        // A pair that has left the clearance may not come back: only those that are still there are kept.
-        widest = now.iter().map(|(p, d)| (*p, before(p).map_or(*d, |(_, w)| w.max(*d)))).collect();
         if worse {
             return way;
         }
+        // A pair that has left the clearance may not come back: only those that are still there are kept.
+        widest = now.iter().map(|(p, d)| (*p, before(p).map_or(*d, |(_, w)| w.max(*d)))).collect();
         let (free, gain) = (now.is_empty(), narrowest(&now) - at_first);
         if free || way.as_ref().map_or(GAIN, |w| w.gain) < gain {
             way = Some(Way { q: q.clone(), steps, free, gain });
