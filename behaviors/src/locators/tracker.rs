@@ -18,6 +18,8 @@ const ENOUGH: usize = 8;
 /// What is seen to less than this share of its usual size is something else, unless nothing else is seen so many times in a row.
 const PART: f64 = 0.2;
 const ALONE: usize = 256;
+/// A thing whose place is known no better than this, m, may be of any size: that goes with the square of how far it is.
+const VAGUE: f64 = 0.1;
 /// Places that are kept.
 const TRACKS: usize = 4;
 
@@ -85,7 +87,7 @@ impl Track {
         if self.sizes.len() == KEPT {
             self.sizes.pop_front();
         }
-        self.sizes.extend(sight.size);
+        self.sizes.extend(sight.size.filter(|_| sight.estimate.covariance.trace().sqrt() < VAGUE));
         if is_hidden {
             return;
         }
@@ -142,7 +144,8 @@ impl Tracker {
         let usual = self.tracks.iter().rev().find_map(Track::usual);
         let is_small = |sight: &&Sight| sight.size.zip(usual).is_some_and(|(size, usual)| size < PART * usual);
         let only_small = !sights.is_empty() && sights.iter().all(|sight| is_small(&sight));
-        self.small = if only_small { self.small + 1 } else { 0 };
+        // where nothing is seen, nothing speaks against it
+        self.small = if only_small { self.small + 1 } else { self.small * usize::from(sights.is_empty()) };
         let is_alone = self.small > ALONE;
         for sight in sights.iter().filter(|sight| is_alone || !is_small(sight)) {
             let far = |track: &Track| {

@@ -196,6 +196,18 @@ fn specks_are_not_the_object_even_if_nothing_else_is_seen_for_a_while() {
     );
 }
 
+/// A wall taken for the object in the first pictures, before the eyes turn to the table, must not make a speck of the object.
+#[test]
+fn what_is_far_away_does_not_tell_how_large_the_object_is() {
+    let mut tracker = Tracker::new(Matrix3::identity() * 1e-4);
+    let mut see = |x: f64, sd: f64, size: f64| {
+        let estimate = Estimate { place: Vector3::new(x, 0.1, 0.0), covariance: Matrix3::identity() * sd * sd };
+        tracker.see(&[Sight { estimate, size: Some(size) }]).len()
+    };
+    assert!((0..20).all(|_| see(3.0, 0.25, 8000.0) == 1));
+    assert_eq!((0..6).map(|_| see(0.3, 0.02, 500.0)).sum::<usize>(), 4, "told once it was seen three times");
+}
+
 #[test]
 fn a_tracker_keeps_two_things_of_the_same_looks_apart() {
     let covariance = Matrix3::identity() * 1e-4;
