@@ -113,6 +113,34 @@ struct Expiries {
     blocks: Vec<f64>,
 }
 
+impl Expiries {
+    /// So many pairs that were due at this time.
+    fn since(time: f64, pairs: usize) -> Self {
+        Self { pairs: vec![time; pairs], blocks: vec![time; pairs.div_ceil(BLOCK)] }
+    }
+
+    /// Looks at the pairs that are due: `look` tells when a pair is due again.
+    ///
+    /// # Returns
+    /// When the first of all is due.
+    fn renew(&mut self, pairs: &[IndexPair], now: f64, mut look: impl FnMut(IndexPair) -> f64) -> f64 {
+        let blocks = self.pairs.chunks_mut(BLOCK).zip(pairs.chunks(BLOCK));
+        for (first, (expiries, pairs)) in self.blocks.iter_mut().zip(blocks) {
+            if now < *first {
+                continue;
+            }
+            for (expiry, pair) in expiries.iter_mut().zip(pairs) {
+                if now < *expiry {
+                    continue;
+                }
+                *expiry = look(*pair);
+            }
+            *first = expiries.iter().copied().fold(f64::INFINITY, f64::min);
+        }
+        self.blocks.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+}
+
 /// When a group is due. Ordered by time, then by group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Due {
@@ -202,11 +230,7 @@ impl<E: Engine> Watch<E> {
         }
         // Expired since ever: nothing is known of any pair.
         let ever = f64::NEG_INFINITY;
-        let expired = |g: &Group| {
-            let blocks = g.pairs.len().div_ceil(BLOCK);
-            Expiries { pairs: vec![ever; g.pairs.len()], blocks: vec![ever; blocks] }
-        };
-        self.groups = world.groups.iter().map(expired).collect();
+        self.groups = world.groups.iter().map(|g| Expiries::since(ever, g.pairs.len())).collect();
         // the pairs of a group are of the same two frames, so its first speaks for all; what is never due is never looked at
         let robot = |k: u32| world.solids[k as usize].id.robot();
         let apart = |(i, j): &IndexPair| robot(*i).is_some() && robot(*j).is_some() && robot(*i) != robot(*j);
@@ -262,50 +286,34 @@ impl<E: Engine> Watch<E> {
                 clock += term.reach * motor.traveled;
                 stray += term.reach * motor.since_turn;
             }
-            let mut first = f64::INFINITY;
-            let blocks = expiries.pairs.chunks_mut(BLOCK).zip(group.pairs.chunks(BLOCK));
-            for (block, (expiries, pairs)) in expiries.blocks.iter_mut().zip(blocks) {
-                if clock + stray < *block {
-                    first = first.min(*block);
-                    continue;
+            let first = expiries.renew(&group.pairs, clock + stray, |pair| {
+                // Kinematics only once a pair is really looked at: most poses of a moving robot need none.
+                if !placed {
+                    bodies.place(poses, &mut self.frames);
+                    world.engine.place_frames(&self.frames, &mut self.placement);
+                    placed = true;
                 }
-                let mut soonest = f64::INFINITY;
-                for (expiry, &pair) in expiries.iter_mut().zip(pairs) {
-                    if clock + stray < *expiry {
-                        soonest = soonest.min(*expiry);
-                        continue;
-                    }
-                    // Kinematics only once a pair is really looked at: most poses of a moving robot need none.
-                    if !placed {
-                        bodies.place(poses, &mut self.frames);
-                        world.engine.place_frames(&self.frames, &mut self.placement);
-                        placed = true;
-                    }
-                    world.engine.place_pair(&mut self.placement, pair);
-                    self.counters.looked += 1;
-                    let enough = self.within + MEASURE_RANGE;
-                    let distance = match world.engine.near(&self.placement, pair, enough) {
-                        Near::Within(proximity) => {
-                            self.counters.measured += 1;
-                            if proximity.distance < self.within || proximity.distance <= 0.0 {
-                                self.found.push(world.contact(PairProximity { pair, proximity }));
-                            }
-                            proximity.distance
+                world.engine.place_pair(&mut self.placement, pair);
+                self.counters.looked += 1;
+                let enough = self.within + MEASURE_RANGE;
+                let distance = match world.engine.near(&self.placement, pair, enough) {
+                    Near::Within(proximity) => {
+                        self.counters.measured += 1;
+                        if proximity.distance < self.within || proximity.distance <= 0.0 {
+                            self.found.push(world.contact(PairProximity { pair, proximity }));
                         }
-                        Near::Beyond(distance) => {
-                            self.counters.measured += u64::from(distance <= enough);
-                            distance
-                        }
-                    };
-                    // Where the motors stand now they are astray from their turning points, so that they can get farther from
-                    // here than their clocks will run, by `stray` at most: taken off. A contact has expired already, so that
-                    // it is looked at again at every pose while it lasts.
-                    *expiry = clock + (distance - self.within) - stray - ROUNDING;
-                    soonest = soonest.min(*expiry);
-                }
-                *block = soonest;
-                first = first.min(soonest);
-            }
+                        proximity.distance
+                    }
+                    Near::Beyond(distance) => {
+                        self.counters.measured += u64::from(distance <= enough);
+                        distance
+                    }
+                };
+                // Where the motors stand now they are astray from their turning points, so that they can get farther from
+                // here than their clocks will run, by `stray` at most: taken off. A contact has expired already, so that
+                // it is looked at again at every pose while it lasts.
+                clock + (distance - self.within) - stray - ROUNDING
+            });
             again.push(Reverse(Due { at: Clock(settled + (first - clock)), group: g }));
         }
         // Only now: a group with a contact is due again at once, and would be popped forever.

@@ -141,4 +141,7 @@ fn seeds_that_were_red_are_green() {
     }
     // a board that refused the stop it was reached with was never told again, and its robot lost for good (I15)
     seeds(YARP, 37, 1, "");
+    // a robot that was told to move at every fault of another board was to give back its references meanwhile (I30); a board ignored
+    // the stops of two faults at a time (I17)
+    seeds(YARP, 123, 2, "F30");
 }

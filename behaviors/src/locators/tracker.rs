@@ -143,9 +143,10 @@ impl Tracker {
         let mut told = Vec::new();
         let usual = self.tracks.iter().rev().find_map(Track::usual);
         let is_small = |sight: &&Sight| sight.size.zip(usual).is_some_and(|(size, usual)| size < PART * usual);
-        let only_small = !sights.is_empty() && sights.iter().all(|sight| is_small(&sight));
-        // where nothing is seen, nothing speaks against it
-        self.small = if only_small { self.small + 1 } else { self.small * usize::from(sights.is_empty()) };
+        if sights.is_empty() { self.small = 0; } else {
+            let only_small = sights.iter().all(|sight| is_small(&sight));
+            self.small = if only_small { self.small + 1 } else { 0 };
+        }
         let is_alone = self.small > ALONE;
         for sight in sights.iter().filter(|sight| is_alone || !is_small(sight)) {
             let far = |track: &Track| {

@@ -96,9 +96,7 @@ fn walk(
             return way;
         }
         *budget -= 1;
-        let others = view.poses.iter().enumerate();
-        let poses: Vec<&[f64]> = others.map(|(r, pose)| if r == view.robot { &q[..] } else { pose.as_ref() }).collect();
-        let now = distances(view, watch.update(&poses));
+        let now = distances(view, watch.update(&with_pose(view, &q)));
         let before = |pair: &Pair| widest.binary_search_by_key(&pair, |(p, _)| p).ok().and_then(|i| widest.get(i));
         let worse = now.iter().any(|(pair, d)| before(pair).is_none_or(|(_, w)| *d < w - NOISE));
         if worse {

@@ -146,7 +146,7 @@ fn sized(collider: &Collider, frames: &[LaneFrame]) -> Sized {
     let frame = &frames[collider.frame];
     let pose = frame.choice.inverse() * collider.pose;
     let error = frame.bound.solid(pose.translation.vector.norm(), collider.shape.bounding_radius());
-    let (hull, inner) = (collider.hull.is_some(), collider.inner_capsule());
+    let (hull, inner) = (collider.hull().is_some(), collider.inner_capsule());
     Sized { frame: collider.frame, pose, shape: collider.shape, error, hull, inner }
 }
 

@@ -56,8 +56,8 @@ impl Engine for ScalarEngine {
     fn prepare(colliders: &[Collider]) -> Self {
         let solid = |c: &Collider| {
             let form = Form::new(&c.shape);
-            let form = match &c.hull {
-                Some(hull) => form.hollowed(hull, &c.pose.inverse()),
+            let form = match c.hull() {
+                Some(hull) => form.hollowed(hull, &c.pose.inverse(), c.inner_capsule()),
                 None => form,
             };
             let half_axis = c.pose.rotation * form.outer.half_axis;

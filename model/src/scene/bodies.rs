@@ -101,7 +101,7 @@ impl Bodies {
                 let frame = self.frames + skeleton.frame[n];
                 self.solids.push(Solid {
                     id,
-                    collider: Collider { shape: primitive.shape, frame, pose, hull },
+                    collider: Collider::new(primitive.shape, frame, pose).with_hull(hull),
                     fixed: skeleton.frame[n] == 0,
                     near_root: node.near_root,
                 });

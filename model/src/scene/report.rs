@@ -52,8 +52,8 @@ impl Inventory {
         let mut listed = Vec::new();
         for (s, primitive) in shapes.into_iter().enumerate() {
             listed.push((id(s as u16), self.colliders.len() as u32));
-            let hull = hulls.get(&s).cloned();
-            self.colliders.push(Collider { shape: primitive.shape, frame, pose: primitive.pose, hull });
+            let collider = Collider::new(primitive.shape, frame, primitive.pose);
+            self.colliders.push(collider.with_hull(hulls.get(&s).cloned()));
         }
         listed
     }

@@ -87,7 +87,7 @@ impl<'a> Subject<'a> {
             let first = colliders.len() as u32;
             let hull = |k: usize| node.hulls.get(&k).cloned();
             let solids = node.solids.iter().enumerate();
-            colliders.extend(solids.map(|(k, s)| Collider { shape: s.shape, frame, pose: s.pose, hull: hull(k) }));
+            colliders.extend(solids.map(|(k, s)| Collider::new(s.shape, frame, s.pose).with_hull(hull(k))));
             shapes.push(first..colliders.len() as u32);
         }
         let hulls = robot.nodes.iter().map(|n| Hull::new(&n.solids)).collect();

@@ -27,7 +27,7 @@ fn boxed_box(rng: &mut ChaCha8Rng, frame: usize) -> (Collider, Shape, Isometry3<
     let pose = anywhere(rng, 0.02);
     let hull = Hull::new(corners(&size), radius).unwrap().moved(&pose);
     let around = Shape::Sphere { radius: size.norm() / 2.0 + radius };
-    let collider = Collider { hull: Some(Arc::new(hull)), ..Collider::new(around, frame, pose) };
+    let collider = Collider::new(around, frame, pose).with_hull(Some(Arc::new(hull)));
     (collider, Shape::Box { size }, pose, radius)
 }
 

@@ -328,8 +328,8 @@ impl Judge {
         self.found.extend(found);
     }
 
-    /// A look at what is set in a board's joints: as it was found, once they have rested and were told nothing for a while. Modes are a program's own as
-    /// long as it drives.
+    /// A look at what is set in a board's joints: as it was found, once they have rested and were not told to move for a while. Modes
+    /// are a program's own as long as it drives.
     pub fn see_settings(
         &mut self,
         board: usize,

@@ -70,7 +70,8 @@ fn robots_with_hulls() {
             fast.free(&poses, &mut free).expect("whole poses");
             assert_eq!(free, told, "seed {seed}, {set:?}");
             let (asked, blocked) = (fast.figures().doubtful as usize, by_shapes.iter().filter(|free| !**free).count());
-            assert!(2 * (asked - freed) < blocked - freed, "seed {seed}: {asked} asked of {blocked}, {freed} free");
+            // half of what is not free, and all that is
+            assert!(2 * asked < blocked + freed, "seed {seed}: {asked} asked of {blocked}, {freed} free");
         }
     }
 }

@@ -59,11 +59,10 @@ impl Form {
         }
     }
 
-    /// Of the shape only its hull is solid; all that holds the shape still holds it.
-    pub fn hollowed(self, hull: &Hull, shape_from_hull: &Isometry3<f64>) -> Self {
+    /// Of the shape only its hull is solid, with this capsule within; all that holds the shape still holds it.
+    pub fn hollowed(self, hull: &Hull, shape_from_hull: &Isometry3<f64>, inner: InnerCapsule) -> Self {
         let local = |p: &nalgebra::Point3<f64>| Vector::from((shape_from_hull * p).coords);
         let core = Core::Hull { points: hull.points().iter().map(local).collect() };
-        let inner = hull.inner_capsule(&self.outer, shape_from_hull);
         Form { core, radius: hull.radius(), inner, ..self }
     }
 

@@ -1,8 +1,8 @@
-//! One leg of a plan, when two of them meet, and the way of a robot that goes back by itself.
+//! One leg of a plan, when two of them meet, where each ends, and the way of a robot that goes back by itself.
 
 use super::*;
 use crate::joint_retreat::SLICE;
-use crate::joint_retreat::tests::{A, recorded, rules, scene};
+use crate::joint_retreat::tests::{A, B, recorded, rules, scene};
 use mobee_model::{Robot, Watch};
 use std::time::Duration;
 
@@ -286,5 +286,49 @@ fn a_detour_is_cut_off() {
             steps.iter().all(|step| (1..=10_000_000).contains(&step.as_nanos())),
             "nothing twice, and nothing left out"
         );
+    }
+}
+
+/// Where both end, degrees; whether that is beyond their safe poses; and whether they are blocked on the way.
+fn ends(a: &[(f64, f64)], b: &[(f64, f64)], safe: [f64; 2]) -> [(f64, bool, bool); 2] {
+    let participants = vec![recorded(0, true, a, safe[0]), recorded(1, true, b, safe[1])];
+    let mut plan = Plan::new(participants).unwrap();
+    while !plan.check(SLICE) {}
+    let ways = plan.ways();
+    assert_eq!(ways[0].end(), ways[1].end());
+    [0, 1].map(|i| (ways[i].end.q[0].to_degrees().round(), ways[i].farther, ways[i].blocked))
+}
+
+#[test]
+fn each_ends_at_its_safe_pose_if_the_others_passed_it_there() {
+    // both set out at 4 s; or one earlier, but past the place where the other rests
+    assert_eq!(ends(&A, &B, [4.0, 4.0]), [(90.0, false, false), (10.0, false, false)]);
+    assert_eq!(ends(&A, &B, [3.0, 4.0]), [(90.0, false, false), (10.0, false, false)]);
+    // one stands where it stood all the time that the other was on its way
+    let still = [(0.0, 30.0), (4.0, 30.0), (5.0, 42.0)];
+    assert_eq!(ends(&[(0.0, -90.0), (0.5, -90.0), (5.0, -20.0)], &still, [0.3, 4.0])[1], (30.0, false, false));
+}
+
+#[test]
+fn who_would_stand_in_the_way_goes_back_to_the_rest_before() {
+    // the older one passed the place where the younger rests now before the younger came there
+    assert_eq!(ends(&A, &B, [0.3, 4.0]), [(-90.0, false, false), (90.0, true, false)]);
+}
+
+#[test]
+fn who_cannot_pass_stops_where_the_common_past_ends() {
+    let short: Vec<(f64, f64)> = B.iter().filter(|(t, _)| *t >= 3.0).copied().collect();
+    assert_eq!(ends(&A, &short, [0.3, 4.0]), [(90.0, false, true), (10.0, false, false)]);
+}
+
+#[test]
+fn dwells_of_all_are_skipped_and_no_motor_is_hurried() {
+    let mut plan = Plan::new(vec![recorded(0, true, &A, 0.3), recorded(1, true, &B, 4.0)]).unwrap();
+    while !plan.check(SLICE) {}
+    let ways = plan.ways();
+    // both rest from 3 s to 4 s; speeds are told a few readings late
+    assert!((ways[0].end() - 3.5).abs() < 0.2, "{} s", ways[0].end());
+    for pair in ways.iter().flat_map(|w| w.points.windows(2)) {
+        assert!((pair[0].1[0] - pair[1].1[0]).abs() <= 3.0 * (pair[1].0 - pair[0].0) + 1e-9, "{pair:?}");
     }
 }
