@@ -143,7 +143,8 @@ impl Tracker {
         let mut told = Vec::new();
         let usual = self.tracks.iter().rev().find_map(Track::usual);
         let is_small = |sight: &&Sight| sight.size.zip(usual).is_some_and(|(size, usual)| size < PART * usual);
-        if sights.is_empty() { self.small = 0; } else {
+        // where nothing is seen, nothing speaks against it
+        if !sights.is_empty() {
             let only_small = sights.iter().all(|sight| is_small(&sight));
             self.small = if only_small { self.small + 1 } else { 0 };
         }

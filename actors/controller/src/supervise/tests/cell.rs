@@ -199,7 +199,7 @@ impl Cell {
         let plant = (self.now, self.q, self.goal, self.speed, self.moves, self.mode, self.wall);
         let watched = (self.written, self.restarted, self.way, (self.near_at, self.least), self.read);
         let mut hasher = std::hash::DefaultHasher::new();
-        let _ = std::fmt::write(&mut Hashed(&mut hasher), format_args!("{:?}", (cores, queues, plant, watched)));
+        format!("{:?}", (cores, queues, plant, watched)).hash(&mut hasher);
         hasher.finish()
     }
 
@@ -551,15 +551,5 @@ impl Cell {
             }
             Op::Deliver(link) => self.deliver(link),
         }
-    }
-}
-
-/// Writes text into a hash.
-struct Hashed<'a>(&'a mut std::hash::DefaultHasher);
-
-impl std::fmt::Write for Hashed<'_> {
-    fn write_str(&mut self, text: &str) -> std::fmt::Result {
-        self.0.write(text.as_bytes());
-        Ok(())
     }
 }
