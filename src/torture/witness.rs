@@ -35,7 +35,7 @@ const BLIND: Duration = Duration::from_millis(700);
 const MOVES: f64 = 4.0;
 /// For how long motors may go on behind readings that are equal bit for bit, and how far after that, rad.
 const UNSEEN: (Duration, f64) = (Duration::from_millis(1500), std::f64::consts::PI / 180.0);
-/// When nothing at all happened for so long, the process was suspended.
+/// When nothing at all happened, or nobody looked, for so long, the process was suspended.
 const SUSPENDED: Duration = Duration::from_millis(100);
 /// How long after something was done to the run from outside nobody is held to an instant: an actor may stall.
 const DISTURBED: Duration = Duration::from_secs(3);
@@ -55,6 +55,9 @@ pub struct Witness {
     /// When something was done to the run last, and what happened last.
     disturbed: Time,
     now: Time,
+    /// When the speeds were looked at last, and since when the process has not been suspended.
+    looked: Time,
+    woke: Time,
     /// What several robots did during the retreat at once.
     pub joint: Joint,
     /// What was seen to be broken: the invariant, and a sentence.
@@ -378,8 +381,14 @@ impl Witness {
         }
     }
 
-    /// How fast the fastest motor of a robot really is, rad/s.
+    /// How fast the fastest motor of a robot really is, rad/s. Wants to be told again and again: a long time without a look is one in
+    /// which the process was suspended, and nobody is held to it.
     pub fn speed(&mut self, robot: usize, at: Time, speed: f64) {
+        if at.since(self.looked) > SUSPENDED {
+            self.woke = at;
+        }
+        self.looked = at;
+        let lasts = |since: Time| at.since(since.max(self.woke));
         let Some(seen) = self.robots.get(robot) else { return };
         if speed <= MOVES * seen.rest_speed {
             return;
@@ -387,15 +396,15 @@ impl Witness {
         let (name, status, since) = (&seen.name, seen.status, seen.since);
         let speed = seen.units.told_speed(speed, 2);
         let goes_back = matches!(status, Status::Retreating | Status::Settling);
-        if !seen.open && !goes_back && at.since(since) > BRAKES {
+        if !seen.open && !goes_back && lasts(since) > BRAKES {
             let what = format!("{name}: moves at {speed} at {at}, though closed and {status:?} since {since}");
             self.found.push(("I17", what));
         }
-        if let Some(waits) = seen.waits.filter(|waits| at.since(*waits) > BRAKES) {
+        if let Some(waits) = seen.waits.filter(|waits| lasts(*waits) > BRAKES) {
             let what = format!("{name}: moves at {speed} at {at}, though its retreat waits since {waits}");
             self.found.push(("I9", what));
         }
-        if at.since(seen.last) > BLIND {
+        if lasts(seen.last) > BLIND {
             let what = format!("{name}: moves at {speed} at {at}, and no reading came through since {}", seen.last);
             self.found.push(("I8", what));
         }

@@ -14,6 +14,8 @@ use std::time::Duration;
 
 /// For how long readings may be equal in any case, and what is granted for reacting to it, seconds.
 const STILL: f64 = 0.5;
+/// What the time between two readings counts for at most: nothing can be noticed without a reading, and a process may be suspended.
+const GAP: Duration = Duration::from_millis(250);
 /// How far from its target, rad, a motion is not about to end: 2 deg.
 const FAR: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
@@ -25,14 +27,19 @@ pub(super) struct FrozenIsNoticed {
 #[derive(Default)]
 struct Robot {
     units: MotorUnits,
-    /// The newest reading, and since when it is so.
-    newest: Option<(Pose, Time)>,
+    newest: Option<Reading>,
     course: Option<ReferenceTrajectory>,
+}
+
+/// The newest reading, and for how long readings have been so since the move began.
+struct Reading {
+    q: Pose,
+    at: Time,
+    still: Duration,
 }
 
 /// A move under way.
 struct ReferenceTrajectory {
-    begun: Time,
     target: Vec<(usize, f64)>,
     /// For how long readings may be equal.
     within: Duration,
@@ -40,27 +47,31 @@ struct ReferenceTrajectory {
 
 impl Robot {
     /// The course of a move from where the robot is.
-    fn course(&self, now: Time, q: &[(usize, f64)], speed: &[(usize, f64)]) -> Option<ReferenceTrajectory> {
-        let (here, _) = self.newest.as_ref()?;
-        let way = |(m, q): &(usize, f64)| Some((q - here.get(*m)?).abs());
+    fn course(&mut self, now: Time, q: &[(usize, f64)], speed: &[(usize, f64)]) -> Option<ReferenceTrajectory> {
+        let newest = self.newest.as_mut()?;
+        (newest.at, newest.still) = (now, Duration::ZERO);
+        let way = |(m, q): &(usize, f64)| Some((q - newest.q.get(*m)?).abs());
         let farthest = q.iter().filter_map(way).fold(0.0, f64::max);
         // at a mean speed of half the greatest
         let secs = q.iter().zip(speed).filter_map(|(q, (_, v))| Some(2.0 * way(q)? / v.max(1e-6))).fold(0.0, f64::max);
         let degree = secs * 1f64.to_radians() / farthest.max(1e-9);
         let within = Duration::try_from_secs_f64(STILL.max(degree) + STILL).ok()?;
-        Some(ReferenceTrajectory { begun: now, target: q.to_vec(), within })
+        Some(ReferenceTrajectory { target: q.to_vec(), within })
     }
 
     fn pose(&mut self, robot: &str, at: Time, q: &Pose) -> Option<String> {
-        let since = match &mut self.newest {
-            Some((last, since)) if *last == *q => *since,
+        let still = match &mut self.newest {
+            Some(newest) if newest.q == *q => {
+                newest.still += at.since(newest.at).min(GAP);
+                newest.at = at;
+                newest.still
+            }
             newest => {
-                *newest = Some((q.clone(), at));
+                *newest = Some(Reading { q: q.clone(), at, still: Duration::ZERO });
                 return None;
             }
         };
         let course = self.course.as_ref()?;
-        let still = at.since(since.max(course.begun));
         let of = |(m, _): &(usize, f64)| q.get(*m).copied().unwrap_or_default();
         let here: Vec<f64> = course.target.iter().map(of).collect();
         let there: Vec<f64> = course.target.iter().map(|(_, q)| *q).collect();

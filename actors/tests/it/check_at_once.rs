@@ -38,6 +38,11 @@ fn state(status: Status) -> Event {
 
 /// How often this invariant is broken by these events, with readings 10 ms apart, at each of which the motors are at `q`.
 fn broken(invariant: &str, events: &[(f64, Event)], q: impl Fn(f64) -> [f64; 2]) -> usize {
+    broken_with_gaps(invariant, events, |at| Some(q(at)))
+}
+
+/// The same, with no reading where there is no `q`.
+fn broken_with_gaps(invariant: &str, events: &[(f64, Event)], q: impl Fn(f64) -> Option<[f64; 2]>) -> usize {
     let mut checker = Checker::default();
     let mut events = events.iter().peekable();
     let mut n = 0;
@@ -48,7 +53,9 @@ fn broken(invariant: &str, events: &[(f64, Event)], q: impl Fn(f64) -> [f64; 2])
             checker.on(&JournalLine { line: n + 1, n, at, event, hash: String::new() });
             n += 1;
         }
-        checker.pose(0, Time::from_secs(at), &q(at).as_slice().into());
+        if let Some(q) = q(at) {
+            checker.pose(0, Time::from_secs(at), &q.as_slice().into());
+        }
     }
     checker.on(&JournalLine { line: n + 1, n, at: Time::from_secs(6.0), event: ended(), hash: String::new() });
     checker.end().1.iter().filter(|v| v.invariant == invariant).count()
@@ -103,20 +110,25 @@ fn i25_a_constraint_stops_the_retreat_unless_it_was_violated_from_the_start() {
 #[test]
 fn i26_a_move_behind_readings_that_are_equal_ends_in_time() {
     // one radian at 0.2 rad/s: a degree takes 0.17 s at half of that
-    let run = |freezes: f64, closes: f64| {
-        let events = [
+    let events = |closes: f64| {
+        [
             (0.0, robot()),
             (0.1, enabled(1)),
             (1.0, commit(false)),
             (1.0, state(Status::Moving)),
             (1.0, command(Writer::Agent, CommandKind::Move, &[1])),
             (closes, disabled(2)),
-        ];
-        broken("I26", &events, |at| [0.0, 0.1 * (at.min(freezes) - 1.0).max(0.0)])
+        ]
     };
+    let frozen = |freezes: f64, at: f64| [0.0, 0.1 * (at.min(freezes) - 1.0).max(0.0)];
+    let run = |freezes: f64, closes: f64| broken("I26", &events(closes), |at| frozen(freezes, at));
     assert_eq!((run(2.0, 2.9), run(2.0, 3.2)), (0, 1));
     assert_eq!(run(6.0, 5.9), 0, "it moves");
     assert_eq!((run(0.0, 1.9), run(0.0, 2.2)), (0, 1), "it never moved");
+    let asleep = |closes: f64| {
+        broken_with_gaps("I26", &events(closes), |at| Some(frozen(2.0, at)).filter(|_| !(2.5..4.0).contains(&at)))
+    };
+    assert_eq!((asleep(4.1), asleep(4.5)), (0, 1), "nobody notices anything while the process is suspended");
 }
 
 #[test]

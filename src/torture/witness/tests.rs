@@ -71,3 +71,22 @@ fn a_motor_that_is_held_and_pushed_on_breaks_i32() {
     assert_eq!(broken(Status::Moving, 11.0, 0.9), 0, "it is noticed by then");
     assert_eq!(broken(Status::Retreating, 11.0, 1.5), 0, "a retreat is watched otherwise");
 }
+
+/// I8 and I17: a robot that moves though closed, or unseen. What it did while the process was suspended is nobody's fault.
+#[test]
+fn a_robot_moves_unseen_or_closed_only_while_the_process_is_suspended() {
+    let broken = |open: bool, asleep: std::ops::Range<u32>| -> Vec<&str> {
+        let mut witness = Witness::default();
+        let mut seen = Seen::new("arm", (0.01, Duration::from_millis(20), 0.02), Time::ZERO);
+        (seen.open, seen.status) = (open, Status::Stopping);
+        witness.robots = vec![seen];
+        for step in (0..100).filter(|step| !asleep.contains(step)) {
+            witness.speed(0, Time::from_secs(0.02 * f64::from(step)), 1.0);
+        }
+        witness.found.iter().map(|(invariant, _)| *invariant).collect()
+    };
+    assert!(broken(true, 0..0).contains(&"I8"));
+    assert!(broken(false, 0..0).contains(&"I17"));
+    assert!(broken(true, 10..80).is_empty() && broken(false, 10..80).is_empty());
+    assert!(broken(true, 1..50).contains(&"I8"), "a second after it woke");
+}
