@@ -29,7 +29,8 @@ fn holds(run: &Path) -> Vec<Value> {
 
 /// A run in another process.
 struct Run {
-    child: Child,
+    /// None once it has ended.
+    child: Option<Child>,
     out: PathBuf,
 }
 
@@ -39,7 +40,7 @@ impl Run {
         let mut command = mobee();
         command.args(["run", "--clock", "real", "--json", "--out", text(&out)]).args(args);
         let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("mobee starts");
-        Run { child, out }
+        Run { child: Some(child), out }
     }
 
     /// Waits until the journal says so.
@@ -49,18 +50,29 @@ impl Run {
             if done(&all) {
                 return all;
             }
-            assert!(self.child.try_wait().expect("a child").is_none(), "it ended before its time");
+            let ended = self.child.as_mut().and_then(|child| child.try_wait().expect("a child"));
+            assert!(ended.is_none(), "it ended before its time");
             std::thread::park_timeout(Duration::from_millis(10));
         }
     }
 
     fn signal(&self, name: &str) {
-        let sent = Command::new("kill").args([&format!("-{name}"), &self.child.id().to_string()]).status();
+        let id = self.child.as_ref().expect("a child").id().to_string();
+        let sent = Command::new("kill").args([&format!("-{name}"), &id]).status();
         assert!(sent.expect("kill").success());
     }
 
     /// Waits for its end.
-    fn end(self) -> Output {
-        self.child.wait_with_output().expect("an end")
+    fn end(mut self) -> Output {
+        self.child.take().expect("a child").wait_with_output().expect("an end")
+    }
+}
+
+impl Drop for Run {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
     }
 }

@@ -28,7 +28,7 @@ fn a_hang_up_that_is_to_be_ignored_ends_nothing() {
     command.args(["run", "configs/behaviors/explore.toml", "--no-record", "--clock", "real", "--json", "--out"]);
     let pipe = std::process::Stdio::piped;
     let child = command.arg(&out).stdout(pipe()).stderr(pipe()).spawn().expect("nohup starts");
-    let mut run = Run { child, out: out.clone() };
+    let mut run = Run { child: Some(child), out: out.clone() };
     run.wait(|all| count(all, "commit") > 0);
     run.signal("HUP");
     run.signal("TERM");
