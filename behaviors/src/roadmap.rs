@@ -161,6 +161,7 @@ impl Roadmap {
                     let driven = matches!(state, EdgeState::Feasible | EdgeState::Removed);
                     self.restore(*from, *to, Edge { state: *state, driven, cause: cause.clone() });
                 }
+                Note::Tried { from, to, reached, cause } => self.keep(*from, *to, *reached, cause.clone()),
                 _ => {}
             }
         }
@@ -318,7 +319,7 @@ impl Roadmap {
 
     /// An edge was driven to its end: it is feasible, and so is its opposite unless that one failed itself.
     pub fn succeeded(&mut self, from: u32, to: u32) {
-        self.log(TriedMotion { run: None, from, to, reached: true, cause: None });
+        self.log(from, to, true, None);
         self.change(from, to, |e| *e = Edge { state: EdgeState::Feasible, driven: true, cause: None });
         self.change(to, from, |e| e.state = EdgeState::Feasible);
     }
@@ -330,7 +331,7 @@ impl Roadmap {
         if self.unlink(from, to).is_none() {
             return;
         }
-        self.log(TriedMotion { run: None, from, to, reached: false, cause: cause.clone() });
+        self.log(from, to, false, cause.clone());
         let removed = Edge { state: EdgeState::Removed, driven: true, cause };
         self.note(from, to, &removed);
         self.ledger.insert((from, to), removed);
@@ -341,14 +342,20 @@ impl Roadmap {
         });
     }
 
-    /// A motion was tried. A tour without end must not fill the memory, nor each snapshot of its agent; what earlier runs tried, and
-    /// the map's file tells, stays.
-    fn log(&mut self, motion: TriedMotion) {
+    /// A motion was tried: whoever goes on with the run is told, too.
+    fn log(&mut self, from: u32, to: u32, reached: bool, cause: Option<String>) {
+        self.notes.push(Note::Tried { from, to, reached, cause: cause.clone() });
+        self.keep(from, to, reached, cause);
+    }
+
+    /// Keeps a motion of this run. A tour without end must not fill the memory, nor each snapshot of its agent; what earlier runs tried,
+    /// and the map's file tells, stays.
+    fn keep(&mut self, from: u32, to: u32, reached: bool, cause: Option<String>) {
         let own = self.tried.iter().position(|t| t.run.is_none()).unwrap_or(self.tried.len());
         if self.tried.len() - own >= MOST_TRIED {
             self.tried.remove(own);
         }
-        self.tried.push(motion);
+        self.tried.push(TriedMotion { run: None, from, to, reached, cause });
     }
 
     /// Takes a removed edge back as an optimistic one, because the world changed (I11). Answers whether there was one.

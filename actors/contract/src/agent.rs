@@ -196,6 +196,18 @@ pub enum Note {
         /// What stood in the way, in words, if known.
         cause: Option<String>,
     },
+    /// A motion along a directed edge ended: what the map's log of tried motions says.
+    Tried {
+        /// From vertex.
+        from: u32,
+        /// To vertex.
+        to: u32,
+        /// Whether it was driven to its end; else it failed.
+        reached: bool,
+        /// What stood in the way, in words, if known.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        cause: Option<String>,
+    },
     /// The vertices of the plan that is now followed, from the robot's side to the goal; empty: no plan.
     Plan {
         /// Vertex numbers.

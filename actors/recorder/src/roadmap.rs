@@ -60,7 +60,7 @@ impl Roadmap {
                     self.changed.plan = true;
                 }
             }
-            Note::Log { .. } => {}
+            Note::Tried { .. } | Note::Log { .. } => {}
         }
     }
 

@@ -122,7 +122,8 @@ pub(crate) fn line(event: &Event) -> Option<(&str, Level, String)> {
 
 fn note_line<'a>(robot: &'a str, note: &Note) -> Option<(&'a str, Level, String)> {
     Some(match note {
-        Note::Vertex { .. } => return None,
+        // what it taught of the edge says the rest
+        Note::Vertex { .. } | Note::Tried { .. } => return None,
         Note::Edge { from, to, state: EdgeState::Feasible, .. } => {
             (robot, Level::Info, format!("edge {from} -> {to} is feasible"))
         }

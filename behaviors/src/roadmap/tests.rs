@@ -241,6 +241,24 @@ fn neighbors_places_and_plans_know_no_seam_where_a_motor_has_no_end() {
     assert_eq!(joined(&robot).edge(0, 1), None);
 }
 
+#[test]
+fn what_was_tried_is_recalled_in_order() {
+    let points = [vec![0.0], vec![1.0], vec![2.0]];
+    let mut before = map(&points, 2);
+    before.succeeded(0, 1);
+    before.failed(1, 2, Some("a wall".into()));
+    before.succeeded(0, 1);
+    let mut after = map(&points, 2);
+    after.recall(&before.notes());
+    after.succeeded(1, 0);
+    let wall = Some("a wall".to_string());
+    let tried = |(from, to, reached, cause)| TriedMotion { run: None, from, to, reached, cause };
+    let expected = [(0, 1, true, None), (1, 2, false, wall), (0, 1, true, None), (1, 0, true, None)].map(tried);
+    assert_eq!(after.tried, expected);
+    let told = |note: &Note| matches!(note, Note::Tried { .. });
+    assert_eq!(after.notes().iter().filter(|note| told(note)).count(), 1, "what was told is not told again");
+}
+
 /// A run without end keeps the newest of its own log, and all of what its map's file tells of earlier runs.
 #[test]
 fn a_log_is_bounded_and_earlier_ones_are_kept() {

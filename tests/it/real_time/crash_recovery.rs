@@ -63,6 +63,13 @@ fn a_journal_that_was_cut_anywhere_is_gone_on_with() {
             let edge = map["edges"].as_array().and_then(|all| all.iter().find(same)).expect("the edge");
             assert_eq!(edge["state"], "removed", "{edge}");
         }
+        // its log of tried motions is that of all processes
+        let log = |all: &[Value]| {
+            let motion = |t: &Value| (t["from"].as_u64(), t["to"].as_u64(), t["reached"].as_bool());
+            all.iter().map(motion).collect::<Vec<_>>()
+        };
+        let told = all.iter().map(|e| &e["note"]).filter(|note| note["note"] == "tried").cloned();
+        assert_eq!(log(map["tried"].as_array().expect("a log")), log(&told.collect::<Vec<_>>()));
     }
 }
 

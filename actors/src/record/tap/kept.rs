@@ -78,7 +78,7 @@ impl Kept {
                 Note::Vertex { id, .. } => Key::Vertex(self.index(robot), *id),
                 Note::Edge { from, to, .. } => Key::Edge(self.index(robot), *from, *to),
                 Note::Plan { .. } => Key::Plan(self.index(robot)),
-                Note::Log { .. } => return None,
+                Note::Tried { .. } | Note::Log { .. } => return None,
             },
             _ => return None,
         })
