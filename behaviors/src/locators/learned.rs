@@ -61,6 +61,8 @@ pub struct LearnedLocator {
 
 /// Things in one picture that may be one object: so many are looked at, the surest.
 const CANDIDATES: usize = 4;
+/// Of what one eye sees so much less than the other, something hides the rest from it.
+const LESS: f64 = 0.5;
 /// What the border cuts off may be as large as what is seen of it: by so much a place is not known, m.
 const CUT_OFF: f64 = 0.1;
 
@@ -78,23 +80,43 @@ impl LearnedLocator {
         self
     }
 
-    /// Where things are that both eyes saw at once, and that may each be this object.
-    fn place(&mut self, object: &str, views: &[StereoView]) -> Vec<Located> {
+    /// Where something is that stands, as one eye alone tells it that sees all of it: the other does not see it, or not all of it.
+    fn by_one(&self, object: &str, eye: usize, view: &StereoView) -> Option<Sight> {
+        let (ray, glimpse) = (self.ready.rays(view)?[eye], view.eyes[eye]);
+        let estimate = self.stands?.on_ray(&ray).filter(|_| !glimpse.is_clipped)?;
+        let size = size(&glimpse, &ray, &estimate)?;
+        let is_whole = self.trackers.get(object)?.is_as_large(size);
+        is_whole.then_some(Sight { estimate, size: Some(size) })
+    }
+
+    /// Where things are that both eyes saw at once, and that may each be this object; if there are none, those that one eye saw.
+    fn place(&mut self, object: &str, views: &[StereoView], lone: &[(usize, StereoView)]) -> Vec<Located> {
         let (mut whole, mut cut_off) = (Vec::new(), Vec::new());
         for view in views {
+            if let Some(sight) = view.sees_less(LESS).and_then(|less| self.by_one(object, 1 - less, view)) {
+                whole.push(sight);
+                continue;
+            }
             let rays = self.ready.rays(view);
             let found = self.ready.locate(view).and_then(|found| match &self.stands {
                 Some(standing) => standing.place(&found, rays),
                 None => Some(found),
             });
             let Some(mut found) = found else { continue };
-            let size = rays.and_then(|rays| size(view, &rays, &found));
+            let sizes = rays.map(|rays| [0, 1].map(|e| size(&view.eyes[e], &rays[e], &found)));
+            let size = sizes.and_then(|[left, right]| Some(f64::min(left?, right?)));
             // who has learned from views that the border cut off knows what they are worth
             if view.is_clipped() && !matches!(self.ready, ReadyLocator::Calibrated(_)) {
                 found.covariance += Matrix3::identity() * CUT_OFF.powi(2);
                 cut_off.push(found);
             } else {
                 whole.push(Sight { estimate: found, size });
+            }
+        }
+        if whole.is_empty() {
+            whole.extend(lone.iter().filter_map(|(eye, view)| self.by_one(object, *eye, view)));
+            if whole.is_empty() && views.is_empty() {
+                return Vec::new();
             }
         }
         let whole = if self.tracks {
@@ -111,14 +133,9 @@ impl LearnedLocator {
     }
 }
 
-/// How much the eye that sees less of something sees of it: the area of its box times the square of the distance.
-fn size(view: &StereoView, rays: &[Ray; 2], found: &Estimate) -> Option<f64> {
-    let seen = |(glimpse, (eye, _)): (&Glimpse, &Ray)| {
-        let [_, _, width, height] = glimpse.bounds?;
-        Some(width * height * (found.place - eye).norm_squared())
-    };
-    let [left, right] = [0, 1].map(|e| seen((&view.eyes[e], &rays[e])));
-    Some(f64::min(left?, right?))
+/// How much an eye sees of something: the area of its box times the square of the distance.
+fn size(glimpse: &Glimpse, (eye, _): &Ray, found: &Estimate) -> Option<f64> {
+    Some(glimpse.area()? * (found.place - eye).norm_squared())
 }
 
 /// What the camera that the file knows would have seen: another size or another lens makes other pixels of the same direction.
@@ -161,15 +178,23 @@ impl Locator for LearnedLocator {
         for (object, mut look) in looks {
             look.sort_by(|a, b| b.0.total_cmp(&a.0));
             look.truncate(CANDIDATES);
+            let look: Vec<Glimpse> = look.into_iter().map(|(_, glimpse)| glimpse).collect();
             let waiting = self.waiting.entry(object.to_owned()).or_default();
-            waiting[eye] = Some((at, look.into_iter().map(|(_, glimpse)| glimpse).collect()));
-            let [Some((left_at, left)), Some((right_at, right))] = &*waiting else { continue };
-            if left_at.since(*right_at).max(right_at.since(*left_at)) > TOGETHER {
-                continue;
-            }
-            let views = pairs(&self.ready, &encoders, self.stands.as_ref(), [left, right]);
-            *waiting = [None, None];
-            found.extend(self.place(object, &views));
+            let before = waiting[eye].replace((at, look.clone()));
+            let together = |a: &Time, b: &Time| a.since(*b).max(b.since(*a)) <= TOGETHER;
+            let (views, lone) = match &*waiting {
+                [Some((left_at, left)), Some((right_at, right))] if together(left_at, right_at) => {
+                    let pairs = pairs(&self.ready, &encoders, self.stands.as_ref(), [left, right]);
+                    *waiting = [None, None];
+                    pairs
+                }
+                // the other eye did not see it since this one saw it the last time
+                _ if before.is_some() => (Vec::new(), look.into_iter().map(|glimpse| (eye, glimpse)).collect()),
+                _ => continue,
+            };
+            let alone = |(eye, glimpse)| (eye, StereoView { eyes: [glimpse; 2], encoders, is_timed: true });
+            let lone: Vec<_> = lone.into_iter().map(alone).collect();
+            found.extend(self.place(object, &views, &lone));
         }
         found
     }

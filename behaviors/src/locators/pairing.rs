@@ -13,14 +13,15 @@ const ASKEW: f64 = 0.1;
 /// A ray: where it begins, m, and a direction of length 1, in the frame of the places.
 pub(super) type Ray = (Vector3<f64>, Vector3<f64>);
 
-/// Pairs of what the left eye and what the right eye saw that may be one thing each, those first that are told first by both. Each
-/// glimpse is in one pair at most: the one in which both eyes agree best. A locator that knows no head takes the first of both.
+/// Pairs of what the left eye and what the right eye saw that may be one thing each, those first that are told first by both; and what is
+/// in none, with its eye. Each glimpse is in one pair at most: the one in which both eyes agree best. A locator that knows no head takes the
+/// first of both.
 pub(super) fn pairs(
     ready: &ReadyLocator,
     encoders: &JointAngles,
     stands: Option<&Standing>,
     [left, right]: [&[Glimpse]; 2],
-) -> Vec<StereoView> {
+) -> (Vec<StereoView>, Vec<(usize, Glimpse)>) {
     let view = |l: &Glimpse, r: &Glimpse| StereoView { eyes: [*l, *r], encoders: *encoders, is_timed: true };
     let mut all = Vec::new();
     for (i, l) in left.iter().enumerate() {
@@ -41,7 +42,13 @@ pub(super) fn pairs(
         }
     }
     taken.sort_by_key(|(i, k, _)| i + k);
-    taken.into_iter().map(|(.., view)| view).collect()
+    let lone = |eye: usize, glimpses: &[Glimpse]| {
+        let in_pair = |at: usize| taken.iter().any(|(i, k, _)| at == if eye == 0 { *i } else { *k });
+        let lone = glimpses.iter().enumerate().filter(|(at, _)| !in_pair(*at));
+        lone.map(|(_, glimpse)| (eye, *glimpse)).collect::<Vec<_>>()
+    };
+    let lone = [lone(0, left), lone(1, right)].concat();
+    (taken.into_iter().map(|(.., view)| view).collect(), lone)
 }
 
 /// How badly two rays go to one thing, 1 at most; `None`: to two things.

@@ -3,12 +3,16 @@
 use super::pairing::Ray;
 use super::view::Estimate;
 use mobee_contract::KindError;
+use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// A place that is off the height where things stand by so much, m, and by so many standard deviations, is none: the eyes saw two
 /// different things.
 const OFF_HEIGHT: (f64, f64) = (0.1, 4.0);
+
+/// Cameras may be off by so much, rad: by a degree.
+const ASKEW: f64 = std::f64::consts::PI / 180.0;
 
 /// A ray with no more slope than this (11 degrees) goes along, not down.
 const ALONG: f64 = 0.2;
@@ -55,13 +59,27 @@ impl Standing {
     /// How far beside its own ray either eye has what the other one's ray meets at the height where things stand, at most, rad; `None` if
     /// that says nothing: a ray goes along there, or away.
     pub(super) fn beside(&self, rays: &[Ray; 2]) -> Option<f64> {
-        let there = |(from, toward): &Ray| {
-            let far = (self.z_m - from.z) / toward.z;
-            (toward.z.abs() > ALONG && far > 0.0).then(|| from + toward * far)
-        };
         let [left, right] = rays;
-        let beside = |(from, toward): &Ray, other: &Ray| Some(toward.angle(&(there(other)? - from)));
+        let beside = |(from, toward): &Ray, (other, its): &Ray| {
+            Some(toward.angle(&(other + its * self.far((other, its))? - from)))
+        };
         Some(f64::max(beside(left, right)?, beside(right, left)?))
+    }
+
+    /// How far a ray goes to the height where things stand, m; `None` if it goes along there, or away.
+    fn far(&self, (from, toward): (&Vector3<f64>, &Vector3<f64>)) -> Option<f64> {
+        let far = (self.z_m - from.z) / toward.z;
+        (toward.z.abs() > ALONG && far > 0.0).then_some(far)
+    }
+
+    /// Where an object is that stands there and that one eye alone sees; `None` if its ray goes along there, or away.
+    pub(super) fn on_ray(&self, (from, toward): &Ray) -> Option<Estimate> {
+        let far = self.far((from, toward))?;
+        // an angle moves where the ray meets the height, and the height where it is met along the ray
+        let level = Matrix3::identity() - toward * Vector3::z().transpose() / toward.z;
+        let along = toward * (self.sd_mm * 1e-3 / toward.z);
+        let covariance = level * level.transpose() * (far * ASKEW).powi(2) + along * along.transpose();
+        Some(Estimate { place: from + toward * far, covariance })
     }
 
     /// Where an object is that stands there, as far as a view tells; `None` if what it tells is far above or below that.

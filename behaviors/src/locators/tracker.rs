@@ -18,6 +18,8 @@ const ENOUGH: usize = 8;
 /// What is seen to less than this share of its usual size is something else, unless nothing else is seen so many times in a row.
 const PART: f64 = 0.2;
 const ALONE: usize = 256;
+/// What one eye alone sees counts if it is as large as usual within these shares.
+const LIKE: (f64, f64) = (0.6, 1.5);
 /// A thing whose place is known no better than this, m, may be of any size: that goes with the square of how far it is.
 const VAGUE: f64 = 0.1;
 /// Places that are kept.
@@ -136,12 +138,23 @@ impl Tracker {
         Tracker { common, ..Tracker::default() }
     }
 
+    /// How much is seen of it usually, if that is known.
+    fn usual(&self) -> Option<f64> {
+        self.tracks.iter().rev().find_map(Track::usual)
+    }
+
+    /// Whether as much is seen of something as usually is of the object. Where one eye alone sees it this must be so: anything that looks
+    /// like it and stands elsewhere, such as the robot's own hand before the eyes, would be too large or too small.
+    pub fn is_as_large(&self, size: f64) -> bool {
+        self.usual().is_some_and(|usual| (LIKE.0 * usual..=LIKE.1 * usual).contains(&size))
+    }
+
     /// Views of all that looks like it, at one instant. Answers where these things are, in their order: each with the views of what
     /// rests there before. A place that is new is told once something was seen there so many times in a row (`MOVED`), the first at once.
     pub fn see(&mut self, sights: &[Sight]) -> Vec<Estimate> {
         self.tracks.iter_mut().for_each(|track| track.is_seen = false);
         let mut told = Vec::new();
-        let usual = self.tracks.iter().rev().find_map(Track::usual);
+        let usual = self.usual();
         let is_small = |sight: &&Sight| sight.size.zip(usual).is_some_and(|(size, usual)| size < PART * usual);
         // where nothing is seen, nothing speaks against it
         if !sights.is_empty() {

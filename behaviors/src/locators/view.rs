@@ -15,6 +15,13 @@ pub struct Glimpse {
     pub is_clipped: bool,
 }
 
+impl Glimpse {
+    /// What encloses it, square pixels, if that is known.
+    pub(super) fn area(&self) -> Option<f64> {
+        self.bounds.map(|[_, _, width, height]| width * height)
+    }
+}
+
 /// What both eyes saw of one object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StereoView {
@@ -31,6 +38,12 @@ impl StereoView {
     pub fn pixels(&self) -> Vector4<f64> {
         let [l, r] = self.eyes.map(|e| e.center);
         Vector4::new(l[0], l[1], r[0], r[1])
+    }
+
+    /// The eye to which less than this share is to be seen of what the other one sees: 0 for the left one, 1 for the right one.
+    pub(super) fn sees_less(&self, share: f64) -> Option<usize> {
+        let [left, right] = [self.eyes[0].area()?, self.eyes[1].area()?];
+        if left < share * right { Some(0) } else { (right < share * left).then_some(1) }
     }
 
     /// Whether the border cuts off what either eye saw.

@@ -117,6 +117,67 @@ fn what_stands_on_a_table_is_at_its_height_and_what_the_border_cuts_off_is_hardl
     }
 }
 
+/// The same with so large a box in each eye, pixels; none: that eye sees nothing of it.
+fn looks(locator: &mut LearnedLocator, known: &KnownView, at_s: f64, boxes: [Option<f64>; 2]) -> Vec<Located> {
+    let mut q = vec![0.0; 12];
+    q[3..].copy_from_slice(&known.view.encoders);
+    let mut look = |(camera, eye): (&str, usize)| {
+        let Some(wide) = boxes[eye] else { return Vec::new() };
+        let mut seen = sighting(camera, known.view.eyes[eye].center, at_s, eye);
+        let [x, y] = seen.region.center;
+        seen.region.bounds = [x - wide / 2.0, y - wide / 2.0, x + wide / 2.0, y + wide / 2.0];
+        locator.locate(&[seen], &BodyState { at: Time::from_secs(at_s), q: q.clone().into() })
+    };
+    [look(("eye_left", 0)), look(("eye_right", 1))].concat()
+}
+
+#[test]
+fn one_eye_is_enough_for_what_stands_if_something_hides_it_from_the_other() {
+    let (mut head, file) = trained(LocatorKind::Triangulate);
+    let joints = std::array::from_fn(|i| i + 3);
+    let locator = || LearnedLocator::new(&file, joints, EyeNames { left: None, right: None }, true);
+    let (mut by_one, mut by_both) = (Vec::new(), Vec::new());
+    for eye in (0..600).map(|i| i % 2) {
+        let known = head.view(false);
+        let stands = Some(Standing { z_m: known.place.z, sd_mm: 5.0, behind_mm: 0.0 });
+        let off = |told: &[Located]| told.iter().map(|l| (Vector3::from(l.position) - known.place).norm()).next_back();
+        // both have seen for a while how large it is
+        let seen = |mut locator: LearnedLocator| {
+            let told = (0..10).map(|i| looks(&mut locator, &known, 0.1 * f64::from(i), [Some(20.0); 2]));
+            let last = told.last();
+            (locator, off(&last.unwrap_or_default()))
+        };
+        // nothing of it in the other eye: the next picture of this one says so
+        let mut hidden = [Some(20.0); 2];
+        hidden[1 - eye] = None;
+        let (mut alone, with_both) = seen(locator().standing(stands));
+        assert!(looks(&mut alone, &known, 1.0, hidden).is_empty());
+        let told = looks(&mut alone, &known, 1.1, hidden);
+        // a ray along the table tells nothing
+        let Some(found) = off(&told) else { continue };
+        by_one.push(found);
+        by_both.extend(with_both);
+        hidden[eye] = Some(30.0);
+        assert!(looks(&mut alone, &known, 1.2, hidden).is_empty(), "it has another size");
+        hidden[eye] = Some(20.0);
+        let (mut plain, _) = seen(locator());
+        assert!((0..5).all(|i| looks(&mut plain, &known, 2.0 + 0.1 * f64::from(i), hidden).is_empty()));
+        // a sliver of it in the other eye, whose middle is elsewhere
+        let mut sliver = known;
+        sliver.view.eyes[1 - eye].center[0] += 20.0;
+        hidden[1 - eye] = Some(6.0);
+        let told = looks(&mut seen(locator().standing(stands)).0, &sliver, 1.0, hidden);
+        by_one.extend(off(&told));
+    }
+    let median = |mut all: Vec<f64>| {
+        all.sort_by(f64::total_cmp);
+        all[all.len() / 2]
+    };
+    assert!(by_one.len() > 20, "{}", by_one.len());
+    let [one, both] = [median(by_one), median(by_both)];
+    assert!(one < 1.5 * both + 0.005, "{one} {both}");
+}
+
 #[test]
 fn a_tracker_gets_surer_ignores_what_is_far_off_and_notices_a_move() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
