@@ -7,16 +7,13 @@ use mobee_controller::gate::Gate;
 use mobee_controller::ledger::{Ledger, Motion, Open, Places, SafePose};
 use mobee_model::{Edit, Scene};
 use serde_json::Value;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// How far apart in time a safe pose and the recorded pose that it was taken from may be.
 const ABOUT: Duration = Duration::from_secs(1);
 /// Time on the run's clock between the last event and the process that resumes it: nothing told before is told after.
 const PAUSE: Duration = Duration::from_secs(1);
-
-/// How many of the motions that an agent tried are kept for it.
-const MOST_TRIED: usize = 1000;
 
 /// What an earlier process left.
 #[derive(Clone, Debug, Default)]
@@ -54,9 +51,8 @@ pub struct PastRobot {
     pub q: Option<Pose>,
     /// The recorded poses, oldest first.
     pub recorded: Vec<(Time, Pose)>,
-    /// What the agent noted of its map: vertices in order and edges as they were last, then the newest motions that it tried.
+    /// What the agent noted of its map: vertices in order, edges as they were last, and the motions that it tried.
     pub notes: Vec<Note>,
-    tried: VecDeque<Note>,
     safe: Option<SafePose>,
     outcomes: u64,
     /// Where the notes of the map are in the list.
@@ -151,9 +147,7 @@ impl Past {
 
     /// What was left of this robot.
     pub fn robot(&self, name: &str) -> PastRobot {
-        let mut past = self.robots.get(name).cloned().unwrap_or_default();
-        past.notes.extend(std::mem::take(&mut past.tried));
-        past
+        self.robots.get(name).cloned().unwrap_or_default()
     }
 
     /// Outcomes given, by robot.
@@ -218,12 +212,8 @@ impl PastRobot {
                     None => self.notes.push(note.clone()),
                 }
             }
-            Note::Tried { .. } => {
-                if self.tried.len() == MOST_TRIED {
-                    self.tried.pop_front();
-                }
-                self.tried.push_back(note.clone());
-            }
+            // the map itself keeps the newest
+            Note::Tried { .. } => self.notes.push(note.clone()),
             Note::Plan { .. } | Note::Log { .. } => {}
         }
     }
@@ -232,7 +222,6 @@ impl PastRobot {
     fn forget_edges(&mut self, id: u32) {
         let of_it = |n: &Note| matches!(n, Note::Edge { from, to, .. } | Note::Tried { from, to, .. } if *from == id || *to == id);
         self.notes.retain(|n| !of_it(n));
-        self.tried.retain(|n| !of_it(n));
         self.vertices.clear();
         self.edges.clear();
         for (i, note) in self.notes.iter().enumerate() {

@@ -192,6 +192,7 @@ impl Locator for LearnedLocator {
                 _ if before.is_some() => (Vec::new(), look.into_iter().map(|glimpse| (eye, glimpse)).collect()),
                 _ => continue,
             };
+            // only this eye's half of the view is looked at
             let alone = |(eye, glimpse)| (eye, StereoView { eyes: [glimpse; 2], encoders, is_timed: true });
             let lone: Vec<_> = lone.into_iter().map(alone).collect();
             found.extend(self.place(object, &views, &lone));

@@ -11,8 +11,8 @@ use serde::Deserialize;
 /// different things.
 const OFF_HEIGHT: (f64, f64) = (0.1, 4.0);
 
-/// Cameras may be off by so much, rad: by a degree.
-const ASKEW: f64 = std::f64::consts::PI / 180.0;
+/// A camera may be turned from where it is thought to be by so much, rad: by a degree.
+const TURNED: f64 = std::f64::consts::PI / 180.0;
 
 /// A ray with no more slope than this (11 degrees) goes along, not down.
 const ALONG: f64 = 0.2;
@@ -78,7 +78,7 @@ impl Standing {
         // an angle moves where the ray meets the height, and the height where it is met along the ray
         let level = Matrix3::identity() - toward * Vector3::z().transpose() / toward.z;
         let along = toward * (self.sd_mm * 1e-3 / toward.z);
-        let covariance = level * level.transpose() * (far * ASKEW).powi(2) + along * along.transpose();
+        let covariance = level * level.transpose() * (far * TURNED).powi(2) + along * along.transpose();
         Some(Estimate { place: from + toward * far, covariance })
     }
 
