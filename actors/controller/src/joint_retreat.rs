@@ -11,7 +11,7 @@
 //! Of robots within each other's reach one party is on its way at a time. Who asks meanwhile, or tries a failed way again, goes
 //! after it; those out of reach of all of them go when they like. One who drove into a party goes first: it waits until he is out of
 //! its way. Where the ways cross, so that each waits for the other, all of them are given ways anew, together: what all have recorded
-//! until then leads out. A robot of which nothing was heard for a second is counted out, so that nobody has to tell of a death; the others
+//! until then leads out; so, too, where one who drove into a party stands in its way once he is back. A robot of which nothing was heard for a second is counted out, so that nobody has to tell of a death; the others
 //! stop then, and go on one by one.
 
 mod party;
@@ -192,15 +192,17 @@ impl JointRetreat {
         self.state().party(robot).is_some_and(|party| party.member(other).is_some())
     }
 
-    /// The robot stays where it is on its way, since then, and so do those who go along; or it goes on. Meanwhile others may go.
-    pub fn wait(&self, robot: usize, since: Option<Time>) {
-        self.state().party(robot).and_then(|party| party.member(robot)).into_iter().for_each(|m| m.waits = since);
+    /// The robot stays where it is on its way, for that robot and since then, and so do those who go along; or it goes on. Meanwhile
+    /// others may go.
+    pub fn wait(&self, robot: usize, whom: Option<(usize, Time)>) {
+        self.state().party(robot).and_then(|party| party.member(robot)).into_iter().for_each(|m| m.waits = whom);
     }
 
     /// Whether another robot has been waiting on its way for longer than this one, which waits as well.
     pub fn waits_longer(&self, other: usize, robot: usize) -> bool {
         let mut state = self.state();
-        let mut since = |robot| state.party(robot).and_then(|p| p.member(robot)).and_then(|m| m.waits);
+        let mut since =
+            |robot| state.party(robot).and_then(|p| p.member(robot)).and_then(|m| m.waits).map(|(_, since)| since);
         matches!((since(other), since(robot)), (Some(theirs), Some(own)) if (theirs, other) < (own, robot))
     }
 
@@ -220,6 +222,18 @@ impl JointRetreat {
             }
             _ => false,
         }
+    }
+
+    /// A robot that is back where its motion began touches another there, which waits on its way for it: then all who go along with
+    /// either ask for ways anew, together, and it goes farther back if they can't pass it there. Whether that is so.
+    pub fn stands_in_the_way(&self, robot: usize, other: usize) -> bool {
+        let mut state = self.state();
+        let waits = |m: &Member| m.robot == other && !m.left && m.waits.is_some_and(|(whom, _)| whom == robot);
+        let is_in_the_way = state.parties.iter().any(|p| !p.is_of(robot) && p.members.iter().any(waits));
+        if is_in_the_way {
+            state.parties.iter_mut().filter(|p| p.is_of(robot) || p.is_of(other)).for_each(|party| party.anew = true);
+        }
+        is_in_the_way
     }
 
     /// Whether the robot's way is over because it crosses that of others, so that it is to ask for one anew.

@@ -39,8 +39,8 @@ pub(super) struct Member {
     pub(super) at: f64,
     /// See `at`; without end before its way is known.
     pub(super) end: f64,
-    /// Since when it stays where it is, since a robot that does not go along is in its way.
-    pub(super) waits: Option<Time>,
+    /// For whom it stays where it is, and since when: a robot that does not go along is in its way.
+    pub(super) waits: Option<(usize, Time)>,
     /// Whether it is back, or goes no further.
     pub(super) left: bool,
 }

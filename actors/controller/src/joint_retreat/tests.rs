@@ -231,12 +231,12 @@ fn who_is_in_the_way_goes_first() {
     joint_retreat.enroll(other, at(20));
     let both_ask = |ms: u64| (joint_retreat.step(0, 0.0, at(ms)), goes(&joint_retreat, 1, at(ms)));
     assert_eq!(both_ask(20), (Some(0.0), false));
-    joint_retreat.wait(0, Some(at(20)));
+    joint_retreat.wait(0, Some((1, at(20))));
     assert_eq!(both_ask(30), (Some(0.0), true));
     assert!(joint_retreat.makes_room(1, 0, at(40)), "it is on its way");
     assert!(!joint_retreat.makes_room(0, 1, at(40)), "who waits does not");
     assert!(!joint_retreat.waits_longer(0, 1), "the other one goes");
-    joint_retreat.wait(1, Some(at(40)));
+    joint_retreat.wait(1, Some((0, at(40))));
     assert!(joint_retreat.waits_longer(0, 1) && !joint_retreat.waits_longer(1, 0));
     joint_retreat.wait(1, None);
     joint_retreat.leave(1);
@@ -251,10 +251,10 @@ fn ways_that_cross_are_given_anew_together() {
         joint_retreat.enroll(one.clone(), at(0));
         assert!(goes(&joint_retreat, 0, at(0)));
         joint_retreat.enroll(other.clone(), at(10));
-        joint_retreat.wait(0, Some(at(10)));
+        joint_retreat.wait(0, Some((1, at(10))));
         assert!(goes(&joint_retreat, 1, at(10)));
         assert!(!joint_retreat.cross(1, 0), "it is on its way");
-        joint_retreat.wait(1, Some(at(20)));
+        joint_retreat.wait(1, Some((0, at(20))));
         assert!(!joint_retreat.begins_anew(0, at(20)));
         assert!(joint_retreat.cross(1, 0));
         assert!(joint_retreat.begins_anew(0, at(30)) && joint_retreat.begins_anew(1, at(30)));
@@ -278,6 +278,29 @@ fn ways_that_cross_are_given_anew_together() {
     }
 }
 
+/// Who is back, and stands in the way of one that waits for it, goes with that one.
+#[test]
+fn who_stands_in_the_way_of_a_retreat_goes_along() {
+    let (joint_retreat, [one, other]) = (JointRetreat::default(), both());
+    joint_retreat.enroll(one.clone(), at(0));
+    assert!(goes(&joint_retreat, 0, at(0)));
+    joint_retreat.enroll(other.clone(), at(10));
+    joint_retreat.wait(0, Some((1, at(10))));
+    assert!(goes(&joint_retreat, 1, at(10)));
+    assert!(!joint_retreat.stands_in_the_way(0, 1), "nobody waits for that one");
+    joint_retreat.wait(0, None);
+    assert!(!joint_retreat.stands_in_the_way(1, 0), "it goes on by itself");
+    joint_retreat.wait(0, Some((1, at(20))));
+    assert!(joint_retreat.stands_in_the_way(1, 0));
+    for (robot, who) in [one, other].into_iter().enumerate() {
+        assert!(joint_retreat.begins_anew(robot, at(30)));
+        joint_retreat.leave(robot);
+        joint_retreat.enroll(who, at(30));
+    }
+    let both_go = (40..200).any(|ms| goes(&joint_retreat, 0, at(ms)) && goes(&joint_retreat, 1, at(ms)));
+    assert!(both_go && joint_retreat.goes_along(0, 1));
+}
+
 /// What they did on the way is recorded, too: it turns about where they were stopped, and is gone more gently than it was recorded.
 #[test]
 fn ways_anew_are_gone_gently_where_they_turn() {
@@ -296,7 +319,7 @@ fn ways_anew_are_gone_gently_where_they_turn() {
     for (robot, who) in both().into_iter().enumerate() {
         joint_retreat.enroll(who, at(0));
         assert!((0..100).any(|_| goes(&joint_retreat, robot, at(0))));
-        joint_retreat.wait(robot, Some(at(0)));
+        joint_retreat.wait(robot, Some((1 - robot, at(0))));
     }
     assert!(joint_retreat.cross(1, 0));
     [0, 1].into_iter().for_each(|robot| joint_retreat.leave(robot));

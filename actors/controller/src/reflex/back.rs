@@ -11,7 +11,7 @@
 
 use super::contacts::Floors;
 use super::retreat::{Parted, Retreat};
-use super::room::{Room, Way};
+use super::room::{Room, Way, another};
 use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Still, Then};
 use crate::distance;
 use crate::joint_retreat::{Asked, RetreatReply};
@@ -93,7 +93,7 @@ impl ReflexCore {
                 } else {
                     let robot = step.robot();
                     if way == Way::Waits {
-                        step.joint_retreat.wait(self.robot, Some(now));
+                        step.joint_retreat.wait(self.robot, room.whom());
                         step.emit(Event::RetreatWaits {
                             robot,
                             what: blocked(broken, pulse.violated.is_some(), names),
@@ -128,7 +128,7 @@ impl ReflexCore {
                 let (token, back) = (*token, back.clone());
                 self.part(token, back, step);
             }
-            Phase::Settling { token, since, retreat, violated, .. } => {
+            Phase::Settling { token, since, retreat, back, violated, .. } => {
                 let (token, way) = (*token, retreat.way());
                 let broken = self.floors.broken(close).copied();
                 if broken.is_some() || (pulse.violated.is_some() && !*violated) {
@@ -146,6 +146,12 @@ impl ReflexCore {
                     }
                     // let in by itself, it would soon be in the way of those who are not back yet
                     if !step.joint_retreat.is_over(self.robot, now) {
+                        return;
+                    }
+                    // as it set out the others were elsewhere: where they wait for it now, all go on through what they have passed
+                    if !back.again && stands_in_the_way(self.robot, close, step) {
+                        let back = back.clone();
+                        self.part(token, back, step);
                         return;
                     }
                     // at the safe pose it was free: a distance within the hysteresis is no contact there
@@ -251,6 +257,13 @@ impl ReflexCore {
         step.out.push(ReflexOut::ReflexReport(word));
         self.turn(Phase::Watching, step);
     }
+}
+
+/// Whether the robot touches one that waits for it on its own way back: they begin anew then, together.
+fn stands_in_the_way(robot: usize, close: &[Contact], step: &Step) -> bool {
+    let touches = close.iter().filter(|c| c.distance < step.rules.margin);
+    let mut others = touches.filter_map(|c| another(c, robot));
+    others.any(|other| step.joint_retreat.stands_in_the_way(robot, other))
 }
 
 /// What is foreseen with objects that were put where they are since that edit of the world: of all others the path is as free as it was

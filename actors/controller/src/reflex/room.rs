@@ -12,6 +12,8 @@ use std::time::Duration;
 /// How long a robot that is in the way, and is not taken back, is waited for: its agent may get it out, and
 /// escapes are slow.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// How long a retreat waits in all, while others come and go: one of them may be taken back again and again.
+const LONGEST: Duration = Duration::from_secs(30);
 /// How long one is that waits as well, and did so before: the ways of two that wait for each other cross.
 const GRACE: Duration = Duration::from_millis(200);
 /// How often a retreat waits: whoever is met again and again does not make room.
@@ -22,6 +24,8 @@ const OFTEN: u32 = 5;
 pub(super) struct Room {
     /// The robot that is in the way, by index, and when it made room last.
     waits: Option<(usize, Time)>,
+    /// Since when it waits.
+    since: Time,
     times: u32,
 }
 
@@ -41,6 +45,11 @@ pub(super) enum Way {
 }
 
 impl Room {
+    /// For whom it waits, and when that one made room last.
+    pub fn whom(&self) -> Option<(usize, Time)> {
+        self.waits
+    }
+
     /// What this contact that is nearer than it may be, if there is one, means for the retreat of a robot. `rests`: whether it rests
     /// where it was sent: braking, it leaves its path, each motor as it can.
     pub fn look(
@@ -60,13 +69,13 @@ impl Room {
             if self.times == OFTEN {
                 return Way::Blocked;
             }
-            (self.waits, self.times) = (Some((other, now)), self.times + 1);
+            (self.waits, self.since, self.times) = (Some((other, now)), now, self.times + 1);
             return Way::Waits;
         };
         *whom = other.unwrap_or(*whom);
         if retreats.makes_room(*whom, robot, now) {
             *made = now;
-            return Way::Stays;
+            return if now < self.since + LONGEST { Way::Stays } else { Way::Blocked };
         }
         let patience = if retreats.waits_longer(*whom, robot) { GRACE } else { PATIENCE };
         if other.is_none() && rests {
@@ -81,6 +90,29 @@ impl Room {
 }
 
 /// The other robot of a contact of this one.
-fn another(contact: &Contact, robot: usize) -> Option<usize> {
+pub(super) fn another(contact: &Contact, robot: usize) -> Option<usize> {
     [contact.pair.0.robot(), contact.pair.1.robot()].into_iter().flatten().find(|r| *r != robot)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mobee_model::ShapeId;
+
+    /// Whoever is in the way is taken back again and again, and does not leave: what waits for it gives up, and only then.
+    #[test]
+    fn a_retreat_does_not_wait_for_ever() {
+        let retreats = JointRetreat::default();
+        let of = |robot| ShapeId::Robot { robot, node: 0, shape: 0 };
+        let contact = Contact { pair: (of(0), of(1)), distance: 0.005, points: Default::default() };
+        let mut room = Room::default();
+        let mut look = |secs: u64| {
+            let now = Time(secs * 1_000_000_000);
+            retreats.coming(1, now);
+            room.look(Some(&contact), true, 0, &retreats, now)
+        };
+        assert_eq!(look(7), Way::Waits);
+        assert!((8..37).all(|secs| look(secs) == Way::Stays));
+        assert_eq!(look(37), Way::Blocked);
+    }
 }
