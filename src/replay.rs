@@ -16,7 +16,7 @@ use changes::changes;
 use compare::{Compare, Verdict};
 use miette::{IntoDiagnostic, Report};
 use mobee_actors::record::journal;
-use mobee_actors::record::tap::{OpenSink, SinkSpec};
+use mobee_actors::record::tap::{OpenSink, Pictures, SinkSpec};
 use mobee_actors::system::Control;
 use mobee_contract::{Event, Time};
 use mobee_recorder::Recording;
@@ -105,7 +105,7 @@ impl Recorded {
         let verdict = Verdict::default();
         let compare = Compare::new(&self.dir, until, verdict.clone(), stop).map_err(journal_error)?;
         let spec = SinkSpec {
-            pictures: false,
+            pictures: Pictures::None,
             name: "compare".into(),
             essential: false,
             poses: None,

@@ -225,6 +225,7 @@ pub(crate) fn run_with(
     let mut specs = vec![sinks::journal(&journal)];
     specs.extend(sinks::rings(&config, folder, motors.clone()));
     specs.extend(sinks::tracks(&config, folder, motors).map_err(Report::msg)?);
+    specs.extend(sinks::frames(&config, folder).map_err(Report::msg)?);
     specs.extend(bar.map(sinks::terminal));
     let on = recording.as_ref().map_or_else(|| Arc::new(AtomicBool::new(true)), |r| r.on.clone());
     specs.extend(sinks::recorder(&config, folder, recorder, on));

@@ -1,4 +1,4 @@
-//! Cameras: simulated ones, folders of pictures, and image ports of YARP.
+//! Cameras: simulated ones, folders of pictures, image ports of YARP, and what a run kept of those that it had.
 //!
 //! ```text
 //! truth (scene, poses) ──> solids in the eye's frame ──look──> depth, owner ──light──> colors ──film──> Frame
@@ -10,12 +10,14 @@ mod distractors;
 mod eye;
 mod film;
 mod folder;
+mod frames;
 mod image_port;
 mod lens;
 mod lens_settings;
 mod light;
 mod mount;
 mod picture;
+mod recorded;
 mod room;
 mod scenery;
 mod settings;
@@ -31,9 +33,11 @@ pub use by_pose::{CameraPlace, ObjectPlace, PoseLocator, PoseLocatorSettings};
 pub use distractors::DistractorSettings;
 pub use eye::{Owner, Shot, SimulatedEye};
 pub use folder::{FolderCamera, FolderCameraSettings};
+pub use frames::{FrameReader, KeptFrame, KeptFrames};
 pub use image_port::{YarpCamera, YarpCameraSettings};
 pub use lens::{project, unproject};
 pub use lens_settings::LensSettings;
+pub use recorded::{RecordedCamera, RecordedCameraSettings};
 pub use scenery::ScenerySettings;
 pub use settings::SimulatedCameraSettings;
 pub use simulated::SimulatedCamera;

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! * Owns: the simulated robot ([`SimHardware`], kind `sim`), its pure [`Plant`], its injectable faults ([`SimFaults`]), the driver of robots behind YARP ([`YarpHardware`], kind `yarp`), recorded robots
-//!   ([`ReplayHardware`], kind `replay`), cameras (kinds `simulated`, `folder` and `yarp`), the locator that needs to know no more than where these are (kind `pose`), and the estimate of reaction and braking path ([`stopping_path`]). `mobee-conformance` states what each must promise.
+//!   ([`ReplayHardware`], kind `replay`), cameras (kinds `simulated`, `folder`, `yarp` and `recorded`), the frames that a run keeps ([`eyes::KeptFrames`]), the locator that needs to know no more than where these are (kind `pose`), and the estimate of reaction and braking path ([`stopping_path`]). `mobee-conformance` states what each must promise.
 //! * Accepts: `Command`s and leases of the driver contract. Emits: `Sample`s.
 //! * Promises: position, speed and acceleration limits are never exceeded; nothing moves without a lease; the plant outlives
 //!   its drivers; the same seed and the same calls give the same readings.

@@ -18,6 +18,10 @@ pub struct SensorConfig {
     pub robot: Option<String>,
     /// Its cameras, each with its detector.
     pub eye: Vec<EyeConfig>,
+    /// Whether the run keeps every frame that its detectors look at, in files of its folder: for cameras of the kind `recorded`, and for
+    /// `mobee locator collect --images`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub keep_frames: bool,
     /// `kind` and settings of the locator; see `mobee kinds`. Absent: what is seen is recorded, and not placed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub locator: Option<Value>,
@@ -86,13 +90,14 @@ fn stale() -> f64 {
     2.0
 }
 
-/// The settings of a camera, detector or locator that are paths: of what was learned, or of pictures.
+/// The settings of a camera, detector or locator that are paths: of what was learned, of pictures, or of a run.
 pub(crate) fn paths(table: &mut Value) -> impl Iterator<Item = (&'static str, &mut String)> {
     let mut found = Vec::new();
     for (key, value) in table.as_object_mut().into_iter().flatten() {
         match (key.as_str(), value) {
             ("file", Value::String(path)) => found.push(("file", path)),
             ("path", Value::String(path)) => found.push(("path", path)),
+            ("run", Value::String(path)) => found.push(("run", path)),
             ("scenery", Value::Object(scenery)) => {
                 for (key, value) in scenery {
                     match (key.as_str(), value) {
@@ -143,6 +148,12 @@ impl Config {
                 ConfigError::plain(what, suggestion(name, "sensor", all))
             }),
         }
+    }
+
+    /// The cameras whose frames the run keeps, as `<sensor>/<camera>`.
+    pub(crate) fn kept_cameras(&self) -> Vec<String> {
+        let keeping = self.sensor.iter().filter(|s| s.keep_frames);
+        keeping.flat_map(|s| s.eye.iter().map(|eye| format!("{}/{}", s.name, eye.name))).collect()
     }
 
     /// The table of each camera's detector, and the camera's name in a run, as `<sensor>/<camera>`.

@@ -1,7 +1,7 @@
 //! `mobee locator best`: every kind learns from what was collected, is judged by whole places that it has not seen, and the best one is kept,
 //! and put into a sensor that is running.
 
-use super::collect::{Choice, collected};
+use super::collect::{Choice, Collection, collected};
 use crate::config::ConfigError;
 use crate::roadmap::{may_write, save_text};
 use crate::robot_import::Steps;
@@ -62,7 +62,7 @@ pub fn command(args: &BestArgs) -> Result<String, Report> {
     bar.step("reads views");
     let (name, (table, digest), mut said) = match (&args.run, &args.data) {
         (Some(run), _) => {
-            let (text, said) = collected(run, &args.choice)?;
+            let Collection { table: text, said, .. } = collected(run, &args.choice)?;
             let name = run.display().to_string();
             let understood = super::understood(&name, &text)?;
             let report = format!("{name}: {said}");

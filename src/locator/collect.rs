@@ -8,6 +8,7 @@
 //! A run that is still going can be read too: what its journal and its tracks have so far is taken.
 
 mod bodies;
+mod pictures;
 mod report;
 mod rows;
 
@@ -20,7 +21,7 @@ use miette::Report;
 use mobee_actors::record::journal;
 use mobee_behaviors::locators::head::JOINTS;
 use mobee_behaviors::locators::rows::table;
-use mobee_contract::{Event, Intrinsics, Outcome, suggestion};
+use mobee_contract::{Event, Intrinsics, Outcome, Time, suggestion};
 use mobee_drivers::eyes::SimulatedCameraSettings;
 use report::{Check, Collected};
 use rows::Rows;
@@ -35,6 +36,9 @@ pub struct CollectArgs {
     /// The table to write.
     #[arg(long, value_name = "FILE.csv")]
     out: PathBuf,
+    /// Also writes the pictures of the rows, NUMBER_CAMERA.png, into this folder, new or empty: of a run whose sensor kept its frames.
+    #[arg(long, value_name = "DIR")]
+    images: Option<PathBuf>,
     #[command(flatten)]
     choice: Choice,
     /// Replace the table if it exists.
@@ -96,16 +100,31 @@ pub(super) struct Scene {
 /// As for [`collected`]; if the table can't be written.
 pub fn command(args: &CollectArgs) -> Result<String, Report> {
     may_write(&args.out, args.force)?;
-    let (table, said) = collected(&args.run, &args.choice)?;
+    if let Some(dir) = &args.images {
+        pictures::may_fill(dir)?;
+    }
+    let Collection { table, said, cameras, exposed } = collected(&args.run, &args.choice)?;
+    let told = args.images.as_ref().map(|dir| pictures::write(&args.run, dir, &cameras, &exposed)).transpose()?;
     save_text(&args.out, &table)?;
-    Ok(format!("{}: {said}", args.out.display()))
+    Ok(format!("{}: {said}{}", args.out.display(), told.unwrap_or_default()))
+}
+
+/// What was collected of a run.
+pub(super) struct Collection {
+    /// The table.
+    pub table: String,
+    /// What is in it, and what is not.
+    pub said: String,
+    /// The cameras, left and right, by their names in the run, and when each row's pictures were exposed.
+    cameras: [String; 2],
+    exposed: Vec<[Time; 2]>,
 }
 
 /// The table of a run, ended or not, and what is in it and what is not.
 ///
 /// # Errors
 /// If the run can't be read, has no such sensor or marker, or teaches nothing.
-pub(super) fn collected(run: &Path, choice: &Choice) -> Result<(String, String), Report> {
+pub(super) fn collected(run: &Path, choice: &Choice) -> Result<Collection, Report> {
     let c = composition(run, choice)?;
     let scene = Scene::find(&c, choice)?;
     let name = |robot: usize| c.config.robot.get(robot).map(|r| r.name.clone()).unwrap_or_default();
@@ -144,7 +163,8 @@ pub(super) fn collected(run: &Path, choice: &Choice) -> Result<(String, String),
         let what = format!("{}: nothing that was seen is of use: {dropped}", run.display());
         return Err(ConfigError::plain(what, "let both robots rest for a second or two in sight of each other").into());
     }
-    Ok((table(&check.known), format!("{} rows\n{}", check.known.len(), check.text(&collected, &dropped))))
+    let said = format!("{} rows\n{}", check.known.len(), check.text(&collected, &dropped));
+    Ok(Collection { table: table(&check.known), said, cameras: scene.cameras.clone(), exposed: check.exposed })
 }
 
 /// The run as it was composed.

@@ -113,7 +113,7 @@ impl Eye {
                 }
             };
             loop {
-                let (now, period) = (self.clock.now(), parts.camera.period());
+                let now = self.clock.now();
                 // whatever panics takes both parts with it
                 let step = spawn_blocking(move || {
                     let found = parts.step(now);
@@ -137,7 +137,7 @@ impl Eye {
                     stamp = stamp.next(self.clock.time_of_day(found.frame.exposed));
                     self.tell(found, stamp);
                 }
-                self.clock.sleep_until(now + period).await;
+                self.clock.sleep_until(now + parts.camera.period()).await;
             }
             tokio::time::sleep(AGAIN).await;
         }

@@ -10,8 +10,9 @@ use super::switched::Switched;
 use crate::config::{ClockMode, Config};
 use mobee_actors::record::journal::Journal;
 use mobee_actors::record::ring::Rings;
-use mobee_actors::record::tap::{OpenSink, SinkSpec};
+use mobee_actors::record::tap::{OpenSink, Pictures, SinkSpec};
 use mobee_actors::record::track::Tracks;
+use mobee_drivers::eyes::KeptFrames;
 use mobee_recorder::Recorder;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -33,7 +34,7 @@ pub(super) const TERMINAL: &str = "terminal";
 pub(super) fn journal(journal: &Journal) -> SinkSpec {
     let journal = journal.clone();
     SinkSpec {
-        pictures: false,
+        pictures: Pictures::None,
         name: "journal".into(),
         essential: true,
         poses: None,
@@ -49,7 +50,7 @@ pub(super) fn rings(config: &Config, folder: &Folder, motors: Vec<usize>) -> Opt
     let rings: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.history)).collect();
     let dir = folder.path().to_owned();
     (config.clock == ClockMode::Real).then(|| SinkSpec {
-        pictures: false,
+        pictures: Pictures::None,
         name: "poses".into(),
         essential: false,
         poses: Some(Duration::ZERO),
@@ -73,7 +74,7 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
     let robots: Vec<_> = robots.map(|(r, n)| (r.name.clone(), n, r.controller.tolerance_deg.to_radians())).collect();
     let (tracks, dir) = (Tracks::open(folder.path(), &robots)?, folder.path().to_owned());
     Ok(Some(SinkSpec {
-        pictures: false,
+        pictures: Pictures::None,
         name: "track".into(),
         essential: false,
         poses: Some(Duration::ZERO),
@@ -86,10 +87,38 @@ pub(super) fn tracks(config: &Config, folder: &Folder, motors: Vec<usize>) -> Re
     }))
 }
 
+/// The frames of sensors that are to keep them. They end before they take the room that the journal needs, as the poses do.
+///
+/// # Errors
+/// The file that can't be written, in words.
+pub(super) fn frames(config: &Config, folder: &Folder) -> Result<Option<SinkSpec>, String> {
+    let cameras = config.kept_cameras();
+    if cameras.is_empty() {
+        return Ok(None);
+    }
+    if let Some(why) = Room::at(folder.path()).and_then(Room::forbids_recording) {
+        eprintln!("warning: the frames of this run are not kept: {why}");
+        return Ok(None);
+    }
+    let (frames, dir) = (KeptFrames::open(folder.path(), &cameras)?, folder.path().to_owned());
+    Ok(Some(SinkSpec {
+        pictures: Pictures::All(cameras.into()),
+        name: "frames".into(),
+        essential: false,
+        poses: None,
+        capacity: QUEUE,
+        patience: PATIENCE,
+        open: Some(Arc::new(move || {
+            Room::at(&dir).and_then(Room::forbids_recording).map_or(Ok(()), Err)?;
+            Ok(Box::new(Guarded::new(frames.sink(), dir.clone())))
+        })),
+    }))
+}
+
 /// Warnings, as they come.
 pub(super) fn terminal(bar: Bar) -> SinkSpec {
     SinkSpec {
-        pictures: false,
+        pictures: Pictures::None,
         name: TERMINAL.into(),
         essential: false,
         poses: None,
@@ -125,7 +154,7 @@ pub(super) fn recorder(
         })
     });
     Some(SinkSpec {
-        pictures: true,
+        pictures: Pictures::Few,
         name: "recorder".into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),
@@ -144,7 +173,7 @@ pub(super) fn viewer(config: &Config, folder: &Folder) -> Option<SinkSpec> {
         Arc::new(move || Ok(Box::new(Recorder::new(&settings).map_err(|e| e.to_string())?)))
     });
     (config.clock == ClockMode::Real).then(|| SinkSpec {
-        pictures: true,
+        pictures: Pictures::Few,
         name: VIEWER.into(),
         essential: false,
         poses: Some(Duration::from_secs_f64(1.0 / config.record.poses_hz)),

@@ -8,6 +8,7 @@ mod config_layers;
 mod dependency_direction;
 mod detector_files;
 mod eyes_draw;
+mod frames;
 mod hostile_files;
 mod licenses;
 mod locator_files;

@@ -113,7 +113,7 @@ pub struct SeenPicture {
 
 /// Gives frames.
 pub trait Camera: Send {
-    /// The time between two frames.
+    /// The time until the next frame, asked after each.
     fn period(&self) -> Duration;
     /// The frame of now; `None` if there is no new one. Does not wait.
     ///

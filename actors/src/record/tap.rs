@@ -29,6 +29,17 @@ use std::time::Duration;
 /// Opens a sink, at the start and after a failure. An essential one continues where it failed.
 pub type OpenSink = Arc<dyn Fn() -> Result<Box<dyn Sink>, String> + Send + Sync>;
 
+/// Which pictures a sink wants.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Pictures {
+    /// None.
+    None,
+    /// A few per second of each camera, to look at. Only of a sink that wants poses.
+    Few,
+    /// All of these cameras, by their names in the run, to keep: by a virtual clock none is dropped.
+    All(Arc<[String]>),
+}
+
 /// A sink and how it is served.
 #[derive(Clone)]
 pub struct SinkSpec {
@@ -39,8 +50,8 @@ pub struct SinkSpec {
     /// Whether it wants poses and scenes, and how far apart: at most one pose per robot in each such span, and one whenever
     /// contact begins or ends. Zero wants every pose.
     pub poses: Option<Duration>,
-    /// Whether it wants pictures, too: a few per second of each camera. Only of a sink that wants poses.
-    pub pictures: bool,
+    /// Which pictures it wants.
+    pub pictures: Pictures,
     /// Greatest number of entries that wait for it.
     pub capacity: usize,
     /// How long it may take for one entry at the end of the run, before it is left behind.

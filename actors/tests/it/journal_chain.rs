@@ -1,7 +1,7 @@
 //! The journal: every change shows, every crash leaves a readable file (I12), equal runs have equal hashes (I13).
 
 use mobee_actors::record::journal::{Journal, JournalError, JournalLine, NOT_FINITE, VERSION, read};
-use mobee_actors::record::tap::{OpenSink, SinkSpec, Taps};
+use mobee_actors::record::tap::{OpenSink, Pictures, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_contract::{CommitId, Entry, Event, Outcome, Time};
 use proptest::prelude::*;
@@ -146,7 +146,7 @@ fn the_journal_works_behind_the_taps() {
     let open: OpenSink = Arc::new(move || Ok(journal.sink()));
     let patience = std::time::Duration::from_secs(30);
     let spec = SinkSpec {
-        pictures: false,
+        pictures: Pictures::None,
         name: "journal".into(),
         essential: true,
         poses: None,

@@ -1,8 +1,8 @@
 //! Taps: nothing is lost unnoticed, and nobody waits in real time.
 
-use mobee_actors::record::tap::{SinkReport, SinkSpec, TapActor, Taps};
+use mobee_actors::record::tap::{Pictures, SinkReport, SinkSpec, TapActor, Taps};
 use mobee_actors::runtime::clock::{Clock, ClockKind, runtime};
-use mobee_contract::{EdgeState, Entry, Event, Note, Sink, Status, Time};
+use mobee_contract::{EdgeState, Entry, Event, Frame, Intrinsics, Note, SeenPicture, Sink, Status, Time};
 use mobee_model::Scene;
 use ractor::Actor;
 use std::sync::{Arc, Condvar, Mutex};
@@ -62,7 +62,7 @@ impl Sink for Slow {
 fn spec(name: &str, essential: bool, board: &Arc<Board>, capacity: usize) -> SinkSpec {
     let board = board.clone();
     SinkSpec {
-        pictures: false,
+        pictures: Pictures::None,
         name: name.into(),
         essential,
         poses: (!essential).then_some(Duration::from_millis(50)),
@@ -109,6 +109,34 @@ fn in_real_time_a_frozen_recorder_drops_poses_first_and_counts() {
     assert!(recorder.dropped >= 30);
     assert!((0..5).all(|k| frozen.written().contains(&format!("e{k}"))), "no event went before the poses");
     assert!(open.written().iter().any(|l| l.starts_with("Link")), "the journal has the loss");
+}
+
+/// Tells a hundred and fifty pictures of two cameras to a sink that wants all of one of them, and what became of them.
+fn pictures(clock: ClockKind, board: &Arc<Board>, meanwhile: impl FnOnce()) -> SinkReport {
+    let spec = spec("frames", false, board, 1000);
+    let spec = SinkSpec { pictures: Pictures::All(["eyes/left".to_owned()].into()), poses: None, ..spec };
+    let taps = Taps::spawn(clock, vec![spec]).unwrap();
+    let intrinsics = Intrinsics { size: [1, 1], focal: [1.0; 2], center: [0.5; 2], distortion: [0.0; 4] };
+    for k in 0..150 {
+        let frame = Frame { exposed: Time(k), intrinsics, pixels: [0; 3].into() };
+        let seen = Arc::new(SeenPicture { frame, regions: [].into(), mask: None, mount: None });
+        ["eyes/left", "eyes/right"].iter().for_each(|camera| taps.picture(Time(k), camera, &seen));
+    }
+    meanwhile();
+    taps.finish(Time(200), Event::Ended { reason: "done".into() }).remove(0)
+}
+
+#[test]
+fn who_keeps_pictures_has_all_by_a_virtual_clock_and_by_a_real_one_few_wait_and_the_rest_is_counted() {
+    let board = Arc::new(Board::default());
+    board.open_gate();
+    let kept = pictures(ClockKind::Virtual, &board, || {});
+    assert_eq!((kept.sent, kept.handled, kept.dropped), (151, 151, 0));
+    assert_eq!(board.written()[..150], vec!["picture eyes/left"; 150]);
+    let frozen = Arc::new(Board::default());
+    let kept = pictures(ClockKind::Real, &frozen, || frozen.open_gate());
+    assert_eq!((kept.sent, kept.handled), (151, 151 - kept.dropped));
+    assert!((20..90).contains(&kept.dropped), "{} dropped: at most 64 wait, and as many are in hand", kept.dropped);
 }
 
 #[test]

@@ -2,16 +2,16 @@
 
 use super::solid::V3;
 use super::texture::Texture;
-use image::{ImageReader, Limits, RgbImage};
+use image::{ImageFormat, ImageReader, ImageResult, Limits, RgbImage};
 use mobee_contract::KindError;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::{Path, PathBuf};
 
 /// The longest side that a picture may have, pixels.
-const LONGEST: u32 = 4096;
+pub(super) const LONGEST: u32 = 4096;
 /// Pictures of a folder that are looked at, at most.
 const MOST: usize = 100_000;
 
@@ -62,13 +62,24 @@ pub fn size(path: &Path) -> Result<[u32; 2], String> {
     Ok([width, height])
 }
 
+/// A picture in PNG format.
+///
+/// # Errors
+/// If it is broken, or larger than 4096x4096 pixels.
+pub(super) fn decode(png: &[u8]) -> ImageResult<RgbImage> {
+    Ok(limited(ImageReader::with_format(Cursor::new(png), ImageFormat::Png)).decode()?.into_rgb8())
+}
+
 fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, String> {
     let opened = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
-    let mut reader = opened.map_err(|e| format!("can't read {}: {e}", path.display()))?;
+    opened.map(limited).map_err(|e| format!("can't read {}: {e}", path.display()))
+}
+
+fn limited<R: BufRead + Seek>(mut reader: ImageReader<R>) -> ImageReader<R> {
     let mut limits = Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(LONGEST), Some(LONGEST));
     reader.limits(limits);
-    Ok(reader)
+    reader
 }
 
 /// Pictures for walls, drawn from a file or a folder.

@@ -2,6 +2,7 @@
 
 use super::rows::{Dropped, RawRow};
 use mobee_behaviors::locators::view::KnownView;
+use mobee_contract::Time;
 use nalgebra::{Vector3, Vector4};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -31,6 +32,8 @@ pub(super) struct Collected {
 pub(super) struct Check {
     /// The rows, in the order of their places and then of time.
     pub known: Vec<KnownView>,
+    /// When the two pictures of each row were exposed.
+    pub exposed: Vec<[Time; 2]>,
     /// Each place, how many rows it had, and how many are kept.
     places: Vec<(Vector3<f64>, usize, usize)>,
     gross: usize,
@@ -49,30 +52,31 @@ impl Check {
         let usual = median(&raw);
         let n = raw.len();
         let fits = |row: &RawRow| row.off.is_some_and(|off| (off - usual).amax() <= gross);
-        let good: Vec<KnownView> = raw.into_iter().filter(fits).map(|row| row.known).collect();
+        let good: Vec<RawRow> = raw.into_iter().filter(fits).collect();
         let gross = n - good.len();
-        let mut groups: Vec<Vec<KnownView>> = Vec::new();
-        for known in good {
-            let is_here =
-                |g: &&mut Vec<KnownView>| g.first().is_some_and(|k| (k.place - known.place).norm() < ONE_PLACE);
+        let mut groups: Vec<Vec<RawRow>> = Vec::new();
+        for row in good {
+            let place = row.known.place;
+            let is_here = |g: &&mut Vec<RawRow>| g.first().is_some_and(|k| (k.known.place - place).norm() < ONE_PLACE);
             match groups.iter_mut().find(is_here) {
-                Some(group) => group.push(known),
-                None => groups.push(vec![known]),
+                Some(group) => group.push(row),
+                None => groups.push(vec![row]),
             }
         }
         let sparse = groups.iter().map(Vec::len).filter(|n| *n < least).sum();
         groups.retain(|group| group.len() >= least);
-        let (mut known, mut places, mut spread) = (Vec::new(), Vec::new(), 0.0f64);
+        let (mut known, mut exposed, mut places, mut spread) = (Vec::new(), Vec::new(), Vec::new(), 0.0f64);
         for group in &groups {
-            let place = group.iter().map(|k| k.place).sum::<Vector3<f64>>() / group.len() as f64;
-            spread = group.iter().map(|k| (k.place - place).norm()).fold(spread, f64::max);
+            let place = group.iter().map(|row| row.known.place).sum::<Vector3<f64>>() / group.len() as f64;
+            spread = group.iter().map(|row| (row.known.place - place).norm()).fold(spread, f64::max);
             let step = if per_place == 0 { 1 } else { group.len().div_ceil(per_place) };
             let kept = group.iter().step_by(step.max(1));
             places.push((place, group.len(), kept.len()));
             // whole places are held out, so the rows of one place must agree on where it is
-            known.extend(kept.map(|k| KnownView { place, ..*k }));
+            known.extend(kept.clone().map(|row| KnownView { place, ..row.known }));
+            exposed.extend(kept.map(|row| row.exposed));
         }
-        Check { known, places, gross, sparse, usual, spread }
+        Check { known, exposed, places, gross, sparse, usual, spread }
     }
 
     /// In words.

@@ -21,6 +21,8 @@ const TOGETHER: Duration = Duration::from_millis(5);
 pub(super) struct RawRow {
     /// What was seen, and where it was in the world.
     pub known: KnownView,
+    /// When the pictures of the left and the right eye were exposed.
+    pub exposed: [Time; 2],
     /// What the pixels are off by from what the head's drawings say, pixels; `None` where these have it behind the eyes.
     pub off: Option<Vector4<f64>>,
 }
@@ -99,10 +101,10 @@ impl<'a> Rows<'a> {
             self.dropped.moving += 1;
             return;
         }
-        self.add([left, right], &looks, &holds);
+        self.add([left, right], [l, r], &looks, &holds);
     }
 
-    fn add(&mut self, eyes: [Glimpse; 2], looks: &Posture, holds: &Posture) {
+    fn add(&mut self, eyes: [Glimpse; 2], exposed: [Time; 2], looks: &Posture, holds: &Posture) {
         let Scene { joints, marker, .. } = *self.scene;
         let robots = self.c.scene.robots();
         let at = robots.get(self.scene.holds).map(|r| r.markers_at(&holds.q));
@@ -115,7 +117,7 @@ impl<'a> Rows<'a> {
         let view = StereoView { eyes, encoders, is_timed: true };
         let root = self.c.scene.base(self.scene.looks).inverse() * world;
         let off = self.head.pixels(&encoders, &root.coords).map(|there| view.pixels() - there);
-        self.raw.push(RawRow { known: KnownView { view, place: world.coords }, off });
+        self.raw.push(RawRow { known: KnownView { view, place: world.coords }, exposed, off });
     }
 
     /// What there is, and why there is not more.

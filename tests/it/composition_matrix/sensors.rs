@@ -6,11 +6,13 @@ use crate::common::pictures::{self, Shown};
 use crate::common::{answer, text};
 use crate::locator_files::table;
 use mobee_actors::record::journal;
-use mobee_contract::{Agent, AnyKind, Camera, Detector, Event, Locator, kinds};
+use mobee_contract::{Agent, AnyKind, Camera, Detector, Entry, Event, Locator, SeenPicture, Time, kinds};
+use mobee_drivers::eyes::{FolderCamera, FolderCameraSettings, KeptFrames, LensSettings};
 use mobee_model::{Robot, load_robot};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 const SECONDS: f64 = 2.0;
 /// What the examples of all detectors call what they find.
@@ -43,15 +45,19 @@ impl Made {
         let files = [
             of("detector", &["color", "cgp", "onnx"]),
             of("locator", &["triangulate", "network", "ensemble", "calibrated"]),
-            vec![(("camera", "folder"), at("pictures"))],
+            vec![(("camera", "folder"), at("pictures")), (("camera", "recorded"), at("run"))],
         ];
+        keep(&at("run"), &at("pictures"));
         Made(files.into_iter().flatten().collect())
     }
 
     /// An example with its kind, and what it names in its place; `eye` is a folder below what cameras name.
     fn filled(&self, kind: &dyn AnyKind, mut example: Value, eye: &str) -> Value {
         example["kind"] = kind.name().into();
-        for (key, below) in [("file", ""), ("path", eye)] {
+        if example.get("run").is_some() {
+            example["camera"] = format!("eyes/{eye}").into();
+        }
+        for (key, below) in [("file", ""), ("path", eye), ("run", "")] {
             let Some(named) = example.get_mut(key) else { continue };
             let made = self.0.get(&(kind.role(), kind.name()));
             let made =
@@ -59,6 +65,24 @@ impl Made {
             *named = if below.is_empty() { text(made).into() } else { text(&made.join(below)).into() };
         }
         example
+    }
+}
+
+/// What a run keeps of two eyes that saw the pictures in these folders, four in a second.
+fn keep(run: &Path, pictures: &Path) {
+    std::fs::create_dir_all(run).expect("a folder");
+    for eye in ["left", "right"] {
+        let camera = format!("eyes/{eye}");
+        let mut sink = KeptFrames::open(run, std::slice::from_ref(&camera)).expect("a file").sink();
+        let settings =
+            FolderCameraSettings { path: pictures.join(eye), fps: 4.0, repeat: false, lens: LensSettings::default() };
+        let mut folder = FolderCamera::new(&settings).expect("pictures");
+        for n in 1..=8 {
+            let frame = folder.frame(Time(n * 250_000_000)).expect("a picture").expect("a new one");
+            let seen = SeenPicture { frame, regions: Vec::new().into(), mask: None, mount: None };
+            let entry = Entry::Picture { camera: camera.as_str().into(), seen: Arc::new(seen) };
+            sink.write(Time::ZERO, &entry).expect("written");
+        }
     }
 }
 
@@ -110,7 +134,7 @@ fn cells(robots: &[PathBuf], made: &Made) -> (Vec<Cell>, Vec<Expected>) {
                 let finds = made.filled(detector, (detector.example)(&robot).expect("settings"), "");
                 for (locator, places) in &locators {
                     let fits = locator.is_none_or(|l| l == "pose") || has_head(&robot);
-                    let (is_shown, detector) = (camera.name == "folder", detector.name);
+                    let (is_shown, detector) = (camera.name != "simulated", detector.name);
                     let expected = Expected { detector, locator: *locator, is_shown, fits };
                     // that a locator is refused does not depend on what is before it
                     if !fits

@@ -1,6 +1,6 @@
 //! One sink behind its bounded queue, on its own thread.
 
-use super::{Kept, OpenSink, SinkSpec};
+use super::{Kept, OpenSink, Pictures, SinkSpec};
 use crate::runtime::clock::ClockKind;
 use crate::runtime::stream::StreamCounters;
 use mobee_contract::{Entry, Event, Pose, SeenPicture, Sink, Time};
@@ -89,6 +89,12 @@ struct Queue {
     last: BTreeMap<usize, (u64, bool)>,
     /// Per camera: when its last picture was told.
     pictures: BTreeMap<String, Time>,
+}
+
+impl Queue {
+    fn waiting_pictures(&self) -> usize {
+        self.entries.iter().filter(|(_, e)| matches!(e, Entry::Picture { .. })).count()
+    }
 }
 
 impl Shared {
@@ -206,19 +212,28 @@ impl Pipe {
         self.put(queue, at, entry);
     }
 
-    /// Pictures are large: a few per second of each camera are told, and few wait.
+    /// Pictures are large, and few wait.
     pub(super) fn push_picture(&self, at: Time, camera: &str, seen: &Arc<SeenPicture>) {
-        if !self.spec.pictures {
-            return;
-        }
         let mut queue = self.shared.lock();
-        let last = queue.pictures.get(camera);
-        if queue.threads == 0 || last.is_some_and(|last| at < *last + PICTURES) {
+        if queue.threads == 0 {
             return;
         }
-        queue.pictures.insert(camera.into(), at);
-        let waiting = queue.entries.iter().filter(|(_, e)| matches!(e, Entry::Picture { .. })).count();
-        if waiting >= WAITING {
+        match &self.spec.pictures {
+            Pictures::Few => {
+                if queue.pictures.get(camera).is_some_and(|last| at < *last + PICTURES) {
+                    return;
+                }
+                queue.pictures.insert(camera.into(), at);
+            }
+            Pictures::All(cameras) if cameras.iter().any(|c| c == camera) => {
+                while self.virtual_time && queue.waiting_pictures() >= WAITING && queue.error.is_none() {
+                    self.shared.filled.notify_one();
+                    queue = self.shared.emptied.wait(queue).unwrap_or_else(PoisonError::into_inner);
+                }
+            }
+            Pictures::All(_) | Pictures::None => return,
+        }
+        if queue.waiting_pictures() >= WAITING {
             (queue.sent, queue.dropped) = (queue.sent + 1, queue.dropped + 1);
             return;
         }
@@ -380,6 +395,8 @@ fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> 
         }
         std::mem::swap(&mut batch, &mut queue.entries);
         queue.in_hand = batch.len();
+        // there is room for pictures again
+        shared.emptied.notify_all();
         let lost = std::mem::replace(&mut dropped, queue.dropped) != queue.dropped;
         drop(queue);
         let end = catch_unwind(AssertUnwindSafe(|| {

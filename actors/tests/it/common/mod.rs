@@ -1,7 +1,7 @@
 //! A small robot of three motors, its world, and scripted agents.
 
 use mobee_actors::check::{Violation, check_events};
-use mobee_actors::record::tap::{Collected, SinkSpec, Taps};
+use mobee_actors::record::tap::{Collected, Pictures, SinkSpec, Taps};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::{
     AgentMaker, Control, RobotSetup, RunEnd, ScriptStep, SensorSetup, Setup, TruthCell, run_under,
@@ -163,7 +163,7 @@ fn behind(clock: ClockKind, mut sinks: Vec<SinkSpec>) -> (Taps, Collected) {
     let (keep, patience) = (told.clone(), Duration::from_secs(30));
     let open: mobee_actors::record::tap::OpenSink = Arc::new(move || Ok(Box::new(keep.clone())));
     let (name, essential, poses, capacity) = ("test".into(), false, None, 8192);
-    sinks.push(SinkSpec { pictures: false, name, essential, poses, capacity, patience, open: Some(open) });
+    sinks.push(SinkSpec { pictures: Pictures::None, name, essential, poses, capacity, patience, open: Some(open) });
     (Taps::spawn(clock, sinks).unwrap(), told)
 }
 

@@ -2,7 +2,7 @@
 
 use crate::common::{Ran, Trial, ball};
 use mobee_actors::record::journal::{Journal, read};
-use mobee_actors::record::tap::{OpenSink, SinkSpec};
+use mobee_actors::record::tap::{OpenSink, Pictures, SinkSpec};
 use mobee_actors::runtime::clock::ClockKind;
 use mobee_actors::system::Reason;
 use mobee_conformance::beside;
@@ -61,7 +61,7 @@ fn contact_stop_and_the_whole_retreat_wait_for_no_disk() {
     let spec = |name: &str, open: OpenSink| {
         let patience = Duration::from_secs(30);
         SinkSpec {
-            pictures: false,
+            pictures: Pictures::None,
             name: name.into(),
             essential: false,
             poses: None,

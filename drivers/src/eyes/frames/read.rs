@@ -1,0 +1,206 @@
+//! Reading kept frames again, one after the other, up to the first that is not whole.
+
+use super::{HEAD, LONGEST, MAGIC, START, VERSION, file};
+use crate::eyes::picture;
+use mobee_contract::{Frame, Intrinsics, KindError, Time, suggestion};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The longest record, bytes: noise does not shrink.
+const LONGEST_RECORD: u64 = HEAD as u64 + 4 * LONGEST as u64 * LONGEST as u64;
+/// No run is longer.
+const LONGEST_RUN: Duration = Duration::from_secs(100 * 366 * 86_400);
+/// Cameras that are told at most.
+const TOLD: usize = 100;
+
+/// What is wrong, and what to do about it.
+type Wrong = (String, String);
+
+/// The file of a camera's frames. Holds none of them in memory.
+#[derive(Debug)]
+pub struct FrameReader {
+    path: PathBuf,
+    file: File,
+    /// Where the next record begins.
+    at: u64,
+}
+
+/// A frame in a file, its pixels not read yet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KeptFrame {
+    /// When it was exposed, by the clock of its run.
+    pub exposed: Time,
+    /// How it was projected.
+    pub intrinsics: Intrinsics,
+    /// Where its record begins, and the length of head and PNG.
+    at: u64,
+    length: u64,
+}
+
+impl FrameReader {
+    /// The frames that the run in this folder kept of a camera, which is called as there: `SENSOR/CAMERA`.
+    ///
+    /// # Errors
+    /// A folder that kept none, a camera that is not among them, or a file that is something else, as settings `run` and `camera`.
+    pub fn open(run: &Path, camera: &str) -> Result<FrameReader, KindError> {
+        let path = file(run, camera);
+        if !path.exists() {
+            return Err(missing(run, camera));
+        }
+        let wrong = |(what, help): Wrong| KindError::new("run", what, help);
+        let reader = FrameReader::of(&path).map_err(wrong)?;
+        reader.ok_or_else(|| wrong((format!("{} has no frame", path.display()), again())))
+    }
+
+    /// The frames in a file; none if it ends before they begin, as a crash leaves it.
+    pub(super) fn of(path: &Path) -> Result<Option<FrameReader>, Wrong> {
+        let at = path.display();
+        let io =
+            |e: std::io::Error| (format!("{at} can't be read: {e}"), "give a run's folder as it was written".into());
+        let file = mobee_model::file::open(path).map_err(io)?;
+        let mut start = [0; START as usize];
+        if file.metadata().map_err(io)?.len() < START {
+            return Ok(None);
+        }
+        file.read_exact_at(&mut start, 0).map_err(io)?;
+        match start.strip_prefix(MAGIC) {
+            Some(version) if version == VERSION => Ok(Some(FrameReader { path: path.into(), file, at: START })),
+            Some(_) => Err((
+                format!("{at} is of another version"),
+                "read it by the program that wrote it, or run again".into(),
+            )),
+            None => Err((format!("{at} holds no frames of a run"), "give a run's folder as it was written".into())),
+        }
+    }
+
+    /// The next frame; `None` at the end, or if the rest is the part of one that a crash leaves.
+    ///
+    /// # Errors
+    /// If there is something else, with its place and what to do.
+    pub fn next_frame(&mut self) -> Result<Option<KeptFrame>, String> {
+        let len = self.file.metadata().map_err(|e| self.unreadable(&e))?.len();
+        let mut start = [0; 4 + HEAD];
+        if len < self.at + start.len() as u64 {
+            return Ok(None);
+        }
+        self.file.read_exact_at(&mut start, self.at).map_err(|e| self.unreadable(&e))?;
+        let frame = parse(&start, self.at).ok_or_else(|| self.damaged(self.at))?;
+        let end = frame.end();
+        if len < end {
+            return Ok(None);
+        }
+        self.at = end;
+        Ok(Some(frame))
+    }
+
+    /// From the first frame again.
+    pub fn rewind(&mut self) {
+        self.at = START;
+    }
+
+    /// The bytes that are whole, from the beginning on.
+    pub(super) fn whole(mut self) -> u64 {
+        let mut last = None;
+        while let Ok(Some(frame)) = self.next_frame() {
+            last = Some(frame);
+        }
+        match last {
+            Some(last) if self.png(&last).is_err() => last.at,
+            _ => self.at,
+        }
+    }
+
+    /// The picture of one of its frames, as a PNG file has it.
+    ///
+    /// # Errors
+    /// If it is not as it was written, with its place and what to do.
+    pub fn png(&self, frame: &KeptFrame) -> Result<Vec<u8>, String> {
+        let bytes = usize::try_from(frame.length + 8).map_err(|_| self.damaged(frame.at))?;
+        let mut record = vec![0; bytes];
+        self.file.read_exact_at(&mut record, frame.at).map_err(|e| self.unreadable(&e))?;
+        let whole =
+            record.split_last_chunk::<4>().filter(|(rest, sum)| crc32fast::hash(rest) == u32::from_le_bytes(**sum));
+        let png = whole.and_then(|(rest, _)| rest.get(4 + HEAD..));
+        png.map(<[u8]>::to_vec).ok_or_else(|| self.damaged(frame.at))
+    }
+
+    /// One of its frames, whole.
+    ///
+    /// # Errors
+    /// As for [`FrameReader::png`].
+    pub fn frame(&self, frame: &KeptFrame) -> Result<Frame, String> {
+        let KeptFrame { exposed, intrinsics, at, .. } = *frame;
+        let png = self.png(frame)?;
+        let [width, height] = intrinsics.size;
+        let picture = picture::decode(&png).ok().filter(|p| p.dimensions() == (width, height));
+        let picture = picture.ok_or_else(|| self.damaged(at))?;
+        Ok(Frame { exposed, intrinsics, pixels: picture.into_raw().into() })
+    }
+
+    fn unreadable(&self, e: &std::io::Error) -> String {
+        format!("{} can't be read: {e}", self.path.display())
+    }
+
+    fn damaged(&self, at: u64) -> String {
+        let path = self.path.display();
+        format!("{path} is damaged from byte {at} on; `truncate -s {at}` on it keeps the frames before")
+    }
+}
+
+impl KeptFrame {
+    /// The same, exposed so much later.
+    pub(in crate::eyes) fn later(self, by: Duration) -> KeptFrame {
+        KeptFrame { exposed: self.exposed + by, ..self }
+    }
+
+    /// Where the next record begins.
+    fn end(&self) -> u64 {
+        self.at + 4 + self.length + 4
+    }
+}
+
+fn again() -> String {
+    "set keep_frames = true in the [[sensor]] of that run, and run it again".into()
+}
+
+/// Why there are no frames of a camera.
+fn missing(run: &Path, camera: &str) -> KindError {
+    let at = run.display();
+    let entries = match std::fs::read_dir(run) {
+        Ok(entries) => entries,
+        Err(e) => return KindError::new("run", format!("can't read {at}: {e}"), "give the folder of a run"),
+    };
+    let names = entries.flatten().filter_map(|e| e.file_name().into_string().ok());
+    let mut known: Vec<String> =
+        names.filter_map(|n| Some(n.strip_suffix(".frames")?.replace('.', "/"))).take(TOLD).collect();
+    known.sort();
+    if known.is_empty() {
+        return KindError::new("run", format!("the run {at} kept no frames"), again());
+    }
+    let known: Vec<&str> = known.iter().map(String::as_str).collect();
+    let what = format!("the run {at} kept no frames of a camera {camera}");
+    KindError::new("camera", what, suggestion(camera, "camera", &known))
+}
+
+/// The frame whose record begins with these bytes at `at`, if they make sense.
+fn parse(start: &[u8; 4 + HEAD], at: u64) -> Option<KeptFrame> {
+    let (length, rest) = start.split_first_chunk()?;
+    let (exposed, rest) = rest.split_first_chunk()?;
+    let (width, rest) = rest.split_first_chunk()?;
+    let (height, rest) = rest.split_first_chunk()?;
+    let mut numbers = [0.0; 8];
+    for (number, bytes) in numbers.iter_mut().zip(rest.as_chunks().0) {
+        *number = f64::from_le_bytes(*bytes);
+    }
+    let [fx, fy, cx, cy, k1, k2, p1, p2] = numbers;
+    let (length, exposed) = (u64::from(u32::from_le_bytes(*length)), Time(u64::from_le_bytes(*exposed)));
+    let size = [u32::from_le_bytes(*width), u32::from_le_bytes(*height)];
+    let intrinsics = Intrinsics { size, focal: [fx, fy], center: [cx, cy], distortion: [k1, k2, p1, p2] };
+    let is_sound = (HEAD as u64 + 1..=LONGEST_RECORD).contains(&length)
+        && exposed.since(Time::ZERO) <= LONGEST_RUN
+        && size.iter().all(|n| (1..=LONGEST).contains(n))
+        && numbers.iter().all(|x| x.is_finite());
+    is_sound.then_some(KeptFrame { exposed, intrinsics, at, length })
+}

@@ -1,0 +1,136 @@
+//! The kind `recorded`: what a camera saw in a run, again.
+
+use super::frames::{FrameReader, KeptFrame};
+use super::mount::Mount;
+use mobee_contract::{Camera, CameraContext, CameraMount, Frame, Kind, KindError, Registered, Time, settings};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// How often is asked for a frame, at least and at most.
+const SLOWEST: Duration = Duration::from_secs(1);
+const FASTEST: Duration = Duration::from_millis(1);
+
+/// A camera of a run that kept its frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RecordedCameraSettings {
+    /// The folder of the run, relative to the configuration file. Its sensor had `keep_frames = true`.
+    pub run: PathBuf,
+    /// The camera, by its name in that run: `SENSOR/CAMERA`.
+    pub camera: String,
+    /// Whether it begins anew after the last frame; otherwise there are no more.
+    #[serde(default)]
+    pub repeat: bool,
+    /// The marker of the robot's model that it is at, looking along its normal, for the recording; locators don't ask.
+    #[serde(default)]
+    pub marker: Option<String>,
+}
+
+/// A camera that gives what another one saw, each frame when it was exposed, as long after the run's beginning.
+pub struct RecordedCamera {
+    reader: FrameReader,
+    /// The first one whose time has not come.
+    next: Option<KeptFrame>,
+    repeats: bool,
+    mount: Option<CameraMount>,
+    /// How much later it is than in the run: nothing, but for repetitions.
+    later: Duration,
+    /// The last two exposures.
+    last: [Time; 2],
+    /// Until the next one.
+    wait: Duration,
+}
+
+impl RecordedCamera {
+    /// The camera of a run in a folder; whether all frames are whole is seen when it is their turn.
+    ///
+    /// # Errors
+    /// A folder without frames, a camera that is not among them, or a file whose first frame is not whole.
+    pub fn new(settings: &RecordedCameraSettings) -> Result<RecordedCamera, KindError> {
+        let mut reader = FrameReader::open(&settings.run, &settings.camera)?;
+        let wrong = |what| KindError::new("run", what, "give a run that kept frames of this camera");
+        let first = reader.next_frame().map_err(wrong)?;
+        let first = first.ok_or_else(|| wrong(format!("{} saw nothing in that run", settings.camera)))?;
+        reader.frame(&first).map_err(wrong)?;
+        let mut camera = RecordedCamera {
+            reader,
+            next: Some(first),
+            repeats: settings.repeat,
+            mount: None,
+            later: Duration::ZERO,
+            last: [Time::ZERO; 2],
+            wait: Duration::ZERO,
+        };
+        camera.wait = camera.wait_from(Time::ZERO);
+        Ok(camera)
+    }
+
+    /// The next frame whose time has come.
+    fn due(&mut self, now: Time) -> Result<Option<KeptFrame>, String> {
+        let Some(next) = self.next.filter(|next| next.exposed + self.later <= now) else { return Ok(None) };
+        let given = next.later(self.later);
+        self.last = [self.last[1], next.exposed];
+        self.next = self.reader.next_frame()?;
+        if self.next.is_none() && self.repeats {
+            self.begin_anew(now)?;
+        }
+        Ok(Some(given))
+    }
+
+    /// The first frame comes as long after the last one as that came after the one before.
+    fn begin_anew(&mut self, now: Time) -> Result<(), String> {
+        let [before, last] = self.last;
+        let length = last.since(Time::ZERO) + last.since(before).max(FASTEST);
+        // who asks too late has missed whole repetitions
+        let missed = now.since(Time::ZERO).saturating_sub(self.later).as_nanos() / length.as_nanos().max(1);
+        self.later = self.later.saturating_add(length.saturating_mul(u32::try_from(missed.max(1)).unwrap_or(u32::MAX)));
+        self.reader.rewind();
+        self.next = self.reader.next_frame()?;
+        Ok(())
+    }
+
+    fn wait_from(&self, now: Time) -> Duration {
+        self.next.map_or(SLOWEST, |next| (next.exposed + self.later).since(now)).clamp(FASTEST, SLOWEST)
+    }
+}
+
+impl Camera for RecordedCamera {
+    fn period(&self) -> Duration {
+        self.wait
+    }
+
+    fn frame(&mut self, now: Time) -> Result<Option<Frame>, String> {
+        let mut newest = None;
+        // who asks too late gets the newest
+        while let Some(frame) = self.due(now)? {
+            newest = Some(frame);
+        }
+        self.wait = self.wait_from(now);
+        newest.map(|frame| self.reader.frame(&frame)).transpose()
+    }
+
+    fn mount(&self) -> Option<CameraMount> {
+        self.mount.clone()
+    }
+}
+
+fn build(value: &Value, context: &CameraContext) -> Result<Box<dyn Camera>, KindError> {
+    let settings: RecordedCameraSettings = settings(value)?;
+    let mount = settings.marker.as_ref().map(|marker| Mount::new(&context.robot, marker, [0.0; 3], [0.0; 3]));
+    let mount = mount.transpose()?.map(|mount| mount.told(context.index));
+    Ok(Box::new(RecordedCamera { mount, ..RecordedCamera::new(&settings)? }))
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Camera> {
+        name: "recorded",
+        doc: "What a camera saw in a run that kept its frames (`keep_frames = true`), each frame as long after the beginning as it was exposed then. \
+              With the robot as the driver `replay` plays it, another detector or locator looks at the same again. Who asks too rarely misses some.",
+        schema: || schemars::schema_for!(RecordedCameraSettings),
+        example: |_| Ok(json!({ "run": "runs/look", "camera": "eyes/left" })),
+        build,
+    })
+}
