@@ -18,11 +18,10 @@ pub(super) fn may_fill(dir: &Path) -> Result<(), ConfigError> {
     is_free.then_some(()).ok_or_else(|| ConfigError::plain(what(), "name a new folder for --images, or empty this one"))
 }
 
-/// Writes the pictures of both cameras for each row, `NUMBER_CAMERA.png`, where rows count from 1, and says how many there are, and how many
-/// the run dropped.
+/// Writes the pictures of both cameras for each row, all or none, and says how many: `NUMBER_CAMERA.png`, where rows count from 1.
 ///
 /// # Errors
-/// If the run kept no frames, or none of these; if they can't be read, or written.
+/// If the run kept no frames, or not those of a row; if they can't be read, or written.
 pub(super) fn write(
     run: &Path,
     dir: &Path,
@@ -36,7 +35,6 @@ pub(super) fn write(
     let beside = dir.parent().filter(|d| !d.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(beside).map_err(unwritable)?;
     let part = tempfile::tempdir_in(beside).map_err(unwritable)?;
-    let mut missing = 0;
     for (eye, camera) in cameras.iter().enumerate() {
         let unread = |what: String| {
             ConfigError::plain(what, "give the folder of a run as it was written, or leave out --images")
@@ -50,17 +48,22 @@ pub(super) fn write(
             let png = reader.png(&frame).map_err(unread)?;
             std::fs::write(part.path().join(format!("{row:05}_{name}.png")), png).map_err(unwritable)?;
         }
-        missing += rows.len();
-    }
-    if missing == 2 * exposed.len() {
-        let what = format!("the run {} kept none of the pictures of these rows", run.display());
-        return Err(ConfigError::plain(what, "keep its frames from the beginning, or leave out --images"));
+        if let Some((at, row)) = rows.first_key_value() {
+            let what = format!(
+                "{}: of {camera}, the frames of {} rows are missing, the first of row {row}, exposed at {at}",
+                run.display(),
+                rows.len()
+            );
+            return Err(ConfigError::plain(
+                what,
+                "leave out --images: frames were dropped, or not kept from the beginning",
+            ));
+        }
     }
     std::fs::set_permissions(part.path(), Permissions::from_mode(0o755)).map_err(unwritable)?;
     let count = std::fs::read_dir(part.path()).map_err(unwritable)?.count();
     std::fs::rename(part.path(), dir).map_err(unwritable)?;
     // it has another name now
     let _ = part.keep();
-    let lost = if missing > 0 { format!("; {missing} are missing: the run dropped them") } else { String::new() };
-    Ok(format!("{}: {count} pictures{lost}\n", dir.display()))
+    Ok(format!("{}: {count} pictures\n", dir.display()))
 }
