@@ -243,16 +243,22 @@ fn who_is_in_the_way_goes_first() {
     assert!(!joint_retreat.makes_room(1, 0, at(50)), "it is back");
 }
 
+/// Both on their way, each by itself: the one waits there for the other.
+fn one_waits_for_the_other() -> (JointRetreat, [Participant; 2]) {
+    let (joint_retreat, [one, other]) = (JointRetreat::default(), both());
+    joint_retreat.enroll(one.clone(), at(0));
+    assert!(goes(&joint_retreat, 0, at(0)));
+    joint_retreat.enroll(other.clone(), at(10));
+    joint_retreat.wait(0, Some((1, at(10))));
+    assert!(goes(&joint_retreat, 1, at(10)));
+    (joint_retreat, [one, other])
+}
+
 /// Two ways that cross are given anew, together, once both have stopped, whoever comes first; and one that died is not waited for.
 #[test]
 fn ways_that_cross_are_given_anew_together() {
     for dies in [false, true] {
-        let (joint_retreat, [one, other]) = (JointRetreat::default(), both());
-        joint_retreat.enroll(one.clone(), at(0));
-        assert!(goes(&joint_retreat, 0, at(0)));
-        joint_retreat.enroll(other.clone(), at(10));
-        joint_retreat.wait(0, Some((1, at(10))));
-        assert!(goes(&joint_retreat, 1, at(10)));
+        let (joint_retreat, [one, other]) = one_waits_for_the_other();
         assert!(!joint_retreat.cross(1, 0), "it is on its way");
         joint_retreat.wait(1, Some((0, at(20))));
         assert!(!joint_retreat.begins_anew(0, at(20)));
@@ -281,18 +287,13 @@ fn ways_that_cross_are_given_anew_together() {
 /// Who is back, and stands in the way of one that waits for it, goes with that one.
 #[test]
 fn who_stands_in_the_way_of_a_retreat_goes_along() {
-    let (joint_retreat, [one, other]) = (JointRetreat::default(), both());
-    joint_retreat.enroll(one.clone(), at(0));
-    assert!(goes(&joint_retreat, 0, at(0)));
-    joint_retreat.enroll(other.clone(), at(10));
-    joint_retreat.wait(0, Some((1, at(10))));
-    assert!(goes(&joint_retreat, 1, at(10)));
+    let (joint_retreat, robots) = one_waits_for_the_other();
     assert!(!joint_retreat.stands_in_the_way(0, 1), "nobody waits for that one");
     joint_retreat.wait(0, None);
     assert!(!joint_retreat.stands_in_the_way(1, 0), "it goes on by itself");
     joint_retreat.wait(0, Some((1, at(20))));
     assert!(joint_retreat.stands_in_the_way(1, 0));
-    for (robot, who) in [one, other].into_iter().enumerate() {
+    for (robot, who) in robots.into_iter().enumerate() {
         assert!(joint_retreat.begins_anew(robot, at(30)));
         joint_retreat.leave(robot);
         joint_retreat.enroll(who, at(30));

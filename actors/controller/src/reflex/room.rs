@@ -2,7 +2,8 @@
 //!
 //! A third robot may drive into those that are on their way back together: it is in nobody's recorded past. Its own reflex stops it and
 //! takes it back out of the way, so that whoever it met need not give up: it stays where it is until the other is gone. If the other's
-//! way back leads through here, both wait for each other: then all who are on their way begin anew, together.
+//! way back leads through here, both wait for each other: then all who are on their way begin anew, together; so they do where it
+//! stands in the way once it is back.
 
 use crate::joint_retreat::JointRetreat;
 use mobee_contract::Time;
