@@ -22,7 +22,7 @@ use crate::ledger::{SafePose, Underway};
 use crate::pulse::Pulse;
 use crate::stop::Stop;
 use crate::{Rules, Shared};
-use contacts::{Contacts, Floors};
+use contacts::{Contacts, Floors, Lately};
 use mobee_contract::{Cause, Command, CommitId, Event, Hold, Status, Time};
 use mobee_model::{Contact, Pair};
 use retreat::Retreat;
@@ -113,7 +113,7 @@ enum Phase {
     /// It is being taken back. `violated`: whether a constraint was as it began.
     Retreating { token: u64, retreat: Retreat, back: Back, violated: bool, still: Still, room: Room },
     /// The last pose was written; it should be reached at `since`.
-    Settling { token: u64, since: Time, retreat: Retreat, back: Back, violated: bool },
+    Settling { token: u64, since: Time, retreat: Retreat, back: Back, violated: bool, room: Room },
 }
 
 /// What is due once the robot rests.
@@ -204,6 +204,8 @@ pub struct ReflexCore {
     floors: Floors,
     /// How near they came on the way: one that begins anew leads through there once more.
     passed: Floors,
+    /// How near they came in the latest motions: a way that leads farther back leads through those.
+    lately: Lately,
     /// Whether a constraint was violated in the newest reading.
     violated: bool,
     /// The last stop that it told, or was told of.
@@ -235,6 +237,7 @@ impl ReflexCore {
             near,
             floors: Floors::default(),
             passed: Floors::default(),
+            lately: Lately::new(shared.rules.margin),
             violated: false,
             stop: Stop::told(Time::ZERO),
             stopped: Vec::new().into(),
@@ -301,7 +304,9 @@ impl ReflexCore {
         if let Some(m) = motion.filter(|m| self.motion != Some(m.id)) {
             (self.motion, self.epoch) = (Some(m.id), pulse.epoch);
             self.met.clear();
+            self.lately.begin();
         }
+        self.lately.note(&self.near, pulse.sample.at);
         // what touches a robot at rest was moved there by somebody else
         let moving = !matches!(status, Status::Starting | Status::Rest | Status::Holding(_));
         let back = matches!(self.phase, Phase::Retreating { .. } | Phase::Settling { .. });

@@ -91,18 +91,7 @@ impl ReflexCore {
                     let what = "the robot does not follow the set-points".into();
                     self.give_up(token, Hold::RetreatMissed, what, sampled_at, step);
                 } else {
-                    let robot = step.robot();
-                    if way == Way::Waits {
-                        step.joint_retreat.wait(self.robot, room.whom());
-                        step.emit(Event::RetreatWaits {
-                            robot,
-                            what: blocked(broken, pulse.violated.is_some(), names),
-                            seen: sampled_at,
-                        });
-                    } else if way == Way::GoesOn {
-                        step.joint_retreat.wait(self.robot, None);
-                        step.emit(Event::RetreatGoesOn { robot });
-                    }
+                    tell(way, room, self.robot, broken, sampled_at, step);
                     let done = match way {
                         Way::Waits | Way::Stays => retreat.stay(step.joint_retreat, now).map(|()| None),
                         _ => retreat.step(step.joint_retreat, &pulse.sample, now, rules),
@@ -116,10 +105,10 @@ impl ReflexCore {
                         }
                     }
                     if retreat.is_over() {
-                        let (retreat, back, violated) = (retreat.clone(), back.clone(), *violated);
+                        let (retreat, back, violated, room) = (retreat.clone(), back.clone(), *violated, *room);
                         // no `turn`: it stays where it is on the common clock, for those that are still under way
                         let since = retreat.arrival(now);
-                        self.phase = Phase::Settling { token, since, retreat, back, violated };
+                        self.phase = Phase::Settling { token, since, retreat, back, violated, room };
                         step.out.push(ReflexOut::ReflexReport(ReflexReport::Settling));
                     }
                 }
@@ -128,12 +117,17 @@ impl ReflexCore {
                 let (token, back) = (*token, back.clone());
                 self.part(token, back, step);
             }
-            Phase::Settling { token, since, retreat, back, violated, .. } => {
+            Phase::Settling { token, since, retreat, back, violated, room } => {
                 let (token, way) = (*token, retreat.way());
                 let broken = self.floors.broken(close).copied();
-                if broken.is_some() || (pulse.violated.is_some() && !*violated) {
+                // where it was sent it stays: who drives into it there is waited for as on the way
+                let met = room.look(broken.as_ref(), at_rest, self.robot, step.joint_retreat, now);
+                if met == Way::Blocked || (pulse.violated.is_some() && !*violated) {
                     let what = blocked(broken, pulse.violated.is_some(), names);
                     self.give_up(token, Hold::RetreatBlocked, what, sampled_at, step);
+                } else if met != Way::Free {
+                    tell(met, room, self.robot, broken, sampled_at, step);
+                    *since = now;
                 } else if sampled_at >= *since + rules.reaction()
                     && at_rest
                     && distance(&pulse.sample.q, &way.end.q) <= rules.tolerance
@@ -191,9 +185,11 @@ impl ReflexCore {
                 step.out.push(ReflexOut::Bring(Asked { robot: self.robot, safe, again, named, places }));
             }
             RetreatReply::Go(way) => {
-                // another robot has to pass where this one would rest: an earlier rest is its safe pose from now on
+                // another robot has to pass where this one would rest: an earlier rest is its safe pose from now on, and what the
+                // motions since then passed is passed again
                 if way.farther {
                     back.safe = way.end.clone();
+                    self.floors.join(self.lately.since(way.end.since));
                 }
                 self.stopped = way.motors.clone();
                 let farther =
@@ -257,6 +253,20 @@ impl ReflexCore {
         step.out.push(ReflexOut::ReflexReport(word));
         self.turn(Phase::Watching, step);
     }
+}
+
+/// What others are to know of a retreat that waits from now on, or goes on: those it may be in the way of, and the journal.
+fn tell(way: Way, room: &Room, robot: usize, met: Option<Contact>, seen: Time, step: &mut Step) {
+    match way {
+        Way::Waits => {
+            let what = blocked(met, false, step.names);
+            step.emit(Event::RetreatWaits { robot: step.robot(), what, seen });
+        }
+        Way::GoesOn => step.emit(Event::RetreatGoesOn { robot: step.robot() }),
+        Way::Stays => {}
+        Way::Free | Way::Blocked => return,
+    }
+    step.joint_retreat.wait(robot, room.waits());
 }
 
 /// Whether the robot touches one that waits for it on its own way back: they begin anew then, together.

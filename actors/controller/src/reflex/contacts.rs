@@ -5,8 +5,13 @@
 //! shapes: which of its points is nearest may change as the robot slides along.
 
 use crate::{DEEPER, RELEASE};
+use mobee_contract::Time;
 use mobee_model::{Contact, Pair};
+use std::collections::VecDeque;
 use std::sync::Arc;
+
+/// Of how many motions that came near something it is known how near.
+const MOTIONS: usize = 64;
 
 /// A present contact.
 #[derive(Clone, Debug)]
@@ -163,6 +168,48 @@ impl Floors {
     }
 }
 
+/// How near pairs came in the robot's latest motions: a way back that leads through several of them passes there once more.
+#[derive(Clone, Debug)]
+pub struct Lately {
+    /// What counts as near, meters.
+    margin: f64,
+    /// Of each motion, oldest first: the last reading in which something was near, and how near pairs came in it.
+    motions: VecDeque<(Time, Floors)>,
+}
+
+impl Lately {
+    /// None yet.
+    pub fn new(margin: f64) -> Lately {
+        Lately { margin, motions: VecDeque::new() }
+    }
+
+    /// A motion begins.
+    pub fn begin(&mut self) {
+        // one that came near nothing is not kept
+        self.motions.pop_back_if(|(_, floors)| floors.least.is_empty());
+        if self.motions.len() >= MOTIONS {
+            self.motions.pop_front();
+        }
+        self.motions.push_back((Time::ZERO, Floors::new(self.margin, &[])));
+    }
+
+    /// The pairs near the robot in a reading of the newest motion.
+    pub fn note(&mut self, near: &[Contact], at: Time) {
+        let Some((last, floors)) = self.motions.back_mut() else { return };
+        for c in near.iter().filter(|c| c.distance < self.margin) {
+            *last = at;
+            floors.note(std::slice::from_ref(c));
+        }
+    }
+
+    /// How near pairs came in all motions that were near something since then.
+    pub fn since(&self, time: Time) -> Floors {
+        let mut all = Floors::new(self.margin, &[]);
+        self.motions.iter().filter(|(last, _)| *last >= time).for_each(|(_, floors)| all.note(&floors.least));
+        all
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -229,6 +276,31 @@ mod tests {
         assert_eq!(told(&mut contacts, &[near(1, 10.0), near(2, 9.5)], MOVING), [1, 0, 0, 2]);
         assert_eq!(contacts.settle(), [near(1, 0.0).pair], "back, and not within the margin");
         assert_eq!(contacts.present()[..], [near(2, 9.5)]);
+    }
+
+    /// A way back through several motions may come as near as each of them did, and no nearer.
+    #[test]
+    fn what_was_passed_lately_is_known_of_each_motion() {
+        let mut lately = Lately::new(MARGIN);
+        lately.note(&[near(9, 1.0)], Time::ZERO);
+        let at = Time::from_secs;
+        for (secs, mm) in [(1.0, 4.0), (2.0, 6.0), (3.0, 20.0), (4.0, 8.0)] {
+            lately.begin();
+            lately.note(&[near(1, mm)], at(secs));
+            lately.note(&[near(1, mm + 1.0), near(2, 30.0)], at(secs + 0.1));
+            lately.note(&[], at(secs + 0.9));
+        }
+        let nearest =
+            |lately: &Lately, secs: f64| lately.since(at(secs)).touched().first().map(|c| (c.distance * 1e3).round());
+        assert_eq!(
+            [0.0, 1.1, 1.5, 2.1, 2.5, 4.1, 4.5].map(|secs| nearest(&lately, secs)),
+            [Some(4.0), Some(4.0), Some(6.0), Some(6.0), Some(8.0), Some(8.0), None]
+        );
+        for secs in 5..5 + MOTIONS {
+            lately.begin();
+            lately.note(&[near(1, 9.0)], at(secs as f64));
+        }
+        assert_eq!(nearest(&lately, 0.0), Some(9.0), "older ones are forgotten");
     }
 
     /// On its way out of contact the robot may come as near as it has been, and to the margin elsewhere; a millimeter

@@ -1,9 +1,9 @@
 //! Room on the way back: a robot that is in the way of a retreat, and is itself being taken back, is waited for.
 //!
 //! A third robot may drive into those that are on their way back together: it is in nobody's recorded past. Its own reflex stops it and
-//! takes it back out of the way, so that whoever it met need not give up: it stays where it is until the other is gone. If the other's
-//! way back leads through here, both wait for each other: then all who are on their way begin anew, together; so they do where it
-//! stands in the way once it is back.
+//! takes it back out of the way, so that whoever it met need not give up: it stays where it is until the other is gone, on its way or at
+//! its end. If the other's way back leads through here, both wait for each other: then all who are on their way begin anew, together; so
+//! they do where it stands in the way once it is back.
 
 use crate::joint_retreat::JointRetreat;
 use mobee_contract::Time;
@@ -46,9 +46,9 @@ pub(super) enum Way {
 }
 
 impl Room {
-    /// For whom it waits, and when that one made room last.
-    pub fn whom(&self) -> Option<(usize, Time)> {
-        self.waits
+    /// For whom it waits, and since when it does for whoever it was.
+    pub fn waits(&self) -> Option<(usize, Time)> {
+        self.waits.map(|(whom, _)| (whom, self.since))
     }
 
     /// What this contact that is nearer than it may be, if there is one, means for the retreat of a robot. `rests`: whether it rests

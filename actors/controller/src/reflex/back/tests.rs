@@ -1,6 +1,7 @@
 //! Retreats from the stop to the end.
 
 use crate::joint_retreat::tests::{PERIOD, recorded, rules};
+use crate::joint_retreat::{JointRetreat, Participant, RetreatReply};
 use crate::ledger::{SafePose, Underway};
 use crate::look_ahead::Foreseen;
 use crate::pulse::Pulse;
@@ -8,6 +9,8 @@ use crate::reflex::tests::Alone;
 use crate::reflex::{ReflexIn, ReflexOut, ReflexReport};
 use mobee_contract::{Command, CommitId, Event, Hold, Sample, Status, Time};
 use mobee_model::{Contact, ShapeId};
+use std::cell::Cell;
+use std::ops::Range;
 
 /// What is wrong with a reading during the retreat.
 #[derive(Clone, Copy, Default)]
@@ -173,6 +176,30 @@ fn a_retreat_waits_for_a_robot_that_makes_room() {
     assert!((200..206).contains(&often), "the sixth time: {often}");
 }
 
+/// Who is where it was sent, and about to be let in, waits for a robot that drives into it as on the way.
+#[test]
+fn who_settles_waits_for_a_robot_that_makes_room() {
+    let ends = |met: Range<u64>, stopped: Range<u64>| {
+        let settles = Cell::new(None);
+        let (told, why) = taken_back(|k, last| {
+            if settles.get().is_none() && last == Some(&ReflexReport::Settling) {
+                settles.set(Some(k));
+            }
+            let since = |range: &Range<u64>| settles.get().is_some_and(|from| range.contains(&(k - from)));
+            Wrong { met: since(&met), stopped: since(&stopped), ..Wrong::default() }
+        });
+        let (at, end) = told.last().cloned().unwrap();
+        (at - settles.get().unwrap(), end, why)
+    };
+    let (free, ..) = ends(0..0, 0..0);
+    let (after, end, why) = ends(0..100, 1..150);
+    assert_eq!((end, why), (ReflexReport::Back, None));
+    assert!((150..150 + free + 10).contains(&after), "once it is gone: {after}");
+    let (after, end, why) = ends(0..5000, 0..0);
+    assert_eq!((end, why.as_deref()), (ReflexReport::GaveUp(Hold::RetreatBlocked), Some("arm and post are at 1.0 mm")));
+    assert!((1000..1010).contains(&after), "it stays: {after}");
+}
+
 /// What does not come to rest is not taken back, and nothing is said of it before it rests.
 #[test]
 fn a_retreat_waits_for_rest_three_seconds() {
@@ -206,28 +233,33 @@ fn a_retreat_that_is_not_followed_is_missed() {
     assert_eq!((told.last().map(|(_, w)| w), why.as_deref()), (missed, Some("the safe pose was not reached in time")));
 }
 
-/// Who went along is lost: the robot stops, and asks for a way of its own.
-#[test]
-fn who_is_left_alone_tries_again_by_itself() {
-    let turns = [(0.0, 0.0), (1.0, 0.0), (4.0, 40.0), (5.0, 40.0)];
-    let [first, second] = [0, 1].map(|robot| recorded(robot, true, &turns, 0.5));
-    let (mut reflex, start) = (Alone::new(rules(true)), Time::from_secs(5.0));
-    let safe = Some(SafePose { since: first.past[first.start].at, q: first.safe.clone() });
+/// A robot of which these contacts are read all the time is taken back over 40 degrees, while the other one does this: at which readings it
+/// brings what it recorded, and whether that is for another try.
+fn asked(
+    reflex: &mut Alone,
+    who: &Participant,
+    contacts: &[Contact],
+    other: impl Fn(&JointRetreat, Time),
+) -> Vec<(u32, bool)> {
+    let start = Time::from_secs(5.0);
+    let safe = Some(SafePose { since: who.past[who.start].at, q: who.safe.clone() });
     let motion = Underway { id: CommitId(1), safe, named: vec![0].into(), places: vec![None].into() };
-    reflex.joint_retreat.enroll(second, start);
-    let token = reflex.gate.close();
-    reflex.on(ReflexIn::RollBack { token, motion, again: false }, start);
     let (mut q, mut asked) = (40_f64.to_radians(), Vec::new());
-    for k in 1..200 {
+    for k in 0..500 {
         let at = start + PERIOD * k;
         let sample = Sample { seq: u64::from(k), at, q: vec![q].into(), done: vec![true] };
-        let mut pulse = Pulse::new(sample, &Vec::new().into());
+        let mut pulse = Pulse::new(sample, &contacts.into());
         pulse.speed = 0.0;
+        other(&reflex.joint_retreat, at);
         let mut out = reflex.read(&mut pulse, None, Status::Stopping, at);
+        if k == 0 {
+            let token = reflex.gate.close();
+            out = reflex.on(ReflexIn::RollBack { token, motion: motion.clone(), again: false }, at);
+        }
         while let Some(i) = out.iter().position(|o| matches!(o, ReflexOut::Bring(_))) {
             let ReflexOut::Bring(bring) = out.remove(i) else { continue };
             asked.push((k, bring.again));
-            reflex.joint_retreat.enroll(crate::joint_retreat::Participant { again: bring.again, ..first.clone() }, at);
+            reflex.joint_retreat.enroll(Participant { again: bring.again, ..who.clone() }, at);
             out.extend(reflex.on(ReflexIn::Brought(Ok(())), at));
         }
         for out in out {
@@ -236,7 +268,44 @@ fn who_is_left_alone_tries_again_by_itself() {
             }
         }
     }
+    asked
+}
+
+/// The same robot twice, and both are to be taken back.
+fn two() -> [Participant; 2] {
+    [0, 1].map(|robot| recorded(robot, true, &[(0.0, 0.0), (1.0, 0.0), (4.0, 40.0), (5.0, 40.0)], 0.5))
+}
+
+/// Who went along is lost: the robot stops, and asks for a way of its own.
+#[test]
+fn who_is_left_alone_tries_again_by_itself() {
+    let ([first, second], mut reflex) = (two(), Alone::new(rules(true)));
+    reflex.joint_retreat.enroll(second, Time::from_secs(5.0));
+    let asked = asked(&mut reflex, &first, &[], |_, _| ());
     assert!(matches!(asked[..], [(2, false), (100..=110, true)]), "{asked:?}");
+}
+
+/// A robot waits on its way for this one, which has touched it all the time, and is back: it is not let in, but both ask for other ways.
+#[test]
+fn who_is_back_and_stands_in_the_way_asks_once_more() {
+    for waits in [false, true] {
+        let ([first, second], mut reflex) = (two(), Alone::new(rules(true)));
+        let of = |robot| ShapeId::Robot { robot, node: 0, shape: 0 };
+        let contact = Contact { pair: (of(0), of(1)), distance: 0.005, points: Default::default() };
+        let begun = Time::from_secs(4.0);
+        reflex.joint_retreat.enroll(second, begun);
+        assert!((0..20).any(|k| matches!(reflex.joint_retreat.ask(1, begun + PERIOD * k), RetreatReply::Go(_))));
+        // while it waits for anybody, others may go
+        reflex.joint_retreat.wait(1, Some((if waits { 0 } else { 2 }, begun)));
+        // the other one lives
+        let other = |joint_retreat: &JointRetreat, now: Time| {
+            let _ = joint_retreat.step(1, 0.0, now);
+        };
+        let asked = asked(&mut reflex, &first, &[contact], other);
+        let anew = asked.get(1).copied();
+        assert_eq!(anew.is_some_and(|(k, again)| (300..350).contains(&k) && !again), waits, "{asked:?}");
+        assert_eq!(reflex.joint_retreat.begins_anew(1, Time::from_secs(10.0)), waits);
+    }
 }
 
 /// A robot that becomes slower all the time, and does not come to rest, is stopped again every three seconds.
