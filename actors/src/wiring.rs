@@ -20,6 +20,7 @@ pub use truth::TruthCell;
 
 use crate::record::tap::Taps;
 use crate::runtime::clock::Clock;
+use crate::runtime::load::Loads;
 use crate::runtime::stream::Stream;
 use mobee_contract::{AnswerTime, Board, Event, Hardware, Latest, Note, SeenObject, Snapshot, SwapPart, SwapStep};
 use mobee_controller::gate::Gate;
@@ -217,6 +218,8 @@ pub struct SharedContext {
     pub cues: LatestCell<Cues>,
     /// What is planned for its actors, in a simulation with faults.
     pub troubles: Option<Troubles>,
+    /// How much its actors work; by a real clock.
+    pub loads: Option<Loads>,
     /// An empty list of contacts, shared.
     pub none: Arc<[Contact]>,
 }

@@ -3,7 +3,9 @@
 use mobee_actors::runtime::supervision::Health;
 use mobee_actors::system::{KeptObject, RobotReport, SystemReport};
 use mobee_contract::{Hold, Status, SwapPart, SwapStep};
+use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::time::Duration;
 
 /// The state of a robot in the words of a status line.
 pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
@@ -26,7 +28,7 @@ pub(super) fn state(robot: &RobotReport, gave_up: bool) -> String {
     }
 }
 
-/// The lines of `mobee ctl status`. Rates are taken between `before`, an earlier report, and `now`.
+/// The lines of `mobee ctl status`. Rates and shares are taken between `before`, an earlier report, and `now`.
 pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<String> {
     let mut lines = Vec::new();
     let wide = now.robots.iter().map(|r| r.name.len()).max().unwrap_or(0);
@@ -78,12 +80,34 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     let taps = now.links.iter().filter_map(|(name, c)| Some((name.strip_prefix("tap>")?.to_owned(), c.dropped)));
     lines.extend(crate::run::overload(c, taps).map(|(what, _)| what));
     lines.push(String::new());
-    for group in &now.tree {
-        branch(group, 0, &mut lines);
+    let secs = before.map(|b| now.at.since(b.at).as_secs_f64()).filter(|s| *s > 0.0);
+    let share = |now: Duration, before: Duration, secs: f64| 100.0 * now.saturating_sub(before).as_secs_f64() / secs;
+    let mut shares = BTreeMap::new();
+    if let (Some(before), Some(secs)) = (before.filter(|_| !now.busy.is_empty()), secs) {
+        let of = |(name, time): (&String, &Duration)| {
+            (name.clone(), share(*time, before.busy.get(name).copied().unwrap_or_default(), secs))
+        };
+        shares = now.busy.iter().map(of).collect();
+        let (all, known) = (share(now.process, before.process, secs), shares.values().sum::<f64>());
+        lines.push(format!(
+            "processor: {all:.1} % of a core, {known:.1} % by these and what they have computed elsewhere"
+        ));
     }
+    for group in &now.tree {
+        branch(group, 0, &shares, &mut lines);
+    }
+    // those who watch over the sinks are no part of this tree
+    let sink = |(name, _): &(String, _)| {
+        let sink = name.strip_prefix("tap>")?;
+        shares.get(sink).map(|share| format!("  {sink}  {share:.1} %"))
+    };
+    let mut sinks = now.links.iter().filter_map(sink).peekable();
+    if sinks.peek().is_some() {
+        lines.push("taps".into());
+    }
+    lines.extend(sinks);
     lines.push(String::new());
     lines.push(format!("{:28} {:>9} {:>6} {:>8}", "link", "per s", "queue", "dropped"));
-    let secs = before.map(|b| now.at.since(b.at).as_secs_f64()).filter(|s| *s > 0.0);
     for (name, counters) in &now.links {
         let earlier = before.and_then(|b| b.links.iter().find(|(n, _)| n == name)).map(|(_, c)| c.sent);
         let rate = match (earlier, secs) {
@@ -95,15 +119,16 @@ pub(super) fn lines(now: &SystemReport, before: Option<&SystemReport>) -> Vec<St
     lines
 }
 
-fn branch(health: &Health, depth: usize, lines: &mut Vec<String>) {
+fn branch(health: &Health, depth: usize, shares: &BTreeMap<String, f64>, lines: &mut Vec<String>) {
     let dead = if health.alive { "" } else { "  DOWN" };
     let restarts = match health.restarts {
         0 => String::new(),
         n => format!("  {n} restarts"),
     };
-    lines.push(format!("{:indent$}{}{restarts}{dead}", "", health.name, indent = 2 * depth));
+    let share = shares.get(&health.name).map(|share| format!("  {share:.1} %")).unwrap_or_default();
+    lines.push(format!("{:indent$}{}{share}{restarts}{dead}", "", health.name, indent = 2 * depth));
     for child in &health.children {
-        branch(child, depth + 1, lines);
+        branch(child, depth + 1, shares, lines);
     }
 }
 
@@ -113,8 +138,6 @@ mod tests {
     use mobee_actors::runtime::stream::StreamCounters;
     use mobee_actors::system::{RunCounts, SensorReport};
     use mobee_contract::{AnswerTime, Time};
-    use std::collections::BTreeMap;
-    use std::time::Duration;
 
     fn robot(status: Status, age_ms: u64) -> RobotReport {
         let (age, fresh) = (Duration::from_millis(age_ms), Duration::from_millis(100));
@@ -163,6 +186,8 @@ mod tests {
             sensors: vec![SensorReport { name: "eyes".into(), objects: vec![cup(secs)] }],
             tree: vec![Health { name: "controller".into(), alive: true, restarts: 0, children: children.clone() }],
             links: vec![("icub/driver>history".into(), counters(sent)), ("tap>recorder".into(), counters(sent))],
+            busy: ["model", "recorder"].map(|name| (name.into(), Duration::from_millis(20 * secs))).into(),
+            process: Duration::from_millis(90 * secs),
             counts: RunCounts::default(),
         };
         let lines = lines(&report(12, 700), Some(&report(10, 500)));
@@ -173,9 +198,12 @@ eyes  cup at 0.300 -0.100 1.000 m, seen 3.0 s ago, STALE
 12.0 s: 0 commits, 0 committed, 0 rolled back, 0 faulted, 0 refused, 0 contacts, 0 restarts
 overload: 2 entries dropped by the recorder; reduce the load on the machine (`mobee doctor` checks it), or give the controller a longer period_ms or stale_ms
 
+processor: 9.0 % of a core, 4.0 % by these and what they have computed elsewhere
 controller
-  model
+  model  2.0 %
   icub/driver  2 restarts  DOWN
+taps
+  recorder  2.0 %
 
 link                             per s  queue  dropped
 icub/driver>history              100.0      1        2

@@ -134,6 +134,11 @@ impl Taps {
         pipe.ok_or_else(|| format!("this run has no place for a {name}"))?.attach(sink, open)
     }
 
+    /// Processor time that each sink has taken so far.
+    pub fn busy(&self) -> impl Iterator<Item = (String, Duration)> {
+        self.0.pipes.iter().map(|pipe| (pipe.name().to_owned(), pipe.busy()))
+    }
+
     /// The names of the sinks.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.0.pipes.iter().map(Pipe::name)

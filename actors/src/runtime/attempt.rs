@@ -1,6 +1,7 @@
 //! Calls into a part that is not trusted yet: its panic ends nobody else, and it has only so much time.
 
 use crate::runtime::clock::{Clock, ClockKind};
+use crate::runtime::load::Load;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
@@ -34,10 +35,13 @@ pub(crate) async fn attempt<T: Send + 'static>(
         clock.sleep(given.cost.min(budget)).await;
         return if given.cost > budget { Err(slow()) } else { Ok(given.value) };
     }
-    let (done, answer) = tokio::sync::oneshot::channel();
+    let ((done, answer), load) = (tokio::sync::oneshot::channel(), Load::own());
     let thread = std::thread::Builder::new().name("attempt".into()).spawn(move || {
         // nobody may be waiting any more
-        let _ = done.send(caught());
+        let _ = done.send(match load {
+            Some(load) => load.counts(caught),
+            None => caught(),
+        });
     });
     thread.map_err(|e| format!("there is no thread to try it on: {e}"))?;
     match tokio::time::timeout(budget, answer).await {

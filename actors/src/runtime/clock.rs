@@ -5,6 +5,7 @@
 //! clock of the machine. Both read as [`Time`] since the handle was made.
 
 use mobee_contract::Time;
+use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::time::{Duration, SystemTime};
@@ -37,6 +38,21 @@ impl fmt::Display for ClockKind {
 /// If the operating system gives no timer or poller.
 pub fn runtime(kind: ClockKind) -> std::io::Result<Runtime> {
     Builder::new_current_thread().enable_all().start_paused(kind == ClockKind::Virtual).build()
+}
+
+/// Processor time that this thread has taken so far.
+pub(crate) fn processor_time() -> Duration {
+    spent(ClockId::ThreadCPUTime)
+}
+
+/// Processor time that the whole process has taken so far.
+pub fn processor_time_of_all() -> Duration {
+    spent(ClockId::ProcessCPUTime)
+}
+
+fn spent(clock: ClockId) -> Duration {
+    let time = clock_gettime(clock);
+    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
 }
 
 /// Tells the time since the run began, and waits. Cheap to clone.

@@ -1,6 +1,8 @@
 //! How a running system is: what a status line, or a person's "why does it not move?", is answered from.
 
 use super::RunCounts;
+use crate::runtime::clock::processor_time_of_all;
+use crate::runtime::load::Loads;
 use crate::runtime::stream::StreamCounters;
 use crate::runtime::supervision::Health;
 use crate::shell::{KeptObject, Sensor};
@@ -26,6 +28,10 @@ pub struct SystemReport {
     pub tree: Vec<Health>,
     /// The bounded links between actors, by name.
     pub links: Vec<(String, StreamCounters)>,
+    /// Processor time that each actor and each sink has taken so far, by name; by a real clock.
+    pub busy: BTreeMap<String, Duration>,
+    /// Processor time of the whole process so far: libraries have threads of their own.
+    pub process: Duration,
     /// The counters of the run.
     pub counts: RunCounts,
 }
@@ -79,7 +85,12 @@ impl SystemReport {
         let counts = shared.counts.lock().clone();
         let beside = shared.swaps_beside.lock().clone();
         let sensors = sensors.iter().map(|s| SensorReport::of(s)).collect();
-        SystemReport { at, robots, beside, sensors, tree, links, counts }
+        let mut busy = shared.loads.as_ref().map(Loads::busy).unwrap_or_default();
+        for (sink, time) in shared.taps.busy() {
+            *busy.entry(sink).or_default() += time;
+        }
+        let process = processor_time_of_all();
+        SystemReport { at, robots, beside, sensors, tree, links, busy, process, counts }
     }
 
     /// The last step of an exchange, by the name of the robot, or of what runs beside the robots.

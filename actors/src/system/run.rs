@@ -4,6 +4,7 @@ use super::exchange::{Beside, Exchanges};
 use super::inject::inject;
 use super::{Control, Cues, Reason, RunEnd, RunError, RunProgress, Setup, SystemReport, Troubles, tree};
 use crate::runtime::clock::{Clock, ClockKind, runtime};
+use crate::runtime::load::Loads;
 use crate::runtime::stream::Stream;
 use crate::runtime::supervision::{Group, GroupMsg};
 use crate::shell::{Eye, Post, Sensor};
@@ -297,6 +298,7 @@ fn wire(
         seen: LatestCell::default(),
         to_model: Stream::new("history>model", 256),
         model: ActorLink::default(),
+        loads: (clock.kind() == ClockKind::Real).then(Loads::default),
         clock,
         taps: setup.taps,
         counts: LatestCell::new(setup.past.as_ref().map(|p| p.counts.clone()).unwrap_or_default()),

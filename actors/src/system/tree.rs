@@ -17,6 +17,7 @@
 
 use crate::record::names::{CAMERA, DETECTOR, SENSOR, SERVICE, SERVICES};
 use crate::record::tap::TapActor;
+use crate::runtime::load::Measured;
 use crate::runtime::supervision::{Child, Group, Intensity, Restart, Strategy};
 use crate::shell::{
     AgentActor, CameraActor, DetectorActor, DriverActor, Eye, GRACE, HistoryActor, LocatorActor, ModelActor, Post,
@@ -44,12 +45,15 @@ where
     A::Arguments: Send,
 {
     let (own, troubles) = (name.clone(), shared.troubles.clone());
+    let load = shared.loads.as_ref().map(|loads| loads.of(&name));
     Child::new(name, move |parent: ActorCell| {
         let (arguments, troubled) = (arguments(), troubles.clone().map(|t| Troubled::new(actor(), own.clone(), t)));
+        let load = load.clone();
         async move {
-            let spawned = match troubled {
-                Some(troubled) => Actor::spawn_linked(None, troubled, arguments, parent).await,
-                None => Actor::spawn_linked(None, actor(), arguments, parent).await,
+            let spawned = match (troubled, load) {
+                (Some(troubled), _) => Actor::spawn_linked(None, troubled, arguments, parent).await,
+                (None, Some(load)) => Actor::spawn_linked(None, Measured::new(actor(), load), arguments, parent).await,
+                (None, None) => Actor::spawn_linked(None, actor(), arguments, parent).await,
             };
             spawned.map(|(actor, _)| actor.get_cell()).map_err(|e| e.to_string())
         }

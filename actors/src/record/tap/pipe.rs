@@ -2,6 +2,7 @@
 
 use super::{Kept, OpenSink, Pictures, SinkSpec};
 use crate::runtime::clock::ClockKind;
+use crate::runtime::load::Load;
 use crate::runtime::stream::StreamCounters;
 use mobee_contract::{Entry, Event, Pose, SeenPicture, Sink, Time};
 use mobee_model::Contact;
@@ -58,6 +59,8 @@ struct Shared {
     queue: Mutex<Queue>,
     filled: Condvar,
     emptied: Condvar,
+    /// Processor time that writing has taken.
+    load: Load,
     /// Entries written and flushes made: a thread that does not get on is left behind at the end.
     steps: AtomicU64,
 }
@@ -116,7 +119,8 @@ impl Pipe {
     pub(super) fn spawn(clock: ClockKind, spec: SinkSpec) -> Result<Pipe, String> {
         let spec = SinkSpec { capacity: spec.capacity.max(1), ..spec };
         let (filled, emptied) = (Condvar::new(), Condvar::new());
-        let shared = Shared { queue: Mutex::default(), filled, emptied, steps: AtomicU64::new(0) };
+        let shared =
+            Shared { queue: Mutex::default(), filled, emptied, load: Load::default(), steps: AtomicU64::new(0) };
         shared.lock().ended = true;
         let pipe = Pipe {
             open: Mutex::new(spec.open.clone()),
@@ -318,6 +322,11 @@ impl Pipe {
         StreamCounters { sent: queue.sent, handled: queue.handled, queued, dropped: queue.dropped }
     }
 
+    /// Processor time that writing has taken so far.
+    pub(super) fn busy(&self) -> Duration {
+        self.shared.load.busy()
+    }
+
     /// For an essential sink: why the record is not complete, or not being written now.
     pub(super) fn broken(&self) -> Option<String> {
         if !self.spec.essential {
@@ -381,7 +390,7 @@ fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> 
         }
         if queue.entries.is_empty() {
             drop(queue);
-            sink.flush()?;
+            shared.load.counts(|| sink.flush())?;
             shared.steps.fetch_add(1, Ordering::Relaxed);
             queue = shared.lock();
         }
@@ -399,7 +408,7 @@ fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> 
         shared.emptied.notify_all();
         let lost = std::mem::replace(&mut dropped, queue.dropped) != queue.dropped;
         drop(queue);
-        let end = catch_unwind(AssertUnwindSafe(|| {
+        let write = || {
             if lost {
                 sink.lost();
             }
@@ -409,7 +418,8 @@ fn serve(shared: &Shared, sink: &mut dyn Sink, mine: u64) -> Result<(), String> 
                 shared.steps.fetch_add(1, Ordering::Relaxed);
             }
             Ok(())
-        }));
+        };
+        let end = catch_unwind(AssertUnwindSafe(|| shared.load.counts(write)));
         let mut queue = shared.lock();
         if queue.threads != mine {
             return Ok(());
