@@ -175,7 +175,10 @@ impl Far {
         let faults = lock(&self.faults);
         let mut judge = lock(&self.judge);
         judge.see(self.index, now, (&q, &speeds), &faults);
-        judge.see_settings(self.index, now, (settings, &speeds), &faults);
+        // what is held on its way stands still, and is not at its end
+        let held = self.hardware.held(now).into_iter().flatten().any(|(_, ahead)| ahead > 0.0);
+        let rests = !held && speeds.iter().all(|v| *v == 0.0);
+        judge.see_settings(self.index, now, (settings, rests), &faults);
     }
 
     /// What the board says of its axes.

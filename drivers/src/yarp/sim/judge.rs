@@ -334,7 +334,7 @@ impl Judge {
         &mut self,
         board: usize,
         now: Time,
-        (settings, v): (Vec<JointSettings>, &[f64]),
+        (settings, rests): (Vec<JointSettings>, bool),
         faults: &Faults,
     ) {
         let died = self.died.is_some_and(|at| now.since(at) < BACK);
@@ -356,7 +356,7 @@ impl Judge {
             other(found.speed, left.speed) || other(found.acceleration, left.acceleration) || (!is_leased && modes)
         };
         let left = watched.found.iter().zip(&settings).position(is_left);
-        if left.is_none() || disturbed || v.iter().any(|v| *v != 0.0) {
+        if left.is_none() || disturbed || !rests {
             watched.still = None;
         } else if now.since((*watched.still.get_or_insert(now)).max(watched.moved)) > GIVEN_BACK {
             watched.still = None;
