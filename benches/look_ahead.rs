@@ -10,7 +10,7 @@
 //! * *pressed*: the same in an escape, which begins within the margin of something that was put there;
 //! * *false*: the reflex stopped a motion, and the straight way from there to its target is free of the margin.
 //!
-//! `cargo bench --bench look_ahead -- [runs per speed] [seconds per run] [first seed]` (default 100, 60 and 1)
+//! `cargo bench --bench look_ahead -- [runs per speed] [seconds per run] [first seed] [reserve, mm]` (default 100, 60, 1 and 10)
 
 #![allow(clippy::disallowed_methods)] // a measurement of the processor
 
@@ -234,16 +234,18 @@ fn main() {
     let runs = numbers.first().copied().unwrap_or(100.0) as u64;
     let secs = numbers.get(1).copied().unwrap_or(60.0);
     let first = numbers.get(2).copied().unwrap_or(1.0) as u64;
+    let reserve = numbers.get(3).copied().unwrap_or(10.0);
     println!("{runs} runs of {secs} s, seeds from {first}, {BALLS} balls that appear every few seconds");
     println!(
         "| speed | reflex | motions | stops | of these foreseen | false | hard | unavoidable | pressed | escapes | faulted | real-time factor |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for speed in [0.1, 0.5, 1.0] {
-        for (name, reserve) in [("Algorithm 6", ""), ("looks ahead, 5 mm", ", reserve_mm = 5")] {
+        let ahead = (format!("looks ahead, {reserve} mm"), format!(", reserve_mm = {reserve}"));
+        for (name, reserve) in [("Algorithm 6".to_owned(), String::new()), ahead] {
             let (began, mut sum) = (Instant::now(), Tally::default());
             for seed in first..first + runs {
-                let (t, shown) = one(seed, speed, reserve, secs);
+                let (t, shown) = one(seed, speed, &reserve, secs);
                 if !reserve.is_empty() {
                     shown.iter().for_each(|what| println!("  seed {seed}: {what}"));
                 }

@@ -2,7 +2,7 @@
 //! one a run is the same wherever it runs.
 
 use crate::runtime::clock::processor_time;
-use ractor::{Actor, ActorProcessingErr, ActorRef};
+use ractor::{Actor, ActorProcessingErr, ActorRef, SupervisionEvent};
 use std::collections::BTreeMap;
 use std::future::poll_fn;
 use std::pin::pin;
@@ -94,6 +94,23 @@ impl<A: Actor> Actor for Measured<A> {
     ) -> Result<(), ActorProcessingErr> {
         let mut work = pin!(OWN.scope(self.load.clone(), self.actor.handle(myself, message, state)));
         poll_fn(|cx| self.load.counts(|| work.as_mut().poll(cx))).await
+    }
+
+    async fn post_start(&self, myself: ActorRef<A::Msg>, state: &mut A::State) -> Result<(), ActorProcessingErr> {
+        self.actor.post_start(myself, state).await
+    }
+
+    async fn post_stop(&self, myself: ActorRef<A::Msg>, state: &mut A::State) -> Result<(), ActorProcessingErr> {
+        self.actor.post_stop(myself, state).await
+    }
+
+    async fn handle_supervisor_evt(
+        &self,
+        myself: ActorRef<A::Msg>,
+        message: SupervisionEvent,
+        state: &mut A::State,
+    ) -> Result<(), ActorProcessingErr> {
+        self.actor.handle_supervisor_evt(myself, message, state).await
     }
 }
 
