@@ -12,6 +12,7 @@
 
 mod back;
 mod contacts;
+mod floors;
 mod retreat;
 mod room;
 
@@ -22,7 +23,8 @@ use crate::ledger::{SafePose, Underway};
 use crate::pulse::Pulse;
 use crate::stop::Stop;
 use crate::{Rules, Shared};
-use contacts::{Contacts, Floors, Lately};
+use contacts::Contacts;
+use floors::{Floors, Lately};
 use mobee_contract::{Cause, Command, CommitId, Event, Hold, Status, Time};
 use mobee_model::{Contact, Pair};
 use retreat::Retreat;

@@ -9,7 +9,7 @@
 //! spaces what is written. Readings that were held up come in a bunch: judged by `now` they would prove a rest from
 //! before the stop, and set-points spaced by `sampled_at` would be written all at once.
 
-use super::contacts::Floors;
+use super::floors::Floors;
 use super::retreat::{Parted, Retreat};
 use super::room::{Room, Way, another};
 use super::{Back, FROZEN, FROZEN_WAY, Names, Phase, ReflexCore, ReflexOut, ReflexReport, Step, Still, Then};
