@@ -6,7 +6,8 @@
 //! * *hard*: a pair comes to distance zero or below, that physics allowed to avoid;
 //! * *unavoidable*: the same with a ball that was put onto the robot (within the margin at the first two readings), or into the way on
 //!   which it would have come to rest if it had been stopped at the second reading after the ball appeared (the first tells of the ball; the
-//!   board's latency, and braking as hard as it can). A ball counts as that for two seconds, or until it is apart again;
+//!   board's latency, and braking as hard as it can), or that is touched as the robot brakes by a stop that was told at one of these two
+//!   readings: nobody stops earlier. A ball counts as that for two seconds, or until it is [`APART`] again;
 //! * *pressed*: the same in an escape, which begins within the margin of something that was put there;
 //! * *false*: the reflex stopped a motion, and the straight way from there to its target is free of the margin.
 //!
@@ -17,8 +18,8 @@
 use mobee::compose::read;
 use mobee_actors::record::tap::Taps;
 use mobee_actors::system::{Setup, run};
-use mobee_contract::{Axis, Cause, Entry, Event, Outcome, Pose, Sink, Time};
-use mobee_model::{Pair, Scene, ShapeId, Sweep};
+use mobee_contract::{Axis, Cause, Entry, Event, Outcome, Pose, Sink, Status, Time};
+use mobee_model::{Contact, Pair, Scene, ShapeId, Sweep};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,6 +29,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 const MARGIN: f64 = 0.010;
+/// What touched is apart again when it is so far away, as for the reflex: encoders are noisy, and what leaves slowly passes zero often.
+const APART: f64 = 0.002;
 const BALLS: usize = 3;
 
 /// A behavior and its world, in a folder.
@@ -84,15 +87,21 @@ struct Witness {
     readings: Vec<(Time, Pose)>,
     /// The world was edited so many readings ago.
     since_edit: u32,
+    /// Whether the filter was closed at one of the first two readings since, and the robot has not come to rest.
+    at_once: bool,
     target: Option<Pose>,
     escaping: bool,
-    status: Option<mobee_contract::Status>,
+    status: Option<Status>,
     /// Pairs at distance zero, and those for which that could not be avoided, until they are apart again.
     touching: BTreeSet<Pair>,
     excused: BTreeSet<Pair>,
     tally: Tally,
     /// What touched hard, in words.
     shown: Vec<String>,
+}
+
+fn with_ball(pair: &Pair) -> bool {
+    [pair.0, pair.1].iter().any(|shape| matches!(shape, ShapeId::Object { .. }))
 }
 
 impl Witness {
@@ -129,15 +138,14 @@ impl Witness {
         if self.since_edit <= 2 {
             // what is inevitable by now is nobody's fault
             let rest = self.rest().unwrap_or_else(|| q.clone());
-            let is_ball = |p: &Pair| matches!(p.0, ShapeId::Object { .. }) || matches!(p.1, ShapeId::Object { .. });
-            self.excused.extend(Self::on_way(&scene, q, &rest, 0.0).into_iter().filter(is_ball));
-            self.excused.extend(Self::distances(&scene, q, MARGIN).into_keys().filter(is_ball));
+            self.excused.extend(Self::on_way(&scene, q, &rest, 0.0).into_iter().filter(with_ball));
+            self.excused.extend(Self::distances(&scene, q, MARGIN).into_keys().filter(with_ball));
         }
         let Some(sweep) = &mut self.sweep else { return };
-        let now: BTreeSet<Pair> =
-            sweep.to(std::slice::from_ref(q)).iter().filter(|c| c.distance <= 0.0).map(|c| c.pair).collect();
+        let touches = |c: &&Contact| c.distance <= if self.touching.contains(&c.pair) { APART } else { 0.0 };
+        let now: BTreeSet<Pair> = sweep.to(std::slice::from_ref(q)).iter().filter(touches).map(|c| c.pair).collect();
         for pair in now.difference(&self.touching) {
-            match (self.escaping, self.excused.contains(pair)) {
+            match (self.escaping, self.excused.contains(pair) || self.at_once && with_ball(pair)) {
                 (true, _) => self.tally.pressed += 1,
                 (false, true) => self.tally.unavoidable += 1,
                 (false, false) => {
@@ -160,12 +168,17 @@ impl Witness {
                 self.tally.motions += 1;
                 self.tally.escapes += u32::from(*escape);
             }
-            Event::State { status, .. } => self.status = Some(*status),
+            Event::State { status, .. } => {
+                self.status = Some(*status);
+                self.at_once &= *status == Status::Stopping;
+            }
             Event::Outcome { outcome, .. } => {
                 self.escaping = false;
                 self.tally.faulted += u32::from(*outcome == Outcome::Faulted);
             }
             Event::Disabled { cause: cause @ (Cause::Contact(_) | Cause::Foreseen(_)), .. } if !self.escaping => {
+                // told before the reading itself
+                self.at_once = self.since_edit < 2;
                 let (Some(target), Some(scene), Some((_, q))) = (self.target.take(), &self.scene, self.readings.last())
                 else {
                     return;
@@ -188,7 +201,7 @@ impl Sink for Witness {
             Entry::Event(event) => self.event(event),
             Entry::Scene(scene) => {
                 self.sweep = Some(Sweep::of_all(scene.clone(), 0.002, 0.001));
-                (self.scene, self.since_edit) = (Some(scene.clone()), 0);
+                (self.scene, self.since_edit, self.at_once) = (Some(scene.clone()), 0, false);
             }
             Entry::Picture { .. } => {}
         }
@@ -211,6 +224,7 @@ fn one(seed: u64, speed: f64, reserve: &str, secs: f64) -> (Tally, Vec<String>) 
         sweep: None,
         readings: Vec::new(),
         since_edit: 0,
+        at_once: false,
         target: None,
         escaping: false,
         status: None,
