@@ -318,11 +318,12 @@ fn by_the_wall(source: &Source, at: &str, role: &str) -> ConfigError {
 
 fn agent(source: &Source, at: &str, value: &Value, context: Context) -> Result<(AgentMaker, Requirements), Complaints> {
     let (kind, mut settings) = kind::<dyn Agent>(source, at, value)?;
-    if let Some(Value::String(file)) = settings.get("map") {
-        // agents take a map as JSON, and read no files
+    // agents take maps as JSON, and read no files
+    for (place, map) in crate::config::maps(&mut settings) {
+        let Value::String(file) = &*map else { continue };
         let path = Config::beside(source, Path::new(file));
-        let sent = source.text_sent(&format!("{at}.map"), &path).transpose()?;
-        settings["map"] = crate::roadmap::for_agent(&path, sent)?;
+        let sent = source.text_sent(&format!("{at}.{place}"), &path).transpose()?;
+        *map = crate::roadmap::for_agent(&path, sent)?;
     }
     let build = kind.build;
     let means = build(&settings, &context).map_err(|e| placed(source, at, e))?.requirements();

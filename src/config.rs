@@ -218,6 +218,15 @@ pub struct Resolved {
     pub config: Value,
 }
 
+/// The maps that an agent is given, one or a list of them, each with the path of its setting.
+pub(crate) fn maps(agent: &mut Value) -> Vec<(String, &mut Value)> {
+    match agent.get_mut("map") {
+        Some(Value::Array(maps)) => maps.iter_mut().enumerate().map(|(i, map)| (format!("map[{i}]"), map)).collect(),
+        Some(map) => vec![("map".to_owned(), map)],
+        None => Vec::new(),
+    }
+}
+
 fn one() -> u64 {
     1
 }
@@ -320,9 +329,10 @@ impl Config {
                 relocate(&format!("robot[{i}].driver.file"), &mut path);
                 *file = path.to_string_lossy().into_owned();
             }
-            if let Some(Value::String(file)) = r.agent.as_mut().and_then(|agent| agent.get_mut("map")) {
+            for (place, map) in r.agent.iter_mut().flat_map(maps) {
+                let Value::String(file) = map else { continue };
                 let mut path = PathBuf::from(&file);
-                relocate(&format!("robot[{i}].agent.map"), &mut path);
+                relocate(&format!("robot[{i}].agent.{place}"), &mut path);
                 *file = path.to_string_lossy().into_owned();
             }
         }

@@ -197,18 +197,26 @@ pub fn example_pose(robot: &Robot, share: f64) -> BTreeMap<String, f64> {
 /// nearest the root, so that a palm is chosen before a fingertip. An index into `Robot::markers`.
 pub fn hand(robot: &Robot, group: &[usize]) -> Option<usize> {
     let rank = |node: usize| {
-        let (mut moved, mut depth, mut at) = (0usize, 0usize, Some(node));
-        while let Some(node) = at.and_then(|i| robot.nodes.get(i)) {
-            if let mobee_model::NodeKind::Joint { motor, .. } = node.kind {
-                moved += usize::from(group.contains(&motor));
-            }
-            depth += 1;
-            at = node.parent.filter(|_| depth <= robot.nodes.len());
-        }
-        (moved, depth)
+        let moved = movers(robot, node).filter(|motor| group.contains(motor)).count();
+        (moved, above(robot, node).count())
     };
     let ranked = robot.markers.iter().enumerate().map(|(i, m)| (rank(m.node), i));
     ranked.min_by_key(|((moved, depth), i)| (std::cmp::Reverse(*moved), *depth, *i)).map(|(_, i)| i)
+}
+
+/// The motors that move a node (an index into `Robot::nodes`), such as a marker's, the nearest first.
+pub fn movers(robot: &Robot, node: usize) -> impl Iterator<Item = usize> {
+    let motor = |node: &mobee_model::Node| match node.kind {
+        mobee_model::NodeKind::Joint { motor, .. } => Some(motor),
+        _ => None,
+    };
+    above(robot, node).filter_map(motor)
+}
+
+/// A node and those that it hangs on.
+fn above(robot: &Robot, node: usize) -> impl Iterator<Item = &mobee_model::Node> {
+    let parent = |node: &&mobee_model::Node| robot.nodes.get(node.parent?);
+    std::iter::successors(robot.nodes.get(node), parent).take(robot.nodes.len())
 }
 
 /// All robots' poses with the agent's own robot at `q`.

@@ -3,6 +3,7 @@
 //! ```text
 //! text ──parse──> MapFile ──check(robot)──> roadmap ──> an agent plans ──> Roadmap::export ──┐
 //!                 MapFile, MapFile ──merge──> MapFile ──text──> file     <──────────────────┘
+//!                 of two limbs     ──unite──> of both
 //! ```
 //!
 //! One format serves builders, agents and runs: JSON with one vertex, edge or trial on a line, so that two files can be
@@ -28,12 +29,14 @@ mod merge;
 mod place;
 mod read;
 mod text;
+mod unite;
 
 pub use certify::certify;
 pub use identity::{robot_digest, world_digest};
 pub use merge::{MergeRefusal, merge};
 pub use place::span;
 pub use read::MapFault;
+pub use unite::unite;
 
 use mobee_contract::EdgeState;
 use serde::{Deserialize, Serialize};

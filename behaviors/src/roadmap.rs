@@ -134,6 +134,17 @@ impl Roadmap {
         self.motors.iter().map(|m| q.get(*m).copied().unwrap_or(0.0)).collect()
     }
 
+    /// A whole pose with the group at `q`.
+    pub fn whole(&self, pose: &[f64], q: &[f64]) -> Vec<f64> {
+        let mut pose = pose.to_vec();
+        for (motor, q) in self.motors.iter().zip(q) {
+            if let Some(slot) = pose.get_mut(*motor) {
+                *slot = *q;
+            }
+        }
+        pose
+    }
+
     /// Adds a pose; answers its number. Vertices are numbered from 0 and never taken out; see [`Roadmap::replace`].
     pub fn add(&mut self, vertex: Vertex) -> u32 {
         let group = self.group(&vertex.q);

@@ -3,7 +3,7 @@
 
 use super::wire::{LONGEST, Sent};
 use crate::compose::from_source;
-use crate::config::{Config, ConfigError, Source};
+use crate::config::{Config, ConfigError, Source, maps};
 use miette::{IntoDiagnostic, Report};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -40,10 +40,16 @@ pub(super) fn of(file: PathBuf, source: &Source) -> Result<Sent, Report> {
 fn named(mut config: Config, source: &Source) -> Vec<PathBuf> {
     let learned = config.sensor_paths().filter(|(at, _)| at.ends_with(".file"));
     let learned: Vec<PathBuf> = learned.map(|(_, file)| PathBuf::from(file.as_str())).collect();
+    let agents = config.robot.iter_mut().flat_map(|r| r.agent.iter_mut());
+    let roadmaps: Vec<PathBuf> =
+        agents.flat_map(maps).filter_map(|(_, map)| Some(PathBuf::from(map.as_str()?))).collect();
     let models = config.robot.iter().map(|r| r.model.as_path());
     let tables = config.robot.iter().filter_map(|r| r.driver.get("file")?.as_str()).map(Path::new);
-    let maps = config.robot.iter().filter_map(|r| r.agent.as_ref()?.get("map")?.as_str()).map(Path::new);
     let learned = learned.iter().map(PathBuf::as_path);
-    let all = models.chain(tables).chain(maps).chain(learned).chain(config.world.file.as_deref());
+    let all = models
+        .chain(tables)
+        .chain(roadmaps.iter().map(PathBuf::as_path))
+        .chain(learned)
+        .chain(config.world.file.as_deref());
     all.map(|path| Config::beside(source, path)).collect()
 }

@@ -76,6 +76,9 @@ enum Phase {
 struct Place {
     /// The object's middle when it was chosen, meters.
     object: [f64; 3],
+    /// The hand, among the agent's.
+    #[serde(default)]
+    hand: usize,
     /// The vertex that the postures were begun from.
     from: u32,
     /// Vertices of the postures.
@@ -88,8 +91,8 @@ pub struct ReachAgent {
     robot: Arc<Robot>,
     settings: ReachSettings,
     walker: Walker,
-    hand: Option<usize>,
-    palm: Option<Unit<Vector3<f64>>>,
+    /// Markers and, in their frames, the direction out of the palm.
+    hands: Vec<(usize, Unit<Vector3<f64>>)>,
     palm_toward: Unit<Vector3<f64>>,
     gaze_plan: Option<GazePlan>,
     wait: Duration,
@@ -105,7 +108,7 @@ pub struct ReachAgent {
 }
 
 struct Ready {
-    hand: Option<Hand>,
+    hands: Vec<Hand>,
     gaze: Option<Gaze>,
 }
 
@@ -152,7 +155,7 @@ impl ReachAgent {
         let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
         let wait = group::seconds("wait_s", settings.wait_s);
         let gaze = settings.gaze.as_ref().map(|gaze| gaze.plan(&robot)).transpose();
-        let hand = group::marker("hand", settings.hand.as_deref(), &robot);
+        let hands = map::hands(&settings, &robot);
         let toward = settings.check();
         KindError::gather([
             map.as_ref().map(drop).map_err(Clone::clone),
@@ -160,14 +163,17 @@ impl ReachAgent {
             tolerance.clone().map(drop),
             wait.clone().map(drop),
             gaze.as_ref().map(drop).map_err(Clone::clone),
-            hand.clone().map(drop),
+            hands.clone().map(drop),
             toward.clone().map(drop),
         ])?;
         let (map, rest) = map?;
-        let of_map = map.hand().and_then(|name| robot.markers.iter().position(|m| m.name == name));
-        let hand = hand?.or(of_map).or_else(|| group::hand(&robot, map.motors()));
+        let mut hands = hands?;
+        if hands.is_empty() {
+            hands.extend(group::hand(&robot, map.motors()));
+        }
         let palm = settings.palm.map(|palm| settings::direction("palm", palm)).transpose()?;
-        let palm = palm.or_else(|| Some(robot.markers.get(hand?)?.normal));
+        let palm = |hand: usize| palm.or_else(|| Some(robot.markers.get(hand)?.normal));
+        let hands = hands.into_iter().filter_map(|hand| Some((hand, palm(hand)?))).collect();
         let seed = settings.seed.unwrap_or(context.seed);
         let walker = Walker::new(map, speed?, tolerance?, seed).with_validation(settings.validation);
         let walker = walker.with_leaps().with_blame();
@@ -187,8 +193,7 @@ impl ReachAgent {
         };
         Ok(ReachAgent {
             robot,
-            palm,
-            hand,
+            hands,
             palm_toward: toward?,
             gaze_plan: gaze?,
             wait: wait?,
@@ -219,9 +224,9 @@ impl ReachAgent {
         let places = self.places(object);
         self.mind.counts.object = object.into();
         self.look_at_scene(view);
-        let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
-        let (Some(hand), Some(space)) = (hand, self.space.as_mut()) else { return Err(NoChoice::OutOfReach) };
-        let choice = choice::choose(&self.walker.map, hand, space, view, (&places, vertices, &self.mind.tried))?;
+        let (Some(ready), Some(space)) = (&self.ready, self.space.as_mut()) else { return Err(NoChoice::OutOfReach) };
+        let choice =
+            choice::choose(&self.walker.map, &ready.hands, space, view, (&places, vertices, &self.mind.tried))?;
         let place = self.enter(choice, object, view);
         let pre = place.pre;
         self.mind.place = Some(place);
@@ -234,7 +239,10 @@ impl ReachAgent {
         match self.set_out(object, &choice::VERTICES, view) {
             Ok(pre) => {
                 self.mind.counts.set_out(view.at, self.mind.looking.first_seen());
-                self.walker.log(format!("{} is seen: the hand sets out", self.settings.object));
+                let marker = self.mind.place.as_ref().and_then(|place| self.hands.get(place.hand));
+                let name = marker.and_then(|(marker, _)| self.robot.markers.get(*marker)).map(|m| m.name.as_str());
+                let which = name.filter(|_| self.hands.len() > 1).map_or("the hand", |name| name);
+                self.walker.log(format!("{} is seen: {which} sets out", self.settings.object));
                 self.enter_phase(Phase::Go, pre);
                 None
             }
@@ -304,12 +312,16 @@ impl ReachAgent {
         None
     }
 
+    /// The hand that goes to the object.
+    fn hand(&self) -> Option<&Hand> {
+        self.ready.as_ref()?.hands.get(self.mind.place.as_ref()?.hand)
+    }
+
     /// Where the hand is, and how far that is from where it is to be before the object, as the model has both, meters.
     fn hand_at(&self, view: &View) -> ([f64; 3], f64) {
-        let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
-        let object = self.mind.place.as_ref().map(|place| Vector3::from(place.object));
-        let (Some(hand), Some(object)) = (hand, object) else { return ([0.0; 3], 0.0) };
-        (hand.chain.at(view.pose()).at.coords.into(), hand.off(view.pose(), self.places(object).pre).0)
+        let (Some(hand), Some(place)) = (self.hand(), &self.mind.place) else { return ([0.0; 3], 0.0) };
+        let pre = self.places(Vector3::from(place.object)).pre;
+        (hand.chain.at(view.pose()).at.coords.into(), hand.off(view.pose(), pre).0)
     }
 }
 

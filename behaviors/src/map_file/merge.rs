@@ -28,6 +28,13 @@ pub enum MergeRefusal {
     Named(String),
 }
 
+impl MergeRefusal {
+    pub(super) fn none() -> MergeRefusal {
+        let what = "numbers of maps";
+        MergeRefusal::Different { what, first: "none".into(), second: "at least one".into() }
+    }
+}
+
 /// Merges maps.
 ///
 /// # Errors
@@ -35,10 +42,7 @@ pub enum MergeRefusal {
 pub fn merge(maps: &[MapFile]) -> Result<MapFile, MergeRefusal> {
     let mut maps: Vec<MapFile> = maps.to_vec();
     maps.iter_mut().for_each(MapFile::round);
-    let Some(first) = maps.first() else {
-        let what = "numbers of maps";
-        return Err(MergeRefusal::Different { what, first: "none".into(), second: "at least one".into() });
-    };
+    let Some(first) = maps.first() else { return Err(MergeRefusal::none()) };
     let mut merged = MapFile {
         version: VERSION,
         certified: maps.iter().filter_map(|m| m.certified.clone()).max_by(|a, b| json(a).cmp(&json(b))),
@@ -47,7 +51,7 @@ pub fn merge(maps: &[MapFile]) -> Result<MapFile, MergeRefusal> {
         tried: Vec::new(),
         ..first.clone()
     };
-    maps.iter().try_for_each(|map| same(&merged, map))?;
+    maps.iter().try_for_each(|map| differ(&merged, map, &ALL))?;
     let numbers = vertices(&mut merged, &maps)?;
     let mut edges: BTreeMap<(u32, u32), MapEdge> = BTreeMap::new();
     let mut logs: BTreeMap<Option<String>, Vec<TriedMotion>> = BTreeMap::new();
@@ -76,7 +80,11 @@ pub fn merge(maps: &[MapFile]) -> Result<MapFile, MergeRefusal> {
     Ok(merged)
 }
 
-fn same(a: &MapFile, b: &MapFile) -> Result<(), MergeRefusal> {
+/// In what two maps may differ.
+const ALL: [&str; 6] = ["robots", "robot models", "worlds", "motors", "hands", "poses"];
+
+/// Whether they differ in any of these.
+pub(super) fn differ(a: &MapFile, b: &MapFile, matters: &[&str]) -> Result<(), MergeRefusal> {
     let word = |x: &Option<String>| x.clone().unwrap_or_else(|| "not said".to_owned());
     let short = |x: &Option<String>| word(x).chars().take(12).collect::<String>();
     let length = |m: &MapFile| m.vertices.first().map(|v| v.q_rad.len());
@@ -90,7 +98,10 @@ fn same(a: &MapFile, b: &MapFile) -> Result<(), MergeRefusal> {
         ("poses", length(a).zip(length(b)).is_some_and(|(a, b)| a != b), poses(a), poses(b)),
     ];
     let refuse = |(what, _, first, second)| MergeRefusal::Different { what, first, second };
-    checks.into_iter().find(|(_, differ, ..)| *differ).map_or(Ok(()), |check| Err(refuse(check)))
+    checks
+        .into_iter()
+        .find(|(what, differ, ..)| *differ && matters.contains(what))
+        .map_or(Ok(()), |check| Err(refuse(check)))
 }
 
 /// A pose in a total order.

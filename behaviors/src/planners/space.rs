@@ -30,6 +30,8 @@ pub struct JointSpace {
     rest: Vec<f64>,
     /// Places that no line may come near, by experience: a pose, and how near, rad.
     avoided: Vec<(Vec<f64>, f64)>,
+    /// Where motors are, of those that are drawn nowhere else.
+    held: Vec<Option<f64>>,
     evaluations: u64,
     edges: Vec<f64>,
     verdicts: Vec<EdgeVerdict>,
@@ -86,6 +88,7 @@ impl JointSpace {
             columns,
             rest: Vec::new(),
             avoided: Vec::new(),
+            held: Vec::new(),
             evaluations: 0,
             edges: Vec::new(),
             verdicts: Vec::new(),
@@ -133,13 +136,23 @@ impl JointSpace {
         self.joints.iter().map(|m| (m.max - m.min).min(TAU)).map(|way| way * way).sum::<f64>().sqrt()
     }
 
+    /// Keeps motors of the group (indices into `Robot::motors`) where they are to be, rad: a plan between two such poses moves none of
+    /// them.
+    pub fn hold(&mut self, held: &[(usize, f64)]) {
+        let at = |motor: &usize| held.iter().find(|(m, _)| m == motor).map(|(_, q)| *q);
+        self.held = self.motors.iter().map(at).collect();
+    }
+
     /// A pose within the limits, all alike likely.
     pub fn sample(&self, rng: &mut impl Rng) -> Vec<f64> {
-        let draw = |motor: &Motor| {
+        let draw = |(i, motor): (usize, &Motor)| {
+            if let Some(Some(held)) = self.held.get(i) {
+                return *held;
+            }
             let (min, max) = motor.range();
             if max > min { rng.random_range(min..=max) } else { min }
         };
-        self.joints.iter().map(draw).collect()
+        self.joints.iter().enumerate().map(draw).collect()
     }
 
     /// The pose that is the same as `to` and has the shortest way from `from`, within the limits.

@@ -221,9 +221,10 @@ fn is_solvable(file: &Path, agent: &Value, drawn: &ReachScene) -> Result<bool, R
     if let Some(table) = agent.as_object_mut() {
         table.remove("kind");
     }
-    if let Some(map) = agent["map"].as_str() {
-        let path = file.parent().unwrap_or(Path::new("")).join(map);
-        agent["map"] = crate::roadmap::for_agent(&path, None).map_err(Report::new)?;
+    for (_, map) in crate::config::maps(&mut agent) {
+        let Some(name) = map.as_str() else { continue };
+        let path = file.parent().unwrap_or(Path::new("")).join(name);
+        *map = crate::roadmap::for_agent(&path, None).map_err(Report::new)?;
     }
     let robot = crate::roadmap::robot(&drawn.truth)?.clone();
     let agent: ReachSettings = settings(&agent).into_diagnostic()?;

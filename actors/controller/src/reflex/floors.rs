@@ -7,6 +7,9 @@ use std::collections::VecDeque;
 
 /// Of how many motions that came near something it is known how near.
 const MOTIONS: usize = 64;
+/// What does not touch keeps so far apart, meters: well above what encoders' noise makes of a distance. What was less than twice as far apart
+/// as it set out can't be told from what touches.
+const APART: f64 = 1e-4;
 
 /// How near pairs may come while the robot backs out of contact: none begins, none gets deeper than it has been.
 ///
@@ -49,11 +52,13 @@ impl Floors {
     }
 
     /// The first pair that is nearer than it may be, by more than [`DEEPER`]: what presses against something gives a
-    /// little as it starts.
+    /// little as it starts. What was apart stays apart.
     pub fn broken<'a>(&self, near: &'a [Contact]) -> Option<&'a Contact> {
         near.iter().find(|c| {
-            let start = self.least.iter().find(|l| l.pair == c.pair).map_or(self.margin, |l| l.distance);
-            c.distance < start.min(self.margin) - DEEPER
+            let least = self.least.iter().find(|l| l.pair == c.pair).map_or(self.margin, |l| l.distance);
+            let start = least.min(self.margin);
+            let touches = start > 2.0 * APART && c.distance < APART;
+            touches || c.distance < start - DEEPER
         })
     }
 }
@@ -140,6 +145,9 @@ mod tests {
         assert_eq!((broken(&floors, 1, 3.1), broken(&floors, 1, 2.9)), (None, hit(1)));
         assert_eq!((broken(&floors, 2, 9.1), broken(&floors, 2, 8.9)), (None, hit(2)), "it was free");
         assert_eq!((broken(&floors, 3, 9.1), broken(&floors, 3, 8.9)), (None, hit(3)), "it was not near");
+        let apart = Floors::new(MARGIN, &[near(1, 0.8), near(2, 0.15)]);
+        assert_eq!((broken(&apart, 1, 0.2), broken(&apart, 1, 0.05)), (None, hit(1)), "what is apart stays apart");
+        assert_eq!(broken(&apart, 2, -0.5), None, "that touches, as far as encoders can tell");
         let granted = Contact { distance: MARGIN - DEEPER, ..near(3, 0.0) };
         assert_eq!(floors.broken(&[granted]), None, "all of the millimeter");
         floors.note(&[near(1, 2.0), near(2, 16.0), near(3, 5.0)]);

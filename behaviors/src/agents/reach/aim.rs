@@ -14,6 +14,8 @@ const LONGEST: f64 = 0.3;
 const DONE: f64 = 1e-9;
 /// Eyes that are so near to what they are to look at, rad, look at it (3 degrees).
 const AIMED: f64 = std::f64::consts::PI / 60.0;
+/// What is so near to where it rests is there, rad: maps are kept to a billionth, and encoders are noisy.
+const AT_REST: f64 = std::f64::consts::PI / 180.0;
 /// What a meter counts, beside a radian: a millimeter is as bad as 0.6 degrees.
 const PER_METER: f64 = 10.0;
 
@@ -120,12 +122,20 @@ impl Group {
 #[derive(Clone, Debug)]
 pub(super) struct Hand {
     pub chain: HandChain,
+    /// The map's motors, but for those that move other hands alone.
     pub group: Group,
+    /// These, and where they rest, rad.
+    pub others: Vec<(usize, f64)>,
     /// Where the palm is to point, in the world.
     pub palm: Unit<Vector3<f64>>,
 }
 
 impl Hand {
+    /// Whether all other hands are where they rest.
+    pub fn is_alone(&self, pose: &[f64]) -> bool {
+        self.others.iter().all(|(m, rest)| pose.get(*m).is_some_and(|q| (q - rest).abs() < AT_REST))
+    }
+
     /// The group's positions, near those of a whole pose, with the hand there and its palm as it should be.
     pub fn bring(&self, pose: &[f64], to: Vector3<f64>) -> Vec<f64> {
         self.group.solve(pose, |q| {

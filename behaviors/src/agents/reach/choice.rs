@@ -22,9 +22,11 @@ pub(super) const FEW: [usize; 1] = [24];
 const PLACE: f64 = 0.002;
 const ANGLE: f64 = std::f64::consts::PI / 12.0;
 
-/// Two postures, and the vertex that they are reached from.
+/// Two postures of a hand, and the vertex that they are reached from.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Choice {
+    /// An index into the agent's hands.
+    pub hand: usize,
     /// The vertex that the first posture was begun from, and whether the line from there is free; if not, the way is to be planned.
     pub vertex: u32,
     pub is_joined: bool,
@@ -49,12 +51,12 @@ pub(super) struct Places {
     pub grasp: Vector3<f64>,
 }
 
-/// Chooses postures for the hand at these places, from where the robot is; of those that are free, the one that is nearest, and one that a
-/// free line leads to before all others. The vertices near the place are begun from, but for those that were tried in vain, so many at
-/// once until there is one.
+/// Chooses postures for a hand at these places, from where the robot is; of those that are free, the one that is nearest, and one that a
+/// free line leads to before all others. The vertices near the place are begun from, but for those that were tried in vain, so many of each
+/// hand at once until there is one.
 pub(super) fn choose(
     map: &Roadmap,
-    hand: &Hand,
+    hands: &[Hand],
     space: &mut JointSpace,
     view: &View,
     (places, vertices, tried): (&Places, &[usize], &BTreeSet<u32>),
@@ -66,9 +68,9 @@ pub(super) fn choose(
     let mut rest = near.as_slice();
     let mut found = Err(NoChoice::OutOfReach);
     for count in vertices {
-        let (now, later) = rest.split_at((*count).min(rest.len()));
+        let (now, later) = rest.split_at((*count * hands.len()).min(rest.len()));
         rest = later;
-        match best_of(map, hand, space, view, (places, now)) {
+        match best_of(map, hands, space, view, (places, now)) {
             Ok(choice) => return Ok(choice),
             Err(NoChoice::OutOfReach) => {}
             Err(why) => found = Err(why),
@@ -77,25 +79,32 @@ pub(super) fn choose(
     found
 }
 
+/// Which hand a pose is one of: the first whose others rest.
+pub(super) fn side(hands: &[Hand], pose: &[f64]) -> Option<usize> {
+    hands.iter().position(|hand| hand.is_alone(pose))
+}
+
 /// The best choice of those that these vertices begin.
 fn best_of(
     map: &Roadmap,
-    hand: &Hand,
+    hands: &[Hand],
     space: &mut JointSpace,
     view: &View,
     (places, near): (&Places, &[(f64, u32)]),
 ) -> Result<Choice, NoChoice> {
-    let rest = view.pose();
-    let posture = |from: &[f64], to: Vector3<f64>| {
-        let q = hand.bring(&hand.group.whole(rest, from), to);
-        let (off, angle) = hand.off(&hand.group.whole(rest, &q), to);
-        (off <= PLACE && angle <= ANGLE).then_some(q)
+    let posture = |hand: &Hand, from: &[f64], to: Vector3<f64>| {
+        let pose = hand.group.whole(from, &hand.bring(from, to));
+        let (off, angle) = hand.off(&pose, to);
+        (off <= PLACE && angle <= ANGLE).then_some(pose)
     };
     let choice = |(_, vertex): &(f64, u32)| {
-        let from = map.group(&map.vertex(*vertex)?.q);
-        let pre = posture(&from, places.pre)?;
-        let grasp = posture(&pre, places.grasp)?;
-        Some((from, Choice { vertex: *vertex, is_joined: false, pre, grasp }))
+        let from = map.whole(view.pose(), &map.group(&map.vertex(*vertex)?.q));
+        let index = side(hands, &from)?;
+        let hand = hands.get(index)?;
+        let pre = posture(hand, &from, places.pre)?;
+        let grasp = posture(hand, &pre, places.grasp)?;
+        let [from, pre, grasp] = [from, pre, grasp].map(|pose| map.group(&pose));
+        Some((from, Choice { hand: index, vertex: *vertex, is_joined: false, pre, grasp }))
     };
     let choices: Vec<(Vec<f64>, Choice)> = near.iter().filter_map(choice).collect();
     if choices.is_empty() {
@@ -104,7 +113,7 @@ fn best_of(
     let lines = choices.iter().flat_map(|(from, c)| [(from, &c.pre), (&c.pre, &c.grasp)]);
     let lines: Vec<(Vec<f64>, Vec<f64>)> = lines.map(|(a, b)| (space.within(a), b.clone())).collect();
     let verdicts = space.certify(lines.iter().map(|(a, b)| (a.as_slice(), b.as_slice()))).to_vec();
-    let here = map.group(rest);
+    let here = map.group(view.pose());
     let judged = choices.into_iter().zip(verdicts.chunks(2)).filter_map(|((_, choice), verdicts)| {
         let [first, last] = verdicts else { return None };
         // the last line begins at the first posture, which is therefore free as well

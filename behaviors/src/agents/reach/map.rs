@@ -1,10 +1,11 @@
 //! The reaching agent's map: postures, rest and planned way-points as vertices of the roadmap it was given.
 
 use super::aim::{Group, Hand};
-use super::choice::Choice;
+use super::choice::{self, Choice};
 use super::look::{Gaze, limits};
 use super::{Place, ReachAgent, ReachSettings, Ready};
 use crate::group;
+use crate::map_file::{MapFile, unite};
 use crate::planners::{JointSpace, Planner, PlanningProblem, RrtConnect, shorten};
 use crate::roadmap::{Roadmap, Vertex};
 use crate::table_map::HandChain;
@@ -12,6 +13,8 @@ use mobee_contract::{EdgeState, KindError, Note, View};
 use mobee_model::Robot;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
 /// The name of the vertex where the arm rests.
@@ -34,7 +37,7 @@ pub(super) struct Own(Vec<u32>);
 pub(super) fn begin(settings: &ReachSettings, robot: &Robot) -> Result<(Roadmap, u32), KindError> {
     let mut map = match &settings.map {
         Some(value) => {
-            let mut map = Roadmap::import(value, robot).map_err(|e| e.under("map"))?;
+            let mut map = Roadmap::of_file(&file(value)?, robot).map_err(|e| e.under("map"))?;
             // it is told by its file
             map.notes();
             map
@@ -66,39 +69,93 @@ pub(super) fn begin(settings: &ReachSettings, robot: &Robot) -> Result<(Roadmap,
     Ok((map, rest))
 }
 
+/// The map that is given: one, or the maps of several arms as one.
+fn file(value: &Value) -> Result<MapFile, KindError> {
+    let Value::Array(values) = value else { return MapFile::from_value(value).map_err(|e| e.under("map")) };
+    let read = |(i, value): (usize, &Value)| MapFile::from_value(value).map_err(|e| e.under(&format!("map[{i}]")));
+    let maps = KindError::gather(values.iter().enumerate().map(read))?;
+    let help = "give maps that `mobee roadmap build` made for this robot in one world, one for each arm";
+    unite(&maps).map_err(|e| KindError::new("map", e.to_string(), help))
+}
+
+/// The markers that stand for the hands: those that are named, or those of the maps.
+///
+/// # Errors
+/// Markers that the robot does not have; none named, one named twice.
+pub(super) fn hands(settings: &ReachSettings, robot: &Robot) -> Result<Vec<usize>, KindError> {
+    let Some(named) = &settings.hand else {
+        let maps = settings.map.iter().flat_map(|map| map.as_array().map_or(std::slice::from_ref(map), Vec::as_slice));
+        let hands = maps.filter_map(|map| map.get("hand")?.as_str());
+        let mut all: Vec<usize> = hands.filter_map(|name| robot.markers.iter().position(|m| m.name == name)).collect();
+        let mut known = BTreeSet::new();
+        all.retain(|hand| known.insert(*hand));
+        return Ok(all);
+    };
+    let named = named.named("hand");
+    if named.is_empty() {
+        return Err(KindError::new("hand", "no hand is named", "name a marker of the robot, or leave `hand` out"));
+    }
+    let all = KindError::gather(named.iter().map(|(path, name)| group::marker(path, Some(name), robot)))?;
+    let all: Vec<usize> = all.into_iter().flatten().collect();
+    let twice = (1..all.len()).find(|i| all.iter().take(*i).any(|hand| Some(hand) == all.get(*i)));
+    match twice.and_then(|i| named.get(i)) {
+        Some((path, name)) => {
+            Err(KindError::new(path.as_str(), format!("{name} is named twice"), "name each hand once"))
+        }
+        None => Ok(all),
+    }
+}
+
 impl ReachAgent {
     /// Once: what follows from robot and board, where the map's vertices are shown, and how the rest posture is left.
     pub(super) fn prepare(&mut self, view: &View) {
         if self.ready.is_some() {
             return;
         }
-        let motors = self.walker.map.motors().to_vec();
-        let group = Group { limits: limits(&motors, &self.robot, view), motors };
-        let hand = self.hand.zip(self.palm).map(|(marker, palm)| {
-            let chain = HandChain::of_robot(&view.scene, view.robot, marker, palm);
-            Hand { chain, group, palm: self.palm_toward }
-        });
-        if let Some(hand) = &hand {
-            self.walker.map.place(|q| hand.chain.at(q).at.coords.into());
-        }
+        let hands: Vec<Hand> = (0..self.hands.len()).filter_map(|i| self.ready_hand(i, view)).collect();
+        let of = |q: &[f64]| hands.get(choice::side(&hands, q).unwrap_or(0));
+        self.walker.map.place(|q| of(q).map_or([0.0; 3], |hand| hand.chain.at(q).at.coords.into()));
         let gaze = self.gaze_plan.clone().map(|plan| Gaze::new(plan, &self.robot, view));
-        self.ready = Some(Ready { hand, gaze });
+        self.ready = Some(Ready { hands, gaze });
         if !std::mem::replace(&mut self.mind.joined, true) {
             self.join_rest(view);
         }
     }
 
-    /// Joins the rest posture to the vertices near it that a free line leads to.
+    /// A hand of the agent, an index, with the motors that may move it: those of the map that do not belong to another hand.
+    fn ready_hand(&self, hand: usize, view: &View) -> Option<Hand> {
+        let (marker, palm) = *self.hands.get(hand)?;
+        let movers = |marker: usize| -> BTreeSet<usize> {
+            let marker = self.robot.markers.get(marker);
+            marker.into_iter().flat_map(|marker| group::movers(&self.robot, marker.node)).collect()
+        };
+        let own = movers(marker);
+        let other = self.hands.iter().flat_map(|(other, _)| movers(*other)).filter(|m| !own.contains(m));
+        let other: BTreeSet<usize> = other.collect();
+        let rest = self.walker.map.vertex(self.rest).map_or(&[][..], |v| &v.q);
+        let (others, motors): (Vec<usize>, Vec<usize>) =
+            self.walker.map.motors().iter().partition(|m| other.contains(m));
+        let others = others.into_iter().map(|m| (m, rest.get(m).copied().unwrap_or(0.0))).collect();
+        let chain = HandChain::of_robot(&view.scene, view.robot, marker, palm);
+        let group = Group { limits: limits(&motors, &self.robot, view), motors };
+        Some(Hand { chain, group, others, palm: self.palm_toward })
+    }
+
+    /// Joins the rest posture to the vertices near it, of each hand, that a free line leads to.
     fn join_rest(&mut self, view: &View) {
         self.look_at_scene(view);
-        let (map, Some(space)) = (&mut self.walker.map, self.space.as_mut()) else { return };
+        let (map, Some(space), Some(ready)) = (&mut self.walker.map, self.space.as_mut(), &self.ready) else { return };
         let Some(rest) = map.vertex(self.rest).map(|v| v.q.clone()) else { return };
-        let near: Vec<u32> = map.by_distance(&rest).into_iter().filter(|id| *id != self.rest).take(NEAREST).collect();
         let from = map.group(&rest);
-        let to: Vec<Vec<f64>> = near.iter().filter_map(|id| Some(map.group(&map.vertex(*id)?.q))).collect();
-        let free = space.free_lines(to.iter().map(|to| (from.as_slice(), to.as_slice())));
-        for (id, _) in near.iter().zip(free).filter(|(_, free)| *free).take(EDGES) {
-            map.join(self.rest, *id);
+        let all: Vec<u32> = map.by_distance(&rest).into_iter().filter(|id| *id != self.rest).collect();
+        for hand in 0..ready.hands.len() {
+            let is_of = |id: &u32| map.vertex(*id).is_some_and(|v| choice::side(&ready.hands, &v.q) == Some(hand));
+            let near: Vec<u32> = all.iter().copied().filter(is_of).take(NEAREST).collect();
+            let to: Vec<Vec<f64>> = near.iter().filter_map(|id| Some(map.group(&map.vertex(*id)?.q))).collect();
+            let free = space.free_lines(to.iter().map(|to| (from.as_slice(), to.as_slice())));
+            for (id, _) in near.iter().zip(free).filter(|(_, free)| *free).take(EDGES) {
+                map.join(self.rest, *id);
+            }
         }
     }
 
@@ -115,15 +172,11 @@ impl ReachAgent {
 
     /// A vertex for a posture: a new one, or in the place of the oldest of its own that is not in use.
     fn add(&mut self, q: &[f64], view: &View) -> u32 {
-        let pose = self.walker.map.motors().iter().zip(q).fold(view.pose().to_vec(), |mut pose, (m, q)| {
-            if let Some(slot) = pose.get_mut(*m) {
-                *slot = *q;
-            }
-            pose
-        });
+        let pose = self.walker.map.whole(view.pose(), q);
         // an encoder may read a little beyond a limit
         let pose: Vec<f64> = pose.iter().zip(&self.robot.motors).map(|(q, m)| q.max(m.min).min(m.max)).collect();
-        let hand = self.ready.as_ref().and_then(|r| r.hand.as_ref());
+        let hands = self.ready.as_ref().map_or(&[][..], |ready| &ready.hands);
+        let hand = hands.get(choice::side(hands, &pose).unwrap_or(0));
         let at = hand.map_or([0.0; 3], |hand| hand.chain.at(&pose).at.coords.into());
         let vertex = Vertex { name: None, q: pose, at };
         let here = self.walker.map.at(view.pose(), f64::to_radians(1.0));
@@ -154,7 +207,7 @@ impl ReachAgent {
             self.walker.map.join(choice.vertex, pre);
         }
         self.walker.map.join(pre, grasp);
-        Place { object: object.into(), from: choice.vertex, pre, grasp }
+        Place { object: object.into(), hand: choice.hand, from: choice.vertex, pre, grasp }
     }
 
     /// Whether a straight line leads from where the robot is to a vertex.
@@ -173,9 +226,13 @@ impl ReachAgent {
     pub(super) fn plan(&mut self, goal: u32, view: &View) -> Option<Result<(), String>> {
         self.look_at_scene(view);
         let at = self.walker.map.at(view.pose(), self.settings.tolerance_deg.to_radians())?;
-        let to = self.walker.map.vertex(goal).map(|v| self.walker.map.group(&v.q))?;
-        let here = self.walker.map.group(view.pose());
+        let goal_pose = self.walker.map.vertex(goal).map(|v| v.q.clone())?;
+        let (to, here) = (self.walker.map.group(&goal_pose), self.walker.map.group(view.pose()));
         let space = self.space.as_mut()?;
+        // an arm that rests takes no part in another's way
+        let is_its = |hand: &&Hand| hand.is_alone(view.pose()) && hand.is_alone(&goal_pose);
+        let hand = self.ready.as_ref().and_then(|ready| ready.hands.iter().find(is_its));
+        space.hold(hand.map_or(&[], |hand| &hand.others));
         let seed = self.seed.wrapping_add(u64::from(self.mind.counts.planned)).wrapping_add(u64::from(self.mind.plans));
         let budget = self.settings.budget;
         let problem = PlanningProblem { start: space.within(&here), goal: to, seed, budget };

@@ -18,16 +18,17 @@ pub struct ReachSettings {
     /// The object to reach for, by its name in the world.
     pub object: String,
     /// The roadmap of pre-grasp poses: a map file, its JSON, or the settings that `mobee roadmap build` takes (`.toml`), of which the map
-    /// is built once and kept in the user's cache. Without it every way is planned.
+    /// is built once and kept in the user's cache; or a list of those, one for each arm. Without it every way is planned.
     #[serde(default)]
     pub map: Option<Value>,
     /// Names of parts or motors that move the hand; default: those of the map.
     #[serde(default)]
     pub motors: Vec<String>,
-    /// The marker that stands for the hand; default: the map's, or the one that most of the motors move.
+    /// The marker that stands for the hand, or a list of those, of which the one that gets there best is taken each time; default: those of
+    /// the maps, or the one that most of the motors move.
     #[serde(default)]
-    pub hand: Option<String>,
-    /// The direction out of the palm in the marker's frame; default: the marker's normal.
+    pub hand: Option<OneOrMore>,
+    /// The direction out of the palm in each marker's frame; default: the marker's normal.
     #[serde(default)]
     pub palm: Option<[f64; 3]>,
     /// Where the palm points to in the pre-grasp and grasp postures, in the world.
@@ -74,6 +75,28 @@ pub struct ReachSettings {
     /// Seed of all randomness; default: derived from the run's seed.
     #[serde(default)]
     pub seed: Option<u64>,
+}
+
+/// A name, or a list of them.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum OneOrMore {
+    /// One name.
+    One(String),
+    /// At least one.
+    More(Vec<String>),
+}
+
+impl OneOrMore {
+    /// Each name with the path of its setting.
+    pub(super) fn named(&self, path: &str) -> Vec<(String, &str)> {
+        match self {
+            OneOrMore::One(name) => vec![(path.to_owned(), name)],
+            OneOrMore::More(names) => {
+                names.iter().enumerate().map(|(i, n)| (format!("{path}[{i}]"), n.as_str())).collect()
+            }
+        }
+    }
 }
 
 /// How the eyes are turned.
