@@ -1,6 +1,10 @@
 //! Reflex latency: from the encoder sample that shows a contact to the stop command at the driver, by the wall clock,
-//! beside a bare control loop that stops at once, in the same run on the same machine. Then the same once more while a
-//! viewer follows that takes the connection and never reads (I16).
+//! and the period from sample to sample, beside a bare control loop that stops at once, in the same run on the same machine.
+//!
+//! * an iCub that explores (the recording on),
+//! * the same while a viewer follows that takes the connection and never reads (I16),
+//! * the whole system: an iCub that sees and reaches (`reach.toml`: two cameras, detectors, locator, a map of thousands of poses, the
+//!   recording on), while something comes into its arm's way again and again.
 //!
 //! `cargo bench --bench reflex_latency [-- SECONDS]`
 
@@ -10,19 +14,29 @@ use mobee::compose::compose;
 use mobee::config::Config;
 use mobee::run::{Folder, run};
 use mobee_contract::{Board, Command, ControlMode, Driver, DriverFault, Hardware, Sample, Time};
+use std::fmt::Write;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Hardware whose drivers note how long after the newest sample a stop arrives.
-struct Timed(Arc<dyn Hardware>, Arc<Mutex<Vec<Duration>>>);
+/// What was measured at a driver.
+#[derive(Default)]
+struct Log {
+    /// How long after the newest sample each stop arrived.
+    stops: Vec<Duration>,
+    /// From each sample to the next.
+    periods: Vec<Duration>,
+}
+
+/// Hardware whose drivers note when they are read, and when a stop arrives.
+struct Timed(Arc<dyn Hardware>, Arc<Mutex<Log>>);
 
 struct TimedDriver {
     inner: Box<dyn Driver>,
     sampled: Option<Instant>,
-    log: Arc<Mutex<Vec<Duration>>>,
+    log: Arc<Mutex<Log>>,
 }
 
 impl Hardware for Timed {
@@ -37,14 +51,15 @@ impl Driver for TimedDriver {
     }
     fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault> {
         if let (Command::Stop { .. }, Some(sampled)) = (command, self.sampled) {
-            self.log.lock().expect("no panic").push(sampled.elapsed());
+            self.log.lock().expect("no panic").stops.push(sampled.elapsed());
         }
         self.inner.command(now, command)
     }
     fn sample(&mut self, now: Time) -> Result<Option<Sample>, DriverFault> {
         let sample = self.inner.sample(now)?;
         if sample.is_some() {
-            self.sampled = Some(Instant::now());
+            let before = self.sampled.replace(Instant::now());
+            self.log.lock().expect("no panic").periods.extend(before.map(|before| before.elapsed()));
         }
         Ok(sample)
     }
@@ -59,30 +74,70 @@ impl Driver for TimedDriver {
     }
 }
 
+/// How often it is disturbed, s, and where, m: where the arm passes.
+const DISTURBED_S: f64 = 4.0;
+const FOREARM: [f64; 3] = [-0.30, 0.20, 0.05];
+
+/// What is measured.
+enum Load {
+    /// The iCub explores; a frozen viewer, if there is one.
+    Explore(Option<SocketAddr>),
+    /// It sees and reaches, and is disturbed.
+    Reach,
+}
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let secs = std::env::args().find_map(|a| a.parse::<f64>().ok()).unwrap_or(60.0);
-    let (alone, bare) = measure(secs, None)?;
     // its queue of connections is enough: what is sent is acknowledged by the system, and read by nobody
     let viewer = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
-    let (frozen, bare_then) = measure(secs, Some(viewer.local_addr()?))?;
-    println!(
-        "p99 over that of the bare loop: {:.2} alone, {:.2} with a frozen viewer",
-        alone / bare,
-        frozen / bare_then
-    );
+    let frozen = Load::Explore(Some(viewer.local_addr()?));
+    let loads = [("explore", Load::Explore(None)), ("explore, a viewer is frozen", frozen), ("reach", Load::Reach)];
+    for (name, load) in loads {
+        let (stops, periods) = measure(secs, name, &load)?;
+        println!("{name}: p99 over that of the bare loop: sample to stop {stops:.2}, period {periods:.3}\n");
+    }
     Ok(())
 }
 
-/// The 99th percentiles of the reflex and of a bare loop beside it, seconds.
-fn measure(secs: f64, viewer: Option<SocketAddr>) -> Result<(f64, f64), Box<dyn std::error::Error>> {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors/explore.toml");
-    let mut set = vec!["clock=real".to_owned(), format!("for_s={secs:?}"), "robot.icub.agent.speed=0.4".to_owned()];
-    // poses as quickly as they come, so that what waits for the viewer soon fills all that there is
-    set.extend(viewer.iter().flat_map(|at| [format!("record.live=\"{at}\""), "record.poses_hz=100.0".to_owned()]));
+/// The behavior that is run.
+fn behavior(load: &Load, secs: f64, dir: &Path) -> Result<(PathBuf, Vec<String>), std::io::Error> {
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/behaviors");
+    let mut set = vec!["clock=real".to_owned(), format!("for_s={secs:?}")];
+    match load {
+        Load::Explore(viewer) => {
+            set.push("robot.icub.agent.speed=0.4".to_owned());
+            // poses as quickly as they come, so that what waits for the viewer soon fills all that there is
+            let live = |at: &SocketAddr| [format!("record.live=\"{at}\""), "record.poses_hz=100.0".to_owned()];
+            set.extend(viewer.iter().flat_map(live));
+            Ok((configs.join("explore.toml"), set))
+        }
+        Load::Reach => {
+            let mut text = format!("include = [{:?}]\n", configs.join("reach.toml").display().to_string());
+            // a post in the arm's way, for a third of a second
+            for k in 1..(secs / DISTURBED_S) as u32 {
+                for (after, x) in [(0.0, FOREARM[0]), (0.3, 2.0)] {
+                    let (at, [_, y, z]) = (f64::from(k) * DISTURBED_S + after, FOREARM);
+                    let edit = format!("{{ object = \"lamp\", position_m = [{x}, {y}, {z}] }}");
+                    let _ = writeln!(text, "[[script]]\nwhen.at_s = {at:.1}\nedit = {edit}");
+                }
+            }
+            let file = dir.join("disturbed.toml");
+            std::fs::write(&file, text)?;
+            // whoever goes on as it was planned stops for nothing but the reflex
+            set.extend(["follow=false", "repeat=0", "wait_s=0"].map(|s| format!("robot.icub.agent.{s}")));
+            Ok((file, set))
+        }
+    }
+}
+
+/// The 99th percentiles of the reflex over those of a bare loop beside it: sample to stop, and period.
+fn measure(secs: f64, name: &str, load: &Load) -> Result<(f64, f64), Box<dyn std::error::Error>> {
+    let scratch = tempfile::tempdir()?;
+    let (file, set) = behavior(load, secs, scratch.path())?;
     let (config, source) = Config::load(&file, &set)?;
     let mut composition = compose(config, &source)?;
-    let (reflex, bare) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Mutex::new(Vec::new())));
-    composition.robots[0].hardware = Arc::new(Timed(composition.robots[0].hardware.clone(), reflex.clone()));
+    let (ours, bare) = (Arc::<Mutex<Log>>::default(), Arc::<Mutex<Log>>::default());
+    composition.robots[0].hardware = Arc::new(Timed(composition.robots[0].hardware.clone(), ours.clone()));
 
     let (config, source) = Config::load(&file, &[])?;
     let bare_hardware = Timed(compose(config, &source)?.robots[0].hardware.clone(), bare.clone());
@@ -99,27 +154,28 @@ fn measure(secs: f64, viewer: Option<SocketAddr>) -> Result<(f64, f64), Box<dyn 
             std::thread::sleep(driver.next_sample(now).since(now).max(Duration::from_millis(1)));
         }
     });
-    let scratch = tempfile::tempdir()?;
     let (_controls, receiver) = tokio::sync::mpsc::channel(1);
-    let done = run(composition, &Folder::create("latency", Some(scratch.path()))?, receiver, |_| ())?;
+    let done = run(composition, &Folder::create("latency", Some(&scratch.path().join("run")))?, receiver, |_| ())?;
     over.store(true, Ordering::Relaxed);
     let _ = control.join();
 
-    let how = if viewer.is_some() { "a viewer that is frozen" } else { "no viewer" };
-    println!("{how}: {} rollbacks in {secs} s by the wall clock", done.end.counts.rolled_back);
+    println!("{name}: {} rollbacks in {secs} s by the wall clock", done.end.counts.rolled_back);
     done.complaints.iter().for_each(|c| println!("{c}"));
-    Ok((figures("reflex, sample to stop", &reflex), figures("bare loop, sample to stop", &bare)))
+    done.overload.iter().for_each(|(c, _)| println!("{c}"));
+    let [ours, bare] = [ours, bare].map(|log| std::mem::take(&mut *log.lock().expect("no panic")));
+    let stops = figures("sample to stop", ours.stops) / figures("  bare loop", bare.stops);
+    Ok((stops, figures("period", ours.periods) / figures("  bare loop", bare.periods)))
 }
 
 /// Prints the distribution and returns the 99th percentile, seconds.
-fn figures(name: &str, log: &Mutex<Vec<Duration>>) -> f64 {
-    let mut all: Vec<f64> = log.lock().expect("no panic").iter().map(Duration::as_secs_f64).collect();
-    all.sort_by(f64::total_cmp);
+fn figures(name: &str, mut all: Vec<Duration>) -> f64 {
+    all.sort();
     let at = |share: f64| {
-        all.get(((all.len().saturating_sub(1)) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
+        let at = all.get(((all.len().saturating_sub(1)) as f64 * share).round() as usize);
+        at.map_or(f64::NAN, Duration::as_secs_f64)
     };
     println!(
-        "{name:26} n {:5}  p50 {:.4} ms  p99 {:.4} ms  max {:.4} ms",
+        "{name:16} n {:5}  p50 {:.4} ms  p99 {:.4} ms  max {:.4} ms",
         all.len(),
         at(0.5) * 1e3,
         at(0.99) * 1e3,

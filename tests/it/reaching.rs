@@ -1,7 +1,7 @@
 //! The paper's third experiment as a configuration composes it: a cup that eyes see is reached, again where it was moved to, and round what
 //! the map does not know.
 
-use super::common::{answer, complaint, thin_map};
+use super::common::{answer, complaint, thin_map, thinned};
 use mobee::run::{Done, example, in_order};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -48,6 +48,20 @@ fn the_cup_is_reached_wherever_it_is_put_and_equal_seeds_reach_alike() {
     assert_eq!(figure(&done, "reached"), 4.0, "{:?}", done.end.counts.done);
     assert!(figure(&done, "replanned") >= 1.0, "it was moved while the hand was on its way");
     let mm = off(&done, [-0.30, 0.12, -0.10]);
+    assert!(mm < 10.0, "{mm} mm off");
+}
+
+#[test]
+fn each_arm_reaches_what_is_on_its_side() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let maps = ["reach.toml", "reach-left.toml"].map(|file| thinned(file, folder.path()));
+    let map = format!("robot.icub.agent.map={maps:?}");
+    let script = "script=[{when={at_s=1},edit={object=\"cup\",position_m=[-0.34,0.20,-0.10]}},\
+                  {when={at_s=9},edit={object=\"cup\",position_m=[-0.34,-0.20,-0.10]}}]";
+    let done = run("configs/behaviors/reach.toml", &[map.as_str(), script, "robot.icub.agent.repeat=2"]);
+    let by = ["reached", "reached_by_r_hand_dh_frame", "reached_by_l_hand_dh_frame"].map(|name| figure(&done, name));
+    assert_eq!(by, [2.0, 1.0, 1.0], "{:?}", done.end.counts.done);
+    let mm = off(&done, [-0.34, -0.20, -0.10]);
     assert!(mm < 10.0, "{mm} mm off");
 }
 
@@ -118,4 +132,17 @@ fn settings_of_a_map_are_refused_at_their_place() {
     let refused = example("configs/behaviors/reach.toml", &[&map]).err().expect("refused");
     let said = format!("{:?}", miette::Report::msg(refused.to_string()));
     assert!(said.contains("table"), "{said}");
+    for (wrong, place, what) in [
+        ("hand=[\"r_hand_dh_frame\",\"r_hand_dh_frame\"]", "hand", "twice"),
+        ("hand=[\"r_hand_dh_frame\",\"l_foot\"]", "hand", "no marker"),
+        ("hand=[]", "hand", "no hand"),
+        ("map=[\"../roadmaps/reach.toml\",\"nowhere.json\"]", "nowhere.json", ""),
+        ("map=[]", "map", "none"),
+        ("map=[\"../roadmaps/reach.toml\",7]", "map", "version"),
+    ] {
+        let refused =
+            example("configs/behaviors/reach.toml", &[&format!("robot.icub.agent.{wrong}")]).err().expect("refused");
+        let said = format!("{:?}", miette::Report::msg(refused.to_string()));
+        assert!(said.contains(place) && said.contains(what), "{wrong}: {said}");
+    }
 }

@@ -239,9 +239,8 @@ impl ReachAgent {
         match self.set_out(object, &choice::VERTICES, view) {
             Ok(pre) => {
                 self.mind.counts.set_out(view.at, self.mind.looking.first_seen());
-                let marker = self.mind.place.as_ref().and_then(|place| self.hands.get(place.hand));
-                let name = marker.and_then(|(marker, _)| self.robot.markers.get(*marker)).map(|m| m.name.as_str());
-                let which = name.filter(|_| self.hands.len() > 1).map_or("the hand", |name| name);
+                let name = self.mind.place.as_ref().and_then(|place| self.name_of(place.hand));
+                let which = name.filter(|_| self.hands.len() > 1).unwrap_or("the hand");
                 self.walker.log(format!("{} is seen: {which} sets out", self.settings.object));
                 self.enter_phase(Phase::Go, pre);
                 None
@@ -293,7 +292,7 @@ impl ReachAgent {
                 self.enter_phase(Phase::Approach, place.grasp);
             }
             (Phase::Approach, Some(place)) => {
-                self.mind.counts.reached += 1;
+                self.mind.counts.reached_by(place.hand);
                 let count = self.mind.counts.reached;
                 self.walker.log(format!("{} is reached, {count} times so far", self.settings.object));
                 self.enter_phase(Phase::Back, place.pre);
@@ -310,6 +309,12 @@ impl ReachAgent {
             }
         }
         None
+    }
+
+    /// The marker of one of its hands.
+    fn name_of(&self, hand: usize) -> Option<&str> {
+        let (marker, _) = self.hands.get(hand)?;
+        self.robot.markers.get(*marker).map(|m| m.name.as_str())
     }
 
     /// The hand that goes to the object.
@@ -352,7 +357,7 @@ impl Agent for ReachAgent {
                 }
             }
             if self.mind.phase == Phase::Go && (self.has_moved(view).is_some() || self.is_gone(view)) {
-                let Some(pre) = self.follow(view) else {
+                let Some(pre) = self.follow(&choice::VERTICES, view) else {
                     self.look_anew();
                     continue;
                 };
@@ -378,10 +383,8 @@ impl Agent for ReachAgent {
                 Some(self.walker.give_up())
             }
             Phase::Go if self.has_moved(view).is_some() => {
-                let Some(pre) = self.follow(view) else {
-                    self.look_anew();
-                    return Some(self.walker.give_up());
-                };
+                // what is not found in passing is looked for at rest
+                let Some(pre) = self.follow(&choice::FEW, view) else { return Some(self.walker.give_up()) };
                 let straight = self.is_straight(pre, view);
                 let turned = straight.then(|| self.walker.turn_to(pre, view)).flatten();
                 Some(turned.unwrap_or_else(|| {

@@ -92,7 +92,7 @@ mod tests {
             both.edges.iter().map(|e| (e.from, e.to, e.driven)).collect::<Vec<_>>(),
             [(0, 1, true), (2, 3, true)]
         );
-        assert_eq!(unite(&[right.clone()]), Ok(right.clone()), "of one it is that one");
+        assert_eq!(unite(std::slice::from_ref(&right)), Ok(right.clone()), "of one it is that one");
         let other = MapFile { robot: "another".to_owned(), ..left };
         assert!(unite(&[right, other]).is_err_and(|e| e.to_string().contains("robots")));
         assert!(unite(&[]).is_err());

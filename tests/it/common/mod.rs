@@ -158,11 +158,16 @@ pub fn text(path: &Path) -> &str {
 
 /// The settings of the map of reach.toml with poses three centimeters apart, written into a folder.
 pub fn thin_map(folder: &Path) -> PathBuf {
+    thinned("reach.toml", folder)
+}
+
+/// The settings of a map that ships with poses three centimeters apart, written into a folder.
+pub fn thinned(file: &str, folder: &Path) -> PathBuf {
     let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
-    let text = std::fs::read_to_string(configs.join("roadmaps/reach.toml")).expect("settings");
+    let text = std::fs::read_to_string(configs.join("roadmaps").join(file)).expect("settings");
     let text =
         text.replace("\"../", &format!("\"{}/", configs.display())).replace("spacing_mm = 10", "spacing_mm = 30");
-    let map = folder.join("thin.toml");
+    let map = folder.join(format!("thin-{file}"));
     std::fs::write(&map, text).expect("written");
     map
 }

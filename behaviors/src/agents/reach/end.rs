@@ -14,6 +14,9 @@ use std::time::Duration;
 pub(super) struct Counts {
     /// Times that the hand was in the grasp posture.
     pub reached: u32,
+    /// Of these, by each of its hands.
+    #[serde(default)]
+    pub by_hand: Vec<u32>,
     /// Times that it was not, by the cause.
     pub missed: BTreeMap<Miss, u32>,
     /// Times that the object moved on the way, and another way was chosen.
@@ -74,6 +77,15 @@ impl Counts {
         if let Some(since) = self.under_way.take() {
             self.arrivals += 1;
             self.seconds += now.since(since).as_secs_f64();
+        }
+    }
+
+    /// A hand, an index, was in the grasp posture.
+    pub fn reached_by(&mut self, hand: usize) {
+        self.reached = self.reached.saturating_add(1);
+        self.by_hand.resize(self.by_hand.len().max(hand + 1), 0);
+        if let Some(count) = self.by_hand.get_mut(hand) {
+            *count = count.saturating_add(1);
         }
     }
 
@@ -194,7 +206,10 @@ impl ReachAgent {
             ("hand_z_mm", 1e3 * counts.at[2]),
         ];
         let all = [("reached", f64::from(counts.reached))].into_iter().chain(missed).chain(others);
-        let figures = all.map(|(name, n)| (name.to_owned(), n)).collect();
+        let mut figures: Vec<(String, f64)> = all.map(|(name, n)| (name.to_owned(), n)).collect();
+        let by = |i: usize| f64::from(counts.by_hand.get(i).copied().unwrap_or(0));
+        let by_hand = (0..self.hands.len()).filter_map(|i| Some((format!("reached_by_{}", self.name_of(i)?), by(i))));
+        figures.extend(by_hand.filter(|_| self.hands.len() > 1));
         Intent::Done(Summary { text: text.to_owned(), figures })
     }
 }

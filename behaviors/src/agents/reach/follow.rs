@@ -33,10 +33,10 @@ impl ReachAgent {
         pre.inspect(|pre| self.walker.goto(*pre)).is_some()
     }
 
-    /// The object moved while the hand goes there: postures are chosen anew, those that are found soon. Answers their vertex.
-    pub(super) fn follow(&mut self, view: &View) -> Option<u32> {
+    /// The object moved while the hand goes there: postures are chosen anew, begun from so many vertices. Answers their vertex.
+    pub(super) fn follow(&mut self, vertices: &[usize], view: &View) -> Option<u32> {
         let object = self.has_moved(view)?;
-        let pre = self.set_out(object, &choice::FEW, view).ok()?;
+        let pre = self.set_out(object, vertices, view).ok()?;
         self.mind.counts.replanned += 1;
         self.walker.log(format!("{} has moved: the hand goes where it is now", self.settings.object));
         Some(pre)
@@ -51,7 +51,7 @@ impl ReachAgent {
         self.settings.follow && seen.is_stale && gaze.is_some_and(faces)
     }
 
-    /// The object is not where the hand goes, and no posture was found in passing for where it is: the hand, which may hide it, goes home,
+    /// The object is not where the hand goes, and no posture was found for where it is: the hand, which may hide it, goes home,
     /// and it is looked for anew. The hand never goes down to where the object is known not to be.
     pub(super) fn look_anew(&mut self) {
         self.walker.log(format!("{} is not where it was: it is looked for anew", self.settings.object));
