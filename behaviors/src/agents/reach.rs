@@ -33,6 +33,7 @@ use crate::roadmap::walk::{WalkProgress, WalkStep, Walker};
 use aim::Hand;
 use choice::{NoChoice, Places};
 use end::{Counts, Miss, Missed};
+use follow::Check;
 use look::{Gaze, Look, Looking};
 use map::Own;
 use mobee_contract::*;
@@ -129,6 +130,11 @@ struct Mind {
     /// reach.
     tried: BTreeSet<u32>,
     refined: u32,
+    /// How often it was looked into whether the object is where it was, of this reach, and what of that is under way.
+    #[serde(default)]
+    checks: u32,
+    #[serde(default)]
+    check: Option<Check>,
     own: Own,
     /// Whether the rest posture was joined to the map.
     joined: bool,
@@ -187,6 +193,8 @@ impl ReachAgent {
             homeward: 0,
             tried: BTreeSet::new(),
             refined: 0,
+            checks: 0,
+            check: None,
             own: Own::default(),
             joined: false,
             counts: Counts::default(),
@@ -261,7 +269,7 @@ impl ReachAgent {
     }
 
     fn enter_phase(&mut self, phase: Phase, goal: u32) {
-        self.mind.phase = phase;
+        (self.mind.phase, self.mind.check) = (phase, None);
         self.walker.goto(goal);
     }
 
@@ -304,7 +312,7 @@ impl ReachAgent {
                 self.mind.phase = Phase::Look;
                 self.mind.looking = Looking::from(view.at);
                 self.mind.place = None;
-                (self.mind.plans, self.mind.refined) = (0, 0);
+                (self.mind.plans, self.mind.refined, self.mind.checks) = (0, 0, 0);
                 self.mind.tried.clear();
             }
         }
@@ -356,6 +364,13 @@ impl Agent for ReachAgent {
                     }
                 }
             }
+            let is_free = self.mind.phase == Phase::Go && !caught(view);
+            if is_free && (self.mind.check.is_some() || self.doubts(view)) {
+                self.walker.learn(last.take(), view);
+                if let Some(intent) = self.check(view) {
+                    return intent;
+                }
+            }
             if self.mind.phase == Phase::Go && (self.has_moved(view).is_some() || self.is_gone(view)) {
                 let Some(pre) = self.follow(&choice::VERTICES, view) else {
                     self.look_anew();
@@ -377,6 +392,13 @@ impl Agent for ReachAgent {
     }
 
     fn revise(&mut self, view: &View) -> Option<Intent> {
+        let goes = self.mind.phase == Phase::Go;
+        if goes && self.mind.check.is_some() {
+            return None;
+        }
+        if goes && self.doubts(view) {
+            return Some(self.walker.give_up());
+        }
         match self.mind.phase {
             Phase::Go | Phase::Approach if self.is_gone(view) => {
                 self.look_anew();

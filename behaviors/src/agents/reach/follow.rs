@@ -1,14 +1,29 @@
 //! The object is elsewhere than when the hand set out: in mid-motion, or a little when the hand is above it.
 
-use super::look::Gaze;
+use super::look::{Gaze, PAUSE};
 use super::{ReachAgent, choice, look};
-use mobee_contract::View;
+use mobee_contract::{Intent, Time, View};
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 /// The object is seen again and again while the hand goes: if in the end it is so far from where it was when the hand set out, meters, the
 /// hand is brought over it once more, so often at most.
 const REFINE: f64 = 0.004;
 const REFINED: u32 = 2;
+/// What is seen so far from where the object was, meters, while the eyes are off that place may be something else; so often in one reach
+/// that is looked into.
+const DOUBTFUL: f64 = 0.15;
+const CHECKS: u32 = 3;
+
+/// Whether the object is still where it was, though it seems to be elsewhere, is being looked into: part of the agent's state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Check {
+    /// The eyes are to be turned there.
+    Turn,
+    /// They are turned there, and at rest since then, if they are.
+    Watch(Option<Time>),
+}
 
 impl ReachAgent {
     /// Whether the object is not any more where it was when the hand set out.
@@ -21,6 +36,41 @@ impl ReachAgent {
         let now = look::middle(&self.settings.object, view).filter(|_| self.settings.follow)?;
         let then = Vector3::from(self.mind.place.as_ref()?.object);
         ((now - then).norm() > far).then_some(now)
+    }
+
+    /// The torso carries the eyes along: is the object seen elsewhere only because they are off the place where it was? Begins to look into
+    /// that, if so.
+    pub(super) fn doubts(&mut self, view: &View) -> bool {
+        let place = self.mind.place.as_ref().map(|place| place.object);
+        let gaze = self.ready.as_ref().and_then(|ready| ready.gaze.as_ref());
+        let (Some(place), Some(gaze)) = (place, gaze) else { return false };
+        let is_off = || !gaze.faces(&self.settings.object, place.into(), view);
+        if self.mind.checks >= CHECKS || self.is_elsewhere(DOUBTFUL, view).is_none() || !is_off() {
+            return false;
+        }
+        self.mind.checks += 1;
+        self.mind.check = Some(Check::Turn);
+        self.walker.log(format!("{} seems to be elsewhere: the eyes turn to where it was", self.settings.object));
+        true
+    }
+
+    /// What is to be done to look into it; `None`: nothing, or it was done.
+    pub(super) fn check(&mut self, view: &View) -> Option<Intent> {
+        let gaze = self.ready.as_ref().and_then(|ready| ready.gaze.as_ref())?;
+        let place = self.mind.place.as_ref().map(|place| Vector3::from(place.object))?;
+        match self.mind.check.as_mut()? {
+            Check::Turn => {
+                self.mind.check = Some(Check::Watch(None));
+                self.mind.eyes_turn = true;
+                Some(gaze.look_at(place, view))
+            }
+            Check::Watch(rested) => {
+                let waited = view.at.since(*rested.get_or_insert(view.at));
+                let wait = (waited < gaze.dwell()).then_some(Intent::Wait(PAUSE));
+                self.mind.check = self.mind.check.filter(|_| wait.is_some());
+                wait
+            }
+        }
     }
 
     /// Before the hand goes down: brings it over where the object is known to be by now, if that is a little beside.

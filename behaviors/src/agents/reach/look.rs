@@ -16,7 +16,7 @@ const POINTS: u32 = 6;
 /// How far ahead of its eyes a robot looks for what it knows no place of, meters.
 const AHEAD: f64 = 0.5;
 /// How long it takes a robot without eyes to see something, and how often it is asked for.
-const PAUSE: Duration = Duration::from_millis(100);
+pub(super) const PAUSE: Duration = Duration::from_millis(100);
 
 /// How far the looking has come: part of the agent's state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -62,6 +62,16 @@ impl Gaze {
     /// Where each eye is at a pose of the whole robot, and where it looks.
     pub fn eyes(&self, pose: &[f64]) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> {
         self.eyes.chains.iter().map(|eye| eye.at(pose)).map(|eye| (eye.at, eye.palm))
+    }
+
+    /// How long to look at a place.
+    pub fn dwell(&self) -> Duration {
+        self.plan.dwell
+    }
+
+    /// Turns all eyes to a place.
+    pub fn look_at(&self, place: Vector3<f64>, view: &View) -> Intent {
+        self.turn(self.eyes.turn(view.pose(), place))
     }
 
     fn turn(&self, q: Vec<f64>) -> Intent {

@@ -5,7 +5,7 @@
 //! of the map, and is learned of like any other.
 
 use super::{Doing, Walker};
-use mobee_contract::{EdgeState, Intent, View};
+use mobee_contract::{EdgeState, Intent, MotionEnd, View};
 
 /// The shares of a plan's vertices, in quarters, that are tried to be left out.
 const QUARTERS: [usize; 4] = [4, 3, 2, 1];
@@ -41,6 +41,11 @@ impl Walker {
         self.goto(to);
         self.show(vec![to]);
         Some(Intent::MoveTo(target))
+    }
+
+    /// The motion that ended is learned from; what is next is asked for later.
+    pub fn learn(&mut self, last: Option<MotionEnd>, view: &View) {
+        self.settle(last, view);
     }
 
     /// Gives the motion under way up: it is taken back, and its edge is not to blame.
