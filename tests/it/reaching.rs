@@ -51,11 +51,26 @@ fn the_cup_is_reached_wherever_it_is_put_and_equal_seeds_reach_alike() {
     assert!(mm < 10.0, "{mm} mm off");
 }
 
+/// The maps of both arms, of poses three centimeters apart.
+fn both_maps(folder: &Path) -> String {
+    format!("robot.icub.agent.map={:?}", ["reach.toml", "reach-left.toml"].map(|file| thinned(file, folder)))
+}
+
+/// The torso turns the eyes away from the cup, and onto something that looks like it, half a table away: the hand went after that, and home
+/// again, for as long as there was time.
+#[test]
+fn what_looks_like_the_cup_leads_the_hand_nowhere_while_the_eyes_are_off_the_cup() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let set = format!("--set={}", both_maps(folder.path()));
+    let told = answer(&["bench", "reach", "--json", "--seeds=1", "--first=3067", &set]);
+    let told: Value = serde_json::from_str(&told).expect("JSON");
+    assert_eq!(told["totals"]["ends"], json!({ "reached": { "solvable": 1, "others": 0 } }), "{told}");
+}
+
 #[test]
 fn each_arm_reaches_what_is_on_its_side() {
     let folder = tempfile::tempdir().expect("a folder");
-    let maps = ["reach.toml", "reach-left.toml"].map(|file| thinned(file, folder.path()));
-    let map = format!("robot.icub.agent.map={maps:?}");
+    let map = both_maps(folder.path());
     let script = "script=[{when={at_s=1},edit={object=\"cup\",position_m=[-0.34,0.20,-0.10]}},\
                   {when={at_s=9},edit={object=\"cup\",position_m=[-0.34,-0.20,-0.10]}}]";
     let done = run("configs/behaviors/reach.toml", &[map.as_str(), script, "robot.icub.agent.repeat=2"]);

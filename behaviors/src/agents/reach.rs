@@ -364,8 +364,8 @@ impl Agent for ReachAgent {
                     }
                 }
             }
-            let is_free = self.mind.phase == Phase::Go && !caught(view);
-            if is_free && (self.mind.check.is_some() || self.doubts(view)) {
+            let may_turn = self.mind.phase == Phase::Go && !caught(view);
+            if may_turn && (self.mind.check.is_some() || self.doubts(view)) {
                 self.walker.learn(last.take(), view);
                 if let Some(intent) = self.check(view) {
                     return intent;
@@ -449,9 +449,9 @@ impl Agent for ReachAgent {
         let state: State = open(&from, "reach", 2)?;
         let map = Roadmap::import(&state.map, &self.robot).map_err(group::state)?;
         let is_in = |id: u32| map.vertex(id).is_some();
-        let place = state.mind.place.iter().all(|p| is_in(p.pre) && is_in(p.grasp));
+        let place = state.mind.place.iter().all(|p| is_in(p.pre) && is_in(p.grasp) && p.hand < self.hands.len());
         if map.motors() != self.walker.map.motors() || !is_in(self.rest) || !place {
-            let what = "map: the roadmap is one of other motors, or lacks a posture".to_owned();
+            let what = "map: the roadmap is one of other motors or hands, or lacks a posture".to_owned();
             return Err(Refusal::State { what });
         }
         self.walker.resume(map, state.progress);

@@ -245,6 +245,23 @@ fn a_place_that_is_avoided_is_gone_round() {
 }
 
 #[test]
+fn what_is_held_does_not_move() {
+    let robot = arm(3);
+    let scene = scene(&robot, vec![]);
+    let mut space = space(&scene, &robot);
+    space.avoid(vec![0.0, 0.0, 0.3], 0.5);
+    space.hold(&[(2, 0.3)]);
+    for seed in 0..10 {
+        let path = plan(&mut space, &problem(&[-1.0, 0.0, 0.3], &[1.0, 0.0, 0.3], seed)).expect("a way round");
+        let path = shorten(&mut space, path, seed, 2000);
+        assert!(path.poses.len() > 2 && path.poses.iter().all(|q| (q[2] - 0.3).abs() < 1e-9), "{path:?}");
+    }
+    space.hold(&[]);
+    let path = plan(&mut space, &problem(&[-1.0, 0.0, 0.3], &[1.0, 0.0, 0.3], 1)).expect("a way round");
+    assert!(path.poses.iter().any(|q| (q[2] - 0.3).abs() > 0.01), "free again");
+}
+
+#[test]
 fn a_motor_without_end_goes_over_the_seam_unless_its_board_counts_no_farther() {
     let robot = endless_arm(2);
     let scene = scene(&robot, vec![]);

@@ -14,7 +14,7 @@ const PLANS: u64 = 3;
 const GOALS: usize = 5;
 
 impl ReachAgent {
-    /// Whether the hand can be brought from where the robot is to an object there, freely and to the grasp posture: postures of each hand are begun from
+    /// Whether a hand can be brought from where the robot is to an object there, freely and to the grasp posture: postures are begun from
     /// every vertex of the map, and the way is planned whatever it costs. For benchmarks.
     pub fn can_reach(&mut self, object: [f64; 3], view: &View) -> bool {
         self.prepare(view);
