@@ -130,6 +130,11 @@ struct Mind {
     /// reach.
     tried: BTreeSet<u32>,
     refined: u32,
+    /// Whether the motion under way was led elsewhere, and whether one that was has been taken back, of this reach.
+    #[serde(default)]
+    turned: bool,
+    #[serde(default)]
+    bumped: bool,
     /// How often it was looked into whether the object is where it was, of this reach, and what of that is under way.
     #[serde(default)]
     checks: u32,
@@ -193,6 +198,8 @@ impl ReachAgent {
             homeward: 0,
             tried: BTreeSet::new(),
             refined: 0,
+            turned: false,
+            bumped: false,
             checks: 0,
             check: None,
             own: Own::default(),
@@ -301,6 +308,7 @@ impl ReachAgent {
             }
             (Phase::Approach, Some(place)) => {
                 self.mind.counts.reached_by(place.hand);
+                (self.mind.checks, self.mind.bumped) = (0, false);
                 let count = self.mind.counts.reached;
                 self.walker.log(format!("{} is reached, {count} times so far", self.settings.object));
                 self.enter_phase(Phase::Back, place.pre);
@@ -312,11 +320,17 @@ impl ReachAgent {
                 self.mind.phase = Phase::Look;
                 self.mind.looking = Looking::from(view.at);
                 self.mind.place = None;
-                (self.mind.plans, self.mind.refined, self.mind.checks) = (0, 0, 0);
+                (self.mind.plans, self.mind.refined) = (0, 0);
                 self.mind.tried.clear();
             }
         }
         None
+    }
+
+    /// Gives the motion under way up.
+    fn stop(&mut self) -> Intent {
+        self.mind.turned = false;
+        self.walker.give_up()
     }
 
     /// The marker of one of its hands.
@@ -342,6 +356,7 @@ impl Agent for ReachAgent {
     fn next(&mut self, last: Option<MotionEnd>, view: &View) -> Intent {
         self.prepare(view);
         let mut last = last.filter(|_| !std::mem::take(&mut self.mind.eyes_turn));
+        self.mind.bumped |= std::mem::take(&mut self.mind.turned) && last == Some(MotionEnd::Failed);
         for _ in 0..TURNS {
             if self.mind.phase == Phase::Look && !caught(view) {
                 let gaze = self.ready.as_ref().and_then(|r| r.gaze.as_ref());
@@ -397,26 +412,28 @@ impl Agent for ReachAgent {
             return None;
         }
         if goes && self.doubts(view) {
-            return Some(self.walker.give_up());
+            return Some(self.stop());
         }
         match self.mind.phase {
             Phase::Go | Phase::Approach if self.is_gone(view) => {
                 self.look_anew();
-                Some(self.walker.give_up())
+                Some(self.stop())
             }
             Phase::Go if self.has_moved(view).is_some() => {
                 // what is not found in passing is looked for at rest
-                let Some(pre) = self.follow(&choice::FEW, view) else { return Some(self.walker.give_up()) };
-                let straight = self.is_straight(pre, view);
+                let Some(pre) = self.follow(&choice::FEW, view) else { return Some(self.stop()) };
+                // a robot that moves leaves the line a little: one that was bumped by that stops first
+                let straight = !self.mind.bumped && self.is_straight(pre, view);
                 let turned = straight.then(|| self.walker.turn_to(pre, view)).flatten();
+                self.mind.turned = turned.is_some();
                 Some(turned.unwrap_or_else(|| {
                     self.walker.goto(pre);
-                    self.walker.give_up()
+                    self.stop()
                 }))
             }
             Phase::Approach if self.has_moved(view).is_some() => {
                 self.mind.phase = Phase::Go;
-                Some(self.walker.give_up())
+                Some(self.stop())
             }
             Phase::Look => None,
             _ if !self.settings.follow => None,

@@ -113,6 +113,7 @@ impl ReachAgent {
     pub(super) fn miss(&mut self, Missed { miss, why }: &Missed) {
         let count = self.mind.counts.missed.entry(*miss).or_default();
         *count = count.saturating_add(1);
+        (self.mind.checks, self.mind.bumped) = (0, false);
         self.walker.log(format!("{} is not reached: {why}", self.settings.object));
     }
 

@@ -54,7 +54,8 @@ impl ReachAgent {
         true
     }
 
-    /// What is to be done to look into it; `None`: nothing, or it was done.
+    /// What is to be done to look into it; `None`: nothing, or it was done. Where the eyes can't be turned to the place from here the hand
+    /// goes home, from where they can.
     pub(super) fn check(&mut self, view: &View) -> Option<Intent> {
         let gaze = self.ready.as_ref().and_then(|ready| ready.gaze.as_ref())?;
         let place = self.mind.place.as_ref().map(|place| Vector3::from(place.object))?;
@@ -66,9 +67,15 @@ impl ReachAgent {
             }
             Check::Watch(rested) => {
                 let waited = view.at.since(*rested.get_or_insert(view.at));
-                let wait = (waited < gaze.dwell()).then_some(Intent::Wait(PAUSE));
-                self.mind.check = self.mind.check.filter(|_| wait.is_some());
-                wait
+                if waited < gaze.dwell() {
+                    return Some(Intent::Wait(PAUSE));
+                }
+                self.mind.check = None;
+                let is_off = !gaze.faces(&self.settings.object, place, view);
+                if is_off && self.is_elsewhere(DOUBTFUL, view).is_some() {
+                    self.look_anew();
+                }
+                None
             }
         }
     }
