@@ -87,6 +87,8 @@ struct Witness {
     readings: Vec<(Time, Pose)>,
     /// The world was edited so many readings ago.
     since_edit: u32,
+    /// The balls that it moved, by their numbers: nothing else is excused.
+    appeared: BTreeSet<u32>,
     /// Whether the filter was closed at one of the first two readings since, and the robot has not come to rest.
     at_once: bool,
     target: Option<Pose>,
@@ -100,8 +102,8 @@ struct Witness {
     shown: Vec<String>,
 }
 
-fn with_ball(pair: &Pair) -> bool {
-    [pair.0, pair.1].iter().any(|shape| matches!(shape, ShapeId::Object { .. }))
+fn with(appeared: &BTreeSet<u32>, pair: &Pair) -> bool {
+    [pair.0, pair.1].iter().any(|shape| matches!(shape, ShapeId::Object { object, .. } if appeared.contains(object)))
 }
 
 impl Witness {
@@ -138,14 +140,15 @@ impl Witness {
         if self.since_edit <= 2 {
             // what is inevitable by now is nobody's fault
             let rest = self.rest().unwrap_or_else(|| q.clone());
-            self.excused.extend(Self::on_way(&scene, q, &rest, 0.0).into_iter().filter(with_ball));
-            self.excused.extend(Self::distances(&scene, q, MARGIN).into_keys().filter(with_ball));
+            let new = |pair: &Pair| with(&self.appeared, pair);
+            self.excused.extend(Self::on_way(&scene, q, &rest, 0.0).into_iter().filter(new));
+            self.excused.extend(Self::distances(&scene, q, MARGIN).into_keys().filter(new));
         }
         let Some(sweep) = &mut self.sweep else { return };
         let touches = |c: &&Contact| c.distance <= if self.touching.contains(&c.pair) { APART } else { 0.0 };
         let now: BTreeSet<Pair> = sweep.to(std::slice::from_ref(q)).iter().filter(touches).map(|c| c.pair).collect();
         for pair in now.difference(&self.touching) {
-            match (self.escaping, self.excused.contains(pair) || self.at_once && with_ball(pair)) {
+            match (self.escaping, self.excused.contains(pair) || self.at_once && with(&self.appeared, pair)) {
                 (true, _) => self.tally.pressed += 1,
                 (false, true) => self.tally.unavoidable += 1,
                 (false, false) => {
@@ -201,7 +204,14 @@ impl Sink for Witness {
             Entry::Event(event) => self.event(event),
             Entry::Scene(scene) => {
                 self.sweep = Some(Sweep::of_all(scene.clone(), 0.002, 0.001));
-                (self.scene, self.since_edit, self.at_once) = (Some(scene.clone()), 0, false);
+                let before = self.scene.replace(scene.clone());
+                let is_new =
+                    |id: u32, pose| before.as_ref().is_none_or(|b| b.objects().all(|(i, o)| i != id || o.pose != pose));
+                let moved = scene.objects().filter(|(id, o)| is_new(*id, o.pose)).map(|(id, _)| id);
+                // two edits within two readings are one
+                let kept = std::mem::take(&mut self.appeared).into_iter().filter(|_| self.since_edit < 2);
+                self.appeared = moved.chain(kept).collect();
+                (self.since_edit, self.at_once) = (0, false);
             }
             Entry::Picture { .. } => {}
         }
@@ -224,6 +234,7 @@ fn one(seed: u64, speed: f64, reserve: &str, secs: f64) -> (Tally, Vec<String>) 
         sweep: None,
         readings: Vec::new(),
         since_edit: 0,
+        appeared: BTreeSet::new(),
         at_once: false,
         target: None,
         escaping: false,
