@@ -168,6 +168,17 @@ pub fn tolerance(path: &str, deg: f64) -> Result<f64, KindError> {
     ))
 }
 
+/// A whole pose with these motors at `q`.
+pub fn whole(motors: &[usize], pose: &[f64], q: &[f64]) -> Vec<f64> {
+    let mut pose = pose.to_vec();
+    for (motor, q) in motors.iter().zip(q) {
+        if let Some(slot) = pose.get_mut(*motor) {
+            *slot = *q;
+        }
+    }
+    pose
+}
+
 /// A robot's home pose, rad.
 pub fn home(robot: &Robot) -> Vec<f64> {
     robot.motors.iter().map(|m| m.home).collect()

@@ -136,13 +136,7 @@ impl Roadmap {
 
     /// A whole pose with the group at `q`.
     pub fn whole(&self, pose: &[f64], q: &[f64]) -> Vec<f64> {
-        let mut pose = pose.to_vec();
-        for (motor, q) in self.motors.iter().zip(q) {
-            if let Some(slot) = pose.get_mut(*motor) {
-                *slot = *q;
-            }
-        }
-        pose
+        crate::group::whole(&self.motors, pose, q)
     }
 
     /// Adds a pose; answers its number. Vertices are numbered from 0 and never taken out; see [`Roadmap::replace`].

@@ -166,7 +166,7 @@ impl ReachAgent {
         let tolerance = group::tolerance("tolerance_deg", settings.tolerance_deg);
         let wait = group::seconds("wait_s", settings.wait_s);
         let gaze = settings.gaze.as_ref().map(|gaze| gaze.plan(&robot)).transpose();
-        let hands = map::hands(&settings, &robot);
+        let hands = settings.hands(&robot);
         let toward = settings.check();
         KindError::gather([
             map.as_ref().map(drop).map_err(Clone::clone),

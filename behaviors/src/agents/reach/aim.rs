@@ -31,13 +31,7 @@ pub(super) struct Group {
 impl Group {
     /// A whole pose with the group at `q`.
     pub fn whole(&self, rest: &[f64], q: &[f64]) -> Vec<f64> {
-        let mut pose = rest.to_vec();
-        for (motor, q) in self.motors.iter().zip(q) {
-            if let Some(slot) = pose.get_mut(*motor) {
-                *slot = *q;
-            }
-        }
-        pose
+        crate::group::whole(&self.motors, rest, q)
     }
 
     /// The group's share of a whole pose, put within its limits.

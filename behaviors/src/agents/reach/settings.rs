@@ -9,7 +9,7 @@ use nalgebra::{Unit, Vector3};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Settings of the kind `reach`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -194,6 +194,35 @@ impl GazeSettings {
 }
 
 impl ReachSettings {
+    /// The markers that stand for the hands: those that are named, or those of the maps.
+    ///
+    /// # Errors
+    /// Markers that the robot does not have; none named, one named twice.
+    pub(super) fn hands(&self, robot: &Robot) -> Result<Vec<usize>, KindError> {
+        let Some(named) = &self.hand else {
+            let maps = self.map.iter().flat_map(|map| map.as_array().map_or(std::slice::from_ref(map), Vec::as_slice));
+            let hands = maps.filter_map(|map| map.get("hand")?.as_str());
+            let mut all: Vec<usize> =
+                hands.filter_map(|name| robot.markers.iter().position(|m| m.name == name)).collect();
+            let mut known = BTreeSet::new();
+            all.retain(|hand| known.insert(*hand));
+            return Ok(all);
+        };
+        let named = named.named("hand");
+        if named.is_empty() {
+            return Err(KindError::new("hand", "no hand is named", "name a marker of the robot, or leave `hand` out"));
+        }
+        let all = KindError::gather(named.iter().map(|(path, name)| group::marker(path, Some(name), robot)))?;
+        let all: Vec<usize> = all.into_iter().flatten().collect();
+        let twice = (1..all.len()).find(|i| all.iter().take(*i).any(|hand| Some(hand) == all.get(*i)));
+        match twice.and_then(|i| named.get(i)) {
+            Some((path, name)) => {
+                Err(KindError::new(path.as_str(), format!("{name} is named twice"), "name each hand once"))
+            }
+            None => Ok(all),
+        }
+    }
+
     /// Checks numbers and directions; answers where the palm is to point.
     ///
     /// # Errors
