@@ -165,6 +165,11 @@ fn the_resolved_file_is_the_same_configuration() {
     assert_eq!(serde_json::to_value(&shown).expect("values"), serde_json::to_value(&config).expect("values"));
 }
 
+/// A report in one line.
+fn unwrapped(text: &str) -> String {
+    text.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ")
+}
+
 #[test]
 fn a_path_may_begin_in_the_home_folder() {
     let base =
@@ -194,7 +199,7 @@ fn a_path_as_on_windows_and_a_variable_are_named() {
         let out = mobee(dir.path(), &["check", "main.toml"], &[]);
         let text = said(&out);
         assert_eq!(out.status.code(), Some(2), "{text}");
-        let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        let text = unwrapped(&text);
         assert!(text.contains("main.toml:7") && text.contains(help), "{path}: {text}");
     }
 }
@@ -214,7 +219,7 @@ fn files_in_other_encodings_are_named() {
         let (path, before) = (dir.path().join(name), std::fs::read(dir.path().join(name)).expect("a file"));
         std::fs::write(&path, bytes).expect("written");
         let out = mobee(dir.path(), &["check", "main.toml"], &[]);
-        let text = said(&out).split_whitespace().collect::<Vec<_>>().join(" ");
+        let text = unwrapped(&said(&out));
         assert_eq!(out.status.code(), Some(2), "{text}");
         assert!(words.iter().all(|w| text.contains(w)), "{name}: {text}");
         std::fs::write(&path, [b"\xef\xbb\xbf", before.as_slice()].concat()).expect("written");
