@@ -184,6 +184,7 @@ fn must_exist(source: &Source, at: &str, path: &Path, what: &str) -> Result<(), 
     let wanted = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
     let near = mobee_contract::nearest(wanted, &names).filter(|n| *n != wanted);
     let near = near.map_or(String::new(), |n| format!("did you mean `{n}`, in the same folder? "));
+    let written = mobee_model::file::path_remedy(path).map_or(String::new(), |help| format!("{help}; "));
     let (problem, remedy) = match path.metadata() {
         Ok(about) if about.is_dir() => {
             (format!("{} is a folder", path.display()), "give the path of a file in it".into())
@@ -191,7 +192,7 @@ fn must_exist(source: &Source, at: &str, path: &Path, what: &str) -> Result<(), 
         Ok(_) => (format!("{} is a device or a pipe", path.display()), format!("give the path of a {what}")),
         Err(_) => (
             format!("there is no file {}", path.display()),
-            format!("{near}give the path of a {what}, relative to this file"),
+            format!("{near}{written}give the path of a {what}, relative to this file"),
         ),
     };
     Err(source.error(at, problem, remedy))

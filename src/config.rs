@@ -342,6 +342,13 @@ impl Config {
         if let Some(folder) = self.yarp.as_mut().and_then(|y| y.save_folder.as_mut()) {
             relocate("yarp.save_folder", folder);
         }
+        for (i, bridge) in self.bridge.iter_mut().enumerate() {
+            if let Some(Value::String(folder)) = bridge.get_mut("save_folder") {
+                let mut path = PathBuf::from(&folder);
+                relocate(&format!("bridge[{i}].save_folder"), &mut path);
+                *folder = path.to_string_lossy().into_owned();
+            }
+        }
     }
 
     /// The clock, in the actors' words.

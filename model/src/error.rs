@@ -36,16 +36,12 @@ impl Source {
             no_file(format!("cannot read the file: {e}"), help)
         };
         let bytes = file::read(path, limit).map_err(about)?;
-        match String::from_utf8(bytes) {
-            Ok(text) => Ok(Self::new(&name, &text)),
-            Err(e) => {
-                let at = e.utf8_error().valid_up_to();
-                // Read as well as can be, to show the place; up to there it is text, so the byte is the same.
-                let text = String::from_utf8_lossy(e.as_bytes()).into_owned();
-                let help = "save the file in the encoding UTF-8".to_owned();
-                Err(Self::new(&name, &text).error(at..at, "this byte is not UTF-8 text", help))
-            }
-        }
+        file::text(bytes).map(|text| Self::new(&name, &text)).map_err(|(not_text, bytes)| {
+            // Read as well as can be, to show the place; up to there it is text, so the byte is the same.
+            let text = String::from_utf8_lossy(&bytes);
+            let message = format!("this byte, {}", not_text.what);
+            Self::new(&name, &text).error(not_text.at..not_text.at, message, file::SAVE_AS_UTF8)
+        })
     }
 
     /// What messages call the file.

@@ -23,7 +23,10 @@ pub fn open(path: &Path) -> Result<File> {
         // a FIFO is opened at once, though nobody may ever write to it; what it is shows then
         options.custom_flags((rustix::fs::OFlags::NONBLOCK | rustix::fs::OFlags::NOCTTY).bits() as i32);
     }
-    let file = options.open(path)?;
+    let file = options.open(path).map_err(|e| match path_remedy(path).filter(|_| e.kind() == ErrorKind::NotFound) {
+        Some(help) => Error::new(e.kind(), format!("{e}; {help}")),
+        None => e,
+    })?;
     let kind = file.metadata()?.file_type();
     match kind.is_file() {
         true => Ok(file),
@@ -48,15 +51,70 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     if bytes.len() as u64 > most { Err(long()) } else { Ok(bytes) }
 }
 
-/// The text of a regular file of at most `most` bytes.
+/// The text of a regular file of at most `most` bytes, without its byte order mark.
 ///
 /// # Errors
 /// As for [`read`], and if it is not UTF-8.
 pub fn read_text(path: &Path, most: u64) -> Result<String> {
-    String::from_utf8(read(path, most)?).map_err(|e| {
-        let at = e.utf8_error().valid_up_to();
-        Error::new(ErrorKind::InvalidData, format!("its byte {} is not UTF-8 text", at + 1))
+    text(read(path, most)?).map_err(|(not_text, _)| {
+        let NotText { at, line, what } = not_text;
+        Error::new(ErrorKind::InvalidData, format!("byte {} of it, in line {line}, {what}; {SAVE_AS_UTF8}", at + 1))
     })
+}
+
+/// What to do about a file in another encoding.
+pub(crate) const SAVE_AS_UTF8: &str = "save it as UTF-8";
+
+/// A place where a file is not UTF-8 text.
+pub(crate) struct NotText {
+    /// The byte, from 0.
+    pub at: usize,
+    /// Its line, from 1.
+    pub line: usize,
+    /// What it is instead, as the end of a sentence that begins with the byte.
+    pub what: String,
+}
+
+/// The text of a file, without its byte order mark.
+///
+/// # Errors
+/// Where it is not UTF-8, and the bytes.
+pub(crate) fn text(mut bytes: Vec<u8>) -> std::result::Result<String, (NotText, Vec<u8>)> {
+    if bytes.starts_with(b"\xef\xbb\xbf") {
+        bytes.drain(..3);
+    }
+    // in UTF-16, what is ASCII has a zero in every other byte
+    let wide = match bytes[..] {
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => true,
+        [first, second, ..] => (first == 0) != (second == 0),
+        _ => false,
+    };
+    let (at, bytes) = match String::from_utf8(bytes) {
+        Ok(text) if !wide => return Ok(text),
+        Ok(text) => (0, text.into_bytes()),
+        Err(e) => (e.utf8_error().valid_up_to(), e.into_bytes()),
+    };
+    let looks = match wide {
+        true => "UTF-16",
+        false if bytes.contains(&0) => "no text at all",
+        false => "Latin-1 or Windows-1252",
+    };
+    let line = bytes.iter().take(at).filter(|b| **b == b'\n').count() + 1;
+    let what = format!("0x{:02x}, is not UTF-8 text: the file looks like {looks}", bytes.get(at).unwrap_or(&0));
+    Err((NotText { at, line, what }, bytes))
+}
+
+/// What to do about a path that leads nowhere because of how it is written.
+pub fn path_remedy(path: &Path) -> Option<&'static str> {
+    let path = path.to_string_lossy();
+    let variable = || path.split('/').any(|step| step.starts_with(['~', '$']));
+    match () {
+        () if path.contains('\\') => Some("write / between folders, not \\"),
+        () if variable() => Some(
+            "write the path in full: of ~ and variables, only ~/ and $HOME/ that begin a path in a file are expanded",
+        ),
+        () => None,
+    }
 }
 
 /// A number of bytes for people.
@@ -78,6 +136,32 @@ mod tests {
         std::fs::write(&path, b"12\xff").unwrap();
         let e = read_text(&path, 5).unwrap_err();
         assert!(e.to_string().contains("byte 3"), "{e}");
+        for (bytes, expected) in [
+            (&b"a\n\nb\xe9c"[..], "byte 5 of it, in line 3, 0xe9, is not UTF-8 text: the file looks like Latin-1"),
+            (
+                b"\xff\xfea\0",
+                "byte 1 of it, in line 1, 0xff, is not UTF-8 text: the file looks like UTF-16; save it as UTF-8",
+            ),
+            (b"a\0b\0", "UTF-16"),
+            (b"\0a\0b", "UTF-16"),
+            (b"\x89PNG\r\n\0", "no text at all"),
+        ] {
+            std::fs::write(&path, bytes).unwrap();
+            let e = read_text(&path, 20).unwrap_err();
+            assert!(e.to_string().contains(expected), "{e}");
+        }
+        std::fs::write(&path, "\u{feff}a,b").unwrap();
+        assert_eq!(read_text(&path, 20).unwrap(), "a,b");
+    }
+
+    #[test]
+    fn a_path_that_is_written_in_another_way_is_named() {
+        let of = |path: &str| read(Path::new(path), 5).unwrap_err().to_string();
+        assert!(of("a\\b.csv").contains("write / between folders, not \\"), "{}", of("a\\b.csv"));
+        for path in ["~/b.csv", "$DATA/b.csv", "a/~b/c.csv"] {
+            assert!(of(path).contains("in full"), "{}", of(path));
+        }
+        assert!(!of("a/b.csv").contains(';'));
     }
 
     #[test]

@@ -8,8 +8,17 @@ use std::ops::Range;
 
 /// Deeper nesting is refused; a URDF needs five levels, a COLLADA scene of a robot's link ten.
 const MAX_DEPTH: usize = 50;
-/// More elements are refused; the robots that are sold have some thousands.
-const MAX_ELEMENTS: usize = 40_000;
+
+/// What a document may hold.
+pub(crate) struct XmlLimits {
+    /// More elements are refused.
+    pub elements: usize,
+    /// Whether hidden characters in values are refused, and an & that begins no entity.
+    pub visible_only: bool,
+}
+
+/// For files whose names end up elsewhere; the robots that are sold have some thousands of elements.
+const LIMITS: XmlLimits = XmlLimits { elements: 40_000, visible_only: true };
 
 /// An element with all that is in it.
 #[derive(Debug)]
@@ -52,10 +61,19 @@ impl XmlElement {
 ///
 /// # Errors
 /// If the text is not well-formed, has no element or several outermost ones, is nested too deep, has too many elements, declares
-/// a document type, or holds hidden characters in its values.
+/// entities, or holds hidden characters in its values.
 pub(crate) fn parse(source: &Source) -> Result<XmlElement, FileError> {
+    parse_within(source, &LIMITS)
+}
+
+/// As [`parse`], within other limits.
+///
+/// # Errors
+/// As for [`parse`].
+pub(crate) fn parse_within(source: &Source, limits: &XmlLimits) -> Result<XmlElement, FileError> {
     let mut reader = Reader::from_str(source.text());
     reader.config_mut().expand_empty_elements = true;
+    reader.config_mut().allow_dangling_amp = !limits.visible_only;
     let mut open: Vec<XmlElement> = Vec::new();
     let mut root = None;
     let mut elements = 0_usize;
@@ -68,14 +86,15 @@ pub(crate) fn parse(source: &Source) -> Result<XmlElement, FileError> {
         let at = before..reader.buffer_position() as usize;
         match event {
             Event::Eof => break,
-            // Entities are declared there, and a few lines of them can stand for gigabytes, or for other files.
-            Event::DocType(_) => {
-                return Err(source.error(at, "a document type is not read", "remove the <!DOCTYPE ...>"));
+            // A few lines of entities can stand for gigabytes, or for other files.
+            Event::DocType(declared) if ["<!ENTITY", "<!ATTLIST"].iter().any(|d| declared.contains(d)) => {
+                let message = "a document type that declares entities or attributes is not read";
+                return Err(source.error(at, message, "remove the <!DOCTYPE ...>"));
             }
             Event::Start(tag) => {
                 elements += 1;
-                if elements > MAX_ELEMENTS {
-                    let message = format!("the file has more than {MAX_ELEMENTS} elements");
+                if elements > limits.elements {
+                    let message = format!("the file has more than {} elements", limits.elements);
                     return Err(source.error(at, message, "leave out what does not collide, or merge links"));
                 }
                 if open.len() >= MAX_DEPTH {
@@ -85,7 +104,7 @@ pub(crate) fn parse(source: &Source) -> Result<XmlElement, FileError> {
                 if open.is_empty() && root.is_some() {
                     return Err(source.error(at, "a second outermost element", "keep a single outermost element"));
                 }
-                open.push(start(source, &tag, at)?);
+                open.push(start(source, &tag, at, limits)?);
             }
             Event::End(_) => {
                 let Some(mut element) = open.pop() else { continue };
@@ -104,8 +123,24 @@ pub(crate) fn parse(source: &Source) -> Result<XmlElement, FileError> {
     }
 }
 
+/// The text of an element's content without its comments; none if there are elements in it, or what is no text.
+pub(crate) fn text_of(content: &str) -> Option<String> {
+    let mut reader = Reader::from_str(content);
+    let mut text = String::new();
+    loop {
+        match reader.read_event().ok()? {
+            Event::Eof => return Some(text),
+            Event::Text(part) => text.push_str(&part),
+            Event::CData(part) => text.push_str(&part),
+            Event::GeneralRef(character) => text.push(character.resolve_char_ref().ok()??),
+            Event::Comment(_) | Event::PI(_) => {}
+            _ => return None,
+        }
+    }
+}
+
 /// An element that has only its attributes yet.
-fn start(source: &Source, tag: &BytesStart<'_>, at: Range<usize>) -> Result<XmlElement, FileError> {
+fn start(source: &Source, tag: &BytesStart<'_>, at: Range<usize>, limits: &XmlLimits) -> Result<XmlElement, FileError> {
     let mut attributes = Vec::new();
     for attribute in tag.attributes() {
         let attribute = attribute.map_err(|e| {
@@ -116,7 +151,7 @@ fn start(source: &Source, tag: &BytesStart<'_>, at: Range<usize>) -> Result<XmlE
             source.error(at.clone(), format!("a value cannot be read: {e}"), help)
         })?;
         // Names go to terminals, logs and file names later on: what hides in them is refused here, once.
-        if let Some(what) = hidden_in(&value) {
+        if let Some(what) = hidden_in(&value).filter(|_| limits.visible_only) {
             return Err(source.error(at, what, "use only visible characters in names and values"));
         }
         attributes.push((attribute.key.into_inner().to_owned(), value.into_owned()));

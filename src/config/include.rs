@@ -2,7 +2,8 @@
 
 use super::layer::{Content, LayerNode};
 use super::{Complaints, ConfigError};
-use mobee_model::file::{MIB, read_text};
+use mobee_model::file::{MIB, path_remedy, read_text};
+use mobee_model::is_hidden;
 use serde_json::Value;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -19,6 +20,9 @@ const LONGEST_TOGETHER: usize = 2 * MIB as usize;
 
 /// What to do about a hidden character.
 const UNSEEN: &str = "use only visible characters in names and texts";
+/// What to do about a backslash in a text, which is mostly a path as on Windows.
+const ESCAPE: &str =
+    "in \"...\" a backslash begins an escape such as \\n: write paths with /, or the text in single quotes: '...'";
 
 /// One file of a configuration.
 #[derive(Clone, Debug)]
@@ -92,7 +96,8 @@ impl IncludeReader {
             let (span, file) = (e.span().unwrap_or(0..0), &self.files[number]);
             if !told.contains(&file.line(span.start)) {
                 told.push(file.line(span.start));
-                wrong.push(file.error(span, e.message().to_owned(), remedy(e.message())));
+                let line = text.lines().nth(file.line(span.start) - 1).unwrap_or_default();
+                wrong.push(file.error(span, e.message().to_owned(), remedy(e.message(), line)));
             }
         }
         if !wrong.is_empty() {
@@ -104,7 +109,15 @@ impl IncludeReader {
             if wrong.is_full() {
                 break;
             }
-            let help = if what.contains("hidden") { UNSEEN } else { "write an ordinary finite number" };
+            let written = text.get(span.clone()).unwrap_or_default();
+            // it was meant to be two characters, unless it stands there itself, or by its number
+            let escape = ["\\b", "\\e", "\\f", "\\n", "\\r", "\\t"].iter().any(|e| written.contains(e));
+            let escape = escape && !written.contains(is_hidden);
+            let (what, help) = match what.contains("hidden") {
+                true if escape => (format!("{what}, by an escape that a backslash begins"), ESCAPE),
+                true => (what, UNSEEN),
+                false => (what, "write an ordinary finite number"),
+            };
             wrong.push(self.files[number].error(span, what, help));
         }
         let below = self.included(&mut own, number, &mut wrong);
@@ -139,11 +152,12 @@ impl IncludeReader {
     }
 
     fn include(&mut self, file: &Path, by: usize, span: Range<usize>) -> Result<LayerNode, Complaints> {
-        let from_main = self.files[by].folder.join(file);
+        let from_main = self.files[by].folder.join(from_home(file));
         let path = self.main_folder.join(&from_main);
         let wrong = |what: String, help: &str| Complaints::from(self.files[by].error(span.clone(), what, help));
         let real = path.canonicalize().map_err(|e| {
-            wrong(format!("can't read {}: {e}", path.display()), "give the path of a file, relative to this file")
+            let help = path_remedy(file).unwrap_or("give the path of a file, relative to this file");
+            wrong(format!("can't read {}: {e}", path.display()), help)
         })?;
         if self.open.contains(&real) {
             let what = format!("{} includes itself, directly or through others", file.display());
@@ -177,9 +191,23 @@ impl IncludeReader {
     }
 }
 
-/// What to do about an error of syntax.
-fn remedy(message: &str) -> &'static str {
+/// A path with the user's home folder for the `~/`, `$HOME/` or `${HOME}/` that it may begin with.
+///
+/// All paths of configuration files pass here. A shell would have done it, and no folder is named so.
+pub fn from_home(path: &Path) -> PathBuf {
+    let home = std::env::var_os("HOME").filter(|home| !home.is_empty());
+    let inside = ["~", "$HOME", "${HOME}"].iter().find_map(|begin| path.strip_prefix(begin).ok());
+    match (home, inside) {
+        (Some(home), Some(inside)) => Path::new(&home).join(inside),
+        _ => path.to_owned(),
+    }
+}
+
+/// What to do about an error of syntax in a line.
+fn remedy(message: &str, line: &str) -> &'static str {
     let remedies = [
+        ("escaped value", ESCAPE),
+        ("too few unicode value digits", ESCAPE),
         ("duplicate key", "remove one of the two"),
         ("must be quoted", "put text in quotes, and write numbers without a unit"),
         ("expected newline", "write one setting per line, and decimals with a point, such as 0.1"),
@@ -188,5 +216,7 @@ fn remedy(message: &str) -> &'static str {
         ("unclosed", "close the bracket"),
         ("string, expected", "close the quotes"),
     ];
-    remedies.iter().find(|(part, _)| message.contains(part)).map_or("fix the TOML syntax here", |(_, help)| help)
+    let found = remedies.iter().find(|(part, _)| message.contains(part)).map_or("fix the TOML syntax here", |(_, h)| h);
+    // the backslash at the end of a folder's name hides the quotes after it
+    if found == "close the quotes" && line.contains("\\\"") { ESCAPE } else { found }
 }

@@ -5,7 +5,7 @@
 //! include = [a, b]  <  the file  <  MOBEE_SET__robot__icub__agent__vertices=30  <  --set robot.icub.agent.vertices=30
 //! ```
 
-use super::include::{IncludeReader, TextFile};
+use super::include::{IncludeReader, TextFile, from_home};
 use super::layer::{Content, LayerNode, Origin, plain};
 use super::{Complaints, ConfigError};
 use serde_json::Value;
@@ -229,11 +229,16 @@ impl Source {
         }
     }
 
-    /// A path that stands at `at` in the configuration, as seen from the main file's folder.
+    /// A path that stands at `at` in the configuration, as seen from the main file's folder; `~/` is the user's home.
     pub fn relocated(&self, at: &str, path: &Path) -> PathBuf {
         match &self.nearest(&steps(at)).origin {
-            Origin::File { file, .. } => self.files.get(*file).map_or(path.to_owned(), |f| f.folder.join(path)),
-            _ => path.to_owned(),
+            Origin::File { file, .. } => {
+                let path = from_home(path);
+                self.files.get(*file).map_or(path.clone(), |f| f.folder.join(&path))
+            }
+            // it was expanded by the program that resolved it
+            Origin::Resolved => path.to_owned(),
+            Origin::Environment(_) | Origin::Set(_) => from_home(path),
         }
     }
 }

@@ -164,3 +164,66 @@ fn the_resolved_file_is_the_same_configuration() {
     }
     assert_eq!(serde_json::to_value(&shown).expect("values"), serde_json::to_value(&config).expect("values"));
 }
+
+/// A report in one line.
+fn unwrapped(text: &str) -> String {
+    text.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn a_path_may_begin_in_the_home_folder() {
+    let base =
+        BASE.replace("\"world.xml\"", "\"$HOME/parts/world.xml\"").replace("\"robot.xml\"", "\"~/parts/robot.xml\"");
+    let home = folder("", &[("parts/base.toml", &base)]);
+    let elsewhere = folder("include = [\"~/parts/base.toml\"]\n", &[("parts/base.toml", "")]);
+    let home = [("HOME", home.path().to_str().expect("a readable path"))];
+    for set in [&[][..], &["--set", "robot.edge.model=${HOME}/parts/robot.xml"]] {
+        let out = mobee(elsewhere.path(), &[&["check", "main.toml"], set].concat(), &home);
+        assert!(out.status.success(), "{}", said(&out));
+    }
+}
+
+#[test]
+fn a_path_as_on_windows_and_a_variable_are_named() {
+    for (path, help) in [
+        (r#""robots\new\table.xml""#, "in \"...\" a backslash begins an escape"),
+        (r#""robots\pt.xml""#, "in \"...\" a backslash begins an escape"),
+        (r#""C:\users\robot.xml""#, "in \"...\" a backslash begins an escape"),
+        (r#""robots\""#, "in \"...\" a backslash begins an escape"),
+        (r#"'parts\robot.xml'"#, "write / between folders, not \\"),
+        (r#""parts\\robot.xml""#, "write / between folders, not \\"),
+        (r#""$ROBOTS/robot.xml""#, "expanded"),
+        (r#""~other/robot.xml""#, "expanded"),
+    ] {
+        let dir = folder(&MAIN.replace("agent.speed = 0.25", &format!("model = {path}")), &[]);
+        let out = mobee(dir.path(), &["check", "main.toml"], &[]);
+        let text = said(&out);
+        assert_eq!(out.status.code(), Some(2), "{text}");
+        let text = unwrapped(&text);
+        assert!(text.contains("main.toml:7") && text.contains(help), "{path}: {text}");
+    }
+}
+
+#[test]
+fn files_in_other_encodings_are_named() {
+    let wide: Vec<u8> = std::iter::once(0xfeff).chain(MAIN.encode_utf16()).flat_map(u16::to_le_bytes).collect();
+    let latin = [MAIN.as_bytes(), b"# Ren\xe9\n"].concat();
+    let dir = folder(MAIN, &[]);
+    for (name, bytes, words) in [
+        ("main.toml", &wide, &["line 1", "UTF-16", "save it as UTF-8"][..]),
+        ("main.toml", &latin, &["line 8", "0xe9", "Latin-1", "save it as UTF-8"]),
+        ("parts/base.toml", &latin, &["line 8", "0xe9", "Latin-1", "save it as UTF-8"]),
+        ("parts/robot.xml", &latin, &["robot.xml:8", "0xe9", "Latin-1", "save it as UTF-8"]),
+        ("parts/world.xml", &wide, &["world.xml:1", "UTF-16", "save it as UTF-8"]),
+    ] {
+        let (path, before) = (dir.path().join(name), std::fs::read(dir.path().join(name)).expect("a file"));
+        std::fs::write(&path, bytes).expect("written");
+        let out = mobee(dir.path(), &["check", "main.toml"], &[]);
+        let text = unwrapped(&said(&out));
+        assert_eq!(out.status.code(), Some(2), "{text}");
+        assert!(words.iter().all(|w| text.contains(w)), "{name}: {text}");
+        std::fs::write(&path, [b"\xef\xbb\xbf", before.as_slice()].concat()).expect("written");
+        let out = mobee(dir.path(), &["check", "main.toml"], &[]);
+        assert!(out.status.success(), "{name} with a byte order mark: {}", said(&out));
+    }
+}

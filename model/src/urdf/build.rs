@@ -6,7 +6,7 @@
 //! ```
 
 use super::document::{Collision, Document, Geometry, Joint, JointType, Link};
-use super::mesh::{self, MeshFile, Meshes};
+use super::mesh::{self, MeshFile, MeshIssue, Meshes};
 use super::tree::{Drive, Tree};
 use super::{UrdfOptions, neighbors, upright};
 use crate::error::{FileError, Source};
@@ -366,7 +366,10 @@ impl Builder<'_> {
             Geometry::Box { size } => (Shape::Box { size: *size }, place),
             Geometry::Cylinder { radius, length } => (Shape::Cylinder { radius: *radius, height: *length }, along_z),
             Geometry::Capsule { radius, length } => (Shape::Capsule { radius: *radius, height: *length }, along_z),
-            Geometry::Mesh { filename, .. } => return Err(self.bad_mesh(name, collision, filename, "is no shape")),
+            Geometry::Mesh { filename, .. } => {
+                let issue = MeshIssue::in_file("is no shape");
+                return Err(self.bad_mesh(name, collision, filename, &issue));
+            }
         };
         let sizes = match shape {
             Shape::Sphere { radius } => [radius; 3],
@@ -388,7 +391,11 @@ impl Builder<'_> {
         file: &str,
         scale: &Vector3<f64>,
     ) -> Result<Rc<MeshFile>, FileError> {
-        let read = self.meshes.get(file).map_err(|why| self.bad_mesh(link, collision, file, &why))?;
+        let read = self.meshes.get(file).map_err(|issue| self.bad_mesh(link, collision, file, &issue))?;
+        for MeshIssue { message, remedy } in self.meshes.take_notes(file) {
+            let message = format!("link `{link}`: the mesh {file} {message}");
+            self.warnings.push(self.source.warning(collision.at.clone(), message, remedy));
+        }
         if let Some(odd) = mesh::odd_size(&read.mesh, scale) {
             let message = format!("link `{link}`: the mesh {file} {odd}");
             let help = "if so, write scale=\"0.001 0.001 0.001\" into its <mesh>";
@@ -397,8 +404,9 @@ impl Builder<'_> {
         Ok(read)
     }
 
-    fn bad_mesh(&self, link: &str, collision: &Collision, file: &str, why: &str) -> FileError {
-        self.source.error(collision.at.clone(), format!("link `{link}`: the mesh {file} {why}"), mesh::remedy(file))
+    fn bad_mesh(&self, link: &str, collision: &Collision, file: &str, issue: &MeshIssue) -> FileError {
+        let message = format!("link `{link}`: the mesh {file} {}", issue.message);
+        self.source.error(collision.at.clone(), message, issue.remedy.as_str())
     }
 }
 

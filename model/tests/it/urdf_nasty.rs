@@ -210,8 +210,8 @@ fn what_is_no_urdf_is_told_as_what_it_is() {
         (shape("<sphere/>"), "without `radius`", "radius"),
         (shape("<box size=\"1 1\"/>"), "three finite numbers", "three numbers"),
         (shape("<cylinder radius=\"nan\" length=\"1\"/>"), "above zero", "above zero"),
-        (shape("<mesh filename=\"../../../../etc/passwd\"/>"), "mesh ../../../../etc/passwd", "--meshes"),
-        (shape("<mesh filename=\"file:///etc/passwd\"/>"), "STL, OBJ, COLLADA", "--meshes"),
+        (shape("<mesh filename=\"../../../../etc/passwd\"/>"), "mesh ../../../../etc/passwd", "export it"),
+        (shape("<mesh filename=\"file:///etc/passwd\"/>"), "STL, OBJ, COLLADA", "export it"),
         (shape(&format!("<mesh filename=\"{long}\"/>")), "link `a`", "--meshes"),
     ];
     for (text, message, help) in cases {

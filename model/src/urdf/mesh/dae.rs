@@ -5,11 +5,13 @@
 //! therefore drawn in the link's axes whatever they declare; a third of the COLLADA files of known robots say `Y_UP`, and
 //! turning those would break most of the robots. For the others see `upright`.
 
-use super::{MAX_TRIANGLES, add_polygon, add_triangle};
+use super::{MAX_TRIANGLES, Parsed, add_polygon, add_triangle, decoded};
 use crate::Mesh;
 use crate::error::Source;
-use crate::xml::{self, XmlElement};
+use crate::xml::{self, XmlElement, XmlLimits};
 use nalgebra::{Matrix4, Point3, Rotation3, Translation3, Unit, Vector3};
+use percent_encoding::percent_decode_str;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// More instances of nodes and geometries are refused: a few nodes that show each other twice make any number.
@@ -18,27 +20,34 @@ const MAX_INSTANCES: usize = 10_000;
 const MAX_DEPTH: usize = 50;
 /// More vertices of all instances together are refused.
 const MAX_VERTICES: usize = 3 * MAX_TRIANGLES;
-/// How much text of lists may be read, those counted again that are shown again, bytes.
-const MAX_LISTS: usize = 256 << 20;
+/// How much text of geometries, and of the lists in them, may be read, counted again what is shown again, bytes.
+const MAX_SHOWN: usize = 512 << 20;
+/// More elements are refused: a file may have one for each polygon, and names may hold what they like.
+const LIMITS: XmlLimits = XmlLimits { elements: 2 * MAX_TRIANGLES, visible_only: false };
+/// The kinds of elements that others refer to, each with names of its own.
+const REFERRED_TO: [&str; 6] = ["visual_scene", "node", "geometry", "vertices", "source", "float_array"];
 
-/// Reads a COLLADA file; also answers whether it declares that y is up.
+/// Reads a COLLADA file.
 ///
 /// # Errors
 /// What is wrong with it, as the end of a sentence.
-pub(super) fn parse(bytes: &[u8]) -> Result<(Mesh, bool), String> {
-    let text = std::str::from_utf8(bytes).map_err(|e| format!("is not UTF-8 text at byte {}", e.valid_up_to() + 1))?;
-    let source = Source::new("mesh", text.strip_prefix('\u{feff}').unwrap_or(text));
-    let root = xml::parse(&source).map_err(|e| format!("cannot be read: line {}: {}", e.line(), e.message()))?;
+pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
+    let source = Source::new("mesh", &decoded(bytes));
+    let root = xml::parse_within(&source, &LIMITS).map_err(|e| {
+        let unreadable = format!("cannot be read: line {}: {}", e.line(), e.message());
+        match std::str::from_utf8(bytes) {
+            Ok(_) => unreadable,
+            Err(not_text) => format!("is not UTF-8 text at byte {}, and {unreadable}", not_text.valid_up_to() + 1),
+        }
+    })?;
     if root.name != "COLLADA" {
         return Err(format!("is no COLLADA file: it begins with <{}>", root.name));
     }
     let mut ids = BTreeMap::new();
     collect_ids(&root, &mut ids);
-    let mut scene = Scene { text: source.text(), ids, mesh: Mesh::default(), instances: 0, left: MAX_LISTS };
+    let mut scene = Scene { text: source.text(), ids, mesh: Mesh::default(), instances: 0, left: MAX_SHOWN };
     let unit = scene.unit(&root)?;
-    let shown = root.child("scene").and_then(|s| s.child("instance_visual_scene")).and_then(|i| scene.target(i, "url"));
-    let library = || root.child("library_visual_scenes")?.child("visual_scene");
-    match shown.or_else(library) {
+    match scene.shown(&root)? {
         Some(shown) => scene.nodes(shown, &unit, 0)?,
         None => {
             for geometry in root.all("library_geometries").flat_map(|l| l.all("geometry")) {
@@ -47,15 +56,25 @@ pub(super) fn parse(bytes: &[u8]) -> Result<(Mesh, bool), String> {
         }
     }
     let up = root.child("asset").and_then(|a| a.child("up_axis")).map(|u| source.text()[u.inner.clone()].trim());
-    Ok((scene.mesh, up == Some("Y_UP")))
+    Ok(Parsed { mesh: scene.mesh, y_up: up == Some("Y_UP"), notes: Vec::new() })
 }
 
-/// All elements that have an `id`.
-fn collect_ids<'d>(element: &'d XmlElement, ids: &mut BTreeMap<&'d str, &'d XmlElement>) {
-    if let Some(id) = element.get("id") {
-        ids.entry(id).or_insert(element);
-    }
+/// Elements by kind and `id`; none where several of a kind have the same.
+type Ids<'d> = BTreeMap<(&'d str, &'d str), Option<&'d XmlElement>>;
+
+/// All elements that others may refer to.
+fn collect_ids<'d>(element: &'d XmlElement, ids: &mut Ids<'d>) {
+    collect_id(element, ids);
     element.children.iter().for_each(|c| collect_ids(c, ids));
+}
+
+/// An element, if others may refer to it.
+fn collect_id<'d>(element: &'d XmlElement, ids: &mut Ids<'d>) {
+    if let Some(id) = element.get("id")
+        && REFERRED_TO.contains(&element.name.as_str())
+    {
+        ids.entry((&element.name, id)).and_modify(|first| *first = None).or_insert(Some(element));
+    }
 }
 
 /// What is shown so far, and where the rest is found.
@@ -63,27 +82,47 @@ struct Scene<'d> {
     /// The file.
     text: &'d str,
     /// Its elements that others refer to.
-    ids: BTreeMap<&'d str, &'d XmlElement>,
+    ids: Ids<'d>,
     /// What is shown so far, meters.
     mesh: Mesh,
     /// How many instances were made.
     instances: usize,
-    /// How much text of lists may still be read, bytes.
+    /// How much text may still be read, bytes.
     left: usize,
 }
 
 impl<'d> Scene<'d> {
-    /// The element that an attribute such as `url="#id"` refers to, within this file.
-    fn target(&self, element: &XmlElement, attribute: &str) -> Option<&'d XmlElement> {
-        self.ids.get(element.get(attribute)?.strip_prefix('#')?).copied()
+    /// The element of a kind that an attribute such as `url="#id"` refers to, within this file.
+    fn target(&self, element: &XmlElement, attribute: &str, kind: &str) -> Option<&'d XmlElement> {
+        let id = element.get(attribute)?.strip_prefix('#')?;
+        let decoded = percent_decode_str(id).decode_utf8_lossy();
+        [id, &decoded].into_iter().find_map(|id| self.ids.get(&(kind, id)).copied().flatten())
     }
 
     /// As [`Self::target`], for what must be there.
-    fn refer(&self, element: &XmlElement, attribute: &str) -> Result<&'d XmlElement, String> {
-        self.target(element, attribute).ok_or_else(|| {
+    fn refer(&self, element: &XmlElement, attribute: &str, kind: &str) -> Result<&'d XmlElement, String> {
+        self.target(element, attribute, kind).ok_or_else(|| {
             let what = element.get(attribute).unwrap_or_default();
-            format!("refers to `{what}` in <{}>, which is not in the file", element.name)
+            format!("refers to `{what}` in {}, and no <{kind}> of the file has that id alone", self.tag(element))
         })
+    }
+
+    /// An element with its line, for messages.
+    fn tag(&self, element: &XmlElement) -> String {
+        let before = self.text.get(..element.at.start).unwrap_or_default();
+        format!("<{}> in line {}", element.name, before.matches('\n').count() + 1)
+    }
+
+    /// The scene that is shown, if the file has any.
+    fn shown(&self, root: &'d XmlElement) -> Result<Option<&'d XmlElement>, String> {
+        let scenes: Vec<_> = root.all("library_visual_scenes").flat_map(|l| l.all("visual_scene")).collect();
+        let instance = root.child("scene").and_then(|s| s.child("instance_visual_scene"));
+        match (instance.and_then(|i| self.target(i, "url", "visual_scene")), scenes.as_slice()) {
+            (Some(scene), _) => Ok(Some(scene)),
+            (None, []) => Ok(None),
+            (None, [only]) => Ok(Some(only)),
+            (None, several) => Err(format!("has {} scenes, and its <scene> names none of them", several.len())),
+        }
     }
 
     /// From the file's unit to meters.
@@ -103,12 +142,12 @@ impl<'d> Scene<'d> {
                 "node" => self.node(child, to_meters, depth)?,
                 "instance_node" => {
                     self.count()?;
-                    let node = self.refer(child, "url")?;
+                    let node = self.refer(child, "url", "node")?;
                     self.node(node, to_meters, depth)?;
                 }
                 "instance_geometry" => {
                     self.count()?;
-                    let geometry = self.refer(child, "url")?;
+                    let geometry = self.refer(child, "url", "geometry")?;
                     self.geometry(geometry, to_meters)?;
                 }
                 "instance_controller" => return Err("has a skin that bones move: export it as a plain mesh".to_owned()),
@@ -139,7 +178,7 @@ impl<'d> Scene<'d> {
             if !matches!(name, "matrix" | "translate" | "rotate" | "scale" | "lookat" | "skew") {
                 continue;
             }
-            let numbers = self.numbers(child)?;
+            let numbers: Vec<f64> = self.numbers(child)?;
             transform *= match (name, numbers.as_slice()) {
                 ("matrix", rows) if rows.len() == 16 => Matrix4::from_row_slice(rows),
                 ("translate", &[x, y, z]) => Translation3::new(x, y, z).to_homogeneous(),
@@ -148,37 +187,69 @@ impl<'d> Scene<'d> {
                     Some(axis) => Rotation3::from_axis_angle(&axis, degrees.to_radians()).to_homogeneous(),
                     None => Matrix4::identity(),
                 },
-                _ => return Err(format!("has a <{name}> that cannot be read")),
+                ("lookat", &[ex, ey, ez, tx, ty, tz, ux, uy, uz]) => {
+                    look_at(&Vector3::new(ex, ey, ez), &Vector3::new(tx, ty, tz), &Vector3::new(ux, uy, uz))
+                }
+                ("skew", _) => {
+                    return Err(format!("has a {}, which is not read: apply the transforms of nodes", self.tag(child)));
+                }
+                _ => return Err(format!("has a {} that cannot be read", self.tag(child))),
             };
         }
         Ok(transform)
     }
 
-    /// The words that an element contains.
-    fn words(&mut self, element: &XmlElement) -> Result<impl Iterator<Item = &'d str> + use<'d>, String> {
+    /// Counts the text of an element as read.
+    fn charge(&mut self, element: &XmlElement) -> Result<(), String> {
         let left = self.left.checked_sub(element.inner.len());
         self.left = left.ok_or("shows too much: the same large lists again and again")?;
-        Ok(self.text.get(element.inner.clone()).unwrap_or_default().split_ascii_whitespace())
+        Ok(())
+    }
+
+    /// The text that an element contains, without comments.
+    fn content(&mut self, element: &XmlElement) -> Result<Cow<'d, str>, String> {
+        self.charge(element)?;
+        let text = self.text.get(element.inner.clone()).unwrap_or_default();
+        if !text.contains(['<', '&']) {
+            return Ok(Cow::Borrowed(text));
+        }
+        let content = xml::text_of(text).map(Cow::Owned);
+        content.ok_or_else(|| format!("has a {} of other things than text", self.tag(element)))
     }
 
     /// The numbers that an element contains.
-    fn numbers(&mut self, element: &XmlElement) -> Result<Vec<f64>, String> {
-        let numbers: Option<Vec<f64>> = self.words(element)?.map(|w| w.parse().ok()).collect();
-        numbers.ok_or_else(|| format!("has a <{}> of other things than numbers", element.name))
+    fn numbers<T: std::str::FromStr>(&mut self, element: &XmlElement) -> Result<Vec<T>, String> {
+        let numbers: Option<Vec<T>> = self.content(element)?.split_ascii_whitespace().map(|w| w.parse().ok()).collect();
+        numbers.ok_or_else(|| format!("has a {} of other things than numbers", self.tag(element)))
     }
 
-    /// Adds a geometry's surfaces.
+    /// A count that an element states; none if it states none.
+    fn stated(&self, element: &XmlElement, name: &str) -> Result<Option<usize>, String> {
+        let number =
+            |text: &str| text.parse().map_err(|_| format!("has an unreadable {name} of {}", self.tag(element)));
+        element.get(name).map(number).transpose()
+    }
+
+    /// Adds a geometry's surfaces. Lines and curves have none.
     fn geometry(&mut self, geometry: &'d XmlElement, to_meters: &Matrix4<f64>) -> Result<(), String> {
-        let Some(mesh) = geometry.child("mesh") else {
-            return Err("has a geometry that is not a mesh of polygons".to_owned());
-        };
+        if let Some(other) = geometry.child("convex_mesh").or_else(|| geometry.child("brep")) {
+            return Err(format!("has a {}, which is not a mesh of polygons", self.tag(other)));
+        }
         // Several surfaces of a geometry mostly share one list of positions.
         let mut placed: Option<(&XmlElement, u32, u32)> = None;
+        let Some(mesh) = geometry.child("mesh") else { return Ok(()) };
+        self.charge(mesh)?;
+        let mut own = Ids::new();
+        mesh.children.iter().for_each(|child| collect_id(child, &mut own));
         for surface in &mesh.children {
             if !matches!(surface.name.as_str(), "triangles" | "polylist" | "polygons" | "trifans" | "tristrips") {
                 continue;
             }
-            let layout = self.layout(surface)?;
+            let lists = || surface.all("p").chain(surface.all("ph").filter_map(|holed| holed.child("p")));
+            if lists().next().is_none() && self.stated(surface, "count")?.unwrap_or(0) == 0 {
+                continue;
+            }
+            let layout = self.layout(&own, surface)?;
             let (first, count) = match placed {
                 Some((source, first, count)) if std::ptr::eq(source, layout.source) => (first, count),
                 _ => {
@@ -189,24 +260,33 @@ impl<'d> Scene<'d> {
                     (first, count)
                 }
             };
-            self.surface(surface, &layout, first, count)?;
+            let mut polygons = Vec::new();
+            for list in lists() {
+                polygons.push(self.corners(list, &layout, first, count)?);
+            }
+            self.surface(surface, polygons)?;
         }
         Ok(())
     }
 
-    /// Where a surface finds its positions.
-    fn layout(&self, surface: &XmlElement) -> Result<Layout<'d>, String> {
+    /// Where a surface finds its positions: among the sources of its mesh first.
+    fn layout(&self, own: &Ids<'d>, surface: &XmlElement) -> Result<Layout<'d>, String> {
         let offset = |input: &XmlElement| input.get("offset").unwrap_or("0").parse::<usize>().ok().filter(|o| *o < 64);
-        let bad = || format!("has a <{}> without readable inputs", surface.name);
+        let bad = || format!("has a {} without readable inputs", self.tag(surface));
+        let refer = |input: &XmlElement, kind: &'static str| {
+            let id = input.get("source").and_then(|s| s.strip_prefix('#'));
+            let found = id.and_then(|id| own.get(&(kind, id)).copied().flatten());
+            found.map_or_else(|| self.refer(input, "source", kind), Ok)
+        };
         let mut layout = None;
         let mut stride = 0;
         for input in surface.all("input") {
             let offset = offset(input).ok_or_else(bad)?;
             stride = stride.max(offset + 1);
             if input.get("semantic") == Some("VERTEX") {
-                let vertices = self.refer(input, "source")?;
+                let vertices = refer(input, "vertices")?;
                 let position = vertices.all("input").find(|i| i.get("semantic") == Some("POSITION")).ok_or_else(bad)?;
-                layout = Some((offset, self.refer(position, "source")?));
+                layout = Some((offset, refer(position, "source")?));
             }
         }
         let (offset, source) = layout.ok_or_else(bad)?;
@@ -214,67 +294,115 @@ impl<'d> Scene<'d> {
     }
 
     /// Adds a source's positions to the mesh's vertices.
-    fn positions(&mut self, source: &XmlElement, to_meters: &Matrix4<f64>) -> Result<(), String> {
-        let array = source.child("float_array").ok_or("has positions that are not a list of numbers")?;
-        let numbers = self.numbers(array)?;
+    fn positions(&mut self, source: &'d XmlElement, to_meters: &Matrix4<f64>) -> Result<(), String> {
         let accessor = source.child("technique_common").and_then(|t| t.child("accessor"));
-        let size = |name: &str, default: usize| {
-            let text = accessor.and_then(|a| a.get(name));
-            text.map_or(Some(default), |t| t.parse().ok()).ok_or_else(|| format!("has an unreadable {name}"))
-        };
-        let (offset, stride) = (size("offset", 0)?, size("stride", 3)?);
+        let of_other = accessor.and_then(|a| self.target(a, "source", "float_array"));
+        let array = source.child("float_array").or(of_other).ok_or("has positions that are not a list of numbers")?;
+        let numbers: Vec<f64> = self.numbers(array)?;
+        let stated = |name| accessor.map_or(Ok(None), |a| self.stated(a, name));
+        let (offset, stride) = (stated("offset")?.unwrap_or(0), stated("stride")?.unwrap_or(3));
         if !(3..64).contains(&stride) {
             return Err("has positions that are not three numbers each".to_owned());
         }
-        let places = numbers.get(offset..).unwrap_or_default().chunks(stride).filter(|c| c.len() >= 3);
-        let place = |c: &[f64]| to_meters.transform_point(&Point3::new(c[0], c[1], c[2])).coords;
-        self.mesh.vertices.extend(places.map(place).take(MAX_VERTICES + 1 - self.mesh.vertices.len()));
+        let places = stated("count")?.unwrap_or(0);
+        let reach = places.saturating_sub(1).saturating_mul(stride).saturating_add(offset).saturating_add(3);
+        let claimed = self.stated(array, "count")?.unwrap_or(0).max(if places > 0 { reach } else { 0 });
+        if numbers.len() < claimed {
+            let (list, there) = (self.tag(array), numbers.len());
+            return Err(format!("is cut off: {list} should have {claimed} numbers and has {there}"));
+        }
+        let named = |name| accessor?.all("param").position(|p| p.get("name") == Some(name));
+        let [x, y, z] = match (named("X"), named("Y"), named("Z")) {
+            (Some(x), Some(y), Some(z)) if x.max(y).max(z) < stride => [x, y, z],
+            _ => [0, 1, 2],
+        };
+        let place = |c: &[f64]| Some(Point3::new(*c.get(x)?, *c.get(y)?, *c.get(z)?));
+        let places = numbers.get(offset..).unwrap_or_default().chunks(stride).filter_map(place);
+        let places = places.map(|place| to_meters.transform_point(&place).coords);
+        self.mesh.vertices.extend(places.take(MAX_VERTICES + 1 - self.mesh.vertices.len()));
         if self.mesh.vertices.len() > MAX_VERTICES {
             return Err(format!("has more than {MAX_VERTICES} vertices: simplify it"));
         }
         Ok(())
     }
 
-    /// Adds the triangles of a surface, whose positions are `count` vertices from `first`.
-    fn surface(&mut self, surface: &XmlElement, layout: &Layout<'_>, first: u32, count: u32) -> Result<(), String> {
-        let lists = surface.all("p").chain(surface.all("ph").filter_map(|holed| holed.child("p")));
-        let mut sizes = match surface.child("vcount") {
-            Some(sizes) => Some(self.numbers(sizes)?.into_iter().map(|n| n as usize)),
-            None => None,
-        };
-        for list in lists {
-            let corner = |word: &str| match word.parse::<u32>() {
-                Ok(i) if i < count => Ok(first + i),
-                _ => Err(format!(
-                    "has a corner `{}` that is none of its {count} vertices",
-                    word.get(..20).unwrap_or(word)
-                )),
-            };
-            let mut corners = self.words(list)?.skip(layout.offset).step_by(layout.stride).map(corner);
-            match surface.name.as_str() {
-                "triangles" => {
-                    let all = corners.collect::<Result<Vec<u32>, String>>()?;
-                    all.chunks_exact(3).try_for_each(|t| add_triangle(&mut self.mesh, [t[0], t[1], t[2]]))?;
-                }
-                "polylist" => {
-                    for size in sizes.as_mut().into_iter().flatten() {
-                        let polygon: Vec<u32> = corners.by_ref().take(size).collect::<Result<_, _>>()?;
-                        if polygon.len() < size {
-                            return Err("is cut off: a polygon has too few corners".to_owned());
-                        }
-                        add_polygon(&mut self.mesh, &polygon)?;
-                    }
-                }
-                "tristrips" => {
-                    let all = corners.collect::<Result<Vec<u32>, String>>()?;
-                    all.windows(3).try_for_each(|t| add_triangle(&mut self.mesh, [t[0], t[1], t[2]]))?;
-                }
-                // polygons and fans are one list each
-                _ => add_polygon(&mut self.mesh, &corners.collect::<Result<Vec<u32>, String>>()?)?,
+    /// The corners in a list of a surface, whose positions are `count` vertices from `first`.
+    fn corners(&mut self, list: &XmlElement, layout: &Layout<'_>, first: u32, count: u32) -> Result<Vec<u32>, String> {
+        let content = self.content(list)?;
+        let mut words = 0;
+        let mut corners = Vec::new();
+        for (i, word) in content.split_ascii_whitespace().enumerate() {
+            words = i + 1;
+            if i % layout.stride == layout.offset {
+                corners.push(word.parse::<u32>().ok().filter(|i| *i < count).map(|i| first + i).ok_or_else(|| {
+                    let word: String = word.chars().take(20).collect();
+                    format!("has a corner `{word}` that is none of its {count} vertices, of {}", self.tag(list))
+                })?);
             }
         }
-        Ok(())
+        if words % layout.stride != 0 {
+            return Err(format!("is cut off: {} ends within a corner", self.tag(list)));
+        }
+        Ok(corners)
     }
+
+    /// Adds the triangles of a surface, of the corners of each of its lists.
+    fn surface(&mut self, surface: &XmlElement, lists: Vec<Vec<u32>>) -> Result<(), String> {
+        let before = self.mesh.triangles.len();
+        let wrong = |this: &Self, what: &str| Err(format!("is cut off: {} {what}", this.tag(surface)));
+        let made = match surface.name.as_str() {
+            "triangles" => {
+                let all = lists.concat();
+                if all.len() % 3 != 0 {
+                    return wrong(self, "ends within a triangle");
+                }
+                all.chunks_exact(3).try_for_each(|t| add_triangle(&mut self.mesh, [t[0], t[1], t[2]]))?;
+                all.len() / 3
+            }
+            "polylist" => {
+                let sizes: Vec<usize> = surface.child("vcount").map_or(Ok(Vec::new()), |sizes| self.numbers(sizes))?;
+                let all = lists.concat();
+                let mut rest = all.as_slice();
+                for size in &sizes {
+                    let Some((polygon, others)) = rest.split_at_checked(*size) else {
+                        return wrong(self, "has a polygon with too few corners");
+                    };
+                    add_polygon(&mut self.mesh, polygon)?;
+                    rest = others;
+                }
+                if !rest.is_empty() {
+                    return wrong(self, "has more corners than its <vcount> states");
+                }
+                sizes.len()
+            }
+            "tristrips" => {
+                let strip = |mesh: &mut Mesh, list: &Vec<u32>| {
+                    list.windows(3).try_for_each(|t| add_triangle(mesh, [t[0], t[1], t[2]]))
+                };
+                lists.iter().try_for_each(|list| strip(&mut self.mesh, list))?;
+                // some programs count strips, and some triangles
+                lists.len().max(self.mesh.triangles.len() - before)
+            }
+            // polygons and fans are one list each
+            _ => {
+                lists.iter().try_for_each(|list| add_polygon(&mut self.mesh, list))?;
+                lists.len().max(if surface.name == "trifans" { self.mesh.triangles.len() - before } else { 0 })
+            }
+        };
+        match self.stated(surface, "count")? {
+            Some(count) if count > made => wrong(self, &format!("should have {count} and has {made}")),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The place of something at `eye` that looks at `target` along its -z, with its y towards `up`. Not finite if these say nothing:
+/// cameras often have such, and show no surface.
+fn look_at(eye: &Vector3<f64>, target: &Vector3<f64>, up: &Vector3<f64>) -> Matrix4<f64> {
+    let back = (eye - target).normalize();
+    let right = up.cross(&back).normalize();
+    let turn = Rotation3::from_basis_unchecked(&[right, back.cross(&right), back]);
+    Translation3::from(*eye).to_homogeneous() * turn.to_homogeneous()
 }
 
 /// How a surface's list of numbers is read.

@@ -3,10 +3,12 @@
 //! glTF is in meters, and y is up in it. As with COLLADA, the numbers are taken as they are, for so they are in what people look at
 //! URDF with; whether a mesh is turned all the same, see `upright`.
 
-use super::{MAX_TRIANGLES, add_triangle};
+use super::{MAX_TRIANGLES, Parsed, add_triangle};
 use crate::Mesh;
 use nalgebra::{Matrix4, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
+use std::collections::BTreeMap;
 
 /// The type of a chunk of JSON, and of one of binary data.
 const JSON: u32 = 0x4E4F_534A;
@@ -20,17 +22,20 @@ const MAX_VERTICES: usize = 3 * MAX_TRIANGLES;
 /// Types of numbers: `u8`, `u16`, `u32`, `f32`.
 const NUMBERS: [(u32, usize); 4] = [(5121, 1), (5123, 2), (5125, 4), (5126, 4)];
 const FLOAT: u32 = 5126;
+/// An element that nothing gives a value.
+static ZEROS: [u8; 12] = [0; 12];
 
 /// What matters of the JSON.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 struct Document {
-    scene: usize,
+    scene: Option<usize>,
     scenes: Vec<Nodes>,
     nodes: Vec<Node>,
     meshes: Vec<Primitives>,
     accessors: Vec<Accessor>,
     buffer_views: Vec<View>,
+    buffers: Vec<Buffer>,
     extensions_required: Vec<String>,
 }
 
@@ -52,6 +57,7 @@ struct Node {
     /// x, y, z, w.
     rotation: Option<[f64; 4]>,
     scale: Option<[f64; 3]>,
+    extensions: BTreeMap<String, IgnoredAny>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -83,7 +89,33 @@ struct Accessor {
     component_type: u32,
     count: usize,
     r#type: String,
-    sparse: Option<serde::de::IgnoredAny>,
+    sparse: Option<Sparse>,
+}
+
+/// The elements of an accessor that are others than its view has.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Sparse {
+    count: usize,
+    /// Which they are.
+    indices: Part,
+    /// What they are.
+    values: Part,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct Part {
+    buffer_view: usize,
+    byte_offset: usize,
+    component_type: u32,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Buffer {
+    /// Where it is, if not in this file.
+    uri: Option<IgnoredAny>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -99,10 +131,13 @@ struct View {
 ///
 /// # Errors
 /// What is wrong with it, as the end of a sentence.
-pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, String> {
+pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
     let word = |at: usize| bytes.get(at..at + 4).and_then(|w| Some(u32::from_le_bytes(w.try_into().ok()?)));
     if bytes.get(..4) != Some(b"glTF") || word(4) != Some(2) {
         return Err("is no binary glTF of version 2".to_owned());
+    }
+    if word(8).is_some_and(|claimed| claimed as usize > bytes.len()) {
+        return Err(format!("is cut off: it claims {} bytes and has {}", word(8).unwrap_or_default(), bytes.len()));
     }
     let (mut at, mut json, mut binary) = (12, None, &[][..]);
     while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
@@ -118,17 +153,33 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, String> {
     let document: Document = serde_json::from_slice(json.ok_or("has no JSON in it")?)
         .map_err(|e| format!("has JSON that is no glTF: {}", crate::printable(&e.to_string())))?;
     // materials and textures may be as they like
-    if let Some(needed) = document.extensions_required.iter().find(|e| e.contains("mesh")) {
-        let needed = crate::printable(needed);
-        return Err(format!("needs `{needed}`: export it without compression and instancing"));
-    }
+    document.extensions_required.iter().try_for_each(|e| refuse_extension(e))?;
     let mut scene = Scene { document: &document, binary, mesh: Mesh::default(), instances: 0 };
     let origin = Matrix4::identity();
-    match document.scenes.get(document.scene) {
+    match document.scenes.get(document.scene.unwrap_or(0)) {
         Some(shown) => shown.nodes.iter().try_for_each(|node| scene.node(*node, &origin, 0))?,
-        None => (0..document.meshes.len()).try_for_each(|mesh| scene.show(mesh, &origin))?,
+        None if document.scene.is_some() => return Err("shows a scene that is not there".to_owned()),
+        None if document.nodes.is_empty() => {
+            (0..document.meshes.len()).try_for_each(|mesh| scene.show(mesh, &origin))?;
+        }
+        None => {
+            let mut below = vec![false; document.nodes.len()];
+            let children = document.nodes.iter().flat_map(|node| &node.children);
+            children.for_each(|i| below.get_mut(*i).into_iter().for_each(|b| *b = true));
+            let roots = (0..below.len()).filter(|i| !below[*i]);
+            roots.into_iter().try_for_each(|node| scene.node(node, &origin, 0))?;
+        }
     }
-    Ok(scene.mesh)
+    // y is up in all of them
+    Ok(Parsed { mesh: scene.mesh, y_up: true, notes: Vec::new() })
+}
+
+/// Refuses an extension that changes where triangles are: compressed, quantized, or shown several times.
+fn refuse_extension(name: &str) -> Result<(), String> {
+    if !name.contains("mesh") {
+        return Ok(());
+    }
+    Err(format!("needs `{}`: export it without compression and instancing", crate::printable(name)))
 }
 
 impl Node {
@@ -171,6 +222,7 @@ impl Scene<'_> {
             return Err(format!("has nodes nested more than {MAX_DEPTH} deep"));
         }
         let node = self.document.nodes.get(index).ok_or_else(|| format!("shows node {index}, which is not there"))?;
+        node.extensions.keys().try_for_each(|e| refuse_extension(e))?;
         if node.skin.is_some() {
             return Err("has a skin that bones move: export it as a plain mesh".to_owned());
         }
@@ -186,9 +238,13 @@ impl Scene<'_> {
         self.count()?;
         let mesh = self.document.meshes.get(index).ok_or_else(|| format!("shows mesh {index}, which is not there"))?;
         for primitive in &mesh.primitives {
-            let (mode @ 4..=6, Some(position)) = (primitive.mode.unwrap_or(4), primitive.attributes.position) else {
-                continue;
+            let mode = match primitive.mode.unwrap_or(4) {
+                0..=3 => continue,
+                mode @ 4..=6 => mode,
+                other => return Err(format!("has mesh {index} in the unknown mode {other}")),
             };
+            let position =
+                primitive.attributes.position.ok_or_else(|| format!("has mesh {index} without positions"))?;
             let first = self.mesh.vertices.len();
             let (kind, places) = self.elements(position, "VEC3")?;
             if kind != FLOAT {
@@ -201,15 +257,12 @@ impl Scene<'_> {
                 f64::from(f32::from_le_bytes(word))
             };
             let new: Vec<Vector3<f64>> = places
+                .iter()
                 .map(|p| place.transform_point(&Point3::new(number(p, 0), number(p, 1), number(p, 2))).coords)
                 .collect();
             let corners: Vec<u32> = match primitive.indices {
                 None => (0..new.len() as u32).collect(),
-                Some(indices) => {
-                    let whole =
-                        |bytes: &[u8]| bytes.iter().rev().fold(0_u32, |all, byte| (all << 8) | u32::from(*byte));
-                    self.elements(indices, "SCALAR")?.1.map(whole).collect()
-                }
+                Some(indices) => self.elements(indices, "SCALAR")?.1.into_iter().map(whole).collect(),
             };
             if let Some(beyond) = corners.iter().find(|i| **i as usize >= new.len()) {
                 return Err(format!(
@@ -222,6 +275,9 @@ impl Scene<'_> {
             }
             self.mesh.vertices.extend(new);
             let corner = |i: usize| corners.get(i).map(|c| first as u32 + c);
+            if mode == 4 && corners.len() % 3 != 0 {
+                return Err(format!("is cut off: mesh {index} ends within a triangle"));
+            }
             let triangles = match mode {
                 4 => corners.len() / 3,
                 _ => corners.len().saturating_sub(2),
@@ -241,31 +297,58 @@ impl Scene<'_> {
     }
 
     /// The type of an accessor's numbers, and the bytes of each of its elements.
-    fn elements(&self, index: usize, kind: &str) -> Result<(u32, impl Iterator<Item = &[u8]>), String> {
+    fn elements(&self, index: usize, kind: &str) -> Result<(u32, Vec<&[u8]>), String> {
         let wrong = |what: &str| format!("has an accessor {index} {what}");
         let accessor = self.document.accessors.get(index).ok_or_else(|| wrong("that is not there"))?;
-        if accessor.r#type != kind || accessor.sparse.is_some() {
+        if accessor.r#type != kind {
             return Err(wrong(&format!("that is no plain list of {kind}")));
         }
-        let of = NUMBERS.iter().find(|(number, _)| *number == accessor.component_type);
-        let (number, bytes) = of.ok_or_else(|| wrong("of unknown numbers"))?;
-        let size = if kind == "VEC3" { 3 * bytes } else { *bytes };
-        let view = accessor.buffer_view.and_then(|v| self.document.buffer_views.get(v));
-        let view = view.ok_or_else(|| wrong("without a view"))?;
-        if view.buffer != 0 || self.binary.is_empty() {
-            return Err("has its buffer in another file: export it as one `.glb`".to_owned());
+        let bytes = |number: u32| NUMBERS.iter().find(|(known, _)| *known == number).map(|(_, bytes)| *bytes);
+        let number = accessor.component_type;
+        let size = bytes(number).ok_or_else(|| wrong("of unknown numbers"))? * if kind == "VEC3" { 3 } else { 1 };
+        let mut all = match (accessor.buffer_view, &accessor.sparse) {
+            (Some(view), _) => self.list(view, accessor.byte_offset, size, accessor.count).map_err(|e| wrong(&e))?,
+            (None, Some(_)) if accessor.count <= MAX_VERTICES => {
+                vec![ZEROS.get(..size).unwrap_or_default(); accessor.count]
+            }
+            _ => return Err(wrong("without a view")),
+        };
+        if let Some(Sparse { count, indices, values }) = &accessor.sparse {
+            let wide = bytes(indices.component_type).ok_or_else(|| wrong("of unknown numbers"))?;
+            let which = self.list(indices.buffer_view, indices.byte_offset, wide, *count).map_err(|e| wrong(&e))?;
+            let what = self.list(values.buffer_view, values.byte_offset, size, *count).map_err(|e| wrong(&e))?;
+            for (which, what) in which.into_iter().zip(what) {
+                *all.get_mut(whole(which) as usize).ok_or_else(|| wrong("that changes what it does not have"))? = what;
+            }
+        }
+        Ok((number, all))
+    }
+
+    /// The elements of a view, of `size` bytes each.
+    fn list(&self, view: usize, offset: usize, size: usize, count: usize) -> Result<Vec<&[u8]>, String> {
+        let view = self.document.buffer_views.get(view).ok_or("without a view")?;
+        let elsewhere = self.document.buffers.first().is_some_and(|buffer| buffer.uri.is_some());
+        if view.buffer != 0 || elsewhere || self.binary.is_empty() {
+            return Err("whose buffer is in another file: export it as one `.glb`".to_owned());
         }
         let stride = view.byte_stride.unwrap_or(size).max(size);
-        let whole = || {
+        let bounds = || {
             let view_end = view.byte_offset.checked_add(view.byte_length).filter(|end| *end <= self.binary.len())?;
-            let start = view.byte_offset.checked_add(accessor.byte_offset)?;
-            let last = accessor.count.saturating_sub(1).checked_mul(stride)?;
-            let end = start.checked_add(last)?.checked_add(if accessor.count > 0 { size } else { 0 })?;
+            let start = view.byte_offset.checked_add(offset)?;
+            let last = count.saturating_sub(1).checked_mul(stride)?;
+            let end = start.checked_add(last)?.checked_add(if count > 0 { size } else { 0 })?;
             (end <= view_end).then_some(start)
         };
-        let start = whole().ok_or_else(|| wrong("that reaches beyond its view"))?;
-        let element =
-            move |i: usize| self.binary.get(start + i * stride..start + i * stride + size).unwrap_or_default();
-        Ok((*number, (0..accessor.count).map(element)))
+        let start = bounds().ok_or("that reaches beyond its view")?;
+        if count > MAX_VERTICES {
+            return Err(format!("of more than {MAX_VERTICES} elements: simplify it"));
+        }
+        let element = |i: usize| self.binary.get(start + i * stride..start + i * stride + size).unwrap_or_default();
+        Ok((0..count).map(element).collect())
     }
+}
+
+/// A whole number of one to four bytes.
+fn whole(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |all, byte| (all << 8) | u32::from(*byte))
 }

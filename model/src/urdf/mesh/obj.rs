@@ -1,46 +1,136 @@
-//! OBJ: its vertices and faces. Lines, curves, groups and materials are passed over.
+//! OBJ: its vertices and faces. Lines, points, curves, groups and materials are passed over.
 
-use super::{add_polygon, point};
+use super::{MAX_TRIANGLES, Parsed, add_polygon, decoded, lines, point};
 use crate::Mesh;
+use std::borrow::Cow;
+
+/// Statements that add nothing to the surface.
+const PASSED_OVER: [&str; 39] = [
+    "vt",
+    "vn",
+    "vp",
+    "l",
+    "p",
+    "g",
+    "s",
+    "o",
+    "mg",
+    "usemtl",
+    "mtllib",
+    "usemap",
+    "maplib",
+    "shadow_obj",
+    "trace_obj",
+    "bevel",
+    "c_interp",
+    "d_interp",
+    "lod",
+    "cstype",
+    "deg",
+    "bmat",
+    "step",
+    "curv",
+    "curv2",
+    "parm",
+    "trim",
+    "hole",
+    "scrv",
+    "sp",
+    "end",
+    "con",
+    "ctech",
+    "stech",
+    "res",
+    "cdc",
+    "cdp",
+    "newmtl",
+    "vc",
+];
 
 /// Reads an OBJ file.
 ///
 /// # Errors
 /// What is wrong with it, as the end of a sentence.
-pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, String> {
-    // names of groups may be in any encoding
-    let text = String::from_utf8_lossy(bytes);
-    let lines =
-        || text.lines().map(str::split_whitespace).zip(1..).map(|(mut words, line)| (words.next(), words, line));
+pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, String> {
+    let text = decoded(bytes);
     let mut mesh = Mesh::default();
-    for (_, words, line) in lines().filter(|(keyword, ..)| *keyword == Some("v")) {
-        mesh.vertices.push(point(words).ok_or_else(|| format!("has no three numbers after `v` in line {line}"))?);
-    }
-    // A negative index counts backwards from the vertex before the face.
-    let all = mesh.vertices.len() as i64;
-    let mut before = 0_i64;
-    let mut corners = Vec::new();
-    for (keyword, words, line) in lines() {
-        match keyword {
-            Some("v") => before += 1,
-            Some("f") => {
-                corners.clear();
-                for word in words {
-                    let index = word.split('/').next().and_then(|i| i.parse::<i64>().ok());
-                    let index =
-                        index.ok_or_else(|| format!("has a face of other things than numbers in line {line}"))?;
-                    let index = if index < 0 { before.saturating_add(index) } else { index - 1 };
-                    if !(0..all).contains(&index) {
-                        return Err(format!(
-                            "has a face in line {line} with a corner that is none of its {all} vertices"
-                        ));
-                    }
-                    corners.push(index as u32);
-                }
-                add_polygon(&mut mesh, &corners)?;
+    // by corner, as an index from 0 that no vertex may have; by face, its line and its end in the corners
+    let (mut corners, mut faces) = (Vec::new(), Vec::new());
+    let mut unknown = None;
+    let mut wrapped = false;
+    for (line, statement) in statements(&text) {
+        let was_wrapped = std::mem::replace(&mut wrapped, statement.trim_end().ends_with('\\'));
+        let mut words = statement.split_whitespace();
+        let keyword = words.next().unwrap_or_default();
+        match keyword.to_ascii_lowercase().as_str() {
+            "v" => {
+                let place =
+                    point(&mut words).ok_or_else(|| format!("has no three numbers after `v` in line {line}"))?;
+                // a single number more is a weight, three are a color
+                let weight = match (words.next().and_then(|w| w.parse::<f64>().ok()), words.next()) {
+                    (Some(weight), None) => weight,
+                    _ => 1.0,
+                };
+                mesh.vertices.push(place / weight);
             }
-            _ => {}
+            "f" | "fo" => {
+                for word in words {
+                    corners.push(corner(word, mesh.vertices.len()).ok_or_else(|| {
+                        format!("has a face of other things than the numbers of vertices in line {line}")
+                    })?);
+                }
+                faces.push((line, corners.len()));
+                if corners.len() > 3 * MAX_TRIANGLES {
+                    return Err(format!("has more than {MAX_TRIANGLES} triangles: simplify it"));
+                }
+            }
+            keyword @ ("surf" | "bsp" | "bzp" | "call") => {
+                return Err(format!("has a surface that is not made of faces, by `{keyword}` in line {line}"));
+            }
+            "" => {}
+            other if was_wrapped || PASSED_OVER.contains(&other) => {}
+            other => _ = unknown.get_or_insert((line, other.chars().take(20).collect::<String>())),
         }
     }
-    Ok(mesh)
+    let all = mesh.vertices.len();
+    let mut start = 0;
+    for (line, end) in faces {
+        let face = corners.get(start..end).unwrap_or_default();
+        let face: Option<Vec<u32>> =
+            face.iter().map(|i| u32::try_from(*i).ok().filter(|i| (*i as usize) < all)).collect();
+        let face =
+            face.ok_or_else(|| format!("has a face in line {line} with a corner that is none of its {all} vertices"))?;
+        add_polygon(&mut mesh, &face)?;
+        start = end;
+    }
+    let note = |(line, word)| format!("has a word that is not used, `{word}` in line {line}");
+    Ok(Parsed { mesh, y_up: false, notes: unknown.map(note).into_iter().collect() })
+}
+
+/// The index of a corner's vertex, from 0. A negative one in the file counts backwards from the vertex before the face.
+fn corner(word: &str, before: usize) -> Option<i64> {
+    let index: i64 = word.split('/').next()?.parse().ok()?;
+    if index < 0 { (before as i64).checked_add(index) } else { Some(index - 1) }
+}
+
+/// The statements of the text, each with its line: lines without comments, joined where a backslash ends one.
+///
+/// Only vertices and faces are joined: a comment or the name of a folder that ends in a backslash must not swallow what follows.
+fn statements(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    let mut lines = lines(text).map(|(number, line)| (number, line.split('#').next().unwrap_or_default()));
+    std::iter::from_fn(move || {
+        let (number, line) = lines.next()?;
+        let keyword = line.split_whitespace().next().unwrap_or_default();
+        if !["v", "f", "fo"].iter().any(|k| keyword.eq_ignore_ascii_case(k)) {
+            return Some((number, Cow::Borrowed(line)));
+        }
+        let mut whole = Cow::Borrowed(line);
+        while let Some(length) = whole.trim_end().strip_suffix('\\').map(str::len) {
+            let joined = whole.to_mut();
+            joined.truncate(length);
+            joined.push(' ');
+            joined.push_str(lines.next().map_or("", |(_, next)| next));
+        }
+        Some((number, whole))
+    })
 }
